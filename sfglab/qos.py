@@ -1,0 +1,106 @@
+"""Quality-of-service profiles as comparable, frozen values, in rclpy's vocabulary.
+
+Knows the policies and the profiles that ROS 2 predefines, and when a requested profile matches an offered
+one. Refuses to know any middleware: `sfglab.bus` translates profiles to DDS.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from sfglab.errors import SfglabError
+
+__all__ = [
+    "DEFAULT",
+    "LATCHED",
+    "PARAMETER_EVENTS",
+    "SENSOR_DATA",
+    "SERVICES",
+    "Durability",
+    "History",
+    "QoSError",
+    "QoSProfile",
+    "Reliability",
+    "incompatibilities",
+]
+
+
+class QoSError(SfglabError, ValueError):
+    """A QoS profile that no middleware could honour."""
+
+
+class Reliability(Enum):
+    """DDS RELIABILITY (DDS 1.4, clause 2.2.3.14)."""
+
+    BEST_EFFORT = "best_effort"
+    RELIABLE = "reliable"
+
+
+class Durability(Enum):
+    """DDS DURABILITY, the two kinds that ROS 2 uses (DDS 1.4, clause 2.2.3.4)."""
+
+    VOLATILE = "volatile"
+    TRANSIENT_LOCAL = "transient_local"
+
+
+class History(Enum):
+    """DDS HISTORY (DDS 1.4, clause 2.2.3.18)."""
+
+    KEEP_LAST = "keep_last"
+    KEEP_ALL = "keep_all"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class QoSProfile:
+    """One endpoint's quality of service; the defaults are rmw's default profile (rmw 7.5, qos_profiles.h).
+
+    Attributes:
+        reliability: Whether lost samples are repaired.
+        durability: Whether late joiners receive the writer's history.
+        history: Whether the history is bounded by `depth` (KEEP_LAST) or not (KEEP_ALL).
+        depth: Samples kept with KEEP_LAST, at least 1; ignored with KEEP_ALL.
+        deadline_ns: Longest agreed gap between samples, in nanoseconds; None is infinite.
+        lifespan_ns: Age after which a sample is dropped, in nanoseconds; None is infinite.
+    """
+
+    reliability: Reliability = Reliability.RELIABLE
+    durability: Durability = Durability.VOLATILE
+    history: History = History.KEEP_LAST
+    depth: int = 10
+    deadline_ns: int | None = None
+    lifespan_ns: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.depth < 1:
+            raise QoSError(f"QoS depth: given {self.depth}, allowed are whole numbers from 1")
+        for name in ("deadline_ns", "lifespan_ns"):
+            value = getattr(self, name)
+            if value is not None and value <= 0:
+                raise QoSError(f"QoS {name}: given {value}, allowed are positive nanoseconds or None")
+
+
+DEFAULT = QoSProfile()
+SENSOR_DATA = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=5)
+SERVICES = QoSProfile(depth=10)
+PARAMETER_EVENTS = QoSProfile(depth=1000)
+LATCHED = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)
+
+
+def incompatibilities(*, offered: QoSProfile, requested: QoSProfile) -> tuple[str, ...]:
+    """Return why a reader that requests one profile does not match a writer that offers the other.
+
+    Request versus offered as DDS 1.4, clause 2.2.3 defines it; an empty tuple means that they match.
+    """
+    reasons = []
+    if requested.reliability is Reliability.RELIABLE and offered.reliability is Reliability.BEST_EFFORT:
+        reasons.append("reliability: the reader requests RELIABLE, the writer offers BEST_EFFORT")
+    if requested.durability is Durability.TRANSIENT_LOCAL and offered.durability is Durability.VOLATILE:
+        reasons.append("durability: the reader requests TRANSIENT_LOCAL, the writer offers VOLATILE")
+    if requested.deadline_ns is not None and (
+        offered.deadline_ns is None or offered.deadline_ns > requested.deadline_ns
+    ):
+        reasons.append(
+            f"deadline: the reader requests {requested.deadline_ns} ns, the writer offers {offered.deadline_ns}"
+        )
+    return tuple(reasons)
