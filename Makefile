@@ -1,0 +1,61 @@
+# sfglab: `make help` lists what there is. Every target sets the environment up when it is missing.
+SHELL := /bin/bash
+VENV := .venv
+BIN := $(VENV)/bin
+PROFILE ?= quick
+# The first Python that is new enough; override with `make PYTHON=/path/to/python setup`.
+PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3; do \
+	$$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
+
+.DEFAULT_GOAL := help
+.PHONY: help setup lock reproduce test lab figures claims check format lint types bench clean
+
+help: ## List the targets
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1|/' | awk -F'|' '{printf "  make %-10s %s\n", $$1, $$2}'
+
+setup: $(VENV)/.ready ## Create .venv from the lock file (done by every other target when needed)
+
+$(VENV)/.ready: requirements.lock pyproject.toml
+	@test -n "$(PYTHON)" || { echo "sfglab needs Python 3.11 or newer with venv and ensurepip (on Debian: apt install python3-venv); or name one: make PYTHON=... setup" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+reproduce: setup ## Run every notebook headless (PROFILE=smoke|quick|paper), write logs and figures, print the claims
+	$(BIN)/sfglab reproduce --profile $(PROFILE)
+
+test: setup ## Run the tests
+	$(BIN)/python -m pytest
+
+lab: setup ## Open JupyterLab on the notebooks
+	$(BIN)/jupyter lab notebooks/00_index.ipynb
+
+figures: setup ## Draw all figures again from logs alone
+	$(BIN)/sfglab figures
+
+claims: setup ## Print the ledger: paper said, we measured
+	$(BIN)/sfglab claims
+
+check: lint types test ## Format check, lint, types and tests: what CI runs
+
+format: setup ## Format the code
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+lint: setup
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+
+types: setup
+	$(BIN)/mypy
+
+bench: setup ## Run the benchmarks (ratios against a named baseline)
+	@for b in benchmarks/*.py; do echo "== $$b"; $(BIN)/python $$b || exit 1; done
+
+lock: ## Renew requirements.lock from pyproject.toml (needs uv)
+	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
+		--no-emit-index-url --no-emit-find-links --extra dev --extra view pyproject.toml -o requirements.lock
+
+clean: ## Remove what runs and tools left behind, and the environment
+	rm -rf $(VENV) runs build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

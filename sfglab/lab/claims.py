@@ -1,0 +1,209 @@
+"""The ledger: every claim of the three papers beside our own figure and a computed verdict.
+
+``data/claims.yaml`` holds the papers' side only. Our side is computed from logs each time it is asked for,
+so that no figure and no verdict is ever typed or goes stale. Knows the ledger's form and the rule for
+verdicts; refuses to know how a figure is measured: the experiments do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+from sfglab.errors import SfglabError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from sfglab.lab.stats import Estimate
+
+__all__ = ["Claim", "ClaimsError", "Entry", "How", "Measured", "Verdict", "judge", "load_claims", "render"]
+
+_KEYS = {"id", "where", "says", "paper", "unit", "band", "better", "experiment"}
+_REQUIRED = _KEYS - {"better"}
+
+
+class ClaimsError(SfglabError, ValueError):
+    """The ledger's file is not what it should be."""
+
+
+class How(Enum):
+    """How a figure was obtained."""
+
+    LIVE = "live"
+    SIMULATED = "simulated"
+    RTL = "rtl"
+    EXACT = "exact"
+
+
+class Verdict(Enum):
+    """What our figure says of the paper's claim."""
+
+    REPRODUCED = "reproduced"
+    BETTER = "better"
+    DEVIATES = "deviates"
+    NOT_YET = "not yet"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Claim:
+    """One claim of a paper, as ``data/claims.yaml`` states it.
+
+    Attributes:
+        id: Short, stable name.
+        where: Paper and place.
+        says: The statement.
+        paper: The paper's figure in `unit`; None where the statement is not a number.
+        unit: Unit of the paper's figure and of ours.
+        band: Lowest and highest figure that counts as reproduced.
+        better: ``above`` or ``below``: the end of the band beyond which our figure is better; None: neither.
+        experiment: Name of the experiment that measures it; None: there is none yet.
+    """
+
+    id: str
+    where: str
+    says: str
+    paper: float | None
+    unit: str
+    band: tuple[float, float]
+    better: str | None = None
+    experiment: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measured:
+    """Our figure for one claim, computed from a log.
+
+    Attributes:
+        estimate: Median or fitted value with its 95 % interval.
+        how: How it was obtained.
+        details: Further figures that belong to it, as text by name.
+        reason: Why it deviates from the paper's, where that is known.
+    """
+
+    estimate: Estimate
+    how: How
+    details: Mapping[str, str] = field(default_factory=dict)
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """A line of the ledger: a claim, our figure if there is one, the verdict, and the log behind it."""
+
+    claim: Claim
+    verdict: Verdict
+    measured: Measured | None = None
+    log: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the line as JSON values; figures are null where nothing was measured."""
+        m = self.measured
+        return {
+            "id": self.claim.id,
+            "where": self.claim.where,
+            "says": self.claim.says,
+            "paper": self.claim.paper,
+            "value": m.estimate.value if m else None,
+            "low": m.estimate.low if m else None,
+            "high": m.estimate.high if m else None,
+            "unit": self.claim.unit,
+            "how": m.how.value if m else None,
+            "verdict": self.verdict.value,
+            "reason": m.reason if m else "",
+            "details": dict(m.details) if m else {},
+            "log": self.log or None,
+        }
+
+
+def load_claims(path: Path) -> list[Claim]:
+    """Read and check the papers' side of the ledger.
+
+    Args:
+        path: ``data/claims.yaml``.
+
+    Raises:
+        ClaimsError: The file is missing or an entry is wrong; says which entry and what is allowed.
+    """
+    import yaml
+
+    try:
+        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError) as error:
+        raise ClaimsError(f"{path.name}: {error}") from error
+    if not isinstance(raw, list):
+        raise ClaimsError(f"{path.name}: given {type(raw).__name__}, needed is a list of claims")
+    claims = [_claim(path.name, position, entry) for position, entry in enumerate(raw, start=1)]
+    ids = [c.id for c in claims]
+    repeated = sorted({i for i in ids if ids.count(i) > 1})
+    if repeated:
+        raise ClaimsError(f"{path.name}: {', '.join(repeated)} stands there more than once")
+    return claims
+
+
+def _claim(file: str, position: int, entry: object) -> Claim:
+    place = f"{file}: entry {position}"
+    if not isinstance(entry, dict):
+        raise ClaimsError(f"{place}: given {type(entry).__name__}, needed is a mapping")
+    place += f" ({entry.get('id', 'no id')})"
+    unknown, missing = set(entry) - _KEYS, _REQUIRED - set(entry)
+    if unknown or missing:
+        raise ClaimsError(
+            f"{place}: unknown keys {sorted(unknown) or 'none'}, missing keys {sorted(missing) or 'none'}; "
+            f"allowed are {', '.join(sorted(_KEYS))}"
+        )
+    band = entry["band"]
+    if not (isinstance(band, list) and len(band) == 2 and band[0] <= band[1]):
+        raise ClaimsError(f"{place}: band: given {band!r}, needed is [low, high]")
+    if entry.get("better") not in (None, "above", "below"):
+        raise ClaimsError(f"{place}: better: given {entry['better']!r}, allowed are above and below")
+    return Claim(**{**entry, "band": (float(band[0]), float(band[1]))})
+
+
+def judge(claim: Claim, measured: Measured | None) -> Verdict:
+    """Compute the verdict from our figure: the ledger's only rule.
+
+    Better asks that the whole interval lies beyond the band's end, reproduced that the figure lies in the
+    band.
+    """
+    if measured is None:
+        return Verdict.NOT_YET
+    low, high = claim.band
+    estimate = measured.estimate
+    if claim.better == "above" and estimate.low > high:
+        return Verdict.BETTER
+    if claim.better == "below" and estimate.high < low:
+        return Verdict.BETTER
+    beyond = (claim.better == "above" and estimate.value > high) or (
+        claim.better == "below" and estimate.value < low
+    )
+    if beyond or low <= estimate.value <= high:
+        return Verdict.REPRODUCED
+    return Verdict.DEVIATES
+
+
+def render(entries: Sequence[Entry]) -> str:
+    """Return the ledger as a table for a terminal, a line a claim."""
+    rows = [("claim", "paper", "ours (median, 95 % interval)", "unit", "how", "verdict")]
+    rows += [_row(entry) for entry in entries]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines.insert(1, "-" * len(lines[0]))
+    counts = {v: sum(e.verdict is v for e in entries) for v in Verdict}
+    lines.append("")
+    lines.append(", ".join(f"{n} {v.value}" for v, n in counts.items() if n))
+    return "\n".join(lines)
+
+
+def _row(entry: Entry) -> tuple[str, ...]:
+    m, c = entry.measured, entry.claim
+    paper = "" if c.paper is None else f"{c.paper:g}"
+    ours = f"{m.estimate.value:.3g} [{m.estimate.low:.3g}, {m.estimate.high:.3g}]" if m else ""
+    return c.id, paper, ours, c.unit, m.how.value if m else "", entry.verdict.value
+
+
+def entry_for(claim: Claim, measured: Measured | None, *, log: str = "") -> Entry:
+    """Join a claim with our figure and judge it."""
+    return Entry(claim=claim, verdict=judge(claim, measured), measured=measured, log=log if measured else "")

@@ -1,0 +1,251 @@
+"""Run notebooks headless, stricter than papermill, and make their outputs fit for version control.
+
+papermill only warns about a parameter that a notebook does not declare, and injects into a notebook that
+declares none; here both are errors, before anything runs. One notebook that fails does not hide the others.
+`normalise` takes out what makes executed notebooks differ without a difference: times of day, paths,
+progress bars, the traces of the run itself.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from sfglab.errors import SfglabError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from nbformat import NotebookNode
+
+    from sfglab.lab.paths import Project
+
+__all__ = [
+    "PROFILES",
+    "NotebookError",
+    "Outcome",
+    "check_parameters",
+    "find_notebooks",
+    "normalise",
+    "run_notebook",
+    "run_notebooks",
+]
+
+PROFILES = ("smoke", "quick", "paper")
+"""Seconds, for CI; a few minutes for everything; the papers' full counts."""
+
+_PROGRESS_BAR = re.compile(r"\d+%\|")
+_CELL_METADATA_KEPT = ("tags",)
+
+
+class NotebookError(SfglabError, ValueError):
+    """A notebook that is missing, malformed, or not to be run with these parameters."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """How one notebook ended.
+
+    Attributes:
+        name: The notebook's name without suffix.
+        seconds: Wall time.
+        error: What went wrong, one line; empty when it ran through.
+    """
+
+    name: str
+    seconds: float
+    error: str = ""
+
+
+@dataclass(slots=True)
+class _Console:
+    """Lines of progress for a person; notebooks' own progress bars pass through."""
+
+    say: Callable[[str], None] = field(default=lambda text: print(text, file=sys.stderr, flush=True))  # noqa: T201  # the runner's console
+
+
+def find_notebooks(project: Project, names: Sequence[str] = ()) -> list[Path]:
+    """Return the notebooks to run, in order.
+
+    Args:
+        project: The checkout.
+        names: File names, with or without suffix, or unambiguous beginnings of them; all when empty.
+
+    Raises:
+        NotebookError: A name fits no notebook, or several.
+    """
+    every = sorted(p for p in project.notebooks.glob("*.ipynb") if not p.name.startswith("."))
+    if not names:
+        return every
+    return [_one_notebook(name, every) for name in names]
+
+
+def _one_notebook(name: str, every: Sequence[Path]) -> Path:
+    wanted = name.rsplit("/", 1)[-1].removesuffix(".ipynb")
+    exact = [p for p in every if p.stem == wanted]
+    fitting = exact or [p for p in every if p.stem.startswith(wanted) or p.stem.partition("_")[2] == wanted]
+    if len(fitting) != 1:
+        what = "fits several notebooks" if fitting else "is no notebook"
+        raise NotebookError(f"{name!r} {what}; there are {', '.join(p.stem for p in every) or 'none'}")
+    return fitting[0]
+
+
+def check_parameters(path: Path, given: Mapping[str, Any]) -> None:
+    """Refuse parameters that the notebook does not declare, and a notebook that declares none.
+
+    Args:
+        path: The notebook.
+        given: Parameters by name.
+
+    Raises:
+        NotebookError: No cell or several are tagged ``parameters``, or a name is not declared there.
+    """
+    import papermill
+
+    notebook = _read(path)
+    tagged = [c for c in notebook.cells if "parameters" in c.metadata.get("tags", ())]
+    if len(tagged) != 1:
+        raise NotebookError(f"{path.name}: {len(tagged)} cells are tagged 'parameters', needed is exactly one")
+    declared = set(papermill.inspect_notebook(str(path)))
+    unknown = sorted(set(given) - declared)
+    if unknown:
+        raise NotebookError(
+            f"{path.name}: it declares no parameter {', '.join(unknown)}; "
+            f"its parameters are {', '.join(sorted(declared)) or 'none'}"
+        )
+
+
+def _read(path: Path) -> NotebookNode:
+    import nbformat
+
+    try:
+        return nbformat.read(path, as_version=4)
+    except FileNotFoundError:
+        raise NotebookError(f"{path.name}: no such notebook") from None
+    except (nbformat.reader.NotJSONError, nbformat.validator.NotebookValidationError, ValueError) as error:
+        raise NotebookError(f"{path.name}: not a notebook: {str(error)[:200]}") from error
+
+
+def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> None:
+    """Run one notebook and keep the executed copy, also when it fails.
+
+    Args:
+        path: The notebook.
+        output: Where the executed copy goes.
+        parameters: Values for its ``parameters`` cell.
+
+    Raises:
+        NotebookError: The parameters do not fit, or a cell raised; says which.
+    """
+    import papermill
+
+    check_parameters(path, parameters)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        papermill.execute_notebook(
+            str(path),
+            str(output),
+            parameters=dict(parameters),
+            kernel_name="python3",
+            cwd=str(path.parent),
+            progress_bar=False,
+            stderr_file=sys.stderr,
+        )
+    except papermill.PapermillExecutionError as error:
+        raise NotebookError(f"{path.name}: cell {error.exec_count}: {error.ename}: {error.evalue}") from error
+
+
+def run_notebooks(
+    paths: Sequence[Path],
+    *,
+    project: Project,
+    parameters: Mapping[str, Any],
+    write: bool = False,
+    say: Callable[[str], None] | None = None,
+) -> list[Outcome]:
+    """Run notebooks one after the other; a failure does not stop the rest.
+
+    Args:
+        paths: The notebooks.
+        project: The checkout; executed copies go to ``runs/notebooks``.
+        parameters: Values for every notebook's ``parameters`` cell.
+        write: Also put the executed, normalised copies in place of the notebooks.
+        say: Takes a line of progress; standard error when not given.
+
+    Raises:
+        NotebookError: Before anything runs: parameters that do not fit a notebook.
+    """
+    say = say or _Console().say
+    for path in paths:
+        check_parameters(path, parameters)
+    outcomes = []
+    for position, path in enumerate(paths, start=1):
+        say(f"[{position}/{len(paths)}] {path.stem} ...")
+        outcome = _run_one(path, project, parameters, write=write)
+        outcomes.append(outcome)
+        said = f"failed: {outcome.error}" if outcome.error else "done"
+        say(f"[{position}/{len(paths)}] {path.stem} {said} after {outcome.seconds:.0f} s")
+    return outcomes
+
+
+def _run_one(path: Path, project: Project, parameters: Mapping[str, Any], *, write: bool) -> Outcome:
+    output = project.runs / "notebooks" / path.name
+    started = time.monotonic()
+    try:
+        run_notebook(path, output, parameters)
+    except NotebookError as error:
+        return Outcome(name=path.stem, seconds=time.monotonic() - started, error=str(error))
+    if write:
+        _write(path, normalise(_read(output), project))
+    return Outcome(name=path.stem, seconds=time.monotonic() - started)
+
+
+def _write(path: Path, notebook: NotebookNode) -> None:
+    import nbformat
+
+    nbformat.write(notebook, path)
+
+
+def normalise(notebook: NotebookNode, project: Project) -> NotebookNode:
+    """Return an executed notebook without what changes from run to run for no reason.
+
+    Args:
+        notebook: The executed notebook; it is changed in place.
+        project: The checkout, whose path is taken out of the outputs.
+    """
+    notebook.metadata = {"language_info": {"name": "python"}}
+    notebook.cells = [c for c in notebook.cells if "injected-parameters" not in c.metadata.get("tags", ())]
+    count = 0
+    for cell in notebook.cells:
+        cell.metadata = {k: v for k, v in cell.metadata.items() if k in _CELL_METADATA_KEPT}
+        if cell.cell_type != "code":
+            continue
+        count += 1
+        cell.execution_count = count
+        cell.outputs = [_normal_output(o, project, count) for o in cell.outputs if not _is_progress(o)]
+    return notebook
+
+
+def _is_progress(output: Mapping[str, Any]) -> bool:
+    return output["output_type"] == "stream" and bool(_PROGRESS_BAR.search(output["text"]))
+
+
+def _normal_output(output: NotebookNode, project: Project, count: int) -> NotebookNode:
+    if output.output_type == "execute_result":
+        output.execution_count = count
+    if "metadata" in output:
+        output.metadata = {}
+    if output.output_type == "stream":
+        output.text = _without_paths(output.text, project)
+    for kind, content in output.get("data", {}).items():
+        if kind.startswith("text/"):
+            output.data[kind] = _without_paths(content, project)
+    return output
+
+
+def _without_paths(text: str, project: Project) -> str:
+    return text.replace(f"{project.root.resolve().as_posix()}/", "")

@@ -1,0 +1,92 @@
+"""The one place that knows where the project's folders are.
+
+The root is the folder that holds ``notebooks/`` and ``data/claims.yaml``: the one named by ``SFGLAB_ROOT``,
+else the nearest such folder above the working directory, else the one this package was installed from.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from sfglab.errors import SfglabError
+
+__all__ = ["Project", "ProjectNotFoundError", "find_project"]
+
+_MARK = Path("data") / "claims.yaml"
+
+
+class ProjectNotFoundError(SfglabError, FileNotFoundError):
+    """No folder with notebooks and a claims ledger was found."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Project:
+    """The folders of a checkout.
+
+    Attributes:
+        root: The top folder.
+    """
+
+    root: Path
+
+    @property
+    def data(self) -> Path:
+        """Small inputs: the ledger, fleets, reference logs."""
+        return self.root / "data"
+
+    @property
+    def claims(self) -> Path:
+        """The ledger of the papers' claims."""
+        return self.root / _MARK
+
+    @property
+    def reference_logs(self) -> Path:
+        """Logs that are committed, so that figures regenerate on a fresh clone."""
+        return self.data / "reference"
+
+    @property
+    def notebooks(self) -> Path:
+        """The executed notebooks."""
+        return self.root / "notebooks"
+
+    @property
+    def figures(self) -> Path:
+        """Generated figures and their twins."""
+        return self.root / "figures"
+
+    @property
+    def runs(self) -> Path:
+        """What runs leave behind: logs and executed notebooks; not under version control."""
+        return self.root / "runs"
+
+    def relative(self, path: Path) -> str:
+        """Return a path as it reads from the root, or its name alone when it lies elsewhere."""
+        resolved = path.resolve()
+        root = self.root.resolve()
+        return resolved.relative_to(root).as_posix() if resolved.is_relative_to(root) else resolved.name
+
+
+def find_project(start: Path | None = None) -> Project:
+    """Find the checkout that a command or a notebook works in.
+
+    Args:
+        start: Where to look first, with all folders above; the working directory when not given.
+
+    Raises:
+        ProjectNotFoundError: There is none.
+    """
+    named = os.environ.get("SFGLAB_ROOT")
+    if named:
+        if not (Path(named) / _MARK).is_file():
+            raise ProjectNotFoundError(f"SFGLAB_ROOT: given {named!r}, which holds no {_MARK.as_posix()}")
+        return Project(root=Path(named))
+    here = (start or Path.cwd()).resolve()
+    for folder in (here, *here.parents, Path(__file__).resolve().parents[2]):
+        if (folder / _MARK).is_file():
+            return Project(root=folder)
+    raise ProjectNotFoundError(
+        f"no folder with {_MARK.as_posix()} here or above: change into a clone of sfglab, "
+        "or set SFGLAB_ROOT to one"
+    )

@@ -1,0 +1,242 @@
+"""Where the video of an experiment comes from: photographs, a stereo pair, or the user's own material.
+
+A source is a stream of numbered frames of one size: colour (BGR) and, where the material has it, depth in
+millimetres. The default pans and zooms over photographs that scikit-image ships, so that it needs neither
+a camera nor a download and shows the same frames for the same seed. The stereo pair brings measured
+disparity, hence metric depth. A video file, a camera or a bag is read with its own frame rate ignored:
+the caller asks for frames at the rate of the experiment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from sfglab.errors import SfglabError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Image = NDArray[np.uint8]
+    Depth = NDArray[np.uint16]
+
+__all__ = ["DEPTH_STAMP_MM", "Frame", "Source", "SourceError", "open_source"]
+
+PHOTOGRAPHS = ("coffee", "astronaut", "chelsea", "rocket")
+
+# Calibration of the pair as scikit-image documents it (`skimage.data.stereo_motorcycle`), from
+# D. Scharstein et al., GCPR 2014.
+MOTORCYCLE_FOCAL_PX = 994.978
+MOTORCYCLE_BASELINE_MM = 193.001
+MOTORCYCLE_OFFSET_PX = 31.086
+
+DEPTH_STAMP_MM = (4000, 1000)
+"""White and black of the visible frame number in depth images, in millimetres."""
+
+SECONDS_A_VIEW = 4.0
+
+
+class SourceError(SfglabError, ValueError):
+    """A source that does not exist, cannot be read or has no picture."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Frame:
+    """One frame of a source.
+
+    Attributes:
+        number: Counter from 0.
+        bgr: Colour image, shape (H, W, 3), uint8.
+        depth_mm: Depth in millimetres, shape (H, W), uint16, 0 where unknown; None without depth.
+    """
+
+    number: int
+    bgr: Image
+    depth_mm: Depth | None = None
+
+
+class Source(Protocol):
+    """A stream of frames of one size that starts again at its end."""
+
+    def frame(self) -> Frame:
+        """Return the next frame."""
+        ...
+
+    def close(self) -> None:
+        """Give back the file or device."""
+        ...
+
+
+def open_source(spec: str, *, width: int = 640, height: int = 360, fps: float = 30.0, seed: int = 0) -> Source:
+    """Open a source by its name.
+
+    Args:
+        spec: ``photos`` (default material), ``stereo`` (with depth), ``camera:0``, ``bag:PATH#/topic``, or
+            the path of a video file.
+        width: Width of every frame in pixels.
+        height: Height of every frame in pixels.
+        fps: Frames a second that the caller will take; it sets the speed of panning.
+        seed: Seed of the path that the view takes over the photographs.
+
+    Raises:
+        SourceError: The source is unknown, missing or unreadable.
+    """
+    size = (width, height)
+    if spec in ("photos", "stereo"):
+        return _Panned(spec, size=size, frames_a_view=round(SECONDS_A_VIEW * fps), seed=seed)
+    if spec.startswith("bag:"):
+        return _Looped(lambda: _bag_images(spec.removeprefix("bag:")), spec=spec, size=size)
+    return _Looped(lambda: _video_images(spec), spec=spec, size=size)
+
+
+class _Panned:
+    """A window that wanders and zooms over still images; frame n is a function of n and the seed."""
+
+    def __init__(self, spec: str, *, size: tuple[int, int], frames_a_view: int, seed: int) -> None:
+        self._stills = _stereo_stills() if spec == "stereo" else _photograph_stills()
+        self._size = size
+        self._frames_a_view = frames_a_view
+        self._seed = seed
+        self._number = 0
+
+    def frame(self) -> Frame:
+        import cv2
+
+        view, step = divmod(self._number, self._frames_a_view)
+        bgr, depth = self._stills[view % len(self._stills)]
+        warp = _view_transform(bgr.shape[:2], self._size, step / self._frames_a_view, (self._seed, view))
+        picture = cv2.warpAffine(bgr, warp, self._size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+        depth_mm = None
+        if depth is not None:  # nearest: a mean of two depths is a place where nothing is
+            depth_mm = cv2.warpAffine(depth, warp, self._size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
+        frame = Frame(number=self._number, bgr=picture, depth_mm=depth_mm)
+        self._number += 1
+        return frame
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def _view_transform(
+    still: tuple[int, ...], size: tuple[int, int], progress: float, seed: tuple[int, int]
+) -> NDArray[np.float64]:
+    """Return the affine map from output pixels to still pixels at a point of a pan-and-zoom move."""
+    rng = np.random.default_rng(seed)
+    height, width = still[:2]
+    largest = min(width / size[0], height / size[1])
+    zooms = largest * rng.uniform(0.6, 1.0, 2)
+    places = rng.uniform(0.0, 1.0, (2, 2))
+    zoom = zooms[0] + (zooms[1] - zooms[0]) * progress
+    place = places[0] + (places[1] - places[0]) * progress
+    free = np.array([width - zoom * size[0], height - zoom * size[1]])
+    corner = np.clip(place, 0, 1) * np.maximum(free, 0)
+    return np.array([[zoom, 0.0, corner[0]], [0.0, zoom, corner[1]]])
+
+
+def _photograph_stills() -> list[tuple[Image, Depth | None]]:
+    from skimage import data
+
+    return [(np.ascontiguousarray(getattr(data, name)()[..., 2::-1]), None) for name in PHOTOGRAPHS]
+
+
+def _stereo_stills() -> list[tuple[Image, Depth | None]]:
+    from skimage import data
+
+    left, _, disparity = data.stereo_motorcycle()
+    known = np.isfinite(disparity)
+    depth = np.zeros(disparity.shape)
+    depth[known] = MOTORCYCLE_FOCAL_PX * MOTORCYCLE_BASELINE_MM / (disparity[known] + MOTORCYCLE_OFFSET_PX)
+    return [(np.ascontiguousarray(left[..., ::-1]), np.round(depth).astype(np.uint16))]
+
+
+class _Looped:
+    """Frames of a file, device or bag, scaled to one size, from the start again at the end."""
+
+    def __init__(self, images: _Opener, *, spec: str, size: tuple[int, int]) -> None:
+        self._open = images
+        self._spec = spec
+        self._size = size
+        self._images = images()
+        self._number = 0
+
+    def frame(self) -> Frame:
+        import cv2
+
+        image = next(self._images, None)
+        if image is None:
+            self._images = self._open()
+            image = next(self._images, None)
+        if image is None:
+            raise SourceError(f"source {self._spec!r}: it opened, but holds no picture")
+        frame = Frame(number=self._number, bgr=cv2.resize(image, self._size, interpolation=cv2.INTER_AREA))
+        self._number += 1
+        return frame
+
+    def close(self) -> None:
+        self._images.close()
+
+
+class _Images(Iterator["Image"], Protocol):
+    def close(self) -> None: ...
+
+
+class _Opener(Protocol):
+    def __call__(self) -> _Images: ...
+
+
+def _video_images(spec: str) -> _Images:
+    """Read a video file or a camera, image by image (BGR)."""
+    import cv2
+
+    is_camera = spec.startswith("camera:")
+    index = spec.removeprefix("camera:")
+    if is_camera and not index.isdigit():
+        raise SourceError(f"source {spec!r}: a camera is named camera:0, camera:1, ...")
+    if not is_camera and not Path(spec).is_file():
+        raise SourceError(
+            f"source {spec!r}: no such file; allowed are photos, stereo, camera:N, bag:PATH#/topic "
+            "or the path of a video file"
+        )
+    capture = cv2.VideoCapture(int(index) if is_camera else spec)
+    if not capture.isOpened():
+        capture.release()
+        raise SourceError(f"source {spec!r}: it cannot be opened as video")
+
+    def images() -> Iterator[Image]:
+        try:
+            while True:
+                ok, image = capture.read()
+                if not ok:
+                    return
+                yield image
+        finally:
+            capture.release()
+
+    return images()  # type: ignore[return-value]  # a generator has close()
+
+
+def _bag_images(spec: str) -> _Images:
+    """Read the colour images of one topic of an MCAP log or rosbag2, image by image (BGR)."""
+    from sfglab.record import LogReader
+
+    path, _, topic = spec.partition("#")
+    if not topic:
+        raise SourceError(f"source 'bag:{spec}': say which topic, as in bag:run.mcap#/camera/image_raw")
+
+    def images() -> Iterator[Image]:
+        with LogReader(Path(path)) as log:
+            if topic not in log.topics:
+                raise SourceError(
+                    f"source 'bag:{spec}': no topic {topic!r}; the log holds {', '.join(sorted(log.topics))}"
+                )
+            yield from _decoded_images(log, topic)
+
+    return images()  # type: ignore[return-value]  # a generator has close()
+
+
+def _decoded_images(log: object, topic: str) -> Iterator[Image]:
+    raise NotImplementedError

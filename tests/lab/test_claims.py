@@ -1,0 +1,99 @@
+"""The ledger is complete, its file is checked, and verdicts follow from figures alone."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from sfglab.lab.claims import Claim, ClaimsError, How, Measured, Verdict, entry_for, judge, load_claims, render
+from sfglab.lab.stats import Estimate
+
+LEDGER = Path(__file__).parents[2] / "data" / "claims.yaml"
+
+IDS = (
+    "A-NET-RULES A-FQN A-HEARTBEAT A-DFA A-COST A-CPU-BASE A-CPU-SFG A-BW A-DISC-TIME A-DISC-BYTES "
+    "A-G2G A-FIRST A-H264 A-RVL A-VICON A-PLAN A-VIZ A-DEPLOY B-LC B-CC B-OPT B-TAB1 B-TAB2 B-LAT B-LOSS "
+    "B-COOP C-FSM C-HWHW C-HWSW C-SWHW C-SWSW C-MAP C-DRIVE"
+).split()
+
+
+def claim(**changes) -> Claim:
+    values = {"id": "X", "where": "A 1", "says": "s", "paper": 5.0, "unit": "u", "band": (4.0, 6.0)}
+    return Claim(**{**values, **changes})
+
+
+def measured(value, low=None, high=None) -> Measured:
+    low, high = (value if low is None else low), (value if high is None else high)
+    return Measured(estimate=Estimate(value=value, low=low, high=high, unit="u"), how=How.LIVE)
+
+
+def test_the_ledger_holds_every_claim_of_the_three_papers():
+    assert [c.id for c in load_claims(LEDGER)] == IDS
+
+
+def test_the_ledger_file_holds_no_figure_of_ours_and_no_verdict():
+    text = re.sub(r"^#.*$", "", LEDGER.read_text(), flags=re.MULTILINE)
+    assert not re.search(r"^\s+(value|low|high|verdict|how):", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("better", "figure", "verdict"),
+    [
+        (None, (5,), Verdict.REPRODUCED),
+        (None, (7,), Verdict.DEVIATES),
+        ("above", (7, 6.5, 8), Verdict.BETTER),
+        ("above", (7, 5.5, 8), Verdict.REPRODUCED),  # the interval reaches into the band
+        ("above", (3,), Verdict.DEVIATES),
+        ("below", (3, 2, 3.5), Verdict.BETTER),
+        ("below", (3, 2, 4.5), Verdict.REPRODUCED),
+        ("below", (7,), Verdict.DEVIATES),
+    ],
+)
+def test_verdicts_follow_from_figure_interval_and_band(better, figure, verdict):
+    assert judge(claim(better=better), measured(*figure)) is verdict
+
+
+def test_without_a_figure_the_verdict_is_not_yet():
+    entry = entry_for(claim(), None, log="ignored.mcap")
+    assert entry.verdict is Verdict.NOT_YET
+    assert entry.as_json()["value"] is None
+    assert entry.as_json()["log"] is None
+
+
+def test_an_entry_as_json_has_the_promised_keys():
+    entry = entry_for(claim(), measured(5), log="runs/x.mcap")
+    assert {"id", "paper", "value", "low", "high", "unit", "how", "verdict", "log"} <= set(entry.as_json())
+    assert json.loads(json.dumps(entry.as_json()))["how"] == "live"
+
+
+def test_the_table_counts_the_verdicts():
+    text = render([entry_for(claim(), measured(5)), entry_for(claim(id="Y"), None)])
+    assert text.splitlines()[-1] == "1 reproduced, 1 not yet"
+
+
+@pytest.mark.parametrize(
+    ("yaml", "message"),
+    [
+        ("{}", "needed is a list"),
+        ("- 3", "entry 1: given int"),
+        ("- {id: A}", "entry 1 .A.: .*missing keys"),
+        ("- {id: A, where: w, says: s, paper: 1, unit: u, band: [2, 1], experiment: null}", "band: given"),
+        (
+            "- {id: A, where: w, says: s, paper: 1, unit: u, band: [1, 2], experiment: null, x: 1}",
+            "unknown keys",
+        ),
+        (
+            "- {id: A, where: w, says: s, paper: 1, unit: u, band: [1, 2], experiment: null, better: up}",
+            "better",
+        ),
+        ("[", "while parsing"),
+    ],
+)
+def test_a_broken_ledger_is_refused_with_the_place(tmp_path, yaml, message):
+    file = tmp_path / "claims.yaml"
+    file.write_text(yaml)
+    with pytest.raises(ClaimsError, match=message):
+        load_claims(file)

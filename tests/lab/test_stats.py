@@ -1,0 +1,45 @@
+"""Estimates agree with closed forms, and their intervals cover what they should."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sfglab.lab.stats import StatsError, bootstrap, line_fit, median_of
+
+
+def test_a_line_is_fitted_exactly():
+    x = np.arange(1.0, 11.0)
+    assert line_fit(x, 6.5 * x + 3) == pytest.approx((6.5, 3))
+
+
+def test_a_line_through_one_place_is_undefined():
+    assert np.isnan(line_fit(np.ones(4), np.arange(4.0))[0])
+
+
+def test_the_interval_of_a_median_covers_the_truth_about_95_times_of_100():
+    rng = np.random.default_rng(0)
+    covered = 0
+    for trial in range(200):
+        estimate = median_of(rng.normal(5, 1, 60), unit="x", seed=trial)
+        covered += estimate.low <= 5 <= estimate.high
+    assert 180 <= covered <= 200
+
+
+def test_the_same_seed_gives_the_same_interval_and_groups_are_resampled_apart():
+    groups = [np.arange(5.0), np.arange(10.0, 30.0)]
+
+    def ratio(g):
+        return float(g[0].mean() / g[1].mean())
+
+    first = bootstrap(groups, ratio, unit="1", seed=3)
+    assert first == bootstrap(groups, ratio, unit="1", seed=3)
+    assert first.low < first.value < first.high
+    assert str(first).startswith("0.103 1 [")
+
+
+def test_empty_groups_and_undefined_statistics_are_refused():
+    with pytest.raises(StatsError, match="no samples"):
+        bootstrap([np.array([])], lambda g: float(g[0].mean()), unit="x")
+    with pytest.raises(StatsError, match="undefined"):
+        bootstrap([np.ones(3)], lambda _: float("nan"), unit="x")
