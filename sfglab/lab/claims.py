@@ -186,7 +186,7 @@ def judge(claim: Claim, measured: Measured | None) -> Verdict:
 
 def render(entries: Sequence[Entry]) -> str:
     """Return the ledger as a table for a terminal, a line a claim."""
-    rows = [("claim", "paper", "ours (median, 95 % interval)", "unit", "how", "verdict")]
+    rows: list[tuple[str, ...]] = [("claim", "paper", "ours (median, 95 % interval)", "unit", "how", "verdict")]
     rows += [_row(entry) for entry in entries]
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]

@@ -30,10 +30,10 @@ COLORS = {
     "fourth": "#CC79A7",
 }
 MARKERS = {"standard": "o", "proxy": "s", "network": "^", "third": "D", "fourth": "v"}
-PAPER_STYLE = {"linestyle": (0, (4, 2)), "linewidth": 1.4, "alpha": 0.75}
+PAPER_STYLE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.4, "alpha": 0.75}
 """How a paper's own line is drawn beside ours: dashed, in the colour of what it states."""
 
-_RC = {
+_RC: dict[Any, Any] = {
     "figure.dpi": 110,
     "savefig.dpi": 130,
     "font.size": 9.5,

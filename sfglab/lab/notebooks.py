@@ -31,6 +31,7 @@ __all__ = [
     "check_parameters",
     "find_notebooks",
     "normalise",
+    "read_parameters",
     "run_notebook",
     "run_notebooks",
 ]
@@ -66,6 +67,23 @@ class _Console:
     """Lines of progress for a person; notebooks' own progress bars pass through."""
 
     say: Callable[[str], None] = field(default=lambda text: print(text, file=sys.stderr, flush=True))  # noqa: T201  # the runner's console
+
+
+def read_parameters(pairs: Sequence[str]) -> dict[str, Any]:
+    """Read parameters as a command line gives them.
+
+    Args:
+        pairs: ``name=value``, where the value is read as YAML: numbers are numbers, the rest is text.
+
+    Raises:
+        NotebookError: One is not of this form.
+    """
+    import yaml
+
+    wrong = [p for p in pairs if not p.partition("=")[0].isidentifier() or "=" not in p]
+    if wrong:
+        raise NotebookError(f"parameter: given {wrong[0]!r}, needed is name=value")
+    return {name: yaml.safe_load(value) for name, _, value in (p.partition("=") for p in pairs)}
 
 
 def find_notebooks(project: Project, names: Sequence[str] = ()) -> list[Path]:
@@ -123,11 +141,12 @@ def _read(path: Path) -> NotebookNode:
     import nbformat
 
     try:
-        return nbformat.read(path, as_version=4)
+        notebook: NotebookNode = nbformat.read(path, as_version=4)
     except FileNotFoundError:
         raise NotebookError(f"{path.name}: no such notebook") from None
     except (nbformat.reader.NotJSONError, nbformat.validator.NotebookValidationError, ValueError) as error:
         raise NotebookError(f"{path.name}: not a notebook: {str(error)[:200]}") from error
+    return notebook
 
 
 def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> None:

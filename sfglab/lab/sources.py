@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -55,8 +55,8 @@ class Frame:
     """
 
     number: int
-    bgr: Image
-    depth_mm: Depth | None = None
+    bgr: NDArray[Any]
+    depth_mm: NDArray[Any] | None = None
 
 
 class Source(Protocol):
@@ -212,7 +212,7 @@ def _video_images(spec: str) -> _Images:
                 ok, image = capture.read()
                 if not ok:
                     return
-                yield image
+                yield np.asarray(image, dtype=np.uint8)
         finally:
             capture.release()
 

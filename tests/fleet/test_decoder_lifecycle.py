@@ -26,7 +26,7 @@ def walk(*inputs: Input, lifecycle: Lifecycle | None = None) -> tuple[Lifecycle,
 
 def test_first_subscriber_starts_and_last_one_releases():
     lifecycle, actions = walk(Input.WANTED, Input.STARTED, Input.UNWANTED, Input.TIMER, Input.ENDED)
-    assert actions == [Action.START, Action.CANCEL_TIMER, Action.LINGER, Action.STOP, None]
+    assert actions == [Action.START, Action.CANCEL_TIMER, Action.LINGER, Action.STOP, Action.CANCEL_TIMER]
     assert lifecycle.state is State.IDLE
     assert lifecycle.deadline_ns is None
 
@@ -70,6 +70,12 @@ def test_a_pipeline_that_never_reports_is_ended_and_started_anew():
 def test_demand_that_returns_while_stopping_starts_a_new_pipeline_after_the_old_one_is_gone():
     _, actions = walk(Input.WANTED, Input.UNWANTED, Input.WANTED, Input.ENDED)
     assert actions == [Action.START, Action.STOP, None, Action.START]
+
+
+def test_a_pipeline_that_does_not_end_as_told_is_ended_by_force():
+    lifecycle, actions = walk(Input.WANTED, Input.UNWANTED, Input.TIMER, Input.ENDED)
+    assert actions == [Action.START, Action.STOP, Action.KILL, Action.CANCEL_TIMER]
+    assert lifecycle.state is State.IDLE
 
 
 @pytest.mark.parametrize("prefix", [(), (Input.WANTED,), (Input.WANTED, Input.STARTED)])

@@ -62,7 +62,9 @@ class Action(Enum):
     START = auto()
     """Start the pipeline and arm the start timer."""
     STOP = auto()
-    """Tell the pipeline to end; cancel the timer."""
+    """Tell the pipeline to end and arm the stop timer."""
+    KILL = auto()
+    """The pipeline does not end as told: end it by force."""
     LINGER = auto()
     """Arm the linger timer."""
     BACK_OFF = auto()
@@ -92,11 +94,13 @@ TRANSITIONS: dict[tuple[State, Input], tuple[State, Action | None]] = {
     (_S.STOPPING, _I.WANTED): (_S.RESTARTING, None),
     # A pipeline that reports between the order to end and its end changes nothing.
     (_S.STOPPING, _I.STARTED): (_S.STOPPING, None),
-    (_S.STOPPING, _I.ENDED): (_S.IDLE, None),
+    (_S.STOPPING, _I.ENDED): (_S.IDLE, _A.CANCEL_TIMER),
+    (_S.STOPPING, _I.TIMER): (_S.STOPPING, _A.KILL),
     (_S.STOPPING, _I.WITHDRAWN): (_S.LEAVING, None),
     (_S.RESTARTING, _I.UNWANTED): (_S.STOPPING, None),
     (_S.RESTARTING, _I.STARTED): (_S.RESTARTING, None),
     (_S.RESTARTING, _I.ENDED): (_S.STARTING, _A.START),
+    (_S.RESTARTING, _I.TIMER): (_S.RESTARTING, _A.KILL),
     (_S.RESTARTING, _I.WITHDRAWN): (_S.LEAVING, None),
     (_S.BACKING_OFF, _I.TIMER): (_S.STARTING, _A.START),
     (_S.BACKING_OFF, _I.UNWANTED): (_S.IDLE, _A.CANCEL_TIMER),
@@ -104,7 +108,8 @@ TRANSITIONS: dict[tuple[State, Input], tuple[State, Action | None]] = {
     (_S.LEAVING, _I.STARTED): (_S.LEAVING, None),
     (_S.LEAVING, _I.WANTED): (_S.LEAVING, None),
     (_S.LEAVING, _I.UNWANTED): (_S.LEAVING, None),
-    (_S.LEAVING, _I.ENDED): (_S.GONE, None),
+    (_S.LEAVING, _I.ENDED): (_S.GONE, _A.CANCEL_TIMER),
+    (_S.LEAVING, _I.TIMER): (_S.LEAVING, _A.KILL),
 }
 """(state, input) -> (next state, action). What is not listed is illegal and changes nothing."""
 
@@ -132,6 +137,7 @@ class Timing:
 
     Attributes:
         start_ns: A pipeline that has not reported after this long is ended and started anew.
+        stop_ns: A pipeline that was told to end and has not after this long is ended by force.
         linger_ns: How long a pipeline outlives its last subscriber.
         backoff_ns: Wait before the first new try after a crash; it doubles with each further crash.
         backoff_max_ns: The longest wait between tries.
@@ -139,6 +145,7 @@ class Timing:
     """
 
     start_ns: int = 10_000_000_000
+    stop_ns: int = 2_000_000_000
     linger_ns: int = 1_000_000_000
     backoff_ns: int = 100_000_000
     backoff_max_ns: int = 5_000_000_000
@@ -192,6 +199,8 @@ class Lifecycle:
     def _deadline(self, action: Action, now_ns: int) -> int | None:
         if action is Action.START:
             return now_ns + self._timing.start_ns
+        if action is Action.STOP:
+            return now_ns + self._timing.stop_ns
         if action is Action.LINGER:
             return now_ns + self._timing.linger_ns
         if action is Action.BACK_OFF:

@@ -1,0 +1,146 @@
+"""The decoder as a process: `sfglab decoder`, or ``python -m sfglab.fleet.decoder CONFIG`` with JSON reports.
+
+Puts node, pool and bus together and ends them in order. With a JSON configuration it reports one line for
+every change of a stream and ends when its standard input ends, as experiments need it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import signal
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from sfglab.fleet.decoder.lifecycle import Timing
+from sfglab.fleet.decoder.node import AgentDecoder
+from sfglab.fleet.decoder.pool import WorkerPool
+from sfglab.fleet.decoder.streams import routes_of_topic
+from sfglab.fleet.decoder.worker import BusAddress, WorkerConfig
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable
+
+    from sfglab.fleet.decoder.node import PipelineStatus
+
+__all__ = ["DecoderConfig", "run_decoder", "serve_reports", "serve_terminal"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DecoderConfig:
+    """What a decoder process is told.
+
+    Attributes:
+        remote: Where remote streams arrive.
+        local: Where local subscribers are.
+        streams: Remote topics to offer from the start, by their names in the schema.
+        discovery_topic: Topic of discovery events; empty: none is listened to.
+        linger_s: How long a pipeline outlives its last subscriber, seconds.
+    """
+
+    remote: BusAddress
+    local: BusAddress
+    streams: tuple[str, ...] = ()
+    discovery_topic: str = ""
+    linger_s: float = 1.0
+
+    def to_json(self) -> str:
+        """Return the configuration as a process's argument."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> DecoderConfig:
+        """Read what `to_json` wrote."""
+        values = json.loads(text)
+        values["remote"], values["local"] = BusAddress(**values["remote"]), BusAddress(**values["local"])
+        return cls(**{**values, "streams": tuple(values["streams"])})
+
+
+async def run_decoder(
+    config: DecoderConfig,
+    *,
+    on_status: Callable[[PipelineStatus], None],
+    on_ready: Callable[[WorkerPool], None] = lambda _: None,
+) -> None:
+    """Run a decoder until cancelled; everything it started has ended when this returns.
+
+    Args:
+        config: Where and what.
+        on_status: Called whenever a stream's state or counts change.
+        on_ready: Called once when it serves.
+
+    Raises:
+        StreamError: One of the configured streams cannot be offered.
+    """
+    from sfglab.bus import Node
+
+    routes = [route for topic in config.streams for route in routes_of_topic(topic)]
+    pool = WorkerPool(WorkerConfig(remote=config.remote, local=config.local))
+    try:
+        await pool.start()
+        async with Node("agent_decoder", **asdict(config.local)) as local:
+            timing = Timing(linger_ns=round(config.linger_s * 1e9))
+            decoder = AgentDecoder(local, pool, timing=timing, on_status=on_status)
+            for agent in sorted({route.agent for route in routes}):
+                decoder.offer(agent, [route for route in routes if route.agent == agent])
+            on_ready(pool)
+            await decoder.run(config.discovery_topic or None)
+    finally:
+        await pool.close()
+
+
+async def serve_reports(
+    config: DecoderConfig, orders: AsyncIterator[bytes], report: Callable[[dict[str, Any]], None]
+) -> None:
+    """Run a decoder that reports JSON values, until its orders end or it is told to terminate.
+
+    An order is any line; it is answered with the process ids that belong to the decoder and whether a spare
+    pipeline process is warm.
+    """
+    pools: list[WorkerPool] = []
+
+    def ready(pool: WorkerPool) -> None:
+        pools.append(pool)
+        report({"is": "ready"})
+
+    running = asyncio.create_task(
+        run_decoder(config, on_status=lambda s: report({"is": "status", **asdict(s)}), on_ready=ready)
+    )
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, running.cancel)
+
+    async def answer() -> None:
+        async for _ in orders:
+            report({"is": "processes", "pids": pools[0].pids, "warm": pools[0].warm})
+
+    answering = asyncio.create_task(answer())
+    await asyncio.wait({running, answering}, return_when=asyncio.FIRST_COMPLETED)
+    answering.cancel()
+    running.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await running
+
+
+async def serve_terminal(config: DecoderConfig, say: Callable[[str], None]) -> None:
+    """Run a decoder for a person at a terminal, until interrupted or terminated.
+
+    Args:
+        config: Where and what.
+        say: Takes a line for each change of a stream's state.
+    """
+    states: dict[str, str] = {}
+
+    def note(status: PipelineStatus) -> None:
+        if states.get(status.local_topic) != status.state:
+            states[status.local_topic] = status.state
+            who = f"{status.subscribers} subscriber{'' if status.subscribers == 1 else 's'}"
+            say(f"{status.local_topic}: {status.state.lower()}, {who}  (from {status.source_topic})")
+
+    running = asyncio.create_task(
+        run_decoder(config, on_status=note, on_ready=lambda _: say("decoder: ready, end it with Ctrl-C"))
+    )
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, running.cancel)
+    with contextlib.suppress(asyncio.CancelledError):
+        await running
+    say("decoder: everything is released")

@@ -1,0 +1,329 @@
+"""From the log to figures: loads per cell, slopes, the cost model of Eq. 2 and 3, and the claims.
+
+Everything here is computed from the log alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from sfglab.lab.claims import How, Measured
+from sfglab.lab.stats import Estimate, bootstrap, line_fit, median_of
+from sfglab.record import LogReader
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+__all__ = [
+    "CostModel",
+    "Results",
+    "Slopes",
+    "cost_model",
+    "frame_checks",
+    "load_results",
+    "measure_claims",
+    "slopes",
+    "stream_facts",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Results:
+    """The tables of one run.
+
+    Attributes:
+        cells: One line a cell: codec, mode, subscribers, repeat and the medians and deviations of its
+            readings at the consumer (``cpu``, ``cpu_sd``, ``rx``, ``rx_sd``) and at the edge (``edge_cpu``).
+        readings: One line a reading at the consumer, with its cell's columns.
+        views: One line a subscriber and cell.
+        pairs: Numbers and stamps that subscribers held.
+        camera: Numbers, stamps and sizes that the camera sent.
+        config: The run's configuration.
+        hosts: What the hosts were.
+        streams: Metadata of each stream by codec.
+    """
+
+    cells: pd.DataFrame
+    readings: pd.DataFrame
+    views: pd.DataFrame
+    pairs: pd.DataFrame
+    camera: pd.DataFrame
+    config: dict[str, Any]
+    hosts: dict[str, Any]
+    streams: dict[str, dict[str, Any]]
+
+    @property
+    def codecs(self) -> tuple[str, ...]:
+        """Codecs that were measured, in the order of the run."""
+        return tuple(dict.fromkeys(self.cells["codec"]))
+
+
+def load_results(log: Path) -> Results:
+    """Read a run's tables.
+
+    Args:
+        log: The log; one that was cut off gives its finished cells.
+    """
+    with LogReader(log) as reader:
+        cells, load = reader.table("cell"), reader.table("load")
+        readings = load.drop(columns="log_time_ns").merge(cells.drop(columns="log_time_ns"), on="cell")
+        consumer = readings[readings["label"] == "consumer"]
+        codecs = cells["codec"].unique()
+        return Results(
+            cells=_cell_table(cells, readings),
+            readings=consumer,
+            views=reader.table("view"),
+            pairs=reader.table("pair"),
+            camera=reader.table("camera") if "camera" in reader.tables else pd.DataFrame(),
+            config=reader.metadata("config"),
+            hosts=reader.metadata("hosts"),
+            streams={codec: reader.metadata(f"stream_{codec}") for codec in codecs},
+        )
+
+
+def _cell_table(cells: pd.DataFrame, readings: pd.DataFrame) -> pd.DataFrame:
+    at = {label: group.groupby("cell") for label, group in readings.groupby("label")}
+    columns = pd.DataFrame(
+        {
+            "cpu": at["consumer"]["cpu_percent"].median(),
+            "cpu_sd": at["consumer"]["cpu_percent"].std(),
+            "rx": at["consumer"]["rx_mbit_s"].median(),
+            "rx_sd": at["consumer"]["rx_mbit_s"].std(),
+            "edge_cpu": at["edge"]["cpu_percent"].median(),
+            "other": at["consumer"]["machine_percent"].median(),
+        }
+    )
+    return cells.drop(columns="log_time_ns").merge(columns, left_on="cell", right_index=True)
+
+
+def _points(results: Results, codec: str, mode: str, column: str) -> Floats:
+    """Return (subscribers, figure) of every cell of a mode, shape (cells, 2)."""
+    chosen = results.cells[(results.cells["codec"] == codec) & (results.cells["mode"] == mode)]
+    return chosen[["subscribers", column]].to_numpy(dtype=np.float64)
+
+
+def _slope(points: Floats) -> float:
+    return line_fit(points[:, 0], points[:, 1])[0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slopes:
+    """How the consumer's load grows with every further subscriber.
+
+    Attributes:
+        cpu_standard: Per cent of one core per subscriber, each decoding for itself.
+        cpu_proxy: The same through the decoder.
+        reduction: How much less that is, per cent.
+        net_standard: Mbit/s per subscriber at the consumer's interface, standard.
+        net_proxy: The same through the decoder.
+    """
+
+    cpu_standard: Estimate
+    cpu_proxy: Estimate
+    reduction: Estimate
+    net_standard: Estimate
+    net_proxy: Estimate
+
+
+def slopes(results: Results, codec: str = "h264") -> Slopes:
+    """Fit the slopes of one stream; intervals resample cells.
+
+    Args:
+        results: The run.
+        codec: Which stream.
+    """
+    standard, proxy = (_points(results, codec, mode, "cpu") for mode in ("standard", "proxy"))
+    net_standard, net_proxy = (_points(results, codec, mode, "rx") for mode in ("standard", "proxy"))
+    per_core, per_net = "% of one core per subscriber", "Mbit/s per subscriber"
+
+    def reduction(groups: Sequence[Floats]) -> float:
+        return 100 * (1 - _slope(groups[1]) / _slope(groups[0]))
+
+    return Slopes(
+        cpu_standard=bootstrap([standard], lambda g: _slope(g[0]), unit=per_core),
+        cpu_proxy=bootstrap([proxy], lambda g: _slope(g[0]), unit=per_core),
+        reduction=bootstrap([standard, proxy], reduction, unit="% less CPU per subscriber"),
+        net_standard=bootstrap([net_standard], lambda g: _slope(g[0]), unit=per_net),
+        net_proxy=bootstrap([net_proxy], lambda g: _slope(g[0]), unit=per_net),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CostModel:
+    """Eq. 2 and 3 fitted to the cells of one stream, in per cent of one core.
+
+    Attributes:
+        net: c_net, receiving the compressed stream once.
+        dec: c_dec, decoding it once (and looking at the pixels).
+        ipc: c_ipc, handing decoded pictures to one local subscriber (and its look at the pixels).
+        residual: Root mean square of the residuals relative to the mean load, per cent.
+        residuals: One line a cell: mode, subscribers, measured, fitted.
+    """
+
+    net: Estimate
+    dec: Estimate
+    ipc: Estimate
+    residual: Estimate
+    residuals: pd.DataFrame
+
+
+def _design(mode: str, count: float) -> tuple[float, float, float]:
+    """Return the factors of (net, dec, ipc) in Eq. 2 (standard), Eq. 3 (proxy), or receiving alone."""
+    return {"standard": (count, count, 0.0), "proxy": (1.0, 1.0, count), "network": (count, 0.0, 0.0)}[mode]
+
+
+def _fit_costs(rows: Floats) -> Floats:
+    """Return (net, dec, ipc) by least squares; rows are the design's three factors and the load."""
+    solution, *_ = np.linalg.lstsq(rows[:, :3], rows[:, 3], rcond=None)
+    return np.asarray(solution)
+
+
+def cost_model(results: Results, codec: str = "h264") -> CostModel:
+    """Fit Eq. 2 and 3 to one stream's cells, without any term that the paper does not have.
+
+    Args:
+        results: The run.
+        codec: Which stream.
+    """
+    chosen = results.cells[results.cells["codec"] == codec]
+    rows = np.array([(*_design(m, n), c) for m, n, c in chosen[["mode", "subscribers", "cpu"]].to_numpy()])
+
+    def relative_residual(groups: Sequence[Floats]) -> float:
+        drawn = groups[0]
+        error = drawn[:, 3] - drawn[:, :3] @ _fit_costs(drawn)
+        return float(100 * np.sqrt(np.mean(error**2)) / np.mean(drawn[:, 3]))
+
+    def part(index: int) -> Estimate:
+        return bootstrap([rows], lambda g: float(_fit_costs(g[0])[index]), unit="% of one core")
+
+    table = chosen[["mode", "subscribers"]].assign(measured=rows[:, 3], fitted=rows[:, :3] @ _fit_costs(rows))
+    return CostModel(
+        net=part(0),
+        dec=part(1),
+        ipc=part(2),
+        residual=bootstrap([rows], relative_residual, unit="%"),
+        residuals=table.reset_index(drop=True),
+    )
+
+
+def frame_checks(results: Results) -> pd.DataFrame:
+    """Return, per stream and mode, what proves that subscribers saw the right frames.
+
+    A pair of number (from the pixels) and stamp (from the header) is verified when the camera sent that
+    number with that stamp.
+    """
+    cells = results.cells[["cell", "codec", "mode"]]
+    views = results.views.merge(cells, on="cell")
+    sums = ["frames", "unreadable", "missed", "disordered", "broken"]
+    table = views.groupby(["codec", "mode"], sort=False)[sums].sum()
+    table["age_ms"] = views.groupby(["codec", "mode"], sort=False)["age_ms"].median()
+    pairs = results.pairs.merge(cells, on="cell")
+    sent = set(map(tuple, results.camera[["codec", "number", "stamp_ns"]].to_numpy().tolist()))
+    known = [tuple(p) in sent for p in pairs[["codec", "number", "stamp_ns"]].to_numpy().tolist()]
+    by_mode = pairs.assign(verified=known).groupby(["codec", "mode"], sort=False)["verified"]
+    table["pairs"], table["verified"] = by_mode.size(), by_mode.sum()
+    return table.reset_index().fillna({"pairs": 0, "verified": 0})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StreamFacts:
+    """What the recorded H.264 messages say of the stream (paper A, Table 2).
+
+    Attributes:
+        bitrate: Mbit/s of the payload.
+        width: Pixels.
+        height: Pixels.
+        fps: Frames a second, by the capture stamps.
+        gop: Frames from key frame to key frame; 0 with fewer than two key frames.
+        encoder: FFmpeg's name.
+    """
+
+    bitrate: Estimate
+    width: int
+    height: int
+    fps: float
+    gop: int
+    encoder: str
+
+
+def stream_facts(log: Path, results: Results) -> StreamFacts:
+    """Measure the stream from the raw messages in the log."""
+    from sfglab.messages import ns_from_stamp
+
+    topic = results.streams["h264"]["topic"]
+    with LogReader(log) as reader:
+        packets = [entry.message for entry in reader.decoded(topic)]
+    stamps = np.array([ns_from_stamp(p.header.stamp) for p in packets])
+    fps = float((len(stamps) - 1) * 1e9 / (stamps[-1] - stamps[0]))
+    keys = [p.pts for p in packets if p.flags & 1]
+    gaps = set(np.diff(keys).tolist())
+    sizes = np.array([len(p.data) for p in packets], dtype=np.float64)
+    rate = bootstrap([sizes], lambda g: float(np.mean(g[0])) * 8 * fps / 1e6, unit="Mbit/s")
+    return StreamFacts(
+        bitrate=rate,
+        width=packets[0].width,
+        height=packets[0].height,
+        fps=fps,
+        gop=int(gaps.pop()) if len(gaps) == 1 else 0,
+        encoder=str(results.streams["h264"]["encoder"]),
+    )
+
+
+def measure_claims(log: Path) -> dict[str, Measured]:
+    """Return our figures for the claims that this experiment answers, by claim id."""
+    results = load_results(log)
+    found, fit = slopes(results), cost_model(results)
+    most = int(results.cells.loc[results.cells["codec"] == "h264", "subscribers"].max())
+    hosts = {"hosts": str(results.hosts["description"])}
+    return {
+        "A-CPU-BASE": Measured(estimate=found.cpu_standard, how=How.LIVE, details=hosts),
+        "A-CPU-SFG": Measured(
+            estimate=found.reduction,
+            how=How.LIVE,
+            details={**hosts, "slope through the decoder": str(found.cpu_proxy)},
+        ),
+        "A-BW": Measured(
+            estimate=_rate_at(results, "proxy", most),
+            how=How.LIVE,
+            details={
+                **hosts,
+                "slope standard": str(found.net_standard),
+                "slope through the decoder": str(found.net_proxy),
+                "subscribers": str(most),
+                "multicast": str(results.config["multicast"]),
+            },
+        ),
+        "A-COST": Measured(
+            estimate=fit.residual,
+            how=How.LIVE,
+            details={"c_net": str(fit.net), "c_dec": str(fit.dec), "c_ipc": str(fit.ipc)},
+        ),
+        "A-H264": _h264_claim(stream_facts(log, results)),
+    }
+
+
+def _rate_at(results: Results, mode: str, count: int) -> Estimate:
+    r = results.readings
+    chosen = r[(r["codec"] == "h264") & (r["mode"] == mode) & (r["subscribers"] == count)]
+    return median_of(chosen["rx_mbit_s"].to_numpy(dtype=np.float64), unit="Mbit/s")
+
+
+def _h264_claim(facts: StreamFacts) -> Measured:
+    expected = (facts.width, facts.height, facts.gop) == (640, 360, 30) and abs(facts.fps - 30) < 0.3
+    details = {
+        "size": f"{facts.width} x {facts.height}",
+        "frame rate": f"{facts.fps:.2f} fps",
+        "GOP": str(facts.gop),
+        "encoder": facts.encoder,
+    }
+    reason = "" if expected else "the stream is not the one of Table 2"
+    return Measured(estimate=facts.bitrate, how=How.LIVE, details=details, reason=reason)

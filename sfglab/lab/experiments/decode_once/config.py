@@ -1,0 +1,114 @@
+"""What the decode-once experiment runs: paper A, section 5.2, at three lengths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from sfglab.errors import SfglabError
+
+__all__ = ["Config", "ConfigError", "Stage"]
+
+
+class ConfigError(SfglabError, ValueError):
+    """A configuration that cannot be run."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stage:
+    """One camera stream and how often it is measured with how many subscribers.
+
+    Attributes:
+        codec: ``h264`` (colour) or ``rvl`` (depth).
+        source: Where frames come from, as `open_source` takes it.
+        counts: Numbers of local subscribers.
+        network_counts: Numbers of subscribers that receive without decoding, to tell network from decoding.
+        repeats: How often every pair of cells is measured.
+    """
+
+    codec: str
+    source: str
+    counts: tuple[int, ...]
+    network_counts: tuple[int, ...] = ()
+    repeats: int = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """The whole run.
+
+    Attributes:
+        profile: Name of the profile it came from.
+        stages: Streams, one after the other.
+        samples: Meter readings in a cell.
+        period_s: Time between readings, seconds.
+        settle_s: Wait in a cell between the last subscriber's first frame and the first reading, seconds.
+        raw_s: How long the camera's raw messages are recorded into the log, seconds.
+        raw_bytes: The most that is recorded of one stream.
+        encoder: H.264 encoder by FFmpeg's name, or ``auto``.
+        multicast: How far DDS uses multicast between hosts: ``spdp`` (discovery only, as Cyclone DDS does on
+            Wi-Fi, the paper's network) or ``default`` (data too, on a wired link).
+        seed: Seed of the frames' path and of the order of cells.
+    """
+
+    profile: str
+    stages: tuple[Stage, ...]
+    samples: int
+    period_s: float
+    settle_s: float = 0.5
+    raw_s: float = 3.0
+    raw_bytes: int = 1_200_000
+    encoder: str = "auto"
+    multicast: str = "spdp"
+    seed: int = 0
+
+    @classmethod
+    def of_profile(cls, profile: str, *, source: str = "photos", seed: int = 0) -> Config:
+        """Return the configuration of a profile.
+
+        Args:
+            profile: ``smoke`` (seconds), ``quick`` (minutes) or ``paper`` (120 readings of one second).
+            source: Source of the colour stream; depth always comes from the stereo pair.
+            seed: Seed of everything that is drawn.
+
+        Raises:
+            ConfigError: There is no such profile.
+        """
+        if profile not in _PROFILES:
+            raise ConfigError(f"profile: given {profile!r}, allowed are {', '.join(_PROFILES)}")
+        config = replace(_PROFILES[profile], seed=seed)
+        stages = tuple(replace(s, source=source) if s.codec == "h264" else s for s in config.stages)
+        return replace(config, stages=stages)
+
+
+_ALL = tuple(range(1, 11))
+_PROFILES = {
+    "smoke": Config(
+        profile="smoke",
+        stages=(Stage(codec="h264", source="photos", counts=(1, 3), network_counts=(3,)),),
+        samples=2,
+        period_s=0.5,
+        settle_s=0.3,
+        raw_s=2.2,
+    ),
+    "quick": Config(
+        profile="quick",
+        stages=(
+            Stage(codec="h264", source="photos", counts=_ALL, network_counts=(1, 4, 7, 10), repeats=2),
+            Stage(codec="rvl", source="stereo", counts=(1, 4, 7), network_counts=(4,)),
+        ),
+        samples=3,
+        period_s=0.7,
+    ),
+    "paper": Config(
+        profile="paper",
+        stages=(
+            Stage(codec="h264", source="photos", counts=_ALL, network_counts=_ALL),
+            Stage(codec="rvl", source="stereo", counts=_ALL, network_counts=_ALL),
+        ),
+        samples=120,
+        period_s=1.0,
+        settle_s=2.0,
+        raw_s=10.0,
+        raw_bytes=20_000_000,
+    ),
+}

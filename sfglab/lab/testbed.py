@@ -1,0 +1,85 @@
+"""The hosts of an experiment: separate ones where the machine can, else this one, and it says which.
+
+With network namespaces every host has its own interface and nothing crosses between hosts but what is
+sent. Without them the same processes run on this host's loopback: still live, the middleware and the codecs
+are the same, but the interface counts what everybody sends, and there is no link in between.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, Self
+
+from sfglab.lab.hosts import Network
+from sfglab.lab.hosts.host import InterfaceBytes, interface_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from types import TracebackType
+
+__all__ = ["CountsBytes", "Testbed"]
+
+
+class CountsBytes(Protocol):
+    """Something with an interface whose bytes are counted."""
+
+    def interface_bytes(self) -> InterfaceBytes:
+        """Return what the interface has carried so far."""
+        ...
+
+
+class _Loopback:
+    def interface_bytes(self) -> InterfaceBytes:
+        return interface_bytes(Path("/proc/self/net/dev").read_text(encoding="ascii"), "lo")
+
+
+class Testbed:
+    """Named hosts, as a context manager.
+
+    Args:
+        names: The hosts.
+        separate: False insists on one host, None takes separate hosts where the machine can.
+
+    Attributes:
+        description: What the hosts are, for the log.
+        separate: Whether the hosts are separate.
+    """
+
+    __test__ = False  # not a test, whatever its name makes pytest think
+
+    def __init__(self, *names: str, separate: bool | None = None) -> None:
+        self._names = names
+        self._stack = ExitStack()
+        self._network: Network | None = None
+        capability = Network.available() if separate is not False else None
+        self.separate = capability is not None and capability.ok
+        if self.separate and capability is not None:
+            self.description = f"separate hosts: network namespaces ({capability.how})"
+        else:
+            why = capability.reason if capability is not None else "asked for"
+            self.description = f"one host, loopback ({why})"
+
+    def __enter__(self) -> Self:
+        if self.separate:
+            self._network = self._stack.enter_context(Network())
+            for name in self._names:
+                self._network.add_host(name)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def argv(self, host: str, command: Sequence[str]) -> list[str]:
+        """Return the command line that runs a command on a host."""
+        return self._network.hosts[host].argv(command) if self._network else list(command)
+
+    def interface(self, host: str) -> str:
+        """Return the name of a host's interface to the others."""
+        return self._network.hosts[host].interface if self._network else "lo"
+
+    def meter(self, host: str) -> CountsBytes:
+        """Return what counts the bytes at a host's interface."""
+        return self._network.hosts[host] if self._network else _Loopback()

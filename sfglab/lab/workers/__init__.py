@@ -1,0 +1,3 @@
+"""Processes that experiments put on their hosts: a camera that publishes, viewers that look."""
+
+__all__: list[str] = []

@@ -1,0 +1,235 @@
+"""The edge agent's camera process: ``python -m sfglab.lab.workers.camera CONFIG``.
+
+Takes frames from a source at a fixed rate, draws the frame number into the pixels, encodes each frame once
+and publishes it best effort (paper A, section 4.3 and Table 2). Reports a JSON line when it runs, and one
+every second with the numbers and stamps of what it sent; ends when its standard input ends.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import sys
+import time
+from contextlib import asynccontextmanager, closing, suppress
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from sfglab.codecs import H264Encoder, H264Settings, compressed_depth_fields, ffmpeg_packet_fields
+from sfglab.lab.framenumber import stamp_number
+from sfglab.lab.sources import DEPTH_STAMP_MM, Frame, open_source
+from sfglab.messages import message_type, stamp_from_ns
+from sfglab.pipes import claim_standard_output, standard_input_lines
+from sfglab.qos import QoSProfile, Reliability
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable, Coroutine
+
+    from _typeshed import DataclassInstance
+
+    from sfglab.bus.api import Publisher
+
+__all__ = ["CAMERA_QOS", "CameraConfig", "main", "run_camera"]
+
+CAMERA_QOS = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=60)
+
+FFMPEG = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
+
+
+_Sent = tuple[int, int, int]
+"""Number, capture stamp (ns) and compressed size of a frame."""
+
+
+class _Shooting(NamedTuple):
+    encoder: _ColourEncoder | _DepthEncoder
+    shoot: Coroutine[Any, Any, None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraConfig:
+    """What the camera process is told.
+
+    Attributes:
+        domain_id: DDS domain.
+        interface: Network interface.
+        multicast: How far DDS uses multicast.
+        topic: The compressed topic.
+        codec: ``h264`` (colour) or ``rvl`` (depth).
+        source: Source of frames, as `open_source` takes it.
+        seed: Seed of the source.
+        width: Width in pixels.
+        height: Height in pixels.
+        fps: Frames a second.
+        bitrate_bps: Bits a second of H.264.
+        gop: Frames from key frame to key frame.
+        encoder: H.264 encoder by FFmpeg's name, or ``auto``.
+        frame_id: TF frame of the camera.
+    """
+
+    domain_id: int
+    interface: str | None
+    multicast: str
+    topic: str
+    codec: str = "h264"
+    source: str = "photos"
+    seed: int = 0
+    width: int = 640
+    height: int = 360
+    fps: float = 30.0
+    bitrate_bps: int = 4_000_000
+    gop: int = 30
+    encoder: str = "auto"
+    frame_id: str = "camera_front"
+
+    def to_json(self) -> str:
+        """Return the configuration as the process's argument."""
+        return json.dumps(asdict(self))
+
+
+class _ColourEncoder:
+    """Frames to FFMPEGPacket messages."""
+
+    type = FFMPEG
+
+    def __init__(self, config: CameraConfig) -> None:
+        self._settings = H264Settings(
+            width=config.width,
+            height=config.height,
+            fps=config.fps,
+            bitrate_bps=config.bitrate_bps,
+            gop=config.gop,
+            encoder=config.encoder,
+        )
+        self._encoder = H264Encoder(self._settings)
+        self.name = self._encoder.encoder_name
+
+    def messages(self, frame: Frame, header: Any) -> list[Any]:
+        stamp_number(frame.bgr, frame.number)
+        packets = self._encoder.encode(frame.bgr)
+        fields = (ffmpeg_packet_fields(packet, self._settings) for packet in packets)
+        return [_message(FFMPEG, header, f) for f in fields]
+
+
+class _DepthEncoder:
+    """Frames to CompressedImage messages with RVL or PNG depth."""
+
+    type = COMPRESSED
+
+    def __init__(self, config: CameraConfig) -> None:
+        self.name = config.codec
+
+    def messages(self, frame: Frame, header: Any) -> list[Any]:
+        assert frame.depth_mm is not None
+        white, black = DEPTH_STAMP_MM
+        stamp_number(frame.depth_mm, frame.number, white=white, black=black)
+        fields = compressed_depth_fields(frame.depth_mm, codec=self.name)
+        return [_message(COMPRESSED, header, fields)]
+
+
+def _message(type_: str, header: Any, fields: DataclassInstance) -> Any:
+    values = asdict(fields)
+    return message_type(type_)(header=header, **{**values, "data": np.frombuffer(values["data"], np.uint8)})
+
+
+@asynccontextmanager
+async def _camera(config: CameraConfig, sent: Callable[[list[_Sent]], None]) -> AsyncIterator[_Shooting]:
+    """Open source, encoder and publisher; the caller awaits the task that shoots."""
+    from sfglab.bus import Node
+
+    encoder = _ColourEncoder(config) if config.codec == "h264" else _DepthEncoder(config)
+    source = open_source(
+        config.source, width=config.width, height=config.height, fps=config.fps, seed=config.seed
+    )
+    address = {k: getattr(config, k) for k in ("domain_id", "interface", "multicast")}
+    with closing(source):
+        async with Node("camera_front", **address) as node:
+            publisher = node.create_publisher(encoder.type, config.topic, CAMERA_QOS)
+            yield _Shooting(encoder, _shoot(config, source, encoder, publisher, sent))
+
+
+async def _serve(config: CameraConfig, report: Callable[[dict[str, Any]], None]) -> None:
+    """Shoot for an experiment, until its orders end."""
+    async with _camera(config, lambda frames: report({"is": "sent", "frames": frames})) as camera:
+        report({"is": "running", "encoder": camera.encoder.name, "type": camera.encoder.type})
+        shoot = asyncio.create_task(camera.shoot)
+        hear = asyncio.create_task(_until_input_ends())
+        done, _ = await asyncio.wait({shoot, hear}, return_when=asyncio.FIRST_COMPLETED)
+        for task in done - {hear}:
+            task.result()
+        shoot.cancel()
+        with suppress(asyncio.CancelledError):
+            await shoot
+
+
+async def run_camera(config: CameraConfig, say: Callable[[str], None]) -> None:
+    """Shoot for a person at a terminal, until interrupted or terminated.
+
+    Args:
+        config: What and where.
+        say: Takes a line of progress.
+    """
+    total = 0
+
+    def count(frames: list[_Sent]) -> None:
+        nonlocal total
+        total += len(frames)
+        rate = sum(size for _, _, size in frames) * 8 * config.fps / len(frames) / 1e6
+        say(f"{config.topic}: {total} frames, {rate:.2f} Mbit/s")
+
+    async with _camera(config, count) as camera:
+        say(f"{config.topic}: {camera.encoder.name}, {camera.encoder.type}; end it with Ctrl-C")
+        shoot = asyncio.create_task(camera.shoot)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, shoot.cancel)
+        with suppress(asyncio.CancelledError):
+            await shoot
+
+
+async def _shoot(
+    config: CameraConfig,
+    source: Any,
+    encoder: _ColourEncoder | _DepthEncoder,
+    publisher: Publisher,
+    sent: Callable[[list[_Sent]], None],
+) -> None:
+    """Take, encode and publish frames for ever, each at its due time."""
+    started = time.monotonic()
+    second: list[_Sent] = []
+    try:
+        while True:
+            frame = source.frame()
+            due = started + frame.number / config.fps
+            await asyncio.sleep(max(0.0, due - time.monotonic()))
+            stamp_ns = time.time_ns()
+            header = message_type("std_msgs/msg/Header")(
+                stamp=stamp_from_ns(stamp_ns), frame_id=config.frame_id
+            )
+            for message in encoder.messages(frame, header):
+                publisher.publish(message)
+                second.append((frame.number, stamp_ns, len(message.data)))
+            if len(second) >= config.fps:
+                sent(second)
+                second = []
+    finally:
+        if second:
+            sent(second)
+
+
+async def _until_input_ends() -> None:
+    async for _ in standard_input_lines():
+        pass
+
+
+def main() -> None:
+    """Run the camera with the configuration given as its one argument."""
+    config = CameraConfig(**json.loads(sys.argv[1]))
+    write = claim_standard_output()
+    asyncio.run(_serve(config, lambda report: write(json.dumps(report).encode() + b"\n")))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,252 @@
+"""Messages to bytes and back: plain CDR, little endian, as ROS 2 puts it on the wire and into logs.
+
+Knows the encapsulation header (RTPS 2.5, clause 10.2) and its padding. Refuses to know where bytes come from.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.errors import SfglabError
+from sfglab.messages.store import numpy_dtype, parse_definition, type_name, type_store
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosbags.interfaces.typing import FieldDesc
+    from rosbags.typesys.store import Typestore
+    from typing_extensions import Buffer
+
+__all__ = [
+    "CdrError",
+    "decoder_from_definition",
+    "deserialize",
+    "serialize",
+    "serialize_into",
+    "serialized_size",
+]
+
+_HEADER = b"\x00\x01\x00\x00"  # CDR_LE, no options
+_WHOLE: Any = (int, np.integer, np.bool_)
+_NUMBERS: Any = (*_WHOLE, float, np.floating)
+_ALIGNMENT = 4  # Cyclone DDS takes nothing whose length is not a multiple
+
+
+class CdrError(SfglabError, ValueError):
+    """Bytes that are not a message of the type, or a message that cannot become bytes.
+
+    Attributes:
+        type_name: The type in question.
+        size_bytes: Length of the bytes; None when serialising.
+        reason: What is wrong.
+    """
+
+    def __init__(self, type_name: str, reason: str, *, size_bytes: int | None = None) -> None:
+        self.type_name = type_name
+        self.size_bytes = size_bytes
+        self.reason = reason
+        what = "cannot serialise" if size_bytes is None else f"not in these {size_bytes} bytes of CDR"
+        super().__init__(f"{type_name}: {what}: {reason}")
+
+
+def _scalar_misfit(value: Any, base: str) -> str | None:
+    if base == "string":
+        return None if isinstance(value, str) else f": given {value!r}, allowed is text"
+    if not isinstance(value, _WHOLE if numpy_dtype(base).kind in "iub" else _NUMBERS):
+        return f": given {value!r}, allowed is {base}"
+    if numpy_dtype(base).kind in "iu":
+        limits = np.iinfo(numpy_dtype(base))
+        if not limits.min <= value <= limits.max:
+            return f": given {value!r}, allowed are {limits.min} to {limits.max}"
+    return None
+
+
+def _array_misfit(value: Any, base: str) -> str | None:
+    wanted = numpy_dtype(base)
+    if not isinstance(value, np.ndarray):
+        return f": given {type(value).__name__}, allowed is a NumPy array of {wanted}"
+    if value.dtype != wanted:
+        return f": given an array of {value.dtype}, allowed is {wanted}"
+    if value.ndim != 1 or not value.flags.c_contiguous:
+        return f": given an array of shape {value.shape}, allowed is one contiguous dimension: ravel() it"
+    return None
+
+
+def _message_misfit(store: Typestore, value: Any, name: str) -> str | None:
+    for field, desc in store.get_msgdef(name).fields:
+        if not hasattr(value, field):
+            return f": given {type(value).__name__}, allowed is {name}"
+        if reason := _misfit(store, getattr(value, field), desc):
+            return f".{field}{reason}"
+    return None
+
+
+def _list_misfit(store: Typestore, value: Any, element: FieldDesc, length: int | None) -> str | None:
+    if not isinstance(value, Sequence) or isinstance(value, str):
+        return f": given {type(value).__name__}, allowed is a list"
+    if length is not None and len(value) != length:
+        return f": given {len(value)} elements, allowed are {length}"
+    found = ((i, _misfit(store, item, element)) for i, item in enumerate(value))
+    return next((f"[{i}]{reason}" for i, reason in found if reason), None)
+
+
+def _misfit(store: Typestore, value: Any, desc: FieldDesc) -> str | None:
+    """Return why a value does not fit a field, or None; the path to the field comes first."""
+    from rosbags.interfaces import Nodetype
+
+    if desc[0] == Nodetype.BASE:
+        return _scalar_misfit(value, desc[1][0])
+    if desc[0] == Nodetype.NAME:
+        return _message_misfit(store, value, desc[1])
+    element, length = desc[1]
+    if element[0] == Nodetype.BASE and element[1][0] != "string":
+        return _array_misfit(value, element[1][0])
+    return _list_misfit(store, value, element, length if desc[0] == Nodetype.ARRAY else None)
+
+
+def _write_error(name: str, message: Any, cause: Exception) -> CdrError:
+    reason = _message_misfit(type_store(), message, name)
+    return CdrError(name, reason.lstrip(".: ") if reason else str(cause))
+
+
+def _writing_errors() -> tuple[type[Exception], ...]:
+    from rosbags.serde import SerdeError
+
+    return (SerdeError, struct.error, ValueError, TypeError, AttributeError, OverflowError)
+
+
+def serialized_size(message: Any) -> int:
+    """Return how many bytes `serialize` and `serialize_into` produce.
+
+    Args:
+        message: A message of a registered type.
+
+    Returns:
+        Bytes, with the header of 4 and the padding to a multiple of 4.
+
+    Raises:
+        CdrError: A field holds something of the wrong kind.
+        UnknownTypeError: Not a message.
+    """
+    name = type_name(type(message))
+    store = type_store()
+    try:
+        end = store.get_msgdef(name).getsize_cdr(0, message, store)
+    except _writing_errors() as exc:
+        raise _write_error(name, message, exc) from exc
+    return int(len(_HEADER) + end + -end % _ALIGNMENT)
+
+
+def _write(message: Any, view: memoryview) -> None:
+    """Fill zeroed memory of exactly the right size."""
+    name = type_name(type(message))
+    store = type_store()
+    view[:4] = _HEADER
+    try:
+        store.get_msgdef(name).serialize_cdr_le(view[4:], 0, message, store)
+    except _writing_errors() as exc:
+        raise _write_error(name, message, exc) from exc
+
+
+def serialize(message: Any) -> bytes:
+    """Return a message as little-endian CDR with its 4-byte header, padded to a multiple of 4.
+
+    Args:
+        message: A message of a registered type. Numeric arrays must be contiguous one-dimensional NumPy
+            arrays of the field's dtype; another dtype of the same width is not noticed.
+
+    Returns:
+        The bytes; padding is zero, so equal messages give equal bytes.
+
+    Raises:
+        CdrError: A field holds something of the wrong kind or out of range; the message names the field.
+        UnknownTypeError: Not a message.
+    """
+    # Written in place and returned without a copy, which for an image would take longer than all the rest.
+    memory = BytesIO(bytes(serialized_size(message)))
+    with memory.getbuffer() as view:
+        _write(message, view)
+    return memory.getvalue()
+
+
+def serialize_into(message: Any, buffer: Buffer) -> int:
+    """Write what `serialize` returns into existing memory; big arrays are copied once.
+
+    Args:
+        message: As for `serialize`.
+        buffer: Writable contiguous memory of at least `serialized_size` bytes; the rest is left alone.
+
+    Returns:
+        How many bytes were written, from the start of the buffer.
+
+    Raises:
+        CdrError: As for `serialize`, or the buffer is too small; then its content is undefined.
+        UnknownTypeError: Not a message.
+    """
+    size = serialized_size(message)
+    view = memoryview(buffer).cast("B")
+    if view.nbytes < size:
+        reason = f"given a buffer of {view.nbytes} bytes, needed are {size}"
+        raise CdrError(type_name(type(message)), reason)
+    np.frombuffer(view, np.uint8, size).fill(0)  # alignment gaps must not show what was here before
+    _write(message, view[:size])
+    return size
+
+
+def _decoded(store: Typestore, data: Buffer, name: str) -> Any:
+    from rosbags.serde import SerdeError
+
+    view = memoryview(data).cast("B").toreadonly()
+    try:
+        return store.deserialize_cdr(view, name)
+    except SerdeError as exc:
+        raise CdrError(name, str(exc), size_bytes=view.nbytes) from exc
+
+
+def deserialize(data: Buffer, type_or_name: type[Any] | str) -> Any:
+    """Return the message in a CDR buffer; its numeric arrays are read-only views of that buffer.
+
+    Args:
+        data: Contiguous bytes with the 4-byte header, of either byte order (big endian is copied). The views
+            keep it alive, and an mmap or shared memory cannot be closed before they are gone.
+        type_or_name: The message type or its name.
+
+    Returns:
+        The message. Arrays of wide numbers may be unaligned in memory, which NumPy handles; `copy()` to
+        change or to keep one.
+
+    Raises:
+        CdrError: The bytes are truncated, malformed or of another type.
+        UnknownTypeError: There is no such type.
+    """
+    return _decoded(type_store(), data, type_name(type_or_name))
+
+
+def decoder_from_definition(name: str, text: str) -> Callable[[Buffer], Any]:
+    """Return a `deserialize` for a type that is known only by its definition, such as a log's own schema.
+
+    Args:
+        name: The full name, such as `pkg/msg/Type`.
+        text: The definition with its dependencies, as `definition` returns it.
+
+    Returns:
+        A function from CDR bytes to a message, which raises `CdrError` like `deserialize`. Its types are
+        apart from those of `message_type`, even when a name is the same.
+
+    Raises:
+        CdrError: The text is no complete definition of the type.
+    """
+    from rosbags.typesys import Stores, TypesysError, get_typestore
+
+    store = get_typestore(Stores.EMPTY)
+    try:
+        store.register(parse_definition(name, text))
+        store.get_msgdef(name)
+    except (TypesysError, KeyError, SyntaxError) as exc:
+        raise CdrError(name, f"its definition cannot be read: {exc!r}") from exc
+    return lambda data: _decoded(store, data, name)

@@ -1,0 +1,111 @@
+"""Message types for Cyclone DDS: `IdlStruct` classes made from the same definitions as everything else.
+
+Knows how a definition becomes a type that raw CDR can be written and taken with. Refuses to know entities, and
+is not imported by the facade because it loads the DDS library.
+"""
+
+from __future__ import annotations
+
+import functools
+import keyword
+from typing import TYPE_CHECKING, Any
+
+from cyclonedds.idl import IdlStruct, make_idl_struct, types
+
+from sfglab.messages.store import message_type, service_type, type_name, type_store
+from sfglab.messages.typenames import TypeNameError, dds_type_name, ros_type_name
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import FieldDesc
+
+__all__ = ["TypeNameError", "dds_type_name", "idl_struct", "ros_type_name", "service_idl_struct"]
+
+_PRIMITIVES: dict[str, Any] = {
+    "bool": bool,
+    "byte": types.uint8,
+    "char": types.uint8,
+    **{name: getattr(types, name) for name in ("int8", "int16", "int32", "int64")},
+    **{name: getattr(types, name) for name in ("uint8", "uint16", "uint32", "uint64", "float32", "float64")},
+}
+# rmw_cyclonedds, serdata.hpp: cdds_request_header_t.
+_SERVICE_HEADER = {"rmw_client_guid": types.uint64, "rmw_sequence": types.int64}
+
+
+def _generic(constructor: Any) -> Any:
+    """Return the same, without the library's annotation, which does not know that it can be subscripted."""
+    return constructor
+
+
+def _element(kind: int, inner: Any) -> Any:
+    from rosbags.interfaces import Nodetype
+
+    if kind == Nodetype.NAME:
+        return _struct(inner)
+    base, bound = inner
+    if base != "string":
+        return _PRIMITIVES[base]
+    return _generic(types.bounded_str)[bound] if bound else str
+
+
+def _annotation(desc: FieldDesc) -> Any:
+    from rosbags.interfaces import Nodetype
+
+    kind, inner = desc
+    if kind in {Nodetype.BASE, Nodetype.NAME}:
+        return _element(kind, inner)
+    element, length = _element(*inner[0]), inner[1]
+    if kind == Nodetype.ARRAY:
+        return _generic(types.array)[element, length]
+    return _generic(types.sequence)[(element, length) if length else element]
+
+
+def _made(name: str, header: dict[str, Any]) -> type[IdlStruct]:
+    fields = header | {field: _annotation(desc) for field, desc in type_store().fielddefs[name][1]}
+    # A dataclass cannot have such a field. Raw CDR does not need one; typed (de)serialisation is off for them.
+    plain = not any(keyword.iskeyword(field) or hasattr(IdlStruct, field) for field in fields)
+    class_name = name.rpartition("/")[2]
+    return make_idl_struct(class_name, dds_type_name(name), fields, dataclassify=plain)
+
+
+@functools.cache
+def _struct(name: str) -> type[IdlStruct]:
+    return _made(name, {})
+
+
+def idl_struct(type_or_name: type[Any] | str) -> type[IdlStruct]:
+    """Return the Cyclone DDS type of a message, made on first use and kept.
+
+    For topics, readers and writers of raw CDR; its own (de)serialisation of images is a thousand times slower
+    than `sfglab.messages`.
+
+    Args:
+        type_or_name: A message type, one half of a service, or a name of these.
+
+    Returns:
+        A class whose DDS type name is that of `dds_type_name`.
+
+    Raises:
+        UnknownTypeError: There is no such type.
+    """
+    name = type_name(type_or_name)
+    message_type(name)
+    return _struct(name)
+
+
+@functools.cache
+def service_idl_struct(name: str) -> tuple[type[IdlStruct], type[IdlStruct]]:
+    """Return the Cyclone DDS types of a service as rmw_cyclonedds puts it on the wire.
+
+    Args:
+        name: The service, such as `sfglab_interfaces/srv/GetMetadata`.
+
+    Returns:
+        The types of request and reply: `rmw_client_guid` (uint64) and `rmw_sequence` (int64), then the fields.
+        `sfglab.messages.frame_service` makes the bytes.
+
+    Raises:
+        UnknownTypeError: There is no such service.
+    """
+    service = service_type(name)
+    names = type_name(service.request), type_name(service.response)
+    return _made(names[0], _SERVICE_HEADER), _made(names[1], _SERVICE_HEADER)

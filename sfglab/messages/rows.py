@@ -1,0 +1,173 @@
+"""Rows of measurement tables as ROS messages, so that any reader of a log understands them.
+
+Knows how a frozen dataclass becomes `sfglab_rows/msg/<ClassName>`. Refuses to know where rows are written.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+import typing
+from collections.abc import Sequence
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfglab.errors import SfglabError
+from sfglab.messages.store import numpy_dtype, register
+
+__all__ = ["RowTypeError", "row_message", "row_type"]
+
+_PACKAGE = "sfglab_rows"
+_SCALARS = {bool: "bool", int: "int64", float: "float64", str: "string"}
+_ARRAY_KINDS = "biuf"
+# rosidl's rules (rosidl_adapter, parser.py): what a foreign tool would otherwise refuse to read.
+_CLASS_NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
+_FIELD_NAME = re.compile(r"[a-z](?:_?[a-z0-9]+)*")
+_DOC_LINE = re.compile(r"(\w+)(?: \([^)]*\))?: (.+)")
+# Annotations may name these although the module imports them for type checkers only.
+_KNOWN = {"np": np, "NDArray": NDArray, "Sequence": Sequence}
+_types: dict[type[Any], tuple[type[Any], dict[str, str]]] = {}
+
+
+class RowTypeError(SfglabError, TypeError):
+    """A class or a value that cannot become a row of a table.
+
+    Attributes:
+        place: The class, or the class and the field.
+    """
+
+    def __init__(self, place: str, reason: str) -> None:
+        self.place = place
+        super().__init__(f"{place}: {reason}")
+
+
+def _is_text_enum(hint: Any) -> bool:
+    return isinstance(hint, type) and issubclass(hint, Enum) and all(isinstance(e.value, str) for e in hint)
+
+
+def _field_type(hint: Any, place: str) -> str:
+    """Return the interface language's word for an annotation."""
+    if isinstance(hint, type) and hint in _SCALARS:
+        return _SCALARS[hint]
+    if _is_text_enum(hint):
+        return "string"
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin is tuple and arguments[1:] == (...,):
+        arguments = arguments[:1]
+    if origin in (list, tuple, Sequence) and len(arguments) == 1 and arguments[0] in _SCALARS:
+        return f"{_SCALARS[arguments[0]]}[]"
+    if origin is np.ndarray and (dtypes := typing.get_args(arguments[1])):
+        dtype = np.dtype(dtypes[0]) if isinstance(dtypes[0], type) else None
+        if dtype is not None and dtype.kind in _ARRAY_KINDS and dtype.itemsize <= 8:
+            return f"{dtype.name}[]"
+    raise RowTypeError(
+        place,
+        f"given {hint}, allowed are int, float, bool, str, enums of text, list[...] and tuple[..., ...] of "
+        "these, and NDArray of numbers; use NaN or an empty value instead of None",
+    )
+
+
+def _field_docs(row_class: type[Any]) -> dict[str, str]:
+    """Return the texts of the `Attributes:` section of a Google docstring."""
+    _, _, section = (inspect.getdoc(row_class) or "").partition("Attributes:\n")
+    docs: dict[str, str] = {}
+    last = ""
+    for line in section.split("\n\n", 1)[0].splitlines():
+        if line.startswith("     ") and last:
+            docs[last] += f" {line.strip()}"
+        elif found := _DOC_LINE.fullmatch(line.strip()):
+            last, docs[found[1]] = found[1], found[2]
+    return docs
+
+
+def _fields(row_class: type[Any]) -> dict[str, str]:
+    """Return the words of the interface language for each field, by name."""
+    name = row_class.__name__
+    if not (dataclasses.is_dataclass(row_class) and _CLASS_NAME.fullmatch(name)):
+        raise RowTypeError(name, "given this class, allowed are dataclasses with a CamelCase name")
+    try:
+        hints = typing.get_type_hints(row_class, localns=_KNOWN)
+    except NameError as exc:
+        raise RowTypeError(name, f"{exc}: annotations must be importable at run time") from exc
+    fields = {}
+    for field in dataclasses.fields(row_class):
+        place = f"{name}.{field.name}"
+        if not _FIELD_NAME.fullmatch(field.name):
+            raise RowTypeError(place, "allowed are names_like_this, with single underscores")
+        fields[field.name] = _field_type(hints[field.name], place)
+    if not fields:
+        raise RowTypeError(name, "a row needs at least one field")
+    return fields
+
+
+def _registered(row_class: type[Any]) -> tuple[type[Any], dict[str, str]]:
+    if row_class not in _types:
+        fields, docs = _fields(row_class), _field_docs(row_class)
+        lines = [
+            f"{word} {name}" + (f"  # {docs[name]}" if name in docs else "") for name, word in fields.items()
+        ]
+        _types[row_class] = register(f"{_PACKAGE}/msg/{row_class.__name__}", "\n".join(lines) + "\n"), fields
+    return _types[row_class]
+
+
+def row_type(row_class: type[Any]) -> type[Any]:
+    """Return the message type of a table's rows, registering it on first use.
+
+    Args:
+        row_class: A dataclass of int (as int64), float (float64), bool, str, enums of text (string), lists and
+            tuples of any length of these, and NumPy arrays of numbers. Its docstring's `Attributes:` become
+            the comments of the definition.
+
+    Returns:
+        The type `sfglab_rows/msg/<ClassName>`, in the order of the fields.
+
+    Raises:
+        RowTypeError: A field is of another type, or a name is not allowed in a message.
+        TypeConflictError: Another row class of that name has other fields.
+    """
+    return _registered(row_class)[0]
+
+
+def _value(value: Any, word: str) -> Any:
+    if value is None:
+        raise TypeError("use NaN or an empty value")
+    if isinstance(value, Enum):
+        return value.value
+    if not word.endswith("[]"):
+        return value
+    base = word[:-2]
+    if base == "string":
+        return list(value)
+    array, dtype = np.asarray(value), numpy_dtype(base)
+    # An empty list has no kind; anything else must not lose a fraction on the way.
+    return np.zeros(0, dtype) if array.size == 0 else array.astype(dtype, "C", casting="same_kind")
+
+
+def row_message(row: Any) -> Any:
+    """Return one row as a message of its `row_type`.
+
+    Args:
+        row: An instance of such a dataclass; arrays of one dimension.
+
+    Returns:
+        The message, ready for `serialize`.
+
+    Raises:
+        RowTypeError: As for `row_type`, or a value is None or an array of another kind.
+        TypeConflictError: As for `row_type`.
+    """
+    message, fields = _registered(type(row))
+    values = {}
+    for name, word in fields.items():
+        value = getattr(row, name)
+        try:
+            values[name] = _value(value, word)
+        except TypeError as exc:
+            raise RowTypeError(
+                f"{type(row).__name__}.{name}", f"given {value!r}, allowed is {word}: {exc}"
+            ) from exc
+    return message(**values)

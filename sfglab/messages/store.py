@@ -1,0 +1,299 @@
+"""The one store of message types: all of ROS 2 Humble, our interfaces, and types registered at run time.
+
+Knows names, definitions and default values. Refuses to know bytes (`cdr`) and middleware (`dds`).
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import threading
+from dataclasses import dataclass
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.errors import SfglabError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rosbags.interfaces.typing import FieldDesc, Typesdict
+    from rosbags.typesys.store import Typestore
+
+__all__ = [
+    "ServiceType",
+    "TypeConflictError",
+    "UnknownTypeError",
+    "default_message",
+    "definition",
+    "message_type",
+    "message_types",
+    "service_type",
+    "type_name",
+]
+
+_RULE = "=" * 80
+_sources: dict[str, str] = {}
+_lock = threading.RLock()
+
+
+class UnknownTypeError(SfglabError, LookupError):
+    """A type that the store does not hold.
+
+    Attributes:
+        name: What was asked for.
+        near: Names of types that look similar, best first.
+    """
+
+    def __init__(self, name: object, *, near: tuple[str, ...] = ()) -> None:
+        self.name = name
+        self.near = near
+        hint = f"did you mean {', '.join(near)}?" if near else "names look like std_msgs/msg/String"
+        super().__init__(f"message type {name!r} is unknown: {hint}")
+
+
+class TypeConflictError(SfglabError, ValueError):
+    """A type is to be registered under the name of another one.
+
+    Attributes:
+        name: The name in question.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        super().__init__(f"{name} is already registered with other fields: choose another name")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServiceType:
+    """A service as a pair of message types.
+
+    Attributes:
+        name: Such as `std_srvs/srv/Empty`.
+        request: The type of requests; a dataclass with `__msgtype__`.
+        response: The type of responses; a dataclass with `__msgtype__`.
+    """
+
+    name: str
+    request: type[Any]
+    response: type[Any]
+
+
+def parse_definition(name: str, text: str) -> Typesdict:
+    """Return the types in a `.msg` text with its dependencies, keyed by their full names.
+
+    Args:
+        name: The full name of the first type, such as `pkg/msg/Type` or `pkg/srv/Type_Request`.
+        text: The definition; further types follow after a line of 80 equal signs and `MSG: pkg/Type`.
+
+    Returns:
+        Field definitions as rosbags keeps them, the named type first.
+    """
+    from rosbags.typesys import get_types_from_msg
+
+    # rosbags files everything under /msg/ and wants the last line to end.
+    (_, first), *rest = get_types_from_msg(text.rstrip() + "\n", name).items()
+    return {name: first, **dict(rest)}
+
+
+def _parts_of_interface(name: str, text: str) -> Iterator[tuple[str, str]]:
+    """Yield the message texts of one `.msg` or `.srv` file, with their full names."""
+    if "/srv/" not in name:
+        yield name, text
+        return
+    request, response = text.split("\n---\n")
+    yield f"{name}_Request", request
+    yield f"{name}_Response", response
+
+
+def _shipped_texts() -> Iterator[tuple[str, str]]:
+    """Yield the full name and the text of every message that this package defines."""
+    root = resources.files("sfglab.messages") / "interfaces"
+    for package in sorted(root.iterdir(), key=lambda p: p.name):
+        for folder in package.iterdir():
+            for file in folder.iterdir():
+                stem = file.name.rpartition(".")[0]
+                yield from _parts_of_interface(f"{package.name}/{folder.name}/{stem}", file.read_text("utf-8"))
+
+
+@functools.cache
+def _built_store() -> Typestore:
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    texts = dict(_shipped_texts())
+    parsed: Typesdict = {}
+    for name, text in texts.items():
+        parsed |= parse_definition(name, text)
+    store.register(parsed)
+    _sources.update(texts)
+    return store
+
+
+def type_store() -> Typestore:
+    """Return the store as rosbags knows it; built on first use, once per process."""
+    with _lock:
+        return _built_store()
+
+
+def register(name: str, text: str) -> type[Any]:
+    """Add one message type to the store, or return it if it is there already.
+
+    Args:
+        name: Its full name, such as `pkg/msg/Type`.
+        text: Its `.msg` text, without dependencies.
+
+    Returns:
+        The type.
+
+    Raises:
+        TypeConflictError: The name belongs to a type with other fields.
+    """
+    with _lock:
+        store = type_store()
+        parsed = parse_definition(name, text)
+        if name in store.fielddefs:
+            if store.fielddefs[name] != parsed[name]:
+                raise TypeConflictError(name)
+        else:
+            store.register(parsed)
+            _sources[name] = text
+        return store.types[name]
+
+
+def message_types() -> tuple[str, ...]:
+    """Return the names of all types that the store holds, sorted; services appear as their two halves."""
+    return tuple(sorted(type_store().types))
+
+
+def message_type(name: str) -> type[Any]:
+    """Return a message type by its full name.
+
+    Args:
+        name: `package/msg/Name`; there is no short form.
+
+    Returns:
+        A dataclass whose fields are numbers, strings, NumPy arrays, messages or lists of these. Constants of
+        the definition are class attributes, `__msgtype__` is the name.
+
+    Raises:
+        UnknownTypeError: There is no such type; the message lists similar names.
+    """
+    types = type_store().types
+    if name not in types:
+        raise UnknownTypeError(name, near=tuple(difflib.get_close_matches(str(name), types, n=3, cutoff=0.7)))
+    return types[name]
+
+
+def service_type(name: str) -> ServiceType:
+    """Return a service type by its full name.
+
+    Args:
+        name: `package/srv/Name`.
+
+    Returns:
+        The types of request and response.
+
+    Raises:
+        UnknownTypeError: There is no such service; the message lists similar names.
+    """
+    types = type_store().types
+    if f"{name}_Request" not in types:
+        services = [n.removesuffix("_Request") for n in types if "/srv/" in n and n.endswith("_Request")]
+        raise UnknownTypeError(name, near=tuple(difflib.get_close_matches(str(name), services, n=3)))
+    return ServiceType(name=name, request=types[f"{name}_Request"], response=types[f"{name}_Response"])
+
+
+def type_name(type_or_name: type[Any] | str) -> str:
+    """Return the full name of a message type.
+
+    Args:
+        type_or_name: A type, or a name, which is checked.
+
+    Returns:
+        Such as `std_msgs/msg/String`.
+
+    Raises:
+        UnknownTypeError: Neither a message type nor the name of one.
+    """
+    if isinstance(type_or_name, str):
+        return message_type(type_or_name).__msgtype__  # type: ignore[no-any-return]  # set by rosbags
+    name = getattr(type_or_name, "__msgtype__", None)
+    if not isinstance(name, str):
+        raise UnknownTypeError(type_or_name)
+    return name
+
+
+def definition(type_or_name: type[Any] | str) -> str:
+    """Return a type's definition with all it depends on, as MCAP's `ros2msg` encoding and rosbag2 keep it.
+
+    Args:
+        type_or_name: A message type or its name.
+
+    Returns:
+        The `.msg` text; each dependency follows after 80 equal signs and `MSG: package/Name`. Our own types
+        keep their comments.
+
+    Raises:
+        UnknownTypeError: There is no such type.
+    """
+    name = type_name(type_or_name)
+    message_type(name)
+    dependencies: dict[str, tuple[str, str]] = {}
+    text, _ = type_store().gendefhash(name, dependencies, ros_version=2)
+    parts = [_sources.get(name, text)]
+    for dependency, (generated, _) in dependencies.items():
+        short = dependency.replace("/msg/", "/")
+        parts.append(f"{_RULE}\nMSG: {short}\n{_sources.get(dependency, generated)}")
+    return "".join(part.rstrip("\n") + "\n" for part in parts)
+
+
+def numpy_dtype(base: str) -> np.dtype[Any]:
+    """Return the dtype of arrays of a primitive type of the interface language; `byte` and `char` are uint8."""
+    return np.dtype({"bool": "bool", "char": "uint8", "byte": "uint8"}.get(base, base))
+
+
+def _default_scalar(base: str) -> Any:
+    return "" if base == "string" else numpy_dtype(base).type(0).item()
+
+
+def _default_value(store: Typestore, desc: FieldDesc) -> Any:
+    from rosbags.interfaces import Nodetype
+
+    match desc:
+        case (Nodetype.BASE, (base, _)):
+            return _default_scalar(base)
+        case (Nodetype.NAME, name):
+            return _default_of(store, str(name))
+    (kind, inner), length = desc[1]
+    count = length if desc[0] == Nodetype.ARRAY else 0
+    if kind == Nodetype.BASE and inner[0] != "string":
+        return np.zeros(count, numpy_dtype(inner[0]))
+    make: Callable[[], Any] = str if kind == Nodetype.BASE else lambda: _default_of(store, str(inner))
+    return [make() for _ in range(count)]
+
+
+def _default_of(store: Typestore, name: str) -> Any:
+    fields = store.get_msgdef(name).fields
+    return store.types[name](**{field: _default_value(store, desc) for field, desc in fields})
+
+
+def default_message(type_or_name: type[Any] | str) -> Any:
+    """Return a new message whose numbers are zero, strings and sequences empty, all the way down.
+
+    Unlike rclpy, defaults written in a definition are not applied: a quaternion's `w` is 0.
+
+    Args:
+        type_or_name: A message type or its name.
+
+    Returns:
+        The message; arrays are NumPy arrays of the field's dtype and belong to this message alone.
+
+    Raises:
+        UnknownTypeError: There is no such type.
+    """
+    name = type_name(type_or_name)
+    message_type(name)
+    return _default_of(type_store(), name)

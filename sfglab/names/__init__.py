@@ -1,0 +1,80 @@
+"""The naming schema of paper A (section 4.1, Fig. 2), and ROS 2 names on DDS.
+
+Floor 0: imports nothing of sfglab but `sfglab.errors`, and only the standard library besides.
+
+    >>> from sfglab.names import Component, Resource, RosFqnBuilder, Scope, Stream, parse
+    >>> camera = RosFqnBuilder().scope(Scope.GLOBAL).agent("go2").component(Component.CAMERA, "front")
+    >>> str(camera.stream(Stream.COLOR).resource(Resource.FFMPEG).build())
+    '/global/go2/camera_front/color/ffmpeg'
+    >>> parse("/global/agent_heartbeat").resource
+    <Resource.AGENT_HEARTBEAT: 'agent_heartbeat'>
+"""
+
+from __future__ import annotations
+
+from sfglab.names.agent import AGENT_VARIABLE, default_agent, sanitize_agent, validate_agent
+from sfglab.names.builder import RosFqnBuilder
+from sfglab.names.dds import (
+    ActionNames,
+    DdsRole,
+    WireName,
+    dds_action,
+    dds_names,
+    dds_service,
+    dds_topic,
+    ros_name_from_dds,
+    router_hazards,
+)
+from sfglab.names.fqn import ComponentSegment, ResourceSegment, RosFqn, StreamSegment, parse
+from sfglab.names.grammar import (
+    TF,
+    TF_STATIC,
+    FqnError,
+    ResourceKind,
+    max_name_length,
+    resolve,
+    validate_ros_name,
+)
+from sfglab.names.schema import SchemaEdge, SchemaNode, SchemaTable, all_standard_fqns, schema_table
+from sfglab.names.vocabulary import After, Component, Custom, Resource, Scope, Stream, Suffixed
+
+__all__ = [
+    "AGENT_VARIABLE",
+    "TF",
+    "TF_STATIC",
+    "ActionNames",
+    "After",
+    "Component",
+    "ComponentSegment",
+    "Custom",
+    "DdsRole",
+    "FqnError",
+    "Resource",
+    "ResourceKind",
+    "ResourceSegment",
+    "RosFqn",
+    "RosFqnBuilder",
+    "SchemaEdge",
+    "SchemaNode",
+    "SchemaTable",
+    "Scope",
+    "Stream",
+    "StreamSegment",
+    "Suffixed",
+    "WireName",
+    "all_standard_fqns",
+    "dds_action",
+    "dds_names",
+    "dds_service",
+    "dds_topic",
+    "default_agent",
+    "max_name_length",
+    "parse",
+    "resolve",
+    "ros_name_from_dds",
+    "router_hazards",
+    "sanitize_agent",
+    "schema_table",
+    "validate_agent",
+    "validate_ros_name",
+]

@@ -1,0 +1,86 @@
+"""The agent segment: what names an agent may bear, and which one it has by default.
+
+Paper A, section 4.1: the set A is resolved at run time, from `SFG_AGENT_NAME` or the sanitised host name.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+from typing import TYPE_CHECKING
+
+from sfglab.names.dds import router_breaks
+from sfglab.names.grammar import FqnError, check_words
+from sfglab.names.vocabulary import Component, check_unmistakable
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["AGENT_VARIABLE", "default_agent", "sanitize_agent", "validate_agent"]
+
+AGENT_VARIABLE = "SFG_AGENT_NAME"
+"""The environment variable that names the agent."""
+
+
+def validate_agent(agent: str) -> str:
+    """Return an agent's name unchanged if every name of the schema can carry it.
+
+    Refused beside wrong characters: what reads as a scope, a component (also with a suffix), a stream or a
+    resource, so that a name whose agent was forgotten is found; and what a DDS router breaks in the agent's
+    own `/global/<agent>/get_metadata`, such as `torq`.
+
+    Raises:
+        FqnError: With segment `agent`.
+    """
+    check_words("agent", agent)
+    check_unmistakable("agent", agent, own=Component)
+    if router_breaks(agent, followed=True):
+        allowed = (
+            "a name without 'Request' or 'Reply' that does not end in 'rq' or 'rr': a DDS router breaks it"
+        )
+        raise FqnError("agent", agent, allowed)
+    return agent
+
+
+def sanitize_agent(hostname: str) -> str:
+    """Return the agent's name that a host name stands for.
+
+    The first label in lower case, every run of other characters than ASCII letters and digits one
+    underscore, none at the ends, and `agent_` before a leading digit: `Go2-Jetson.local` is `go2_jetson`,
+    `7up` is `agent_7up`. Hosts that differ only in what is dropped get the same name: set `SFG_AGENT_NAME`.
+
+    Raises:
+        FqnError: If nothing remains, or what remains is not a name for an agent.
+    """
+    label = hostname.partition(".")[0].lower()
+    name = re.sub(r"[^a-z0-9]+", "_", label).strip("_")
+    if not name:
+        raise FqnError("agent", hostname, f"a host name with ASCII letters or digits; or set {AGENT_VARIABLE}")
+    if name[0].isdigit():
+        name = f"agent_{name}"
+    return _validated(name, f"or set {AGENT_VARIABLE}; this comes from host name {hostname!r}")
+
+
+def default_agent(environ: Mapping[str, str] = os.environ, hostname: str | None = None) -> str:
+    """Return this agent's name: `SFG_AGENT_NAME` if set, else the sanitised host name.
+
+    Args:
+        environ: The environment.
+        hostname: The host name; None asks the operating system.
+
+    Raises:
+        FqnError: If the variable holds no valid name (it is never changed, and empty is not unset), or the
+            host name gives none.
+    """
+    given = environ.get(AGENT_VARIABLE)
+    if given is not None:
+        return _validated(given, f"this comes from {AGENT_VARIABLE}")
+    return sanitize_agent(socket.gethostname() if hostname is None else hostname)
+
+
+def _validated(agent: str, origin: str) -> str:
+    try:
+        return validate_agent(agent)
+    except FqnError as error:
+        raise FqnError("agent", agent, f"{error.allowed}; {origin}") from error

@@ -1,0 +1,222 @@
+"""The naming schema of paper A, section 4.1 and Fig. 2: `/scope[/agent[/component[/stream]]]/resource`.
+
+Which segments may be missing. The paper's tuple (s, a, c, d, r) makes scope and resource mandatory and lets
+each of the others be empty; Fig. 2 leads into the resource from the segment before it, whichever that is. Here
+an optional segment needs the one before it: a stream is a stream *of* a component, a component a part *of* an
+agent (without the agent, two agents' lidars would share one global name). So the number of segments alone says
+what each one is, and a name is read the same way whatever its values are. All names that the paper prints are
+of this form: `/global/agent_heartbeat`, `/global/<agent>/get_metadata`, `/local/<agent>/agent_discovery_event`.
+
+Which resource may stand where is decided by its `After` flags and the last segment before it, not by the scope.
+
+`str()` of a `RosFqn` and `parse` are inverse to each other. What a ROS name does not say is whether a custom
+resource is a topic, a service or an action; `parse` takes that as `kind`. Refuses to know which names cross a
+domain border; that is Table 1, and `sfglab.fleet`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from sfglab.names.agent import validate_agent
+from sfglab.names.dds import dds_names, router_breaks
+from sfglab.names.grammar import FqnError, ResourceKind, check_words, validate_ros_name
+from sfglab.names.vocabulary import (
+    After,
+    Component,
+    Custom,
+    Resource,
+    Scope,
+    Stream,
+    Suffixed,
+    check_unmistakable,
+    read_standard,
+)
+
+__all__ = ["ComponentSegment", "ResourceSegment", "RosFqn", "StreamSegment", "parse"]
+
+ComponentSegment: TypeAlias = Component | Suffixed[Component] | Custom
+StreamSegment: TypeAlias = Stream | Suffixed[Stream] | Custom
+ResourceSegment: TypeAlias = Resource | Suffixed[Resource] | Custom
+
+_SETS: dict[str, type[Component | Stream | Resource]] = {
+    "component": Component,
+    "stream": Stream,
+    "resource": Resource,
+}
+_SHAPE = "/scope[/agent[/component[/stream]]]/resource"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosFqn:
+    """One name as the tuple (scope, agent, component, stream, resource); `str()` is the ROS name.
+
+    Attributes:
+        scope: Local or global.
+        agent: Whose name it is, or None.
+        component: Part of the agent, or None.
+        stream: Data stream of the component, or None.
+        resource: What is published, called or commanded.
+
+    Raises:
+        FqnError: Naming the segment that the schema does not allow.
+    """
+
+    scope: Scope
+    agent: str | None = None
+    component: ComponentSegment | None = None
+    stream: StreamSegment | None = None
+    resource: ResourceSegment
+
+    def __post_init__(self) -> None:
+        _check_types(self)
+        _check_chain(self)
+        if self.agent is not None:
+            validate_agent(self.agent)
+        _check_customs(self)
+        _check_constraint(self)
+        if self.is_global and self.kind is not ResourceKind.TOPIC:
+            _check_routable(self)
+        validate_ros_name(str(self), self.kind)
+
+    def __str__(self) -> str:
+        return "".join(f"/{text}" for _, text in self.segments)
+
+    @property
+    def segments(self) -> tuple[tuple[str, str], ...]:
+        """The present segments in order, as pairs of kind and text."""
+        parts = (
+            ("scope", self.scope.value),
+            ("agent", self.agent),
+            ("component", None if self.component is None else self.component.text),
+            ("stream", None if self.stream is None else self.stream.text),
+            ("resource", self.resource.text),
+        )
+        return tuple((label, text) for label, text in parts if text is not None)
+
+    @property
+    def kind(self) -> ResourceKind:
+        """Whether the resource is a topic, a service or an action."""
+        return _base(self.resource).kind
+
+    @property
+    def preceding(self) -> After:
+        """The kind of segment that stands before the resource."""
+        return After[self.segments[-2][0].upper()]
+
+    @property
+    def is_global(self) -> bool:
+        """Whether the scope is global."""
+        return self.scope is Scope.GLOBAL
+
+    @property
+    def dds_names(self) -> tuple[str, ...]:
+        """Every DDS topic behind the name: one for a topic, two for a service, eight for an action."""
+        return dds_names(str(self), self.kind)
+
+
+def parse(name: str, kind: ResourceKind | None = None) -> RosFqn:
+    """Return the tuple that a ROS name stands for; its `str()` is the same name again.
+
+    Args:
+        name: Absolute ROS name.
+        kind: What the name denotes. None takes a standard resource's own kind, and a custom one for a topic.
+
+    Raises:
+        FqnError: Naming the segment that the schema does not allow, `name` for the whole.
+    """
+    scope, middle, last = _shares(name)
+    agent, component, stream = middle
+    resource = _read_resource(last, kind)
+    return RosFqn(
+        scope=scope,
+        agent=agent,
+        component=None if component is None else _read_component(component),
+        stream=None if stream is None else _read_stream(stream),
+        resource=resource,
+    )
+
+
+def _shares(name: str) -> tuple[Scope, tuple[str | None, ...], str]:
+    if not name.startswith("/"):
+        raise FqnError("name", name, f"an absolute name, {_SHAPE}")
+    first, *rest = name[1:].split("/")
+    if first not in {scope.value for scope in Scope}:
+        raise FqnError("scope", first, " or ".join(scope.value for scope in Scope))
+    if not rest:
+        raise FqnError("resource", None, f"a resource after the scope, {_SHAPE}")
+    *middle, last = rest
+    if len(middle) > 3:
+        raise FqnError("name", name, f"at most five segments, {_SHAPE}")
+    return Scope(first), (*middle, *[None] * (3 - len(middle))), last
+
+
+def _read_component(text: str) -> ComponentSegment:
+    return read_standard(Component, check_words("component", text)) or Custom(text)
+
+
+def _read_stream(text: str) -> StreamSegment:
+    return read_standard(Stream, check_words("stream", text)) or Custom(text)
+
+
+def _read_resource(text: str, kind: ResourceKind | None) -> ResourceSegment:
+    resource = read_standard(Resource, check_words("resource", text))
+    if resource is None:
+        return Custom(text, kind=kind or ResourceKind.TOPIC)
+    own = _base(resource).kind
+    if kind not in (None, own):
+        raise FqnError("resource", text, f"as a {own.value}, which this standard resource is")
+    return resource
+
+
+def _base(resource: ResourceSegment) -> Resource | Custom:
+    return resource.base if isinstance(resource, Suffixed) else resource
+
+
+def _check_types(fqn: RosFqn) -> None:
+    if not isinstance(fqn.scope, Scope):
+        raise FqnError("scope", fqn.scope, "Scope.LOCAL or Scope.GLOBAL")
+    if not isinstance(fqn.agent, str | None):
+        raise FqnError("agent", fqn.agent, "a string or None")
+    for label, values in _SETS.items():
+        value = getattr(fqn, label)
+        standard = value.base if isinstance(value, Suffixed) else value
+        if not isinstance(standard, (values, Custom)) and (value is not None or label == "resource"):
+            raise FqnError(label, value, f"a {values.__name__}, one with a suffix, or Custom")
+
+
+def _check_chain(fqn: RosFqn) -> None:
+    if fqn.component is not None and fqn.agent is None:
+        raise FqnError("agent", None, "an agent before the component, which is a part of it")
+    if fqn.stream is not None and fqn.component is None:
+        raise FqnError("component", None, "a component before the stream, which is one of its data streams")
+
+
+def _check_customs(fqn: RosFqn) -> None:
+    for label, values in _SETS.items():
+        value = getattr(fqn, label)
+        if not isinstance(value, Custom):
+            continue
+        check_unmistakable(label, value.text, own=values)
+        if label != "resource" and value.kind is not ResourceKind.TOPIC:
+            raise FqnError(label, value.text, f"no kind (here {value.kind.value}): only a resource has one")
+
+
+def _check_constraint(fqn: RosFqn) -> None:
+    after = _base(fqn.resource).after
+    if fqn.preceding not in after:
+        places = ", ".join(flag.name.lower() for flag in After if flag in after and flag.name)
+        allowed = f"this resource after {places}; here it follows the {fqn.segments[-2][0]}"
+        raise FqnError("resource", fqn.resource.text, allowed)
+
+
+def _check_routable(fqn: RosFqn) -> None:
+    last = "resource" if fqn.kind is ResourceKind.SERVICE else None
+    for label, text in fqn.segments:
+        if router_breaks(text, followed=label != last):
+            allowed = (
+                "in a global service or action a segment without 'Request' or 'Reply' that does not end in "
+                "'rq' or 'rr' before a slash: a DDS router breaks it"
+            )
+            raise FqnError(label, text, allowed)

@@ -1,0 +1,302 @@
+"""The standard values of the schema's segments, their suffixes, and the `Custom` escape hatch.
+
+Knows the sets S, C, D and R of paper A, section 4.1, for a mixed fleet, and how one segment is written and
+read. Refuses to know how segments follow each other: that is `sfglab.names.fqn`.
+
+How a segment is written, and why it can be read back:
+
+* A suffix of digits only is appended directly (`infra1`, as camera drivers write it), every other suffix
+  behind an underscore (`camera_front`). A standard value ends in a letter, so the border is clear.
+* The longest standard value wins. A suffix that would spell another value is refused: `compressed` with the
+  suffix `depth` would be `compressed_depth`.
+* `Custom` is for what the standard does not know. It must not spell a standard value of any set, because the
+  segment would be taken for that one, nor a value of its own set with a suffix, in either form
+  (`camera_front`, `camera_1`). So one text has one reading.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from enum import Enum, Flag, auto
+from functools import cache
+from typing import Generic, Self, TypeVar
+
+from sfglab.names.grammar import FqnError, ResourceKind, check_words
+
+__all__ = [
+    "After",
+    "Component",
+    "Custom",
+    "Resource",
+    "Scope",
+    "Stream",
+    "Suffixed",
+    "check_unmistakable",
+    "read_standard",
+]
+
+_SUFFIX = re.compile(r"[A-Za-z0-9]+(?:_[A-Za-z0-9]+)*")
+_DIGITS = re.compile(r"[0-9]+")
+
+
+class Scope(Enum):
+    """The set S: whether a name stays in the agent's domain or crosses into the global one."""
+
+    LOCAL = "local"
+    GLOBAL = "global"
+
+
+class After(Flag):
+    """The kinds of segment that a resource may follow: the bitwise constraint of paper A, Fig. 2."""
+
+    SCOPE = auto()
+    AGENT = auto()
+    COMPONENT = auto()
+    STREAM = auto()
+
+
+class _Standard(Enum):
+    @property
+    def text(self) -> str:
+        """The segment as it stands in a name."""
+        return str(self.value)
+
+    def suffixed(self, suffix: str) -> Suffixed[Self]:
+        """Return this value with a suffix, for example `Component.CAMERA.suffixed("front")`.
+
+        Raises:
+            FqnError: If the suffix has other characters than letters, digits and single underscores
+                between them, or if the result spells another standard value.
+        """
+        return Suffixed(base=self, suffix=suffix)
+
+
+class Component(_Standard):
+    """The set C: parts of an agent, hardware and software."""
+
+    LIDAR = "lidar"
+    RADAR = "radar"
+    SONAR = "sonar"
+    CAMERA = "camera"
+    DEPTH_CAMERA = "depth_camera"
+    STEREO_CAMERA = "stereo_camera"
+    THERMAL_CAMERA = "thermal_camera"
+    IMU = "imu"
+    GNSS = "gnss"
+    MICROPHONE = "microphone"
+    SPEAKER = "speaker"
+    BATTERY = "battery"
+    BASE = "base"
+    ARM = "arm"
+    GRIPPER = "gripper"
+    LOCOMOTION_CONTROLLER = "locomotion_controller"
+    JOINT_CONTROLLER = "joint_controller"
+    TELEOP = "teleop"
+    LOCALIZATION = "localization"
+    MAPPING = "mapping"
+    NAVIGATION = "navigation"
+    PLANNER = "planner"
+    PERCEPTION = "perception"
+    MOCAP = "mocap"
+
+
+class Stream(_Standard):
+    """The set D: data streams of one component."""
+
+    COLOR = "color"
+    DEPTH = "depth"
+    ALIGNED_DEPTH = "aligned_depth"
+    CONFIDENCE = "confidence"
+    INFRA = "infra"
+    THERMAL = "thermal"
+    MONO = "mono"
+    LEFT = "left"
+    RIGHT = "right"
+    POINTS = "points"
+    SCAN = "scan"
+    IMU = "imu"
+    ACCEL = "accel"
+    GYRO = "gyro"
+    POSE = "pose"
+    ODOMETRY = "odometry"
+    AUDIO = "audio"
+
+
+# Who offers what: data of a sensor belongs to a component or one of its streams, state and motion to a whole
+# agent or one of its components, life-cycle resources to the fleet or an agent.
+_SENSOR = After.COMPONENT | After.STREAM
+_BODY = After.AGENT | After.COMPONENT
+_SHARED = After.SCOPE | After.AGENT | After.COMPONENT
+_TOPIC, _SERVICE, _ACTION = ResourceKind.TOPIC, ResourceKind.SERVICE, ResourceKind.ACTION
+
+
+class Resource(_Standard):
+    """The set R: what is published, called or commanded.
+
+    Attributes:
+        after: The kinds of segment it may follow.
+        kind: Topic, service or action.
+    """
+
+    after: After
+    kind: ResourceKind
+
+    def __new__(cls, text: str, after: After, kind: ResourceKind) -> Self:
+        """Keep the text as the value, so that `Resource("image_raw")` finds the member."""
+        member = object.__new__(cls)
+        member._value_ = text
+        member.after = after
+        member.kind = kind
+        return member
+
+    IMAGE_RAW = "image_raw", _SENSOR, _TOPIC
+    IMAGE_RECT = "image_rect", _SENSOR, _TOPIC
+    COMPRESSED = "compressed", _SENSOR, _TOPIC
+    COMPRESSED_DEPTH = "compressed_depth", _SENSOR, _TOPIC
+    FFMPEG = "ffmpeg", _SENSOR, _TOPIC
+    CAMERA_INFO = "camera_info", _SENSOR, _TOPIC
+    POINTS = "points", _SENSOR, _TOPIC
+    SCAN = "scan", _SENSOR, _TOPIC
+    RANGE = "range", _SENSOR, _TOPIC
+    IMU = "imu", _SENSOR, _TOPIC
+    MAGNETIC_FIELD = "magnetic_field", _SENSOR, _TOPIC
+    NAV_SAT_FIX = "nav_sat_fix", _SENSOR, _TOPIC
+    AUDIO = "audio", _SENSOR, _TOPIC
+    WRENCH = "wrench", _SENSOR, _TOPIC
+    DETECTIONS = "detections", _SENSOR, _TOPIC
+    JOINT_STATES = "joint_states", _BODY, _TOPIC
+    JOINT_COMMANDS = "joint_commands", _BODY, _TOPIC
+    POSE = "pose", _BODY | After.STREAM, _TOPIC
+    TWIST = "twist", _BODY | After.STREAM, _TOPIC
+    ODOMETRY = "odometry", _BODY | After.STREAM, _TOPIC
+    PATH = "path", _BODY, _TOPIC
+    CMD_VEL = "cmd_vel", _BODY, _TOPIC
+    GOAL_POSE = "goal_pose", _BODY, _TOPIC
+    STATE = "state", _BODY, _TOPIC
+    STATUS = "status", _BODY, _TOPIC
+    BATTERY_STATE = "battery_state", _BODY, _TOPIC
+    DIAGNOSTICS = "diagnostics", _BODY, _TOPIC
+    ROBOT_DESCRIPTION = "robot_description", After.AGENT, _TOPIC
+    MAP = "map", _SHARED, _TOPIC
+    MARKERS = "markers", _SHARED, _TOPIC
+    AGENT_HEARTBEAT = "agent_heartbeat", After.SCOPE, _TOPIC
+    AGENT_STATUS = "agent_status", After.AGENT, _TOPIC
+    AGENT_DISCOVERY_EVENT = "agent_discovery_event", After.AGENT, _TOPIC
+    GET_METADATA = "get_metadata", After.AGENT, _SERVICE
+    SET_MODE = "set_mode", _BODY, _SERVICE
+    RESET = "reset", _BODY, _SERVICE
+    NAVIGATE_TO_POSE = "navigate_to_pose", _BODY, _ACTION
+    FOLLOW_PATH = "follow_path", _BODY, _ACTION
+    EXECUTE_TRAJECTORY = "execute_trajectory", _BODY, _ACTION
+
+
+StandardT = TypeVar("StandardT", bound=_Standard)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suffixed(Generic[StandardT]):
+    """A standard value with more granularity, for example a front and a rear camera.
+
+    Attributes:
+        base: The standard value.
+        suffix: Letters and digits, with single underscores between them.
+    """
+
+    base: StandardT
+    suffix: str
+
+    def __post_init__(self) -> None:
+        label = type(self.base).__name__.lower()
+        if not _SUFFIX.fullmatch(self.suffix):
+            allowed = f"{label} suffix of ASCII letters and digits, single underscores between them"
+            raise FqnError("suffix", self.suffix, allowed)
+        spelled = _split(type(self.base), self.text)
+        if spelled is None or spelled[0] is not self.base:
+            other = spelled[0] if spelled else None
+            raise FqnError(
+                "suffix", self.suffix, f"one that does not make {self.base.text!r} spell {label} {other}"
+            )
+
+    @property
+    def text(self) -> str:
+        """The segment as it stands in a name."""
+        joint = "" if _DIGITS.fullmatch(self.suffix) else "_"
+        return f"{self.base.text}{joint}{self.suffix}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Custom:
+    """A segment that the standard does not know: the escape hatch of paper A, section 4.1.
+
+    Attributes:
+        text: Letters and digits in words joined by single underscores, starting with a letter.
+        kind: For a resource: topic, service or action. Leave it for a component or a stream.
+    """
+
+    text: str = field(kw_only=False)
+    kind: ResourceKind = ResourceKind.TOPIC
+
+    def __post_init__(self) -> None:
+        check_words("custom", self.text)
+
+    @property
+    def after(self) -> After:
+        """The kinds of segment a custom resource may follow: all."""
+        return After.SCOPE | After.AGENT | After.COMPONENT | After.STREAM
+
+
+def read_standard(values: type[StandardT], text: str) -> StandardT | Suffixed[StandardT] | None:
+    """Return the standard value, with its suffix if any, that a segment spells, or None.
+
+    Args:
+        values: `Component`, `Stream` or `Resource`.
+        text: One segment, its characters already checked.
+
+    Raises:
+        FqnError: If an underscore stands before a suffix of digits; `camera1` is the one spelling.
+    """
+    spelled = _split(values, text)
+    if spelled is None:
+        return None
+    base, rest = spelled
+    if not rest:
+        return base
+    suffix = rest.removeprefix("_")
+    if rest.startswith("_") and _DIGITS.fullmatch(suffix):
+        allowed = f"{base.text + suffix!r}: a suffix of digits follows the standard value directly"
+        raise FqnError(values.__name__.lower(), text, allowed)
+    return Suffixed(base=base, suffix=suffix)
+
+
+def check_unmistakable(segment: str, text: str, *, own: type[_Standard]) -> None:
+    """Raise `FqnError` if free text could be taken for a standard value.
+
+    Args:
+        segment: Which segment it is, for the message.
+        text: The free text of an agent or a `Custom`.
+        own: The set whose values are refused with a suffix, too.
+    """
+    for values in (Scope, Component, Stream, Resource):
+        meant = [str(value) for value in values if value.value == text]
+        if meant:
+            raise FqnError(segment, text, f"a name that cannot be mistaken for the standard {meant[0]}")
+    spelled = _split(own, text)
+    if spelled is not None:
+        raise FqnError(
+            segment, text, f"a name that cannot be mistaken for {own.__name__}.{spelled[0].name} with a suffix"
+        )
+
+
+@cache
+def _longest_first(values: type[StandardT]) -> tuple[StandardT, ...]:
+    return tuple(sorted(values, key=lambda value: len(value.text), reverse=True))
+
+
+def _split(values: type[StandardT], text: str) -> tuple[StandardT, str] | None:
+    """Return the longest standard value at the start of a text, and what stands behind it."""
+    for value in _longest_first(values):
+        rest = text.removeprefix(value.text)
+        if text.startswith(value.text) and (not rest or rest[0] == "_" or _DIGITS.fullmatch(rest)):
+            return value, rest
+    return None

@@ -1,0 +1,34 @@
+"""Logs: the one door through which runs are written and read.
+
+A log is one MCAP file that `ros2 bag`, Foxglove and Rerun open: messages as they were on the wire, measurements
+as rows of tables, configuration and versions as metadata.
+"""
+
+from __future__ import annotations
+
+from sfglab.record.context import run_context
+from sfglab.record.errors import (
+    LogClosedError,
+    LogExistsError,
+    LogFormatError,
+    LogInputError,
+    LogLookupError,
+    LogMissingError,
+)
+from sfglab.record.reader import DecodedMessage, LogMessage, LogReader, TopicInfo
+from sfglab.record.writer import LogWriter
+
+__all__ = [
+    "DecodedMessage",
+    "LogClosedError",
+    "LogExistsError",
+    "LogFormatError",
+    "LogInputError",
+    "LogLookupError",
+    "LogMessage",
+    "LogMissingError",
+    "LogReader",
+    "LogWriter",
+    "TopicInfo",
+    "run_context",
+]

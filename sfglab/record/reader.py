@@ -1,0 +1,366 @@
+"""Reading a log: messages, tables, metadata; also of other recorders, and also when it was cut off.
+
+Knows MCAP with ROS 2 messages. Refuses to know what the messages mean.
+"""
+
+from __future__ import annotations
+
+import difflib
+from contextlib import suppress
+from dataclasses import dataclass
+from io import SEEK_END
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
+
+from sfglab.messages import UnknownTypeError, decoder_from_definition, definition, deserialize
+from sfglab.record.encoding import values_from_strings
+from sfglab.record.errors import (
+    LogClosedError,
+    LogFormatError,
+    LogInputError,
+    LogLookupError,
+    LogMissingError,
+)
+from sfglab.record.writer import TABLE_PREFIX, TIME_COLUMN
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Iterator
+    from types import TracebackType
+    from typing import BinaryIO
+
+    import pandas as pd
+    from mcap.reader import SeekingReader
+    from mcap.records import Channel, Schema
+    from mcap.summary import Summary
+
+__all__ = ["DecodedMessage", "LogMessage", "LogReader", "TopicInfo"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicInfo:
+    """What a log has of one topic.
+
+    Attributes:
+        type_name: ROS type of its messages.
+        count: How many.
+    """
+
+    type_name: str
+    count: int
+
+
+class LogMessage(NamedTuple):
+    """One message as it was recorded.
+
+    Attributes:
+        topic: Its topic.
+        type_name: Its ROS type.
+        log_time_ns: When it was received, on the run's clock.
+        publish_time_ns: When it was published, on the same clock.
+        cdr: Its bytes.
+    """
+
+    topic: str
+    type_name: str
+    log_time_ns: int
+    publish_time_ns: int
+    cdr: bytes
+
+
+class DecodedMessage(NamedTuple):
+    """One message, deserialised.
+
+    Attributes:
+        topic: Its topic.
+        type_name: Its ROS type.
+        log_time_ns: When it was received, on the run's clock.
+        publish_time_ns: When it was published, on the same clock.
+        message: The message; arrays are read-only.
+    """
+
+    topic: str
+    type_name: str
+    log_time_ns: int
+    publish_time_ns: int
+    message: Any
+
+
+class LogReader:
+    """An MCAP file to read, as a context manager; for one thread.
+
+    A file that its writer did not finish, even one that is still being written, is read up to its last whole
+    chunk at the time of opening; `truncated` says so.
+
+    Attributes:
+        path: The file.
+        truncated: Whether the file ends before its data does.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Open the file and read its index.
+
+        Args:
+            path: The file, of any recorder.
+
+        Raises:
+            LogMissingError: There is no file.
+            LogFormatError: The file is no MCAP file, or one that has neither chunks nor an index.
+        """
+        self.path = Path(path)
+        self.truncated = False
+        self._decoders: dict[int, Callable[[bytes], Any]] = {}
+        try:
+            self._stream: BinaryIO = self.path.open("rb")
+        except FileNotFoundError as exc:
+            raise LogMissingError(self.path) from exc
+        try:
+            self._mcap, self._summary = self._indexed()
+        except BaseException:
+            self._stream.close()
+            raise
+
+    def _indexed(self) -> tuple[SeekingReader, Summary]:
+        """Return a reader with the file's own index, or with one from a scan."""
+        from mcap.reader import SeekingReader
+
+        from sfglab.record.recovery import DAMAGE, MAGIC, UnchunkedError, has_sound_index, scan
+
+        size = self._stream.seek(0, SEEK_END)
+        self._stream.seek(0)
+        if size == 0:
+            raise LogFormatError(self.path, "the file is empty")
+        if self._stream.read(len(MAGIC)) != MAGIC:
+            raise LogFormatError(self.path, "not an MCAP file")
+        self._stream.seek(0)
+        reader = SeekingReader(self._stream, validate_crcs=True)
+        own = None
+        if has_sound_index(self._stream, size):
+            with suppress(*DAMAGE):  # then a scan finds out
+                own = reader.get_summary()
+        if own is not None and own.statistics is not None:
+            return reader, own
+        try:
+            found = scan(self._stream, size)
+        except UnchunkedError as exc:
+            raise LogFormatError(
+                self.path, "no index, and messages outside chunks: try `mcap recover`"
+            ) from exc
+        self.truncated = not found.complete
+        self._stream.seek(0)
+        return _scanned_reader(self._stream, found.summary), found.summary
+
+    @property
+    def topics(self) -> dict[str, TopicInfo]:
+        """The topics in this log, sorted by name; tables are among them."""
+        counts: dict[str, TopicInfo] = {}
+        statistics = self._summary.statistics
+        assert statistics is not None
+        for channel in sorted(self._summary.channels.values(), key=lambda c: c.topic):
+            before = counts[channel.topic].count if channel.topic in counts else 0
+            count = before + statistics.channel_message_counts.get(channel.id, 0)
+            counts[channel.topic] = TopicInfo(type_name=self._type_of(channel), count=count)
+        return counts
+
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """The names of the tables in this log, sorted."""
+        return tuple(t.removeprefix(TABLE_PREFIX) for t in self.topics if t.startswith(TABLE_PREFIX))
+
+    @property
+    def metadata_names(self) -> tuple[str, ...]:
+        """The names of the metadata records in this log, in the order of writing."""
+        return tuple(dict.fromkeys(index.name for index in self._summary.metadata_indexes))
+
+    @property
+    def attachment_names(self) -> tuple[str, ...]:
+        """The names of the attached files in this log, in the order of writing."""
+        return tuple(dict.fromkeys(index.name for index in self._summary.attachment_indexes))
+
+    def metadata(self, name: str) -> dict[str, Any]:
+        """Return one metadata record.
+
+        Args:
+            name: One of `metadata_names`.
+
+        Returns:
+            What was written: text, or the values in a text that is JSON.
+
+        Raises:
+            LogLookupError: There is none of that name.
+            LogFormatError: The record is damaged.
+        """
+        if name not in self.metadata_names:
+            raise LogLookupError("metadata", name, self.metadata_names)
+        records = {record.name: record.metadata for record in self._checked(self._mcap.iter_metadata())}
+        return values_from_strings(records[name])
+
+    def attachment(self, name: str) -> bytes:
+        """Return one attached file.
+
+        Args:
+            name: One of `attachment_names`.
+
+        Returns:
+            Its content.
+
+        Raises:
+            LogLookupError: There is none of that name.
+            LogFormatError: The record is damaged.
+        """
+        if name not in self.attachment_names:
+            raise LogLookupError("attachment", name, self.attachment_names)
+        found = {record.name: record.data for record in self._checked(self._mcap.iter_attachments())}
+        return bytes(found[name])
+
+    def messages(
+        self, topic: str | None = None, *, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[LogMessage]:
+        """Return the recorded messages in the order of their log times.
+
+        Args:
+            topic: Only this topic; None is all of them.
+            start_ns: Only from this log time on, in nanoseconds.
+            end_ns: Only before this log time, in nanoseconds.
+
+        Returns:
+            An iterator; a chunk is read when its turn comes.
+
+        Raises:
+            LogLookupError: There is no such topic.
+            LogInputError: The end lies before the start.
+            LogFormatError: While iterating: a chunk is damaged.
+            LogClosedError: While iterating: the log was closed.
+        """
+        found = self._found(topic, start_ns, end_ns)
+        return (LogMessage(c.topic, self._type_of(c), m.log_time, m.publish_time, m.data) for _, c, m in found)
+
+    def decoded(
+        self, topic: str, *, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[DecodedMessage]:
+        """Return the messages of a topic, deserialised by the definition in the log.
+
+        Types that this process does not know are read as well. Where the definition is the one that sfglab has,
+        the messages are of the type that `sfglab.messages.message_type` returns.
+
+        Args:
+            topic: The topic.
+            start_ns: Only from this log time on, in nanoseconds.
+            end_ns: Only before this log time, in nanoseconds.
+
+        Returns:
+            An iterator, as for `messages`.
+
+        Raises:
+            LogLookupError: There is no such topic.
+            LogInputError: The end lies before the start.
+            LogFormatError: While iterating: not CDR, or no definition that can be read.
+            CdrError: While iterating: the bytes are not of the type.
+        """
+        found = self._found(topic, start_ns, end_ns)
+        return (
+            DecodedMessage(
+                c.topic, self._type_of(c), m.log_time, m.publish_time, self._decoder(schema, c)(m.data)
+            )
+            for schema, c, m in found
+        )
+
+    def table(self, name: str) -> pd.DataFrame:
+        """Return a table.
+
+        Args:
+            name: One of `tables`.
+
+        Returns:
+            One line per row in the order of log times; the columns are `log_time_ns` and the fields.
+
+        Raises:
+            LogLookupError: There is none of that name.
+            LogFormatError: A chunk is damaged.
+        """
+        import pandas as pd
+
+        if name not in self.tables:
+            raise LogLookupError("table", name, self.tables)
+        columns: dict[str, list[Any]] = {}
+        for entry in self.decoded(f"{TABLE_PREFIX}{name}"):
+            row = {field: value for field, value in vars(entry.message).items() if field != "__msgtype__"}
+            for column, value in {TIME_COLUMN: entry.log_time_ns, **row}.items():
+                columns.setdefault(column, []).append(value)
+        return pd.DataFrame(columns)
+
+    def close(self) -> None:
+        """Close the file; a second time does nothing."""
+        self._stream.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _type_of(self, channel: Channel) -> str:
+        schema = self._summary.schemas.get(channel.schema_id)
+        return schema.name if schema else ""
+
+    def _found(self, topic: str | None, start_ns: int | None, end_ns: int | None) -> Iterator[Any]:
+        topics = self.topics
+        if topic is not None and topic not in topics:
+            near = tuple(difflib.get_close_matches(topic, topics, n=5, cutoff=0)) or tuple(topics)
+            raise LogLookupError("topic", topic, near)
+        if start_ns is not None and end_ns is not None and end_ns < start_ns:
+            raise LogInputError(f"log {self.path}: the end {end_ns} ns lies before the start {start_ns} ns")
+        if self.truncated and not self._summary.chunk_indexes:
+            return iter(())
+        found = self._mcap.iter_messages(topic, starting_at=start_ns, ending_before=end_ns)
+        return self._checked(found)
+
+    def _checked(self, records: Iterator[Any]) -> Iterator[Any]:
+        """Pass records on; what the library raises for damage becomes one error."""
+        from sfglab.record.recovery import DAMAGE
+
+        while True:
+            if self._stream.closed:
+                raise LogClosedError(self.path, failed=False)
+            try:
+                record = next(records, None)
+            except DAMAGE as exc:
+                raise LogFormatError(self.path, f"damaged: {exc}") from exc
+            if record is None:
+                return
+            yield record
+
+    def _decoder(self, schema: Schema | None, channel: Channel) -> Callable[[bytes], Any]:
+        if channel.id not in self._decoders:
+            self._decoders[channel.id] = self._new_decoder(schema, channel)
+        return self._decoders[channel.id]
+
+    def _new_decoder(self, schema: Schema | None, channel: Channel) -> Callable[[bytes], Any]:
+        encodings = channel.message_encoding, schema.encoding if schema else "none"
+        if schema is None or encodings != ("cdr", "ros2msg"):
+            what = "messages {!r}, definition {!r}".format(*encodings)
+            raise LogFormatError(
+                self.path, f"topic {channel.topic}: given {what}, allowed are 'cdr', 'ros2msg'"
+            )
+        text = schema.data.decode()
+        try:
+            ours = definition(schema.name)
+        except UnknownTypeError:
+            ours = None
+        if ours == text:
+            return lambda cdr: deserialize(cdr, schema.name)
+        return decoder_from_definition(schema.name, text)
+
+
+def _scanned_reader(stream: BinaryIO, summary: Summary) -> SeekingReader:
+    from mcap.reader import SeekingReader
+
+    class ScannedReader(SeekingReader):
+        """The library's reader on an index that is not in the file."""
+
+        def get_summary(self) -> Summary:
+            return summary
+
+    return ScannedReader(stream, validate_crcs=True)

@@ -1,0 +1,293 @@
+"""Writing a run into one MCAP file.
+
+Knows the layout that ROS tools expect: profile `ros2`, CDR messages, `ros2msg` schemas. Refuses to know clocks:
+each stamp is an argument.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+from contextlib import contextmanager, nullcontext, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from sfglab import __version__
+from sfglab.messages import definition, row_message, row_type, serialize, type_name
+from sfglab.record.encoding import offered_qos_profiles, strings_from_values
+from sfglab.record.errors import LogClosedError, LogExistsError, LogInputError
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterator, Mapping
+    from types import TracebackType
+    from typing import BinaryIO
+
+    from typing_extensions import Buffer
+
+    from sfglab.qos import QoSProfile
+
+__all__ = ["TABLE_PREFIX", "TIME_COLUMN", "LogWriter"]
+
+TABLE_PREFIX = "/table/"
+TIME_COLUMN = "log_time_ns"
+_TABLE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_CHUNK_BYTES = 768 * 1024
+_FLUSH_AFTER_NS = 1_000_000_000
+_TIMES = range(2**64)
+
+
+class LogWriter:
+    """An MCAP file being written, as a context manager.
+
+    Messages are collected in chunks of 768 kB or one second of log time, whichever comes first. A finished
+    chunk belongs to the operating system: it survives `kill -9`, and `LogReader` reads a file that ends there.
+    What is in the current chunk does not; `flush` finishes it early, for example when messages stop coming.
+
+    Every method may be called from any thread: a lock serialises them. A call that finishes a chunk compresses
+    and writes it before it returns, which takes 1 to 20 milliseconds; in an event loop that minds them, call
+    through `asyncio.to_thread` from one task, so that the order stays.
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str], *, library: str = f"sfglab {__version__}", overwrite: bool = False
+    ) -> None:
+        """Create the file and its directory.
+
+        Args:
+            path: Where, by convention ending in `.mcap`.
+            library: Who writes, for the header of the file.
+            overwrite: Whether to replace a file.
+
+        Raises:
+            LogExistsError: There is a file.
+        """
+        from mcap.writer import CompressionType, Writer
+
+        self.path = Path(path)
+        self._lock = threading.RLock()
+        self._channels: dict[tuple[str, str, QoSProfile | None], int] = {}
+        self._schemas: dict[str, int] = {}
+        self._types: dict[str, str] = {}
+        self._names: set[tuple[str, str]] = set()
+        self._pending_bytes = 0
+        self._chunk_start_ns: int | None = None
+        self._failed = False
+        self._stream = self._opened(overwrite=overwrite)
+        # Chunks end where `_count` says, so that each one is also handed to the operating system.
+        self._mcap = Writer(self._stream, 2**62, CompressionType.ZSTD, enable_data_crcs=True)
+        try:
+            with self._writing():
+                self._mcap.start(profile="ros2", library=_checked_text(library))
+                self._stream.flush()
+        except BaseException:
+            self.close()
+            raise
+
+    def _opened(self, *, overwrite: bool) -> BinaryIO:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            return self.path.open("wb" if overwrite else "xb")
+        except FileExistsError as exc:
+            raise LogExistsError(self.path) from exc
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Hold the lock during a change; one that breaks off leaves half a record, so it is the last."""
+        with self._lock:
+            if self._failed or self._stream.closed:
+                raise LogClosedError(self.path, failed=self._failed)
+            try:
+                yield
+            except BaseException:
+                self._failed = True
+                raise
+
+    def write_raw(  # noqa: PLR0913  # each of them is a column of the record
+        self,
+        topic: str,
+        type_name: str,
+        cdr: Buffer,
+        *,
+        log_time_ns: int,
+        publish_time_ns: int | None = None,
+        qos: QoSProfile | None = None,
+    ) -> None:
+        """Append a message that is CDR already; the bytes are kept as they are, unchecked.
+
+        Args:
+            topic: Its topic.
+            type_name: Its type, one per topic.
+            cdr: CDR with its 4-byte header; copied, so the buffer is free afterwards.
+            log_time_ns: When it was received, in nanoseconds of the run's clock; not negative.
+            publish_time_ns: When it was published; None means the same.
+            qos: What its writer offers; recorded with the topic for `ros2 bag play`.
+
+        Raises:
+            UnknownTypeError: There is no definition to write down for the type.
+            LogInputError: A time is out of range, or the topic has another type.
+            LogClosedError: The log is closed.
+        """
+        data = memoryview(cdr).cast("B")
+        publish_time_ns = log_time_ns if publish_time_ns is None else publish_time_ns
+        for stamp_ns in (log_time_ns, publish_time_ns):
+            if stamp_ns not in _TIMES:
+                raise LogInputError(
+                    f"log, topic {topic}: given the time {stamp_ns} ns, allowed is 0 to 2^64 - 1"
+                )
+        with self._lock:
+            channel = self._channels.get((topic, type_name, qos)) or self._new_channel(topic, type_name, qos)
+            with self._writing():
+                # The library copies any buffer.
+                self._mcap.add_message(channel, int(log_time_ns), data, int(publish_time_ns))  # type: ignore[arg-type]
+                self._count(data.nbytes, int(log_time_ns))
+
+    def write(self, topic: str, message: Any, *, log_time_ns: int) -> None:
+        """Append a message.
+
+        Args:
+            topic: Its topic.
+            message: A message of a registered type.
+            log_time_ns: When it happened, in nanoseconds of the run's clock; not negative.
+
+        Raises:
+            CdrError: The message cannot be serialised.
+            LogInputError: As for `write_raw`.
+            LogClosedError: The log is closed.
+        """
+        self.write_raw(topic, type_name(type(message)), serialize(message), log_time_ns=log_time_ns)
+
+    def write_row(self, table: str, row: Any, *, log_time_ns: int) -> None:
+        """Append one row to a table: a message on the topic `/table/<name>`.
+
+        Args:
+            table: The name of the table: letters, digits and underscores.
+            row: A dataclass as `sfglab.messages.row_type` wants it; all rows of a table have one class. A field
+                cannot be called `log_time_ns`, which is the table's own column.
+            log_time_ns: When it was measured, in nanoseconds of the run's clock; not negative.
+
+        Raises:
+            RowTypeError: The row has a field that no message can hold.
+            LogInputError: The name is not allowed, the table has rows of another class, or the time is out of
+                range.
+            LogClosedError: The log is closed.
+        """
+        if not _TABLE_NAME.fullmatch(table):
+            raise LogInputError(f"log: given the table {table!r}, allowed are letters, digits and _")
+        if hasattr(row, TIME_COLUMN):
+            raise LogInputError(f"table {table}: {type(row).__name__} has a field {TIME_COLUMN}: rename it")
+        message = row_message(row)
+        name = type_name(row_type(type(row)))
+        self.write_raw(f"{TABLE_PREFIX}{table}", name, serialize(message), log_time_ns=log_time_ns)
+
+    def write_metadata(self, name: str, values: Mapping[str, Any]) -> None:
+        """Write a named mapping, such as the configuration or `run_context()`, at once.
+
+        Args:
+            name: Its name, once per log.
+            values: Text is kept as it is, numbers, lists, mappings, enums and dataclasses as JSON.
+
+        Raises:
+            LogInputError: The name is taken, or a value has no form in JSON.
+            LogClosedError: The log is closed.
+        """
+        strings = strings_from_values(name, values)
+        with self._writing_once("metadata", name):
+            self._mcap.add_metadata(name, strings)
+
+    def attach(self, name: str, data: Buffer, media_type: str) -> None:
+        """Write a file into the log, at once.
+
+        Args:
+            name: Its name, once per log.
+            data: Its content.
+            media_type: Such as `image/png`.
+
+        Raises:
+            LogInputError: The name is taken.
+            LogClosedError: The log is closed.
+        """
+        content = bytes(data)
+        _checked_text(media_type)
+        with self._writing_once("attachment", name):
+            self._mcap.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=content)
+
+    def flush(self) -> None:
+        """Finish the current chunk and hand everything to the operating system.
+
+        Raises:
+            LogClosedError: The log is closed.
+        """
+        with self._writing():
+            self._flush()
+
+    def close(self) -> None:
+        """Write the index and close the file; a second time does nothing.
+
+        After a failed write only the file is closed: it is then like one that was cut off.
+        """
+        with self._lock:
+            if self._stream.closed:
+                return
+            try:
+                if not self._failed:
+                    with self._writing():
+                        self._mcap.finish()  # type: ignore[no-untyped-call]  # the library's gap
+                        self._stream.flush()
+            finally:
+                # Half a record may be left in the buffer; the failure that left it has been raised.
+                with suppress(OSError) if self._failed else nullcontext():
+                    self._stream.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @contextmanager
+    def _writing_once(self, kind: str, name: str) -> Iterator[None]:
+        with self._lock:
+            if (kind, _checked_text(name)) in self._names:
+                raise LogInputError(f"log {self.path}: {kind} {name!r} is there already")
+            with self._writing():
+                yield
+                self._names.add((kind, name))
+                self._stream.flush()
+
+    def _new_channel(self, topic: str, type_name: str, qos: QoSProfile | None) -> int:
+        schema = definition(type_name).encode()
+        known = self._types.setdefault(_checked_text(topic), type_name)
+        if known != type_name:
+            raise LogInputError(f"log, topic {topic}: given {type_name}, allowed is {known} as before")
+        metadata = {} if qos is None else {"offered_qos_profiles": offered_qos_profiles(qos)}
+        with self._writing():
+            if type_name not in self._schemas:
+                self._schemas[type_name] = self._mcap.register_schema(type_name, "ros2msg", schema)
+            channel = self._mcap.register_channel(topic, "cdr", self._schemas[type_name], metadata)
+            self._channels[topic, type_name, qos] = channel
+        return channel
+
+    def _count(self, size_bytes: int, log_time_ns: int) -> None:
+        """Finish the chunk if it is big or old enough."""
+        self._pending_bytes += size_bytes
+        if self._chunk_start_ns is None:
+            self._chunk_start_ns = log_time_ns
+        if self._pending_bytes >= _CHUNK_BYTES or log_time_ns - self._chunk_start_ns >= _FLUSH_AFTER_NS:
+            self._flush()
+
+    def _flush(self) -> None:
+        self._mcap.flush()  # type: ignore[no-untyped-call]  # the library's gap
+        self._pending_bytes = 0
+        self._chunk_start_ns = None
+
+
+def _checked_text(text: str) -> str:
+    """Return text that UTF-8 can hold; anything else would break off in the middle of a record."""
+    try:
+        text.encode()
+    except UnicodeEncodeError as exc:
+        raise LogInputError(f"log: given {text!r}, allowed is text without lone surrogates") from exc
+    return text

@@ -1,0 +1,234 @@
+from __future__ import annotations
+
+import mmap
+import struct
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.interfaces import Nodetype
+
+from sfglab.messages import (
+    CdrError,
+    UnknownTypeError,
+    decoder_from_definition,
+    default_message,
+    definition,
+    deserialize,
+    message_type,
+    message_types,
+    serialize,
+    serialize_into,
+    serialized_size,
+)
+from sfglab.messages.store import parse_definition, type_store
+
+STRINGS = ("", "a", "abc", "abcd", "grün", "字")
+FUZZED = ("sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/Imu", "std_msgs/msg/String")
+
+
+def image(pixels):
+    message = default_message("sensor_msgs/msg/Image")
+    message.height, message.width, message.encoding = 1, pixels.size, "mono8"
+    message.data = pixels
+    return message
+
+
+def test_golden_bytes_of_an_agent_heartbeat():
+    stamp = message_type("builtin_interfaces/msg/Time")(sec=1, nanosec=2)
+    heartbeat = message_type("sfglab_interfaces/msg/AgentHeartbeat")(
+        stamp=stamp, agent="r1", incarnation=3, phase=1, period_s=0.5, version="0"
+    )
+    assert serialize(heartbeat) == (
+        bytes.fromhex("00010000")  # little endian
+        + struct.pack("<iI", 1, 2)  # stamp
+        + struct.pack("<I", 3)  # length of agent with its end
+        + b"r1\0"
+        + bytes(1)  # to a multiple of 8, counted after the header
+        + struct.pack("<Q", 3)
+        + struct.pack("<B", 1)
+        + bytes(7)
+        + struct.pack("<d", 0.5)
+        + struct.pack("<I", 2)
+        + b"0\0"
+        + bytes(2)  # to a multiple of 4
+    )
+
+
+@pytest.mark.parametrize("text", STRINGS)
+def test_bytes_are_a_multiple_of_four_and_come_back(text):
+    message = message_type("std_msgs/msg/String")(data=text)
+    cdr = serialize(message)
+    assert len(cdr) % 4 == 0
+    assert len(cdr) == serialized_size(message)
+    assert deserialize(cdr, "std_msgs/msg/String").data == text
+
+
+def test_every_type_survives_the_round_trip_and_fits_its_size(random_message):
+    rng = np.random.default_rng(0)
+    for name in message_types():
+        message = random_message(rng, name)
+        cdr = serialize(message)
+        dirty = bytearray(b"\xff" * (len(cdr) + 3))
+        assert serialize(deserialize(cdr, name)) == cdr
+        assert serialize_into(message, dirty) == len(cdr) == serialized_size(message)
+        assert dirty == cdr + b"\xff\xff\xff", name
+
+
+@pytest.mark.parametrize("container", [bytes, bytearray, memoryview, np.frombuffer, "mmap"])
+def test_arrays_are_read_only_views_of_any_buffer(container):
+    cdr = serialize(image(np.arange(251, dtype=np.uint8)))
+    if container == "mmap":
+        data = mmap.mmap(-1, len(cdr))
+        data[:] = cdr
+    else:
+        data = container(cdr, np.uint8) if container is np.frombuffer else container(cdr)
+    pixels = deserialize(data, "sensor_msgs/msg/Image").data
+    assert np.shares_memory(pixels, np.frombuffer(data, np.uint8))
+    assert not pixels.flags.writeable
+    assert pixels.tolist() == list(range(251))
+
+
+def test_wide_numbers_are_views_too():
+    message = default_message("std_msgs/msg/Float64MultiArray")
+    message.data = np.linspace(0, 1, 7)
+    cdr = serialize(message)
+    read = deserialize(cdr, type(message))
+    assert np.shares_memory(read.data, np.frombuffer(cdr, np.uint8))
+    assert read.data.tolist() == message.data.tolist()
+
+
+def test_big_endian_is_read():
+    cdr = b"\0\0\0\0" + struct.pack(">iI", 5, 6)
+    assert deserialize(cdr, "builtin_interfaces/msg/Time").nanosec == 6
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "complaint"),
+    [
+        ("data", b"abc", "data: given bytes, allowed is a NumPy array of uint8"),
+        ("data", [1, 2], "data: given list"),
+        ("data", np.zeros(3, np.int32), "data: given an array of int32, allowed is uint8"),
+        ("data", np.zeros((2, 3), np.uint8), r"data: given an array of shape \(2, 3\).*ravel"),
+        ("height", -1, "height: given -1, allowed are 0 to 4294967295"),
+        ("height", 1.5, "height: given 1.5, allowed is uint32"),
+        ("encoding", None, "encoding: given None, allowed is text"),
+        ("header", None, "header: given NoneType, allowed is std_msgs/msg/Header"),
+    ],
+)
+def test_a_field_that_does_not_fit_is_named(field, value, complaint):
+    message = image(np.zeros(3, np.uint8))
+    setattr(message, field, value)
+    with pytest.raises(CdrError, match=complaint) as error:
+        serialize(message)
+    assert error.value.type_name == "sensor_msgs/msg/Image"
+    with pytest.raises(CdrError):
+        serialize_into(message, bytearray(100))
+
+
+def test_fields_deep_inside_are_named_with_their_path():
+    transforms = default_message("tf2_msgs/msg/TFMessage")
+    transforms.transforms = [default_message("geometry_msgs/msg/TransformStamped") for _ in range(2)]
+    transforms.transforms[1].transform.rotation.w = "one"
+    with pytest.raises(CdrError, match=r"transforms\[1\]\.transform\.rotation\.w: given 'one'"):
+        serialize(transforms)
+    imu = default_message("sensor_msgs/msg/Imu")
+    imu.angular_velocity_covariance = np.zeros(8)
+    with pytest.raises(CdrError, match="array length"):
+        serialize(imu)
+    wide = message_type("std_msgs/msg/Float64MultiArray")(
+        layout=default_message("std_msgs/msg/MultiArrayLayout"), data=np.zeros(8)[::2]
+    )
+    with pytest.raises(CdrError, match=r"data: given an array of shape \(4,\), allowed is one contiguous"):
+        serialize(wide)
+    small = message_type("std_msgs/msg/Float32")(data=1e300)
+    with pytest.raises(CdrError, match="float"):
+        serialize(small)
+
+
+def test_what_is_no_message_is_no_message():
+    with pytest.raises(UnknownTypeError):
+        serialize({"data": "x"})
+
+
+def test_a_buffer_that_is_too_small_is_left_alone():
+    buffer = bytearray(b"\xff" * 10)
+    with pytest.raises(CdrError, match="given a buffer of 10 bytes, needed are"):
+        serialize_into(image(np.zeros(3, np.uint8)), buffer)
+    assert buffer == b"\xff" * 10
+
+
+@pytest.mark.parametrize("name", FUZZED)
+def test_truncated_bytes_are_an_error_at_every_length(name, random_message):
+    cdr = serialize(random_message(np.random.default_rng(3), name))
+    for length in range(len(cdr) - 4):
+        with pytest.raises(CdrError) as error:
+            deserialize(cdr[:length], name)
+        assert error.value.size_bytes == length
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.sampled_from(FUZZED), st.binary(max_size=200))
+def test_arbitrary_bytes_are_a_message_or_an_error(name, body):
+    with suppress(CdrError):
+        assert deserialize(b"\0\1\0\0" + body, name).__msgtype__ == name
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.sampled_from(FUZZED), st.data())
+def test_damaged_bytes_are_a_message_or_an_error(name, data):
+    message = default_message(name)
+    if name == "tf2_msgs/msg/TFMessage":
+        message.transforms = [default_message("geometry_msgs/msg/TransformStamped")]
+    cdr = bytearray(serialize(message))
+    for position in data.draw(st.lists(st.integers(0, len(cdr) - 1), max_size=4)):
+        cdr[position] = data.draw(st.integers(0, 255))
+    with suppress(CdrError):
+        assert deserialize(cdr, name).__msgtype__ == name
+
+
+@pytest.mark.parametrize("length", [1, 2**31, 2**32 - 1])
+def test_a_hostile_length_allocates_nothing(length):
+    cdr = b"\0\1\0\0" + struct.pack("<I", length)
+    for name in ("tf2_msgs/msg/TFMessage", "std_msgs/msg/String", "rcl_interfaces/msg/ListParametersResult"):
+        with pytest.raises(CdrError, match=f"given|Invalid|{name}"):
+            deserialize(cdr, name)
+
+
+@pytest.mark.parametrize("head", [b"", b"\0\1", b"\0\6\0\0", b"\0\x0b\0\0"])
+def test_other_encapsulations_are_refused(head):
+    with pytest.raises(CdrError, match="encapsulation"):
+        deserialize(head + bytes(8) if len(head) == 4 else head, "builtin_interfaces/msg/Time")
+
+
+def test_a_foreign_definition_decodes_its_messages():
+    text = "int32 x\nother_pkg/Point[] points\n" + "=" * 80 + "\nMSG: other_pkg/Point\nfloat32 a  # metres"
+    decode = decoder_from_definition("test_pkg/msg/Foreign", text)
+    cdr = b"\0\1\0\0" + struct.pack("<iIff", 7, 2, 0.5, 1.5)
+    message = decode(cdr)
+    assert (message.x, [p.a for p in message.points]) == (7, [0.5, 1.5])
+    with pytest.raises(CdrError, match="test_pkg/msg/Foreign"):
+        decode(cdr[:10])
+
+
+def test_our_own_definitions_decode_like_our_own_types(random_message):
+    rng = np.random.default_rng(5)
+    for name in ("sfglab_interfaces/msg/AgentMetadata", "sfglab_interfaces/srv/GetMetadata_Request"):
+        cdr = serialize(random_message(rng, name))
+        read = decoder_from_definition(name, definition(name))(cdr)
+        again = deserialize(cdr, name)
+        assert repr(read) == repr(again)
+
+
+@pytest.mark.parametrize("text", ["int32", "other_pkg/Missing x\n", "int32 x\nint32 x y\n"])
+def test_a_definition_that_lacks_something_is_refused(text):
+    with pytest.raises(CdrError, match="definition cannot be read"):
+        decoder_from_definition("test_pkg/msg/Bad", text)
+
+
+def test_services_keep_their_own_names_when_parsed():
+    parsed = parse_definition("test_pkg/srv/Ask_Request", "int32 x")
+    assert parsed == {"test_pkg/srv/Ask_Request": ([], [("x", (Nodetype.BASE, ("int32", 0)))])}
+    assert "test_pkg/srv/Ask_Request" not in type_store().types

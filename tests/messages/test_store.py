@@ -1,0 +1,133 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import resources
+
+import numpy as np
+import pytest
+from rosbags.typesys import get_types_from_msg
+
+from sfglab.messages import (
+    TypeConflictError,
+    UnknownTypeError,
+    default_message,
+    definition,
+    deserialize,
+    message_type,
+    message_types,
+    serialize,
+    service_type,
+    type_name,
+)
+from sfglab.messages.store import register, type_store
+
+OUR_PACKAGES = ("sfglab_interfaces/", "ffmpeg_image_transport_msgs/", "foxglove_msgs/")
+FIELDS = {
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "header width height encoding pts flags is_bigendian data",
+    "foxglove_msgs/msg/CompressedVideo": "timestamp frame_id data format",
+    "rmw_dds_common/msg/Gid": "data",
+    "sfglab_interfaces/msg/AgentHeartbeat": "stamp agent incarnation phase period_s version",
+    "sfglab_interfaces/msg/StreamInfo": (
+        "topic type codec decoded_topic camera_info_topic width height rate_hz"
+    ),
+    "sfglab_interfaces/msg/SensorInfo": "name model streams",
+    "sfglab_interfaces/msg/AgentMetadata": "agent incarnation sensors accelerators software stamp",
+    "sfglab_interfaces/msg/AgentDiscoveryEvent": "stamp agent event metadata",
+    "sfglab_interfaces/srv/GetMetadata_Response": "success message metadata",
+}
+
+
+@pytest.mark.parametrize(("name", "fields"), FIELDS.items())
+def test_fields_are_in_wire_order(name, fields):
+    assert [field for field, _ in type_store().fielddefs[name][1]] == fields.split()
+
+
+def test_constants_are_class_attributes():
+    event = message_type("sfglab_interfaces/msg/AgentDiscoveryEvent")
+    phases = message_type("sfglab_interfaces/msg/AgentHeartbeat")
+    assert (event.DISCOVERED, event.UPDATED, event.LOST, event.RETURNED, event.RESTARTED) == (0, 1, 2, 3, 4)
+    assert (phases.STARTUP, phases.STEADY) == (0, 1)
+
+
+def test_gid_has_the_24_bytes_of_humble():
+    assert default_message("rmw_dds_common/msg/Gid").data.shape == (24,)
+
+
+def test_every_line_of_our_interfaces_has_a_comment():
+    root = resources.files("sfglab.messages") / "interfaces" / "sfglab_interfaces"
+    for folder in root.iterdir():
+        for file in folder.iterdir():
+            lines = file.read_text("utf-8").splitlines()
+            assert all("# " in line for line in lines if line and line != "---"), file.name
+
+
+def test_a_type_is_known_by_one_spelling_and_others_are_told_it():
+    assert type_name(message_type("std_msgs/msg/String")) == "std_msgs/msg/String"
+    with pytest.raises(UnknownTypeError, match="did you mean std_msgs/msg/String") as error:
+        message_type("std_msgs/String")
+    assert error.value.near[0] == "std_msgs/msg/String"
+    with pytest.raises(LookupError, match="names look like"):
+        type_name("complete_nonsense")
+    with pytest.raises(UnknownTypeError, match="int"):
+        type_name(int)
+
+
+def test_a_service_is_its_two_halves():
+    service = service_type("sfglab_interfaces/srv/GetMetadata")
+    assert type_name(service.request) == "sfglab_interfaces/srv/GetMetadata_Request"
+    # rosidl gives an empty struct one octet, so that there is something on the wire.
+    assert serialize(default_message(service.request)) == b"\0\1\0\0" + b"\0" + b"\0\0\0"
+    assert default_message(service.response).metadata.sensors == []
+    with pytest.raises(UnknownTypeError, match="did you mean sfglab_interfaces/srv/GetMetadata"):
+        service_type("sfglab_interfaces/srv/GetMetaData")
+
+
+def test_definition_of_an_image_is_what_rosbag2_writes():
+    rule = "=" * 80
+    assert definition("sensor_msgs/msg/Image") == (
+        "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\n"
+        f"uint32 step\nuint8[] data\n{rule}\nMSG: std_msgs/Header\n"
+        f"builtin_interfaces/Time stamp\nstring frame_id\n{rule}\n"
+        "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    )
+
+
+def test_every_definition_is_read_back_as_the_same_types():
+    for name in message_types():
+        if "/srv/" in name:
+            continue
+        for read, fields in get_types_from_msg(definition(name), name).items():
+            # rosbags gives empty messages their octet only when it registers them.
+            assert fields == type_store().fielddefs[read] or not fields[1]
+
+
+def test_a_default_message_is_zero_and_empty_all_the_way_down():
+    image = default_message("sensor_msgs/msg/Image")
+    assert (image.header.stamp.sec, image.header.frame_id, image.height) == (0, "", 0)
+    assert image.data.dtype == np.uint8
+    assert image.data.size == 0
+    imu = default_message(message_type("sensor_msgs/msg/Imu"))
+    assert imu.orientation_covariance.tolist() == [0.0] * 9
+    assert imu.orientation.w == 0.0
+    assert imu.orientation_covariance is not default_message("sensor_msgs/msg/Imu").orientation_covariance
+
+
+def test_every_default_message_survives_serialisation():
+    for name in message_types():
+        cdr = serialize(default_message(name))
+        assert serialize(deserialize(cdr, name)) == cdr
+
+
+def test_a_name_is_registered_once():
+    first = register("test_pkg/msg/Once", "int32 x\n")
+    assert register("test_pkg/msg/Once", "int32 x  # the same fields\n") is first
+    with pytest.raises(TypeConflictError, match="test_pkg/msg/Once") as error:
+        register("test_pkg/msg/Once", "int32 y\n")
+    assert error.value.name == "test_pkg/msg/Once"
+
+
+def test_importing_messages_loads_neither_dds_nor_the_type_store():
+    code = "import sys, sfglab.messages; print({'cyclonedds', 'rosbags.typesys'} & sys.modules.keys())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout == "set()\n"

@@ -1,0 +1,124 @@
+"""The agent's name: `SFG_AGENT_NAME`, else the sanitised host name (paper A, section 4.1)."""
+
+from __future__ import annotations
+
+import socket
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfglab.names import (
+    AGENT_VARIABLE,
+    FqnError,
+    Resource,
+    RosFqn,
+    Scope,
+    default_agent,
+    parse,
+    router_hazards,
+    sanitize_agent,
+    validate_agent,
+)
+
+
+@pytest.mark.parametrize(
+    ("hostname", "agent"),
+    [
+        ("Go2-Jetson.local", "go2_jetson"),
+        ("go2", "go2"),
+        ("GO2--JETSON--", "go2_jetson"),
+        ("7up", "agent_7up"),
+        ("robot.lab.example.org", "robot"),
+        ("spot_01", "spot_01"),
+        ("müller-bot", "m_ller_bot"),
+    ],
+)
+def test_host_names_become_lower_case_words(hostname, agent):
+    assert sanitize_agent(hostname) == agent
+
+
+@pytest.mark.parametrize("hostname", ["", ".", "---", "äöü", ".local"])
+def test_a_host_name_that_leaves_nothing_is_refused(hostname):
+    with pytest.raises(FqnError, match=AGENT_VARIABLE) as caught:
+        sanitize_agent(hostname)
+    assert (caught.value.segment, caught.value.given) == ("agent", hostname)
+
+
+@pytest.mark.parametrize("hostname", ["Camera-Front.local", "torq", "base-station"])
+def test_a_host_name_that_is_no_agent_says_how_to_choose_another(hostname):
+    with pytest.raises(FqnError, match=f"set {AGENT_VARIABLE}.*{hostname}"):
+        sanitize_agent(hostname)
+
+
+@given(st.text(max_size=30))
+def test_sanitising_gives_a_valid_agent_or_an_fqn_error_and_is_idempotent(hostname):
+    try:
+        agent = sanitize_agent(hostname)
+    except FqnError as error:
+        agent, segment = None, error.segment
+    if agent is None:
+        assert segment == "agent"
+    else:
+        assert sanitize_agent(agent) == validate_agent(agent) == agent
+
+
+def test_the_variable_goes_before_the_host_name():
+    assert default_agent({AGENT_VARIABLE: "Spot1"}, hostname="go2") == "Spot1"
+    assert default_agent({}, hostname="Go2-Jetson.local") == "go2_jetson"
+
+
+@pytest.mark.parametrize("given_name", ["", "go2-jetson", "Go2 Jetson", "9", "lidar", "a__b", "torq"])
+def test_an_invalid_variable_is_an_error_and_never_changed(given_name):
+    with pytest.raises(FqnError, match=f"comes from {AGENT_VARIABLE}") as caught:
+        default_agent({AGENT_VARIABLE: given_name}, hostname="go2")
+    assert (caught.value.segment, caught.value.given) == ("agent", given_name)
+
+
+def test_by_default_the_environment_and_the_operating_system_are_asked(monkeypatch):
+    monkeypatch.setenv(AGENT_VARIABLE, "from_env")
+    assert default_agent() == "from_env"
+    monkeypatch.delenv(AGENT_VARIABLE)
+    monkeypatch.setattr(socket, "gethostname", lambda: "Host-7.local")
+    assert default_agent() == "host_7"
+
+
+@pytest.mark.parametrize(
+    "agent",
+    [
+        "local",
+        "global",
+        "lidar",
+        "camera_front",
+        "camera1",
+        "camera_1",
+        "color",
+        "imu",
+        "agent_heartbeat",
+        "status",
+    ],
+)
+def test_an_agent_that_reads_as_another_segment_is_refused(agent):
+    with pytest.raises(FqnError, match="mistaken") as caught:
+        validate_agent(agent)
+    assert caught.value.segment == "agent"
+
+
+def test_a_name_whose_agent_was_forgotten_is_found():
+    with pytest.raises(FqnError, match=r"mistaken for Component\.CAMERA") as caught:
+        parse("/global/camera_front/color/ffmpeg")
+    assert caught.value.segment == "agent"
+
+
+@pytest.mark.parametrize("agent", ["torq", "carr", "rq", "xRequest", "theReplyBot"])
+def test_an_agent_that_a_router_breaks_is_refused_in_every_name(agent):
+    assert router_hazards(f"/global/{agent}/get_metadata")
+    with pytest.raises(FqnError, match="router"):
+        RosFqn(scope=Scope.LOCAL, agent=agent, resource=Resource.AGENT_DISCOVERY_EVENT)
+
+
+@pytest.mark.parametrize(
+    "agent", ["go2", "Go2", "spot_front", "agent_1", "left_robot", "rqt", "request", "torque"]
+)
+def test_ordinary_agents_are_allowed(agent):
+    assert validate_agent(agent) == agent

@@ -1,0 +1,144 @@
+"""ROS names on DDS and back, and what a DDS router makes of service names."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from sfglab.names import (
+    DdsRole,
+    FqnError,
+    ResourceKind,
+    WireName,
+    dds_action,
+    dds_names,
+    dds_service,
+    dds_topic,
+    ros_name_from_dds,
+    router_hazards,
+)
+
+# Tokens that like to collide with the router's words stand among the ordinary ones.
+TOKENS = st.one_of(
+    st.sampled_from(
+        ["torq", "carr", "rq", "rr", "getRequest", "Reply", "ReqRequest", "Req", "Rep", "uest", "a"]
+    ),
+    st.from_regex(r"[a-z][a-z0-9]{0,5}(_[a-z0-9]{1,4})?(rq|rr|R|Re|Request|Reply)?", fullmatch=True),
+)
+NAMES = st.lists(TOKENS, min_size=1, max_size=5).map(lambda tokens: "/" + "/".join(tokens))
+
+
+def router_reply_from_request(request: str) -> str:
+    """As RpcTopic.cpp of DDS-Pipe does it: two global replacements."""
+    return re.sub("Request", "Reply", re.sub("rq/", "rr/", request))
+
+
+def router_request_from_reply(reply: str) -> str:
+    return re.sub("Reply", "Request", re.sub("rr/", "rq/", reply))
+
+
+def router_pairs(request: str, reply: str) -> bool:
+    service = re.sub("rq/|Request", "", request)
+    return (
+        router_reply_from_request(request) == reply
+        and router_request_from_reply(reply) == request
+        and service == re.sub("rr/|Reply", "", reply)
+    )
+
+
+def test_topics_and_services_have_the_names_that_rmw_gives_them():
+    assert dds_topic("/chatter") == "rt/chatter"
+    assert dds_topic("/tf") == "rt/tf"
+    assert dds_service("/add") == ("rq/addRequest", "rr/addReply")
+    assert dds_service("/global/go2/get_metadata") == (
+        "rq/global/go2/get_metadataRequest",
+        "rr/global/go2/get_metadataReply",
+    )
+
+
+def test_an_action_is_three_services_and_two_topics():
+    action = dds_action("/fibonacci")
+    assert action.send_goal == (
+        "rq/fibonacci/_action/send_goalRequest",
+        "rr/fibonacci/_action/send_goalReply",
+    )
+    assert action.cancel_goal[0] == "rq/fibonacci/_action/cancel_goalRequest"
+    assert action.get_result[1] == "rr/fibonacci/_action/get_resultReply"
+    assert action.feedback == "rt/fibonacci/_action/feedback"
+    assert action.status == "rt/fibonacci/_action/status"
+    assert len(set(dds_names("/fibonacci", ResourceKind.ACTION))) == 8
+
+
+@pytest.mark.parametrize("make", [dds_topic, dds_service, dds_action])
+@pytest.mark.parametrize("name", ["chatter", "/a/", "", "/a__b"])
+def test_only_valid_names_are_mapped(make, name):
+    with pytest.raises(FqnError):
+        make(name)
+
+
+@given(NAMES)
+def test_every_name_comes_back_from_dds_with_its_role(name):
+    request, reply = dds_service(name)
+    assert ros_name_from_dds(dds_topic(name)) == WireName(role=DdsRole.TOPIC, name=name)
+    assert ros_name_from_dds(request) == WireName(role=DdsRole.REQUEST, name=name)
+    assert ros_name_from_dds(reply) == WireName(role=DdsRole.REPLY, name=name)
+
+
+@pytest.mark.parametrize(
+    "dds_name",
+    [
+        "ros_discovery_info",
+        "DCPSParticipant",
+        "rt",
+        "rt/",
+        "rtx/a",
+        "rq/add",
+        "rr/addRequest",
+        "rq/Request",
+        "rt//a",
+    ],
+)
+def test_dds_topics_that_are_not_ros_have_no_ros_name(dds_name):
+    assert ros_name_from_dds(dds_name) is None
+
+
+def test_names_made_by_others_are_read_as_leniently_as_rmw():
+    assert ros_name_from_dds("rt/a__b") == WireName(role=DdsRole.TOPIC, name="/a__b")
+
+
+@given(st.text(max_size=40))
+def test_reading_any_dds_name_never_raises(dds_name):
+    found = ros_name_from_dds(dds_name)
+    assert found is None or dds_name.startswith(found.role.value + found.name)
+
+
+def test_the_model_breaks_torq_as_the_real_router_does():
+    request, reply = dds_service("/global/torq/get_metadata")
+    assert router_reply_from_request(request) == "rr/global/torr/get_metadataReply" != reply
+
+
+@example("/global/go2/get_metadata")
+@example("/global/torq/get_metadata")
+@example("/global/carr/get_metadata")
+@example("/global/go2/torq")
+@example("/global/go2/setReply")
+@given(NAMES)
+def test_a_service_has_no_hazard_exactly_if_the_router_pairs_its_halves(name):
+    assert (not router_hazards(name)) == router_pairs(*dds_service(name))
+
+
+@given(NAMES)
+def test_an_action_has_no_hazard_exactly_if_the_router_pairs_all_its_services(name):
+    action = dds_action(name)
+    services = (action.send_goal, action.cancel_goal, action.get_result)
+    assert (not router_hazards(name, ResourceKind.ACTION)) == all(router_pairs(*pair) for pair in services)
+
+
+def test_hazards_name_the_segments_that_break():
+    assert router_hazards("/global/torq/carr/setRequest/x") == ("torq", "carr", "setRequest")
+    assert router_hazards("/global/go2/torq") == ()
+    assert router_hazards("/global/go2/torq", ResourceKind.ACTION) == ("torq",)
+    assert router_hazards("/global/torq/Request", ResourceKind.TOPIC) == ()

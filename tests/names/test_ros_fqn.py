@@ -1,0 +1,366 @@
+"""The tuple, its builder and its parser (paper A, section 4.1 and Fig. 2)."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from sfglab.names import (
+    TF,
+    TF_STATIC,
+    After,
+    Component,
+    Custom,
+    FqnError,
+    Resource,
+    ResourceKind,
+    RosFqn,
+    RosFqnBuilder,
+    Scope,
+    Stream,
+    dds_service,
+    max_name_length,
+    parse,
+)
+
+SEGMENTS = {"name", "scope", "agent", "component", "stream", "resource"}
+WORDS = st.one_of(
+    st.from_regex(r"[A-Za-z][A-Za-z0-9]{0,5}(_[A-Za-z0-9]{1,4}){0,2}", fullmatch=True),
+    st.sampled_from(
+        ["go2", "torq", "carr", "setRequest", "theReply", "camera_front", "camera_1", "lidar", "mast"]
+    ),
+)
+SUFFIXES = st.from_regex(r"[A-Za-z0-9]{1,4}(_[A-Za-z0-9]{1,3})?", fullmatch=True)
+KINDS = st.sampled_from(ResourceKind)
+
+
+def refusal(make, *args, **kwargs):
+    """The FqnError that a call raises, or None; any other exception fails the test."""
+    try:
+        make(*args, **kwargs)
+    except FqnError as error:
+        return error
+    return None
+
+
+@st.composite
+def segments(draw, values, members=None):
+    choice = draw(st.sampled_from(["standard", "suffixed", "custom"]))
+    if choice == "custom":
+        kind = draw(KINDS) if values is Resource else ResourceKind.TOPIC
+        return Custom(draw(WORDS), kind=kind)
+    value = draw(st.sampled_from(members or list(values)))
+    if choice == "standard" or (value is Resource.COMPRESSED):
+        return value
+    return value.suffixed(draw(SUFFIXES))
+
+
+@st.composite
+def buildable(draw):
+    """Any tuple that RosFqn accepts; what it refuses is drawn again."""
+    depth = draw(st.integers(0, 3))
+    permitted = [resource for resource in Resource if tuple(After)[depth] in resource.after]
+    parts = {
+        "scope": draw(st.sampled_from(Scope)),
+        "agent": draw(WORDS) if depth > 0 else None,
+        "component": draw(segments(Component)) if depth > 1 else None,
+        "stream": draw(segments(Stream)) if depth > 2 else None,
+        "resource": draw(segments(Resource, permitted)),
+    }
+    try:
+        return RosFqn(**parts)
+    except FqnError:
+        # Constraint or collision: keep the shape, take what is always allowed.
+        parts["agent"] = parts["agent"] and "go2"
+        parts["component"] = parts["component"] and Component.CAMERA.suffixed("front")
+        parts["stream"] = parts["stream"] and Stream.INFRA.suffixed("1")
+        parts["resource"] = Custom("gait", kind=draw(KINDS))
+        return RosFqn(**parts)
+
+
+TOKENS = st.one_of(
+    WORDS,
+    st.sampled_from(["", "color", "infra1", "infra_1", "image_raw", "points", "9", "a__b", "x_"]),
+    st.sampled_from([resource.text for resource in Resource]),
+)
+NAME_LIKE = st.one_of(
+    st.text(max_size=60),
+    st.lists(TOKENS, max_size=6).map(lambda parts: "/" + "/".join(parts)),
+    st.tuples(st.sampled_from(["/local/go2/", "/global/go2/", "/global/"]), st.lists(TOKENS, max_size=4)).map(
+        lambda pair: pair[0] + "/".join(pair[1])
+    ),
+    buildable().map(str),
+)
+
+
+@pytest.mark.parametrize(
+    ("builder", "name"),
+    [
+        (
+            RosFqnBuilder().scope(Scope.GLOBAL).without_agent().resource(Resource.AGENT_HEARTBEAT),
+            "/global/agent_heartbeat",
+        ),
+        (
+            RosFqnBuilder().scope(Scope.GLOBAL).agent("go2").resource(Resource.GET_METADATA),
+            "/global/go2/get_metadata",
+        ),
+        (
+            RosFqnBuilder().scope(Scope.LOCAL).agent("go2").resource(Resource.AGENT_DISCOVERY_EVENT),
+            "/local/go2/agent_discovery_event",
+        ),
+    ],
+)
+def test_the_names_that_the_paper_prints_come_out_exactly(builder, name):
+    assert str(builder.build()) == name
+    assert parse(name) == builder.build()
+
+
+@pytest.mark.parametrize(
+    ("scope", "stream", "resource", "name"),
+    [
+        (Scope.GLOBAL, Stream.COLOR, Resource.FFMPEG, "/global/go2/camera_front/color/ffmpeg"),
+        (Scope.LOCAL, Stream.COLOR, Resource.IMAGE_RAW, "/local/go2/camera_front/color/image_raw"),
+        (
+            Scope.GLOBAL,
+            Stream.DEPTH,
+            Resource.COMPRESSED_DEPTH,
+            "/global/go2/camera_front/depth/compressed_depth",
+        ),
+        (Scope.GLOBAL, Stream.COLOR, Resource.CAMERA_INFO, "/global/go2/camera_front/color/camera_info"),
+    ],
+)
+def test_the_streams_of_a_front_camera_are_named(scope, stream, resource, name):
+    fqn = RosFqn(
+        scope=scope,
+        agent="go2",
+        component=Component.CAMERA.suffixed("front"),
+        stream=stream,
+        resource=resource,
+    )
+    assert str(fqn) == name
+    assert parse(name) == fqn
+    assert fqn.is_global == name.startswith("/global/")
+
+
+@given(buildable())
+def test_every_buildable_name_parses_back_to_an_equal_tuple(fqn):
+    assert parse(str(fqn), kind=fqn.kind) == fqn
+    assert hash(parse(str(fqn), kind=fqn.kind)) == hash(fqn)
+    if fqn.kind is ResourceKind.TOPIC or not isinstance(fqn.resource, Custom):
+        assert parse(str(fqn)) == fqn
+
+
+@example("/tf")
+@example("/global")
+@example("/global/")
+@example("/local/a/b/c")
+@example("/local/a/b/c/d/e")
+@example("/global/go2/camera_1/color/image_raw")
+@example("/global/go2/camera_front/color/ffmpeg\n")
+@settings(max_examples=400)
+@given(NAME_LIKE)
+def test_any_text_parses_and_rebuilds_the_same_or_is_an_error_that_names_a_segment(name):
+    error = refusal(parse, name)
+    if error is None:
+        assert str(parse(name)) == name
+    else:
+        assert error.segment in SEGMENTS
+        assert str(error).startswith(error.segment)
+        assert error.allowed
+
+
+@given(name=NAME_LIKE, kind=KINDS)
+def test_what_parses_as_a_kind_is_of_that_kind(name, kind):
+    error = refusal(parse, name, kind=kind)
+    if error is None:
+        assert parse(name, kind=kind).kind is kind
+    else:
+        assert error.segment in SEGMENTS
+
+
+@settings(max_examples=300)
+@given(buildable())
+def test_a_router_pairs_the_halves_of_every_global_service_that_can_be_built(fqn):
+    if not fqn.is_global or fqn.kind is ResourceKind.TOPIC:
+        return
+    requests = [name for name in fqn.dds_names if name.startswith("rq/")]
+    replies = [re.sub("Request", "Reply", re.sub("rq/", "rr/", request)) for request in requests]
+    assert replies == [name for name in fqn.dds_names if name.startswith("rr/")]
+    assert requests == [re.sub("Reply", "Request", re.sub("rr/", "rq/", reply)) for reply in replies]
+    assert len(requests) == (1 if fqn.kind is ResourceKind.SERVICE else 3)
+
+
+@pytest.mark.parametrize(
+    ("component", "resource", "kind", "segment"),
+    [
+        (Custom("torq"), "calibrate", ResourceKind.SERVICE, "component"),
+        (Custom("carr"), "calibrate", ResourceKind.SERVICE, "component"),
+        (Component.ARM, "moveRequest", ResourceKind.SERVICE, "resource"),
+        (Component.ARM, "moveReply", ResourceKind.ACTION, "resource"),
+        (Component.ARM, "torq", ResourceKind.ACTION, "resource"),
+    ],
+)
+def test_a_segment_that_a_router_breaks_is_refused_where_it_is_routed(component, resource, kind, segment):
+    parts = {"agent": "go2", "component": component, "resource": Custom(resource, kind=kind)}
+    with pytest.raises(FqnError, match="router") as caught:
+        RosFqn(scope=Scope.GLOBAL, **parts)
+    assert caught.value.segment == segment
+    assert RosFqn(scope=Scope.LOCAL, **parts).dds_names[0].startswith("rq/local/")
+    topic = {**parts, "resource": Custom(resource)}
+    assert len(RosFqn(scope=Scope.GLOBAL, **topic).dds_names) == 1
+
+
+def test_the_last_segment_of_a_service_may_end_like_a_prefix():
+    fqn = RosFqn(scope=Scope.GLOBAL, agent="go2", resource=Custom("torq", kind=ResourceKind.SERVICE))
+    assert fqn.dds_names == dds_service("/global/go2/torq")
+
+
+@pytest.mark.parametrize(
+    ("parts", "segment"),
+    [
+        ({"component": Component.LIDAR, "resource": Resource.POINTS}, "agent"),
+        ({"agent": "go2", "stream": Stream.COLOR, "resource": Resource.FFMPEG}, "component"),
+        ({"resource": Resource.GET_METADATA}, "resource"),
+        ({"agent": "go2", "resource": Resource.AGENT_HEARTBEAT}, "resource"),
+        ({"agent": "go2", "resource": Resource.IMAGE_RAW}, "resource"),
+        ({"agent": "go2", "component": Component.LIDAR, "resource": Resource.ROBOT_DESCRIPTION}, "resource"),
+        (
+            {"agent": "go2", "component": Component.CAMERA, "stream": Stream.COLOR, "resource": Resource.PATH},
+            "resource",
+        ),
+        ({"agent": "a b", "resource": Resource.STATUS}, "agent"),
+        ({"agent": "", "resource": Resource.STATUS}, "agent"),
+        ({"agent": "go2", "component": Custom("camera_front"), "resource": Resource.POINTS}, "component"),
+        ({"agent": "go2", "component": Custom("camera_1"), "resource": Resource.POINTS}, "component"),
+        ({"agent": "go2", "component": Custom("lidar"), "resource": Resource.POINTS}, "component"),
+        ({"agent": "go2", "component": Custom("color"), "resource": Resource.IMAGE_RAW}, "component"),
+        ({"agent": "go2", "component": Component.CAMERA, "resource": Custom("color")}, "resource"),
+        ({"agent": "go2", "component": Component.CAMERA, "resource": Custom("image_raw_left")}, "resource"),
+        (
+            {
+                "agent": "go2",
+                "component": Custom("mast", kind=ResourceKind.SERVICE),
+                "resource": Resource.POINTS,
+            },
+            "component",
+        ),
+    ],
+)
+def test_tuples_against_the_schema_are_refused_at_the_segment(parts, segment):
+    with pytest.raises(FqnError) as caught:
+        RosFqn(scope=Scope.LOCAL, **parts)
+    assert caught.value.segment == segment
+
+
+@pytest.mark.parametrize(
+    ("parts", "segment"),
+    [
+        ({"scope": "global", "resource": Resource.AGENT_HEARTBEAT}, "scope"),
+        ({"scope": Scope.GLOBAL, "resource": "agent_heartbeat"}, "resource"),
+        ({"scope": Scope.GLOBAL, "resource": None}, "resource"),
+        ({"scope": Scope.GLOBAL, "resource": Stream.COLOR}, "resource"),
+        ({"scope": Scope.GLOBAL, "agent": 7, "resource": Resource.STATUS}, "agent"),
+        (
+            {"scope": Scope.GLOBAL, "agent": "go2", "component": Stream.IMU, "resource": Resource.IMU},
+            "component",
+        ),
+        (
+            {
+                "scope": Scope.GLOBAL,
+                "agent": "go2",
+                "component": Stream.IMU.suffixed("1"),
+                "resource": Resource.IMU,
+            },
+            "component",
+        ),
+    ],
+)
+def test_values_of_the_wrong_set_are_refused(parts, segment):
+    with pytest.raises(FqnError) as caught:
+        RosFqn(**parts)
+    assert caught.value.segment == segment
+
+
+@pytest.mark.parametrize(
+    "name", [TF, TF_STATIC, "/rosout", "/chatter", "global/agent_heartbeat", "/Global/x", ""]
+)
+def test_names_outside_the_schema_do_not_parse(name):
+    with pytest.raises(FqnError) as caught:
+        parse(name)
+    assert caught.value.segment in {"scope", "name"}
+
+
+def test_every_optional_segment_needs_the_one_before_so_position_says_what_it_is():
+    fqn = parse("/local/a/b/c")
+    assert (fqn.agent, fqn.component, fqn.stream, fqn.resource) == ("a", Custom("b"), None, Custom("c"))
+    assert fqn.preceding is After.COMPONENT
+    assert parse("/local/a/b").preceding is After.AGENT
+    assert parse("/local/b").preceding is After.SCOPE
+    assert parse("/local/a/b/c/d").preceding is After.STREAM
+
+
+@pytest.mark.parametrize("name", ["/global/a/b/c/d/e", "/local/go2/camera/color/image_raw/compressed"])
+def test_a_name_with_more_than_five_segments_is_refused(name):
+    with pytest.raises(FqnError, match="at most five segments"):
+        parse(name)
+
+
+def test_the_error_of_a_constraint_says_where_the_resource_may_stand():
+    with pytest.raises(FqnError, match="after component, stream; here it follows the agent") as caught:
+        parse("/global/go2/ffmpeg")
+    assert (caught.value.segment, caught.value.given) == ("resource", "ffmpeg")
+
+
+def test_a_standard_resource_keeps_its_kind():
+    assert parse("/global/go2/get_metadata").kind is ResourceKind.SERVICE
+    assert parse("/global/go2/status2").kind is ResourceKind.TOPIC
+    with pytest.raises(FqnError, match="as a service"):
+        parse("/global/go2/get_metadata", kind=ResourceKind.TOPIC)
+
+
+@pytest.mark.parametrize("kind", ResourceKind)
+def test_the_length_limit_holds_for_the_whole_name(kind):
+    room = max_name_length(kind) - len("/local/go2/")
+    longest = RosFqn(scope=Scope.LOCAL, agent="go2", resource=Custom("x" * room, kind=kind))
+    assert max(map(len, longest.dds_names)) <= 255
+    with pytest.raises(FqnError, match="at most") as caught:
+        RosFqn(scope=Scope.LOCAL, agent="go2", resource=Custom("x" * (room + 1), kind=kind))
+    assert caught.value.segment == "name"
+
+
+def test_a_builder_can_be_continued_more_than_once():
+    camera = RosFqnBuilder().scope(Scope.LOCAL).agent("go2").component(Component.CAMERA, "front")
+    raw = camera.stream(Stream.INFRA, "1").resource(Resource.IMAGE_RAW).build()
+    info = camera.stream(Stream.COLOR).resource(Resource.CAMERA_INFO).build()
+    assert str(raw) == "/local/go2/camera_front/infra1/image_raw"
+    assert str(info) == "/local/go2/camera_front/color/camera_info"
+    assert str(camera.resource(Resource.STATUS, "raw").build()) == "/local/go2/camera_front/status_raw"
+    assert str(camera.component(Custom("mast")).resource(Custom("tilt")).build()) == "/local/go2/mast/tilt"
+
+
+def test_a_builder_without_agent_takes_this_hosts(monkeypatch):
+    status = RosFqnBuilder().scope(Scope.GLOBAL).resource(Resource.STATUS)
+    monkeypatch.setenv("SFG_AGENT_NAME", "spot_7")
+    assert str(status.build()) == "/global/spot_7/status"
+    assert str(status.without_agent().agent("go2").build()) == "/global/go2/status"
+    monkeypatch.setenv("SFG_AGENT_NAME", "spot-7")
+    with pytest.raises(FqnError, match="SFG_AGENT_NAME"):
+        status.build()
+
+
+def test_a_builder_names_the_mandatory_segment_that_is_missing():
+    with pytest.raises(FqnError, match="mandatory") as caught:
+        RosFqnBuilder().resource(Resource.STATUS).build()
+    assert caught.value.segment == "scope"
+    with pytest.raises(FqnError, match="mandatory") as caught:
+        RosFqnBuilder().scope(Scope.LOCAL).build()
+    assert caught.value.segment == "resource"
+
+
+@pytest.mark.parametrize("value", [Custom("mast"), Component.CAMERA.suffixed("front")])
+def test_a_builder_adds_a_suffix_only_to_a_bare_standard_value(value):
+    with pytest.raises(FqnError, match="suffix only on a standard value"):
+        RosFqnBuilder().component(value, "left")

@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfglab.qos import DEFAULT, LATCHED, Durability, History, QoSProfile, Reliability
+from sfglab.record import LogInputError
+from sfglab.record.encoding import offered_qos_profiles, strings_from_values, values_from_strings
+
+INFINITE = {"sec": 9223372036, "nsec": 854775807}
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+class Mode(Enum):
+    LIVE = "live"
+
+
+@dataclass(frozen=True)
+class Inner:
+    rate_hz: float
+    modes: tuple[Mode, ...]
+
+
+def test_text_stays_text_and_the_rest_is_json():
+    values = {
+        "a": "plain",
+        "n": 3,
+        "seed": "3",
+        "inner": Inner(2.5, (Mode.LIVE,)),
+        "none": None,
+        "m": Mode.LIVE,
+    }
+    assert strings_from_values("config", values) == {
+        "a": "plain",
+        "n": "3",
+        "seed": '"3"',
+        "inner": '{"rate_hz": 2.5, "modes": ["live"]}',
+        "none": "null",
+        "m": '"live"',
+    }
+
+
+def test_numpy_values_are_numbers_and_lists():
+    strings = strings_from_values("config", {"x": np.float64(0.5), "a": np.arange(3), "n": {"k": np.int32(1)}})
+    assert strings == {"x": "0.5", "a": "[0, 1, 2]", "n": '{"k": 1}'}
+
+
+@given(st.dictionaries(st.text(), json_values, max_size=5))
+def test_every_value_of_json_comes_back(values):
+    strings = strings_from_values("config", values)
+    assert all(isinstance(text, str) for text in strings.values())
+    assert values_from_strings(strings) == values
+
+
+def test_lone_surrogates_are_kept_out_of_utf8():
+    strings = strings_from_values("config", {"bad": "\ud800"})
+    assert strings["bad"].isascii()
+    assert json.loads(strings["bad"]) == "\ud800"
+    assert values_from_strings(strings) == {"bad": "\ud800"}
+
+
+@pytest.mark.parametrize(
+    ("values", "complaint"), [({1: "x"}, "the key 1"), ({"x": object()}, "'x' cannot be kept")]
+)
+def test_what_has_no_form_in_json_is_refused(values, complaint):
+    with pytest.raises(LogInputError, match=f"metadata 'config': .*{complaint}"):
+        strings_from_values("config", values)
+
+
+def test_the_default_profile_is_written_as_rosbag2_of_humble_does():
+    assert yaml.safe_load(offered_qos_profiles(DEFAULT)) == [
+        {
+            "history": 1,
+            "depth": 10,
+            "reliability": 1,
+            "durability": 2,
+            "deadline": INFINITE,
+            "lifespan": INFINITE,
+            "liveliness": 1,
+            "liveliness_lease_duration": INFINITE,
+            "avoid_ros_namespace_conventions": False,
+        }
+    ]
+
+
+def test_policies_have_the_numbers_of_rmw():
+    profile = QoSProfile(
+        reliability=Reliability.BEST_EFFORT,
+        durability=Durability.TRANSIENT_LOCAL,
+        history=History.KEEP_ALL,
+        deadline_ns=1_500_000_000,
+    )
+    [written] = yaml.safe_load(offered_qos_profiles(profile))
+    assert (written["reliability"], written["durability"], written["history"]) == (2, 1, 2)
+    assert written["deadline"] == {"sec": 1, "nsec": 500_000_000}
+    assert yaml.safe_load(offered_qos_profiles(LATCHED))[0]["durability"] == 1

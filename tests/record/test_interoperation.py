@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability, QosHistory, QosReliability
+
+from sfglab.messages import default_message, serialize
+from sfglab.qos import LATCHED
+from sfglab.record import LogFormatError, LogReader, LogWriter
+
+RERUN = Path(sys.executable).with_name("rerun")
+needs_rerun = pytest.mark.skipif(
+    importlib.util.find_spec("rerun") is None or not RERUN.exists(), reason="rerun-sdk is not installed"
+)
+
+
+@pytest.fixture
+def log_path(tmp_path, image, meter_row):
+    path = tmp_path / "run.mcap"
+    with LogWriter(path) as log:
+        log.write_metadata("config", {"seed": 1})
+        for i in range(30):
+            log.write("/camera/image", image(i * 33_000_000), log_time_ns=i * 33_000_000)
+        tree = default_message("tf2_msgs/msg/TFMessage")
+        log.write_raw("/tf_static", "tf2_msgs/msg/TFMessage", serialize(tree), log_time_ns=1, qos=LATCHED)
+        log.write("/agent", default_message("sfglab_interfaces/msg/AgentDiscoveryEvent"), log_time_ns=2)
+        row = meter_row(agent="r1", received=4, mean_s=0.5, lossless=True, samples_s=(0.25, 0.75))
+        log.write_row("meter", row, log_time_ns=3)
+        log.attach("note", b"x", "text/plain")
+    return path
+
+
+def test_rosbags_reads_messages_types_and_qos(log_path, image):
+    with AnyReader([log_path]) as bag:
+        by_topic = {c.topic: c for c in bag.connections}
+        read = {
+            t: [bag.deserialize(d, c.msgtype) for c, _, d in bag.messages([c])] for t, c in by_topic.items()
+        }
+    [qos] = by_topic["/tf_static"].ext.offered_qos_profiles
+    assert (qos.history, qos.depth) == (QosHistory.KEEP_LAST, 1)
+    assert (qos.reliability, qos.durability) == (QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL)
+    assert len(read["/camera/image"]) == 30
+    assert read["/camera/image"][3].data.tolist() == image(99_000_000).data.tolist()
+    assert read["/agent"][0].RESTARTED == 4
+    assert read["/table/meter"][0].samples_s.tolist() == [0.25, 0.75]
+
+
+def test_the_plain_mcap_library_reads_it_and_every_crc_holds(log_path):
+    with log_path.open("rb") as stream:
+        records = list(StreamReader(stream, validate_crcs=True).records)
+    assert sum(type(record).__name__ == "Message" for record in records) == 33
+    [end] = [record for record in records if type(record).__name__ == "DataEnd"]
+    assert end.data_section_crc != 0
+    with log_path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        assert reader.get_header().profile == "ros2"
+        assert {(s.encoding, c.message_encoding) for s, c, _ in reader.iter_messages()} == {("ros2msg", "cdr")}
+        assert {index.compression for index in reader.get_summary().chunk_indexes} == {"zstd"}
+
+
+@needs_rerun
+@pytest.mark.live
+@pytest.mark.parametrize("command", [["check", "--full"], ["convert"]])
+def test_rerun_opens_it(tmp_path, log_path, command):
+    output = ["-o", str(tmp_path / "run.rrd")] if command == ["convert"] else []
+    done = subprocess.run(
+        [RERUN, "mcap", *command, *output, log_path],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+        env=os.environ | {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)},
+    )
+    said = done.stdout + done.stderr
+    for topic in ("/camera/image", "/tf_static", "/agent", "/table/meter"):
+        assert topic in said
+
+
+def foreign_log(path, *, name, encoding="ros2msg", message_encoding="cdr", text="int32 x\n"):
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2")
+        schema = writer.register_schema(name, encoding, text.encode())
+        channel = writer.register_channel("/foreign", message_encoding, schema)
+        writer.add_message(channel, log_time=5, publish_time=4, data=b"\0\1\0\0\7\0\0\0")
+        writer.finish()
+
+
+def test_types_that_only_the_log_knows_are_decoded(tmp_path):
+    foreign_log(tmp_path / "foreign.mcap", name="their_pkg/msg/Thing")
+    with LogReader(tmp_path / "foreign.mcap") as log:
+        [entry] = log.decoded("/foreign")
+    assert (entry.type_name, entry.log_time_ns, entry.publish_time_ns, entry.message.x) == (
+        "their_pkg/msg/Thing",
+        5,
+        4,
+        7,
+    )
+
+
+def test_another_version_of_a_type_is_decoded_by_the_logs_own_definition(tmp_path):
+    foreign_log(tmp_path / "foreign.mcap", name="std_msgs/msg/String")
+    with LogReader(tmp_path / "foreign.mcap") as log:
+        [entry] = log.decoded("/foreign")
+    assert entry.message.x == 7
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [({"encoding": "ros2idl"}, "definition 'ros2idl'"), ({"message_encoding": "json"}, "messages 'json'")],
+)
+def test_other_encodings_are_named(tmp_path, change, complaint):
+    foreign_log(tmp_path / "foreign.mcap", name="their_pkg/msg/Thing", **change)
+    with LogReader(tmp_path / "foreign.mcap") as log:
+        assert len(list(log.messages())) == 1
+        with pytest.raises(LogFormatError, match=complaint):
+            list(log.decoded("/foreign"))

@@ -1,0 +1,323 @@
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from sfglab.messages import (
+    CdrError,
+    RowTypeError,
+    UnknownTypeError,
+    default_message,
+    message_type,
+    serialize,
+)
+from sfglab.qos import DEFAULT, LATCHED
+from sfglab.record import (
+    LogClosedError,
+    LogExistsError,
+    LogFormatError,
+    LogInputError,
+    LogLookupError,
+    LogMissingError,
+    LogReader,
+    LogWriter,
+    TopicInfo,
+)
+
+TEXT = "std_msgs/msg/String"
+WRITER_INTERNALS_FAIL = OSError(28, "No space left on device")
+
+
+def text(data):
+    return message_type(TEXT)(data=data)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "runs" / "run.mcap"
+
+
+def test_messages_come_back_byte_by_byte_in_the_order_of_log_times(path, image):
+    first, second = serialize(image(1)), b"\0\1\0\0 not a string, but kept as it is"
+    with LogWriter(path) as log:
+        log.write_raw("/camera", "sensor_msgs/msg/Image", memoryview(first), log_time_ns=30, publish_time_ns=20)
+        log.write_raw("/text", TEXT, second, log_time_ns=10, qos=DEFAULT)
+        log.write_raw("/text", TEXT, bytearray(second), log_time_ns=40, qos=LATCHED)
+    with LogReader(path) as log:
+        assert not log.truncated
+        assert log.topics == {
+            "/camera": TopicInfo(type_name="sensor_msgs/msg/Image", count=1),
+            "/text": TopicInfo(type_name=TEXT, count=2),
+        }
+        assert list(log.messages()) == [
+            ("/text", TEXT, 10, 10, second),
+            ("/camera", "sensor_msgs/msg/Image", 30, 20, first),
+            ("/text", TEXT, 40, 40, second),
+        ]
+        assert [m.log_time_ns for m in log.messages("/text")] == [10, 40]
+        assert [m.log_time_ns for m in log.messages(start_ns=30, end_ns=40)] == [30]
+
+
+def test_decoded_messages_are_of_our_own_types(path, image):
+    with LogWriter(path) as log:
+        log.write("/camera", image(7), log_time_ns=7)
+    with LogReader(path) as log:
+        [entry] = log.decoded("/camera")
+    assert isinstance(entry.message, message_type("sensor_msgs/msg/Image"))
+    assert np.array_equal(entry.message.data, image(7).data)
+
+
+def test_a_table_is_a_dataframe_of_its_rows(path, meter_row):
+    rows = [
+        meter_row(agent=f"r{i}", received=i, mean_s=i / 2, lossless=i == 1, samples_s=(0.5,) * i)
+        for i in range(3)
+    ]
+    with LogWriter(path) as log:
+        for i, row in enumerate(rows):
+            log.write_row("meter", row, log_time_ns=100 + i)
+    with LogReader(path) as log:
+        assert log.tables == ("meter",)
+        table = log.table("meter")
+    assert list(table.columns) == ["log_time_ns", "agent", "received", "mean_s", "lossless", "samples_s"]
+    assert table["log_time_ns"].tolist() == [100, 101, 102]
+    assert table["agent"].tolist() == ["r0", "r1", "r2"]
+    assert table["samples_s"].map(len).tolist() == [0, 1, 2]
+    assert [str(table[c].dtype) for c in ("received", "mean_s", "lossless")] == ["int64", "float64", "bool"]
+
+
+@dataclass(frozen=True)
+class AnyRow:
+    count: int
+    value: float
+    label: str
+    flag: bool
+    numbers: list[float]
+    words: list[str]
+
+
+any_rows = st.builds(
+    AnyRow,
+    count=st.integers(-(2**63), 2**63 - 1),
+    value=st.floats(),
+    label=st.text(),
+    flag=st.booleans(),
+    numbers=st.lists(st.floats(allow_nan=False), max_size=4),
+    words=st.lists(st.text(), max_size=3),
+)
+
+
+def same(left, right):
+    return left == right or (math.isnan(left) and math.isnan(right))
+
+
+@settings(max_examples=40, deadline=None)
+@given(rows=st.lists(any_rows, min_size=1, max_size=5))
+def test_arbitrary_rows_come_back(tmp_path_factory, rows):
+    path = tmp_path_factory.mktemp("rows") / "run.mcap"
+    with LogWriter(path) as log:
+        for i, row in enumerate(rows):
+            log.write_row("any", row, log_time_ns=i)
+    with LogReader(path) as log:
+        table = log.table("any")
+    for row, read in zip(rows, table.itertuples(), strict=True):
+        assert (row.count, row.label, row.flag) == (read.count, read.label, read.flag)
+        assert same(row.value, read.value)
+        assert (row.numbers, row.words) == (read.numbers.tolist(), read.words)
+
+
+def test_metadata_and_attachments_come_back(path):
+    with LogWriter(path) as log:
+        log.write_metadata("config", {"seed": 3, "name": "smoke", "sizes": [1, 2]})
+        log.write_metadata("empty", {})
+        log.attach("figure.png", b"\x89PNG", "image/png")
+    with LogReader(path) as log:
+        assert log.metadata_names == ("config", "empty")
+        assert log.metadata("config") == {"seed": 3, "name": "smoke", "sizes": [1, 2]}
+        assert log.metadata("empty") == {}
+        assert log.attachment_names == ("figure.png",)
+        assert log.attachment("figure.png") == b"\x89PNG"
+        assert list(log.messages()) == []
+
+
+def test_what_is_not_there_is_named_with_what_is(path):
+    with LogWriter(path) as log:
+        log.write_metadata("config", {})
+        log.write("/text", text("x"), log_time_ns=1)
+    with LogReader(path) as log:
+        with pytest.raises(LogLookupError, match="no metadata 'run'; there is config"):
+            log.metadata("run")
+        with pytest.raises(LogLookupError, match="no attachment 'a'; there is none at all"):
+            log.attachment("a")
+        with pytest.raises(LogLookupError, match="no topic '/txt'; there is /text") as error:
+            log.messages("/txt")
+        with pytest.raises(LookupError, match="no table 'meter'"):
+            log.table("meter")
+        with pytest.raises(LogInputError, match="the end 1 ns lies before the start 2 ns"):
+            log.messages(start_ns=2, end_ns=1)
+    assert (error.value.name, error.value.present) == ("/txt", ("/text",))
+
+
+def test_a_file_is_replaced_only_on_demand(path):
+    with LogWriter(path) as log:
+        log.write("/text", text("old"), log_time_ns=1)
+    with pytest.raises(LogExistsError, match="overwrite=True") as error:
+        LogWriter(path)
+    assert error.value.path == path
+    assert isinstance(error.value, FileExistsError)
+    with LogWriter(path, overwrite=True):
+        pass
+    with LogReader(path) as log:
+        assert log.topics == {}
+
+
+def test_closing_twice_is_closing_once_and_nothing_follows(path):
+    log = LogWriter(path)
+    log.close()
+    log.close()
+    for call in (
+        lambda: log.write("/text", text("x"), log_time_ns=1),
+        lambda: log.write_metadata("late", {}),
+        lambda: log.attach("late", b"", "text/plain"),
+        log.flush,
+    ):
+        with pytest.raises(LogClosedError, match="it is closed"):
+            call()
+    reader = LogReader(path)
+    reader.close()
+    reader.close()
+    with pytest.raises(LogClosedError):
+        list(reader.messages())
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP", b"SQLite format 3\0" * 10])
+def test_a_file_that_is_no_log_is_one_clear_error(path, content):
+    path.parent.mkdir()
+    path.write_bytes(content)
+    with pytest.raises(LogFormatError, match="empty" if not content else "not an MCAP file") as error:
+        LogReader(path)
+    assert error.value.path == path
+
+
+def test_a_missing_file_is_one_clear_error(path):
+    with pytest.raises(LogMissingError, match="no such file"):
+        LogReader(path)
+
+
+def test_a_topic_keeps_its_type(path):
+    with LogWriter(path) as log:
+        log.write("/text", text("x"), log_time_ns=1)
+        with pytest.raises(LogInputError, match="given std_msgs/msg/Empty, allowed is std_msgs/msg/String"):
+            log.write("/text", default_message("std_msgs/msg/Empty"), log_time_ns=1)
+        with pytest.raises(UnknownTypeError):
+            log.write_raw("/other", "std_msgs/msg/Strin", b"", log_time_ns=1)
+        log.write_raw("/other", TEXT, serialize(text("y")), log_time_ns=2)
+    with LogReader(path) as log:
+        assert [m.message.data for t in log.topics for m in log.decoded(t)] == ["y", "x"]
+
+
+def test_input_that_mcap_cannot_hold_is_refused_before_it_spoils_the_file(path):
+    @dataclass
+    class ClashRow:
+        log_time_ns: int
+
+    with LogWriter(path) as log:
+        for stamp_ns in (-1, 2**64):
+            with pytest.raises(LogInputError, match=f"given the time {stamp_ns} ns"):
+                log.write("/text", text("x"), log_time_ns=stamp_ns)
+        with pytest.raises(LogInputError, match="surrogates"):
+            log.write("/te\ud800xt", text("x"), log_time_ns=1)
+        with pytest.raises(LogInputError, match="surrogates"):
+            log.write_metadata("\ud800", {})
+        with pytest.raises(LogInputError, match="surrogates"):
+            log.attach("a", b"", "\ud800")
+        with pytest.raises(LogInputError, match="the table 'a b'"):
+            log.write_row("a b", None, log_time_ns=1)
+        with pytest.raises(LogInputError, match="ClashRow has a field log_time_ns: rename it"):
+            log.write_row("clash", ClashRow(1), log_time_ns=1)
+        with pytest.raises(RowTypeError, match="CamelCase"):
+            log.write_row("meter", {"a": 1}, log_time_ns=1)
+        log.write_metadata("config", {})
+        with pytest.raises(LogInputError, match="metadata 'config' is there already"):
+            log.write_metadata("config", {})
+        log.write("/text", text("good"), log_time_ns=1)
+    with LogReader(path) as log:
+        assert [m.message.data for m in log.decoded("/text")] == ["good"]
+
+
+def test_bytes_of_another_type_are_an_error_of_that_message_only(path):
+    with LogWriter(path) as log:
+        log.write_raw("/text", TEXT, b"\0\1\0\0\xff\xff\xff\xff", log_time_ns=1)
+    with LogReader(path) as log, pytest.raises(CdrError, match=TEXT):
+        list(log.decoded("/text"))
+
+
+def test_an_exception_in_the_run_still_leaves_a_whole_log(path):
+    def run():
+        with LogWriter(path) as log:
+            log.write("/text", text("before"), log_time_ns=1)
+            raise RuntimeError("the run failed")
+
+    with pytest.raises(RuntimeError, match="the run failed"):
+        run()
+    with LogReader(path) as log:
+        assert not log.truncated
+        assert len(list(log.messages())) == 1
+
+
+def test_after_a_failed_write_nothing_follows_and_what_was_whole_is_read(path, monkeypatch):
+    def fail():
+        raise WRITER_INTERNALS_FAIL
+
+    log = LogWriter(path)
+    log.write("/text", text("kept"), log_time_ns=1)
+    log.flush()
+    log.write("/text", text("lost"), log_time_ns=2)
+    monkeypatch.setattr(log._mcap, "flush", fail)
+    with pytest.raises(OSError, match="No space left"):
+        log.flush()
+    with pytest.raises(LogClosedError, match="an earlier write failed"):
+        log.write("/text", text("late"), log_time_ns=3)
+    log.close()
+    with LogReader(path) as read:
+        assert read.truncated
+        assert [m.message.data for m in read.decoded("/text")] == ["kept"]
+
+
+def test_a_full_disk_is_said_at_once_and_leaks_no_file():
+    with pytest.raises(OSError, match="No space left"):
+        LogWriter("/dev/full", overwrite=True)
+
+
+def test_threads_may_share_a_writer(path, meter_row):
+    def write(log, agent):
+        for i in range(200):
+            row = meter_row(agent=agent, received=i, mean_s=0.0, lossless=True, samples_s=())
+            log.write_row("meter", row, log_time_ns=i * 20_000_000)
+
+    with LogWriter(path) as log:
+        threads = [threading.Thread(target=write, args=(log, f"r{i}")) for i in range(3)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    with LogReader(path) as log:
+        table = log.table("meter")
+    assert table.groupby("agent")["received"].apply(list).to_dict() == {
+        f"r{i}": list(range(200)) for i in range(3)
+    }
+
+
+def test_rows_have_a_schema_that_names_units(path, meter_row):
+    with LogWriter(path) as log:
+        log.write_row("meter", meter_row(), log_time_ns=1)
+    with path.open("rb") as stream:
+        [schema] = make_reader(stream).get_summary().schemas.values()
+    assert schema.name == "sfglab_rows/msg/MeterRow"
+    assert b"float64 mean_s  # Mean latency, in seconds.\n" in schema.data
