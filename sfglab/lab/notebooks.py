@@ -8,6 +8,7 @@ progress bars, the traces of the run itself.
 
 from __future__ import annotations
 
+import ast
 import re
 import sys
 import time
@@ -122,19 +123,28 @@ def check_parameters(path: Path, given: Mapping[str, Any]) -> None:
     Raises:
         NotebookError: No cell or several are tagged ``parameters``, or a name is not declared there.
     """
-    import papermill
-
     notebook = _read(path)
     tagged = [c for c in notebook.cells if "parameters" in c.metadata.get("tags", ())]
     if len(tagged) != 1:
         raise NotebookError(f"{path.name}: {len(tagged)} cells are tagged 'parameters', needed is exactly one")
-    declared = set(papermill.inspect_notebook(str(path)))
+    declared = _assigned(path, tagged[0].source)
     unknown = sorted(set(given) - declared)
     if unknown:
         raise NotebookError(
             f"{path.name}: it declares no parameter {', '.join(unknown)}; "
             f"its parameters are {', '.join(sorted(declared)) or 'none'}"
         )
+
+
+def _assigned(path: Path, source: str) -> set[str]:
+    """Return the names that a cell assigns at its top level."""
+    try:
+        nodes = ast.parse(source).body
+    except SyntaxError as error:
+        raise NotebookError(f"{path.name}: its parameters cell is no Python: {error}") from error
+    targets = [t for n in nodes if isinstance(n, ast.Assign) for t in n.targets]
+    targets += [n.target for n in nodes if isinstance(n, ast.AnnAssign)]
+    return {t.id for t in targets if isinstance(t, ast.Name)}
 
 
 def _read(path: Path) -> NotebookNode:
@@ -170,6 +180,7 @@ def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> Non
             str(output),
             parameters=dict(parameters),
             kernel_name="python3",
+            language="python",
             cwd=str(path.parent),
             progress_bar=False,
             stderr_file=sys.stderr,

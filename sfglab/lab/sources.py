@@ -19,6 +19,8 @@ import numpy as np
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     Image = NDArray[np.uint8]
@@ -226,17 +228,47 @@ def _bag_images(spec: str) -> _Images:
     path, _, topic = spec.partition("#")
     if not topic:
         raise SourceError(f"source 'bag:{spec}': say which topic, as in bag:run.mcap#/camera/image_raw")
+    with LogReader(Path(path)) as log:
+        if topic not in log.topics:
+            known = ", ".join(sorted(log.topics))
+            raise SourceError(f"source 'bag:{spec}': no topic {topic!r}; the log holds {known}")
+        type_name = log.topics[topic].type_name
 
     def images() -> Iterator[Image]:
         with LogReader(Path(path)) as log:
-            if topic not in log.topics:
-                raise SourceError(
-                    f"source 'bag:{spec}': no topic {topic!r}; the log holds {', '.join(sorted(log.topics))}"
-                )
-            yield from _decoded_images(log, topic)
+            bgr_images = _bgr_reader(type_name, spec)
+            for entry in log.decoded(topic):
+                yield from bgr_images(entry.message)
 
     return images()  # type: ignore[return-value]  # a generator has close()
 
 
-def _decoded_images(log: object, topic: str) -> Iterator[Image]:
-    raise NotImplementedError
+def _bgr_reader(type_name: str, spec: str) -> Callable[[Any], list[Image]]:
+    """Return a function from one message to its colour images (BGR)."""
+    from sfglab.codecs import CodecUnavailableError, image_decoder
+
+    if type_name == "sensor_msgs/msg/Image":
+        return lambda message: [_bgr_of_image(message, spec)]
+    try:
+        decoder = image_decoder(type_name)
+    except CodecUnavailableError as error:
+        raise SourceError(f"source 'bag:{spec}': {error}") from error
+    return lambda message: [i.array for i in decoder.feed(message) if i.encoding == "bgr8"]
+
+
+def _bgr_of_image(message: Any, spec: str) -> Image:
+    channels = {
+        "bgr8": (0, 1, 2),
+        "rgb8": (2, 1, 0),
+        "bgra8": (0, 1, 2),
+        "rgba8": (2, 1, 0),
+        "mono8": (0, 0, 0),
+    }
+    if message.encoding not in channels:
+        raise SourceError(
+            f"source 'bag:{spec}': given encoding {message.encoding!r}, allowed are {', '.join(channels)}"
+        )
+    rows = np.asarray(message.data).reshape(message.height, message.step)
+    count = {"mono8": 1, "bgra8": 4, "rgba8": 4}.get(message.encoding, 3)
+    pixels = rows[:, : message.width * count].reshape(message.height, message.width, count)
+    return np.ascontiguousarray(pixels[..., channels[message.encoding]])

@@ -23,7 +23,7 @@ CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
 _TYPES = {
     Resource.FFMPEG: ("ffmpeg_image_transport_msgs/msg/FFMPEGPacket", "h264"),
-    Resource.COMPRESSED_DEPTH: ("sensor_msgs/msg/CompressedImage", ""),
+    Resource.COMPRESSED_DEPTH: ("sensor_msgs/msg/CompressedImage", "rvl"),
     Resource.COMPRESSED: ("sensor_msgs/msg/CompressedImage", ""),
 }
 

@@ -1,0 +1,104 @@
+"""From transport threads to the asyncio loop, and waiting there for a fact to become true."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+from collections import deque
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["LoopBridge", "Signal"]
+
+_log = logging.getLogger(__name__)
+
+
+class LoopBridge:
+    """Runs functions on a loop for other threads, waking the loop once per batch.
+
+    Args:
+        loop: The loop on which posted functions run.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self.loop = loop
+        self._posted: deque[Callable[[], None]] = deque()
+        self._scheduled = False
+        self._lock = threading.Lock()
+
+    def post(self, function: Callable[[], None]) -> None:
+        """Run a function on the loop soon; safe from every thread, ignored when the loop has ended."""
+        with self._lock:
+            self._posted.append(function)
+
+    def flush(self) -> None:
+        """Wake the loop if anything was posted since it last ran."""
+        with self._lock:
+            if self._scheduled or not self._posted:
+                return
+            self._scheduled = True
+        try:
+            self.loop.call_soon_threadsafe(self._run)
+        except RuntimeError:
+            # The loop was closed without closing the node, as an interrupted script does.
+            self._posted.clear()
+
+    def watch(self, fd: int, function: Callable[[], None]) -> None:
+        """Call a function on the loop whenever a descriptor is readable."""
+        self.loop.add_reader(fd, function)
+
+    def unwatch(self, fd: int) -> None:
+        """End `watch`; harmless for an unwatched descriptor and after the loop's end."""
+        if not self.loop.is_closed():
+            self.loop.remove_reader(fd)
+
+    def _run(self) -> None:
+        with self._lock:
+            functions = list(self._posted)
+            self._posted.clear()
+            self._scheduled = False
+        for function in functions:
+            try:
+                function()
+            except Exception:  # noqa: BLE001 - logged; one event must not cost the others of its batch
+                _log.exception("handling a transport's event failed")
+
+
+class Signal:
+    """Wakes coroutines that wait for a predicate, whenever the state it reads may have changed.
+
+    Args:
+        loop: The loop of the waiters and of whoever notifies.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._waiters: set[asyncio.Future[None]] = set()
+
+    def notify(self) -> None:
+        """Let all waiters look again; to be called on the loop."""
+        for waiter in self._waiters:
+            if not waiter.done():
+                waiter.set_result(None)
+
+    async def wait(self) -> None:
+        """Return at the next notification."""
+        waiter = self._loop.create_future()
+        self._waiters.add(waiter)
+        try:
+            await waiter
+        finally:
+            self._waiters.discard(waiter)
+
+    async def wait_until(self, predicate: Callable[[], bool], timeout_s: float) -> bool:
+        """Return True once the predicate holds, False when it did not within `timeout_s`."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not predicate():
+                    await self.wait()
+        except TimeoutError:
+            return predicate()
+        return True

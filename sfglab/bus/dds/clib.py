@@ -1,0 +1,198 @@
+"""The part of Cyclone DDS's C API that the bus uses, by ctypes.
+
+Knows function signatures and struct layouts of the library that the `cyclonedds` wheel ships (11.0; headers
+dds.h, ddsi_serdata.h). Refuses to know what they are used for. Two reasons not to use the Python API on the
+data path: its read and write hold the interpreter lock for the whole C call, and it (de)serializes in
+Python, which is thousands of times slower than passing CDR through.
+"""
+
+from __future__ import annotations
+
+import ctypes as ct
+from functools import cache
+from typing import Any
+
+__all__ = [
+    "ALIVE",
+    "ANY_STATE",
+    "BUILTIN_PARTICIPANT",
+    "BUILTIN_PUBLICATION",
+    "BUILTIN_SUBSCRIPTION",
+    "INFINITY_NS",
+    "RETCODE_TIMEOUT",
+    "SDK_DATA",
+    "STATUS_PUBLICATION_MATCHED",
+    "STATUS_SAMPLE_LOST",
+    "STATUS_SUBSCRIPTION_MATCHED",
+    "TIMESTAMP_INVALID",
+    "TIMESTAMP_OFFSET",
+    "Endpoint",
+    "IoVec",
+    "MatchedStatus",
+    "Participant",
+    "SampleInfo",
+    "SampleLostStatus",
+    "error_text",
+    "library",
+]
+
+INFINITY_NS = 2**63 - 1
+ANY_STATE = 0x7F  # any sample, view and instance state (dds.h)
+ALIVE = 16  # DDS_ALIVE_INSTANCE_STATE
+SDK_DATA = 2  # enum ddsi_serdata_kind
+RETCODE_TIMEOUT = -10
+STATUS_SAMPLE_LOST = 1 << 6
+STATUS_PUBLICATION_MATCHED = 1 << 11
+STATUS_SUBSCRIPTION_MATCHED = 1 << 12
+BUILTIN_PARTICIPANT = 0x7FFF0001
+BUILTIN_PUBLICATION = 0x7FFF0003
+BUILTIN_SUBSCRIPTION = 0x7FFF0004
+# struct ddsi_serdata: ops, hash, refcount, kind, type, then the source timestamp. `ddsi_serdata_init` sets
+# the timestamp to an invalid value, which the writer checks before it trusts this offset.
+TIMESTAMP_OFFSET = 32
+TIMESTAMP_INVALID = -(2**63)
+
+
+class SampleInfo(ct.Structure):
+    """`dds_sample_info_t`."""
+
+    _fields_ = (
+        ("sample_state", ct.c_uint),
+        ("view_state", ct.c_uint),
+        ("instance_state", ct.c_uint),
+        ("valid_data", ct.c_bool),
+        ("source_timestamp", ct.c_int64),
+        ("instance_handle", ct.c_uint64),
+        ("publication_handle", ct.c_uint64),
+        ("disposed_generation_count", ct.c_uint32),
+        ("no_writers_generation_count", ct.c_uint32),
+        ("sample_rank", ct.c_uint32),
+        ("generation_rank", ct.c_uint32),
+        ("absolute_generation_rank", ct.c_uint32),
+    )
+
+
+class IoVec(ct.Structure):
+    """`ddsrt_iovec_t`."""
+
+    _fields_ = (("base", ct.c_void_p), ("size", ct.c_size_t))
+
+
+class Endpoint(ct.Structure):
+    """`dds_builtintopic_endpoint_t`."""
+
+    _fields_ = (
+        ("key", ct.c_uint8 * 16),
+        ("participant_key", ct.c_uint8 * 16),
+        ("participant_instance_handle", ct.c_uint64),
+        ("topic_name", ct.c_char_p),
+        ("type_name", ct.c_char_p),
+        ("qos", ct.c_void_p),
+    )
+
+
+class Participant(ct.Structure):
+    """`dds_builtintopic_participant_t`."""
+
+    _fields_ = (("key", ct.c_uint8 * 16), ("qos", ct.c_void_p))
+
+
+class MatchedStatus(ct.Structure):
+    """`dds_publication_matched_status_t` and `dds_subscription_matched_status_t`."""
+
+    _fields_ = (
+        ("total_count", ct.c_uint32),
+        ("total_count_change", ct.c_int32),
+        ("current_count", ct.c_uint32),
+        ("current_count_change", ct.c_int32),
+        ("last_handle", ct.c_uint64),
+    )
+
+
+class SampleLostStatus(ct.Structure):
+    """`dds_sample_lost_status_t`."""
+
+    _fields_ = (("total_count", ct.c_uint32), ("total_count_change", ct.c_int32))
+
+
+_I32, _U32, _I64, _U64 = ct.c_int32, ct.c_uint32, ct.c_int64, ct.c_uint64
+_PTR, _STR, _SIZE, _BOOL = ct.c_void_p, ct.c_char_p, ct.c_size_t, ct.c_bool
+
+# Function -> (result, arguments). Out parameters are plain pointers, given with `byref`.
+_SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
+    "dds_create_domain": (_I32, (_U32, _STR)),
+    "dds_create_participant": (_I32, (_U32, _PTR, _PTR)),
+    "dds_create_reader": (_I32, (_I32, _I32, _PTR, _PTR)),
+    "dds_create_writer": (_I32, (_I32, _I32, _PTR, _PTR)),
+    "dds_create_readcondition": (_I32, (_I32, _U32)),
+    "dds_create_guardcondition": (_I32, (_I32,)),
+    "dds_create_waitset": (_I32, (_I32,)),
+    "dds_delete": (_I32, (_I32,)),
+    "dds_get_guid": (_I32, (_I32, _PTR)),
+    "dds_set_status_mask": (_I32, (_I32, _U32)),
+    "dds_set_guardcondition": (_I32, (_I32, _BOOL)),
+    "dds_take_guardcondition": (_I32, (_I32, _PTR)),
+    "dds_waitset_attach": (_I32, (_I32, _I32, ct.c_ssize_t)),
+    "dds_waitset_detach": (_I32, (_I32, _I32)),
+    "dds_waitset_wait": (_I32, (_I32, _PTR, _SIZE, _I64)),
+    "dds_take": (_I32, (_I32, _PTR, _PTR, _SIZE, _U32)),
+    "dds_return_loan": (_I32, (_I32, _PTR, _I32)),
+    "dds_takecdr": (_I32, (_I32, _PTR, _U32, _PTR, _U32)),
+    "dds_forwardcdr": (_I32, (_I32, _PTR)),
+    "dds_wait_for_acks": (_I32, (_I32, _I64)),
+    "dds_get_entity_sertype": (_I32, (_I32, _PTR)),
+    "dds_get_publication_matched_status": (_I32, (_I32, _PTR)),
+    "dds_get_subscription_matched_status": (_I32, (_I32, _PTR)),
+    "dds_get_sample_lost_status": (_I32, (_I32, _PTR)),
+    "dds_get_matched_subscriptions": (_I32, (_I32, _PTR, _SIZE)),
+    "dds_get_matched_publications": (_I32, (_I32, _PTR, _SIZE)),
+    "dds_get_matched_subscription_data": (ct.POINTER(Endpoint), (_I32, _U64)),
+    "dds_get_matched_publication_data": (ct.POINTER(Endpoint), (_I32, _U64)),
+    "dds_builtintopic_free_endpoint": (None, (_PTR,)),
+    "ddsi_serdata_from_ser_iov": (_PTR, (_PTR, ct.c_int, _SIZE, _PTR, _SIZE)),
+    "ddsi_serdata_size": (_U32, (_PTR,)),
+    "ddsi_serdata_to_ser_ref": (_PTR, (_PTR, _SIZE, _SIZE, _PTR)),
+    "ddsi_serdata_to_ser_unref": (None, (_PTR, _PTR)),
+    "ddsi_serdata_unref": (None, (_PTR,)),
+    "dds_create_qos": (_PTR, ()),
+    "dds_delete_qos": (None, (_PTR,)),
+    "dds_qset_reliability": (None, (_PTR, ct.c_int, _I64)),
+    "dds_qset_durability": (None, (_PTR, ct.c_int)),
+    "dds_qset_durability_service": (None, (_PTR, _I64, ct.c_int, _I32, _I32, _I32, _I32)),
+    "dds_qset_history": (None, (_PTR, ct.c_int, _I32)),
+    "dds_qset_deadline": (None, (_PTR, _I64)),
+    "dds_qset_lifespan": (None, (_PTR, _I64)),
+    "dds_qset_userdata": (None, (_PTR, _PTR, _SIZE)),
+    "dds_qset_partition1": (None, (_PTR, _STR)),
+    "dds_qset_ignorelocal": (None, (_PTR, ct.c_int)),
+    "dds_qset_writer_data_lifecycle": (None, (_PTR, _BOOL)),
+    "dds_qget_reliability": (_BOOL, (_PTR, _PTR, _PTR)),
+    "dds_qget_durability": (_BOOL, (_PTR, _PTR)),
+    "dds_qget_history": (_BOOL, (_PTR, _PTR, _PTR)),
+    "dds_qget_deadline": (_BOOL, (_PTR, _PTR)),
+    "dds_qget_lifespan": (_BOOL, (_PTR, _PTR)),
+    "dds_qget_userdata": (_BOOL, (_PTR, _PTR, _PTR)),
+    "dds_qget_partition": (_BOOL, (_PTR, _PTR, _PTR)),
+    "dds_qget_prop": (_BOOL, (_PTR, _STR, _PTR)),
+    "dds_free": (None, (_PTR,)),
+    "dds_strretcode": (_STR, (_I32,)),
+}
+
+
+@cache
+def library() -> Any:
+    """Return the loaded library with its signatures set."""
+    from cyclonedds.internal import load_cyclonedds
+
+    lib = load_cyclonedds()
+    for name, (result, arguments) in _SIGNATURES.items():
+        function = getattr(lib, name)
+        function.restype = result
+        function.argtypes = arguments
+    return lib
+
+
+def error_text(code: int) -> str:
+    """Return Cyclone's words for a return code."""
+    text: bytes = library().dds_strretcode(code)
+    return text.decode()

@@ -1,0 +1,105 @@
+"""The computation graph as one node sees it: endpoints by topic, and their coming and going."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointInfo, EndpointKind, EndpointRemoved
+from sfglab.bus.bridge import Signal
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable, Iterable
+
+__all__ = ["Graph"]
+
+
+class Graph:
+    """All endpoints of the node's domain, its own included.
+
+    Lives on the node's loop. Discovery goes on in the background: right after the start of a node the graph
+    is incomplete, so wait with `wait_for` or read `events`.
+
+    Args:
+        loop: The node's loop.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._endpoints: dict[bytes, EndpointInfo] = {}
+        self._listeners: list[Callable[[EndpointEvent], None]] = []
+        self._streams: set[asyncio.Queue[EndpointEvent | None]] = set()
+        self._changed = Signal(loop)
+        self._closed = False
+
+    def publishers(self, topic: str) -> tuple[EndpointInfo, ...]:
+        """Return the publishers of a ROS topic, ordered by gid."""
+        return self._select(topic, EndpointKind.PUBLISHER)
+
+    def subscriptions(self, topic: str) -> tuple[EndpointInfo, ...]:
+        """Return the subscriptions of a ROS topic, ordered by gid."""
+        return self._select(topic, EndpointKind.SUBSCRIPTION)
+
+    def endpoints(self) -> tuple[EndpointInfo, ...]:
+        """Return all known endpoints, ordered by gid."""
+        return tuple(self._endpoints[gid] for gid in sorted(self._endpoints))
+
+    def topics(self) -> dict[str, tuple[str, ...]]:
+        """Return the types of every topic, both sorted; more than one type is a conflict."""
+        found: dict[str, set[str]] = {}
+        for endpoint in self._endpoints.values():
+            found.setdefault(endpoint.topic, set()).add(endpoint.type)
+        return {topic: tuple(sorted(found[topic])) for topic in sorted(found)}
+
+    async def events(self) -> AsyncIterator[EndpointEvent]:
+        """Yield an `EndpointAdded` for every endpoint known now, then every change until the node closes."""
+        stream: asyncio.Queue[EndpointEvent | None] = asyncio.Queue()
+        for endpoint in self.endpoints():
+            stream.put_nowait(EndpointAdded(endpoint=endpoint))
+        if self._closed:
+            stream.put_nowait(None)
+        self._streams.add(stream)
+        try:
+            while (event := await stream.get()) is not None:
+                yield event
+        finally:
+            self._streams.discard(stream)
+
+    async def wait_for(self, predicate: Callable[[], bool], timeout_s: float = 5.0) -> bool:
+        """Return True once a predicate over this graph holds, False when it did not within `timeout_s`."""
+        return await self._changed.wait_until(predicate, timeout_s)
+
+    def listen(self, listener: Callable[[EndpointEvent], None]) -> Callable[[], None]:
+        """Call `listener` for every endpoint known now and every change; return what ends that."""
+        for endpoint in self.endpoints():
+            listener(EndpointAdded(endpoint=endpoint))
+        self._listeners.append(listener)
+        return lambda: self._listeners.remove(listener) if listener in self._listeners else None
+
+    def apply(self, changes: Iterable[tuple[bytes, EndpointInfo | None]]) -> None:
+        """Take over discovered changes; None means that the endpoint has gone."""
+        for gid, endpoint in changes:
+            known = self._endpoints.get(gid)
+            if endpoint is None:
+                if known is not None:
+                    del self._endpoints[gid]
+                    self._tell(EndpointRemoved(endpoint=known))
+            elif endpoint != known:
+                self._endpoints[gid] = endpoint
+                self._tell(EndpointAdded(endpoint=endpoint))
+        self._changed.notify()
+
+    def close(self) -> None:
+        """End all event streams."""
+        self._closed = True
+        self._changed.notify()
+        for stream in self._streams:
+            stream.put_nowait(None)
+
+    def _tell(self, event: EndpointEvent) -> None:
+        for stream in self._streams:
+            stream.put_nowait(event)
+        for listener in tuple(self._listeners):
+            listener(event)
+
+    def _select(self, topic: str, kind: EndpointKind) -> tuple[EndpointInfo, ...]:
+        return tuple(e for e in self.endpoints() if e.topic == topic and e.kind is kind)

@@ -1,0 +1,260 @@
+"""Services over DDS as rmw_cyclonedds frames them: a request topic, a reply topic, and who asked in front.
+
+Interoperates with ROS 2 nodes on rmw_cyclonedds. rmw_fastrtps correlates replies by RTPS sample identities,
+which Cyclone's API cannot set, so its nodes are out of reach for services (topics are fine).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import secrets
+import time
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from sfglab import names
+from sfglab.bus.bridge import Signal
+from sfglab.bus.dds.endpoints import RawReader, RawWriter
+from sfglab.bus.errors import ClosedError, DiscoveryTimeoutError, ServiceTimeoutError
+from sfglab.bus.inbox import Inbox
+from sfglab.bus.publisher import checked_type
+from sfglab.bus.queue import Sample, SampleQueue
+from sfglab.bus.userdata import user_data
+from sfglab.messages import (
+    ServiceFrame,
+    deserialize,
+    frame_service,
+    serialize,
+    service_type,
+    type_name,
+    unframe_service,
+)
+from sfglab.qos import SERVICES, History, QoSProfile
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from sfglab.bus.api import Handler
+    from sfglab.bus.core import Core
+
+__all__ = ["Client", "Service"]
+
+# rmw_cyclonedds keeps all requests and replies, whatever depth the profile says (rmw_node.cpp).
+_QOS = QoSProfile(history=History.KEEP_ALL, reliability=SERVICES.reliability)
+# How long a server holds an answer back for a client whose reply reader it has not discovered yet.
+_CLIENT_TIMEOUT_S = 1.0
+
+
+class _Pair:
+    """A service's writer and reader on one side, with the frames that arrive."""
+
+    def __init__(
+        self, core: Core, type_: str, name: str, *, server: bool, on_frame: Callable[[ServiceFrame, bytes], Any]
+    ) -> None:
+        from sfglab.messages.dds import service_idl_struct
+
+        self.name = name
+        self.changed = Signal(core.loop)
+        self.calls = core.calls(f"{'service' if server else 'client'} {name!r}")
+        self._core = core
+        idl = dict(zip(names.dds_service(name), service_idl_struct(type_), strict=True))
+        request, reply = idl
+        out, in_ = (reply, request) if server else (request, reply)
+        identity = user_data({"serviceid" if server else "clientid": _dotted(secrets.token_bytes(16))})
+        participant = core.participant
+        inbox = Inbox(
+            core.bridge, SampleQueue(_QOS), decode=_framed, callback=lambda f: on_frame(*f), calls=self.calls
+        )
+        notify = partial(core.bridge.post, self.changed.notify)
+        self.writer = RawWriter(
+            participant.create_writer(out, idl[out], _QOS, user_data=identity),
+            name,
+            type_=type_,
+            waiter=participant.waiter,
+            on_matched=notify,
+        )
+        self.reader = RawReader(
+            participant.create_reader(in_, idl[in_], _QOS, user_data=identity),
+            waiter=participant.waiter,
+            on_samples=inbox.push_from_thread,
+            on_matched=notify,
+        )
+        self.inbox = inbox
+        self._on_close: Callable[[], None] = lambda: None
+
+    def peers(self) -> frozenset[bytes]:
+        """Return the GUID prefixes of participants that have both halves of the other side."""
+        return self.writer.matched_prefixes & self.reader.matched_prefixes
+
+    def send(self, frame: ServiceFrame) -> None:
+        self.writer.write(frame_service(frame))
+
+    def when_closed(self, function: Callable[[], None]) -> None:
+        self._on_close = function
+
+    def close(self) -> None:
+        self.reader.close()
+        self.writer.close()
+        self.inbox.close()
+        self._on_close()
+
+    def close_early(self) -> None:
+        if not self.inbox.closed and not self._core.closed:
+            self._core.disown(self)
+            self.close()
+
+
+def _framed(sample: Sample) -> tuple[ServiceFrame, bytes]:
+    return unframe_service(bytes(sample[0])), sample[3]
+
+
+def _dotted(data: bytes) -> str:
+    return ".".join(f"{byte:02x}" for byte in data)
+
+
+class _Server:
+    """Answers requests, each in a task of its own; apart from `Service` so that it never holds the node."""
+
+    def __init__(self, handler: Handler, request: type[Any], response: str) -> None:
+        self.pair: _Pair | None = None
+        self._handler = handler
+        self._request = request
+        self._response = response
+
+    def on_frame(self, frame: ServiceFrame, publisher_gid: bytes) -> None:
+        assert self.pair is not None
+        self.pair.calls.spawn(self._answer(self.pair, frame, publisher_gid))
+
+    async def _answer(self, pair: _Pair, frame: ServiceFrame, publisher_gid: bytes) -> None:
+        response = self._handler(deserialize(frame.cdr, self._request))
+        if inspect.isawaitable(response):
+            response = await response
+        checked_type(response, type_=self._response, where=pair.name)
+        prefix = publisher_gid[:12]
+        # A client can know the server before the server knows it; an answer sent then is lost.
+        await pair.changed.wait_until(lambda: prefix in pair.writer.matched_prefixes, _CLIENT_TIMEOUT_S)
+        pair.send(frame._replace(cdr=serialize(response)))
+
+
+class Service:
+    """A service's server; made by `Node.create_service`.
+
+    Requests are handled concurrently, in the order of their arrival. A handler that raises is reported and
+    answers nothing, so its client runs into its timeout.
+    """
+
+    def __init__(self, node: Any, core: Core, type_: str, *, name: str, handler: Handler) -> None:
+        service = service_type(type_)
+        server = _Server(handler, service.request, type_name(service.response))
+        server.pair = self._pair = _Pair(core, type_, name, server=True, on_frame=server.on_frame)
+        self._node = node  # keeps the node alive for as long as its service is held
+        core.own(self._pair)
+
+    @property
+    def service_name(self) -> str:
+        """The fully resolved ROS service."""
+        return self._pair.name
+
+    @property
+    def last_error(self) -> BaseException | None:
+        """The latest exception of the handler, None if there was none."""
+        return self._pair.calls.last_error
+
+    def close(self) -> None:
+        """End the service; again is harmless."""
+        self._pair.close_early()
+
+
+class Client:
+    """A service's client; made by `Node.create_client`. Calls may run concurrently."""
+
+    def __init__(self, node: Any, core: Core, type_: str, *, name: str) -> None:
+        service = service_type(type_)
+        self._request_type = type_name(service.request)
+        self._response = service.response
+        self._guid = secrets.randbits(64)
+        self._sequence = 0
+        self._pending: dict[int, asyncio.Future[ServiceFrame]] = {}
+        on_frame = partial(_resolve, self._guid, self._pending)
+        self._pair = _Pair(core, type_, name, server=False, on_frame=on_frame)
+        self._pair.when_closed(partial(_fail, self._pending, f"client {name!r}", core.loop))
+        self._node = node  # keeps the node alive for as long as its client is held
+        self._core = core
+        core.own(self._pair)
+
+    @property
+    def service_name(self) -> str:
+        """The fully resolved ROS service."""
+        return self._pair.name
+
+    def service_is_ready(self) -> bool:
+        """Return whether a server can be called now."""
+        return bool(self._pair.peers())
+
+    async def wait_for_service(self, timeout_s: float = 5.0) -> None:
+        """Return once a server can be called.
+
+        Raises:
+            DiscoveryTimeoutError: There was none within `timeout_s`.
+        """
+        if not await self._pair.changed.wait_until(self.service_is_ready, timeout_s):
+            raise DiscoveryTimeoutError(f"service {self._pair.name!r}: a server", timeout_s=timeout_s)
+
+    async def call(self, request: Any, timeout_s: float = 5.0) -> Any:
+        """Return the server's response, waiting first for a server if there is none yet.
+
+        Args:
+            request: A message of the service's request type.
+            timeout_s: For server and response together, in seconds.
+
+        Raises:
+            ServiceTimeoutError: No server, or no response in time: it is gone, slow, or its handler failed.
+            WrongTypeError: The request is of another type.
+            ClosedError: The client is closed, or was meanwhile.
+        """
+        name = self._pair.name
+        if self._pair.inbox.closed or self._core.closed:
+            raise ClosedError(f"client {name!r}")
+        checked_type(request, type_=self._request_type, where=name)
+        start_s = time.monotonic()
+        if not await self._pair.changed.wait_until(self.service_is_ready, timeout_s):
+            raise ServiceTimeoutError(name, timeout_s=timeout_s, reason="no server was found")
+        remaining_s = timeout_s - (time.monotonic() - start_s)
+        try:
+            async with asyncio.timeout(remaining_s):
+                frame = await self._exchange(serialize(request))
+        except TimeoutError as error:
+            reason = "the server did not respond" if self.service_is_ready() else "the server has gone"
+            raise ServiceTimeoutError(name, timeout_s=timeout_s, reason=reason) from error
+        return deserialize(frame.cdr, self._response)
+
+    def close(self) -> None:
+        """End the client and its pending calls; again is harmless."""
+        self._pair.close_early()
+
+    def _exchange(self, cdr: bytes) -> Awaitable[ServiceFrame]:
+        self._sequence += 1
+        sequence = self._sequence
+        future: asyncio.Future[ServiceFrame] = self._core.loop.create_future()
+        self._pending[sequence] = future
+        future.add_done_callback(lambda _: self._pending.pop(sequence, None))
+        self._pair.send(ServiceFrame(self._guid, sequence, cdr))
+        return future
+
+
+def _resolve(
+    guid: int, pending: dict[int, asyncio.Future[ServiceFrame]], frame: ServiceFrame, _publisher_gid: bytes
+) -> None:
+    """Give a reply to the call that waits for it; replies to others share the topic and are ignored."""
+    future = pending.get(frame.sequence) if frame.client_guid == guid else None
+    if future is not None and not future.done():
+        future.set_result(frame)
+
+
+def _fail(pending: dict[int, asyncio.Future[ServiceFrame]], what: str, loop: asyncio.AbstractEventLoop) -> None:
+    if loop.is_closed():
+        return
+    for future in list(pending.values()):
+        if not future.done():
+            future.set_exception(ClosedError(what))

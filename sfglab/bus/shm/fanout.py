@@ -1,0 +1,154 @@
+"""Who is told about which message, and who still holds it: a publisher's state without its sockets.
+
+Pure: announcements in, announcements to send out. Each subscriber has credits, the slots it may hold at
+once; beyond them its newest announcements wait here, and the oldest of those give way. So a slow or stopped
+subscriber holds at most credits plus backlog, and delays nobody.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sfglab.bus.shm.slots import SlotPool
+    from sfglab.bus.shm.wire import Announcement
+
+__all__ = ["MAX_CREDITS", "Fanout", "credits_of"]
+
+MAX_CREDITS = 64
+"""The most slots one subscriber may hold; all their datagrams fit into a socket's default buffer."""
+
+# Above the depth, so that a subscriber that is alive always learns of newer messages and keeps the last
+# ones itself, while its application still works on one.
+_SPARE_CREDITS = 2
+
+
+def credits_of(depth: int) -> int:
+    """Return how many slots a subscriber with this depth (0 is all) may hold at once."""
+    return min(depth + _SPARE_CREDITS, MAX_CREDITS) if depth else MAX_CREDITS
+
+
+class _Peer:
+    __slots__ = ("backlog", "credits", "depth", "held")
+
+    def __init__(self, depth: int) -> None:
+        self.depth = depth
+        self.credits = credits_of(depth)
+        self.held: set[int] = set()
+        self.backlog: deque[Announcement] = deque()
+
+
+class Fanout:
+    """The subscribers of one publisher, by any key.
+
+    Args:
+        pool: Where the slots are counted.
+        history: How many of the newest messages late joiners may get; 0 is none, None all that fit.
+    """
+
+    def __init__(self, pool: SlotPool, history: int | None) -> None:
+        self._pool = pool
+        self._history_depth = history
+        self._history: deque[Announcement] = deque()
+        self._peers: dict[int, _Peer] = {}
+        self._leaving: dict[int, set[int]] = {}
+
+    @property
+    def peers(self) -> tuple[int, ...]:
+        """The keys of the subscribers that get messages."""
+        return tuple(self._peers)
+
+    @property
+    def idle(self) -> bool:
+        """Whether nobody would get or keep a message."""
+        return not self._peers and self._history_depth == 0
+
+    def backlog(self, key: int) -> int:
+        """Return how many announcements wait for a subscriber to return slots."""
+        return len(self._peers[key].backlog) if key in self._peers else 0
+
+    def publish(self, announcement: Announcement) -> list[int]:
+        """Take over a slot with one user; return whom to tell now.
+
+        The caller's use of the slot ends here: it is free again when nobody wants it.
+        """
+        told = [key for key, peer in self._peers.items() if self._give(peer, announcement)]
+        if self._history_depth != 0:
+            self._pool.retain(announcement.offset)
+            self._history.append(announcement)
+            while self._history_depth is not None and len(self._history) > self._history_depth:
+                self._pool.release(self._history.popleft().offset)
+        self._pool.release(announcement.offset)
+        return told
+
+    def join(self, key: int, depth: int, *, wants_history: bool) -> list[Announcement]:
+        """Add a subscriber; return what to tell it first."""
+        peer = self._peers[key] = _Peer(depth)
+        history = list(self._history)[-depth:] if wants_history else []
+        return [announcement for announcement in history if self._give(peer, announcement)]
+
+    def refuse(self, key: int, announcement: Announcement) -> None:
+        """Put an announcement that could not be sent back in front of a subscriber's backlog."""
+        peer = self._peers[key]
+        peer.held.discard(announcement.offset)
+        peer.backlog.appendleft(announcement)
+
+    def returned(self, key: int, offset: int) -> list[Announcement]:
+        """Take a slot back; return what to tell the subscriber now.
+
+        Raises:
+            KeyError: The subscriber does not hold this slot.
+        """
+        peer = self._peers[key]
+        peer.held.remove(offset)
+        self._pool.release(offset)
+        if not peer.backlog or len(peer.held) >= peer.credits:
+            return []
+        announcement = peer.backlog.popleft()
+        peer.held.add(announcement.offset)
+        return [announcement]
+
+    def leaving(self, key: int) -> None:
+        """Give a subscriber nothing more, but leave it what it holds; unknown keys are ignored."""
+        peer = self._peers.pop(key, None)
+        if peer is not None:
+            self._release(a.offset for a in peer.backlog)
+            self._leaving[key] = peer.held
+
+    def gone(self, key: int) -> None:
+        """Free everything of a subscriber that hung up; unknown keys are ignored."""
+        self.leaving(key)
+        self._release(self._leaving.pop(key, ()))
+
+    def shed(self) -> bool:
+        """Make room: drop the oldest announcement of the longest backlog or, without any, of the history.
+
+        Returns:
+            Whether there was something to drop.
+        """
+        longest = max(self._peers.values(), key=lambda peer: len(peer.backlog), default=None)
+        if longest is not None and longest.backlog:
+            self._pool.release(longest.backlog.popleft().offset)
+            return True
+        if len(self._history) > 1:
+            self._pool.release(self._history.popleft().offset)
+            return True
+        return False
+
+    def _give(self, peer: _Peer, announcement: Announcement) -> bool:
+        """Count a peer as user of a slot; return whether to tell it now rather than later."""
+        self._pool.retain(announcement.offset)
+        if len(peer.held) < peer.credits and not peer.backlog:
+            peer.held.add(announcement.offset)
+            return True
+        peer.backlog.append(announcement)
+        if peer.depth and len(peer.backlog) > peer.depth:
+            self._pool.release(peer.backlog.popleft().offset)
+        return False
+
+    def _release(self, offsets: Iterable[int]) -> None:
+        for offset in offsets:
+            self._pool.release(offset)

@@ -1,0 +1,243 @@
+"""A shared-memory subscription: a connection and a map for every publisher of its topic on this host."""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import time
+import weakref
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind
+from sfglab.bus.errors import BusError
+from sfglab.bus.host import host_id
+from sfglab.bus.shm.arena import ArenaMap
+from sfglab.bus.shm.sockets import connect, same_user
+from sfglab.bus.shm.wire import (
+    ANNOUNCE_BYTES,
+    Announcement,
+    Hello,
+    ProtocolError,
+    pack_hello,
+    pack_return,
+    unpack_announcement,
+    unpack_welcome,
+)
+from sfglab.bus.userdata import SHM_KEY, entries
+from sfglab.qos import Durability, History, QoSProfile, incompatibilities
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.bus.api import EndpointInfo
+    from sfglab.bus.bridge import LoopBridge
+    from sfglab.bus.inbox import Inbox
+    from sfglab.bus.shm.presence import Presence
+
+__all__ = ["ShmReader"]
+
+_log = logging.getLogger(__name__)
+_RETRY_S = 0.02
+
+
+# Closed links whose messages are still in use: the collector must not hang up for them.
+_lingering: set[_Link] = set()
+
+
+class _Reference(weakref.ref[Any]):
+    """A weak reference to a message's bytes that knows their slot."""
+
+    __slots__ = ("offset",)
+    offset: int
+
+
+class _Link:
+    """One publisher's connection and map, and the slots this process holds of it.
+
+    The last view of a message may die in any thread, also while the collector runs in the middle of
+    something else: letting go is one dictionary operation and one datagram.
+    """
+
+    def __init__(self, sock: socket.socket) -> None:
+        self.sock = sock
+        self.gid = bytes(16)
+        self.arena: ArenaMap | None = None
+        self.last_sequence = 0
+        self._held: dict[int, _Reference] = {}
+        self._unsent: list[int] = []
+
+    def hold(self, offset: int, size: int) -> memoryview:
+        """Return a message's bytes; when their last view dies, the slot goes back."""
+        assert self.arena is not None
+        array = self.arena.slice(offset, size)
+        reference = self._held[offset] = _Reference(array, self._let_go)
+        reference.offset = offset
+        return memoryview(array)
+
+    def give_back(self, offset: int) -> None:
+        """Return a slot to the publisher."""
+        self._unsent.append(offset)
+        while self._unsent:
+            offset = self._unsent.pop()
+            try:
+                self.sock.send(pack_return(offset))
+            except BlockingIOError:
+                self._unsent.append(offset)  # again with the next one
+                return
+            except OSError:
+                return  # the publisher has gone, so nobody misses it
+
+    def close(self) -> None:
+        """Hang up; as long as messages are held, only halfway, so that the publisher leaves them alone."""
+        if self._held:
+            _lingering.add(self)
+            with suppress(OSError):  # the publisher was first
+                self.sock.shutdown(socket.SHUT_WR)
+        else:
+            self.sock.close()
+
+    def _let_go(self, reference: _Reference) -> None:
+        del self._held[reference.offset]
+        self.give_back(reference.offset)
+        if self in _lingering and not self._held:
+            _lingering.discard(self)
+            self.sock.close()
+
+
+class ShmReader:
+    """Connects to every matching publisher of this host and hands its messages to an inbox.
+
+    Lives on the node's loop.
+
+    Args:
+        bridge: The node's loop.
+        presence: How it shows itself in the graph.
+        qos: What is requested.
+        inbox: Where messages go.
+        notify: Called when publishers come or go.
+    """
+
+    def __init__(
+        self,
+        bridge: LoopBridge,
+        presence: Presence,
+        qos: QoSProfile,
+        *,
+        inbox: Inbox,
+        notify: Callable[[], None],
+    ) -> None:
+        self._bridge = bridge
+        self._presence = presence
+        self._qos = qos
+        self._depth = qos.depth if qos.history is History.KEEP_LAST else 0
+        self._inbox = inbox
+        self._notify = notify
+        self._links: dict[bytes, _Link] = {}
+        self._closed = False
+        self.lost = 0
+        self.gid = presence.announce()
+        self._unlisten = presence.graph.listen(self._on_graph)
+
+    @property
+    def matched(self) -> int:
+        """How many publishers are connected."""
+        return sum(link.arena is not None for link in self._links.values())
+
+    def close(self) -> None:
+        """Hang up; messages that the application holds stay valid; again is harmless."""
+        if self._closed:
+            return
+        self._closed = True
+        self._unlisten()
+        self._presence.close()
+        for link in self._links.values():
+            self._bridge.unwatch(link.sock.fileno())
+            link.close()
+        self._links.clear()
+
+    def _on_graph(self, event: EndpointEvent) -> None:
+        endpoint = event.endpoint
+        if isinstance(event, EndpointAdded) and endpoint.gid not in self._links and self._matches(endpoint):
+            self._connect(endpoint)
+
+    def _matches(self, endpoint: EndpointInfo) -> bool:
+        return (
+            endpoint.kind is EndpointKind.PUBLISHER
+            and endpoint.transport == "shm"
+            and (endpoint.topic, endpoint.type) == (self._presence.topic, self._presence.type)
+            and endpoint.host == host_id()
+            and not incompatibilities(offered=endpoint.qos, requested=self._qos)
+        )
+
+    def _connect(self, endpoint: EndpointInfo) -> None:
+        if self._closed or endpoint.gid in self._links:
+            return
+        try:
+            sock = connect(entries(endpoint.user_data).get(SHM_KEY, ""))
+        except BlockingIOError:  # many connect at once, and the publisher's queue is full
+            self._bridge.loop.call_later(_RETRY_S, self._connect, endpoint)
+            return
+        except OSError:
+            return  # it has gone, as the graph will say soon
+        if not same_user(sock):
+            _log.warning("topic %r: a publisher of another user is ignored", self._presence.topic)
+            sock.close()
+            return
+        link = self._links[endpoint.gid] = _Link(sock)
+        wants_history = self._qos.durability is Durability.TRANSIENT_LOCAL
+        sock.send(pack_hello(Hello(self._depth, wants_history)))
+        self._bridge.watch(sock.fileno(), partial(self._receive, endpoint.gid, link))
+
+    def _receive(self, gid: bytes, link: _Link) -> None:
+        try:
+            arena = link.arena or self._welcome(link)
+            while datagram := link.sock.recv(ANNOUNCE_BYTES + 1):
+                announcement = unpack_announcement(datagram, arena_bytes=arena.size_bytes)
+                latest = arena.latest
+                self._accept(link, announcement, latest)
+                if announcement.sequence >= latest or self._closed:
+                    return  # the usual case is to have the latest; saves the system call that would say so
+            self._drop(gid, link)
+        except BlockingIOError:
+            return
+        except OSError:
+            self._drop(gid, link)  # it was killed with our returns unread
+        except BusError as error:
+            _log.warning("topic %r: dropping a publisher: %r", self._presence.topic, error)
+            self._drop(gid, link)
+
+    def _welcome(self, link: _Link) -> ArenaMap:
+        datagram, fds, _, _ = socket.recv_fds(link.sock, 64, 1)
+        try:
+            if not datagram:
+                raise ConnectionResetError("the publisher hung up")
+            link.gid = unpack_welcome(datagram)
+            if len(fds) != 1:
+                raise ProtocolError(datagram, "one memory file with the welcome")
+            link.arena = ArenaMap(fds[0])
+        finally:
+            for fd in fds:
+                os.close(fd)
+        self._notify()
+        return link.arena
+
+    def _accept(self, link: _Link, announcement: Announcement, latest: int) -> None:
+        sequence, offset, size, stamp_ns = announcement
+        if sequence != link.last_sequence + 1 and link.last_sequence:
+            self._inbox.queue.dropped += sequence - link.last_sequence - 1
+        link.last_sequence = sequence
+        if self._depth and latest - sequence >= self._depth:
+            # This process slept and newer messages wait at the publisher: KEEP_LAST wants those.
+            self._inbox.queue.dropped += 1
+            link.give_back(offset)
+            return
+        self._inbox.push((link.hold(offset, size), stamp_ns, time.time_ns(), link.gid))
+
+    def _drop(self, gid: bytes, link: _Link) -> None:
+        self._bridge.unwatch(link.sock.fileno())
+        self._links.pop(gid, None)
+        link.sock.close()
+        self._notify()

@@ -1,0 +1,172 @@
+"""The datagrams between a shared-memory publisher and its subscribers, and their checks.
+
+Pure: bytes and values. All numbers are little-endian; each datagram is one SOCK_SEQPACKET message.
+
+```text
+subscriber -> publisher   HELLO    magic, version, flags, depth           once, first
+publisher  -> subscriber  WELCOME  magic, version, gid  + the memory file once, answer to HELLO
+publisher  -> subscriber  ANNOUNCE sequence, offset, size, source stamp   per message
+subscriber -> publisher   RETURN   offset                                 per message, when let go
+```
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import NamedTuple
+
+from sfglab.bus.errors import BusError
+
+__all__ = [
+    "ANNOUNCE_BYTES",
+    "DATA_OFFSET_BYTES",
+    "HEADER_BYTES",
+    "HELLO_BYTES",
+    "PAGE_BYTES",
+    "RETURN_BYTES",
+    "Announcement",
+    "Hello",
+    "ProtocolError",
+    "pack_announcement",
+    "pack_hello",
+    "pack_return",
+    "pack_welcome",
+    "unpack_announcement",
+    "unpack_hello",
+    "unpack_return",
+    "unpack_welcome",
+]
+
+PAGE_BYTES = 4096
+HEADER_BYTES = PAGE_BYTES
+"""The memory file's first page: the latest sequence number, as one aligned 64-bit word."""
+DATA_OFFSET_BYTES = 60
+"""CDR starts here in a slot, so that what follows its 4-byte header is aligned to 64 bytes."""
+
+_MAGIC = b"sfgs"
+_VERSION = 1
+_HELLO = struct.Struct("<4sHHI")
+_WELCOME = struct.Struct("<4sHH16s")
+_ANNOUNCE = struct.Struct("<QQQq")
+_RETURN = struct.Struct("<Q")
+_PREFIX = _MAGIC + struct.pack("<H", _VERSION)
+_FLAG_HISTORY = 1
+HELLO_BYTES = _HELLO.size
+ANNOUNCE_BYTES = _ANNOUNCE.size
+RETURN_BYTES = _RETURN.size
+
+
+class ProtocolError(BusError, ValueError):
+    """A peer sent what no peer of this version sends.
+
+    Attributes:
+        datagram: The bytes.
+    """
+
+    def __init__(self, datagram: bytes, expected: str) -> None:
+        self.datagram = datagram
+        super().__init__(f"shared memory: given {datagram.hex() or 'nothing'}, expected is {expected}")
+
+
+class Hello(NamedTuple):
+    """How a subscriber introduces itself.
+
+    Attributes:
+        depth: How many of the newest messages it wants kept; 0 is all.
+        wants_history: Whether it wants those published before it came.
+    """
+
+    depth: int
+    wants_history: bool
+
+
+class Announcement(NamedTuple):
+    """Where a message is.
+
+    Attributes:
+        sequence: 1, 2, 3 ... for each publisher.
+        offset: Where its slot starts in the memory file, in bytes.
+        size: The length of its CDR, in bytes.
+        source_timestamp_ns: When it was published.
+    """
+
+    sequence: int
+    offset: int
+    size: int
+    source_timestamp_ns: int
+
+
+def pack_hello(hello: Hello) -> bytes:
+    """Return a HELLO."""
+    return _HELLO.pack(_MAGIC, _VERSION, _FLAG_HISTORY * hello.wants_history, hello.depth)
+
+
+def unpack_hello(datagram: bytes) -> Hello:
+    """Return what a HELLO says.
+
+    Raises:
+        ProtocolError: It is none.
+    """
+    if len(datagram) != _HELLO.size or not datagram.startswith(_PREFIX):
+        raise ProtocolError(datagram, f"a hello of version {_VERSION}")
+    _, _, flags, depth = _HELLO.unpack(datagram)
+    return Hello(depth, bool(flags & _FLAG_HISTORY))
+
+
+def pack_welcome(gid: bytes) -> bytes:
+    """Return a WELCOME with the GUID of the publisher's presence writer."""
+    return _WELCOME.pack(_MAGIC, _VERSION, 0, gid)
+
+
+def unpack_welcome(datagram: bytes) -> bytes:
+    """Return the GUID in a WELCOME.
+
+    Raises:
+        ProtocolError: It is none.
+    """
+    if len(datagram) != _WELCOME.size or not datagram.startswith(_PREFIX):
+        raise ProtocolError(datagram, f"a welcome of version {_VERSION}")
+    gid: bytes = _WELCOME.unpack(datagram)[3]
+    return gid
+
+
+def pack_announcement(announcement: Announcement) -> bytes:
+    """Return an ANNOUNCE."""
+    return _ANNOUNCE.pack(*announcement)
+
+
+def unpack_announcement(datagram: bytes, *, arena_bytes: int) -> Announcement:
+    """Return what an ANNOUNCE says, which is inside the memory file for certain.
+
+    Args:
+        datagram: What arrived.
+        arena_bytes: The size of the mapped memory file.
+
+    Raises:
+        ProtocolError: It is none, or points outside.
+    """
+    if len(datagram) != _ANNOUNCE.size:
+        raise ProtocolError(datagram, f"an announcement of {_ANNOUNCE.size} bytes")
+    announcement = Announcement._make(_ANNOUNCE.unpack(datagram))
+    _, start, size, _ = announcement
+    end = start + DATA_OFFSET_BYTES + size
+    if start % PAGE_BYTES or start < HEADER_BYTES or end > arena_bytes:
+        raise ProtocolError(datagram, f"a slot inside the {arena_bytes} bytes of the memory file")
+    return announcement
+
+
+def pack_return(offset: int) -> bytes:
+    """Return a RETURN."""
+    return _RETURN.pack(offset)
+
+
+def unpack_return(datagram: bytes) -> int:
+    """Return the offset in a RETURN.
+
+    Raises:
+        ProtocolError: It is none.
+    """
+    if len(datagram) != _RETURN.size:
+        raise ProtocolError(datagram, f"a return of {_RETURN.size} bytes")
+    offset: int = _RETURN.unpack(datagram)[0]
+    return offset

@@ -1,0 +1,278 @@
+"""A shared-memory publisher: its memory file, its socket, and its subscribers' connections."""
+
+from __future__ import annotations
+
+import logging
+import select
+import time
+from contextlib import contextmanager
+from functools import partial
+from socket import send_fds
+from typing import TYPE_CHECKING, Any
+
+from sfglab.bus.errors import MessageTooLargeError, PublishError
+from sfglab.bus.shm.arena import OwnArena
+from sfglab.bus.shm.fanout import Fanout
+from sfglab.bus.shm.slots import SlotPool, slot_capacity
+from sfglab.bus.shm.sockets import listen, same_user
+from sfglab.bus.shm.wire import (
+    HEADER_BYTES,
+    HELLO_BYTES,
+    RETURN_BYTES,
+    Announcement,
+    ProtocolError,
+    pack_announcement,
+    pack_welcome,
+    unpack_hello,
+    unpack_return,
+)
+from sfglab.messages import serialize_into, serialized_size
+from sfglab.qos import Durability, History, QoSProfile
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from socket import socket
+
+    from sfglab.bus.bridge import LoopBridge
+    from sfglab.bus.shm.presence import Presence
+
+__all__ = ["ARENA_MESSAGES", "ShmWriter"]
+
+_log = logging.getLogger(__name__)
+
+ARENA_MESSAGES = 64
+"""A memory file has room for so many messages of the largest allowed size; memory is taken as it is used."""
+
+_ENOSPC = 28
+
+
+class ShmWriter:
+    """Writes messages into shared memory and tells subscribers of this host where they are.
+
+    Lives on the node's loop; only there may it be used.
+
+    Args:
+        bridge: The node's loop.
+        presence: How it shows itself in the graph.
+        qos: What is offered.
+        max_message_bytes: The limit of one message's CDR.
+        notify: Called when subscribers come or go.
+    """
+
+    def __init__(
+        self,
+        bridge: LoopBridge,
+        presence: Presence,
+        qos: QoSProfile,
+        *,
+        max_message_bytes: int,
+        notify: Callable[[], None],
+    ) -> None:
+        self._bridge = bridge
+        self._presence = presence
+        self._topic = presence.topic
+        self._limit_bytes = max_message_bytes
+        self._notify = notify
+        self._sequence = 0
+        arena_bytes = HEADER_BYTES + ARENA_MESSAGES * slot_capacity(max_message_bytes)
+        self._pool = SlotPool(arena_bytes)
+        self._fanout = Fanout(self._pool, _history_depth(qos))
+        self._arena = OwnArena(arena_bytes, f"sfglab {self._topic}")
+        self._connections: dict[int, socket] = {}
+        self._watched: set[int] = set()
+        self._hangups = select.epoll()
+        self._listener = listen(presence.address)
+        bridge.watch(self._hangups.fileno(), self._on_hangup)
+        bridge.watch(self._listener.fileno(), self._accept)
+        self.gid = presence.announce()
+
+    @property
+    def matched(self) -> int:
+        """How many subscribers are connected."""
+        return len(self._fanout.peers)
+
+    def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
+        """Copy serialized bytes into shared memory and announce them.
+
+        Raises:
+            MessageTooLargeError: They exceed the publisher's limit.
+            PublishError: There is no memory for them.
+        """
+        data = memoryview(cdr).cast("B")
+        if self._wanted(len(data)):
+            offset = self._acquire(len(data))
+            self._arena.view(offset, len(data))[:] = data
+            self._announce(offset, len(data), source_timestamp_ns)
+
+    def write_message(self, message: Any) -> None:
+        """Serialize a message into shared memory and announce it; see `write`."""
+        size = serialized_size(message)
+        if self._wanted(size):
+            with self.loan(size) as buffer:
+                serialize_into(message, buffer)
+
+    @contextmanager
+    def loan(self, size_bytes: int) -> Iterator[memoryview]:
+        """Lend the memory of the next message; see `Publisher.loan`."""
+        self._check_size(size_bytes)
+        offset = self._acquire(size_bytes)
+        try:
+            yield self._arena.view(offset, size_bytes)
+        except BaseException:
+            self._pool.release(offset)
+            raise
+        self._announce(offset, size_bytes, None)
+
+    def wait_for_acks(self, timeout_s: float) -> bool:  # noqa: ARG002 - a transport's common signature
+        """Return whether every subscriber has been told everything."""
+        self._collect()
+        return all(self._fanout.backlog(key) == 0 for key in self._fanout.peers)
+
+    def close(self) -> None:
+        """Hang up on all subscribers and give the memory back; again is harmless."""
+        if self._listener.fileno() < 0:
+            return
+        self._presence.close()
+        for fd in (self._listener.fileno(), self._hangups.fileno(), *self._connections):
+            self._bridge.unwatch(fd)
+        for connection in self._connections.values():
+            connection.close()
+        self._connections.clear()
+        self._listener.close()
+        self._hangups.close()
+        self._arena.close()
+
+    def _wanted(self, size: int) -> bool:
+        self._check_size(size)
+        self._collect()
+        if self._fanout.idle:
+            self._sequence += 1
+        return not self._fanout.idle
+
+    def _check_size(self, size: int) -> None:
+        if size > self._limit_bytes:
+            raise MessageTooLargeError(self._topic, size_bytes=size, limit_bytes=self._limit_bytes)
+
+    def _acquire(self, size: int) -> int:
+        while (slot := self._pool.acquire(size)) is None:
+            if not self._fanout.shed():
+                raise PublishError(
+                    self._topic,
+                    code=_ENOSPC,
+                    reason=f"subscribers hold all of the {self._pool.arena_bytes} bytes of shared memory",
+                )
+        offset, added = slot
+        if added:
+            self._reserve(offset, added)
+        return offset
+
+    def _reserve(self, offset: int, size: int) -> None:
+        try:
+            self._arena.reserve(offset, size)
+        except OSError as error:
+            self._pool.release(offset)
+            raise PublishError(self._topic, code=error.errno or _ENOSPC, reason=str(error)) from error
+
+    def _announce(self, offset: int, size: int, source_timestamp_ns: int | None) -> None:
+        self._sequence += 1
+        stamp_ns = time.time_ns() if source_timestamp_ns is None else source_timestamp_ns
+        announcement = Announcement(self._sequence, offset, size, stamp_ns)
+        self._arena.set_latest(self._sequence)
+        datagram = pack_announcement(announcement)
+        for key in self._fanout.publish(announcement):
+            self._send(key, announcement, datagram)
+        for key in self._fanout.peers:
+            if self._fanout.backlog(key) and key not in self._watched:
+                self._watched.add(key)
+                self._bridge.watch(key, partial(self._on_returns, key))
+
+    def _send(self, key: int, announcement: Announcement, datagram: bytes) -> None:
+        try:
+            self._connections[key].send(datagram)
+        except BlockingIOError:
+            self._fanout.refuse(key, announcement)
+        except OSError:
+            self._hang_up(key)
+
+    def _collect(self) -> None:
+        """Take back returned slots: no subscriber wakes us for them unless messages wait for it."""
+        for key in self._fanout.peers:
+            self._receive(key)
+
+    def _receive(self, key: int) -> None:
+        connection = self._connections[key]
+        try:
+            while datagram := connection.recv(RETURN_BYTES + 1):
+                for announcement in self._fanout.returned(key, unpack_return(datagram)):
+                    self._send(key, announcement, pack_announcement(announcement))
+            self._leave(key)
+        except BlockingIOError:
+            return
+        except (OSError, ProtocolError, KeyError) as error:
+            _log.warning("topic %r: hanging up on a subscriber: %r", self._topic, error)
+            self._hang_up(key)
+
+    def _on_returns(self, key: int) -> None:
+        if key in self._connections:
+            self._receive(key)
+        if not self._fanout.backlog(key):
+            self._watched.discard(key)
+            self._bridge.unwatch(key)
+
+    def _accept(self) -> None:
+        try:
+            connection, _ = self._listener.accept()
+        except OSError:
+            return  # it has hung up already
+        connection.setblocking(False)
+        if not same_user(connection):
+            connection.close()
+            return
+        self._connections[connection.fileno()] = connection
+        self._bridge.watch(connection.fileno(), partial(self._on_hello, connection.fileno()))
+
+    def _on_hello(self, key: int) -> None:
+        connection = self._connections[key]
+        self._bridge.unwatch(key)
+        try:
+            hello = unpack_hello(connection.recv(HELLO_BYTES + 1))
+            send_fds(connection, [pack_welcome(self.gid)], [self._arena.reader_fd])
+        except (OSError, ProtocolError) as error:
+            _log.warning("topic %r: refusing a subscriber: %s", self._topic, error)
+            self._hang_up(key)
+            return
+        self._hangups.register(key, select.EPOLLRDHUP)
+        for announcement in self._fanout.join(key, hello.depth, wants_history=hello.wants_history):
+            self._send(key, announcement, pack_announcement(announcement))
+        self._notify()
+
+    def _on_hangup(self) -> None:
+        for key, events in self._hangups.poll(0):
+            if events & select.EPOLLHUP:
+                self._hang_up(key)
+            else:
+                self._leave(key)
+
+    def _leave(self, key: int) -> None:
+        """Tell a closed subscription nothing more, but leave its process the messages it still holds."""
+        self._hangups.modify(key, 0)  # its end is always reported
+        self._bridge.unwatch(key)
+        self._watched.discard(key)
+        self._fanout.leaving(key)
+        self._notify()
+
+    def _hang_up(self, key: int) -> None:
+        connection = self._connections.pop(key, None)
+        if connection is None:
+            return
+        self._bridge.unwatch(key)
+        self._watched.discard(key)
+        self._fanout.gone(key)
+        connection.close()  # leaves the epoll set, too
+        self._notify()
+
+
+def _history_depth(qos: QoSProfile) -> int | None:
+    if qos.durability is Durability.VOLATILE:
+        return 0
+    return qos.depth if qos.history is History.KEEP_LAST else None

@@ -1,0 +1,116 @@
+"""Opens the transport's side of a publisher or subscription: the one place that knows both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, get_args
+
+from sfglab import names
+from sfglab.bus.api import Transport
+from sfglab.bus.dds.endpoints import RawReader, RawWriter
+from sfglab.bus.errors import BusError
+from sfglab.messages import serialize
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.bus.core import Core
+    from sfglab.bus.inbox import Inbox
+    from sfglab.bus.publisher import Writer
+    from sfglab.bus.shm.presence import Presence
+    from sfglab.bus.subscription import Reader
+    from sfglab.qos import QoSProfile
+
+__all__ = ["DEFAULT_MAX_MESSAGE_BYTES", "Target", "TransportError", "open_reader", "open_writer"]
+
+DEFAULT_MAX_MESSAGE_BYTES = 64 * 2**20
+"""An uncompressed 4K image has 25 MB; a cloud of two million points 64 MB."""
+
+
+class TransportError(BusError, ValueError):
+    """A transport that does not exist.
+
+    Attributes:
+        transport: What was given.
+    """
+
+    def __init__(self, transport: str) -> None:
+        self.transport = transport
+        super().__init__(f"transport: given {transport!r}, allowed are {', '.join(get_args(Transport))}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """What an endpoint is for: a resolved topic, its type, and the quality of service."""
+
+    topic: str
+    type: str
+    qos: QoSProfile
+
+
+class _DdsWriter(RawWriter):
+    def write_message(self, message: Any) -> None:
+        self.write(serialize(message))
+
+
+def open_writer(
+    core: Core, target: Target, transport: Transport, *, notify: Callable[[], None], max_message_bytes: int
+) -> Writer:
+    """Return the sending side of a new publisher; `notify` is called when its subscriptions change."""
+    _check(transport)
+    if transport == "shm":
+        from sfglab.bus.shm.writer import ShmWriter
+
+        presence = _presence(core, target, writer=True)
+        return ShmWriter(
+            core.bridge,
+            presence,
+            target.qos,
+            max_message_bytes=max_message_bytes,
+            notify=_flushed(core, notify),
+        )
+    from sfglab.messages.dds import idl_struct
+
+    handle = core.participant.create_writer(names.dds_topic(target.topic), idl_struct(target.type), target.qos)
+    waiter = core.participant.waiter
+    return _DdsWriter(handle, target.topic, type_=target.type, waiter=waiter, on_matched=notify)
+
+
+def open_reader(
+    core: Core, target: Target, transport: Transport, *, notify: Callable[[], None], inbox: Inbox
+) -> Reader:
+    """Return the receiving side of a new subscription, which pushes into `inbox`."""
+    _check(transport)
+    if transport == "shm":
+        from sfglab.bus.shm.reader import ShmReader
+
+        presence = _presence(core, target, writer=False)
+        return ShmReader(core.bridge, presence, target.qos, inbox=inbox, notify=_flushed(core, notify))
+    from sfglab.messages.dds import idl_struct
+
+    handle = core.participant.create_reader(names.dds_topic(target.topic), idl_struct(target.type), target.qos)
+    waiter = core.participant.waiter
+    return RawReader(handle, waiter=waiter, on_samples=inbox.push_from_thread, on_matched=notify)
+
+
+def _check(transport: str) -> None:
+    if transport not in get_args(Transport):
+        raise TransportError(transport)
+
+
+def _presence(core: Core, target: Target, *, writer: bool) -> Presence:
+    from sfglab.bus.shm.presence import Presence
+
+    return Presence(
+        core.participant, core.graph, topic=(target.topic, target.type), qos=target.qos, writer=writer
+    )
+
+
+def _flushed(core: Core, notify: Callable[[], None]) -> Callable[[], None]:
+    """Let a notice of the loop itself through at once; only the waiter's thread flushes by itself."""
+
+    def both() -> None:
+        notify()
+        core.bridge.flush()
+
+    return both

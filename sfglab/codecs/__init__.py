@@ -1,0 +1,64 @@
+"""H.264 and RVL, and the ROS messages that carry them (paper A, section 4.3).
+
+Functions and values only: no nodes, no clocks, no message classes. `sfglab.codecs.rvl`, which compiles code,
+is imported with the first depth image, or on purpose to have that behind you.
+"""
+
+from __future__ import annotations
+
+from sfglab.codecs.carriers import (
+    COMPRESSED_IMAGE,
+    COMPRESSED_VIDEO,
+    FFMPEG_PACKET,
+    CompressedImageFields,
+    CompressedVideoFields,
+    FfmpegEncoding,
+    FfmpegPacketFields,
+    compressed_depth_fields,
+    compressed_image_fields,
+    compressed_video_fields,
+    ffmpeg_packet_fields,
+    parse_ffmpeg_encoding,
+)
+from sfglab.codecs.decoding import DecodedImage, ImageDecoder, image_decoder
+from sfglab.codecs.depth import DepthFormat, decode_depth, encode_depth, parse_depth_format
+from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, CodecUnavailableError
+from sfglab.codecs.h264 import DecoderState, H264Decoder, H264Encoder, VideoDecoder
+from sfglab.codecs.libav import TABLE_2, EncodedFrame, H264Settings
+from sfglab.codecs.probe import CodecProbe, available_decoders, available_encoders
+
+__all__ = [
+    "COMPRESSED_IMAGE",
+    "COMPRESSED_VIDEO",
+    "FFMPEG_PACKET",
+    "MAX_PIXELS",
+    "TABLE_2",
+    "BitstreamError",
+    "CodecError",
+    "CodecProbe",
+    "CodecUnavailableError",
+    "CompressedImageFields",
+    "CompressedVideoFields",
+    "DecodedImage",
+    "DecoderState",
+    "DepthFormat",
+    "EncodedFrame",
+    "FfmpegEncoding",
+    "FfmpegPacketFields",
+    "H264Decoder",
+    "H264Encoder",
+    "H264Settings",
+    "ImageDecoder",
+    "VideoDecoder",
+    "available_decoders",
+    "available_encoders",
+    "compressed_depth_fields",
+    "compressed_image_fields",
+    "compressed_video_fields",
+    "decode_depth",
+    "encode_depth",
+    "ffmpeg_packet_fields",
+    "image_decoder",
+    "parse_depth_format",
+    "parse_ffmpeg_encoding",
+]

@@ -1,0 +1,64 @@
+"""The errors of every codec and the size that no decoder exceeds.
+
+Knows what can be wrong with media bytes. Refuses to know any codec.
+"""
+
+from __future__ import annotations
+
+from sfglab.errors import SfglabError
+
+__all__ = ["MAX_PIXELS", "BitstreamError", "CodecError", "CodecUnavailableError", "check_size"]
+
+MAX_PIXELS = 2**26
+"""Largest frame that is decoded (8192 x 8192), so that a hostile header cannot ask for more memory."""
+
+
+class CodecError(SfglabError, ValueError):
+    """Anything that a codec refuses to encode or decode."""
+
+
+class CodecUnavailableError(CodecError):
+    """No usable encoder or decoder of the wanted name, or for the wanted format.
+
+    Attributes:
+        wanted: What was asked for.
+        reason: Why it cannot be had.
+    """
+
+    def __init__(self, wanted: str, *, reason: str) -> None:
+        self.wanted = wanted
+        self.reason = reason
+        super().__init__(f"codec {wanted!r}: {reason}")
+
+
+class BitstreamError(CodecError):
+    """Bytes that are not a valid frame of the named format.
+
+    Attributes:
+        codec: The format that was being read, such as ``"h264"`` or ``"png"``.
+        reason: What is wrong with the bytes.
+        size_bytes: How many bytes were given.
+    """
+
+    def __init__(self, codec: str, *, reason: str, size_bytes: int) -> None:
+        self.codec = codec
+        self.reason = reason
+        self.size_bytes = size_bytes
+        super().__init__(f"{codec} frame of {size_bytes} bytes: {reason}")
+
+
+def check_size(codec: str, *, width: int, height: int, size_bytes: int) -> None:
+    """Refuse a frame size that a header claims before anything is allocated for it.
+
+    Args:
+        codec: The format that makes the claim, for the message.
+        width: Claimed width in pixels.
+        height: Claimed height in pixels.
+        size_bytes: Size of the data that makes the claim.
+
+    Raises:
+        BitstreamError: If a side is not positive or the area exceeds `MAX_PIXELS`.
+    """
+    if width < 1 or height < 1 or width * height > MAX_PIXELS:
+        reason = f"claims {width} x {height} pixels; allowed are sides from 1 and at most {MAX_PIXELS} pixels"
+        raise BitstreamError(codec, reason=reason, size_bytes=size_bytes)

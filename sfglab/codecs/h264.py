@@ -1,0 +1,233 @@
+"""H.264 without delay: each image gives one packet at once, each packet one image at once.
+
+Knows a stream's state: which encoder was taken and why, and whether the decoder has seen a key frame.
+Refuses to know messages (`sfglab.codecs.carriers`) and clocks.
+
+Source: paper A, section 4.3 and table 2.
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+from enum import Enum
+from typing import TYPE_CHECKING, NoReturn
+
+import av
+import numpy as np
+
+from sfglab.codecs.annexb import has_start_code, is_entry_point
+from sfglab.codecs.errors import BitstreamError, CodecError, CodecUnavailableError
+from sfglab.codecs.libav import TABLE_2, DecoderSession, EncodedFrame, EncoderSession, H264Settings
+from sfglab.codecs.probe import choose_decoder, choose_encoder, why
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = [
+    "TABLE_2",
+    "DecoderState",
+    "EncodedFrame",
+    "H264Decoder",
+    "H264Encoder",
+    "H264Settings",
+    "VideoDecoder",
+]
+
+_log = logging.getLogger(__name__)
+
+
+@functools.cache
+def _say_once(message: str) -> None:
+    """Log a warning the first time; the same choice is made for every stream of a fleet."""
+    _log.warning(message)
+
+
+class H264Encoder:
+    """An encoder for one stream.
+
+    Args:
+        settings: What to make.
+        fallback: Whether a software encoder will do if the one that the settings name does not work.
+
+    Attributes:
+        settings: As given.
+        encoder_name: The FFmpeg encoder that was opened.
+        fallback_reason: Why it is not a preferred one, else None; also logged as a warning, once.
+
+    Raises:
+        CodecUnavailableError: If no wanted encoder works on this machine.
+    """
+
+    def __init__(self, settings: H264Settings = TABLE_2, *, fallback: bool = False) -> None:
+        choice = choose_encoder(settings.encoder, fallback=fallback)
+        self.settings = settings
+        self.encoder_name = choice.name
+        self.fallback_reason = choice.fallback_reason
+        if choice.fallback_reason is not None:
+            _say_once(f"H.264 is encoded by {choice.name}, because {choice.fallback_reason}")
+        try:
+            self._session = EncoderSession(choice.name, settings)
+        except (av.FFmpegError, ValueError) as error:
+            raise CodecError(f"H.264 encoder {choice.name!r} refuses {settings}: {why(error)}") from error
+
+    def encode(self, image_bgr: NDArray[np.uint8], *, force_key: bool = False) -> tuple[EncodedFrame, ...]:
+        """Encode one image into exactly one frame.
+
+        Args:
+            image_bgr: Pixels, shape (height, width, 3), uint8.
+            force_key: Whether to make it a key frame out of turn; the next regular one comes a GOP later.
+
+        Returns:
+            One frame.
+
+        Raises:
+            CodecError: If the image does not fit the settings, or the encoder keeps it back or fails.
+        """
+        try:
+            frames = self._session.encode(image_bgr, force_key=force_key)
+        except av.FFmpegError as error:
+            raise CodecError(f"H.264 encoder {self.encoder_name!r} failed: {why(error)}") from error
+        if len(frames) != 1:
+            raise CodecError(f"H.264 encoder {self.encoder_name!r} gave {len(frames)} frames for one image")
+        return frames
+
+
+class DecoderState(Enum):
+    """Whether a decoder can make use of any packet."""
+
+    WAITING_FOR_KEYFRAME = "waiting_for_keyframe"
+    DECODING = "decoding"
+
+
+class VideoDecoder:
+    """A decoder for one H.264 or H.265 stream that joins, and joins again after a fault, at a key frame.
+
+    A packet that went missing is not noticed here: libavcodec goes on from the wrong reference and marks
+    nothing until the next key frame. Whoever can count packets should (`sfglab.codecs.decoding` does).
+
+    Args:
+        codec: ``"h264"`` or ``"hevc"``.
+        decoder: The FFmpeg decoder.
+        threads: Threads for the slices of one frame.
+
+    Attributes:
+        codec: As given.
+        decoder_name: The FFmpeg decoder that was opened.
+        state: Whether a key frame is still awaited.
+        refused_packets: Packets passed over while waiting for a key frame.
+        broken_packets: Packets in which a fault was found.
+
+    Raises:
+        CodecError: If the decoder cannot be opened.
+    """
+
+    def __init__(self, codec: str, *, decoder: str, threads: int = 1) -> None:
+        if threads < 1:
+            raise CodecError(f"decoder threads: given {threads}, allowed are whole numbers from 1")
+        self.codec = codec
+        self.decoder_name = decoder
+        self.state = DecoderState.WAITING_FOR_KEYFRAME
+        self.refused_packets = 0
+        self.broken_packets = 0
+        try:
+            self._session = DecoderSession(decoder, threads=threads)
+        except (av.FFmpegError, ValueError) as error:
+            raise CodecError(f"decoder {decoder!r} cannot be opened: {why(error)}") from error
+
+    def decode(self, data: bytes) -> tuple[av.VideoFrame, ...]:
+        """Decode one packet.
+
+        Args:
+            data: One access unit, Annex B.
+
+        Returns:
+            Its frame; nothing while waiting for a key frame or for a packet of parameter sets alone.
+
+        Raises:
+            BitstreamError: If the packet is broken; the decoder then waits for the next key frame.
+        """
+        if not has_start_code(data):
+            self._fail(data, "no Annex B start code (0 0 1 or 0 0 0 1) in front")
+        waiting = self.state is DecoderState.WAITING_FOR_KEYFRAME
+        if waiting and not is_entry_point(data, codec=self.codec):
+            self.refused_packets += 1
+            return ()
+        try:
+            frames = self._session.decode(data)
+        except av.FFmpegError as error:
+            self._fail(data, f"libavcodec: {why(error)}")
+        if any(frame.is_corrupt for frame in frames):
+            self._fail(data, "slices are damaged")
+        if frames:
+            self.state = DecoderState.DECODING
+        return frames
+
+    def decode_bgr(self, data: bytes, out: NDArray[np.uint8] | None = None) -> tuple[NDArray[np.uint8], ...]:
+        """Decode one packet to BGR pixels, by the colour matrix and range that the stream names.
+
+        Args:
+            data: One access unit, Annex B.
+            out: Receives the pixels, shape (height, width, 3), uint8; a stream may change its size.
+
+        Returns:
+            Contiguous arrays of shape (height, width, 3), uint8: `out` or new memory; as many as `decode`
+            gives.
+
+        Raises:
+            BitstreamError: As `decode`.
+            CodecError: As `bgr`.
+        """
+        return tuple(self.bgr(frame, out) for frame in self.decode(data))
+
+    def bgr(self, frame: av.VideoFrame, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
+        """Convert a frame of this stream to BGR pixels.
+
+        Args:
+            frame: From `decode`.
+            out: Receives the pixels, shape (height, width, 3), uint8.
+
+        Returns:
+            Contiguous pixels: `out` or new memory.
+
+        Raises:
+            CodecError: If `out` does not fit the frame, or its pixel format cannot be converted.
+        """
+        try:
+            pixels = self._session.bgr(frame)
+        except (av.FFmpegError, ValueError) as error:
+            raise CodecUnavailableError(frame.format.name, reason=f"not convertible: {why(error)}") from error
+        if out is None:
+            return np.ascontiguousarray(pixels)
+        if out.shape != pixels.shape or out.dtype != np.uint8:
+            raise CodecError(
+                f"decoded pixels: the frame is uint8 of shape {pixels.shape}; "
+                f"given for it is {out.dtype} of shape {out.shape}"
+            )
+        np.copyto(out, pixels)
+        return out
+
+    def reset(self) -> None:
+        """Forget the stream: wait for a key frame again."""
+        self._session.flush()
+        self.state = DecoderState.WAITING_FOR_KEYFRAME
+
+    def _fail(self, data: bytes, reason: str) -> NoReturn:
+        self.broken_packets += 1
+        self.reset()
+        raise BitstreamError(self.codec, reason=reason, size_bytes=len(data))
+
+
+class H264Decoder(VideoDecoder):
+    """A decoder for one H.264 stream.
+
+    Args:
+        threads: Threads for the slices of one frame; 640 x 360 gains nothing from a second.
+        decoder: ``"auto"`` for the first that works here, hardware first, or an FFmpeg decoder.
+
+    Raises:
+        CodecUnavailableError: If the named decoder does not work on this machine.
+    """
+
+    def __init__(self, threads: int = 1, decoder: str = "auto") -> None:
+        super().__init__("h264", decoder=choose_decoder(decoder).name, threads=threads)

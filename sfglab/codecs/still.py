@@ -1,0 +1,135 @@
+"""Single pictures: PNG and JPEG through OpenCV, with the claimed size checked before anything is allocated.
+
+Refuses to know messages and depth (`sfglab.codecs.carriers`, `sfglab.codecs.depth`). The libraries below
+OpenCV write a line to stderr for each broken picture; that cannot be turned off from Python.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from sfglab.codecs.errors import BitstreamError, CodecError, check_size
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["JPEG_QUALITY", "decode_still", "encode_jpeg", "encode_png"]
+
+JPEG_QUALITY = 95
+"""The default of compressed_image_transport."""
+
+_PNG_START = b"\x89PNG\r\n\x1a\n"
+_JPEG_START = b"\xff\xd8"
+
+
+def encode_png(image: NDArray[Any], *, level: int) -> bytes:
+    """Compress a picture without loss.
+
+    Args:
+        image: Pixels, shape (rows, columns) or (rows, columns, 3 or 4), uint8 or uint16, colours as BGR(A).
+        level: Effort of zlib, from 0 to 9.
+
+    Raises:
+        CodecError: If PNG cannot hold such an array.
+    """
+    if image.dtype not in (np.uint8, np.uint16) or not 0 <= level <= 9:
+        raise CodecError(
+            f"PNG: given {image.dtype} at level {level}, allowed are uint8 and uint16 at levels from 0 to 9"
+        )
+    return _encode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, level])
+
+
+def encode_jpeg(image: NDArray[np.uint8], *, quality: int = JPEG_QUALITY) -> bytes:
+    """Compress a picture with loss.
+
+    Args:
+        image: Pixels, shape (rows, columns) or (rows, columns, 3), uint8, colours as BGR.
+        quality: From 1 to 100.
+
+    Raises:
+        CodecError: If JPEG cannot hold such an array.
+    """
+    if image.dtype != np.uint8 or not 1 <= quality <= 100:
+        raise CodecError(
+            f"JPEG: given {image.dtype} at quality {quality}, allowed is uint8 at qualities from 1 to 100"
+        )
+    return _encode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+
+
+def decode_still(data: bytes) -> NDArray[Any]:
+    """Decode a PNG or a JPEG, whichever it is.
+
+    A flipped bit in a PNG is always noticed. JPEG has no checksum: damage inside its scan is seen only in the
+    picture.
+
+    Args:
+        data: The whole file.
+
+    Returns:
+        Pixels, shape (rows, columns) or (rows, columns, 3 or 4), uint8 or uint16, colours as BGR(A).
+
+    Raises:
+        BitstreamError: If it is neither, is broken, or claims more than `MAX_PIXELS`.
+    """
+    codec, width, height = _claim(data)
+    check_size(codec, width=width, height=height, size_bytes=len(data))
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise BitstreamError(codec, reason=f"OpenCV: {error.err}", size_bytes=len(data)) from error
+    if image is None:
+        raise BitstreamError(codec, reason="OpenCV finds it cut or damaged", size_bytes=len(data))
+    return image
+
+
+def _encode(extension: str, image: NDArray[Any], parameters: list[int]) -> bytes:
+    try:
+        done, encoded = cv2.imencode(extension, image, parameters)
+    except cv2.error as error:
+        raise CodecError(
+            f"{extension} cannot hold {image.dtype} of shape {image.shape}: {error.err}"
+        ) from error
+    if not done:
+        raise CodecError(f"{extension}: OpenCV failed to encode {image.dtype} of shape {image.shape}")
+    return bytes(encoded)
+
+
+def _claim(data: bytes) -> tuple[str, int, int]:
+    """Return the format, width and height that the header claims."""
+    if data.startswith(_PNG_START):
+        return ("png", *_png_size(data))
+    if data.startswith(_JPEG_START):
+        return ("jpeg", *_jpeg_size(data))
+    start = data[:8].hex(" ") or "nothing"
+    raise BitstreamError("png or jpeg", reason=f"starts with {start}, which is neither", size_bytes=len(data))
+
+
+def _png_size(data: bytes) -> tuple[int, int]:
+    """Walk all chunks (PNG 3, clause 5.3), because OpenCV allocates what their lengths claim."""
+    at = len(_PNG_START)
+    while at + 12 <= len(data):
+        end = at + 12 + int.from_bytes(data[at : at + 4], "big")
+        if data[at + 4 : at + 8] == b"IEND" and end <= len(data) and data[12:16] == b"IHDR":
+            width, height = struct.unpack_from(">II", data, 16)
+            return width, height
+        at = end
+    raise BitstreamError("png", reason="cut, or a chunk passes the end", size_bytes=len(data))
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int]:
+    """Walk the marker segments to the start of frame (ITU-T T.81, clause B.2.2)."""
+    at = 2
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        marker = data[at + 1]
+        if marker == 0xFF:  # a fill byte
+            at += 1
+        elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack_from(">HH", data, at + 5)
+            return width, height
+        else:
+            at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    raise BitstreamError("jpeg", reason="no start of frame in the header", size_bytes=len(data))

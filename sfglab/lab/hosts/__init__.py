@@ -1,0 +1,36 @@
+"""Test hosts: several hosts on one machine, with addresses, links and processes of their own.
+
+    with Network() as network:
+        edge, station = network.add_host("edge"), network.add_host("station")
+        network.set_link("station", rate_bps=10e6, loss=0.05)
+        process = edge.popen([sys.executable, "-m", "..."])
+
+Everything is gone at the end of the block, also after an exception or when the creating process is killed.
+"""
+
+from sfglab.lab.hosts.errors import (
+    HostNameError,
+    HostsError,
+    HostsUnavailableError,
+    LinkControlError,
+    LinkError,
+    UnknownHostError,
+)
+from sfglab.lab.hosts.host import Host, InterfaceBytes
+from sfglab.lab.hosts.link import Link, LinkCounters
+from sfglab.lab.hosts.network import Capability, Network
+
+__all__ = [
+    "Capability",
+    "Host",
+    "HostNameError",
+    "HostsError",
+    "HostsUnavailableError",
+    "InterfaceBytes",
+    "Link",
+    "LinkControlError",
+    "LinkCounters",
+    "LinkError",
+    "Network",
+    "UnknownHostError",
+]

@@ -1,0 +1,143 @@
+"""Makes or joins namespaces and then becomes another program; runs as a script of its own.
+
+Python 3.11 has neither ``os.unshare`` nor ``os.setns``, so both are called in libc (unshare(2), setns(2)).
+Imports nothing of sfglab and little else: each process in a host pays for its start. Usage::
+
+    enter.py new auto|root|rootless COMMAND...       appends root or rootless to COMMAND
+    enter.py join PID INODE root|rootless COMMAND...
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+
+__all__ = ["CLONE_NEWNET", "CLONE_NEWUSER", "join", "new", "setns", "unshare"]
+
+# linux/sched.h
+CLONE_NEWUSER = 0x10000000
+CLONE_NEWNET = 0x40000000
+# linux/capability.h
+_CAP_NET_ADMIN, _CAP_SYS_ADMIN = 12, 21
+# signal(7); Python ignores both from its start, and exec hands that down.
+_IGNORED_BY_PYTHON = (13, 25)
+# What env(1) and nohup(1) return: own failure, found but not executable, not found.
+_EXIT_OWN, _EXIT_CANNOT_RUN, _EXIT_NOT_FOUND = 125, 126, 127
+
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+def _call(name: str, *args: int) -> None:
+    if getattr(_libc, name)(*args) != 0:
+        number = ctypes.get_errno()
+        raise OSError(number, f"{name}: {os.strerror(number)}")
+
+
+def unshare(flags: int) -> None:
+    """Give the calling thread new namespaces (unshare(2)).
+
+    Args:
+        flags: A sum of ``CLONE_NEW*``.
+
+    Raises:
+        OSError: The kernel refuses.
+    """
+    _call("unshare", flags)
+
+
+def setns(fd: int, flags: int) -> None:
+    """Move the calling thread into a namespace (setns(2)).
+
+    Args:
+        fd: Descriptor of a file below ``/proc/PID/ns``.
+        flags: The kind of namespace expected, one of ``CLONE_NEW*``.
+
+    Raises:
+        OSError: The kernel refuses.
+    """
+    _call("setns", fd, flags)
+
+
+def _may_be_root() -> bool:
+    """Return whether this process has what network administration takes (capabilities(7))."""
+    with open("/proc/self/status", encoding="ascii", errors="replace") as file:  # noqa: PTH123 - pathlib costs 10 ms
+        effective = next(int(line.split()[1], 16) for line in file if line.startswith("CapEff"))
+    return all(effective >> number & 1 for number in (_CAP_NET_ADMIN, _CAP_SYS_ADMIN))
+
+
+def new(how: str) -> str:
+    """Move this process into a new network namespace, in a new user namespace where that is needed.
+
+    Args:
+        how: ``root``, ``rootless``, or ``auto`` for root where the process has its capabilities.
+
+    Returns:
+        ``root`` or ``rootless``.
+
+    Raises:
+        OSError: The kernel refuses.
+    """
+    if how == "root" or (how == "auto" and _may_be_root()):
+        unshare(CLONE_NEWNET)
+        return "root"
+    user, group = os.geteuid(), os.getegid()
+    unshare(CLONE_NEWUSER | CLONE_NEWNET)
+    # A group map may be written only after setgroups is given up (user_namespaces(7)).
+    for name, text in (("setgroups", "deny"), ("uid_map", f"0 {user} 1"), ("gid_map", f"0 {group} 1")):
+        with open(f"/proc/self/{name}", "w", encoding="ascii") as file:  # noqa: PTH123 - pathlib costs 10 ms
+            file.write(text)
+    return "rootless"
+
+
+def join(pid: int, inode: int, how: str) -> None:
+    """Move this process into the namespaces of a host's holder.
+
+    Args:
+        pid: The holder.
+        inode: Inode of the network namespace, which tells the holder from a later owner of its pid.
+        how: ``rootless`` to join its user namespace too.
+
+    Raises:
+        OSError: The holder is gone, or the kernel refuses.
+    """
+    kinds = [("net", CLONE_NEWNET)]
+    if how == "rootless":
+        kinds.insert(0, ("user", CLONE_NEWUSER))
+    opened = [(os.open(f"/proc/{pid}/ns/{kind}", os.O_RDONLY | os.O_CLOEXEC), flag) for kind, flag in kinds]
+    if os.fstat(opened[-1][0]).st_ino != inode:
+        raise ProcessLookupError(f"process {pid} is not the holder of this host any more")
+    for fd, flag in opened:
+        setns(fd, flag)
+    # Whoever closes the network ends its holders first and then looks for members: having joined before the
+    # holder ended, we are seen then.
+    if os.stat(f"/proc/{pid}/ns/net").st_ino != inode:  # noqa: PTH116 - pathlib costs 10 ms
+        raise ProcessLookupError(f"the host of process {pid} closed meanwhile")
+
+
+def _become(command: list[str]) -> int:
+    for number in _IGNORED_BY_PYTHON:
+        _libc.signal(number, None)
+    try:
+        os.execvp(command[0], command)  # noqa: S606 - no shell is the point
+    except OSError as error:
+        sys.stderr.write(f"cannot run {command[0]!r} inside the host: {error}\n")
+        return _EXIT_NOT_FOUND if isinstance(error, FileNotFoundError) else _EXIT_CANNOT_RUN
+
+
+def _main(verb: str, *rest: str) -> int:
+    try:
+        if verb == "new":
+            how, *command = rest
+            command.append(new(how))
+        else:
+            pid, inode, how, *command = rest
+            join(int(pid), int(inode), how)
+    except OSError as error:
+        sys.stderr.write(f"{error}\n")
+        return _EXIT_OWN
+    return _become(command)
+
+
+if __name__ == "__main__":
+    sys.exit(_main(*sys.argv[1:]))

@@ -1,0 +1,329 @@
+"""Meters: CPU time of process trees and bytes at interfaces, with the machine's own load beside them.
+
+CPU time is read from the processes' own clocks in nanoseconds (clock_getcpuclockid(3)), not in the ticks of
+10 ms that proc(5) gives. 100 % is one core. One sample costs about 12 us for each process on the machine. What
+the kernel does for a packet outside of any process (soft interrupts) is charged to whoever was interrupted.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol
+
+import psutil
+
+from sfglab.errors import SfglabError
+from sfglab.lab.cpu_ledger import CpuLedger, CpuSample, ProcessReading, tree
+
+if TYPE_CHECKING:
+    from sfglab.lab.hosts import InterfaceBytes
+
+__all__ = [
+    "CpuMeter",
+    "HasInterface",
+    "InterfaceMeter",
+    "MeterError",
+    "MeterRow",
+    "Pids",
+    "ProcessStat",
+    "Window",
+    "counted",
+    "measure",
+    "process_table",
+]
+
+Pids = Iterable[int] | Callable[[], Iterable[int]]
+"""Processes, or a function that is asked for them anew at each sample."""
+
+_NS = 1_000_000_000
+_TICK_NS = _NS // os.sysconf("SC_CLK_TCK")
+_CPUCLOCK_SCHED = 2  # linux/posix-timers.h: the precise clock of a process
+
+
+class MeterError(SfglabError, ValueError):
+    """A measurement with a period or a duration that makes no sense."""
+
+
+class HasInterface(Protocol):
+    """Anything with a network interface that counts, such as a test host."""
+
+    def interface_bytes(self) -> InterfaceBytes:
+        """Return what the interface has carried so far."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeterRow:
+    """What one label used during one window; None where that was not measured.
+
+    Attributes:
+        t_ns: End of the window on the run's clock.
+        window_s: Its length in seconds.
+        label: What was measured.
+        cpu_percent: CPU time of its processes; 100 is one core.
+        processes_ended: Processes of it that ended meanwhile, whose last reading is in `cpu_percent`.
+        rx_bps: Bits per second received at its interface.
+        tx_bps: Bits per second sent there.
+        rx_packets_per_s: Frames per second received there.
+        machine_cpu_percent: All other work on the machine, on all cores together: busy time minus everything
+            labelled. The kernel gives busy time in ticks of 10 ms for each core.
+        steal_percent: Time that the hypervisor gave to others.
+        load1: Load average of the last minute.
+    """
+
+    t_ns: int
+    window_s: float
+    label: str
+    cpu_percent: float | None
+    processes_ended: int
+    rx_bps: float | None
+    tx_bps: float | None
+    rx_packets_per_s: float | None
+    machine_cpu_percent: float
+    steal_percent: float
+    load1: float
+
+
+def counted(before: int, after: int) -> int:
+    """Return by how much a counter grew.
+
+    The kernel's counters have 64 bits and do not wrap in a lifetime, so one that fell was started anew, and
+    what it shows is what it has counted since.
+
+    Args:
+        before: The earlier reading.
+        after: The later reading.
+    """
+    return after - before if after >= before else after
+
+
+def _percent(cpu_ns: float, window_ns: int) -> float:
+    return 100 * cpu_ns / window_ns
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProcessStat:
+    """What ``/proc/PID/stat`` says of a process (proc(5)), times in nanoseconds at the grain of a tick.
+
+    Attributes:
+        parent: Its parent.
+        started_ns: Its start since the machine's.
+        own_ns: CPU time of all its threads.
+        reaped_ns: CPU time of children that it waited for.
+    """
+
+    parent: int
+    started_ns: int
+    own_ns: int
+    reaped_ns: int
+
+
+def _stat_from(line: bytes) -> ProcessStat:
+    # The name may contain blanks and parentheses, so fields count from the last one; parent is field 4.
+    fields = line[line.rindex(b")") + 2 :].split()
+    user, system, reaped_user, reaped_system = (int(field) for field in fields[11:15])
+    return ProcessStat(
+        parent=int(fields[1]),
+        started_ns=int(fields[19]) * _TICK_NS,
+        own_ns=(user + system) * _TICK_NS,
+        reaped_ns=(reaped_user + reaped_system) * _TICK_NS,
+    )
+
+
+def process_table() -> dict[int, ProcessStat]:
+    """Read all processes of the machine, for `CpuMeter.sample` of several meters at once."""
+    table = {}
+    for name in os.listdir("/proc"):  # noqa: PTH208 - hot, and only names are needed
+        if not name.isdigit():
+            continue
+        try:
+            # Unbuffered and without pathlib: this is what a sample costs.
+            with open(f"/proc/{name}/stat", "rb", buffering=0) as file:  # noqa: PTH123
+                table[int(name)] = _stat_from(file.read(2048))
+        except (FileNotFoundError, ProcessLookupError):
+            continue  # ended while we were looking
+    return table
+
+
+def _reading(pid: int, stat: ProcessStat) -> ProcessReading:
+    try:
+        own_ns = time.clock_gettime_ns(~pid << 3 | _CPUCLOCK_SCHED)
+    except OSError:
+        own_ns = stat.own_ns  # ended since the table was read; ticks are what is left of it
+    return ProcessReading(
+        pid=pid, parent=stat.parent, started_ns=stat.started_ns, own_ns=own_ns, reaped_ns=stat.reaped_ns
+    )
+
+
+class CpuMeter:
+    """CPU time of some processes, by default with all their descendants.
+
+    Args:
+        pids: The processes, or a function that names them anew at each sample. Processes are followed from the
+            first sample that sees them to their end, never into a later owner of their pid.
+        include_children: Whether descendants count too.
+    """
+
+    def __init__(self, pids: Pids, *, include_children: bool = True) -> None:
+        self._pids = pids
+        self._include_children = include_children
+        self._ledger = CpuLedger()
+
+    def sample(self, now_ns: int, table: Mapping[int, ProcessStat] | None = None) -> CpuSample:
+        """Read the processes' clocks.
+
+        Args:
+            now_ns: Stamp of the sample.
+            table: What `process_table` has just returned; read anew when None.
+
+        Returns:
+            The CPU time since the first sample, whose own total is 0.
+        """
+        clock_ns = time.clock_gettime_ns(time.CLOCK_BOOTTIME) // _TICK_NS * _TICK_NS
+        table = process_table() if table is None else table
+        roots, self._pids = (self._pids(), self._pids) if callable(self._pids) else (self._pids, ())
+        known = self._ledger.started_ns
+        wanted = {pid for pid in known if pid in table and table[pid].started_ns == known[pid]} | {*roots}
+        if self._include_children:
+            wanted = tree({pid: stat.parent for pid, stat in table.items()}, wanted)
+        readings = {pid: _reading(pid, table[pid]) for pid in wanted if pid in table}
+        if not self._include_children:
+            readings = {pid: replace(reading, reaped_ns=0) for pid, reading in readings.items()}
+        return self._ledger.update(now_ns, readings, clock_ns=clock_ns)
+
+
+class InterfaceMeter:
+    """Bytes and frames at a host's interface since the previous sample.
+
+    Args:
+        host: Where to look.
+    """
+
+    def __init__(self, host: HasInterface) -> None:
+        self._host = host
+        self._before: InterfaceBytes | None = None
+
+    def sample(self) -> InterfaceBytes:
+        """Return what came and went since the previous sample; nothing at the first."""
+        now = self._host.interface_bytes()
+        before, self._before = self._before or now, now
+        return type(now)(*(counted(old, new) for old, new in zip(before, now, strict=True)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Machine:
+    busy_ns: int
+    steal_ns: int
+
+
+def _machine() -> _Machine:
+    times = psutil.cpu_times()  # guest time is contained in user and nice
+    busy_s = times.user + times.nice + times.system + times.irq + times.softirq
+    return _Machine(busy_ns=round(busy_s * _NS), steal_ns=round(times.steal * _NS))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Reading:
+    """All meters at one end of a window."""
+
+    t_ns: int
+    cpu: Mapping[str, CpuSample]
+    labelled_ns: int
+    machine: _Machine
+
+
+class Window:
+    """Several meters read together; each sample closes one window and opens the next.
+
+    Args:
+        cpu: Processes by label.
+        interfaces: Hosts by label; a label may have both.
+    """
+
+    def __init__(self, *, cpu: Mapping[str, Pids], interfaces: Mapping[str, HasInterface]) -> None:
+        roots = [pids if callable(pids) else tuple(pids) for pids in cpu.values()]
+        self._cpu = {label: CpuMeter(pids) for label, pids in zip(cpu, roots, strict=True)}
+        # A process may be below several labels, but is taken from the machine's load once.
+        self._union = CpuMeter(lambda: {pid for pids in roots for pid in (pids() if callable(pids) else pids)})
+        self._interfaces = {label: InterfaceMeter(host) for label, host in interfaces.items()}
+        self._before: _Reading | None = None
+
+    def sample(self, now_ns: int) -> list[MeterRow]:
+        """Read all meters.
+
+        Args:
+            now_ns: The run's clock.
+
+        Returns:
+            One row for each label, in order of label; none at the first sample, which only opens a window.
+        """
+        table = process_table()
+        cpu = {label: meter.sample(now_ns, table) for label, meter in self._cpu.items()}
+        traffic = {label: meter.sample() for label, meter in self._interfaces.items()}
+        labelled_ns = self._union.sample(now_ns, table).cpu_ns_total
+        now = _Reading(t_ns=now_ns, cpu=cpu, labelled_ns=labelled_ns, machine=_machine())
+        before, self._before = self._before, now
+        if before is None:
+            return []
+        return [_row(label, before, now, traffic.get(label)) for label in sorted({*cpu, *traffic})]
+
+
+def _row(label: str, before: _Reading, after: _Reading, traffic: InterfaceBytes | None) -> MeterRow:
+    """Turn the readings at both ends of a window into one label's row."""
+    window_ns = max(1, after.t_ns - before.t_ns)
+    window_s = window_ns / _NS
+    cpu, cpu_before = after.cpu.get(label), before.cpu.get(label)
+    used_ns = cpu.cpu_ns_total - cpu_before.cpu_ns_total if cpu and cpu_before else None
+    busy_ns = after.machine.busy_ns - before.machine.busy_ns
+    return MeterRow(
+        t_ns=after.t_ns,
+        window_s=window_s,
+        label=label,
+        cpu_percent=None if used_ns is None else _percent(used_ns, window_ns),
+        processes_ended=cpu.ended if cpu else 0,
+        rx_bps=8 * traffic.rx_bytes / window_s if traffic else None,
+        tx_bps=8 * traffic.tx_bytes / window_s if traffic else None,
+        rx_packets_per_s=traffic.rx_packets / window_s if traffic else None,
+        machine_cpu_percent=_percent(max(0, busy_ns - after.labelled_ns + before.labelled_ns), window_ns),
+        steal_percent=_percent(after.machine.steal_ns - before.machine.steal_ns, window_ns),
+        load1=os.getloadavg()[0],
+    )
+
+
+async def measure(
+    duration_s: float,
+    period_s: float,
+    *,
+    cpu: Mapping[str, Pids] | None = None,
+    interfaces: Mapping[str, HasInterface] | None = None,
+    clock_ns: Callable[[], int] = time.monotonic_ns,
+) -> list[MeterRow]:
+    """Measure for a while.
+
+    Args:
+        duration_s: How long, in seconds.
+        period_s: Length of one window, in seconds.
+        cpu: Processes by label.
+        interfaces: Hosts by label.
+        clock_ns: The run's clock, which must run like a real one.
+
+    Returns:
+        One row for each window and label.
+
+    Raises:
+        MeterError: The duration does not hold one period.
+    """
+    if not 0 < period_s <= duration_s:
+        raise MeterError(f"period_s: given {period_s}, allowed is above 0 up to duration_s ({duration_s})")
+    window = Window(cpu=cpu or {}, interfaces=interfaces or {})
+    start_ns = clock_ns()
+    window.sample(start_ns)
+    rows = []
+    for number in range(1, round(duration_s / period_s) + 1):
+        due_ns = start_ns + round(number * period_s * _NS)
+        await asyncio.sleep(max(0, due_ns - clock_ns()) / _NS)
+        rows += window.sample(clock_ns())
+    return rows

@@ -1,0 +1,116 @@
+"""Fixtures of the bus's tests: DDS domains of their own and child processes that talk in JSON lines."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import os
+import signal
+import socket
+import sys
+import textwrap
+from contextlib import asynccontextmanager, closing, suppress
+
+import pytest
+
+_counter = itertools.count(os.getpid() * 13)
+_DEADLINE_S = 15.0
+_PREAMBLE = """
+import asyncio, json, sys
+import numpy as np
+from sfglab.bus import *
+from sfglab.messages import *
+from sfglab.qos import *
+
+String = message_type("std_msgs/msg/String")
+Image = message_type("sensor_msgs/msg/Image")
+
+def say(**values):
+    print(json.dumps(values), flush=True)
+
+async def hear():
+    line = await asyncio.to_thread(sys.stdin.readline)
+    if not line:
+        raise EOFError
+    return json.loads(line)
+
+"""
+
+
+@pytest.fixture
+def domain_id():
+    """A DDS domain that no other test of this run uses.
+
+    Above 101 its port lies where Linux takes ephemeral ports from, so it may be taken by anybody.
+    """
+    for _ in range(100):
+        domain = 100 + next(_counter) % 100
+        with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe, suppress(OSError):
+            probe.bind(("", 7400 + 250 * domain))
+            return domain
+    pytest.fail("the ports of all DDS domains from 100 to 199 are taken")
+
+
+@pytest.fixture
+def until():
+    """Wait for a fact that nothing signals, with a deadline."""
+
+    async def wait(predicate):
+        async with asyncio.timeout(_DEADLINE_S):
+            while not predicate():
+                await asyncio.sleep(0)
+
+    return wait
+
+
+class Child:
+    """Another Python process: `hear` what it says, `tell` it something, `kill` it."""
+
+    def __init__(self, process):
+        self.process = process
+        self.pid = process.pid
+
+    async def hear(self):
+        async with asyncio.timeout(_DEADLINE_S):
+            line = await self.process.stdout.readline()
+        if not line:
+            error = (await self.process.stderr.read()).decode()
+            raise AssertionError(f"the child ended with {await self.process.wait()}:\n{error}")
+        return json.loads(line)
+
+    async def tell(self, **values):
+        self.process.stdin.write(json.dumps(values).encode() + b"\n")
+        await self.process.stdin.drain()
+
+    async def kill(self):
+        self.process.send_signal(signal.SIGKILL)
+        await self.process.wait()
+
+    async def end(self):
+        self.process.stdin.close()
+        async with asyncio.timeout(_DEADLINE_S):
+            code = await self.process.wait()
+        assert code == 0, (await self.process.stderr.read()).decode()
+
+
+@pytest.fixture
+def child():
+    """Start a process that runs the body of an async function; its names are those of the preamble."""
+
+    @asynccontextmanager
+    async def start(body):
+        code = _PREAMBLE + "async def main():\n" + textwrap.indent(textwrap.dedent(body), "    ")
+        code += "\nasyncio.run(main())\n"
+        pipe = asyncio.subprocess.PIPE
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-W", "error", "-c", code, stdin=pipe, stdout=pipe, stderr=pipe
+        )
+        try:
+            yield Child(process)
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
+
+    return start

@@ -1,0 +1,248 @@
+"""The pure parts of the bus: queue, slots, fan-out, datagrams, configuration."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from sfglab.bus.dds.config import DomainConfig, domain_xml
+from sfglab.bus.queue import SampleQueue
+from sfglab.bus.shm.fanout import MAX_CREDITS, Fanout, credits_of
+from sfglab.bus.shm.slots import SlotPool, slot_capacity
+from sfglab.bus.shm.wire import (
+    DATA_OFFSET_BYTES,
+    HEADER_BYTES,
+    PAGE_BYTES,
+    Announcement,
+    Hello,
+    ProtocolError,
+    pack_announcement,
+    pack_hello,
+    pack_return,
+    pack_welcome,
+    unpack_announcement,
+    unpack_hello,
+    unpack_return,
+    unpack_welcome,
+)
+from sfglab.bus.userdata import entries, user_data
+from sfglab.qos import History, QoSProfile
+
+ARENA = HEADER_BYTES + 64 * PAGE_BYTES
+
+
+def sample(data):
+    return (data, 1, 2, bytes(16))
+
+
+@given(st.integers(1, 5), st.lists(st.integers(0, 4), max_size=20))
+def test_keep_last_holds_the_newest_and_counts_the_rest(depth, batches):
+    queue = SampleQueue(QoSProfile(depth=depth))
+    sent = []
+    for size in batches:
+        batch = [sample(bytes([len(sent) + i])) for i in range(size)]
+        queue.push(batch)
+        sent += batch
+    kept = [queue.pop() for _ in range(len(queue))]
+    assert kept == sent[-depth:]
+    assert queue.dropped == len(sent) - len(kept)
+    assert queue.pop() is None
+
+
+def test_keep_all_is_bounded_by_bytes_and_keeps_at_least_one():
+    queue = SampleQueue(QoSProfile(history=History.KEEP_ALL, depth=1), limit_bytes=4 * (1000 + 256))
+    queue.push([sample(bytes(1000))] * 10)
+    assert (len(queue), queue.dropped) == (4, 6)
+    queue.push([sample(bytes(10**6))])
+    assert (len(queue), queue.dropped) == (1, 10)
+
+
+@given(st.integers(0, 100_000_000))
+def test_a_slot_fits_its_message_and_wastes_at_most_a_fifth_or_a_page(size):
+    capacity = slot_capacity(size)
+    assert capacity % PAGE_BYTES == 0
+    assert capacity >= size + DATA_OFFSET_BYTES
+    assert capacity - size - DATA_OFFSET_BYTES < max(PAGE_BYTES, 0.26 * size + PAGE_BYTES)
+
+
+class Slots(RuleBasedStateMachine):
+    """Slots in use never overlap, whatever is acquired and released."""
+
+    def __init__(self):
+        super().__init__()
+        self.pool = SlotPool(ARENA)
+        self.used = {}
+
+    @rule(size=st.integers(0, 40_000))
+    def acquire(self, size):
+        slot = self.pool.acquire(size)
+        if slot is not None:
+            assert slot[0] not in self.used
+            self.used[slot[0]] = size + DATA_OFFSET_BYTES
+
+    @precondition(lambda self: self.used)
+    @rule(data=st.data())
+    def release(self, data):
+        offset = data.draw(st.sampled_from(sorted(self.used)))
+        del self.used[offset]
+        self.pool.release(offset)
+
+    @invariant()
+    def disjoint_and_inside(self):
+        end = HEADER_BYTES
+        for offset in sorted(self.used):
+            assert offset >= end
+            end = offset + self.used[offset]
+        assert end <= ARENA
+        assert self.pool.slots_in_use == len(self.used)
+
+
+TestSlots = Slots.TestCase
+
+
+class FanoutRules(RuleBasedStateMachine):
+    """Subscribers get messages in order, held slots stay untouched, memory is bounded and all comes back."""
+
+    def __init__(self):
+        super().__init__()
+        self.pool = SlotPool(HEADER_BYTES + 10_000 * PAGE_BYTES)
+        self.fanout = Fanout(self.pool, history=2)
+        self.sequence = 0
+        self.depth = {}
+        self.held = {}
+        self.leaving = {}
+        self.last = {}
+
+    def deliver(self, key, announcement):
+        assert announcement.sequence > self.last[key]
+        assert announcement.offset not in self.held[key]
+        self.last[key] = announcement.sequence
+        self.held[key][announcement.offset] = announcement.sequence
+
+    @rule()
+    def publish(self):
+        offset, _ = self.pool.acquire(100)
+        for held in (*self.held.values(), *self.leaving.values()):
+            assert offset not in held  # nobody's message is overwritten
+        self.sequence += 1
+        announcement = Announcement(self.sequence, offset, 100, 0)
+        for key in self.fanout.publish(announcement):
+            self.deliver(key, announcement)
+
+    @precondition(lambda self: len(self.depth) < 3)
+    @rule(depth=st.integers(0, 3), wants_history=st.booleans())
+    def join(self, depth, wants_history):
+        key = max(self.last, default=0) + 1
+        self.depth[key], self.held[key], self.last[key] = depth, {}, 0
+        for announcement in self.fanout.join(key, depth, wants_history=wants_history):
+            self.deliver(key, announcement)
+
+    @precondition(lambda self: any(self.held.values()))
+    @rule(data=st.data())
+    def give_back(self, data):
+        key = data.draw(st.sampled_from([k for k, held in self.held.items() if held]))
+        offset = data.draw(st.sampled_from(sorted(self.held[key])))
+        del self.held[key][offset]
+        for announcement in self.fanout.returned(key, offset):
+            self.deliver(key, announcement)
+
+    @precondition(lambda self: self.held)
+    @rule(data=st.data(), at_once=st.booleans())
+    def end(self, data, at_once):
+        key = data.draw(st.sampled_from(sorted(self.held)))
+        held = self.held.pop(key)
+        del self.depth[key]
+        if at_once:
+            self.fanout.gone(key)
+        else:
+            self.fanout.leaving(key)
+            self.leaving[key] = held
+
+    @precondition(lambda self: self.leaving)
+    @rule()
+    def hang_up(self):
+        key, _ = self.leaving.popitem()
+        self.fanout.gone(key)
+
+    @invariant()
+    def bounded(self):
+        for key, depth in self.depth.items():
+            assert len(self.held[key]) <= credits_of(depth) <= MAX_CREDITS
+            assert depth == 0 or self.fanout.backlog(key) <= depth
+        if all(self.depth.values()):
+            # the history, what is held, and backlogs, which are all among the newest three
+            held = sum(len(h) for h in (*self.held.values(), *self.leaving.values()))
+            assert self.pool.slots_in_use <= 2 + held + max(self.depth.values(), default=0)
+
+    def teardown(self):
+        for key in (*self.held, *self.leaving):
+            self.fanout.gone(key)
+        while self.fanout.shed():
+            pass
+        assert self.pool.slots_in_use <= 1  # the newest of the history
+
+
+TestFanout = FanoutRules.TestCase
+
+
+def test_a_returned_slot_that_was_not_held_is_an_error():
+    fanout = Fanout(SlotPool(ARENA), history=0)
+    fanout.join(1, 1, wants_history=False)
+    with pytest.raises(KeyError):
+        fanout.returned(1, HEADER_BYTES)
+
+
+def test_datagrams_have_this_layout():
+    announcement = Announcement(sequence=1, offset=8192, size=100, source_timestamp_ns=-1)
+    twin = "010000000000000000200000000000006400000000000000ffffffffffffffff"
+    assert pack_announcement(announcement).hex() == twin
+    assert unpack_announcement(bytes.fromhex(twin), arena_bytes=ARENA) == announcement
+    assert pack_hello(Hello(depth=5, wants_history=True)).hex() == "736667730100010005000000"
+    assert unpack_hello(bytes.fromhex("736667730100010005000000")) == Hello(5, wants_history=True)
+    assert pack_welcome(b"g" * 16).hex() == "7366677301000000" + "67" * 16
+    assert unpack_welcome(pack_welcome(b"g" * 16)) == b"g" * 16
+    assert unpack_return(pack_return(4096)) == 4096
+
+
+@given(st.binary(max_size=40))
+def test_any_other_bytes_are_a_protocol_error(data):
+    for unpack in (unpack_hello, unpack_welcome, unpack_return):
+        with suppress(ProtocolError):  # and nothing else
+            unpack(data)
+    try:
+        found = unpack_announcement(data, arena_bytes=ARENA)
+    except ProtocolError:
+        return
+    assert found.offset >= HEADER_BYTES
+    assert found.offset + DATA_OFFSET_BYTES + found.size <= ARENA
+
+
+@pytest.mark.parametrize(
+    ("offset", "size"),
+    [(0, 10), (4097, 10), (ARENA, 0), (ARENA - PAGE_BYTES, PAGE_BYTES), (2**64 - 4096, 10), (8192, 2**64 - 1)],
+)
+def test_an_announcement_outside_the_arena_is_refused(offset, size):
+    with pytest.raises(ProtocolError, match="inside the"):
+        unpack_announcement(pack_announcement(Announcement(1, offset, size, 0)), arena_bytes=ARENA)
+
+
+def test_user_data_is_read_as_it_is_written_and_strangers_do_not_disturb():
+    assert entries(user_data({"enclave": "/", "sfglab.node": "/a"})) == {"enclave": "/", "sfglab.node": "/a"}
+    assert entries(b"\xff;;=x;typehash=RIHS01_0=1;") == {"": "x", "typehash": "RIHS01_0=1"}
+
+
+def test_loopback_gets_large_datagrams_and_real_links_do_not(monkeypatch):
+    monkeypatch.delenv("CYCLONEDDS_URI", raising=False)
+    assert "<MaxMessageSize>65500B</MaxMessageSize>" in domain_xml(DomainConfig(interface="lo"))
+    real = domain_xml(DomainConfig(interface="eth0", multicast="spdp", lease_s=2.5))
+    assert real == (
+        '<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface name="eth0"/></Interfaces>'
+        "<AllowMulticast>spdp</AllowMulticast></General>"
+        "<Discovery><LeaseDuration>2500ms</LeaseDuration></Discovery></Domain></CycloneDDS>"
+    )
+    monkeypatch.setenv("CYCLONEDDS_URI", "file:///site.xml")
+    assert domain_xml(DomainConfig()).startswith("file:///site.xml,<CycloneDDS>")

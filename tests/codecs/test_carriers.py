@@ -1,0 +1,288 @@
+from __future__ import annotations
+
+import array
+import struct
+import subprocess
+import sys
+from dataclasses import asdict
+from fractions import Fraction
+from types import SimpleNamespace
+
+import av
+import numpy as np
+import pytest
+
+from sfglab.codecs import (
+    COMPRESSED_IMAGE,
+    COMPRESSED_VIDEO,
+    FFMPEG_PACKET,
+    TABLE_2,
+    BitstreamError,
+    CodecError,
+    CodecUnavailableError,
+    EncodedFrame,
+    H264Decoder,
+    compressed_depth_fields,
+    compressed_image_fields,
+    compressed_video_fields,
+    ffmpeg_packet_fields,
+    image_decoder,
+    parse_ffmpeg_encoding,
+)
+
+
+def message(fields, **changes) -> SimpleNamespace:
+    """Return the fields as a message would hold them: bytes as an array, and a header."""
+    values = asdict(fields) | {"header": None}
+    values["data"] = np.frombuffer(values["data"], np.uint8)
+    return SimpleNamespace(**values | changes)
+
+
+def packets(stream, start=0, stop=None):
+    return [message(ffmpeg_packet_fields(frame, TABLE_2)) for frame in stream[start:stop]]
+
+
+def test_an_ffmpeg_packet_has_the_fields_of_version_3():
+    frame = EncodedFrame(data=b"\0\0\1\x65", pts=7, is_key=True)
+    assert asdict(ffmpeg_packet_fields(frame, TABLE_2)) == {
+        "width": 640,
+        "height": 360,
+        "encoding": "h264;yuv420p;bgr8;bgr8",
+        "pts": 7,
+        "flags": 1,
+        "is_bigendian": False,
+        "data": b"\0\0\1\x65",
+    }
+    assert ffmpeg_packet_fields(EncodedFrame(data=b"", pts=8, is_key=False), TABLE_2).flags == 0
+
+
+def test_compressed_video_says_h264_and_carries_the_frame(stream):
+    assert asdict(compressed_video_fields(stream[0])) == {"data": stream[0].data, "format": "h264"}
+
+
+def test_compressed_depth_fields_are_the_format_and_the_payload():
+    fields = compressed_depth_fields(np.array([[0, 0, 5, 6, 6]], np.uint16))
+    assert fields.format == "16UC1; compressedDepth rvl"
+    assert fields.data == bytes(12) + struct.pack("<II", 5, 1) + bytes.fromhex("0020a123")
+    assert compressed_depth_fields(np.ones((2, 2), np.float32), "png").format == "32FC1; compressedDepth png"
+
+
+@pytest.mark.parametrize(
+    ("text", "codec", "ros_encoding"),
+    [
+        ("h264;yuv420p;bgr8;bgr8", "h264", "bgr8"),
+        ("hevc;yuv420p10le;16UC1;16UC1", "hevc", "16UC1"),
+        ("libx264", "h264", ""),
+        ("libx264rgb", "h264", ""),
+        ("h264_nvmpi", "h264", ""),
+        ("h264_nvenc", "h264", ""),
+        ("hevc_nvenc", "hevc", ""),
+        ("hevc_vaapi", "hevc", ""),
+        ("libx265", "hevc", ""),
+        ("H264", "h264", ""),
+        ("libsvtav1", "libsvtav1", ""),
+        ("", "", ""),
+    ],
+)
+def test_encodings_of_both_generations_name_their_codec(text, codec, ros_encoding):
+    encoding = parse_ffmpeg_encoding(text)
+    assert (encoding.codec, encoding.ros_encoding) == (codec, ros_encoding)
+
+
+def test_ffmpeg_packets_decode_to_the_decoders_pixels(stream):
+    decoder = image_decoder(FFMPEG_PACKET)
+    direct = H264Decoder()
+    for frame, packet in zip(stream[:35], packets(stream, 0, 35), strict=True):
+        (image,) = decoder.feed(packet)
+        assert (image.encoding, image.is_key, image.intact) == ("bgr8", frame.is_key, True)
+        assert np.array_equal(image.array, direct.decode_bgr(frame.data)[0])
+
+
+def test_a_late_joiner_passes_over_packets_until_the_key_frame(stream):
+    decoder = image_decoder(FFMPEG_PACKET)
+    assert [decoder.feed(packet) for packet in packets(stream, 20, 30)] == [()] * 10
+    assert decoder.waiting_for_keyframe
+    (image,) = decoder.feed(packets(stream, 30, 31)[0])
+    assert image.is_key
+    assert image.intact
+    assert not decoder.waiting_for_keyframe
+
+
+def test_a_missing_packet_taints_the_pictures_up_to_the_next_key_frame(stream):
+    decoder = image_decoder(FFMPEG_PACKET)
+    intact = {p.pts: decoder.feed(p)[0].intact for p in packets(stream, 0, 35) if p.pts != 10}
+    assert [pts for pts, whole in intact.items() if not whole] == list(range(11, 30))
+
+
+def test_a_sender_that_starts_anew_is_followed_from_its_key_frame(stream):
+    decoder = image_decoder(FFMPEG_PACKET)
+    intact = [decoder.feed(p)[0].intact for p in (*packets(stream, 30, 35), *packets(stream, 0, 2))]
+    assert intact == [True] * 7
+
+
+def test_reset_forgets_the_stream(stream):
+    decoder = image_decoder(FFMPEG_PACKET)
+    decoder.feed(packets(stream, 0, 1)[0])
+    decoder.reset()
+    assert decoder.feed(packets(stream, 1, 2)[0]) == ()
+    image_decoder(COMPRESSED_IMAGE).reset()
+
+
+def test_a_broken_packet_is_an_error_and_the_stream_heals(stream):
+    decoder = image_decoder(FFMPEG_PACKET)
+    decoder.feed(packets(stream, 0, 1)[0])
+    bad = packets(stream, 1, 2)[0]
+    bad.data = bad.data[:100]
+    with pytest.raises(BitstreamError):
+        decoder.feed(bad)
+    assert decoder.feed(packets(stream, 2, 3)[0]) == ()
+    assert decoder.feed(packets(stream, 30, 31)[0])
+
+
+@pytest.mark.parametrize("data_type", [bytes, bytearray, memoryview, list, lambda data: array.array("B", data)])
+def test_data_may_come_in_any_shape_that_message_libraries_use(stream, data_type):
+    packet = packets(stream, 0, 1)[0]
+    packet.data = data_type(stream[0].data)
+    assert image_decoder(FFMPEG_PACKET).feed(packet)
+
+
+@pytest.mark.parametrize("encoding", ["libx264", "h264_nvmpi", "h264;yuv420p;bgr8;rgb8"])
+def test_old_and_foreign_encodings_of_h264_decode(stream, encoding):
+    assert image_decoder(FFMPEG_PACKET).feed(
+        message(ffmpeg_packet_fields(stream[0], TABLE_2), encoding=encoding)
+    )
+
+
+@pytest.mark.parametrize("ros_encoding", ["16UC1", "mono16", "32FC1", "bayer_rggb16"])
+def test_deep_pictures_in_video_are_refused_rather_than_cut_to_8_bits(stream, ros_encoding):
+    fields = ffmpeg_packet_fields(stream[0], TABLE_2)
+    with pytest.raises(CodecUnavailableError, match="8 bits"):
+        image_decoder(FFMPEG_PACKET).feed(
+            message(fields, encoding=f"h264;yuv420p;{ros_encoding};{ros_encoding}")
+        )
+
+
+def test_an_unknown_codec_is_named_with_what_is_known(stream):
+    decoder = image_decoder(FFMPEG_PACKET)
+    with pytest.raises(CodecUnavailableError, match=r"libsvtav1.*h264, hevc"):
+        decoder.feed(message(ffmpeg_packet_fields(stream[0], TABLE_2), encoding="libsvtav1"))
+
+
+def test_a_hint_helps_where_the_message_names_nothing_known(stream):
+    packet = message(ffmpeg_packet_fields(stream[0], TABLE_2), encoding="vendor_encoder")
+    assert image_decoder(FFMPEG_PACKET, "h264").feed(packet)
+    depth = compressed_depth_fields(np.array([[3, 4]], np.uint16))
+    (image,) = image_decoder(COMPRESSED_IMAGE, "rvl").feed(message(depth, format=""))
+    assert image.array.tolist() == [[3, 4]]
+
+
+def test_a_hint_loads_the_codec_before_the_first_message():
+    code = (
+        "import sys; from sfglab.codecs import *; image_decoder(COMPRESSED_IMAGE, 'rvl')\n"
+        "print('sfglab.codecs.rvl' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.strip() == "True"
+    assert image_decoder(FFMPEG_PACKET, "h264").waiting_for_keyframe
+    assert not image_decoder(COMPRESSED_IMAGE).waiting_for_keyframe
+
+
+def test_what_the_message_says_overrules_the_hint():
+    depth = compressed_depth_fields(np.array([[3, 4]], np.uint16), "png")
+    assert image_decoder(COMPRESSED_IMAGE, "rvl").feed(message(depth))[0].array.tolist() == [[3, 4]]
+
+
+@pytest.mark.parametrize("hint", ["", None, "libx264"])
+def test_no_hint_and_encoder_names_are_hints(stream, hint):
+    assert image_decoder(FFMPEG_PACKET, hint).feed(packets(stream, 0, 1)[0])
+
+
+def test_an_impossible_hint_and_an_unreadable_type_are_refused_at_once():
+    with pytest.raises(CodecUnavailableError, match="vp9"):
+        image_decoder(FFMPEG_PACKET, "vp9")
+    with pytest.raises(CodecUnavailableError, match="CompressedImage"):
+        image_decoder("sensor_msgs/msg/PointCloud2")
+
+
+@pytest.mark.parametrize("codec", ["rvl", "png"])
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+def test_compressed_depth_of_either_kind_decodes(codec, dtype):
+    depth = (np.arange(12).reshape(3, 4) + 1).astype(dtype)
+    (image,) = image_decoder(COMPRESSED_IMAGE).feed(message(compressed_depth_fields(depth, codec)))
+    assert image.array.dtype == dtype
+    assert image.encoding == ("16UC1" if dtype is np.uint16 else "32FC1")
+    assert image.is_key
+    assert image.intact
+
+
+@pytest.mark.parametrize(
+    ("codec", "text"), [("jpeg", "bgr8; jpeg compressed bgr8"), ("png", "bgr8; png compressed bgr8")]
+)
+@pytest.mark.parametrize("rename", ["{}", "rgb8; {} compressed bgr8"])
+def test_compressed_colour_is_found_by_a_part_of_its_format(pictures, codec, text, rename):
+    fields = compressed_image_fields(pictures[0], codec)
+    assert fields.format == text
+    (image,) = image_decoder(COMPRESSED_IMAGE).feed(message(fields, format=rename.format(codec.upper())))
+    assert image.encoding == "bgr8"
+    assert np.abs(image.array.astype(int) - pictures[0]).mean() < (1e-9 if codec == "png" else 8)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "text", "encoding"),
+    [
+        (np.uint8, "mono8; png compressed ", "mono8"),
+        (np.uint8, "8UC1; png compressed 8UC1", "8UC1"),
+        (np.uint16, "16UC1; png compressed 16UC1", "16UC1"),
+        (np.uint16, "png", "mono16"),
+        (np.uint16, "mono8; png", "mono16"),
+    ],
+)
+def test_grey_pictures_are_named_by_their_bits(dtype, text, encoding):
+    from sfglab.codecs.still import encode_png
+
+    picture = np.arange(12, dtype=dtype).reshape(3, 4)
+    (image,) = image_decoder(COMPRESSED_IMAGE).feed(
+        SimpleNamespace(format=text, data=encode_png(picture, level=1))
+    )
+    assert image.encoding == encoding
+    assert np.array_equal(image.array, picture)
+
+
+def test_h264_in_a_compressed_image_and_in_a_compressed_video_decodes(stream):
+    (expected,) = H264Decoder().decode_bgr(stream[0].data)
+    for type_name in (COMPRESSED_IMAGE, COMPRESSED_VIDEO):
+        (image,) = image_decoder(type_name).feed(SimpleNamespace(format="h264", data=stream[0].data))
+        assert np.array_equal(image.array, expected)
+
+
+@pytest.mark.parametrize("text", ["", "tiff", "bgr8; tiff compressed "])
+def test_a_compressed_image_of_another_kind_is_refused(text):
+    with pytest.raises(CodecUnavailableError):
+        image_decoder(COMPRESSED_IMAGE).feed(SimpleNamespace(format=text, data=b"abc"))
+
+
+@pytest.mark.skipif("libx265" not in av.codecs_available, reason="this build of FFmpeg cannot make H.265")
+def test_h265_decodes_from_its_key_frame(pictures):
+    context = av.CodecContext.create("libx265", "w")
+    context.width, context.height, context.pix_fmt, context.time_base = 640, 360, "yuv420p", Fraction(1, 30)
+    context.options = {"preset": "ultrafast", "tune": "zerolatency", "x265-params": "log-level=none:keyint=4"}
+    data = []
+    for index, picture in enumerate(pictures[:6]):
+        frame = av.VideoFrame.from_ndarray(picture, "bgr24").reformat(format="yuv420p")
+        frame.pts = index
+        data += [bytes(packet) for packet in context.encode(frame)]
+    data += [bytes(packet) for packet in context.encode(None)]
+    decoder = image_decoder(COMPRESSED_VIDEO)
+    shown = [decoder.feed(SimpleNamespace(format="h265", data=packet)) for packet in data[1:]]
+    assert [len(images) for images in shown] == [0, 0, 0, 1, 1]
+    error = np.abs(shown[-1][0].array.astype(int) - pictures[5]).mean()
+    assert error < 12
+
+
+@pytest.mark.parametrize(
+    ("image", "codec"),
+    [(np.zeros((4, 4), "u1"), "jpeg"), (np.zeros((4, 4, 3), "u2"), "png"), (np.zeros((4, 4, 3), "u1"), "webp")],
+)
+def test_other_colour_images_and_codecs_are_refused(image, codec):
+    with pytest.raises(CodecError):
+        compressed_image_fields(image, codec)

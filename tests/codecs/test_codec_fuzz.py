@@ -1,0 +1,130 @@
+"""Hostile bytes into every door: an answer or a CodecError, never another error, and the next frame decodes.
+
+A crash of a native library ends the test run itself.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sfglab.codecs import (
+    COMPRESSED_IMAGE,
+    COMPRESSED_VIDEO,
+    FFMPEG_PACKET,
+    TABLE_2,
+    CodecError,
+    H264Decoder,
+    H264Encoder,
+    H264Settings,
+    compressed_depth_fields,
+    compressed_image_fields,
+    ffmpeg_packet_fields,
+    image_decoder,
+    parse_depth_format,
+    parse_ffmpeg_encoding,
+)
+from sfglab.codecs.annexb import nal_unit_types
+
+
+def mutations(data: bytes, rng: np.random.Generator, count: int):
+    """Yield truncations, flipped bits, overwritten stretches and noise, in turn."""
+    for trial in range(count):
+        changed = np.frombuffer(data, np.uint8).copy()
+        place = int(rng.integers(len(changed)))
+        match trial % 5:
+            case 0:
+                changed = changed[:place]
+            case 1:
+                changed[place] ^= 1 << rng.integers(8)
+            case 2:
+                changed[int(rng.integers(min(60, len(changed))))] ^= 1 << rng.integers(8)  # headers
+            case 3:
+                stretch = changed[place : place + 40]
+                stretch[:] = rng.integers(0, 256, len(stretch))
+            case 4:
+                changed = rng.integers(0, 256, int(rng.integers(300)), np.uint8)
+                changed[:4] = np.frombuffer(data, np.uint8)[: len(changed[:4])]
+        yield changed.tobytes()
+
+
+def survives(decode, data: bytes) -> bool:
+    try:
+        decode(data)
+    except CodecError:
+        return False
+    return True
+
+
+def test_h264_survives_and_recovers_after_every_hostile_packet():
+    rng = np.random.default_rng(21)
+    settings = H264Settings(width=160, height=96, fps=30, bitrate_bps=600_000, gop=30)
+    encoder = H264Encoder(settings)
+    pictures = rng.integers(0, 256, (4, 96, 160, 3)).astype(np.uint8)
+    key, *others = [encoder.encode(picture)[0].data for picture in pictures]
+    decoder = H264Decoder()
+    expected = H264Decoder().decode_bgr(key)[0]
+    refused = 0
+    for index, hostile in enumerate(mutations(others[0], rng, 400)):
+        decoder.decode(key)
+        refused += not survives(decoder.decode_bgr, hostile)
+        survives(decoder.decode_bgr, others[index % 3])
+    for hostile in mutations(key, rng, 400):
+        survives(decoder.decode_bgr, hostile)
+        survives(decoder.decode_bgr, others[0])
+    assert refused > 100
+    # Parameter sets that were overwritten come again with each key frame.
+    assert np.array_equal(decoder.decode_bgr(key)[0], expected)
+
+
+def test_depth_survives():
+    rng = np.random.default_rng(22)
+    depth = rng.integers(0, 9000, (24, 32)).astype(np.uint16)
+    decoder = image_decoder(COMPRESSED_IMAGE)
+    for picture in (depth, depth.astype(np.float32) / 1000):
+        for codec in ("rvl", "png"):
+            fields = compressed_depth_fields(picture, codec)
+            good = SimpleNamespace(format=fields.format, data=fields.data)
+            outcomes = [
+                survives(decoder.feed, SimpleNamespace(format=fields.format, data=data))
+                for data in mutations(fields.data, rng, 300)
+            ]
+            assert outcomes.count(False) > 100
+            assert decoder.feed(good)[0].array.shape == (24, 32)
+
+
+def test_colour_pictures_survive(pictures):
+    rng = np.random.default_rng(23)
+    decoder = image_decoder(COMPRESSED_IMAGE)
+    for codec in ("jpeg", "png"):
+        fields = compressed_image_fields(np.ascontiguousarray(pictures[0][:48, :64]), codec)
+        outcomes = [
+            survives(decoder.feed, SimpleNamespace(format=fields.format, data=data))
+            for data in mutations(fields.data, rng, 200)
+        ]
+        assert outcomes.count(False) > 60
+        assert decoder.feed(SimpleNamespace(format=fields.format, data=fields.data))
+
+
+@pytest.mark.parametrize("codec", ["h264", "hevc"])
+def test_video_messages_survive_noise_that_pretends_to_be_a_key_frame(codec):
+    rng = np.random.default_rng(24)
+    decoder = image_decoder(COMPRESSED_VIDEO)
+    start = b"\0\0\0\1" + (b"\x67" if codec == "h264" else b"\x40\1")
+    for _ in range(300):
+        noise = rng.integers(0, 256, int(rng.integers(1, 200)), np.uint8).tobytes()
+        survives(decoder.feed, SimpleNamespace(format=codec, data=start + noise))
+
+
+def test_strings_survive(stream):
+    rng = np.random.default_rng(25)
+    fields = ffmpeg_packet_fields(stream[0], TABLE_2)
+    decoder = image_decoder(FFMPEG_PACKET)
+    for text in mutations(b"h264;yuv420p;bgr8;bgr8; compressedDepth rvl", rng, 300):
+        name = text.decode("latin-1")
+        parse_ffmpeg_encoding(name)
+        survives(parse_depth_format, name)
+        survives(decoder.feed, SimpleNamespace(encoding=name, pts=0, data=fields.data))
+        list(nal_unit_types(text, codec="hevc"))

@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+import struct
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from sfglab.codecs import (
+    BitstreamError,
+    CodecError,
+    DepthFormat,
+    decode_depth,
+    encode_depth,
+    parse_depth_format,
+)
+
+HOLE_STEP_PLANE = np.array([[0, 0, 5, 6, 6]], np.uint16)
+WORD = bytes.fromhex("0020a123")  # worked by hand in test_rvl.py
+A, B = 10100.0, -1009.0  # 100 * 101, and 1 - A / 10
+
+
+def test_an_rvl_payload_is_header_columns_rows_words():
+    depth_format, data = encode_depth(HOLE_STEP_PLANE)
+    assert str(depth_format) == "16UC1; compressedDepth rvl"
+    assert data == struct.pack("<iff", 0, 0.0, 0.0) + struct.pack("<II", 5, 1) + WORD
+    assert len(data) == 12 + 8 + 4
+
+
+def test_a_png_payload_is_header_and_file():
+    depth_format, data = encode_depth(HOLE_STEP_PLANE, codec="png", png_level=1)
+    assert str(depth_format) == "16UC1; compressedDepth png"
+    assert data[:12] == bytes(12)
+    picture = cv2.imdecode(np.frombuffer(data[12:], np.uint8), cv2.IMREAD_UNCHANGED)
+    assert picture.dtype == np.uint16
+    assert np.array_equal(picture, HOLE_STEP_PLANE)
+
+
+@given(
+    hnp.arrays(np.uint16, st.tuples(st.integers(1, 9), st.integers(1, 40))),
+    st.sampled_from(["rvl", "png"]),
+)
+@settings(max_examples=100, deadline=None)
+def test_16_bit_depth_comes_back_bit_by_bit_however_far(depth, codec):
+    depth_format, data = encode_depth(depth, codec=codec, png_level=1)
+    back, encoding = decode_depth(data, depth_format)
+    assert encoding == "16UC1"
+    assert back.dtype == np.uint16
+    assert np.array_equal(back, depth)
+
+
+def test_16_bit_depth_is_cut_only_on_request():
+    depth = np.array([[9999, 10000, 10001, 65535]], np.uint16)
+    depth_format, data = encode_depth(depth, depth_max_m=10.0)
+    assert decode_depth(data, depth_format)[0].tolist() == [[9999, 10000, 0, 0]]
+
+
+# metres, the plugin's 16-bit value, and what comes back: whole part of A / d + B, then A / (q - B)
+QUANTISED = [
+    (1.0, 9091, 1.0),
+    (2.0, 4041, 2.0),
+    (0.16, 62116, 10100 / 63125),
+    (9.99, 2, 10100 / 1011),
+    (10.0, 0, np.nan),
+    (11.0, 0, np.nan),
+    (0.15, 0, np.nan),  # 66324 does not fit; the plugin's cast is undefined there
+    (0.0, 0, np.nan),
+    (-1.0, 0, np.nan),
+    (np.nan, 0, np.nan),
+    (np.inf, 0, np.nan),
+]
+
+
+@pytest.mark.parametrize("codec", ["rvl", "png"])
+def test_32_bit_depth_is_quantised_as_the_plugin_does_it(codec):
+    metres, quantised, back = (np.array([column], np.float32) for column in zip(*QUANTISED, strict=True))
+    depth_format, data = encode_depth(metres, codec=codec)
+    assert str(depth_format) == f"32FC1; compressedDepth {codec}"
+    assert data[:12] == struct.pack("<iff", 0, A, B)
+    as_16_bit, _ = decode_depth(data, DepthFormat(encoding="16UC1", codec=codec))
+    assert as_16_bit.tolist() == quantised.astype(int).tolist()
+    depth, encoding = decode_depth(data, depth_format)
+    assert encoding == "32FC1"
+    assert depth.dtype == np.float32
+    np.testing.assert_allclose(depth, back, rtol=1e-6)
+
+
+@given(hnp.arrays(np.float32, (3, 11), elements=st.floats(0.1875, 9.875, width=32)))
+@settings(max_examples=100, deadline=None)
+def test_32_bit_depth_errs_by_less_than_a_step_and_not_twice(metres):
+    depth_format, data = encode_depth(metres)
+    once, _ = decode_depth(data, depth_format)
+    step = metres.astype(float) ** 2 / A  # derivative of A / q
+    assert (np.abs(once - metres) <= 1.2 * step + 1e-6).all()
+
+
+def test_another_range_is_written_into_the_header_and_honoured():
+    metres = np.array([[3.0, 5.5, 19.0]], np.float32)
+    depth_format, data = encode_depth(metres, depth_max_m=20.0)
+    assert struct.unpack_from("<iff", data) == (0, 10100.0, -504.0)
+    np.testing.assert_allclose(decode_depth(data, depth_format)[0], metres, rtol=0.04)
+
+
+@pytest.mark.parametrize(
+    ("text", "encoding", "codec"),
+    [
+        ("16UC1; compressedDepth rvl", "16UC1", "rvl"),
+        ("16UC1; compressedDepth png", "16UC1", "png"),
+        ("16UC1; compressedDepth", "16UC1", "png"),
+        ("32FC1; compressedDepth RVL", "32FC1", "rvl"),
+        ("mono16;compresseddepth rvl", "mono16", "rvl"),
+        ("compressedDepth", "", "png"),
+    ],
+)
+def test_format_strings_old_and_new_are_read(text, encoding, codec):
+    assert parse_depth_format(text) == DepthFormat(encoding=encoding, codec=codec)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "jpeg", "16UC1; compressedDepth zstd", "16UC1; compressedDepth rvl 2", "16UC1;"]
+)
+def test_other_format_strings_are_refused(text):
+    with pytest.raises(CodecError, match="compressedDepth"):
+        parse_depth_format(text)
+
+
+def test_without_an_encoding_the_header_tells_whether_it_was_quantised():
+    nameless = DepthFormat(encoding="", codec="rvl")
+    _, plain = encode_depth(HOLE_STEP_PLANE)
+    _, quantised = encode_depth(np.ones((1, 3), np.float32))
+    assert decode_depth(plain, nameless)[1] == "16UC1"
+    assert decode_depth(quantised, nameless)[1] == "32FC1"
+
+
+def test_the_name_of_a_16_bit_encoding_is_kept():
+    _, data = encode_depth(HOLE_STEP_PLANE)
+    assert decode_depth(data, DepthFormat(encoding="mono16", codec="rvl"))[1] == "mono16"
+
+
+@pytest.mark.parametrize(
+    ("encoding", "codec", "data", "fault"),
+    [
+        ("16UC1", "rvl", b"", "header"),
+        ("16UC1", "png", bytes(12), "header"),
+        ("16UC1", "rvl", bytes(12) + bytes(7), "image size"),
+        ("16UC1", "rvl", bytes(12) + struct.pack("<II", 0, 5) + WORD, "0 x 5"),
+        ("16UC1", "rvl", bytes(12) + struct.pack("<II", 2**31, 2**31) + WORD, "claims"),
+        ("16UC1", "rvl", bytes(12) + struct.pack("<II", 5, 2) + WORD, "before the last pixel"),
+        ("16UC1", "png", bytes(12) + b"no png", "neither"),
+        ("32FC1", "rvl", bytes(12) + struct.pack("<II", 5, 1) + WORD, "A = 0.0"),
+        ("32FC1", "rvl", struct.pack("<iffII", 0, np.nan, 0, 5, 1) + WORD, "A = nan"),
+        ("32FC1", "rvl", struct.pack("<iffII", 0, 1, np.inf, 5, 1) + WORD, "B = inf"),
+    ],
+)
+def test_faulty_payloads_are_refused_with_the_reason(encoding, codec, data, fault):
+    with pytest.raises(BitstreamError, match=fault):
+        decode_depth(data, DepthFormat(encoding=encoding, codec=codec))
+
+
+def test_a_png_of_another_kind_is_no_depth():
+    picture = cv2.imencode(".png", np.zeros((4, 4, 3), np.uint8))[1].tobytes()
+    with pytest.raises(BitstreamError, match="one channel of 16 bits"):
+        decode_depth(bytes(12) + picture, DepthFormat(encoding="16UC1", codec="png"))
+
+
+def test_hostile_quantisers_give_numbers_and_no_warning():
+    data = struct.pack("<iffII", 0, 1e-45, 5.0, 5, 1) + WORD
+    depth, _ = decode_depth(data, DepthFormat(encoding="32FC1", codec="rvl"))
+    assert depth.shape == (1, 5)
+
+
+@pytest.mark.parametrize(
+    ("depth", "options", "fault"),
+    [
+        (np.zeros((2, 2), "u1"), {}, "uint16 and float32"),
+        (np.zeros((2, 2, 1), "u2"), {}, "uint16 and float32"),
+        (np.zeros((2, 2), "f8"), {}, "uint16 and float32"),
+        (np.zeros((2, 2), "u2"), {"codec": "zstd"}, "'zstd'"),
+        (np.zeros((2, 2), "u2"), {"codec": "png", "png_level": 10}, "level 10"),
+        (np.zeros((2, 2), "u2"), {"depth_max_m": 0.0}, "depth_max_m"),
+        (np.zeros((0, 2), "u2"), {}, "pixels"),
+        (np.zeros((0, 2), "u2"), {"codec": "png"}, "shape"),
+    ],
+)
+def test_other_images_and_options_are_refused(depth, options, fault):
+    with pytest.raises(CodecError, match=fault):
+        encode_depth(depth, **options)

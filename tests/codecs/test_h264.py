@@ -1,0 +1,298 @@
+from __future__ import annotations
+
+import logging
+import subprocess
+import sys
+from dataclasses import replace
+from fractions import Fraction
+
+import av
+import numpy as np
+import pytest
+from av.video.reformatter import ColorRange, Colorspace, VideoReformatter
+
+from sfglab.codecs import (
+    TABLE_2,
+    BitstreamError,
+    CodecError,
+    CodecUnavailableError,
+    DecoderState,
+    H264Decoder,
+    H264Encoder,
+    H264Settings,
+    h264,
+    libav,
+)
+from sfglab.codecs.annexb import nal_unit_types
+
+SMALL = H264Settings(width=320, height=192, fps=30, bitrate_bps=2_000_000, gop=10)
+
+
+def psnr_db(a, b) -> float:
+    return 10 * np.log10(255**2 / np.mean((a.astype(float) - b) ** 2))
+
+
+def patches(rng, *, width: int = 640, height: int = 360) -> np.ndarray:
+    colours = rng.integers(0, 256, (height // 40, width // 40, 3))
+    return np.kron(colours, np.ones((40, 40, 1))).astype(np.uint8)
+
+
+def test_table_2_is_the_papers():
+    assert (TABLE_2.width, TABLE_2.height, TABLE_2.fps) == (640, 360, 30)
+    assert (TABLE_2.bitrate_bps, TABLE_2.gop) == (4_000_000, 30)
+
+
+def test_each_picture_gives_one_frame_at_once_and_back(pictures, stream):
+    decoder = H264Decoder()
+    assert [frame.pts for frame in stream] == list(range(len(pictures)))
+    for picture, frame in zip(pictures, stream, strict=True):
+        (decoded,) = decoder.decode_bgr(frame.data)
+        assert decoded.flags.c_contiguous
+        assert psnr_db(decoded, picture) > 25
+
+
+def test_key_frames_stand_at_multiples_of_the_gop_with_their_parameter_sets(stream):
+    assert [frame.pts for frame in stream if frame.is_key] == [0, 30, 60]
+    for frame in stream:
+        kinds = set(nal_unit_types(frame.data, codec="h264"))
+        assert kinds >= {5, 7, 8} if frame.is_key else kinds.isdisjoint({5, 7, 8})
+
+
+def test_five_seconds_of_motion_keep_the_bit_rate_and_every_packet_its_share(pictures):
+    encoder = H264Encoder(TABLE_2)
+    sizes = [len(encoder.encode(pictures[index % 60])[0].data) for index in range(150)]
+    assert sum(sizes) * 8 / 5 == pytest.approx(4_000_000, rel=0.02)
+    assert max(sizes) <= 4_000_000 / 8 / 30 * 1.01
+
+
+def test_a_still_scene_is_filled_up_to_the_bit_rate(pictures):
+    encoder = H264Encoder(TABLE_2)
+    size = sum(len(encoder.encode(pictures[0])[0].data) for _ in range(60))
+    assert size * 8 / 2 == pytest.approx(4_000_000, rel=0.02)
+
+
+def test_a_larger_buffer_lets_key_frames_be_larger(pictures):
+    encoder = H264Encoder(replace(TABLE_2, vbv_frames=15))
+    sizes = [len(encoder.encode(picture)[0].data) for picture in pictures[:31]]
+    assert sizes[30] > 1.5 * np.median(sizes)
+
+
+def test_a_forced_key_frame_can_be_joined_and_restarts_the_gop(pictures):
+    encoder = H264Encoder(TABLE_2)
+    frames = [encoder.encode(p, force_key=index == 7)[0] for index, p in enumerate(pictures[:40])]
+    assert [frame.pts for frame in frames if frame.is_key] == [0, 7, 37]
+    (decoded,) = H264Decoder().decode_bgr(frames[7].data)
+    assert psnr_db(decoded, pictures[7]) > 25
+
+
+def test_the_decoder_writes_into_the_array_it_is_given(stream):
+    out = np.zeros((360, 640, 3), np.uint8)
+    (decoded,) = H264Decoder().decode_bgr(stream[0].data, out)
+    (again,) = H264Decoder().decode_bgr(stream[0].data)
+    assert decoded is out
+    assert np.array_equal(out, again)
+
+
+def test_widths_that_need_padded_rows_come_out_contiguous(pictures):
+    settings = H264Settings(width=322, height=182, fps=30, bitrate_bps=2_000_000, gop=10)
+    picture = pictures[0][:182, :322]
+    (frame,) = H264Encoder(settings).encode(picture)
+    (decoded,) = H264Decoder().decode_bgr(frame.data)
+    assert decoded.shape == (182, 322, 3)
+    assert decoded.flags.c_contiguous
+    assert psnr_db(decoded, picture) > 25
+
+
+def test_the_size_may_change_in_mid_stream(pictures, stream):
+    decoder = H264Decoder()
+    small = H264Encoder(SMALL).encode(np.ascontiguousarray(pictures[0][:192, :320]))
+    shapes = [decoder.decode_bgr(f.data)[0].shape for f in (*stream[:2], *small, *stream[:2])]
+    assert shapes == [(360, 640, 3)] * 2 + [(192, 320, 3)] + [(360, 640, 3)] * 2
+    with pytest.raises(CodecError, match=r"\(192, 320, 3\)"):
+        decoder.decode_bgr(small[0].data, np.zeros((360, 640, 3), np.uint8))
+    assert decoder.decode_bgr(stream[0].data)
+
+
+def test_packets_before_the_first_key_frame_are_refused_and_counted(stream):
+    decoder = H264Decoder()
+    assert [decoder.decode(frame.data) for frame in stream[25:30]] == [()] * 5
+    assert decoder.state is DecoderState.WAITING_FOR_KEYFRAME
+    assert (decoder.refused_packets, decoder.broken_packets) == (5, 0)
+    assert len(decoder.decode(stream[30].data)) == 1
+    assert decoder.state is DecoderState.DECODING
+
+
+def test_joining_late_gives_the_same_pixels_as_having_watched_all_along(stream):
+    early, late = H264Decoder(), H264Decoder()
+    for frame in stream[:30]:
+        early.decode(frame.data)
+    for frame in stream[30:40]:
+        assert np.array_equal(early.decode_bgr(frame.data)[0], late.decode_bgr(frame.data)[0])
+
+
+def test_after_lost_packets_pictures_go_on_and_are_exact_again_at_the_next_key_frame(stream):
+    whole, gappy = H264Decoder(), H264Decoder()
+    equal = {}
+    for frame in stream[:35]:
+        (expected,) = whole.decode_bgr(frame.data)
+        if frame.pts not in (10, 11, 12):
+            (decoded,) = gappy.decode_bgr(frame.data)
+            equal[frame.pts] = np.array_equal(decoded, expected)
+    assert all(equal[pts] for pts in (*range(10), *range(30, 35)))
+    assert not equal[13]
+
+
+def test_a_broken_packet_is_told_once_and_the_next_key_frame_heals(stream):
+    decoder = H264Decoder()
+    decoder.decode(stream[0].data)
+    with pytest.raises(BitstreamError) as caught:
+        decoder.decode(stream[1].data[: len(stream[1].data) // 3])
+    assert caught.value.size_bytes == len(stream[1].data) // 3
+    assert caught.value.codec == "h264"
+    assert [decoder.decode(frame.data) for frame in stream[2:30]] == [()] * 28
+    assert (decoder.refused_packets, decoder.broken_packets) == (28, 1)
+    assert np.array_equal(decoder.decode_bgr(stream[30].data)[0], H264Decoder().decode_bgr(stream[30].data)[0])
+
+
+@pytest.mark.parametrize("data", [b"", b"\0", b"\0\0\0\x10" + bytes(16), b"jpeg"])
+def test_what_is_not_annex_b_is_refused_aloud(data):
+    with pytest.raises(BitstreamError, match="start code"):
+        H264Decoder().decode(data)
+
+
+def test_reset_waits_for_a_key_frame_again(stream):
+    decoder = H264Decoder()
+    decoder.decode(stream[0].data)
+    decoder.reset()
+    assert decoder.decode(stream[1].data) == ()
+    assert decoder.decode(stream[30].data)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_threads_add_no_delay(stream, threads):
+    decoder = H264Decoder(threads=threads)
+    assert all(len(decoder.decode(frame.data)) == 1 for frame in stream[:10])
+
+
+def test_colours_survive_the_way_there_and_back():
+    image = patches(np.random.default_rng(5))
+    settings = replace(TABLE_2, bitrate_bps=40_000_000)
+    (frame,) = H264Encoder(settings).encode(image)
+    (decoded,) = H264Decoder().decode_bgr(frame.data)
+    middles = np.s_[20::40, 20::40]
+    difference = decoded[middles].astype(int) - image[middles]
+    assert np.abs(difference).max() <= 6
+    assert abs(difference.mean()) < 2
+
+
+def test_the_stream_says_which_colours_it_means(stream):
+    (frame,) = H264Decoder().decode(stream[0].data)
+    assert (frame.colorspace, frame.color_range) == (6, ColorRange.MPEG)  # SMPTE 170M is BT.601
+
+
+def foreign_stream(image: np.ndarray, *, matrix: Colorspace, tags: dict[str, int]) -> bytes:
+    context = av.CodecContext.create("libx264", "w")
+    context.width, context.height, context.pix_fmt = image.shape[1], image.shape[0], "yuv420p"
+    context.time_base = Fraction(1, 30)
+    context.options = {"preset": "ultrafast", "tune": "zerolatency", "qp": "4"}
+    for name, value in tags.items():
+        setattr(context, name, value)
+    source = av.VideoFrame.from_ndarray(image, "bgr24")
+    wanted = {"dst_colorspace": matrix, "dst_color_range": ColorRange.MPEG}
+    return bytes(context.encode(VideoReformatter().reformat(source, format="yuv420p", **wanted))[0])
+
+
+@pytest.mark.parametrize(
+    ("matrix", "tags"),
+    [
+        (Colorspace.ITU709, {"colorspace": 1, "color_range": 1, "color_primaries": 1, "color_trc": 1}),
+        (Colorspace.ITU601, {}),
+    ],
+    ids=["BT.709 as tagged", "BT.601 if untagged"],
+)
+def test_foreign_streams_are_converted_by_their_own_matrix(matrix, tags):
+    image = patches(np.random.default_rng(6))
+    (decoded,) = H264Decoder().decode_bgr(foreign_stream(image, matrix=matrix, tags=tags))
+    middles = np.s_[20::40, 20::40]
+    assert np.abs(decoded[middles].astype(int) - image[middles]).max() <= 8
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"width": 641},
+        {"height": 0},
+        {"fps": 0},
+        {"bitrate_bps": -1},
+        {"gop": 0},
+        {"vbv_frames": 0.5},
+        {"width": 2**20},
+    ],
+)
+def test_impossible_settings_are_refused_by_name(change):
+    (name,) = change
+    with pytest.raises(CodecError, match=name if name not in ("width", "height") else "size"):
+        replace(TABLE_2, **change) if "width" not in change else replace(TABLE_2, height=2**10, **change)
+
+
+@pytest.mark.parametrize(
+    "image", [np.zeros((360, 640), "u1"), np.zeros((360, 640, 3), "f4"), np.zeros((2, 2, 3), "u1")]
+)
+def test_pictures_that_do_not_fit_are_refused(image):
+    with pytest.raises(CodecError, match="allowed is uint8 of shape"):
+        H264Encoder(TABLE_2).encode(image)
+
+
+def test_views_encode_like_copies(pictures):
+    wide = np.zeros((360, 1280, 3), np.uint8)
+    wide[:, ::2] = pictures[0]
+    flipped = pictures[0][::-1].copy()
+    expected = H264Encoder(TABLE_2).encode(pictures[0])[0].data
+    for view in (wide[:, ::2], flipped[::-1]):
+        assert H264Encoder(TABLE_2).encode(view)[0].data == expected
+
+
+def test_a_named_encoder_that_does_not_work_is_an_error_with_the_reason():
+    with pytest.raises(CodecUnavailableError, match="not in this build") as caught:
+        H264Encoder(replace(TABLE_2, encoder="h264_of_nobody"))
+    assert caught.value.wanted == "h264_of_nobody"
+
+
+def test_falling_back_to_software_is_said_aloud(caplog):
+    h264._say_once.cache_clear()
+    with caplog.at_level(logging.WARNING):
+        encoder = H264Encoder(replace(TABLE_2, encoder="h264_of_nobody"), fallback=True)
+    assert encoder.encoder_name in ("libx264", "libopenh264")
+    assert "h264_of_nobody: not in this build of FFmpeg" in encoder.fallback_reason
+    assert encoder.encoder_name in caplog.text
+    assert "h264_of_nobody" in caplog.text
+
+
+def test_an_encoder_that_was_asked_for_is_no_fallback():
+    encoder = H264Encoder(replace(TABLE_2, encoder="libx264"))
+    assert (encoder.encoder_name, encoder.fallback_reason) == ("libx264", None)
+
+
+def test_a_decoder_that_does_not_exist_is_an_error():
+    with pytest.raises(CodecUnavailableError, match="not in this build"):
+        H264Decoder(decoder="h264_of_nobody")
+
+
+@pytest.mark.parametrize("threads", [0, -1])
+def test_a_decoder_without_threads_is_refused(threads):
+    with pytest.raises(CodecError, match="threads"):
+        H264Decoder(threads=threads)
+
+
+def test_frames_beyond_the_pixel_limit_are_refused(monkeypatch, stream):
+    monkeypatch.setattr(libav, "MAX_PIXELS", 640 * 360 - 1)
+    decoder = H264Decoder()
+    with pytest.raises(BitstreamError, match="libavcodec"):
+        decoder.decode(stream[0].data)
+    assert decoder.state is DecoderState.WAITING_FOR_KEYFRAME
+
+
+def test_importing_the_codecs_loads_neither_numba_nor_opencv():
+    code = "import sys, sfglab.codecs; print({'numba', 'cv2', 'cyclonedds'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.strip() == "set()"

@@ -1,0 +1,123 @@
+"""A camera of known pictures, and a decoder on domains of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from contextlib import asynccontextmanager
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from sfglab.bus import Node
+from sfglab.codecs import H264Encoder, H264Settings, ffmpeg_packet_fields
+from sfglab.fleet.decoder.app import DecoderConfig, run_decoder
+from sfglab.fleet.decoder.worker import BusAddress
+from sfglab.messages import message_type, stamp_from_ns
+from sfglab.qos import QoSProfile, Reliability
+
+STREAM = "/global/go2/camera_front/color/ffmpeg"
+LOCAL = "/local/go2/camera_front/color/image_raw"
+INFO = "/global/go2/camera_front/color/camera_info"
+LOCAL_INFO = "/local/go2/camera_front/color/camera_info"
+FFMPEG = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
+IMAGE = "sensor_msgs/msg/Image"
+
+_domains = itertools.count(170, 2)
+
+
+class Camera:
+    """Publishes a flat picture whose blue level is the stamp's number of seconds, at 50 frames a second."""
+
+    def __init__(self, node: Node) -> None:
+        qos = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=60)
+        self.publisher = node.create_publisher(FFMPEG, STREAM, qos)
+        self.size = (320, 192)
+        self.level = 0
+
+    async def shoot(self) -> None:
+        width, height = self.size
+        settings = H264Settings(
+            width=width, height=height, fps=50, bitrate_bps=1_000_000, gop=5, encoder="libx264"
+        )
+        encoder = H264Encoder(settings)
+        while (width, height) == self.size:
+            self.level = self.level % 200 + 1
+            picture = np.full((height, width, 3), self.level, dtype=np.uint8)
+            header = message_type("std_msgs/msg/Header")(
+                stamp=stamp_from_ns(self.level * 10**9), frame_id="camera"
+            )
+            for packet in encoder.encode(picture):
+                fields = asdict(ffmpeg_packet_fields(packet, settings))
+                fields["data"] = np.frombuffer(fields["data"], dtype=np.uint8)
+                self.publisher.publish(message_type(FFMPEG)(header=header, **fields))
+            await asyncio.sleep(0.02)
+
+    @asynccontextmanager
+    async def running(self):
+        task = asyncio.create_task(self.shoot())
+        try:
+            yield
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+
+class Decoder:
+    """A running decoder with the history of every stream's states."""
+
+    def __init__(self) -> None:
+        self.pool = None
+        self.ready = asyncio.Event()
+        self.changed = asyncio.Condition()
+        self.status = {}
+        self.states = {}
+
+    def note(self, status) -> None:
+        self.status[status.local_topic] = status
+        history = self.states.setdefault(status.local_topic, [])
+        if history[-1:] != [status.state]:
+            history.append(status.state)
+
+    def is_ready(self, pool) -> None:
+        self.pool = pool
+        self.ready.set()
+
+    async def reaches(self, state: str, topic: str = LOCAL, timeout_s: float = 15) -> None:
+        async with asyncio.timeout(timeout_s):
+            while topic not in self.status or self.status[topic].state != state:
+                await asyncio.sleep(0.01)
+
+
+@pytest.fixture
+def domains():
+    remote = next(_domains)
+    return BusAddress(domain_id=remote, interface="lo"), BusAddress(domain_id=remote + 1, interface="lo")
+
+
+@pytest.fixture
+def serve(domains):
+    """A context manager: camera node, viewer node and a decoder that runs between them."""
+
+    @asynccontextmanager
+    async def serving(streams=(STREAM,), discovery_topic=""):
+        remote, local = domains
+        config = DecoderConfig(
+            remote=remote, local=local, streams=streams, discovery_topic=discovery_topic, linger_s=0.05
+        )
+        decoder = Decoder()
+        async with Node("camera", **asdict(remote)) as far, Node("viewer", **asdict(local)) as near:
+            task = asyncio.create_task(run_decoder(config, on_status=decoder.note, on_ready=decoder.is_ready))
+            ready = asyncio.create_task(decoder.ready.wait())
+            try:
+                await asyncio.wait({task, ready}, return_when=asyncio.FIRST_COMPLETED, timeout=30)
+                if task.done():
+                    task.result()
+                yield far, near, decoder
+            finally:
+                ready.cancel()
+                task.cancel()
+                await asyncio.gather(task, return_exceptions=True)
+
+    return serving

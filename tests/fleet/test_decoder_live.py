@@ -1,0 +1,206 @@
+"""The decoder with real DDS, shared memory, H.264 and processes: on demand, once, recovered, released."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+
+import numpy as np
+import psutil
+import pytest
+from conftest import FFMPEG, IMAGE, INFO, LOCAL, LOCAL_INFO, STREAM, Camera
+
+from sfglab.messages import default_message, message_type, ns_from_stamp, stamp_from_ns
+from sfglab.qos import SENSOR_DATA
+
+pytestmark = [pytest.mark.live, pytest.mark.timeout(60)]
+
+EVENT = "sfglab_interfaces/msg/AgentDiscoveryEvent"
+
+
+def run(coroutine):
+    return asyncio.run(coroutine)
+
+
+def level_of(image) -> float:
+    """What the camera drew, read from the decoded pixels."""
+    return float(np.median(image.data))
+
+
+async def right_pictures(subscription, count: int = 5) -> list:
+    """Take pictures and check each against its stamp."""
+    images = [await subscription.take(timeout_s=10) for _ in range(count)]
+    for image in images:
+        assert abs(level_of(image) - ns_from_stamp(image.header.stamp) / 1e9) <= 3
+    return images
+
+
+def children() -> set[int]:
+    return {p.pid for p in psutil.Process().children(recursive=True)}
+
+
+def test_nothing_runs_until_somebody_subscribes_and_nothing_after_the_last_left(serve):
+    async def scenario():
+        before = children()
+        async with serve() as (far, near, decoder):
+            camera = Camera(far)
+            async with camera.running():
+                assert decoder.status[LOCAL].state == "IDLE"
+                assert camera.publisher.get_subscription_count() == 0, "no demand, no network load"
+                first = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+                second = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+                await right_pictures(first)
+                await right_pictures(second)
+                assert camera.publisher.get_subscription_count() == 1, "one pipeline for two subscribers"
+                assert decoder.status[LOCAL].subscribers == 2
+                first.close()
+                await right_pictures(second)
+                second.close()
+                await decoder.reaches("IDLE")
+                async with asyncio.timeout(5):
+                    while camera.publisher.get_subscription_count():
+                        await asyncio.sleep(0.01)
+            assert decoder.states[LOCAL] == ["IDLE", "STARTING", "RUNNING", "LINGERING", "STOPPING", "IDLE"]
+        assert children() == before, "the decoder leaves no process behind"
+
+    run(scenario())
+
+
+def test_a_plain_dds_subscriber_is_served_from_the_same_pipeline(serve):
+    async def scenario():
+        async with serve() as (far, near, decoder), Camera(far).running():
+            shared = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+            await right_pictures(shared)
+            plain = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA)
+            images = await right_pictures(plain)
+            assert images[0].encoding == "bgr8"
+            assert (images[0].height, images[0].width, images[0].step) == (192, 320, 960)
+            await right_pictures(shared)
+            assert len(decoder.pool.pids) == 2, "one pipeline and one spare"
+
+    run(scenario())
+
+
+def test_a_killed_pipeline_is_replaced_and_subscribers_see_pictures_again(serve):
+    async def scenario():
+        async with serve() as (far, near, decoder), Camera(far).running():
+            subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+            await right_pictures(subscription)
+            for pid in decoder.pool.pids:
+                os.kill(pid, signal.SIGKILL)
+            await decoder.reaches("BACKING_OFF")
+            await decoder.reaches("RUNNING")
+            while subscription.get_publisher_count() == 0:
+                await asyncio.sleep(0.01)
+            await right_pictures(subscription, 20)
+            assert decoder.status[LOCAL].crashes >= 1
+
+    run(scenario())
+
+
+def test_a_stream_that_stops_and_resumes_and_changes_its_size_is_followed(serve):
+    async def scenario():
+        async with serve() as (far, near, decoder):
+            camera = Camera(far)
+            subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+            async with camera.running():
+                await right_pictures(subscription)
+            camera.size = (640, 368)
+            async with camera.running():
+                async with asyncio.timeout(10):
+                    while (image := await subscription.take()).width != 640:
+                        pass
+                assert image.height == 368
+                await right_pictures(subscription)
+            assert decoder.states[LOCAL] == ["IDLE", "STARTING", "RUNNING"], "the same pipeline all along"
+
+    run(scenario())
+
+
+def test_broken_packets_are_counted_and_the_stream_heals(serve):
+    async def scenario():
+        async with serve() as (far, near, decoder):
+            camera = Camera(far)
+            subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+            async with camera.running():
+                await right_pictures(subscription)
+                for _ in range(5):
+                    noise = default_message(FFMPEG)
+                    noise.encoding = "h264;yuv420p;bgr8;bgr8"
+                    noise.flags = 1
+                    noise.width, noise.height = camera.size
+                    noise.data = np.frombuffer(b"\0\0\0\1\x65" + bytes(range(200)), dtype=np.uint8)
+                    camera.publisher.publish(noise)
+                async with asyncio.timeout(10):
+                    while not (s := decoder.status[LOCAL].statistics) or s.broken == 0:
+                        await subscription.take()
+                assert s.last_error
+                images = [await subscription.take(timeout_s=10) for _ in range(15)]
+                assert abs(level_of(images[-1]) - ns_from_stamp(images[-1].header.stamp) / 1e9) <= 3
+            assert decoder.status[LOCAL].state == "RUNNING"
+
+    run(scenario())
+
+
+def test_camera_info_is_relayed_unchanged_on_demand(serve):
+    async def scenario():
+        async with serve() as (far, near, decoder):
+            publisher = far.create_publisher("sensor_msgs/msg/CameraInfo", INFO, SENSOR_DATA)
+            subscription = near.create_subscription("sensor_msgs/msg/CameraInfo", LOCAL_INFO, qos=SENSOR_DATA)
+            await publisher.wait_for_subscriptions(1, 15)
+            info = default_message("sensor_msgs/msg/CameraInfo")
+            info.width, info.height, info.distortion_model = 640, 360, "plumb_bob"
+            info.d = np.array([0.1, 0.2])
+            async with asyncio.timeout(10):
+                while True:
+                    publisher.publish(info)
+                    try:
+                        seen = await subscription.take(timeout_s=0.1)
+                        break
+                    except TimeoutError:
+                        continue
+            assert (seen.width, seen.distortion_model, list(seen.d)) == (640, "plumb_bob", [0.1, 0.2])
+            assert decoder.status[LOCAL].state == "IDLE", "nobody asked for the pictures"
+
+    run(scenario())
+
+
+def discovery_event(kind: str):
+    event = default_message(EVENT)
+    event.agent, event.event = "go2", getattr(event, kind)
+    stream = default_message("sfglab_interfaces/msg/StreamInfo")
+    stream.topic, stream.type, stream.codec = STREAM, FFMPEG, "h264"
+    sensor = default_message("sfglab_interfaces/msg/SensorInfo")
+    sensor.name, sensor.streams = "camera_front", [stream]
+    event.metadata.agent, event.metadata.sensors = "go2", [sensor]
+    event.stamp = stamp_from_ns(0)
+    return event
+
+
+def test_agents_come_and_go_by_discovery_events(serve):
+    topic = "/local/station/agent_discovery_event"
+
+    async def scenario():
+        async with serve(streams=(), discovery_topic=topic) as (far, near, decoder), Camera(far).running():
+            subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+            discoverer = near.create_publisher(message_type(EVENT), topic)
+            await discoverer.wait_for_subscriptions(1, 10)
+            discoverer.publish(discovery_event("DISCOVERED"))
+            await right_pictures(subscription)
+            discoverer.publish(discovery_event("LOST"))
+            await decoder.reaches("GONE")
+            discoverer.publish(discovery_event("RETURNED"))
+            await decoder.reaches("RUNNING")
+            await right_pictures(subscription, 12)
+
+    run(scenario())
+
+
+def test_a_stream_that_cannot_be_offered_is_refused_before_anything_starts(domains):
+    from sfglab.fleet.decoder.app import DecoderConfig, run_decoder
+    from sfglab.fleet.decoder.streams import StreamError
+
+    config = DecoderConfig(remote=domains[0], local=domains[1], streams=("/local/go2/camera/color/ffmpeg",))
+    with pytest.raises(StreamError, match="global scope"):
+        run(run_decoder(config, on_status=lambda _: None))

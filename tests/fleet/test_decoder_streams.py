@@ -1,0 +1,118 @@
+"""Remote streams get local names by the schema, and what cannot be offered is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sfglab.fleet.decoder.images import image_bytes, image_prefix, write_image
+from sfglab.fleet.decoder.protocol import (
+    RELAY,
+    Close,
+    Open,
+    ProtocolError,
+    Statistics,
+    decode_line,
+    encode_line,
+)
+from sfglab.fleet.decoder.streams import StreamError, routes_of_agent, routes_of_topic
+from sfglab.messages import default_message, deserialize
+
+COLOR = "/global/go2/camera_front/color/ffmpeg"
+
+
+def metadata(topic: str = COLOR, **stream_fields):
+    stream = default_message("sfglab_interfaces/msg/StreamInfo")
+    stream.topic, stream.type = topic, "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
+    for name, value in stream_fields.items():
+        setattr(stream, name, value)
+    sensor = default_message("sfglab_interfaces/msg/SensorInfo")
+    sensor.streams = [stream]
+    whole = default_message("sfglab_interfaces/msg/AgentMetadata")
+    whole.agent, whole.sensors = "go2", [sensor]
+    return whole
+
+
+def test_a_stream_known_by_its_name_alone_is_offered_with_its_camera_info():
+    image, info = routes_of_topic(COLOR)
+    assert image.local_topic == "/local/go2/camera_front/color/image_raw"
+    assert (image.source_type, image.codec) == ("ffmpeg_image_transport_msgs/msg/FFMPEGPacket", "h264")
+    assert info.source_topic == "/global/go2/camera_front/color/camera_info"
+    assert info.local_topic == "/local/go2/camera_front/color/camera_info"
+    assert info.codec == RELAY
+
+
+def test_depth_is_an_image_too():
+    image, _ = routes_of_topic("/global/go2/camera_front/depth/compressed_depth")
+    assert image.local_topic == "/local/go2/camera_front/depth/image_raw"
+    assert image.source_type == "sensor_msgs/msg/CompressedImage"
+
+
+@pytest.mark.parametrize(
+    ("topic", "why"),
+    [
+        ("/local/go2/camera_front/color/ffmpeg", "global scope"),
+        ("/global/go2/get_metadata", "agent and a component"),
+        ("camera", "absolute name"),
+        ("/global/go2/imu/imu", "known are the resources"),
+    ],
+)
+def test_what_is_no_remote_image_stream_is_refused_with_the_reason(topic, why):
+    with pytest.raises(StreamError, match=why) as error:
+        routes_of_topic(topic)
+    assert error.value.topic == topic
+
+
+def test_an_agents_metadata_says_what_it_offers():
+    routes, errors = routes_of_agent(
+        metadata(codec="h264", camera_info_topic="/global/go2/camera_front/color/camera_info")
+    )
+    assert [r.local_topic for r in routes] == [
+        "/local/go2/camera_front/color/image_raw",
+        "/local/go2/camera_front/color/camera_info",
+    ]
+    assert not errors
+    (only,), _ = routes_of_agent(metadata(decoded_topic="/local/go2/front"))
+    assert only.local_topic == "/local/go2/front"
+
+
+def test_an_agent_cannot_offer_streams_in_anothers_name():
+    routes, errors = routes_of_agent(metadata("/global/spot/camera_front/color/ffmpeg"))
+    assert routes == ()
+    assert "another agent's name" in str(errors[0])
+
+
+def test_lines_between_processes_come_back_as_they_went():
+    for line in (
+        Open(source_topic="/a", source_type="t", codec="", local_topic="/b", transports=("dds", "shm")),
+        Close(),
+        Statistics(received=3, published=2, broken=1, last_error="x"),
+    ):
+        assert decode_line(encode_line(line)) == line
+
+
+@pytest.mark.parametrize(
+    "raw", [b"", b"{}", b"[]", b"nonsense", b'{"kind": "open"}', b'{"kind": "close", "x": 1}']
+)
+def test_a_line_outside_the_vocabulary_is_refused(raw):
+    with pytest.raises(ProtocolError, match="protocol"):
+        decode_line(raw)
+
+
+@pytest.mark.parametrize(
+    ("shape", "dtype", "encoding"),
+    [((4, 6, 3), np.uint8, "bgr8"), ((5, 3), np.uint16, "16UC1"), ((3, 3, 3), np.uint8, "bgr8")],
+)
+def test_an_image_written_in_two_parts_is_the_message_itself(shape, dtype, encoding):
+    pixels = np.arange(np.prod(shape)).astype(dtype).reshape(shape)
+    header = default_message("std_msgs/msg/Header")
+    header.frame_id = "camera"
+    prefix = image_prefix(header, pixels, encoding)
+    buffer = bytearray(len(prefix) + pixels.nbytes)
+    write_image(buffer, prefix, pixels)
+    for data in (bytes(buffer), image_bytes(prefix, pixels)):
+        image = deserialize(data, "sensor_msgs/msg/Image")
+        assert (image.height, image.width, image.step) == (shape[0], shape[1], pixels.strides[0])
+        assert (image.encoding, image.header.frame_id) == (encoding, "camera")
+        assert np.array_equal(image.data.view(dtype).reshape(shape), pixels)
+    assert len(image_bytes(prefix, pixels)) % 4 == 0

@@ -1,0 +1,172 @@
+"""The doctor tries things, says what follows, survives a broken check, and gives no path or name away."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import re
+import socket
+import sys
+
+import pytest
+
+from sfglab.errors import SfglabError
+from sfglab.lab import doctor
+from sfglab.lab.doctor import Finding, Level, diagnose, render
+
+TOPICS = [
+    "Python and libraries",
+    "network namespaces",
+    "rate and loss control",
+    "cores, memory, load",
+    "CPU clock",
+    "UDP receive buffer",
+    "shared memory",
+    "multicast on the loopback",
+    "DDS",
+    "H.264",
+    "Rerun viewer (optional)",
+]
+
+
+def examined(topic):
+    return doctor._examine(next(check for check in doctor._CHECKS if check.topic == topic))
+
+
+@pytest.fixture(scope="module")
+def findings():
+    return {finding.topic: finding for finding in diagnose()}
+
+
+@pytest.mark.live
+def test_every_topic_has_a_finding_with_a_consequence(findings):
+    assert list(findings) == TOPICS
+    assert all(finding.said and finding.consequence for finding in findings.values())
+    assert not [finding for finding in findings.values() if "check itself failed" in finding.said]
+
+
+@pytest.mark.live
+def test_libraries_are_named_with_their_versions(findings):
+    said = findings["Python and libraries"].said
+    assert f"numpy {importlib.metadata.version('numpy')}" in said
+    assert f"Python {sys.version_info.major}.{sys.version_info.minor}" in said
+
+
+@pytest.mark.live
+def test_the_report_names_no_path_of_the_machine_nor_its_name(findings):
+    text = render(list(findings.values()))
+    assert not re.findall(r"(?<!\w)/(?!dev/shm|proc/|sys/)\w+/\w+", text)
+    assert not re.search(rf"\b{re.escape(socket.gethostname())}\b", text)
+
+
+def test_a_finding_is_rendered_as_what_was_found_and_what_follows():
+    found = [
+        Finding(topic="bread", level=Level.OK, said="fresh", consequence="we eat"),
+        Finding(topic="butter", level=Level.MISSING, said="none", consequence="we eat dry bread"),
+    ]
+    assert render(found).splitlines() == [
+        "[ok] bread",
+        "    found: fresh",
+        "    so:    we eat",
+        "[missing] butter",
+        "    found: none",
+        "    so:    we eat dry bread",
+        "",
+        "1 of 2 are in order.",
+    ]
+
+
+def test_without_namespaces_experiments_say_what_they_do_instead(monkeypatch):
+    class Refused:
+        @staticmethod
+        def available():
+            from sfglab.lab.hosts import Capability
+
+            return Capability(ok=False, how="none", reason="unshare: Operation not permitted")
+
+    monkeypatch.setattr("sfglab.lab.hosts.Network", Refused)
+    finding = examined("network namespaces")
+    assert finding.level is Level.MISSING
+    assert "Operation not permitted" in finding.said
+    assert "simulated" in finding.consequence
+
+
+@pytest.mark.netns
+@pytest.mark.parametrize("refused", ["rate_bps", "loss"])
+def test_half_a_link_control_is_called_limited(monkeypatch, refused):
+    from sfglab.lab.hosts import LinkControlError, Network
+
+    if not Network.available().ok:
+        pytest.skip("no network namespaces")
+
+    def set_link(self, name, **link):
+        if refused in link:
+            raise LinkControlError(name, "Operation not supported (errno 95)")
+
+    monkeypatch.setattr(Network, "set_link", set_link)
+    finding = examined("rate and loss control")
+    assert finding.level is Level.LIMITED
+    assert ("loss" if refused == "rate_bps" else "rate") in finding.said
+
+
+def test_a_small_receive_buffer_is_called_limited(monkeypatch):
+    monkeypatch.setattr(doctor, "_RECEIVE_BUFFER_BYTES", 1 << 30)
+    finding = examined("UDP receive buffer")
+    assert finding.level is Level.LIMITED
+    assert "rmem_max" in finding.consequence
+
+
+def test_a_busy_machine_is_called_noisy(monkeypatch):
+    monkeypatch.setattr(os, "getloadavg", lambda: (64.0, 64.0, 64.0))
+    assert "noisy" in examined("cores, memory, load").consequence
+
+
+def test_dds_that_hangs_or_crashes_is_missing_and_said_why(monkeypatch):
+    monkeypatch.setattr(doctor, "_DDS_PROBE", "raise SystemExit('no such interface')")
+    assert examined("DDS").said == "no such interface"
+    monkeypatch.setattr(doctor, "_DDS_PROBE", "import signal; signal.pause()")
+    monkeypatch.setattr(doctor, "_DDS_TIMEOUT_S", 0.2)
+    finding = examined("DDS")
+    assert finding.level is Level.MISSING
+    assert "did not end" in finding.said
+
+
+def test_a_missing_encoder_and_a_missing_viewer_are_told_apart(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sfglab.codecs", None)
+    assert examined("H.264").level is Level.MISSING
+
+    def absent(name):
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "version", absent)
+    viewer = examined("Rerun viewer (optional)")
+    assert (viewer.level, viewer.said) == (Level.LIMITED, "rerun-sdk is not installed")
+    libraries = examined("Python and libraries")
+    assert libraries.level is Level.MISSING
+    assert re.search(r"not installed: .*numpy", libraries.said)
+
+
+def test_an_unexpected_error_becomes_a_finding_and_the_rest_goes_on(monkeypatch):
+    def broken():
+        raise ZeroDivisionError("at /some/where/deep/file.py")
+
+    broken_check = doctor._Check(topic="odd", run=broken, expected=(SfglabError,), without="nothing")
+    fine_check = doctor._Check(topic="even", run=lambda: (Level.OK, "yes", "good"), expected=(), without="")
+    monkeypatch.setattr(doctor, "_CHECKS", (broken_check, fine_check))
+    odd, even = diagnose()
+    assert odd.said == "the check itself failed with ZeroDivisionError: at file.py"
+    assert odd.level is Level.MISSING
+    assert even.ok
+
+
+@pytest.mark.parametrize(
+    ("text", "tamed"),
+    [
+        ("cannot open '/opt/lib/x.so': no", "cannot open 'x.so': no"),
+        ("see /dev/shm and /proc/self/maps", "see /dev/shm and /proc/self/maps"),
+        ("50 MiB/s, and/or", "50 MiB/s, and/or"),
+        ("two\n  lines", "two lines"),
+    ],
+)
+def test_foreign_words_lose_their_paths(text, tamed):
+    assert doctor._tame(text) == tamed

@@ -1,0 +1,385 @@
+"""Hosts on one machine: what they share, what they do not, and how processes are started in them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import sfglab
+from sfglab.lab.hosts import HostNameError, HostsError, HostsUnavailableError, Network, UnknownHostError
+from sfglab.lab.hosts.errors import LinkControlError
+from sfglab.lab.hosts.host import InterfaceBytes, interface_bytes
+
+PYTHON = [sys.executable, "-I", "-S", "-c"]
+TIMEOUT_S = 20
+NOBODY = 65534
+
+# Every server says one line when it listens, so that no test waits for a guessed time.
+TCP_SERVER = """
+import socket, sys
+server = socket.create_server((sys.argv[1], 7000))
+print("ready", flush=True)
+while True:
+    peer, _ = server.accept()
+    peer.sendall(peer.recv(100)[::-1])
+    peer.close()
+"""
+TCP_CLIENT = """
+import errno, socket, sys
+try:
+    with socket.create_connection((sys.argv[1], 7000), float(sys.argv[2])) as peer:
+        peer.sendall(b"abc")
+        print(peer.recv(100).decode())
+except OSError as error:
+    print(errno.errorcode.get(error.errno, error))
+"""
+UDP_SERVER = """
+import socket
+server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+server.bind(("0.0.0.0", 7000))
+print("ready", flush=True)
+while True:
+    data, peer = server.recvfrom(65536)
+    server.sendto(data, peer)
+"""
+UDP_CLIENT = """
+import socket, sys
+client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+client.settimeout(3)
+for size in map(int, sys.argv[2:]):
+    client.sendto(bytes(size), (sys.argv[1], 7000))
+    print(len(client.recv(65536)))
+"""
+MULTICAST_SERVER = """
+import socket, struct
+server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+server.bind(("", 7000))
+server.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton("239.1.2.3") + bytes(4))
+print("ready", flush=True)
+print(*server.recvfrom(100)[1][:1], flush=True)
+"""
+MULTICAST_CLIENT = """
+import socket
+socket.socket(socket.AF_INET, socket.SOCK_DGRAM).sendto(b"x", ("239.1.2.3", 7000))
+"""
+
+
+@pytest.fixture(scope="module")
+def network():
+    """Three hosts for all tests that do not need a network of their own."""
+    try:
+        with Network(grace_s=0.2) as net:
+            for name in ("edge", "station", "idle"):
+                net.add_host(name)
+            yield net
+    except HostsUnavailableError as error:
+        pytest.skip(error.reason)
+
+
+@pytest.fixture
+def edge(network):
+    return network.hosts["edge"]
+
+
+@pytest.fixture
+def station(network):
+    return network.hosts["station"]
+
+
+@contextlib.contextmanager
+def serving(host, code, *arguments):
+    command = [*PYTHON, code, *arguments]
+    with host.popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "ready\n"
+        yield process
+        process.kill()
+
+
+def say(host, code, *arguments):
+    done = host.run([*PYTHON, code, *map(str, arguments)], TIMEOUT_S)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+def netns(test):
+    """Mark a test that needs network namespaces, and skip it where `network` does."""
+    return pytest.mark.netns(pytest.mark.usefixtures("network")(test))
+
+
+@netns
+def test_hosts_are_numbered_from_two_and_have_one_interface(network, edge, station):
+    assert (edge.address, station.address) == ("10.77.0.2", "10.77.0.3")
+    assert edge.interface == "eth0"
+    assert list(network.hosts) == ["edge", "station", "idle"]
+    assert network.hosts["edge"] is edge
+    names = say(edge, "import socket; print(*sorted(name for _, name in socket.if_nameindex()))")
+    assert names == ["eth0", "lo"]
+
+
+@netns
+def test_tcp_reaches_the_other_host_and_nobody_elses_loopback(edge, station):
+    with serving(station, TCP_SERVER, station.address), serving(edge, TCP_SERVER, "127.0.0.1"):
+        assert say(edge, TCP_CLIENT, station.address, 5) == ["cba"]
+        assert say(edge, TCP_CLIENT, "127.0.0.1", 5) == ["cba"]
+        assert say(station, TCP_CLIENT, "127.0.0.1", 5) == ["ECONNREFUSED"]
+        assert say(station, TCP_CLIENT, edge.address, 5) == ["ECONNREFUSED"], "it listens on its loopback only"
+        with pytest.raises(OSError, match=r"refused|unreachable|timed out"):
+            socket.create_connection(("127.0.0.1", 7000), 0.2)
+
+
+@netns
+def test_the_outside_is_unreachable(edge):
+    assert say(edge, TCP_CLIENT, "192.0.2.1", 5) == ["ENETUNREACH"]
+
+
+@netns
+def test_udp_echo_carries_small_large_and_fragmented_datagrams(edge, station):
+    with serving(station, UDP_SERVER):
+        assert say(edge, UDP_CLIENT, station.address, 1, 1472, 20000) == ["1", "1472", "20000"]
+
+
+@netns
+def test_multicast_reaches_other_hosts(edge, station):
+    with serving(station, MULTICAST_SERVER) as server:
+        say(edge, MULTICAST_CLIENT)
+        assert server.stdout.readline().strip() == edge.address
+
+
+@netns
+def test_interface_counters_equal_the_bytes_sent():
+    # A network of its own: leaving a multicast group, as another test does, is told to all hosts (IGMP).
+    with Network() as net, serving(net.add_host("station"), UDP_SERVER):
+        edge, idle, station = net.add_host("edge"), net.add_host("idle"), net.hosts["station"]
+        say(edge, UDP_CLIENT, station.address, 1)  # resolves addresses
+        hosts = (station, edge, idle)
+        before = [host.interface_bytes() for host in hosts]
+        sizes = [100] * 50 + [1000] * 50
+        say(edge, UDP_CLIENT, station.address, *sizes)
+        after = [host.interface_bytes() for host in hosts]
+    *busy, quiet = (
+        [new - old for old, new in zip(first, second, strict=True)]
+        for first, second in zip(before, after, strict=True)
+    )
+    wire = sum(size + 8 + 20 + 14 for size in sizes)  # UDP, IPv4 and Ethernet headers
+    arp = 42  # an address may be checked again meanwhile
+    for rx, tx, _, _ in busy:
+        assert wire <= rx <= wire + 2 * arp
+        assert wire <= tx <= wire + 2 * arp
+    assert quiet == [0, 0, 0, 0], "what is sent to one host does not reach a third, and hosts are silent"
+
+
+@netns
+def test_tcp_goes_over_the_wire_in_frames_of_the_network(edge, station):
+    receive = (
+        "import socket, sys; server = socket.create_server((sys.argv[1], 7001)); print('ready', flush=True)\n"
+        "peer, _ = server.accept()\nwhile peer.recv(65536): pass"
+    )
+    send = "import socket, sys; socket.create_connection((sys.argv[1], 7001), 5).sendall(bytes(1448000))"
+    before = station.interface_bytes()
+    with serving(station, receive, station.address) as receiver:
+        say(edge, send, station.address)
+        receiver.wait(TIMEOUT_S)
+    after = station.interface_bytes()
+    frames = after.rx_packets - before.rx_packets
+    assert frames >= 1000, "no offloading: 1448 B of data a frame"
+    assert after.rx_bytes - before.rx_bytes >= 1448000 + 1000 * (14 + 20 + 32)
+
+
+def test_interface_counters_are_read_from_the_kernels_table():
+    table = "Inter-| Receive\n face |bytes\n    lo: 1 2 3 4 5 6 7 8 9 10 11\n"
+    table += "  eth0:4711 12 0 0 0 0 0 0 815 34 0 0 0 0 0 0\n"
+    assert interface_bytes(table, "eth0") == InterfaceBytes(
+        rx_bytes=4711, tx_bytes=815, rx_packets=12, tx_packets=34
+    )
+    with pytest.raises(LookupError, match="'eth1'"):
+        interface_bytes(table, "eth1")
+
+
+@netns
+def test_two_networks_at_once_do_not_meet(network, edge):
+    with Network() as other:
+        theirs = [other.add_host(name) for name in ("edge", "a", "b", "c")][-1]
+        assert theirs.address == "10.77.0.5"
+        with serving(theirs, TCP_SERVER, theirs.address):
+            assert say(other.hosts["edge"], TCP_CLIENT, theirs.address, 5) == ["cba"]
+            assert say(edge, TCP_CLIENT, theirs.address, 0.3) != ["cba"]
+    assert say(edge, TCP_CLIENT, "127.0.0.1", 5) == ["ECONNREFUSED"], "the first network lives on"
+
+
+@netns
+def test_eight_hosts_start_in_three_seconds():
+    start_s = time.perf_counter()
+    with Network() as net:
+        for number in range(8):
+            net.add_host(f"host{number}")
+        assert time.perf_counter() - start_s < 3
+        assert len({host.inode for host in net.hosts.values()}) == 8
+
+
+@netns
+def test_a_started_process_is_the_command_itself(edge):
+    code = "import os; print(os.getpid(), os.environ['COLOUR'])"
+    with edge.popen([*PYTHON, code], env={"COLOUR": "green"}, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.read().split() == [str(process.pid), "green"]
+
+
+@netns
+def test_a_started_program_finds_default_signals_and_no_stray_descriptors(edge):
+    status = edge.run(["grep", "SigIgn", "/proc/self/status"], TIMEOUT_S).stdout
+    assert int(status.split()[1], 16) == 0, "a pipeline in a shell relies on SIGPIPE"
+    assert len(edge.run(["ls", "/proc/self/fd"], TIMEOUT_S).stdout.split()) == 4, "0, 1, 2 and the listing"
+
+
+@netns
+def test_a_command_that_cannot_run_is_said_so(edge):
+    missing = edge.run(["no-such-program"], TIMEOUT_S)
+    assert (missing.returncode, "no-such-program" in missing.stderr) == (127, True)
+    assert edge.run(["/"], TIMEOUT_S).returncode == 126
+
+
+@netns
+def test_run_ends_what_takes_too_long(edge):
+    with pytest.raises(subprocess.TimeoutExpired):
+        edge.run(["sleep", "100"], 0.2)
+
+
+@netns
+def test_asyncio_starts_processes_by_the_wrapped_command_line(edge):
+    async def ask():
+        process = await asyncio.create_subprocess_exec(
+            *edge.argv([*PYTHON, "print(42)"]), stdout=subprocess.PIPE
+        )
+        return (await process.communicate())[0]
+
+    assert asyncio.run(ask()) == b"42\n"
+
+
+@netns
+def test_names_are_unique_and_known(network):
+    for name in ("edge", ""):
+        with pytest.raises(HostNameError, match="allowed"):
+            network.add_host(name)
+    with pytest.raises(UnknownHostError, match=r"'egde'.*'edge'"):
+        network.set_link("egde", loss=0.1)
+
+
+@netns
+def test_a_closed_network_starts_nothing():
+    with Network() as net:
+        edge = net.add_host("edge")
+        with pytest.raises(HostsError, match="in use"):
+            net.__enter__()
+    for use in (
+        lambda: edge.popen(["true"]),
+        edge.interface_bytes,
+        lambda: net.add_host("late"),
+        lambda: net.how,
+    ):
+        with pytest.raises(HostsError, match="closed"):
+            use()
+
+
+@netns
+def test_a_lost_hub_is_reported_and_takes_the_hosts_along():
+    with Network() as net, serving(net.add_host("edge"), UDP_SERVER) as guest:
+        net._running._process.kill()
+        assert guest.wait(TIMEOUT_S) == -9
+        with pytest.raises(HostsError, match="hub"):
+            net.add_host("late")
+
+
+@pytest.mark.netns
+def test_available_tells_how():
+    capability = Network.available()
+    assert capability.ok == (capability.how in {"root", "rootless"})
+    assert capability.ok == (capability.reason == "")
+
+
+def test_a_machine_without_namespaces_gets_one_clear_error(monkeypatch):
+    # Stands for the refusing kernel: the script that makes namespaces fails as it does under seccomp.
+    refusal = "import sys; sys.exit('unshare: Operation not permitted')"
+    monkeypatch.setattr("sfglab.lab.hosts.channel.ENTER", (*PYTHON, refusal))
+    with pytest.raises(HostsUnavailableError, match=r"unshare: Operation not permitted.*Try one of"), Network():
+        pass
+    capability = Network.available()
+    assert (capability.ok, capability.how) == (False, "none")
+    assert "not permitted" in capability.reason
+
+
+@netns
+def test_a_kernel_that_cannot_shape_gets_one_clear_error(network, monkeypatch):
+    monkeypatch.setattr(network._running, "_receive", lambda: (_ for _ in ()).throw(PermissionError("no tbf")))
+    with pytest.raises(LinkControlError, match=r"'edge'.*no tbf.*sch_tbf"):
+        network.set_link("edge", rate_bps=1e6)
+    monkeypatch.undo()
+
+
+def open_to_all(path: Path) -> bool:
+    real = path.resolve()
+    return real.stat().st_mode & 0o004 != 0 and all(parent.stat().st_mode & 0o001 for parent in real.parents)
+
+
+def interpreter_for_anyone() -> str:
+    """Return a Python of our version that an unprivileged user may run, or skip."""
+    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    system = [Path(p) for p in [shutil.which(version, path="/usr/local/bin:/usr/bin")] if p]
+    for candidate in (Path(sys.executable), *system):
+        if open_to_all(candidate) and open_to_all(Path(sfglab.__file__)):
+            return str(candidate)
+    pytest.skip("no interpreter of this version or no package that every user may read")
+
+
+ROOTLESS = """
+import os, sys
+from sfglab.lab.hosts import Network
+with Network() as net:
+    edge, station = net.add_host("edge"), net.add_host("station")
+    net.set_link("station", rate_bps=50e6, loss=0.01)
+    net.set_link("station")
+    edge.run(["sh", "-c", "true"], 10, check=True)
+    command = [sys.executable, "-I", "-S", "-c", sys.argv[1]]
+    server = station.popen([*command[:-1], sys.argv[2]], stdout=-1, text=True)
+    assert server.stdout.readline() == "ready\\n"
+    done = edge.run([*command, station.address, "33"], 10)
+    print(os.getuid(), net.how, done.stdout.strip(), done.stderr, net.link_counters("station").lost_up_packets)
+    server.stdout.close()
+print("closed", server.returncode)
+"""
+
+
+@netns
+def test_an_ordinary_user_gets_hosts_without_root():
+    user = {"user": NOBODY, "group": NOBODY, "extra_groups": []} if os.getuid() == 0 else {}
+    python = interpreter_for_anyone() if user else sys.executable
+    probe = subprocess.run(["unshare", "-Urn", "true"], capture_output=True, text=True, check=False, **user)
+    if probe.returncode:
+        pytest.skip(f"no user namespaces for ordinary users: {probe.stderr.strip()}")
+    done = subprocess.run(
+        [python, "-c", ROOTLESS, UDP_CLIENT, UDP_SERVER],
+        **user,
+        cwd="/",
+        env={"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+    uid = NOBODY if user else os.getuid()
+    assert done.stdout.split() == [str(uid), "rootless", "33", "0", "closed", "-15"], done.stderr
+
+
+@netns
+def test_root_may_choose_a_user_namespace():
+    with Network(rootless=True) as net:
+        assert net.how == "rootless"
+        assert say(net.add_host("edge"), "import os; print(os.getuid())") == ["0"]
+        assert "0" in Path(f"/proc/{net.hosts['edge']._holder}/uid_map").read_text()

@@ -1,0 +1,209 @@
+"""Test hosts leave nothing behind, whatever ends them."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from sfglab.lab.hosts import Network
+from sfglab.lab.hosts.processes import end_members, members
+
+pytestmark = pytest.mark.netns
+TIMEOUT_S = 10
+PYTHON = [sys.executable, "-I", "-S", "-c"]
+
+# A guest that ignores every polite signal, with a daemon that has left its session.
+STUBBORN = """
+import os, signal, sys, time
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+if os.fork() == 0:
+    os.setsid()
+    if os.fork():
+        os._exit(0)
+    print(os.getpid(), flush=True)
+time.sleep(1000)
+"""
+CREATOR = """
+import json, subprocess, sys, time
+from sfglab.lab.hosts import Network
+with Network(grace_s=0.2, rootless={"rootless": True}.get(sys.argv[2])) as net:
+    hosts = [net.add_host("edge"), net.add_host("station")]
+    guests = [h.popen([sys.executable, "-I", "-S", "-c", sys.argv[1]], stdout=subprocess.PIPE, text=True)
+              for h in hosts]
+    daemons = [int(guest.stdout.readline()) for guest in guests]
+    print(json.dumps({"hub": net._running._process.pid, "holders": [h._holder for h in hosts],
+        "inodes": [h.inode for h in hosts], "guests": [g.pid for g in guests], "daemons": daemons}), flush=True)
+    time.sleep(1000)
+"""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _available():
+    capability = Network.available()
+    if not capability.ok:
+        pytest.skip(capability.reason)
+
+
+def links() -> list[str]:
+    return sorted(name for _, name in socket.if_nameindex())
+
+
+def descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def wait_for_end(handles: list[int]) -> None:
+    poll = select.poll()
+    for fd in handles:
+        poll.register(fd, select.POLLIN)
+    left = set(handles)
+    while left:
+        ended = {fd for fd, _ in poll.poll(TIMEOUT_S * 1000)}
+        assert ended, f"{len(left)} of {len(handles)} processes live on"
+        for fd in ended:
+            poll.unregister(fd)
+            os.close(fd)
+        left -= ended
+
+
+@pytest.mark.parametrize(
+    ("number", "victims", "how"),
+    [
+        (signal.SIGKILL, ["creator"], "auto"),
+        (signal.SIGKILL, ["creator"], "rootless"),
+        (signal.SIGKILL, ["hub", "creator"], "auto"),
+        (signal.SIGTERM, ["creator"], "auto"),
+        (signal.SIGINT, ["creator"], "auto"),
+    ],
+)
+def test_a_killed_creator_takes_everything_with_it(number, victims, how):
+    before = links()
+    command = [sys.executable, "-c", CREATOR, STUBBORN, how]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as creator:
+        made = json.loads(creator.stdout.readline())
+        pids = [made["hub"], *made["holders"], *made["guests"], *made["daemons"]]
+        assert set(members(made["inodes"])) == set(pids) - {made["hub"]}
+        handles = [os.pidfd_open(pid) for pid in pids]
+        for victim in victims:
+            os.kill(creator.pid if victim == "creator" else made["hub"], number)
+        wait_for_end(handles)
+        assert creator.wait(TIMEOUT_S) != 0
+    assert members(made["inodes"]) == []
+    assert links() == before
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, SystemExit])
+def test_an_exception_inside_the_block_cleans_up_and_passes(error):
+    before = links(), descriptors()
+    with pytest.raises(error), Network() as net:  # noqa: PT012 - the block is what is tested
+        host = net.add_host("edge")
+        guest = host.popen(["sleep", "1000"])
+        raise error
+    assert guest.returncode is not None
+    assert members([host.inode]) == []
+    assert (links(), descriptors()) == before
+
+
+def test_an_interrupted_farewell_still_ends_everything(monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sfglab.lab.hosts.network.end_members", interrupted)
+    with pytest.raises(KeyboardInterrupt), Network() as net:  # noqa: PT012 - raised by leaving the block
+        guest = net.add_host("edge").popen([*PYTHON, STUBBORN], stdout=subprocess.PIPE)
+        assert guest.stdout.readline()
+        inode = net.hosts["edge"].inode
+    guest.stdout.close()
+    assert guest.returncode == -signal.SIGKILL
+    assert members([inode]) == []
+
+
+def test_the_obedient_get_term_and_the_stubborn_kill():
+    with Network(grace_s=0.2) as net:
+        host = net.add_host("edge")
+        obedient = host.popen(
+            [*PYTHON, "import time; print(1, flush=True); time.sleep(1000)"], stdout=subprocess.PIPE
+        )
+        stubborn = host.popen([*PYTHON, STUBBORN], stdout=subprocess.PIPE)
+        for process in (obedient, stubborn):
+            assert process.stdout.readline()
+    assert obedient.returncode == -signal.SIGTERM
+    assert stubborn.returncode == -signal.SIGKILL
+    obedient.stdout.close()
+    stubborn.stdout.close()
+
+
+def test_processes_elsewhere_are_left_alone():
+    with Network(grace_s=0.2) as other, subprocess.Popen(["sleep", "1000"]) as outside:
+        neighbour = other.add_host("edge").popen(["sleep", "1000"])
+        with Network(grace_s=0.2) as net:
+            net.add_host("edge").popen(["sleep", "1000"])
+        assert neighbour.poll() is None
+        assert outside.poll() is None
+        outside.kill()
+
+
+def test_a_process_outlives_the_thread_that_started_it():
+    with Network(grace_s=0.2) as net:
+        host = net.add_host("edge")
+        started = []
+        command = [*PYTHON, "print(1, flush=True); input(); print(2)"]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        thread = threading.Thread(target=lambda: started.append(host.popen(command, **pipes)))
+        thread.start()
+        thread.join()
+        guest = started[0]
+        assert guest.stdout.readline() == b"1\n"
+        assert guest.communicate(b"\n", timeout=TIMEOUT_S)[0] == b"2\n"
+
+
+def test_a_network_outlives_the_thread_that_made_it():
+    made = []
+
+    def enter():
+        made.append(Network().__enter__())
+
+    thread = threading.Thread(target=enter)
+    thread.start()
+    thread.join()
+    try:
+        assert made[0].add_host("edge").run(["true"], TIMEOUT_S).returncode == 0
+    finally:
+        made[0].__exit__(None, None, None)
+
+
+def test_a_forked_child_does_not_keep_the_network_open():
+    code = """
+import os, signal, sys
+from sfglab.lab.hosts import Network
+with Network() as net:
+    net.add_host("edge")
+    if os.fork() == 0:
+        signal.pause()
+    signal.alarm(5)
+print("closed", flush=True)
+os.killpg(0, signal.SIGKILL)
+"""
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, timeout=TIMEOUT_S, start_new_session=True, check=False)
+    assert done.stdout == b"closed\n"
+
+
+def test_members_of_a_namespace_are_found_and_the_caller_is_spared():
+    own = Path("/proc/self/ns/net").stat().st_ino
+    with subprocess.Popen(["sleep", "1000"]) as child:
+        found = members([own])
+        child.kill()
+    assert child.pid in found
+    assert os.getpid() not in found
+    end_members([], grace_s=0)

@@ -1,0 +1,345 @@
+"""Meters: what processes and interfaces used, also of processes that ended, and what measuring costs."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfglab.lab.cpu_ledger import CpuLedger, ProcessReading, tree
+from sfglab.lab.hosts import InterfaceBytes
+from sfglab.lab.meters import CpuMeter, InterfaceMeter, MeterError, Window, counted, measure, process_table
+
+PYTHON = [sys.executable, "-I", "-S", "-c"]
+MS = 1_000_000
+
+# Burns CPU time on request and says how much it used between two answers.
+BURNER = """
+import sys, time
+print("ready", flush=True)
+for line in sys.stdin:
+    start = time.process_time()
+    while time.process_time() - start < float(line):
+        pass
+    print(time.process_time() - start, flush=True)
+"""
+# Has children burn CPU time and waits for them.
+PARENT = """
+import os, sys, time
+print("ready", flush=True)
+for line in sys.stdin:
+    for _ in range(3):
+        if os.fork() == 0:
+            while time.process_time() < float(line):
+                pass
+            os._exit(0)
+        os.wait()
+    print("done", flush=True)
+"""
+
+
+def reading(pid, parent, own_ns, reaped_ns=0, started_ns=0):
+    return ProcessReading(pid=pid, parent=parent, started_ns=started_ns, own_ns=own_ns, reaped_ns=reaped_ns)
+
+
+def ledger_after(*steps):
+    """Feed a ledger with one set of readings after another; step n happens at n on the processes' clock."""
+    ledger = CpuLedger()
+    samples = [
+        ledger.update(number, {r.pid: r for r in step}, clock_ns=number) for number, step in enumerate(steps)
+    ]
+    return [sample.cpu_ns_total for sample in samples], samples
+
+
+# The ledger
+
+
+def test_a_sum_starts_at_zero_and_counts_what_follows():
+    totals, samples = ledger_after([reading(1, 0, 700)], [reading(1, 0, 900)])
+    assert totals == [0, 200]
+    assert samples[1].per_pid == {1: 200}
+
+
+def test_a_child_born_between_samples_counts_from_its_birth():
+    totals, _ = ledger_after([reading(1, 0, 0)], [reading(1, 0, 5), reading(2, 1, 40, started_ns=1)])
+    assert totals[-1] == 45
+
+
+def test_an_old_process_that_joins_counts_from_when_it_was_first_seen():
+    totals, _ = ledger_after(
+        [reading(1, 0, 0)], [reading(1, 0, 0)], [reading(1, 0, 0), reading(2, 0, 900)], [reading(2, 0, 950)]
+    )
+    assert totals == [0, 0, 0, 50]
+
+
+def test_the_last_reading_of_an_ended_child_is_kept_and_the_end_is_told():
+    totals, samples = ledger_after(
+        [reading(1, 0, 0), reading(2, 1, 0)], [reading(1, 0, 0), reading(2, 1, 30)], [reading(1, 0, 0)]
+    )
+    assert totals == [0, 30, 30]
+    assert [sample.ended for sample in samples] == [0, 0, 1]
+
+
+def test_what_a_child_did_after_its_last_reading_is_found_at_its_parent():
+    totals, _ = ledger_after(
+        [reading(1, 0, 0), reading(2, 1, 0)],
+        [reading(1, 0, 0), reading(2, 1, 30)],
+        [reading(1, 0, 0, reaped_ns=80)],
+    )
+    assert totals == [0, 30, 80]
+
+
+def test_a_child_that_no_sample_saw_is_found_at_its_parent():
+    totals, _ = ledger_after([reading(1, 0, 0, reaped_ns=500)], [reading(1, 0, 10, reaped_ns=560)])
+    assert totals == [0, 70]
+
+
+def test_a_whole_family_that_ends_keeps_its_sum():
+    family = [reading(1, 0, 10), reading(2, 1, 20), reading(3, 2, 30)]
+    totals, samples = ledger_after([reading(r.pid, r.parent, 0) for r in family], family, [])
+    assert totals == [0, 60, 60]
+    assert samples[-1].ended == 3
+
+
+def test_a_reused_pid_is_another_process():
+    totals, samples = ledger_after([reading(1, 0, 0)], [reading(1, 0, 50)], [reading(1, 0, 7, started_ns=2)])
+    assert totals == [0, 50, 57]
+    assert samples[-1].ended == 1
+
+
+def test_a_sum_never_falls_when_ticks_round_down():
+    totals, _ = ledger_after(
+        [reading(1, 0, 0), reading(2, 1, 0)],
+        [reading(1, 0, 0, reaped_ns=40), reading(2, 1, 19)],
+        [reading(1, 0, 0, reaped_ns=50)],
+    )
+    assert totals == [0, 59, 59]
+
+
+@given(st.data())
+def test_the_ledger_is_exact_for_any_tree_whose_parents_wait(data):
+    """Against a kernel in miniature: processes start, work, end and are waited for, at random."""
+    parents, own, reaped, started = {1: 0}, {1: 0}, {1: 0}, {1: 0}
+    ledger, truth, clock, next_pid = CpuLedger(), 0, 0, 2
+
+    def sample():
+        readings = {p: reading(p, parents[p], own[p], reaped[p], started[p]) for p in parents}
+        return ledger.update(clock, readings, clock_ns=clock).cpu_ns_total
+
+    assert sample() == 0
+    for action in data.draw(st.lists(st.sampled_from(["fork", "work", "end", "sample"]), max_size=60)):
+        clock += 1
+        pid = data.draw(st.sampled_from(sorted(parents)))
+        if action == "fork":
+            parents[next_pid], own[next_pid], reaped[next_pid], started[next_pid] = pid, 0, 0, clock
+            next_pid += 1
+        elif action == "work":
+            amount = data.draw(st.integers(1, 1000))
+            own[pid] += amount
+            truth += amount
+        elif action == "end" and pid != 1 and pid not in parents.values():
+            reaped[parents[pid]] += own.pop(pid) + reaped.pop(pid)
+            del parents[pid]
+        elif action == "sample":
+            assert sample() == truth
+    assert sample() == truth
+
+
+def test_a_tree_holds_roots_and_all_descendants_that_exist():
+    parents = {1: 0, 2: 1, 3: 2, 4: 1, 9: 0}
+    assert tree(parents, [2, 9, 77]) == {2, 3, 9}
+
+
+# Real processes
+
+
+@pytest.fixture
+def burner():
+    with subprocess.Popen([*PYTHON, BURNER], stdin=-1, stdout=-1, text=True) as process:
+        assert process.stdout.readline() == "ready\n"
+        yield process
+        process.kill()
+
+
+def burn(process, seconds):
+    process.stdin.write(f"{seconds}\n")
+    process.stdin.flush()
+    return process.stdout.readline()
+
+
+@pytest.mark.live
+def test_a_known_cpu_time_is_measured_within_three_percent(burner):
+    meter = CpuMeter([burner.pid])
+    assert meter.sample(0).cpu_ns_total == 0
+    used_s = float(burn(burner, 0.2))
+    sample = meter.sample(1)
+    assert sample.cpu_ns_total == pytest.approx(used_s * 1e9, rel=0.03)
+    assert list(sample.per_pid) == [burner.pid]
+
+
+@pytest.mark.live
+def test_an_idle_process_uses_less_than_half_a_percent(burner):
+    rows = asyncio.run(measure(0.5, 0.25, cpu={"idle": [burner.pid]}))
+    assert [row.label for row in rows] == ["idle", "idle"]
+    assert all(row.cpu_percent < 0.5 for row in rows)
+
+
+@pytest.mark.live
+def test_a_busy_process_shows_in_its_row_and_not_in_the_machines(burner):
+    async def run():
+        burner.stdin.write("0.6\n")
+        burner.stdin.flush()
+        return await measure(0.4, 0.2, cpu={"busy": lambda: [burner.pid]})
+
+    rows = asyncio.run(run())
+    assert [row.label for row in rows] == ["busy", "busy"]
+    for row in rows:
+        assert 20 < row.cpu_percent <= 101, "other processes of this machine may take the rest"
+        assert row.window_s == pytest.approx(0.2, rel=0.5)
+        assert 0 <= row.machine_cpu_percent <= 100 * os.cpu_count()
+        assert row.rx_bps is None
+
+
+@pytest.mark.live
+def test_a_process_below_two_labels_is_taken_from_the_machines_load_once(burner):
+    window = Window(cpu={"all": [os.getpid()], "burner": [burner.pid]}, interfaces={})
+    window.sample(0)
+    used_s = float(burn(burner, 0.2))
+    both = window.sample(1_000_000_000)
+    assert min(row.cpu_percent for row in both) == pytest.approx(100 * used_s, rel=0.03)
+    labelled_ns = window._before.labelled_ns
+    assert labelled_ns == pytest.approx(max(row.cpu_percent for row in both) * 1e7, rel=0.03)
+
+
+@pytest.mark.live
+def test_children_that_live_and_die_between_samples_are_counted():
+    with subprocess.Popen([*PYTHON, PARENT], stdin=-1, stdout=-1, text=True) as parent:
+        parent.stdout.readline()
+        meter, alone = CpuMeter([parent.pid]), CpuMeter([parent.pid], include_children=False)
+        for each in (meter, alone):
+            each.sample(0)
+        burn(parent, 0.1)
+        total_ns = meter.sample(1).cpu_ns_total
+        alone_ns = alone.sample(1).cpu_ns_total
+        parent.kill()
+    # The kernel tells of them in ticks of 10 ms.
+    assert total_ns == pytest.approx(300 * MS, rel=0.1, abs=20 * MS)
+    assert alone_ns < 50 * MS, "without children, only the forking is left"
+
+
+@pytest.mark.live
+def test_a_process_that_dies_keeps_what_it_used_and_is_reported(burner):
+    meter = CpuMeter([burner.pid])
+    meter.sample(0)
+    burn(burner, 0.1)
+    alive = meter.sample(1)
+    burner.kill()
+    burner.wait()
+    dead = meter.sample(2)
+    assert alive.cpu_ns_total >= 100 * MS
+    assert (dead.cpu_ns_total, dead.ended, dead.per_pid) == (alive.cpu_ns_total, 1, {})
+    assert meter.sample(3).ended == 0
+
+
+@pytest.mark.live
+def test_grandchildren_and_daemons_are_followed():
+    code = """
+import os, sys, time
+if os.fork() == 0:
+    middle = os.getpid()
+    if os.fork() == 0:
+        print(os.getpid(), middle, flush=True)
+        sys.stdin.readline()
+        while time.process_time() < 0.1:
+            pass
+        print("done", flush=True)
+        sys.stdin.readline()
+        os._exit(0)
+os.wait()
+sys.stdin.readline()
+"""
+    with subprocess.Popen([*PYTHON, code], stdin=-1, stdout=-1, text=True, bufsize=1) as process:
+        grandchild, middle = map(int, process.stdout.readline().split())
+        meter = CpuMeter([process.pid])
+        assert {grandchild, middle} < set(meter.sample(0).per_pid)
+        os.kill(middle, signal.SIGKILL)
+        assert burn(process, "go") == "done\n", "orphaned, hence a daemon"
+        sample = meter.sample(1)
+        process.stdin.close()
+    assert sample.ended == 1
+    assert grandchild in sample.per_pid
+    assert sample.cpu_ns_total >= 90 * MS
+
+
+@pytest.mark.live
+def test_sampling_costs_less_than_one_percent_of_a_core(burner):
+    async def run():
+        start_s = time.process_time()
+        await measure(1.0, 0.5, cpu={"a": [burner.pid], "b": [os.getpid()]})
+        return time.process_time() - start_s
+
+    assert asyncio.run(run()) < 0.01
+
+
+def test_the_table_of_processes_knows_our_parent():
+    assert process_table()[os.getpid()].parent == os.getppid()
+
+
+# Interfaces and rows
+
+
+class Counter:
+    """A host whose counters read as listed."""
+
+    def __init__(self, *readings):
+        self._readings = iter(readings)
+
+    def interface_bytes(self):
+        return InterfaceBytes(*next(self._readings))
+
+
+def test_rates_come_from_two_readings_and_the_window():
+    host = Counter((1000, 500, 10, 5), (2000, 750, 30, 6))
+    window = Window(cpu={}, interfaces={"consumer": host})
+    assert window.sample(0) == []
+    (row,) = window.sample(2_000_000_000)
+    assert (row.label, row.t_ns, row.window_s) == ("consumer", 2_000_000_000, 2.0)
+    assert (row.rx_bps, row.tx_bps, row.rx_packets_per_s) == (4000, 1000, 10)
+    assert (row.cpu_percent, row.processes_ended) == (None, 0)
+
+
+def test_a_label_may_have_processes_and_an_interface():
+    window = Window(cpu={"edge": [os.getpid()]}, interfaces={"edge": Counter((0,) * 4, (8, 0, 1, 0))})
+    window.sample(0)
+    (row,) = window.sample(1_000_000_000)
+    assert row.rx_bps == 64
+    assert row.cpu_percent > 0
+
+
+def test_a_counter_that_fell_was_started_anew():
+    assert counted(5, 8) == 3
+    assert counted(2**40, 100) == 100
+    meter = InterfaceMeter(Counter((900, 900, 9, 9), (10, 20, 1, 2)))
+    assert meter.sample() == (0, 0, 0, 0)
+    assert meter.sample() == (10, 20, 1, 2)
+
+
+@pytest.mark.parametrize(("duration_s", "period_s"), [(1.0, 0.0), (1.0, -1.0), (0.1, 0.2)])
+def test_a_duration_that_holds_no_period_is_refused(duration_s, period_s):
+    with pytest.raises(MeterError, match="period_s: given"):
+        asyncio.run(measure(duration_s, period_s))
+
+
+def test_a_cancelled_measurement_ends_at_once():
+    async def run():
+        await asyncio.wait_for(measure(100.0, 50.0), 0.05)
+
+    with pytest.raises(TimeoutError):
+        asyncio.run(run())

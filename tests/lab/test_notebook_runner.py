@@ -1,0 +1,121 @@
+"""The runner: stricter than papermill, one failure hides nothing, outputs are normalised."""
+
+from __future__ import annotations
+
+import nbformat
+import pytest
+from nbformat.v4 import new_code_cell, new_notebook, new_output
+
+from sfglab.lab.notebooks import (
+    NotebookError,
+    check_parameters,
+    find_notebooks,
+    normalise,
+    read_parameters,
+    run_notebooks,
+)
+from sfglab.lab.paths import Project, ProjectNotFoundError, find_project
+
+
+@pytest.fixture
+def project(tmp_path):
+    (tmp_path / "notebooks").mkdir()
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "claims.yaml").write_text("[]")
+    return Project(root=tmp_path)
+
+
+def write(project: Project, name: str, *sources: str, tagged: int = 1) -> None:
+    cells = [new_code_cell(source) for source in sources]
+    for cell in cells[:tagged]:
+        cell.metadata["tags"] = ["parameters"]
+    nbformat.write(new_notebook(cells=cells), project.notebooks / f"{name}.ipynb")
+
+
+def test_a_parameter_that_is_not_declared_is_an_error_before_anything_runs(project):
+    write(project, "01_a", 'profile: str = "quick"', "print(profile)")
+    with pytest.raises(NotebookError, match="declares no parameter speed; its parameters are profile"):
+        run_notebooks(find_notebooks(project), project=project, parameters={"speed": 1}, say=lambda _: None)
+    assert not project.runs.exists()
+
+
+@pytest.mark.parametrize("tagged", [0, 2])
+def test_a_notebook_needs_exactly_one_parameters_cell(project, tagged):
+    write(project, "01_a", "x: int = 1", "y: int = 2", tagged=tagged)
+    with pytest.raises(NotebookError, match=f"{tagged} cells are tagged"):
+        check_parameters(project.notebooks / "01_a.ipynb", {})
+
+
+@pytest.mark.slow
+def test_one_failed_notebook_does_not_hide_the_others_and_says_which_cell(project):
+    write(project, "01_bad", "x: int = 1", "1 / 0")
+    write(project, "02_good", "x: int = 1", "print(x + 1)")
+    said = []
+    outcomes = run_notebooks(
+        find_notebooks(project), project=project, parameters={"x": 4}, write=True, say=said.append
+    )
+    assert [bool(o.error) for o in outcomes] == [True, False]
+    assert "cell" in outcomes[0].error
+    assert "ZeroDivisionError" in outcomes[0].error
+    good = nbformat.read(project.notebooks / "02_good.ipynb", as_version=4)
+    assert good.cells[-1].outputs[0].text == "5\n"
+    assert len(good.cells) == 2, "the injected cell is gone again"
+    assert (project.runs / "notebooks" / "01_bad.ipynb").exists(), "the failed copy is kept"
+    assert len(said) == 4
+
+
+def test_notebooks_are_found_by_name_beginning_or_topic(project):
+    for name in ("01_naming", "02_depth", "03_depth_more"):
+        write(project, name, "x: int = 1")
+    assert [p.stem for p in find_notebooks(project)] == ["01_naming", "02_depth", "03_depth_more"]
+    for given in ("01", "naming", "01_naming.ipynb", "notebooks/01_naming.ipynb"):
+        assert [p.stem for p in find_notebooks(project, [given])] == ["01_naming"]
+    with pytest.raises(NotebookError, match="fits several"):
+        find_notebooks(project, ["0"])
+    with pytest.raises(NotebookError, match="is no notebook; there are 01_naming"):
+        find_notebooks(project, ["nothing"])
+
+
+def test_parameters_are_read_as_yaml():
+    assert read_parameters(["seed=3", "source=drive.mp4", "ok=true"]) == {
+        "seed": 3,
+        "source": "drive.mp4",
+        "ok": True,
+    }
+    with pytest.raises(NotebookError, match="needed is name=value"):
+        read_parameters(["seed"])
+
+
+def test_outputs_lose_paths_progress_and_traces_of_the_run(project):
+    root = project.root.resolve()
+    cell = new_code_cell("x", metadata={"execution": {"iopub": "12:00:00"}, "papermill": {"duration": 1}})
+    cell.execution_count = 17
+    cell.outputs = [
+        new_output("stream", name="stderr", text="decode once: 50%|###  | 1/2"),
+        new_output("stream", name="stdout", text=f"{root}/figures/a.svg"),
+        new_output("execute_result", data={"text/plain": f"'{root}/x'"}, execution_count=17),
+    ]
+    injected = new_code_cell("x = 2", metadata={"tags": ["injected-parameters"]})
+    notebook = new_notebook(cells=[injected, cell], metadata={"papermill": {"start": "now"}})
+    normal = normalise(notebook, project)
+    assert len(normal.cells) == 1
+    assert normal.cells[0].execution_count == 1
+    assert normal.cells[0].metadata == {}
+    assert [o.output_type for o in normal.cells[0].outputs] == ["stream", "execute_result"]
+    assert normal.cells[0].outputs[0].text == "figures/a.svg"
+    assert normal.cells[0].outputs[1].data["text/plain"] == "'x'"
+
+
+def test_a_file_that_is_no_notebook_is_named(project):
+    (project.notebooks / "01_a.ipynb").write_text("no json")
+    with pytest.raises(NotebookError, match=r"01_a.ipynb: not a notebook"):
+        check_parameters(project.notebooks / "01_a.ipynb", {})
+
+
+def test_the_project_is_found_from_below_and_by_its_variable(project, monkeypatch, tmp_path):
+    assert find_project(project.notebooks).root == project.root.resolve()
+    monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
+    assert find_project().root == tmp_path
+    monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path / "nowhere"))
+    with pytest.raises(ProjectNotFoundError, match="SFGLAB_ROOT"):
+        find_project()

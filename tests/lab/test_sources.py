@@ -1,0 +1,106 @@
+"""Sources: the same frames for the same seed, metric depth, the user's own material, clear refusals."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from sfglab.lab.sources import (
+    MOTORCYCLE_BASELINE_MM,
+    MOTORCYCLE_FOCAL_PX,
+    MOTORCYCLE_OFFSET_PX,
+    SourceError,
+    open_source,
+)
+from sfglab.messages import default_message
+from sfglab.record import LogWriter
+
+
+def frames(spec: str, count: int, **options) -> list:
+    source = open_source(spec, **options)
+    try:
+        return [source.frame() for _ in range(count)]
+    finally:
+        source.close()
+
+
+def test_photographs_move_and_are_the_same_for_the_same_seed():
+    first, again, other = frames("photos", 5), frames("photos", 5), frames("photos", 5, seed=1)
+    assert all(np.array_equal(a.bgr, b.bgr) for a, b in zip(first, again, strict=True))
+    assert not np.array_equal(first[0].bgr, other[0].bgr)
+    assert not np.array_equal(first[0].bgr, first[4].bgr)
+    assert [f.number for f in first] == [0, 1, 2, 3, 4]
+    assert first[0].bgr.shape == (360, 640, 3)
+    assert first[0].depth_mm is None
+
+
+def test_the_stereo_pair_gives_depth_from_its_measured_disparity():
+    from skimage import data
+
+    frame = frames("stereo", 1)[0]
+    depth = frame.depth_mm
+    assert depth.shape == (360, 640)
+    assert depth.dtype == np.uint16
+    _, _, disparity = data.stereo_motorcycle()
+    known = disparity[np.isfinite(disparity)]
+    far, near = (
+        MOTORCYCLE_FOCAL_PX * MOTORCYCLE_BASELINE_MM / (d + MOTORCYCLE_OFFSET_PX)
+        for d in (known.min(), known.max())
+    )
+    assert near - 1 <= depth[depth > 0].min() <= depth.max() <= far + 1
+    assert 0.01 < (depth == 0).mean() < 0.3, "places without disparity stay unknown"
+
+
+def test_a_video_file_is_scaled_and_starts_again_at_its_end(tmp_path):
+    path = tmp_path / "clip.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30, (320, 180))
+    for level in (40, 120, 200):
+        writer.write(np.full((180, 320, 3), level, dtype=np.uint8))
+    writer.release()
+    levels = [float(f.bgr.mean()) for f in frames(str(path), 5)]
+    assert np.allclose(levels, [40, 120, 200, 40, 120], atol=6)
+
+
+def test_a_bag_with_raw_images_is_read(tmp_path):
+    path = tmp_path / "bag.mcap"
+    with LogWriter(path) as log:
+        for i, encoding in enumerate(("bgr8", "rgb8", "mono8")):
+            image = default_message("sensor_msgs/msg/Image")
+            channels = 1 if encoding == "mono8" else 3
+            image.height, image.width, image.encoding, image.step = 90, 160, encoding, 160 * channels
+            image.data = np.tile(np.arange(10, 10 + channels, dtype=np.uint8), 90 * 160)
+            log.write("/camera/image_raw", image, log_time_ns=i)
+    colours = [tuple(f.bgr[5, 5]) for f in frames(f"bag:{path}#/camera/image_raw", 4)]
+    assert colours == [(10, 11, 12), (12, 11, 10), (10, 10, 10), (10, 11, 12)]
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("nothing.mp4", "no such file; allowed are photos"),
+        ("camera:x", "camera:0"),
+        ("camera:99", "cannot be opened"),
+        ("bag:run.mcap", "say which topic"),
+    ],
+)
+def test_what_cannot_be_opened_is_refused_with_what_is_allowed(spec, message, capfd):
+    with pytest.raises(SourceError, match=message):
+        frames(spec, 1)
+
+
+def test_a_file_without_pictures_is_refused(tmp_path):
+    path = tmp_path / "text.mp4"
+    path.write_text("no video")
+    with pytest.raises(SourceError, match=r"cannot be opened as video|holds no picture"):
+        frames(str(path), 1)
+
+
+def test_a_bag_without_the_topic_says_what_it_holds(tmp_path):
+    path = tmp_path / "bag.mcap"
+    with LogWriter(path) as log:
+        log.write("/hello", default_message("std_msgs/msg/String"), log_time_ns=0)
+    with pytest.raises(SourceError, match="the log holds /hello"):
+        frames(f"bag:{path}#/camera", 1)
+    with pytest.raises(SourceError, match="no images"):
+        frames(f"bag:{path}#/hello", 1)

@@ -1,0 +1,69 @@
+"""Notebooks are thin, explain themselves, declare their parameters and carry clean outputs."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+from pathlib import Path
+
+import nbformat
+import pytest
+
+ROOT = Path(__file__).parents[2]
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+
+pytestmark = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
+
+
+def code_cells(path: Path) -> list:
+    return [c for c in nbformat.read(path, as_version=4).cells if c.cell_type == "code"]
+
+
+def test_the_notebook_is_valid_and_bears_no_editors_traces(path):
+    notebook = nbformat.read(path, as_version=4)
+    nbformat.validate(notebook)
+    assert set(notebook.metadata) == {"language_info"}
+    assert all(set(c.metadata) <= {"tags"} for c in notebook.cells)
+
+
+def test_the_first_cell_says_question_method_inputs_outputs_and_time(path):
+    first = nbformat.read(path, as_version=4).cells[0]
+    assert first.cell_type == "markdown"
+    for word in ("Question", "Method", "Input", "Output", "Expected time"):
+        assert f"**{word}" in first.source, word
+
+
+def test_imports_come_first_and_typed_parameters_second(path):
+    imports, parameters, *rest = code_cells(path)
+    assert all(isinstance(n, ast.Import | ast.ImportFrom) for n in ast.parse(imports.source).body)
+    assert parameters.metadata["tags"] == ["parameters"]
+    for node in ast.parse(parameters.source).body:
+        assert isinstance(node, ast.AnnAssign)
+        assert isinstance(node.value, ast.Constant)
+    assert not any("import " in c.source for c in rest)
+
+
+def test_cells_are_thin(path):
+    cells = [c.source for c in code_cells(path)]
+    assert sum(len(c.splitlines()) for c in cells) <= 80
+    assert max(len(c.splitlines()) for c in cells) <= 10
+    assert not any(re.search(r"^\s*(async def|def|class) ", c, re.MULTILINE) for c in cells)
+
+
+def test_something_is_checked(path):
+    sources = "\n".join(c.source for c in code_cells(path))
+    assert "assert " in sources or "notebook.check(" in sources
+
+
+def test_it_is_executed_and_its_outputs_are_clean(path):
+    cells = code_cells(path)
+    assert [c.execution_count for c in cells] == list(range(1, len(cells) + 1))
+    for cell in cells:
+        for output in cell.outputs:
+            assert output.output_type != "error"
+            text = json.dumps(output)
+            assert not re.search(r"/(home|root|work|tmp)/", text)
+            assert not re.search(r"\b\d\d:\d\d:\d\d\b", text)
+            assert "%|" not in text, "no progress bars"
+    assert path.stat().st_size < 1_500_000
