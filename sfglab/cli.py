@@ -5,7 +5,6 @@ Each command is a few lines over the library; heavy modules are imported by the 
 
 from __future__ import annotations
 
-import asyncio
 import json
 import logging
 import sys
@@ -16,6 +15,7 @@ import typer
 
 from sfglab import __version__
 from sfglab.errors import SfglabError
+from sfglab.pipes import run
 
 __all__ = ["app", "main"]
 
@@ -176,7 +176,7 @@ def decoder(
         discovery_topic=str(discovery),
         linger_s=linger,
     )
-    asyncio.run(serve_terminal(config, typer.echo))
+    run(serve_terminal(config, typer.echo))
 
 
 @app.command()
@@ -209,7 +209,7 @@ def camera(
         source=source,
         encoder=encoder,
     )
-    asyncio.run(run_camera(config, typer.echo))
+    run(run_camera(config, typer.echo))
 
 
 @app.command("log")

@@ -25,6 +25,4 @@ class MissingExtraError(SfglabError, ImportError):
     def __init__(self, library: str, *, extra: str, purpose: str) -> None:
         self.library = library
         self.extra = extra
-        super().__init__(
-            f"{purpose} needs {library!r}, which is not installed: pip install 'sfglab[{extra}]'"
-        )
+        super().__init__(f"{purpose} needs {library!r}, which is not installed: pip install 'sfglab[{extra}]'")

@@ -11,9 +11,17 @@ import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable
+    from collections.abc import AsyncIterator, Callable, Coroutine
+    from typing import Any
 
-__all__ = ["claim_standard_output", "standard_input_lines"]
+__all__ = ["claim_standard_output", "run", "standard_input_lines"]
+
+
+def run(main: Coroutine[Any, Any, None]) -> None:
+    """Run a process's main coroutine, on uvloop: a wake-up costs half as much there."""
+    import uvloop
+
+    uvloop.run(main)
 
 
 async def standard_input_lines() -> AsyncIterator[bytes]:

@@ -18,7 +18,7 @@ from sfglab.bus.queue import Sample, SampleQueue
 from sfglab.bus.service import Client, Service
 from sfglab.bus.subscription import Incoming, Subscription
 from sfglab.bus.transports import DEFAULT_MAX_MESSAGE_BYTES, Target, open_reader, open_writer
-from sfglab.messages import deserialize, message_type, type_name
+from sfglab.messages import decoder, message_type, type_name
 from sfglab.qos import DEFAULT, QoSProfile
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ class Node:
         target = self._target(type_, topic, qos)
         changed = Signal(core.loop)
         notify = partial(core.bridge.post, changed.notify)
-        decode = _raw if raw else partial(_decoded, message_type(target.type))
+        decode = _raw if raw else _decoding(message_type(target.type))
         calls = core.calls(f"subscription {target.topic!r}")
         inbox = Inbox(core.bridge, SampleQueue(target.qos), decode=decode, callback=callback, calls=calls)
         incoming = Incoming(open_reader(core, target, transport, notify=notify, inbox=inbox), inbox, decode)
@@ -242,5 +242,6 @@ def _raw(sample: Sample) -> Any:
     return sample[0]
 
 
-def _decoded(type_: type[Any], sample: Sample) -> Any:
-    return deserialize(sample[0], type_)
+def _decoding(type_: type[Any]) -> Callable[[Sample], Any]:
+    decode = decoder(type_)
+    return lambda sample: decode(sample[0])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from sfglab.messages.cdr import (
     CdrError,
+    decoder,
     decoder_from_definition,
     deserialize,
     serialize,
@@ -41,6 +42,7 @@ __all__ = [
     "TypeNameError",
     "UnknownTypeError",
     "dds_type_name",
+    "decoder",
     "decoder_from_definition",
     "default_message",
     "definition",

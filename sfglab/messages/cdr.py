@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from functools import cache
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CdrError",
+    "decoder",
     "decoder_from_definition",
     "deserialize",
     "serialize",
@@ -198,14 +200,33 @@ def serialize_into(message: Any, buffer: Buffer) -> int:
     return size
 
 
-def _decoded(store: Typestore, data: Buffer, name: str) -> Any:
+def _decoder(store: Typestore, name: str) -> Callable[[Buffer], Any]:
+    """Return a function from CDR bytes to messages; what does not change between messages is done here."""
     from rosbags.serde import SerdeError
 
-    view = memoryview(data).cast("B").toreadonly()
-    try:
-        return store.deserialize_cdr(view, name)
-    except SerdeError as exc:
-        raise CdrError(name, str(exc), size_bytes=view.nbytes) from exc
+    decode = store.deserialize_cdr
+
+    def decoded(data: Buffer) -> Any:
+        view = memoryview(data).cast("B").toreadonly()
+        try:
+            return decode(view, name)
+        except SerdeError as exc:
+            raise CdrError(name, str(exc), size_bytes=view.nbytes) from exc
+
+    return decoded
+
+
+@cache
+def decoder(type_or_name: type[Any] | str) -> Callable[[Buffer], Any]:
+    """Return `deserialize` for one type, for those who decode many messages of it.
+
+    Args:
+        type_or_name: The message type or its name.
+
+    Raises:
+        UnknownTypeError: There is no such type.
+    """
+    return _decoder(type_store(), type_name(type_or_name))
 
 
 def deserialize(data: Buffer, type_or_name: type[Any] | str) -> Any:
@@ -224,7 +245,7 @@ def deserialize(data: Buffer, type_or_name: type[Any] | str) -> Any:
         CdrError: The bytes are truncated, malformed or of another type.
         UnknownTypeError: There is no such type.
     """
-    return _decoded(type_store(), data, type_name(type_or_name))
+    return decoder(type_or_name)(data)
 
 
 def decoder_from_definition(name: str, text: str) -> Callable[[Buffer], Any]:
@@ -249,4 +270,4 @@ def decoder_from_definition(name: str, text: str) -> Callable[[Buffer], Any]:
         store.get_msgdef(name)
     except (TypesysError, KeyError, SyntaxError) as exc:
         raise CdrError(name, f"its definition cannot be read: {exc!r}") from exc
-    return lambda data: _decoded(store, data, name)
+    return _decoder(store, name)

@@ -70,6 +70,10 @@ class Fanout:
         """Return how many announcements wait for a subscriber to return slots."""
         return len(self._peers[key].backlog) if key in self._peers else 0
 
+    def holds(self, key: int) -> bool:
+        """Return whether a subscriber has slots that it may give back."""
+        return key in self._peers and bool(self._peers[key].held)
+
     def publish(self, announcement: Announcement) -> list[int]:
         """Take over a slot with one user; return whom to tell now.
 

@@ -15,6 +15,7 @@ from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind
 from sfglab.bus.errors import BusError
 from sfglab.bus.host import host_id
 from sfglab.bus.shm.arena import ArenaMap
+from sfglab.bus.shm.fanout import credits_of
 from sfglab.bus.shm.sockets import connect, same_user
 from sfglab.bus.shm.wire import (
     ANNOUNCE_BYTES,
@@ -42,6 +43,9 @@ __all__ = ["ShmReader"]
 _log = logging.getLogger(__name__)
 _RETRY_S = 0.02
 
+_IN_HAND = 2
+"""So many messages an application may keep beside its queue before it is taken for a hoarder."""
+
 
 # Closed links whose messages are still in use: the collector must not hang up for them.
 _lingering: set[_Link] = set()
@@ -68,6 +72,11 @@ class _Link:
         self.last_sequence = 0
         self._held: dict[int, _Reference] = {}
         self._unsent: list[int] = []
+
+    @property
+    def held(self) -> int:
+        """How many slots this process holds."""
+        return len(self._held)
 
     def hold(self, offset: int, size: int) -> memoryview:
         """Return a message's bytes; when their last view dies, the slot goes back."""
@@ -133,6 +142,7 @@ class ShmReader:
         self._presence = presence
         self._qos = qos
         self._depth = qos.depth if qos.history is History.KEEP_LAST else 0
+        self._credits = credits_of(self._depth)
         self._inbox = inbox
         self._notify = notify
         self._links: dict[bytes, _Link] = {}
@@ -234,7 +244,11 @@ class ShmReader:
             self._inbox.queue.dropped += 1
             link.give_back(offset)
             return
-        self._inbox.push((link.hold(offset, size), stamp_ns, time.time_ns(), link.gid))
+        data = link.hold(offset, size)
+        if link.held >= self._credits and link.held - len(self._inbox.queue) > _IN_HAND:
+            # The application hoards messages: the last slot must keep flowing, so this one is a copy.
+            data = memoryview(bytes(data))
+        self._inbox.push((data, stamp_ns, time.time_ns(), link.gid))
 
     def _drop(self, gid: bytes, link: _Link) -> None:
         self._bridge.unwatch(link.sock.fileno())

@@ -197,7 +197,8 @@ class ShmWriter:
     def _collect(self) -> None:
         """Take back returned slots: no subscriber wakes us for them unless messages wait for it."""
         for key in self._fanout.peers:
-            self._receive(key)
+            if self._fanout.holds(key):
+                self._receive(key)
 
     def _receive(self, key: int) -> None:
         connection = self._connections[key]
@@ -205,6 +206,8 @@ class ShmWriter:
             while datagram := connection.recv(RETURN_BYTES + 1):
                 for announcement in self._fanout.returned(key, unpack_return(datagram)):
                     self._send(key, announcement, pack_announcement(announcement))
+                if not self._fanout.holds(key):
+                    return  # nothing more can come; saves the system call that would say so
             self._leave(key)
         except BlockingIOError:
             return

@@ -28,7 +28,7 @@ from sfglab.fleet.decoder.protocol import (
     decode_line,
     encode_line,
 )
-from sfglab.pipes import claim_standard_output, standard_input_lines
+from sfglab.pipes import claim_standard_output, run, standard_input_lines
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
@@ -167,7 +167,7 @@ def main() -> None:
     """Run the worker with the configuration given as its one argument."""
     # The decoder decides when workers end; an interrupt from the terminal reaches it as well.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    asyncio.run(_main(WorkerConfig.from_json(sys.argv[1])))
+    run(_main(WorkerConfig.from_json(sys.argv[1])))
 
 
 if __name__ == "__main__":

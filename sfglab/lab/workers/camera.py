@@ -22,7 +22,7 @@ from sfglab.codecs import H264Encoder, H264Settings, compressed_depth_fields, ff
 from sfglab.lab.framenumber import stamp_number
 from sfglab.lab.sources import DEPTH_STAMP_MM, Frame, open_source
 from sfglab.messages import message_type, stamp_from_ns
-from sfglab.pipes import claim_standard_output, standard_input_lines
+from sfglab.pipes import claim_standard_output, run, standard_input_lines
 from sfglab.qos import QoSProfile, Reliability
 
 if TYPE_CHECKING:
@@ -228,7 +228,7 @@ def main() -> None:
     """Run the camera with the configuration given as its one argument."""
     config = CameraConfig(**json.loads(sys.argv[1]))
     write = claim_standard_output()
-    asyncio.run(_serve(config, lambda report: write(json.dumps(report).encode() + b"\n")))
+    run(_serve(config, lambda report: write(json.dumps(report).encode() + b"\n")))
 
 
 if __name__ == "__main__":

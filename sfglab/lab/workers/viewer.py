@@ -23,7 +23,7 @@ import numpy as np
 from sfglab.codecs import CodecError, image_decoder
 from sfglab.lab.framenumber import read_number
 from sfglab.messages import ns_from_stamp
-from sfglab.pipes import claim_standard_output, standard_input_lines
+from sfglab.pipes import claim_standard_output, run, standard_input_lines
 from sfglab.qos import SENSOR_DATA, QoSProfile, Reliability
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ __all__ = ["MODES", "Seen", "ViewerConfig", "main"]
 MODES = ("standard", "proxy", "network")
 STREAM_QOS = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=60)
 PAIRS_KEPT = 30
+IMAGE = "sensor_msgs/msg/Image"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,8 +98,7 @@ class Seen:
         """
         self.frames += 1
         self.ages_ns.append(time.time_ns() - stamp_ns)
-        words = np.frombuffer(pixels.reshape(-1).data, dtype=np.uint8).view(np.uint64)
-        self.checksum ^= int(np.bitwise_xor.reduce(words))
+        self.checksum ^= int(np.bitwise_xor.reduce(pixels.reshape(-1).view(np.uint64)))
         number = read_number(pixels)
         if number is None:
             self.unreadable += 1
@@ -172,41 +172,48 @@ class Viewer:
             self._report({"is": "first"})
 
     async def _decode(self) -> None:
+        decoder = image_decoder(self._config.remote_type, self._config.codec)
+
+        def see(message: Any) -> None:
+            try:
+                images = decoder.feed(message)
+            except CodecError:
+                self._seen.broken += 1
+                return
+            for image in images:
+                self._seen.look(image.array, ns_from_stamp(message.header.stamp))
+                self._saw_one()
+
+        await self._subscribe(see)
+
+    async def _discard(self) -> None:
+        def see(_: bytes) -> None:
+            self._seen.frames += 1
+            self._saw_one()
+
+        await self._subscribe(see, raw=True)
+
+    async def _subscribe(self, see: Callable[[Any], None], *, raw: bool = False) -> None:
+        """Receive the remote stream until cancelled."""
         from sfglab.bus import Node
 
-        decoder = image_decoder(self._config.remote_type, self._config.codec)
         async with Node("viewer", **self._config.remote) as node:
             topic, type_ = self._config.remote_topic, self._config.remote_type
-            async for message in node.create_subscription(type_, topic, qos=STREAM_QOS):
-                try:
-                    images = decoder.feed(message)
-                except CodecError:
-                    self._seen.broken += 1
-                    continue
-                for image in images:
-                    self._seen.look(image.array, ns_from_stamp(message.header.stamp))
-                    self._saw_one()
+            node.create_subscription(type_, topic, see, qos=STREAM_QOS, raw=raw)
+            await asyncio.Event().wait()
 
     async def _share(self) -> None:
+        """Take decoded pictures from shared memory until cancelled."""
         from sfglab.bus import Node
+
+        def see(image: Any) -> None:
+            self._seen.look(_pixels(image), ns_from_stamp(image.header.stamp))
+            self._saw_one()
 
         async with Node("viewer", **self._config.local) as node:
             topic = self._config.local_topic
-            subscription = node.create_subscription(
-                "sensor_msgs/msg/Image", topic, qos=SENSOR_DATA, transport="shm"
-            )
-            async for message in subscription:
-                self._seen.look(_pixels(message), ns_from_stamp(message.header.stamp))
-                self._saw_one()
-
-    async def _discard(self) -> None:
-        from sfglab.bus import Node
-
-        async with Node("viewer", **self._config.remote) as node:
-            topic, type_ = self._config.remote_topic, self._config.remote_type
-            async for _ in node.create_subscription(type_, topic, qos=STREAM_QOS, raw=True):
-                self._seen.frames += 1
-                self._saw_one()
+            node.create_subscription(IMAGE, topic, see, qos=SENSOR_DATA, transport="shm")
+            await asyncio.Event().wait()
 
     async def _record(self, path: Path) -> None:
         """Write the stream's messages into a log of its own as they come in, unconverted."""
@@ -233,9 +240,10 @@ class Viewer:
 
 def _pixels(image: Any) -> NDArray[np.generic]:
     """Return an Image message's pixels without copying them."""
+    data: NDArray[np.generic] = image.data
     if image.encoding == "16UC1":
-        return np.asarray(image.data).view(np.uint16).reshape(image.height, image.width)
-    return np.asarray(image.data).reshape(image.height, image.width, -1)
+        return data.view(np.uint16).reshape(image.height, image.width)
+    return data.reshape(image.height, image.width, -1)
 
 
 def main() -> None:
@@ -243,7 +251,7 @@ def main() -> None:
     config = ViewerConfig(**json.loads(sys.argv[1]))
     write = claim_standard_output()
     viewer = Viewer(config, lambda report: write(json.dumps(report).encode() + b"\n"))
-    asyncio.run(viewer.run(standard_input_lines()))
+    run(viewer.run(standard_input_lines()))
 
 
 if __name__ == "__main__":
