@@ -1,8 +1,9 @@
 """A number that is visible in the pixels of a frame, so that a subscriber can prove which frame it holds.
 
 The number is drawn as a row of black and white cells along the upper edge: one white and one black cell to
-calibrate the threshold, 24 bits of number (most significant first) and an 8-bit check (of CRC-32). A cell is 16 pixels wide and high, one H.264 macroblock, so that a 4 Mbit/s stream keeps it readable.
-The same cells work for lossless depth images. Knows pixels only; refuses to know any message or codec.
+calibrate the threshold, 24 bits of number (most significant first) and an 8-bit check (of CRC-32). A cell is
+16 pixels wide and high, one H.264 macroblock, so that a 4 Mbit/s stream keeps it readable. The same cells
+work for lossless depth images. Knows pixels only; refuses to know any message or codec.
 """
 
 from __future__ import annotations

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from functools import cache
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
@@ -216,7 +215,9 @@ def _decoder(store: Typestore, name: str) -> Callable[[Buffer], Any]:
     return decoded
 
 
-@cache
+_decoders: dict[str, Callable[[Buffer], Any]] = {}
+
+
 def decoder(type_or_name: type[Any] | str) -> Callable[[Buffer], Any]:
     """Return `deserialize` for one type, for those who decode many messages of it.
 
@@ -226,7 +227,10 @@ def decoder(type_or_name: type[Any] | str) -> Callable[[Buffer], Any]:
     Raises:
         UnknownTypeError: There is no such type.
     """
-    return _decoder(type_store(), type_name(type_or_name))
+    name = type_name(type_or_name)
+    if name not in _decoders:
+        _decoders[name] = _decoder(type_store(), name)
+    return _decoders[name]
 
 
 def deserialize(data: Buffer, type_or_name: type[Any] | str) -> Any:

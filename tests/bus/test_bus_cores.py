@@ -22,11 +22,11 @@ from sfglab.bus.shm.wire import (
     ProtocolError,
     pack_announcement,
     pack_hello,
-    pack_return,
+    pack_returns,
     pack_welcome,
     unpack_announcement,
     unpack_hello,
-    unpack_return,
+    unpack_returns,
     unpack_welcome,
 )
 from sfglab.bus.userdata import entries, user_data
@@ -205,12 +205,13 @@ def test_datagrams_have_this_layout():
     assert unpack_hello(bytes.fromhex("736667730100010005000000")) == Hello(5, wants_history=True)
     assert pack_welcome(b"g" * 16).hex() == "7366677301000000" + "67" * 16
     assert unpack_welcome(pack_welcome(b"g" * 16)) == b"g" * 16
-    assert unpack_return(pack_return(4096)) == 4096
+    for offsets in ((4096,), (4096, 8192, 12288), tuple(range(4096, 4096 * 9, 4096))):
+        assert unpack_returns(pack_returns(offsets)) == offsets
 
 
 @given(st.binary(max_size=40))
 def test_any_other_bytes_are_a_protocol_error(data):
-    for unpack in (unpack_hello, unpack_welcome, unpack_return):
+    for unpack in (unpack_hello, unpack_welcome, unpack_returns):
         with suppress(ProtocolError):  # and nothing else
             unpack(data)
     try:

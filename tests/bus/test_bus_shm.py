@@ -16,6 +16,7 @@ import pytest
 
 from sfglab import bus
 from sfglab.bus.shm import sockets
+from sfglab.bus.shm.fanout import credits_of, returns_of
 from sfglab.bus.userdata import SHM_KEY, entries
 from sfglab.messages import message_type, serialize
 from sfglab.qos import LATCHED, QoSProfile
@@ -29,6 +30,9 @@ Image = message_type(IMAGE)
 Header = message_type("std_msgs/msg/Header")
 Time = message_type("builtin_interfaces/msg/Time")
 PIXELS = 640 * 360 * 3
+
+TOGETHER = returns_of(credits_of(10))
+"""So many slots a subscriber of the default depth gives back at once."""
 
 
 def node(domain_id, name="here", **options):
@@ -139,11 +143,11 @@ def test_a_held_message_is_never_overwritten_and_its_slot_is_free_once_let_go(do
                 addresses.add(address_of((await subscription.take(5)).data))
             assert held.tolist() == [1] * 100
             assert address_of(held) - 100 not in addresses
-            assert len(addresses) <= 2  # the others' slots were used again and again
+            assert len(addresses) <= 1 + TOGETHER  # the others' slots were used again and again
             del held
             publisher.publish(image(60))
-            assert pool.slots_in_use == 1
-            assert pool.used_bytes < 5 * PIXELS
+            assert pool.slots_in_use <= TOGETHER
+            assert pool.used_bytes < (3 + TOGETHER) * PIXELS
 
     asyncio.run(scenario())
 
@@ -161,7 +165,7 @@ def test_a_reader_that_keeps_everything_goes_on_receiving_in_bounded_memory(doma
                 assert (await fast.take(5)).data[0] == fill
                 hoard.append(await hoarder.take(5))
             assert [m.data[0] for m in hoard] == list(range(50)), "beyond its slots it is given copies"
-            assert publisher._writer._pool.slots_in_use <= 4 + 2 + 1
+            assert publisher._writer._pool.slots_in_use <= 2 * credits_of(2)
             assert (hoarder.dropped, fast.dropped) == (0, 0)
 
     asyncio.run(scenario())
@@ -184,7 +188,7 @@ def test_a_process_that_slept_gets_the_newest_messages_only(domain_id, child):
                 await other.hear()
                 for number in range(100):
                     publisher.publish(String(data=str(number)))
-                assert publisher._writer._pool.slots_in_use <= 5 + 3
+                assert publisher._writer._pool.slots_in_use <= credits_of(3) + 3
                 await other.tell()
                 assert await other.hear() == {"got": ["97", "98", "99"], "dropped": 97}
                 await other.end()
@@ -213,7 +217,9 @@ def test_the_death_of_a_subscriber_that_holds_slots_frees_them_at_once(domain_id
                 assert publisher._writer._pool.slots_in_use == 5
                 await other.kill()
                 await until(lambda: publisher.get_subscription_count() == 0)
-                assert publisher._writer._pool.slots_in_use == 0
+                assert publisher._writer._pool.slots_in_use < TOGETHER, (
+                    "let go, but for what is given back together"
+                )
                 assert await here.graph.wait_for(lambda: not here.graph.subscriptions("/t"), 5)
 
     asyncio.run(scenario())
@@ -283,7 +289,9 @@ def test_a_loan_is_written_in_place_and_an_exception_publishes_nothing(domain_id
             publisher.publish(String(data="next"))
             assert [(await subscription.take(5)).data for _ in range(2)] == ["in place", "next"]
             assert await publisher.wait_for_all_acked()
-            assert publisher._writer._pool.slots_in_use == 0
+            assert publisher._writer._pool.slots_in_use < TOGETHER, (
+                "let go, but for what is given back together"
+            )
             with pytest.raises(TypeError, match="transport='shm'"):
                 here.create_publisher(STRING, "/t").loan(10)
 

@@ -10,25 +10,32 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
+from sfglab.bus.shm.wire import RETURN_MAX
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from sfglab.bus.shm.slots import SlotPool
     from sfglab.bus.shm.wire import Announcement
 
-__all__ = ["MAX_CREDITS", "Fanout", "credits_of"]
+__all__ = ["MAX_CREDITS", "Fanout", "credits_of", "returns_of"]
 
 MAX_CREDITS = 64
 """The most slots one subscriber may hold; all their datagrams fit into a socket's default buffer."""
 
 # Above the depth, so that a subscriber that is alive always learns of newer messages and keeps the last
 # ones itself, while its application still works on one.
-_SPARE_CREDITS = 2
+_SPARE_CREDITS = 4
 
 
 def credits_of(depth: int) -> int:
     """Return how many slots a subscriber with this depth (0 is all) may hold at once."""
     return min(depth + _SPARE_CREDITS, MAX_CREDITS) if depth else MAX_CREDITS
+
+
+def returns_of(credits_: int) -> int:
+    """Return how many slots a subscriber collects before it gives them back, as long as it has credits left."""
+    return max(1, min(credits_ // 3, RETURN_MAX))
 
 
 class _Peer:

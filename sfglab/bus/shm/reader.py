@@ -15,15 +15,16 @@ from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind
 from sfglab.bus.errors import BusError
 from sfglab.bus.host import host_id
 from sfglab.bus.shm.arena import ArenaMap
-from sfglab.bus.shm.fanout import credits_of
+from sfglab.bus.shm.fanout import credits_of, returns_of
 from sfglab.bus.shm.sockets import connect, same_user
 from sfglab.bus.shm.wire import (
     ANNOUNCE_BYTES,
+    RETURN_MAX,
     Announcement,
     Hello,
     ProtocolError,
     pack_hello,
-    pack_return,
+    pack_returns,
     unpack_announcement,
     unpack_welcome,
 )
@@ -65,8 +66,10 @@ class _Link:
     something else: letting go is one dictionary operation and one datagram.
     """
 
-    def __init__(self, sock: socket.socket) -> None:
+    def __init__(self, sock: socket.socket, credits_: int) -> None:
         self.sock = sock
+        self._together = returns_of(credits_)
+        self._urgent = credits_ - self._together
         self.gid = bytes(16)
         self.arena: ArenaMap | None = None
         self.last_sequence = 0
@@ -75,8 +78,8 @@ class _Link:
 
     @property
     def held(self) -> int:
-        """How many slots this process holds."""
-        return len(self._held)
+        """How many slots this process has not given back."""
+        return len(self._held) + len(self._unsent)
 
     def hold(self, offset: int, size: int) -> memoryview:
         """Return a message's bytes; when their last view dies, the slot goes back."""
@@ -87,17 +90,22 @@ class _Link:
         return memoryview(array)
 
     def give_back(self, offset: int) -> None:
-        """Return a slot to the publisher."""
+        """Return a slot to the publisher, a few together unless it may be waiting for them."""
         self._unsent.append(offset)
-        while self._unsent:
-            offset = self._unsent.pop()
-            try:
-                self.sock.send(pack_return(offset))
-            except BlockingIOError:
-                self._unsent.append(offset)  # again with the next one
-                return
-            except OSError:
-                return  # the publisher has gone, so nobody misses it
+        if len(self._unsent) < self._together and self.held < self._urgent:
+            return
+        offsets: list[int] = []
+        with suppress(IndexError):  # another thread may empty the list meanwhile
+            while len(offsets) < RETURN_MAX:
+                offsets.append(self._unsent.pop())
+        if not offsets:
+            return
+        try:
+            self.sock.send(pack_returns(offsets))
+        except BlockingIOError:
+            self._unsent.extend(offsets)  # again with the next one
+        except OSError:
+            return  # the publisher has gone, so nobody misses it
 
     def close(self) -> None:
         """Hang up; as long as messages are held, only halfway, so that the publisher leaves them alone."""
@@ -196,7 +204,7 @@ class ShmReader:
             _log.warning("topic %r: a publisher of another user is ignored", self._presence.topic)
             sock.close()
             return
-        link = self._links[endpoint.gid] = _Link(sock)
+        link = self._links[endpoint.gid] = _Link(sock, self._credits)
         wants_history = self._qos.durability is Durability.TRANSIENT_LOCAL
         sock.send(pack_hello(Hello(self._depth, wants_history)))
         self._bridge.watch(sock.fileno(), partial(self._receive, endpoint.gid, link))

@@ -6,16 +6,19 @@ Pure: bytes and values. All numbers are little-endian; each datagram is one SOCK
 subscriber -> publisher   HELLO    magic, version, flags, depth           once, first
 publisher  -> subscriber  WELCOME  magic, version, gid  + the memory file once, answer to HELLO
 publisher  -> subscriber  ANNOUNCE sequence, offset, size, source stamp   per message
-subscriber -> publisher   RETURN   offset                                 per message, when let go
+subscriber -> publisher   RETURN   offset, offset, ...                    when let go, a few at a time
 ```
 """
 
 from __future__ import annotations
 
 import struct
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from sfglab.bus.errors import BusError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 __all__ = [
     "ANNOUNCE_BYTES",
@@ -24,16 +27,17 @@ __all__ = [
     "HELLO_BYTES",
     "PAGE_BYTES",
     "RETURN_BYTES",
+    "RETURN_MAX",
     "Announcement",
     "Hello",
     "ProtocolError",
     "pack_announcement",
     "pack_hello",
-    "pack_return",
+    "pack_returns",
     "pack_welcome",
     "unpack_announcement",
     "unpack_hello",
-    "unpack_return",
+    "unpack_returns",
     "unpack_welcome",
 ]
 
@@ -48,12 +52,14 @@ _VERSION = 1
 _HELLO = struct.Struct("<4sHHI")
 _WELCOME = struct.Struct("<4sHH16s")
 _ANNOUNCE = struct.Struct("<QQQq")
-_RETURN = struct.Struct("<Q")
+_RETURNS = tuple(struct.Struct(f"<{count}Q") for count in range(9))
+RETURN_MAX = len(_RETURNS) - 1
+"""The most slots that one RETURN gives back."""
 _PREFIX = _MAGIC + struct.pack("<H", _VERSION)
 _FLAG_HISTORY = 1
 HELLO_BYTES = _HELLO.size
 ANNOUNCE_BYTES = _ANNOUNCE.size
-RETURN_BYTES = _RETURN.size
+RETURN_BYTES = _RETURNS[-1].size
 
 
 class ProtocolError(BusError, ValueError):
@@ -155,18 +161,18 @@ def unpack_announcement(datagram: bytes, *, arena_bytes: int) -> Announcement:
     return announcement
 
 
-def pack_return(offset: int) -> bytes:
-    """Return a RETURN."""
-    return _RETURN.pack(offset)
+def pack_returns(offsets: Sequence[int]) -> bytes:
+    """Return a RETURN of 1 to `RETURN_MAX` slots."""
+    return _RETURNS[len(offsets)].pack(*offsets)
 
 
-def unpack_return(datagram: bytes) -> int:
-    """Return the offset in a RETURN.
+def unpack_returns(datagram: bytes) -> tuple[int, ...]:
+    """Return the offsets in a RETURN.
 
     Raises:
         ProtocolError: It is none.
     """
-    if len(datagram) != _RETURN.size:
-        raise ProtocolError(datagram, f"a return of {_RETURN.size} bytes")
-    offset: int = _RETURN.unpack(datagram)[0]
-    return offset
+    count, rest = divmod(len(datagram), 8)
+    if rest or not 1 <= count <= RETURN_MAX:
+        raise ProtocolError(datagram, f"a return of 8 to {RETURN_BYTES} bytes")
+    return _RETURNS[count].unpack(datagram)

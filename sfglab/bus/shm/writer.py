@@ -24,7 +24,7 @@ from sfglab.bus.shm.wire import (
     pack_announcement,
     pack_welcome,
     unpack_hello,
-    unpack_return,
+    unpack_returns,
 )
 from sfglab.messages import serialize_into, serialized_size
 from sfglab.qos import Durability, History, QoSProfile
@@ -204,8 +204,9 @@ class ShmWriter:
         connection = self._connections[key]
         try:
             while datagram := connection.recv(RETURN_BYTES + 1):
-                for announcement in self._fanout.returned(key, unpack_return(datagram)):
-                    self._send(key, announcement, pack_announcement(announcement))
+                for offset in unpack_returns(datagram):
+                    for announcement in self._fanout.returned(key, offset):
+                        self._send(key, announcement, pack_announcement(announcement))
                 if not self._fanout.holds(key):
                     return  # nothing more can come; saves the system call that would say so
             self._leave(key)
