@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.errors import SfglabError
+from sfglab.messages.flat import flat_reader
 from sfglab.messages.store import numpy_dtype, parse_definition, type_name, type_store
 
 if TYPE_CHECKING:
@@ -204,9 +205,15 @@ def _decoder(store: Typestore, name: str) -> Callable[[Buffer], Any]:
     from rosbags.serde import SerdeError
 
     decode = store.deserialize_cdr
+    read = flat_reader(store, name)
 
     def decoded(data: Buffer) -> Any:
         view = memoryview(data).cast("B").toreadonly()
+        if read is not None and view[:4] == _HEADER:
+            try:
+                return read(view)
+            except (struct.error, ValueError, IndexError) as exc:
+                raise CdrError(name, str(exc), size_bytes=view.nbytes) from exc
         try:
             return decode(view, name)
         except SerdeError as exc:

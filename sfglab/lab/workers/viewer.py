@@ -98,7 +98,7 @@ class Seen:
         """
         self.frames += 1
         self.ages_ns.append(time.time_ns() - stamp_ns)
-        self.checksum ^= int(np.bitwise_xor.reduce(pixels.reshape(-1).view(np.uint64)))
+        self.checksum ^= int(np.bitwise_xor.reduce(np.ndarray(pixels.nbytes // 8, np.uint64, pixels)))
         number = read_number(pixels)
         if number is None:
             self.unreadable += 1
@@ -240,10 +240,9 @@ class Viewer:
 
 def _pixels(image: Any) -> NDArray[np.generic]:
     """Return an Image message's pixels without copying them."""
-    data: NDArray[np.generic] = image.data
     if image.encoding == "16UC1":
-        return data.view(np.uint16).reshape(image.height, image.width)
-    return data.reshape(image.height, image.width, -1)
+        return np.ndarray((image.height, image.width), np.uint16, image.data)
+    return np.ndarray((image.height, image.width, 3), np.uint8, image.data)
 
 
 def main() -> None:
