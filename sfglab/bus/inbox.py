@@ -47,8 +47,8 @@ class Inbox:
     ) -> None:
         self.queue = queue
         self._bridge = bridge
-        self._decode = decode
         self._callback = callback
+        self._decoded_call = _after(decode, callback)
         self.calls = calls
         self._waiters: deque[asyncio.Future[None]] = deque()
         self._running: asyncio.Task[Any] | None = None
@@ -145,10 +145,11 @@ class Inbox:
     def _call(self, sample: Sample) -> None:
         self._running = self.calls.run(self._decoded_call, sample, then=self._finished)
 
-    def _decoded_call(self, sample: Sample) -> Any:
-        assert self._callback is not None
-        return self._callback(self._decode(sample))
-
     def _finished(self) -> None:
         self._running = None
         self._deliver()
+
+
+def _after(decode: Callable[[Sample], Any], callback: Callback | None) -> Callable[[Sample], Any]:
+    """Return what is done with a sample: one function, since it is called for every message."""
+    return decode if callback is None else lambda sample: callback(decode(sample))

@@ -18,7 +18,7 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["CELLS", "CELL_PX", "FrameNumberError", "read_number", "stamp_number"]
+__all__ = ["CELLS", "CELL_PX", "FrameNumberError", "read_number", "read_number_flat", "stamp_number"]
 
 CELL_PX = 16
 """Side of a cell in pixels: one macroblock of H.264 (ITU-T H.264, clause 3)."""
@@ -80,7 +80,7 @@ def read_number(image: NDArray[Any]) -> int | None:
     """Read the number that `stamp_number` drew.
 
     Args:
-        image: Shape (H, W) or (H, W, channels), at least 544 x 16 pixels.
+        image: Shape (H, W) or (H, W, channels), at least 544 x 16 pixels, in C order.
 
     Returns:
         The number, or None where the cells show none: no contrast, or a check that fails.
@@ -88,10 +88,25 @@ def read_number(image: NDArray[Any]) -> int | None:
     Raises:
         FrameNumberError: The image is too small to hold one.
     """
-    row = _cell_area(image)[_MIDDLE, _MIDDLE::CELL_PX]
-    values = (row[:, 1] if image.ndim == 3 else row).tobytes()
+    _cell_area(image)
+    channels = image.shape[2] if image.ndim == 3 else 1
+    return read_number_flat(image.reshape(-1), image.shape[1], channels)
+
+
+def read_number_flat(items: NDArray[Any], width: int, channels: int) -> int | None:
+    """Read the number from an image's items in C order, as messages carry them; see `read_number`.
+
+    Args:
+        items: Shape (H * W * channels,).
+        width: Pixels in a row, at least 544.
+        channels: Items in a pixel; of three the second is read.
+    """
+    start = (_MIDDLE * width + _MIDDLE) * channels + (channels > 1)
+    step = CELL_PX * channels
+    values = items[start : start + CELLS * step : step].tobytes()
     # Black and white differ in their most significant byte. Bytes are enough, and cheaper than arrays for 34.
-    white, black, *_ = cells = values[image.itemsize - 1 :: image.itemsize]
+    cells = values[items.itemsize - 1 :: items.itemsize]
+    white, black = cells[0], cells[1]
     if white <= black:
         return None
     word = int(cells[2:].translate(_DIGITS[(white + black) // 2]), 2)

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.codecs import CodecError, image_decoder
-from sfglab.lab.framenumber import read_number
+from sfglab.lab.framenumber import read_number_flat
 from sfglab.messages import ns_from_stamp
 from sfglab.pipes import claim_standard_output, run, standard_input_lines
 from sfglab.qos import SENSOR_DATA, QoSProfile, Reliability
@@ -89,17 +89,19 @@ class Seen:
     ages_ns: deque[int] = field(default_factory=lambda: deque(maxlen=10 * PAIRS_KEPT))
     _last: int | None = None
 
-    def look(self, pixels: NDArray[np.generic], stamp_ns: int) -> None:
+    def look(self, items: NDArray[Any], width: int, channels: int, stamp_ns: int) -> None:
         """Read every pixel and the number of one picture.
 
         Args:
-            pixels: The picture, a multiple of eight bytes large.
+            items: The pixels' items in C order, shape (H * W * channels,), a multiple of eight bytes.
+            width: Pixels in a row.
+            channels: Items in a pixel.
             stamp_ns: Its capture stamp, nanoseconds.
         """
         self.frames += 1
         self.ages_ns.append(time.time_ns() - stamp_ns)
-        self.checksum ^= int(np.bitwise_xor.reduce(np.ndarray(pixels.nbytes // 8, np.uint64, pixels)))
-        number = read_number(pixels)
+        self.checksum ^= int(np.bitwise_xor.reduce(items.view(np.uint64)))
+        number = read_number_flat(items, width, channels)
         if number is None:
             self.unreadable += 1
             return
@@ -181,7 +183,11 @@ class Viewer:
                 self._seen.broken += 1
                 return
             for image in images:
-                self._seen.look(image.array, ns_from_stamp(message.header.stamp))
+                pixels = image.array
+                channels = pixels.shape[2] if pixels.ndim == 3 else 1
+                self._seen.look(
+                    pixels.reshape(-1), pixels.shape[1], channels, ns_from_stamp(message.header.stamp)
+                )
                 self._saw_one()
 
         await self._subscribe(see)
@@ -207,7 +213,8 @@ class Viewer:
         from sfglab.bus import Node
 
         def see(image: Any) -> None:
-            self._seen.look(_pixels(image), ns_from_stamp(image.header.stamp))
+            items, channels = (image.data, 3) if image.encoding == "bgr8" else (image.data.view(np.uint16), 1)
+            self._seen.look(items, image.width, channels, ns_from_stamp(image.header.stamp))
             self._saw_one()
 
         async with Node("viewer", **self._config.local) as node:
@@ -236,13 +243,6 @@ class Viewer:
                     )
                     self._seen.frames += 1
                     self._saw_one()
-
-
-def _pixels(image: Any) -> NDArray[np.generic]:
-    """Return an Image message's pixels without copying them."""
-    if image.encoding == "16UC1":
-        return np.ndarray((image.height, image.width), np.uint16, image.data)
-    return np.ndarray((image.height, image.width, 3), np.uint8, image.data)
 
 
 def main() -> None:
