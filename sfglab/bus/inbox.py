@@ -71,7 +71,7 @@ class Inbox:
     def push(self, sample: Sample) -> None:
         """Deliver a sample on the loop itself, at once if a callback is free for it."""
         if self._callback is not None and self._running is None and not len(self.queue) and not self._closed:
-            self._call(sample)
+            self._running = self.calls.run(self._decoded_call, sample, then=self._finished)
         else:
             self.queue.push((sample,))
             self._wake()

@@ -40,6 +40,8 @@ __all__ = [
 PROFILES = ("smoke", "quick", "paper")
 """Seconds, for CI; a few minutes for everything; the papers' full counts."""
 
+INDEX = "00_index"
+
 _PROGRESS_BAR = re.compile(r"\d+%\|")
 _CELL_METADATA_KEPT = ("tags",)
 
@@ -88,7 +90,7 @@ def read_parameters(pairs: Sequence[str]) -> dict[str, Any]:
 
 
 def find_notebooks(project: Project, names: Sequence[str] = ()) -> list[Path]:
-    """Return the notebooks to run, in order.
+    """Return the notebooks to run, in order; the index comes last, since it reports on the others.
 
     Args:
         project: The checkout.
@@ -99,7 +101,7 @@ def find_notebooks(project: Project, names: Sequence[str] = ()) -> list[Path]:
     """
     every = sorted(p for p in project.notebooks.glob("*.ipynb") if not p.name.startswith("."))
     if not names:
-        return every
+        return sorted(every, key=lambda path: path.stem == INDEX)
     return [_one_notebook(name, every) for name in names]
 
 
@@ -184,9 +186,17 @@ def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> Non
             cwd=str(path.parent),
             progress_bar=False,
             stderr_file=sys.stderr,
+            config=_over_unix_sockets(),
         )
     except papermill.PapermillExecutionError as error:
         raise NotebookError(f"{path.name}: cell {error.exec_count}: {error.ename}: {error.evalue}") from error
+
+
+def _over_unix_sockets() -> Any:
+    """Return the settings under which a kernel is reached by this user only, and not over TCP."""
+    from traitlets.config import Config
+
+    return Config({"KernelManager": {"transport": "ipc"}})
 
 
 def run_notebooks(

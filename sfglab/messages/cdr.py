@@ -208,12 +208,17 @@ def _decoder(store: Typestore, name: str) -> Callable[[Buffer], Any]:
     read = flat_reader(store, name)
 
     def decoded(data: Buffer) -> Any:
-        view = memoryview(data).cast("B").toreadonly()
-        if read is not None and view[:4] == _HEADER:
+        is_bytes = type(data) is memoryview and data.readonly and data.format == "B"
+        view: memoryview = data if is_bytes else memoryview(data).cast("B").toreadonly()  # type: ignore[assignment]
+        if read is not None:
             try:
-                return read(view)
+                message = read(view)
             except (struct.error, ValueError, IndexError) as exc:
-                raise CdrError(name, str(exc), size_bytes=view.nbytes) from exc
+                if view[:4] == _HEADER:
+                    raise CdrError(name, str(exc), size_bytes=view.nbytes) from exc
+            else:
+                if message is not None:
+                    return message
         try:
             return decode(view, name)
         except SerdeError as exc:

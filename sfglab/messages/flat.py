@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["flat_reader"]
 
 _START = 4  # CDR counts positions, and so alignment, from behind its 4-byte header
+_LITTLE = 0x0100  # the header 00 01 00 00, CDR_LE without options, read as a little-endian number
 _CODES = {
     "bool": "?",
     "byte": "B",
@@ -52,8 +53,8 @@ class _Source:
         self.lines: list[str] = []
         self.names: dict[str, Any] = {"frombuffer": np.frombuffer}
         self._store = store
-        self._run = ""  # struct codes that wait to be read together
-        self._targets: list[str] = []
+        self._run = "I"  # struct codes that wait to be read together, the header first
+        self._targets = ["h"]
         self._phase, self._modulus = 0, 8  # the position behind the header, as far as it is known
         self._count = 0
 
@@ -70,6 +71,8 @@ class _Source:
             run = struct.Struct("<" + self._run)
             self.lines.append(f"{', '.join(self._targets)}, = {self._keep(run.unpack_from)}(b, p)")
             self.lines.append(f"p += {run.size}")
+            if self._targets[0] == "h":
+                self.lines.append(f"if h != {_LITTLE}: return None")
             self._run, self._targets = "", []
 
     def _field(self, desc: FieldDesc) -> str:
@@ -141,9 +144,10 @@ class _Source:
 
 
 def flat_reader(store: Typestore, name: str) -> Callable[[memoryview], Any] | None:
-    """Return a function from little-endian CDR bytes to messages, or None for a type that is not flat.
+    """Return a function from CDR bytes to messages, or None for a type that is not flat.
 
-    The function raises `struct.error`, `ValueError` or `IndexError` for bytes that are not of the type.
+    The function returns None for an encapsulation other than little-endian CDR, and raises `struct.error`,
+    `ValueError` or `IndexError` for bytes that are not of the type.
 
     Args:
         store: Where the type is.
@@ -157,7 +161,7 @@ def flat_reader(store: Typestore, name: str) -> Callable[[memoryview], Any] | No
     source.flush()
     body = [
         "n = len(b)",
-        f"p = {_START}",
+        "p = 0",
         *source.lines,
         "if p + 3 < n: raise ValueError(f'{n - p} bytes too many')",
         f"return {result}",

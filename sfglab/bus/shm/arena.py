@@ -71,6 +71,10 @@ class OwnArena:
 class ArenaMap:
     """A subscriber's view of a publisher's memory file.
 
+    Attributes:
+        size_bytes: Its size.
+        latest: One item, the newest sequence number, as the publisher keeps it up to date.
+
     Args:
         fd: The received descriptor; the map keeps its own.
 
@@ -85,12 +89,7 @@ class ArenaMap:
             raise BusError("shared memory: the received file is no sealed memory file of a publisher")
         memory = mmap.mmap(fd, self.size_bytes, flags=mmap.MAP_SHARED, prot=mmap.PROT_READ)
         self._all: Any = np.frombuffer(memory, np.uint8)
-        self._latest = memoryview(memory)[:8].cast("Q")
-
-    @property
-    def latest(self) -> int:
-        """The newest sequence number."""
-        return self._latest[0]
+        self.latest = memoryview(memory)[:8].cast("Q")
 
     def slice(self, offset: int, size: int) -> Any:
         """Return the read-only bytes of a message as an array that all views of it keep alive."""

@@ -20,7 +20,6 @@ from sfglab.bus.shm.sockets import connect, same_user
 from sfglab.bus.shm.wire import (
     ANNOUNCE_BYTES,
     RETURN_MAX,
-    Announcement,
     Hello,
     ProtocolError,
     pack_hello,
@@ -73,43 +72,36 @@ class _Link:
         self.gid = bytes(16)
         self.arena: ArenaMap | None = None
         self.last_sequence = 0
-        self._held: dict[int, _Reference] = {}
-        self._unsent: list[int] = []
+        self.held: dict[int, _Reference] = {}
+        self.unsent: list[int] = []
 
-    @property
-    def held(self) -> int:
-        """How many slots this process has not given back."""
-        return len(self._held) + len(self._unsent)
-
-    def hold(self, offset: int, size: int) -> memoryview:
-        """Return a message's bytes; when their last view dies, the slot goes back."""
-        assert self.arena is not None
-        array = self.arena.slice(offset, size)
-        reference = self._held[offset] = _Reference(array, self._let_go)
+    def hold(self, array: Any, offset: int) -> memoryview:
+        """Return an array's bytes; when their last view dies, the slot goes back."""
+        reference = self.held[offset] = _Reference(array, self._let_go)
         reference.offset = offset
         return memoryview(array)
 
     def give_back(self, offset: int) -> None:
         """Return a slot to the publisher, a few together unless it may be waiting for them."""
-        self._unsent.append(offset)
-        if len(self._unsent) < self._together and self.held < self._urgent:
+        self.unsent.append(offset)
+        if len(self.unsent) < self._together and len(self.held) + len(self.unsent) < self._urgent:
             return
         offsets: list[int] = []
         with suppress(IndexError):  # another thread may empty the list meanwhile
             while len(offsets) < RETURN_MAX:
-                offsets.append(self._unsent.pop())
+                offsets.append(self.unsent.pop())
         if not offsets:
             return
         try:
             self.sock.send(pack_returns(offsets))
         except BlockingIOError:
-            self._unsent.extend(offsets)  # again with the next one
+            self.unsent.extend(offsets)  # again with the next one
         except OSError:
             return  # the publisher has gone, so nobody misses it
 
     def close(self) -> None:
         """Hang up; as long as messages are held, only halfway, so that the publisher leaves them alone."""
-        if self._held:
+        if self.held:
             _lingering.add(self)
             with suppress(OSError):  # the publisher was first
                 self.sock.shutdown(socket.SHUT_WR)
@@ -117,9 +109,9 @@ class _Link:
             self.sock.close()
 
     def _let_go(self, reference: _Reference) -> None:
-        del self._held[reference.offset]
+        del self.held[reference.offset]
         self.give_back(reference.offset)
-        if self in _lingering and not self._held:
+        if self in _lingering and not self.held:
             _lingering.discard(self)
             self.sock.close()
 
@@ -213,10 +205,19 @@ class ShmReader:
         try:
             arena = link.arena or self._welcome(link)
             while datagram := link.sock.recv(ANNOUNCE_BYTES + 1):
-                announcement = unpack_announcement(datagram, arena_bytes=arena.size_bytes)
-                latest = arena.latest
-                self._accept(link, announcement, latest)
-                if announcement.sequence >= latest or self._closed:
+                sequence, offset, size, stamp_ns = unpack_announcement(datagram, arena.size_bytes)
+                latest = arena.latest[0]
+                if sequence != link.last_sequence + 1 and link.last_sequence:
+                    self._inbox.queue.dropped += sequence - link.last_sequence - 1
+                link.last_sequence = sequence
+                if self._depth and latest - sequence >= self._depth:
+                    # This process slept and newer messages wait at the publisher: KEEP_LAST wants those.
+                    self._inbox.queue.dropped += 1
+                    link.give_back(offset)
+                else:
+                    data = self._take(link, arena, offset, size)
+                    self._inbox.push((data, stamp_ns, time.time_ns(), link.gid))
+                if sequence >= latest or self._closed:
                     return  # the usual case is to have the latest; saves the system call that would say so
             self._drop(gid, link)
         except BlockingIOError:
@@ -226,6 +227,14 @@ class ShmReader:
         except BusError as error:
             _log.warning("topic %r: dropping a publisher: %r", self._presence.topic, error)
             self._drop(gid, link)
+
+    def _take(self, link: _Link, arena: ArenaMap, offset: int, size: int) -> memoryview:
+        """Return a message's bytes, in place or, for an application that hoards messages, copied."""
+        data = link.hold(arena.slice(offset, size), offset)
+        if len(link.held) + len(link.unsent) < self._credits:
+            return data
+        hoarded = len(link.held) - len(self._inbox.queue) > _IN_HAND
+        return memoryview(bytes(data)) if hoarded else data  # the last slot must keep flowing
 
     def _welcome(self, link: _Link) -> ArenaMap:
         datagram, fds, _, _ = socket.recv_fds(link.sock, 64, 1)
@@ -241,22 +250,6 @@ class ShmReader:
                 os.close(fd)
         self._notify()
         return link.arena
-
-    def _accept(self, link: _Link, announcement: Announcement, latest: int) -> None:
-        sequence, offset, size, stamp_ns = announcement
-        if sequence != link.last_sequence + 1 and link.last_sequence:
-            self._inbox.queue.dropped += sequence - link.last_sequence - 1
-        link.last_sequence = sequence
-        if self._depth and latest - sequence >= self._depth:
-            # This process slept and newer messages wait at the publisher: KEEP_LAST wants those.
-            self._inbox.queue.dropped += 1
-            link.give_back(offset)
-            return
-        data = link.hold(offset, size)
-        if link.held >= self._credits and link.held - len(self._inbox.queue) > _IN_HAND:
-            # The application hoards messages: the last slot must keep flowing, so this one is a copy.
-            data = memoryview(bytes(data))
-        self._inbox.push((data, stamp_ns, time.time_ns(), link.gid))
 
     def _drop(self, gid: bytes, link: _Link) -> None:
         self._bridge.unwatch(link.sock.fileno())

@@ -141,8 +141,8 @@ def pack_announcement(announcement: Announcement) -> bytes:
     return _ANNOUNCE.pack(*announcement)
 
 
-def unpack_announcement(datagram: bytes, *, arena_bytes: int) -> Announcement:
-    """Return what an ANNOUNCE says, which is inside the memory file for certain.
+def unpack_announcement(datagram: bytes, arena_bytes: int) -> tuple[int, int, int, int]:
+    """Return what an ANNOUNCE says, in the order of `Announcement`; it is inside the memory file for certain.
 
     Args:
         datagram: What arrived.
@@ -153,7 +153,7 @@ def unpack_announcement(datagram: bytes, *, arena_bytes: int) -> Announcement:
     """
     if len(datagram) != _ANNOUNCE.size:
         raise ProtocolError(datagram, f"an announcement of {_ANNOUNCE.size} bytes")
-    announcement = Announcement._make(_ANNOUNCE.unpack(datagram))
+    announcement: tuple[int, int, int, int] = _ANNOUNCE.unpack(datagram)
     _, start, size, _ = announcement
     end = start + DATA_OFFSET_BYTES + size
     if start % PAGE_BYTES or start < HEADER_BYTES or end > arena_bytes:

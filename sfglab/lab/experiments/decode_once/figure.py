@@ -119,7 +119,7 @@ def draw_cost_model(axes: Axes, fit: CostModel) -> None:
     axes.bar_label(bars, labels=[f"{v:.2f}" for v in values], padding=6)
     axes.margins(y=0.15)
     axes.set_ylabel("% of one core")
-    axes.set_title(f"Eq. 2 and 3 fitted; rms residual {fit.residual.value:.1f} %", fontsize=9)
+    axes.set_title(f"Eq. 2 and 3 fitted: {100 * fit.explained.value:.1f} % of the variance", fontsize=9)
     axes.grid(visible=False, axis="x")
 
 
@@ -133,6 +133,7 @@ def _twin(found: Slopes, fit: CostModel) -> dict[str, Any]:
         "c_net": fit.net,
         "c_dec": fit.dec,
         "c_ipc": fit.ipc,
+        "explained": fit.explained,
         "residual": fit.residual,
     }
     return {name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit} for name, e in shown.items()}

@@ -1,0 +1,186 @@
+"""The decode-once experiment: known costs are found again, and a short live run proves itself."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import psutil
+import pytest
+
+from sfglab.lab.experiments import decode_once
+from sfglab.lab.experiments.decode_once.config import Config, ConfigError, Stage
+from sfglab.lab.experiments.decode_once.rows import CameraRow, CellRow, LoadRow, PairRow, ViewRow
+from sfglab.lab.experiments.decode_once.run import cells_of
+from sfglab.lab.hosts import Network
+from sfglab.record import LogWriter
+
+NET, DEC, IPC = 1.5, 5.0, 0.5
+
+
+def cost(mode: str, count: int) -> float:
+    """Eq. 2 and 3 with known terms."""
+    return {"standard": count * (NET + DEC), "proxy": NET + DEC + count * IPC, "network": count * NET}[mode]
+
+
+@pytest.fixture
+def made_log(tmp_path):
+    """A log as a run writes it, with costs that are exactly Eq. 2 and 3."""
+    path = tmp_path / "made.mcap"
+    cells = [(m, n) for n in range(1, 11) for m in ("standard", "proxy")] + [("network", 5)]
+    with LogWriter(path) as log:
+        log.write_metadata("config", {"experiment": "decode_once", "multicast": "spdp"})
+        log.write_metadata("hosts", {"description": "made", "separate": True})
+        log.write_metadata("stream_h264", {"topic": "/t", "type": "x", "encoder": "none", "source": "photos"})
+        for cell, (mode, count) in enumerate(cells):
+            for label in ("consumer", "edge"):
+                row = LoadRow(
+                    cell=cell,
+                    label=label,
+                    cpu_percent=cost(mode, count) if label == "consumer" else 20.0,
+                    rx_mbit_s=4.0 * (1 if mode == "proxy" else count),
+                    tx_mbit_s=0.1,
+                    window_s=1.0,
+                    machine_percent=0.0,
+                    steal_percent=0.0,
+                )
+                for reading in range(2):
+                    log.write_row("load", row, log_time_ns=cell * 10 + reading)
+            view = ViewRow(
+                cell=cell,
+                viewer=0,
+                frames=30,
+                unreadable=0,
+                missed=0,
+                disordered=0,
+                broken=0,
+                checksum="0",
+                age_ms=5.0,
+            )
+            log.write_row("view", view, log_time_ns=cell * 10)
+            stamp_ns = 10**9 * (cell + 1)
+            sent = CameraRow(codec="h264", number=cell, stamp_ns=stamp_ns, size_bytes=1)
+            log.write_row("camera", sent, log_time_ns=cell * 10)
+            if mode != "network":
+                # One subscriber claims a number that the camera sent with another stamp.
+                number = cell or 99
+                pair = PairRow(cell=cell, viewer=0, number=number, stamp_ns=stamp_ns)
+                log.write_row("pair", pair, log_time_ns=cell * 10)
+            row = CellRow(cell=cell, codec="h264", mode=mode, subscribers=count, repeat=0, first_frame_s=0.1)
+            log.write_row("cell", row, log_time_ns=cell * 10)
+    return path
+
+
+def test_slopes_and_reduction_of_known_costs_are_found(made_log):
+    slopes = decode_once.slopes(decode_once.load_results(made_log))
+    assert slopes.cpu_standard.value == pytest.approx(NET + DEC)
+    assert slopes.cpu_proxy.value == pytest.approx(IPC)
+    assert slopes.reduction.value == pytest.approx(100 * (1 - IPC / (NET + DEC)))
+    assert slopes.net_standard.value == pytest.approx(4)
+    assert slopes.net_proxy.value == pytest.approx(0, abs=1e-9)
+
+
+def test_the_cost_model_finds_its_terms_and_explains_everything(made_log):
+    model = decode_once.cost_model(decode_once.load_results(made_log))
+    assert [e.value for e in (model.net, model.dec, model.ipc)] == pytest.approx([NET, DEC, IPC])
+    assert model.residual.value == pytest.approx(0, abs=1e-9)
+    assert model.explained.value == pytest.approx(1)
+
+
+def test_a_frame_that_the_camera_never_sent_so_is_not_verified(made_log):
+    checks = decode_once.frame_checks(decode_once.load_results(made_log)).set_index("mode")
+    assert (checks.loc["standard", "pairs"], checks.loc["standard", "verified"]) == (10, 9)
+    assert (checks.loc["proxy", "pairs"], checks.loc["proxy", "verified"]) == (10, 10)
+    assert (checks.loc["network", "pairs"], checks.loc["network", "verified"]) == (0, 0)
+
+
+def test_every_pair_of_cells_is_measured_side_by_side():
+    stage = Stage(codec="h264", source="photos", counts=(1, 2, 5), network_counts=(5,), repeats=2)
+    cells = cells_of(stage, rng=np.random.default_rng(3))
+    assert len(cells) == len(set(cells)) == 2 * 3 * 2 + 1
+    paired = [c for c in cells if c[0] != "network"]
+    for first, second in zip(paired[::2], paired[1::2], strict=True):
+        assert {first[0], second[0]} == {"standard", "proxy"}
+        assert first[1:] == second[1:]
+
+
+def test_profiles_differ_in_length_only_and_the_source_is_the_colour_streams():
+    with pytest.raises(ConfigError, match="allowed are smoke, quick, paper"):
+        Config.of_profile("fast")
+    config = Config.of_profile("quick", source="drive.mp4", seed=4)
+    assert [s.source for s in config.stages] == ["drive.mp4", "stereo"]
+    assert config.stages[0].counts == tuple(range(1, 11))
+    assert config.seed == 4
+
+
+def test_the_figure_draws_from_the_log_alone(made_log):
+    figure, shown = decode_once.figure_8(decode_once.load_results(made_log))
+    assert len(figure.axes) == 3
+    assert shown["reduction"]["value"] == pytest.approx(100 * (1 - IPC / (NET + DEC)))
+
+
+def short() -> Config:
+    config = Config.of_profile("smoke")
+    stage = replace(config.stages[0], counts=(1, 2), network_counts=())
+    return replace(config, stages=(stage,), encoder="libx264", period_s=0.3, settle_s=0.1, raw_s=1.2)
+
+
+@pytest.mark.live
+@pytest.mark.netns
+@pytest.mark.slow
+@pytest.mark.parametrize("separate", [None, False], ids=["separate hosts", "loopback"])
+def test_a_short_live_run_shows_the_right_frames_and_leaves_nothing(tmp_path, separate):
+    if separate is None and not (capability := Network.available()).ok:
+        pytest.skip(f"needs network namespaces: {capability.reason}")
+    before = {p.pid for p in psutil.Process().children(recursive=True)}
+    log = asyncio.run(decode_once.run(short(), tmp_path / "run.mcap", separate=separate))
+    results = decode_once.load_results(log)
+    assert results.hosts["separate"] is (separate is None)
+    checks = decode_once.frame_checks(results)
+    assert (checks["frames"] > 10).all()
+    assert (checks[["unreadable", "disordered", "broken"]] == 0).all(axis=None)
+    assert (checks["pairs"] == checks["verified"]).all()
+    assert (checks["pairs"] > 0).all()
+    rates = results.cells.set_index(["mode", "subscribers"])["rx"]
+    assert rates["standard", 2] == pytest.approx(2 * rates["standard", 1], rel=0.2)
+    assert rates["proxy", 2] == pytest.approx(rates["proxy", 1], rel=0.2)
+    facts = decode_once.stream_facts(log, results)
+    assert (facts.width, facts.height) == (640, 360)
+    assert facts.bitrate.value == pytest.approx(4, rel=0.1)
+    assert {p.pid for p in psutil.Process().children(recursive=True)} == before
+
+
+@pytest.mark.live
+@pytest.mark.slow
+def test_an_interrupted_run_ends_its_processes_and_keeps_what_was_measured(tmp_path):
+    log = tmp_path / "run.mcap"
+    code = (
+        "import asyncio, sys; from pathlib import Path; from dataclasses import replace\n"
+        "from sfglab.lab.experiments import decode_once as d\n"
+        "c = d.Config.of_profile('smoke')\n"
+        "c = replace(c, stages=(replace(c.stages[0], repeats=50),), encoder='libx264', raw_s=0.5)\n"
+        f"asyncio.run(d.run(c, Path({str(log)!r}), separate=False))\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, start_new_session=True)
+    running = psutil.Process(process.pid)
+    deadline = time.monotonic() + 40
+    while not (log.exists() and len(running.children(recursive=True)) >= 5) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    children = running.children(recursive=True)
+    assert len(children) >= 5, "viewers, decoder and camera run"
+    os.kill(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=30)
+    assert b"KeyboardInterrupt" in error
+    _, alive = psutil.wait_procs(children, timeout=5)
+    assert not alive
+    assert decode_once.load_results  # the log itself was closed whole:
+    from sfglab.record import LogReader
+
+    with LogReader(log) as reader:
+        assert not reader.truncated
