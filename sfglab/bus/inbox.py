@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 from collections import deque
 from typing import TYPE_CHECKING, Any
 
@@ -71,7 +72,14 @@ class Inbox:
     def push(self, sample: Sample) -> None:
         """Deliver a sample on the loop itself, at once if a callback is free for it."""
         if self._callback is not None and self._running is None and not len(self.queue) and not self._closed:
-            self._running = self.calls.run(self._decoded_call, sample, then=self._finished)
+            # As `Calls.run`, but in place: it happens for every frame, in a process with cold caches.
+            try:
+                result = self._decoded_call(sample)
+            except Exception as error:  # noqa: BLE001 - reported; one bad message must not end the others
+                self.calls.report(error)
+                return
+            if result is not None and inspect.isawaitable(result):
+                self._running = self.calls.spawn(result, self._finished)
         else:
             self.queue.push((sample,))
             self._wake()
