@@ -13,6 +13,7 @@ from sfglab.bus.core import Core
 from sfglab.bus.dds.config import DomainConfig, DomainOptions
 from sfglab.bus.errors import ClosedError
 from sfglab.bus.inbox import Inbox
+from sfglab.bus.mismatch import MismatchWatch
 from sfglab.bus.publisher import Publisher
 from sfglab.bus.queue import Sample, SampleQueue
 from sfglab.bus.service import Client, Service
@@ -171,7 +172,8 @@ class Node:
         decode = _raw if raw else _decoding(message_type(target.type))
         calls = core.calls(f"subscription {target.topic!r}")
         inbox = Inbox(core.bridge, SampleQueue(target.qos), decode=decode, callback=callback, calls=calls)
-        incoming = Incoming(open_reader(core, target, transport, notify=notify, inbox=inbox), inbox, decode)
+        reader = open_reader(core, target, transport, notify=notify, inbox=inbox)
+        incoming = Incoming(reader, inbox, decode, MismatchWatch(core.graph, target, transport))
         core.own(incoming)
         return Subscription(self, core, incoming, topic=(target.topic, target.type), changed=changed)
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from sfglab.bus.bridge import Signal
     from sfglab.bus.core import Core
     from sfglab.bus.inbox import Inbox
+    from sfglab.bus.mismatch import MismatchWatch
     from sfglab.bus.queue import Sample
 
 __all__ = ["Incoming", "Reader", "Subscription"]
@@ -40,15 +41,20 @@ class Incoming:
         reader: The transport's side.
         inbox: The loop's side.
         decode: Makes the message of a sample.
+        watch: Warns of publishers that do not match.
     """
 
-    def __init__(self, reader: Reader, inbox: Inbox, decode: Callable[[Sample], Any]) -> None:
+    def __init__(
+        self, reader: Reader, inbox: Inbox, decode: Callable[[Sample], Any], watch: MismatchWatch
+    ) -> None:
         self.reader = reader
+        self._watch = watch
         self.inbox = inbox
         self.decode = decode
 
     def close(self) -> None:
         """Release the transport and end whoever waits for messages."""
+        self._watch.close()
         self.reader.close()
         self.inbox.close()
 

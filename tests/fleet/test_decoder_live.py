@@ -72,7 +72,7 @@ def test_a_plain_dds_subscriber_is_served_from_the_same_pipeline(serve):
         async with serve() as (far, near, decoder), Camera(far).running():
             shared = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
             await right_pictures(shared)
-            plain = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA)
+            plain = near.create_subscription(IMAGE, LOCAL)  # RELIABLE, as is ROS 2's default
             images = await right_pictures(plain)
             assert images[0].encoding == "bgr8"
             assert (images[0].height, images[0].width, images[0].step) == (192, 320, 960)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.codecs import CodecError, image_decoder
 from sfglab.fleet.decoder.images import image_bytes, image_prefix, write_image
 from sfglab.fleet.decoder.protocol import RELAY, Open, Statistics
-from sfglab.qos import SENSOR_DATA, QoSProfile, Reliability
+from sfglab.qos import QoSProfile, Reliability
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -27,7 +27,9 @@ __all__ = ["Counters", "Outputs", "run_pipeline"]
 REMOTE_QOS = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=60)
 """Best effort as paper A, section 4.3 asks; two groups of pictures deep: a lost P frame spoils the rest."""
 
-LOCAL_QOS = SENSOR_DATA
+LOCAL_QOS = QoSProfile(depth=5)
+"""Reliable on the device, so that every subscription matches: no less may be offered than is asked for."""
+
 IMAGE_TYPE = "sensor_msgs/msg/Image"
 
 

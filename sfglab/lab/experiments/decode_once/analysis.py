@@ -264,6 +264,12 @@ class StreamFacts:
     gop: int
     encoder: str
 
+    def __str__(self) -> str:
+        return (
+            f"{self.width} x {self.height}, {self.fps:.2f} fps, GOP {self.gop}, {self.bitrate}, "
+            f"encoded by {self.encoder}"
+        )
+
 
 def stream_facts(log: Path, results: Results) -> StreamFacts:
     """Measure the stream from the raw messages in the log."""

@@ -90,7 +90,7 @@ def draw_cpu(axes: Axes, results: Results, found: Slopes, codec: str) -> None:
             label = f"paper: +{PAPER_CPU[mode]} % each"
             axes.plot(counts, paper, color=COLORS[mode], label=label, **PAPER_STYLE)
     axes.set_ylabel("CPU of the consumer host (100 % = one core)")
-    axes.set_title("CPU; the paper's slopes start at our first point", fontsize=9)
+    axes.set_title("CPU" + ("; the paper's slopes start at our first point" * (codec == "h264")), fontsize=9)
     axes.legend(fontsize=8)
 
 
