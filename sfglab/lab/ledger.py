@@ -66,7 +66,8 @@ def find_log(project: Project, name: str, *, profile: str | None = None) -> Path
 
 
 def _profile_of(log: Path) -> str:
-    return log.stem.split("-")[1]
+    """Return the profile in a run's name; a reference log has none there."""
+    return (*log.stem.split("-"), "")[1]
 
 
 def compute_ledger(project: Project, *, profile: str | None = None) -> list[Entry]:
@@ -99,6 +100,8 @@ def compute_ledger(project: Project, *, profile: str | None = None) -> list[Entr
 def save_figures(project: Project, name: str, log: Path) -> list[Path]:
     """Draw and save every figure of one experiment from a log.
 
+    A smoke test's figures go to ``runs/figures``: they must not replace those of a real run.
+
     Args:
         project: The checkout.
         name: The experiment.
@@ -108,9 +111,10 @@ def save_figures(project: Project, name: str, log: Path) -> list[Path]:
         The files written.
     """
     origin = _origin(project, name, log)
+    folder = project.runs / "figures" if _profile_of(log) == "smoke" else project.figures
     files = []
     for stem, (figure, numbers) in experiment(name).figures(log).items():
-        files += save_figure(figure, project.figures / stem, {**origin, "shown": numbers})
+        files += save_figure(figure, folder / stem, {**origin, "shown": numbers})
     return files
 
 
