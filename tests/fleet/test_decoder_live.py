@@ -204,3 +204,21 @@ def test_a_stream_that_cannot_be_offered_is_refused_before_anything_starts(domai
     config = DecoderConfig(remote=domains[0], local=domains[1], streams=("/local/go2/camera/color/ffmpeg",))
     with pytest.raises(StreamError, match="global scope"):
         run(run_decoder(config, on_status=lambda _: None))
+
+
+@pytest.mark.parametrize("side", ["local", "remote"])
+def test_an_interface_that_does_not_exist_is_one_clear_error_and_leaves_no_process(domains, side, capfd):
+    from dataclasses import replace
+
+    from sfglab.errors import SfglabError
+    from sfglab.fleet.decoder.app import DecoderConfig, run_decoder
+
+    sides = dict(zip(("remote", "local"), domains, strict=True))
+    sides[side] = replace(sides[side], interface="nowhere0")
+    before = children()
+    with pytest.raises(SfglabError) as error:
+        run(run_decoder(DecoderConfig(**sides, streams=(STREAM,)), on_status=lambda _: None))
+    said = str(error.value) + capfd.readouterr().err
+    assert "no network interface 'nowhere0'" in said
+    assert "Traceback" not in said
+    assert children() == before

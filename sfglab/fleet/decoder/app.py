@@ -72,22 +72,25 @@ async def run_decoder(
 
     Raises:
         StreamError: One of the configured streams cannot be offered.
+        BusError: The local domain cannot be joined.
+        PoolError: No pipeline process can be started, as when the remote domain cannot be joined.
     """
     from sfglab.bus import Node
 
     routes = [route for topic in config.streams for route in routes_of_topic(topic)]
     pool = WorkerPool(WorkerConfig(remote=config.remote, local=config.local))
-    try:
-        await pool.start()
-        async with Node("agent_decoder", **asdict(config.local)) as local:
+    # The node first: what is wrong with the domain or interface is said once, here, and not by processes.
+    async with Node("agent_decoder", **asdict(config.local)) as local:
+        try:
+            await pool.start()
             timing = Timing(linger_ns=round(config.linger_s * 1e9))
             decoder = AgentDecoder(local, pool, timing=timing, on_status=on_status)
             for agent in sorted({route.agent for route in routes}):
                 decoder.offer(agent, [route for route in routes if route.agent == agent])
             on_ready(pool)
             await decoder.run(config.discovery_topic or None)
-    finally:
-        await pool.close()
+        finally:
+            await pool.close()
 
 
 async def serve_reports(

@@ -11,6 +11,7 @@ import contextlib
 import sys
 from typing import TYPE_CHECKING
 
+from sfglab.errors import SfglabError
 from sfglab.fleet.decoder.protocol import ProtocolError, Ready, decode_line, encode_line
 
 if TYPE_CHECKING:
@@ -19,9 +20,13 @@ if TYPE_CHECKING:
     from sfglab.fleet.decoder.protocol import Line
     from sfglab.fleet.decoder.worker import WorkerConfig
 
-__all__ = ["Worker", "WorkerPool"]
+__all__ = ["PoolError", "Worker", "WorkerPool"]
 
 END_GRACE_S = 2.0
+
+
+class PoolError(SfglabError, RuntimeError):
+    """No pipeline process can be started here."""
 
 
 class Worker:
@@ -114,13 +119,16 @@ class WorkerPool:
         return len(self._spares) >= self._spares_wanted and all(w.is_ready for w in self._spares)
 
     async def start(self) -> None:
-        """Start the spares and return when they are ready."""
+        """Start the spares and return when they are ready.
+
+        Raises:
+            PoolError: They do not start.
+        """
         await self._fill()
         while not self.warm:
             await asyncio.sleep(0.02)
             if not self._spares:
-                msg = "decoder: a pipeline process ended while it started; its own words are above"
-                raise RuntimeError(msg)
+                raise PoolError("decoder: a pipeline process ended while it started; its own words stand above")
 
     async def lend(self, owner: Callable[[Worker, Line | None], None]) -> Worker:
         """Return a worker for one pipeline, and start another spare in the background.

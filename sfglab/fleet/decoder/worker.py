@@ -15,6 +15,7 @@ import sys
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
+from sfglab.errors import SfglabError
 from sfglab.fleet.decoder.pipeline import IMAGE_TYPE, Counters, Outputs, run_pipeline
 from sfglab.fleet.decoder.protocol import (
     RELAY,
@@ -167,7 +168,10 @@ def main() -> None:
     """Run the worker with the configuration given as its one argument."""
     # The decoder decides when workers end; an interrupt from the terminal reaches it as well.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    run(_main(WorkerConfig.from_json(sys.argv[1])))
+    try:
+        run(_main(WorkerConfig.from_json(sys.argv[1])))
+    except SfglabError as error:
+        sys.exit(f"sfglab: decoder pipeline: {error}")
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ import numpy as np
 
 from sfglab.codecs import H264Encoder, H264Settings, compressed_depth_fields, ffmpeg_packet_fields
 from sfglab.lab.framenumber import stamp_number
-from sfglab.lab.sources import DEPTH_STAMP_MM, Frame, open_source
+from sfglab.lab.sources import DEPTH_STAMP_MM, Frame, SourceError, open_source
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.pipes import claim_standard_output, run, standard_input_lines
 from sfglab.qos import QoSProfile, Reliability
@@ -123,7 +123,8 @@ class _DepthEncoder:
         self.name = config.codec
 
     def messages(self, frame: Frame, header: Any) -> list[Any]:
-        assert frame.depth_mm is not None
+        if frame.depth_mm is None:
+            raise SourceError(f"codec {self.name!r} codes depth, and the source has none: 'stereo' has")
         white, black = DEPTH_STAMP_MM
         stamp_number(frame.depth_mm, frame.number, white=white, black=black)
         fields = compressed_depth_fields(frame.depth_mm, codec=self.name)
