@@ -12,6 +12,7 @@ from enum import Enum
 from sfglab.errors import SfglabError
 
 __all__ = [
+    "COMPRESSED_STREAM",
     "DEFAULT",
     "LATCHED",
     "PARAMETER_EVENTS",
@@ -82,6 +83,9 @@ class QoSProfile:
 
 DEFAULT = QoSProfile()
 SENSOR_DATA = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=5)
+COMPRESSED_STREAM = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=60)
+"""Best effort as paper A, section 4.3 asks; two groups of pictures deep: a lost P frame spoils the rest."""
+
 SERVICES = QoSProfile(depth=10)
 PARAMETER_EVENTS = QoSProfile(depth=1000)
 LATCHED = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)

@@ -112,7 +112,7 @@ class Entry:
             "unit": self.claim.unit,
             "how": m.how.value if m else None,
             "verdict": self.verdict.value,
-            "reason": m.reason if m else "",
+            "reason": m.reason if m and self.verdict is Verdict.DEVIATES else "",
             "details": dict(m.details) if m else {},
             "log": self.log or None,
         }

@@ -12,7 +12,7 @@ import ast
 import re
 import sys
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
@@ -65,11 +65,9 @@ class Outcome:
     error: str = ""
 
 
-@dataclass(slots=True)
-class _Console:
-    """Lines of progress for a person; notebooks' own progress bars pass through."""
-
-    say: Callable[[str], None] = field(default=lambda text: print(text, file=sys.stderr, flush=True))  # noqa: T201  # the runner's console
+def _say(text: str) -> None:
+    """Print a line of progress for a person; the notebooks' own progress bars pass through beside it."""
+    print(text, file=sys.stderr, flush=True)  # noqa: T201  # the runner's console
 
 
 def read_parameters(pairs: Sequence[str]) -> dict[str, Any]:
@@ -219,7 +217,7 @@ def run_notebooks(
     Raises:
         NotebookError: Before anything runs: parameters that do not fit a notebook.
     """
-    say = say or _Console().say
+    say = say or _say
     for path in paths:
         check_parameters(path, parameters)
     outcomes = []

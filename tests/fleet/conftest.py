@@ -70,7 +70,6 @@ class Decoder:
     def __init__(self) -> None:
         self.pool = None
         self.ready = asyncio.Event()
-        self.changed = asyncio.Condition()
         self.status = {}
         self.states = {}
 

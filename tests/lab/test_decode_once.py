@@ -179,7 +179,6 @@ def test_an_interrupted_run_ends_its_processes_and_keeps_what_was_measured(tmp_p
     assert b"KeyboardInterrupt" in error
     _, alive = psutil.wait_procs(children, timeout=5)
     assert not alive
-    assert decode_once.load_results  # the log itself was closed whole:
     from sfglab.record import LogReader
 
     with LogReader(log) as reader:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.codecs import CodecError, image_decoder
 from sfglab.fleet.decoder.images import image_bytes, image_prefix, write_image
 from sfglab.fleet.decoder.protocol import RELAY, Open, Statistics
-from sfglab.qos import QoSProfile, Reliability
+from sfglab.qos import COMPRESSED_STREAM, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from sfglab.bus.api import Node, Publisher
 
 __all__ = ["Counters", "Outputs", "run_pipeline"]
-
-REMOTE_QOS = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=60)
-"""Best effort as paper A, section 4.3 asks; two groups of pictures deep: a lost P frame spoils the rest."""
 
 LOCAL_QOS = QoSProfile(depth=5)
 """Reliable on the device, so that every subscription matches: no less may be offered than is asked for."""
@@ -119,7 +116,9 @@ async def run_pipeline(order: Open, *, remote: Node, outputs: Outputs, counters:
 
 
 async def _relay(order: Open, remote: Node, outputs: Outputs, counters: Counters) -> None:
-    subscription = remote.create_subscription(order.source_type, order.source_topic, qos=REMOTE_QOS, raw=True)
+    subscription = remote.create_subscription(
+        order.source_type, order.source_topic, qos=COMPRESSED_STREAM, raw=True
+    )
     try:
         async for cdr in subscription:
             counters.received += 1
@@ -131,7 +130,7 @@ async def _relay(order: Open, remote: Node, outputs: Outputs, counters: Counters
 
 async def _decode(order: Open, remote: Node, outputs: Outputs, counters: Counters) -> None:
     decoder = image_decoder(order.source_type, order.codec)
-    subscription = remote.create_subscription(order.source_type, order.source_topic, qos=REMOTE_QOS)
+    subscription = remote.create_subscription(order.source_type, order.source_topic, qos=COMPRESSED_STREAM)
     try:
         async for message in subscription:
             counters.received += 1

@@ -18,12 +18,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from sfglab.codecs import H264Encoder, H264Settings, compressed_depth_fields, ffmpeg_packet_fields
+from sfglab.codecs import (
+    COMPRESSED_IMAGE,
+    FFMPEG_PACKET,
+    H264Encoder,
+    H264Settings,
+    compressed_depth_fields,
+    ffmpeg_packet_fields,
+)
 from sfglab.lab.framenumber import stamp_number
 from sfglab.lab.sources import DEPTH_STAMP_MM, Frame, SourceError, open_source
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.pipes import claim_standard_output, run, standard_input_lines
-from sfglab.qos import QoSProfile, Reliability
+from sfglab.qos import COMPRESSED_STREAM
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Coroutine
@@ -32,12 +39,7 @@ if TYPE_CHECKING:
 
     from sfglab.bus.api import Publisher
 
-__all__ = ["CAMERA_QOS", "CameraConfig", "main", "run_camera"]
-
-CAMERA_QOS = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=60)
-
-FFMPEG = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
-COMPRESSED = "sensor_msgs/msg/CompressedImage"
+__all__ = ["CameraConfig", "main", "run_camera"]
 
 
 _Sent = tuple[int, int, int]
@@ -93,7 +95,7 @@ class CameraConfig:
 class _ColourEncoder:
     """Frames to FFMPEGPacket messages."""
 
-    type = FFMPEG
+    type = FFMPEG_PACKET
 
     def __init__(self, config: CameraConfig) -> None:
         self._settings = H264Settings(
@@ -111,13 +113,13 @@ class _ColourEncoder:
         stamp_number(frame.bgr, frame.number)
         packets = self._encoder.encode(frame.bgr)
         fields = (ffmpeg_packet_fields(packet, self._settings) for packet in packets)
-        return [_message(FFMPEG, header, f) for f in fields]
+        return [_message(FFMPEG_PACKET, header, f) for f in fields]
 
 
 class _DepthEncoder:
     """Frames to CompressedImage messages with RVL or PNG depth."""
 
-    type = COMPRESSED
+    type = COMPRESSED_IMAGE
 
     def __init__(self, config: CameraConfig) -> None:
         self.name = config.codec
@@ -128,7 +130,7 @@ class _DepthEncoder:
         white, black = DEPTH_STAMP_MM
         stamp_number(frame.depth_mm, frame.number, white=white, black=black)
         fields = compressed_depth_fields(frame.depth_mm, codec=self.name)
-        return [_message(COMPRESSED, header, fields)]
+        return [_message(COMPRESSED_IMAGE, header, fields)]
 
 
 def _message(type_: str, header: Any, fields: DataclassInstance) -> Any:
@@ -148,7 +150,7 @@ async def _camera(config: CameraConfig, sent: Callable[[list[_Sent]], None]) -> 
     address = {k: getattr(config, k) for k in ("domain_id", "interface", "multicast")}
     with closing(source):
         async with Node("camera_front", **address) as node:
-            publisher = node.create_publisher(encoder.type, config.topic, CAMERA_QOS)
+            publisher = node.create_publisher(encoder.type, config.topic, COMPRESSED_STREAM)
             yield _Shooting(encoder, _shoot(config, source, encoder, publisher, sent))
 
 

@@ -24,7 +24,7 @@ from sfglab.codecs import CodecError, image_decoder
 from sfglab.lab.framenumber import read_number_flat
 from sfglab.messages import ns_from_stamp
 from sfglab.pipes import claim_standard_output, run, standard_input_lines
-from sfglab.qos import SENSOR_DATA, QoSProfile, Reliability
+from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 __all__ = ["MODES", "Seen", "ViewerConfig", "main"]
 
 MODES = ("standard", "proxy", "network")
-STREAM_QOS = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=60)
 PAIRS_KEPT = 30
 IMAGE = "sensor_msgs/msg/Image"
 
@@ -205,7 +204,7 @@ class Viewer:
 
         async with Node("viewer", **self._config.remote) as node:
             topic, type_ = self._config.remote_topic, self._config.remote_type
-            node.create_subscription(type_, topic, see, qos=STREAM_QOS, raw=raw)
+            node.create_subscription(type_, topic, see, qos=COMPRESSED_STREAM, raw=raw)
             await asyncio.Event().wait()
 
     async def _share(self) -> None:
@@ -229,7 +228,7 @@ class Viewer:
 
         topic, type_ = self._config.remote_topic, self._config.remote_type
         async with Node("recorder", **self._config.remote) as node:
-            subscription = node.create_subscription(type_, topic, qos=STREAM_QOS, raw=True)
+            subscription = node.create_subscription(type_, topic, qos=COMPRESSED_STREAM, raw=True)
             with LogWriter(path) as log:
                 while True:
                     cdr, info = await subscription.take_with_info()
@@ -239,7 +238,7 @@ class Viewer:
                         cdr,
                         log_time_ns=info.received_timestamp_ns,
                         publish_time_ns=info.source_timestamp_ns,
-                        qos=STREAM_QOS,
+                        qos=COMPRESSED_STREAM,
                     )
                     self._seen.frames += 1
                     self._saw_one()
