@@ -156,8 +156,8 @@ def decoder(
 
     Without streams it offers what remote agents announce on /local/<agent>/agent_discovery_event.
     """
+    from sfglab.fleet.address import BusAddress
     from sfglab.fleet.decoder.app import DecoderConfig, serve_terminal
-    from sfglab.fleet.decoder.worker import BusAddress
     from sfglab.names import Resource, RosFqnBuilder, Scope
 
     local = BusAddress(domain_id=domain, interface=interface)

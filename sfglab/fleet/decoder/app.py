@@ -13,11 +13,12 @@ import signal
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from sfglab.fleet.address import BusAddress
 from sfglab.fleet.decoder.lifecycle import Timing
 from sfglab.fleet.decoder.node import AgentDecoder
 from sfglab.fleet.decoder.pool import WorkerPool
 from sfglab.fleet.decoder.streams import routes_of_topic
-from sfglab.fleet.decoder.worker import BusAddress, WorkerConfig
+from sfglab.fleet.decoder.worker import WorkerConfig
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable

@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
+from sfglab.fleet.address import BusAddress
 from sfglab.fleet.decoder.pipeline import IMAGE_TYPE, Counters, Outputs, run_pipeline
 from sfglab.fleet.decoder.protocol import (
     RELAY,
@@ -37,24 +38,9 @@ if TYPE_CHECKING:
     from sfglab.bus.api import Node
     from sfglab.fleet.decoder.protocol import Line
 
-__all__ = ["BusAddress", "PipelineWorker", "WorkerConfig", "main"]
+__all__ = ["PipelineWorker", "WorkerConfig", "main"]
 
 REPORT_PERIOD_S = 1.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BusAddress:
-    """Where on the bus a node stands.
-
-    Attributes:
-        domain_id: DDS domain, 0 to 232.
-        interface: Network interface by name; None leaves the choice to DDS.
-        multicast: How far multicast is used: ``default``, or ``spdp`` for discovery only.
-    """
-
-    domain_id: int
-    interface: str | None = None
-    multicast: str = "default"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

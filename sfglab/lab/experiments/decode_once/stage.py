@@ -12,9 +12,9 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
+from sfglab.fleet.address import BusAddress
 from sfglab.fleet.decoder.app import DecoderConfig
 from sfglab.fleet.decoder.streams import routes_of_topic
-from sfglab.fleet.decoder.worker import BusAddress
 from sfglab.lab.workers.camera import CameraConfig
 from sfglab.lab.workers.process import LineProcess, WorkerError
 from sfglab.lab.workers.viewer import ViewerConfig
