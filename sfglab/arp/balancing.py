@@ -1,0 +1,175 @@
+"""QoS balancing as paper B prints it: section 2.4, Eq. 1 to 6, and its closed form.
+
+Topics per agent in, a rate R (the paper's DEADLINE, in hertz) and a depth D out. The printed problem has no
+trade-off: D's bound rises with R, so one point is best in both whatever the weights, and the closed form
+beside the solver shows it. Knows the problem; refuses to know links and losses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from sfglab.errors import SfglabError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = [
+    "Balance",
+    "BalanceInput",
+    "InfeasibleBalanceError",
+    "average_topics",
+    "balance",
+    "balance_closed_form",
+    "build_problem",
+]
+
+DEPTH_MAX = 5000
+"""Dmax: the most samples that Fast DDS kept in 2023 (paper B, section 2.4, reference 17)."""
+
+
+class BalanceInputError(SfglabError, ValueError):
+    """An input of the balancing that has no meaning."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BalanceInput:
+    """What the printed problem is given.
+
+    Attributes:
+        topics: Topics of each agent, T_a of Eq. 1: those it sends sensor data on and those it hears results on.
+        rate_max_hz: Rmax, the rate at which a single topic could be sent.
+        rate_min_hz: Rmin; the paper does not state its value.
+        depth_max: Dmax.
+        depth_min: Dmin; the paper does not state its value.
+    """
+
+    topics: tuple[int, ...]
+    rate_max_hz: float
+    rate_min_hz: float = 1.0
+    depth_max: float = DEPTH_MAX
+    depth_min: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not self.topics or min(self.topics) < 1:
+            raise BalanceInputError(
+                f"topics: given {self.topics}, needed is at least one agent with topics each"
+            )
+        for low, high in (("rate_min_hz", "rate_max_hz"), ("depth_min", "depth_max")):
+            smaller, larger = getattr(self, low), getattr(self, high)
+            if not 0 < smaller <= larger:
+                raise BalanceInputError(
+                    f"{low}, {high}: given {smaller:g}, {larger:g}; allowed is 0 < {low} <= {high}"
+                )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Balance:
+    """A solution of the printed problem.
+
+    Attributes:
+        rate_hz: R, at which each topic is sent.
+        depth: D, the history's depth; a real number as the problem has it, to be rounded down.
+        solver: What found it.
+    """
+
+    rate_hz: float
+    depth: float
+    solver: str
+
+
+class InfeasibleBalanceError(SfglabError, ValueError):
+    """No rate and depth satisfy the printed constraints.
+
+    Attributes:
+        constraint: The equation that fails.
+        lacking: By how much, in the constraint's unit.
+        status: What the solver said; empty when the closed form found it.
+    """
+
+    def __init__(self, constraint: str, lacking: float, *, advice: str, status: str = "") -> None:
+        self.constraint = constraint
+        self.lacking = lacking
+        self.status = status
+        super().__init__(f"QoS balancing has no solution: {constraint} lacks {lacking:g}; {advice}")
+
+
+def average_topics(topics: Sequence[int]) -> float:
+    """Return T_avg of Eq. 2 for the topics of each agent (Eq. 1)."""
+    return sum(topics) / len(topics)
+
+
+def balance_closed_form(given: BalanceInput) -> Balance:
+    """Return the optimum without a solver: both bounds are attained at once.
+
+    R* = min(Rmax / T_avg - Rmin, Rmax) and D* = min(Dmax R* / Rmax - Dmin, Dmax).
+
+    Args:
+        given: Topics and limits.
+
+    Raises:
+        InfeasibleBalanceError: A lower bound lies above what Eq. 4 or Eq. 5 leaves.
+    """
+    rate_hz = min(given.rate_max_hz / average_topics(given.topics) - given.rate_min_hz, given.rate_max_hz)
+    if rate_hz < given.rate_min_hz:
+        needed_hz = 2 * given.rate_min_hz * average_topics(given.topics)
+        raise InfeasibleBalanceError(
+            "Eq. 4, Rmax / T_avg - R >= Rmin with R >= Rmin, in Hz,",
+            given.rate_min_hz - rate_hz,
+            advice=f"raise Rmax to {needed_hz:g} Hz, lower Rmin or use fewer topics",
+        )
+    depth = min(given.depth_max * rate_hz / given.rate_max_hz - given.depth_min, given.depth_max)
+    if depth < given.depth_min:
+        raise InfeasibleBalanceError(
+            "Eq. 5, Dmax R / Rmax - D >= Dmin with D >= Dmin, in samples,",
+            given.depth_min - depth,
+            advice="raise Dmax, lower Dmin or use fewer topics",
+        )
+    return Balance(rate_hz=rate_hz, depth=depth, solver="closed form")
+
+
+def build_problem(given: BalanceInput, *, weight: float = 0.5) -> tuple[Any, Any, Any]:
+    """Return Eq. 6 as a CVXPY problem with its variables R and D.
+
+    "max R, D" is no objective that a solver takes; it is weighted here, each part by its largest value.
+
+    Args:
+        given: Topics and limits.
+        weight: Share of R in the objective, between 0 and 1 exclusively; it does not change the optimum.
+    """
+    import cvxpy as cp
+
+    if not 0 < weight < 1:
+        raise BalanceInputError(f"weight: given {weight}, allowed is between 0 and 1, both excluded")
+    rate, depth = cp.Variable(name="R"), cp.Variable(name="D")
+    constraints = [
+        given.rate_max_hz / average_topics(given.topics) - rate >= given.rate_min_hz,
+        given.depth_max * rate / given.rate_max_hz - depth >= given.depth_min,
+        given.rate_min_hz <= rate,
+        rate <= given.rate_max_hz,
+        given.depth_min <= depth,
+        depth <= given.depth_max,
+    ]
+    objective = cp.Maximize(weight * rate / given.rate_max_hz + (1 - weight) * depth / given.depth_max)
+    return cp.Problem(objective, constraints), rate, depth
+
+
+def balance(given: BalanceInput, *, weight: float = 0.5, solver: str = "CLARABEL") -> Balance:
+    """Solve Eq. 6 with CVXPY, as the paper does.
+
+    Args:
+        given: Topics and limits.
+        weight: Share of R in the objective.
+        solver: A solver of CVXPY by name.
+
+    Raises:
+        InfeasibleBalanceError: No solution; says which equation fails and by how much.
+        SfglabError: The solver ended without an optimum; says its status.
+    """
+    problem, rate, depth = build_problem(given, weight=weight)
+    problem.solve(solver=solver)
+    if problem.status != "optimal":
+        balance_closed_form(given)  # says which constraint fails, and by how much
+        raise SfglabError(f"QoS balancing: solver {solver} ended with status {problem.status!r}")
+    return Balance(rate_hz=float(rate.value), depth=float(depth.value), solver=solver)

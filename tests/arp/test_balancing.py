@@ -1,0 +1,79 @@
+"""Paper B, Eq. 1 to 6: the solver finds the closed form, and says what is impossible."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from sfglab.arp import BalanceInput, InfeasibleBalanceError, average_topics, balance, balance_closed_form
+from sfglab.arp.balancing import BalanceInputError
+from sfglab.errors import SfglabError
+
+EXPERIMENT = (7, 6, 6)  # section 3.1: six, five and five sensors, and one localisation result each
+
+
+def test_average_is_over_agents():
+    assert average_topics(EXPERIMENT) == pytest.approx(19 / 3)
+
+
+@pytest.mark.parametrize(
+    ("rate_max_hz", "rate_hz", "depth"),
+    [(100, 14.789, 738.5), (200, 30.579, 763.5), (500, 77.947, 778.5), (1000, 156.895, 783.5)],
+)
+def test_optimum_for_the_papers_rates_with_rmin_1(rate_max_hz, rate_hz, depth):
+    found = balance(BalanceInput(topics=EXPERIMENT, rate_max_hz=rate_max_hz))
+    assert found.rate_hz == pytest.approx(rate_hz, abs=1e-3)
+    assert found.depth == pytest.approx(depth, abs=0.1)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    topics=st.lists(st.integers(1, 30), min_size=1, max_size=6).map(tuple),
+    rate_max_hz=st.floats(10, 5000),
+    rate_min_hz=st.floats(0.1, 10),
+    weight=st.floats(0.05, 0.95),
+)
+def test_solver_and_closed_form_agree_whatever_the_weight(topics, rate_max_hz, rate_min_hz, weight):
+    problem = BalanceInput(topics=topics, rate_max_hz=rate_max_hz, rate_min_hz=rate_min_hz)
+    try:
+        exact = balance_closed_form(problem)
+    except InfeasibleBalanceError as error:
+        assume(error.lacking > 1e-3)  # at the border, a solver's tolerance decides
+        with pytest.raises(InfeasibleBalanceError):
+            balance(problem, weight=weight)
+        return
+    found = balance(problem, weight=weight)
+    assert found.rate_hz == pytest.approx(exact.rate_hz, rel=1e-4, abs=1e-3)
+    assert found.depth == pytest.approx(exact.depth, rel=1e-4, abs=1e-2)
+
+
+def test_infeasible_rate_names_equation_4_and_what_would_help():
+    with pytest.raises(InfeasibleBalanceError, match=r"Eq\. 4.*lacks 4\.21.*raise Rmax to 126") as caught:
+        balance(BalanceInput(topics=EXPERIMENT, rate_max_hz=100, rate_min_hz=10))
+    assert caught.value.lacking == pytest.approx(4.2105, abs=1e-3)
+
+
+def test_infeasible_depth_names_equation_5():
+    with pytest.raises(InfeasibleBalanceError, match=r"Eq\. 5"):
+        balance(BalanceInput(topics=EXPERIMENT, rate_max_hz=100, depth_max=10, depth_min=3))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"topics": ()},
+        {"topics": (3, 0)},
+        {"topics": (3,), "rate_min_hz": 0},
+        {"topics": (3,), "rate_min_hz": 200},
+        {"topics": (3,), "depth_min": 6000},
+    ],
+)
+def test_meaningless_input_is_refused(values):
+    with pytest.raises(BalanceInputError):
+        BalanceInput(**{"rate_max_hz": 100, **values})
+
+
+def test_unknown_weight_is_refused():
+    with pytest.raises(SfglabError, match="weight"):
+        balance(BalanceInput(topics=(3,), rate_max_hz=100), weight=1)

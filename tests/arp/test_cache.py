@@ -1,0 +1,125 @@
+"""Paper B, Fig. 3 and Fig. 5: what repeats is held back, what changes passes; and what we add to it."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfglab.arp import CacheControl, Decision, LocalCache, exactly_equal, nearly_equal
+from sfglab.messages import message_type, stamp_from_ns
+
+S = 1_000_000_000
+
+
+def passed(cache, values, *, period_ns=S):
+    return [v for i, v in enumerate(values) if cache.offer("/a", v, now_ns=i * period_ns).passes]
+
+
+@given(st.lists(st.sampled_from([0.0, 1.0, 2.5, math.nan, math.inf])))
+def test_exactly_the_changes_pass(values):
+    changes = [v for i, v in enumerate(values) if i == 0 or not exactly_equal(v, values[i - 1])]
+    sent = passed(LocalCache(), values)
+    assert [repr(v) for v in sent] == [repr(v) for v in changes]
+
+
+@given(st.lists(st.integers(0, 3)), st.integers(1, 5))
+def test_no_silence_is_longer_than_allowed(values, silence_s):
+    cache = LocalCache(max_silence_ns=silence_s * S)
+    times = [i for i, v in enumerate(values) if cache.offer("/a", v, now_ns=i * S).passes]
+    assert all(b - a <= silence_s for a, b in pairwise(times))
+
+
+@given(st.lists(st.floats(-5, 5)), st.floats(0, 1))
+def test_a_drift_never_goes_further_than_the_tolerance_unseen(values, tolerance):
+    cache = LocalCache(equal=nearly_equal(tolerance))
+    last = None
+    for i, value in enumerate(values):
+        if cache.offer("/a", value, now_ns=i).passes:
+            last = value
+        assert abs(value - last) <= tolerance
+
+
+def test_topics_do_not_influence_each_other():
+    cache = LocalCache()
+    assert cache.offer("/a", 1, now_ns=0) is Decision.CHANGED
+    assert cache.offer("/b", 1, now_ns=0) is Decision.CHANGED
+    assert cache.offer("/a", 1, now_ns=1) is Decision.HELD
+
+
+def test_counters_count_messages_and_bytes():
+    cache = LocalCache(max_silence_ns=2 * S)
+    for i, value in enumerate([1, 1, 1, 2]):
+        cache.offer("/a", value, now_ns=i * S, size_bytes=24)
+    counters = cache.counters
+    assert (counters.changed, counters.refreshed, counters.held) == (2, 1, 1)
+    assert counters.held_bytes == 24
+    assert counters.offered == 4
+
+
+def test_who_joins_late_is_served_after_forget():
+    cache = LocalCache()
+    cache.offer("/a", 1, now_ns=0)
+    cache.forget("/a")
+    assert cache.offer("/a", 1, now_ns=1) is Decision.CHANGED
+
+
+def test_cache_control_keeps_the_value_that_planning_works_with():
+    cache = CacheControl()
+    assert cache.current("/a") is None
+    cache.offer("/a", 1.5, now_ns=0)
+    assert cache.offer("/a", 1.5, now_ns=1) is Decision.HELD
+    assert cache.current("/a") == 1.5
+
+
+def lidar(ranges, stamp_ns):
+    header = message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(stamp_ns), frame_id="laser")
+    return message_type("sensor_msgs/msg/LaserScan")(
+        header=header,
+        angle_min=0.0,
+        angle_max=1.0,
+        angle_increment=0.1,
+        time_increment=0.0,
+        scan_time=0.1,
+        range_min=0.0,
+        range_max=9.0,
+        ranges=np.asarray(ranges, np.float32),
+        intensities=np.empty(0, np.float32),
+    )
+
+
+def test_messages_are_compared_field_by_field_and_a_header_may_be_left_out():
+    first, second = lidar([1, 2, math.nan], 0), lidar([1, 2, math.nan], S)
+    assert not exactly_equal(first, second)
+    assert exactly_equal(first, second, ignore=frozenset({"header"}))
+    assert not exactly_equal(first, lidar([1, 2], S), ignore=frozenset({"header"}))
+    near = nearly_equal(0.1, ignore=frozenset({"header"}))
+    assert near(first, lidar([1.05, 2, math.nan], 0))
+    assert not near(first, lidar([1.2, 2, math.nan], 0))
+
+
+def test_unsigned_differences_do_not_wrap_around():
+    assert nearly_equal(1)(np.array([3], np.uint8), np.array([4], np.uint8))
+    assert not nearly_equal(1)(np.array([0], np.uint8), np.array([255], np.uint8))
+
+
+def test_text_truth_and_number_are_different_things():
+    assert exactly_equal("detect", "detect")
+    assert not exactly_equal(True, 1)
+    assert exactly_equal(1, 1.0)
+    assert not nearly_equal(5)(True, False)
+
+
+@pytest.mark.parametrize("tolerance", [-1, math.nan])
+def test_meaningless_tolerance_is_refused(tolerance):
+    with pytest.raises(ValueError, match="tolerance"):
+        nearly_equal(tolerance)
+
+
+def test_meaningless_silence_is_refused():
+    with pytest.raises(ValueError, match="max_silence_ns"):
+        LocalCache(max_silence_ns=0)
