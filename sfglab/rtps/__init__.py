@@ -1,0 +1,28 @@
+"""RELIABLE and KEEP_LAST over a lossy medium: one model of writer, reader and medium, with vendors' timing.
+
+Bottom up: `presets` (vendors' constants with their sources), `heap`, `state`, `world`, `medium` and `engine`
+(compiled), `outcome` (fates and latencies), `model` (flows and scenarios in, an outcome out).
+"""
+
+from __future__ import annotations
+
+from sfglab.rtps.model import Flow, Medium, ModelError, Scenario, run
+from sfglab.rtps.outcome import FlowOutcome, Outcome
+from sfglab.rtps.presets import CYCLONE_DDS, FAST_DDS, PRESETS, Vendor
+from sfglab.rtps.state import Drop, Fate
+
+__all__ = [
+    "CYCLONE_DDS",
+    "FAST_DDS",
+    "PRESETS",
+    "Drop",
+    "Fate",
+    "Flow",
+    "FlowOutcome",
+    "Medium",
+    "ModelError",
+    "Outcome",
+    "Scenario",
+    "Vendor",
+    "run",
+]

@@ -1,0 +1,468 @@
+"""RELIABLE and BEST_EFFORT writers and readers with KEEP_LAST or KEEP_ALL, compiled: RTPS 2.5, clause 8.4.
+
+One event after the other: publications, frames, heartbeats, requests, repairs, and the executor that takes
+samples from readers. `simulate` runs to the end of time; everything that happened is in the state.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba as nb
+import numpy as np
+
+from sfglab.rtps.heap import pop, push
+from sfglab.rtps.medium import arrived_frame, enqueue, sent_frame, uniform
+from sfglab.rtps.state import (
+    R_ARMED,
+    R_FIRST,
+    R_HEAD,
+    R_KNOWN,
+    R_NEXT,
+    R_OLDEST,
+    R_TAIL,
+    R_VALUE,
+    R_WAITING,
+    S_BUSY,
+    S_FLOW,
+    S_NEXT,
+    S_SAMPLE,
+    S_WAITING,
+    W_ACKED,
+    W_ACKED_AT_HB,
+    W_ARMED,
+    W_CHANGE_AT,
+    W_INTERVAL,
+    W_LAST,
+    W_LAST_HB,
+    W_SENT,
+    W_SENT_AT,
+    W_VALUE,
+    Count,
+    Event,
+    Fate,
+    FlowColumn,
+    Frame,
+    TimingColumn,
+)
+from sfglab.rtps.world import World, unowned
+
+__all__ = ["simulate"]
+
+# Compiled code takes plain integers.
+_PUBLISH, _SENT, _ARRIVED, _HEARTBEAT, _ACKNACK, _REPAIR, _SERVED = (int(e) for e in Event)
+_DATA, _HB, _ACK, _GAP = (int(f) for f in Frame)
+_DELIVERED, _OVERWRITTEN, _LATE = int(Fate.DELIVERED), int(Fate.OVERWRITTEN), int(Fate.LATE)
+_C_REPEATED, _C_DUPLICATE, _C_HELD = int(Count.REPEATED), int(Count.DUPLICATE), int(Count.HELD)
+_C_THROTTLED, _C_EVENTS = int(Count.THROTTLED), int(Count.EVENTS)
+_C_PROCESSED, _C_COMPARED = int(Count.PROCESSED), int(Count.COMPARED)
+_SERVER, _PERIOD, _DEPTH, _READER_DEPTH, _RELIABLE, _CHAIN = (
+    int(FlowColumn.SERVER),
+    int(FlowColumn.PERIOD_NS),
+    int(FlowColumn.DEPTH),
+    int(FlowColumn.READER_DEPTH),
+    int(FlowColumn.RELIABLE),
+    int(FlowColumn.CHAIN),
+)
+_CHANGE, _CACHED, _SILENCE, _SERVICE, _COMPARE = (
+    int(FlowColumn.CHANGE_NS),
+    int(FlowColumn.CACHED),
+    int(FlowColumn.SILENCE_NS),
+    int(FlowColumn.SERVICE_NS),
+    int(FlowColumn.COMPARE_NS),
+)
+_T_HB, _T_HB_MAX, _T_FULL, _T_AFTER = (
+    int(TimingColumn.HEARTBEAT_NS),
+    int(TimingColumn.HEARTBEAT_MAX_NS),
+    int(TimingColumn.PIGGYBACK_WHEN_FULL),
+    int(TimingColumn.PIGGYBACK_AFTER_NS),
+)
+_T_NACK, _T_ACK, _T_RESPONSE, _T_MOST = (
+    int(TimingColumn.NACK_DELAY_NS),
+    int(TimingColumn.ACK_DELAY_NS),
+    int(TimingColumn.NACK_RESPONSE_NS),
+    int(TimingColumn.NACK_MOST),
+)
+_T_DURATION, _T_UNACKED, _T_DRAIN = (
+    int(TimingColumn.DURATION_NS),
+    int(TimingColumn.UNACKED_MOST),
+    int(TimingColumn.DRAIN_NS),
+)
+
+
+@nb.njit(cache=True, nogil=True)
+def _send(world: Any, now: int, what: Any, arguments: Any, kept: Any) -> None:
+    frame = np.zeros(8, np.int64)
+    frame[0], frame[1] = what
+    frame[2], frame[3] = arguments
+    frame[4], frame[5] = kept
+    world.counts[what[0]] += 1
+    enqueue(world, now, frame)
+
+
+@nb.njit(cache=True, nogil=True)
+def _first_kept(world: Any, flow: int) -> int:
+    """Return the oldest sample in the writer's history."""
+    depth, last = world.flows[flow, _DEPTH], world.writer[flow, W_LAST]
+    if depth == 0:
+        return int(world.writer[flow, W_ACKED] + 1)
+    return int(max(1, last - depth + 1))
+
+
+# --- The writer ---------------------------------------------------------------------------------------------
+
+
+@nb.njit(cache=True, nogil=True)
+def _sample_value(world: Any, now: int, flow: int) -> int:
+    """Return the number of the value that the sensor has now; it changes at random times."""
+    mean = world.flows[flow, _CHANGE]
+    writer = world.writer
+    if mean == 0:
+        writer[flow, W_VALUE] += 1
+    else:
+        while now >= writer[flow, W_CHANGE_AT]:
+            writer[flow, W_VALUE] += 1
+            wait = -math.log(1.0 - uniform(world.random)) * mean
+            writer[flow, W_CHANGE_AT] += max(1, int(wait))
+    return int(writer[flow, W_VALUE])
+
+
+@nb.njit(cache=True, nogil=True)
+def _held_back(world: Any, now: int, flow: int, value: int) -> bool:
+    """Return whether the local cache holds a value back (paper B, section 2.2)."""
+    if not world.flows[flow, _CACHED] or value != world.writer[flow, W_SENT]:
+        return False
+    silence = world.flows[flow, _SILENCE]
+    return bool(silence == 0 or now - world.writer[flow, W_SENT_AT] < silence)
+
+
+@nb.njit(cache=True, nogil=True)
+def _piggybacks(world: Any, now: int, flow: int) -> bool:
+    timing, depth, last = world.timing, world.flows[flow, _DEPTH], world.writer[flow, W_LAST]
+    if timing[_T_FULL]:
+        if depth > 0 and last >= depth:
+            return True
+        if depth == 0 and last - world.writer[flow, W_ACKED] >= timing[_T_UNACKED]:
+            return True
+    after = timing[_T_AFTER]
+    return bool(after >= 0 and now - world.writer[flow, W_LAST_HB] >= after)
+
+
+@nb.njit(cache=True, nogil=True)
+def _send_data(world: Any, now: int, flow: int, sample: int) -> None:
+    reliable = world.flows[flow, _RELIABLE]
+    rides = 1 if reliable and _piggybacks(world, now, flow) else 0
+    if rides:
+        world.writer[flow, W_LAST_HB] = now
+    last = world.writer[flow, W_LAST]
+    _send(world, now, (_DATA, flow), (sample, rides), (_first_kept(world, flow), last))
+
+
+@nb.njit(cache=True, nogil=True)
+def _publish(world: Any, now: int, flow: int) -> None:
+    writer = world.writer
+    value = _sample_value(world, now, flow)
+    if _held_back(world, now, flow, value):
+        world.counts[_C_HELD] += 1
+        return
+    unacked = writer[flow, W_LAST] - writer[flow, W_ACKED]
+    if world.flows[flow, _RELIABLE] and world.flows[flow, _DEPTH] == 0 and unacked >= world.timing[_T_UNACKED]:
+        world.counts[_C_THROTTLED] += 1
+        return
+    writer[flow, W_SENT], writer[flow, W_SENT_AT] = value, now
+    writer[flow, W_LAST] += 1
+    sample = writer[flow, W_LAST]
+    world.published_ns[flow, sample] = now
+    world.value[flow, sample] = value
+    _send_data(world, now, flow, sample)
+    if world.flows[flow, _RELIABLE] and not writer[flow, W_ARMED]:
+        writer[flow, W_ARMED] = 1
+        writer[flow, W_INTERVAL] = world.timing[_T_HB]
+        push(world.heap, world.heap_sizes, now + writer[flow, W_INTERVAL], _HEARTBEAT, flow)
+
+
+@nb.njit(cache=True, nogil=True)
+def _heartbeat(world: Any, now: int, flow: int) -> None:
+    writer = world.writer
+    writer[flow, W_ARMED] = 0
+    if writer[flow, W_ACKED] >= writer[flow, W_LAST]:
+        return
+    writer[flow, W_LAST_HB] = now
+    _send(world, now, (_HB, flow), (0, 0), (_first_kept(world, flow), writer[flow, W_LAST]))
+    stuck = writer[flow, W_ACKED] == writer[flow, W_ACKED_AT_HB]
+    longer = min(2 * writer[flow, W_INTERVAL], world.timing[_T_HB_MAX])
+    writer[flow, W_INTERVAL] = longer if stuck else world.timing[_T_HB]
+    writer[flow, W_ACKED_AT_HB] = writer[flow, W_ACKED]
+    writer[flow, W_ARMED] = 1
+    push(world.heap, world.heap_sizes, now + writer[flow, W_INTERVAL], _HEARTBEAT, flow)
+
+
+@nb.njit(cache=True, nogil=True)
+def _hear_acknack(world: Any, now: int, frame: Any) -> None:
+    flow, base = frame[1], frame[2]
+    writer, repair = world.writer, world.repair
+    writer[flow, W_ACKED] = max(writer[flow, W_ACKED], base - 1)
+    asked = (frame[4] | frame[5] | frame[6] | frame[7]) != 0
+    if not asked:
+        return
+    waits = repair[flow, 0] != 0
+    repair[flow, 0] = base
+    for k in range(4):
+        repair[flow, 1 + k] = frame[4 + k]
+    if not waits:
+        push(world.heap, world.heap_sizes, now + world.timing[_T_RESPONSE], _REPAIR, flow)
+
+
+@nb.njit(cache=True, nogil=True)
+def _repair(world: Any, now: int, flow: int) -> None:
+    base = world.repair[flow, 0]
+    world.repair[flow, 0] = 0
+    kept = _first_kept(world, flow)
+    if base < kept:
+        _send(world, now, (_GAP, flow), (base, kept), (kept, world.writer[flow, W_LAST]))
+    for i in range(256):
+        if (world.repair[flow, 1 + i // 64] >> (i % 64)) & 1:
+            sample = base + i
+            if kept <= sample <= world.writer[flow, W_LAST]:
+                world.counts[_C_REPEATED] += 1
+                _send_data(world, now, flow, sample)
+
+
+# --- The reader ---------------------------------------------------------------------------------------------
+
+
+@nb.njit(cache=True, nogil=True)
+def _make_room(world: Any, flow: int) -> None:
+    """Push the oldest sample out of a reader's history that is over its bound, in order or behind a gap."""
+    reader = world.reader
+    depth = world.flows[flow, _READER_DEPTH]
+    held = reader[flow, R_TAIL] - reader[flow, R_HEAD]
+    if depth == 0 or held + reader[flow, R_WAITING] <= depth:
+        return
+    if held > 0:
+        oldest = world.order[flow, reader[flow, R_HEAD]]
+        reader[flow, R_HEAD] += 1
+        world.server[world.flows[flow, _SERVER], S_WAITING] -= 1
+    else:
+        oldest = max(reader[flow, R_OLDEST], reader[flow, R_NEXT])
+        while world.arrived[flow, oldest] != 1:
+            oldest += 1
+        reader[flow, R_OLDEST] = oldest + 1
+        reader[flow, R_WAITING] -= 1
+        world.arrived[flow, oldest] = 2
+    world.fate[flow, oldest] = _LATE
+
+
+@nb.njit(cache=True, nogil=True)
+def _keep(world: Any, flow: int, sample: int) -> None:
+    """Hand a sample to the reader's history, from which the executor takes it."""
+    reader = world.reader
+    world.order[flow, reader[flow, R_TAIL]] = sample
+    reader[flow, R_TAIL] += 1
+    world.server[world.flows[flow, _SERVER], S_WAITING] += 1
+
+
+@nb.njit(cache=True, nogil=True)
+def _advance(world: Any, flow: int) -> None:
+    """Deliver in order what is there, and give up what the writer no longer has."""
+    reader = world.reader
+    last = world.writer[flow, W_LAST]
+    sample = reader[flow, R_NEXT]
+    while sample <= last:
+        if world.arrived[flow, sample] == 1:
+            reader[flow, R_WAITING] -= 1
+            _keep(world, flow, sample)
+        elif world.arrived[flow, sample] == 2 or sample < reader[flow, R_FIRST]:
+            if world.fate[flow, sample] == 0:
+                world.fate[flow, sample] = _OVERWRITTEN
+        else:
+            break
+        sample += 1
+    reader[flow, R_NEXT] = sample
+
+
+@nb.njit(cache=True, nogil=True)
+def _hear_data(world: Any, now: int, frame: Any) -> None:
+    flow, sample = frame[1], frame[2]
+    if world.arrived[flow, sample] or sample < world.reader[flow, R_NEXT]:
+        world.counts[_C_DUPLICATE] += 1
+    else:
+        world.arrived[flow, sample] = 1
+        if not world.flows[flow, _RELIABLE]:
+            _keep(world, flow, sample)
+            world.reader[flow, R_NEXT] = sample + 1
+        else:
+            world.reader[flow, R_WAITING] += 1
+            if sample == world.reader[flow, R_NEXT]:
+                _advance(world, flow)
+        _make_room(world, flow)
+    if frame[3]:
+        _hear_heartbeat(world, now, flow, frame[4], frame[5])
+
+
+@nb.njit(cache=True, nogil=True)
+def _hear_heartbeat(world: Any, now: int, flow: int, first: int, last: int) -> None:
+    reader = world.reader
+    reader[flow, R_FIRST] = max(reader[flow, R_FIRST], first)
+    reader[flow, R_KNOWN] = max(reader[flow, R_KNOWN], last)
+    _advance(world, flow)
+    if not reader[flow, R_ARMED]:
+        reader[flow, R_ARMED] = 1
+        lacks = reader[flow, R_NEXT] <= reader[flow, R_KNOWN]
+        delay = world.timing[_T_NACK] if lacks else world.timing[_T_ACK]
+        push(world.heap, world.heap_sizes, now + delay, _ACKNACK, flow)
+
+
+@nb.njit(cache=True, nogil=True)
+def _hear_gap(world: Any, frame: Any) -> None:
+    flow = frame[1]
+    for sample in range(max(frame[2], world.reader[flow, R_NEXT]), frame[3]):
+        if world.arrived[flow, sample] == 0:
+            world.arrived[flow, sample] = 2
+    _advance(world, flow)
+
+
+@nb.njit(cache=True, nogil=True)
+def _request(world: Any, now: int, flow: int) -> None:
+    """Acknowledge everything before the next sample, and ask for what is known to exist and is not here."""
+    reader = world.reader
+    reader[flow, R_ARMED] = 0
+    base = reader[flow, R_NEXT]
+    frame = np.zeros(8, np.int64)
+    frame[0], frame[1], frame[2] = _ACK, flow, base
+    most = min(world.timing[_T_MOST], reader[flow, R_KNOWN] - base + 1)
+    for i in range(most):
+        if world.arrived[flow, base + i] == 0:
+            frame[4 + i // 64] |= np.int64(1) << (i % 64)
+    world.counts[_ACK] += 1
+    enqueue(world, now, frame)
+
+
+# --- The executor -------------------------------------------------------------------------------------------
+
+
+@nb.njit(cache=True, nogil=True)
+def _serve(world: Any, now: int, server: int) -> None:
+    """Take one sample of the next flow that has any, in turn as an executor does."""
+    if world.server[server, S_BUSY] or world.server[server, S_WAITING] == 0:
+        return
+    world.server[server, S_WAITING] -= 1
+    flows = world.flows.shape[0]
+    for i in range(flows):
+        flow = (world.server[server, S_NEXT] + i) % flows
+        if world.flows[flow, _SERVER] != server or world.reader[flow, R_HEAD] >= world.reader[flow, R_TAIL]:
+            continue
+        sample = world.order[flow, world.reader[flow, R_HEAD]]
+        world.reader[flow, R_HEAD] += 1
+        same = world.value[flow, sample] == world.reader[flow, R_VALUE]
+        compare = world.flows[flow, _COMPARE]
+        skips = same and compare >= 0
+        world.counts[_C_COMPARED if skips else _C_PROCESSED] += 1
+        world.reader[flow, R_VALUE] = world.value[flow, sample]
+        world.server[server, S_BUSY] = 1
+        world.server[server, S_FLOW] = flow
+        world.server[server, S_SAMPLE] = sample
+        world.server[server, S_NEXT] = (flow + 1) % flows
+        cost = compare if skips else world.flows[flow, _SERVICE]
+        push(world.heap, world.heap_sizes, now + cost, _SERVED, server)
+        return
+
+
+@nb.njit(cache=True, nogil=True)
+def _served(world: Any, now: int, server: int) -> None:
+    flow, sample = world.server[server, S_FLOW], world.server[server, S_SAMPLE]
+    world.server[server, S_BUSY] = 0
+    world.fate[flow, sample] = _DELIVERED
+    world.received_ns[flow, sample] = now
+    chain = world.flows[flow, _CHAIN]
+    if chain >= 0:
+        world.writer[chain, W_VALUE] = world.value[flow, sample] - 1
+        _publish(world, now, chain)
+    _serve(world, now, server)
+
+
+# --- The world ----------------------------------------------------------------------------------------------
+
+
+@nb.njit(cache=True, nogil=True)
+def _hear(world: Any, now: int, frame: Any) -> None:
+    kind = frame[0]
+    if kind == _ACK:
+        _hear_acknack(world, now, frame)
+        return
+    if kind == _DATA:
+        _hear_data(world, now, frame)
+    elif kind == _HB:
+        _hear_heartbeat(world, now, frame[1], frame[4], frame[5])
+    else:
+        _hear_gap(world, frame)
+    _serve(world, now, world.flows[frame[1], _SERVER])
+
+
+@nb.njit(cache=True, nogil=True)
+def _step(world: Any, now: int, kind: int, argument: int, frame: Any) -> None:
+    if kind == _SENT:
+        if sent_frame(world, now, argument, frame):
+            _hear(world, now, frame)
+    elif kind == _ARRIVED:
+        arrived_frame(world, argument, frame)
+        _hear(world, now, frame)
+    elif kind == _SERVED:
+        _served(world, now, argument)
+    elif kind == _PUBLISH:
+        _publish(world, now, argument)
+        push(world.heap, world.heap_sizes, now + world.flows[argument, _PERIOD], _PUBLISH, argument)
+    elif kind == _ACKNACK:
+        _request(world, now, argument)
+    elif kind == _HEARTBEAT:
+        _heartbeat(world, now, argument)
+    else:
+        _repair(world, now, argument)
+
+
+@nb.njit(cache=True, nogil=True)
+def simulate(params: Any, state: Any) -> None:
+    """Run until time is over; publications end before, so that what is under way can arrive.
+
+    Args:
+        params: The run's parameters.
+        state: At time 0; afterwards, everything that happened.
+    """
+    frame = np.zeros(8, np.int64)
+    world: Any = World(  # type: ignore[no-untyped-call]
+        unowned(params.flows),
+        unowned(params.timing),
+        unowned(params.rates),
+        unowned(state.heap),
+        unowned(state.heap_sizes),
+        unowned(state.random),
+        unowned(state.counts),
+        unowned(state.published_ns),
+        unowned(state.received_ns),
+        unowned(state.value),
+        unowned(state.fate),
+        unowned(state.dropped),
+        unowned(state.arrived),
+        unowned(state.order),
+        unowned(state.writer),
+        unowned(state.reader),
+        unowned(state.repair),
+        unowned(state.queue),
+        unowned(state.queue_ends),
+        unowned(state.on_air),
+        unowned(state.next_host),
+        unowned(state.flight),
+        unowned(state.flight_ends),
+        unowned(state.server),
+    )
+    end = world.timing[_T_DURATION]
+    while world.heap_sizes[0] > 0:
+        now, kind, argument = pop(world.heap, world.heap_sizes)
+        if now >= end:
+            if kind == _PUBLISH:
+                continue
+            if now >= end + world.timing[_T_DRAIN]:
+                return
+        world.counts[_C_EVENTS] += 1
+        _step(world, now, kind, argument, frame)

@@ -1,0 +1,89 @@
+"""What a vendor's RELIABLE writer and reader do when: the model's constants, with their sources.
+
+Times are the vendors' defaults. What a default does in the protocol stands in `engine`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sfglab.errors import SfglabError
+
+__all__ = ["CYCLONE_DDS", "FAST_DDS", "PRESETS", "Vendor", "VendorError"]
+
+MS = 1_000_000
+S = 1_000_000_000
+NEVER_NS = -1
+
+
+class VendorError(SfglabError, ValueError):
+    """Timing that no writer or reader can keep."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vendor:
+    """How one DDS implementation times its reliability protocol (RTPS 2.5, clause 8.4).
+
+    Attributes:
+        name: Of the implementation.
+        heartbeat_ns: Period of heartbeats while something is unacknowledged.
+        heartbeat_max_ns: The period doubles with each heartbeat that brings no progress, up to this; equal to
+            `heartbeat_ns` where it does not.
+        piggyback_when_full: A heartbeat travels with each sample while the writer's history is full.
+        piggyback_after_ns: A heartbeat travels with a sample when the last one is this old; -1: never.
+        nack_delay_ns: From the first heartbeat that shows a gap to the reader's request.
+        ack_delay_ns: From a heartbeat that shows no gap to the reader's acknowledgement.
+        nack_response_ns: From a request to the writer's repair.
+        nack_most: Samples that one request can ask for: a bitmap has 256 bits (RTPS 2.5, clause 9.4.2.6).
+    """
+
+    name: str
+    heartbeat_ns: int
+    heartbeat_max_ns: int
+    piggyback_when_full: bool
+    piggyback_after_ns: int
+    nack_delay_ns: int
+    ack_delay_ns: int
+    nack_response_ns: int
+    nack_most: int = 256
+
+    def __post_init__(self) -> None:
+        if not 0 < self.heartbeat_ns <= self.heartbeat_max_ns:
+            raise VendorError(
+                f"{self.name}: heartbeat_ns, heartbeat_max_ns: given {self.heartbeat_ns}, "
+                f"{self.heartbeat_max_ns}; allowed is 0 < heartbeat_ns <= heartbeat_max_ns"
+            )
+        if min(self.nack_delay_ns, self.ack_delay_ns, self.nack_response_ns) < 0:
+            raise VendorError(f"{self.name}: delays: given a negative one, allowed are 0 and more")
+        if not 1 <= self.nack_most <= 256:
+            raise VendorError(f"{self.name}: nack_most: given {self.nack_most}, allowed are 1 to 256")
+
+
+FAST_DDS = Vendor(
+    name="Fast DDS",
+    # fastdds/rtps/attributes/WriterAttributes.hpp: heartbeatPeriod 3 s, nackResponseDelay 5 ms;
+    # ReaderAttributes.hpp: heartbeatResponseDelay 5 ms, for requests and acknowledgements alike;
+    # StatefulWriter.cpp: a heartbeat is sent along when the history is full.
+    heartbeat_ns=3 * S,
+    heartbeat_max_ns=3 * S,
+    piggyback_when_full=True,
+    piggyback_after_ns=NEVER_NS,
+    nack_delay_ns=5 * MS,
+    ack_delay_ns=5 * MS,
+    nack_response_ns=5 * MS,
+)
+
+CYCLONE_DDS = Vendor(
+    name="Cyclone DDS",
+    # docs/manual/options.md: HeartbeatInterval 100 ms (min 5 ms, minsched 20 ms, max 8 s), NackDelay 100 ms,
+    # AckDelay 10 ms; a writer that writes sends heartbeats along, no more often than the minimum.
+    heartbeat_ns=100 * MS,
+    heartbeat_max_ns=8 * S,
+    piggyback_when_full=False,
+    piggyback_after_ns=5 * MS,
+    nack_delay_ns=100 * MS,
+    ack_delay_ns=10 * MS,
+    nack_response_ns=0,
+)
+
+PRESETS = {"fast_dds": FAST_DDS, "cyclone_dds": CYCLONE_DDS}

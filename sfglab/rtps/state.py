@@ -1,0 +1,259 @@
+"""What the compiled engine reads and changes: parameters and state as named tuples of arrays.
+
+Arrays are indexed by flow (one writer and its one reader), host, transmitter, server (a node's executor) or
+sample; samples are counted from 1, as RTPS sequence numbers are.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sfglab.rtps.heap import new_heap, push
+
+__all__ = [
+    "Count",
+    "Drop",
+    "Event",
+    "Fate",
+    "FlowColumn",
+    "Frame",
+    "Params",
+    "Sizes",
+    "State",
+    "TimingColumn",
+    "new_state",
+]
+
+
+class Event(IntEnum):
+    """Kinds of events; the argument is a flow, a transmitter or a server."""
+
+    PUBLISH = 0
+    SENT = 1
+    ARRIVED = 2
+    HEARTBEAT = 3
+    ACKNACK = 4
+    REPAIR = 5
+    SERVED = 6
+
+
+class Frame(IntEnum):
+    """Kinds of frames on the medium."""
+
+    DATA = 0
+    HEARTBEAT = 1
+    ACKNACK = 2
+    GAP = 3
+
+
+class Fate(IntEnum):
+    """What became of a sample."""
+
+    NEVER_SENT = 0
+    DELIVERED = 1
+    OVERWRITTEN = 2
+    """Lost on the way, and pushed out of the writer's history before it could be repaired."""
+    LATE = 3
+    """Arrived, and pushed out of the reader's history before the application took it."""
+    UNDERWAY = 4
+    """Neither delivered nor given up when time was over."""
+    NOT_REPAIRED = 5
+    """Lost on the way, best effort."""
+
+
+class Drop(IntEnum):
+    """Where a sample's first frame was lost."""
+
+    NOT = 0
+    MEDIUM = 1
+    QUEUE = 2
+
+
+class Count(IntEnum):
+    """Index of each counter."""
+
+    DATA = 0
+    HEARTBEAT = 1
+    ACKNACK = 2
+    GAP = 3
+    REPEATED = 4
+    """DATA that repairs."""
+    DUPLICATE = 5
+    """DATA that the reader had already."""
+    LOST = 6
+    """Frames that the medium lost."""
+    QUEUE_FULL = 7
+    """Frames that found the sender's queue full."""
+    BYTES = 8
+    AIRTIME_NS = 9
+    HELD = 10
+    """Values that the local cache held back."""
+    THROTTLED = 11
+    """Publications that a KEEP_ALL writer refused because too much was unacknowledged."""
+    EVENTS = 12
+    PROCESSED = 13
+    """Samples that cost the application its full time."""
+    COMPARED = 14
+    """Samples that cache control discarded after a comparison."""
+
+
+class FlowColumn(IntEnum):
+    """Columns of `Params.flows`."""
+
+    SOURCE = 0
+    TARGET = 1
+    SERVER = 2
+    PERIOD_NS = 3
+    """0: published by a chain only."""
+    PHASE_NS = 4
+    SIZE_BYTES = 5
+    DEPTH = 6
+    """0: KEEP_ALL."""
+    READER_DEPTH = 7
+    RELIABLE = 8
+    CHAIN = 9
+    """Flow that is published when a sample of this one was processed; -1: none."""
+    CHANGE_NS = 10
+    """Mean time between changes of the value; 0: every sample differs."""
+    CACHED = 11
+    SILENCE_NS = 12
+    """Longest silence of the local cache; 0: none."""
+    SERVICE_NS = 13
+    COMPARE_NS = 14
+    """What a repeated value costs the server; -1: as much as any."""
+
+
+class TimingColumn(IntEnum):
+    """Entries of `Params.timing`."""
+
+    HEARTBEAT_NS = 0
+    HEARTBEAT_MAX_NS = 1
+    PIGGYBACK_WHEN_FULL = 2
+    PIGGYBACK_AFTER_NS = 3
+    NACK_DELAY_NS = 4
+    ACK_DELAY_NS = 5
+    NACK_RESPONSE_NS = 6
+    NACK_MOST = 7
+    SHARED = 8
+    """1: one half-duplex medium for all hosts."""
+    LATENCY_NS = 9
+    OVERHEAD_NS = 10
+    DURATION_NS = 11
+    UNACKED_MOST = 12
+    DRAIN_NS = 13
+    """How long repairs go on after the last publication."""
+
+
+class Params(NamedTuple):
+    """What does not change: `flows` [flow, FlowColumn], `timing`, `rates` (loss, bits a second, contention)."""
+
+    flows: Any
+    timing: Any
+    rates: Any
+
+
+class State(NamedTuple):
+    """What changes. Shapes: F flows, N + 1 samples, H hosts, T transmitters, Q frames, S servers."""
+
+    heap: Any
+    heap_sizes: Any
+    random: Any  # (1,) state of the generator
+    counts: Any  # (15,) see Count
+    published_ns: Any  # (F, N + 1)
+    received_ns: Any  # (F, N + 1), 0 while not delivered
+    value: Any  # (F, N + 1) number of the value that a sample carries
+    fate: Any  # (F, N + 1)
+    dropped: Any  # (F, N + 1) see Drop
+    arrived: Any  # (F, N + 1) 1 received, 2 declared irrelevant
+    order: Any  # (F, N + 1) samples as the reader's history received them
+    writer: Any  # (F, 10) see W_*
+    reader: Any  # (F, 9) see R_*
+    repair: Any  # (F, 5) base and bitmap of the request that waits
+    queue: Any  # (H, Q, 8) frames
+    queue_ends: Any  # (H, 2) head, length
+    on_air: Any  # (T, 9) busy, frame
+    next_host: Any  # (T,)
+    flight: Any  # (T, K, 8) frames that are under way
+    flight_ends: Any  # (T, 2)
+    server: Any  # (S, 5) see S_*
+
+
+# Columns of State.writer.
+W_LAST, W_ACKED, W_ARMED, W_INTERVAL, W_LAST_HB, W_ACKED_AT_HB, W_VALUE, W_CHANGE_AT, W_SENT, W_SENT_AT = range(
+    10
+)
+# Columns of State.reader: next sample in order, first that the writer still has, last that is known to exist.
+# Those that wait behind a gap are counted in R_WAITING, and none of them is older than R_OLDEST.
+R_NEXT, R_FIRST, R_KNOWN, R_ARMED, R_HEAD, R_TAIL, R_VALUE, R_WAITING, R_OLDEST = range(9)
+# Columns of State.server.
+S_BUSY, S_FLOW, S_SAMPLE, S_NEXT, S_WAITING = range(5)
+
+_FRAME_FIELDS = 8
+
+
+class Sizes(NamedTuple):
+    """How much room a state has.
+
+    Attributes:
+        hosts: Number of hosts.
+        servers: Number of servers.
+        samples: Most samples of one flow.
+        queue: Frames that a host's queue holds.
+        flight: Most frames under way at once from one transmitter.
+    """
+
+    hosts: int
+    servers: int
+    samples: int
+    queue: int
+    flight: int
+
+
+def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
+    """Return the state at time 0, with each periodic flow's first publication scheduled.
+
+    Args:
+        params: Flows and timing.
+        sizes: How much room is needed.
+        seed: Of everything that is drawn.
+    """
+    flows = len(params.flows)
+    transmitters = 1 if params.timing[TimingColumn.SHARED] else sizes.hosts
+    heap, heap_sizes = new_heap(
+        8 * flows + 4 * (transmitters + sizes.servers) + transmitters * sizes.flight + 16
+    )
+    per_sample = (flows, sizes.samples + 1)
+    reader = np.zeros((flows, 9), np.int64)
+    writer = np.zeros((flows, 10), np.int64)
+    writer[:, W_SENT] = -1
+    reader[:, R_NEXT] = reader[:, R_FIRST] = 1
+    reader[:, R_VALUE] = -1
+    for flow, row in enumerate(params.flows):
+        if row[FlowColumn.PERIOD_NS]:
+            push(heap, heap_sizes, row[FlowColumn.PHASE_NS], Event.PUBLISH, flow)
+    return State(
+        heap=heap,
+        heap_sizes=heap_sizes,
+        random=np.array([(seed * 0x9E3779B97F4A7C15 + 0x1234567) % 2**64], np.uint64),
+        counts=np.zeros(len(Count), np.int64),
+        published_ns=np.zeros(per_sample, np.int64),
+        received_ns=np.zeros(per_sample, np.int64),
+        value=np.zeros(per_sample, np.int32),
+        fate=np.zeros(per_sample, np.int8),
+        dropped=np.zeros(per_sample, np.int8),
+        arrived=np.zeros(per_sample, np.int8),
+        order=np.zeros(per_sample, np.int32),
+        writer=writer,
+        reader=reader,
+        repair=np.zeros((flows, 5), np.int64),
+        queue=np.zeros((sizes.hosts, sizes.queue, _FRAME_FIELDS), np.int64),
+        queue_ends=np.zeros((sizes.hosts, 2), np.int64),
+        on_air=np.zeros((transmitters, 1 + _FRAME_FIELDS), np.int64),
+        next_host=np.zeros(transmitters, np.int64),
+        flight=np.zeros((transmitters, sizes.flight, _FRAME_FIELDS), np.int64),
+        flight_ends=np.zeros((transmitters, 2), np.int64),
+        server=np.zeros((sizes.servers, 5), np.int64),
+    )

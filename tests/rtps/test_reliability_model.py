@@ -1,0 +1,229 @@
+"""The reliability model against hand-worked schedules, invariants, and a known saw-tooth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sfglab.qos import History, QoSProfile, Reliability
+from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Drop, Fate, Flow, Medium, ModelError, Scenario, Vendor, run
+from sfglab.rtps.presets import VendorError
+
+MS = 1_000_000
+S = 1_000_000_000
+QUIET = Medium(loss=0.0, overhead_s=0.0, rate_bps=8e6, contention=0.0, shared=False)
+KEEP_ALL = QoSProfile(history=History.KEEP_ALL)
+BEST_EFFORT = QoSProfile(reliability=Reliability.BEST_EFFORT)
+
+
+def one(medium=QUIET, *, duration_s=1.0, vendor=FAST_DDS, **flow):
+    values = {"source": "robot", "target": "station", "rate_hz": 100.0, **flow}
+    return Scenario(flows=(Flow(name="a", **values),), medium=medium, vendor=vendor, duration_s=duration_s)
+
+
+def outcome(scenario, seed=0):
+    return run(scenario, seed=seed).flows["a"]
+
+
+def test_latency_on_a_quiet_link_is_airtime_latency_and_service():
+    # 62 bytes of headers, INFO_TS 12, DATA 24, payload 24: 122 bytes at 1 byte a microsecond.
+    flow = outcome(one(replace(QUIET, latency_s=0.005), size_bytes=24, service_s=0.0001, qos=KEEP_ALL))
+    assert set(flow.latency_ns) == {122_000 + 5 * MS + 100_000}
+    assert flow.loss == 0
+
+
+def test_publications_keep_their_period():
+    flow = outcome(one(rate_hz=50, phase_s=0.003))
+    assert np.array_equal(flow.published_ns, 3 * MS + np.arange(50) * 20 * MS)
+
+
+def test_samples_queue_behind_each_other_on_a_shared_medium():
+    medium = replace(QUIET, shared=True)
+    flows = tuple(
+        Flow(name=n, source=n, target="station", rate_hz=10, qos=BEST_EFFORT, size_bytes=24) for n in "ab"
+    )
+    done = run(Scenario(flows=flows, medium=medium, duration_s=1), seed=0)
+    assert set(done.flows["a"].latency_ns) == {122_000}
+    assert set(done.flows["b"].latency_ns) == {244_000}
+
+
+def test_a_lost_sample_is_repaired_by_heartbeat_request_and_repeat():
+    """Fast DDS, depth not full: heartbeat after 3 s, request 5 ms later, repair 5 ms after that."""
+    medium = replace(QUIET, loss=0.3)
+    scenario = one(medium, rate_hz=1, duration_s=1.0, qos=QoSProfile(depth=10), size_bytes=24)
+    for seed in range(200):
+        flow = outcome(scenario, seed)
+        if flow.dropped[0] == Drop.MEDIUM and flow.fate[0] == Fate.DELIVERED:
+            break
+    frames_us = (62 + 16 + 32) + (62 + 16 + 28 + 32) + 122
+    waits = flow.latency_ns[0] - 10 * MS - frames_us * 1000
+    assert waits % (3 * S) == 0, "whole heartbeat periods, and nothing else"
+
+
+def test_overwritten_before_repair_is_what_a_small_depth_loses():
+    medium = replace(QUIET, loss=0.1)
+    small = outcome(one(medium, qos=QoSProfile(depth=1), duration_s=20))
+    large = outcome(one(medium, qos=QoSProfile(depth=1000), duration_s=20))
+    assert 0.06 < small.loss < 0.14
+    assert large.loss == 0
+    lost = small.fate == Fate.OVERWRITTEN
+    assert lost.any()
+    assert (small.dropped[lost] != Drop.NOT).all()
+
+
+def test_a_slow_reader_overwrites_in_its_own_history():
+    flow = outcome(one(qos=QoSProfile(depth=5), rate_hz=1000, service_s=0.002))
+    assert 0.4 < flow.loss < 0.6
+    assert (flow.fate[~flow.delivered] == Fate.LATE).all()
+
+
+def test_best_effort_loses_what_the_medium_loses_and_repairs_nothing():
+    done = run(one(replace(QUIET, loss=0.2), qos=BEST_EFFORT, duration_s=50), seed=1)
+    assert 0.18 < done.flows["a"].loss < 0.22
+    assert done.counts["heartbeat"] == done.counts["acknack"] == done.counts["repeated"] == 0
+
+
+def test_a_full_queue_drops_at_the_sender():
+    flow = outcome(one(Medium(loss=0, rate_bps=1e5, queue_frames=3), qos=BEST_EFFORT, rate_hz=1000))
+    assert (flow.dropped == Drop.QUEUE).sum() > 100
+    assert (flow.dropped == Drop.MEDIUM).sum() == 0
+
+
+def test_the_local_cache_publishes_changes_only():
+    done = run(one(change_s=0.5, cached=True, rate_hz=100, duration_s=100, qos=KEEP_ALL), seed=3)
+    values = done.flows["a"].value
+    assert (np.diff(values) > 0).all()
+    assert 150 < len(values) < 250
+    assert done.counts["held"] == 10_000 - len(values)
+
+
+def test_the_longest_silence_bounds_gaps():
+    flow = outcome(one(change_s=10, cached=True, max_silence_s=0.2, rate_hz=100, duration_s=20, qos=KEEP_ALL))
+    assert np.diff(flow.published_ns).max() == 200 * MS
+
+
+def test_cache_control_saves_processing_and_not_frames():
+    with_, without = (
+        run(one(change_s=0.5, service_s=0.001, compare_s=compare, duration_s=20, qos=KEEP_ALL), seed=3)
+        for compare in (1e-5, None)
+    )
+    assert with_.counts["data"] == without.counts["data"]
+    assert with_.counts["processed"] < without.counts["processed"] / 10
+    assert with_.counts["processed"] + with_.counts["compared"] == without.counts["processed"]
+
+
+def test_a_chain_carries_the_value_on():
+    flows = (
+        Flow(name="hello", source="r1", target="station", rate_hz=10, then="move"),
+        Flow(name="move", source="station", target="r1"),
+    )
+    done = run(Scenario(flows=flows, medium=QUIET, duration_s=2), seed=0).flows
+    assert np.array_equal(done["hello"].value, done["move"].value)
+    assert np.array_equal(done["move"].published_ns, done["hello"].received_ns)
+
+
+def test_missed_deadlines_are_counted_and_change_nothing():
+    qos = QoSProfile(reliability=Reliability.BEST_EFFORT, deadline_ns=15 * MS)
+    flow = outcome(one(replace(QUIET, loss=0.2), qos=qos, duration_s=10))
+    gaps = np.diff(flow.received_ns[flow.delivered])
+    assert flow.deadlines_missed() == (gaps // (15 * MS)).sum() > 0
+
+
+def flat_out(*, piggyback):
+    """Fast-DDS issue 19: a reliable writer flat out, a history of about 100, heartbeats every 3 s."""
+    vendor = replace(FAST_DDS, piggyback_when_full=piggyback)
+    medium = Medium(loss=0.001, rate_bps=100e6, overhead_s=0, contention=0, shared=False, queue_frames=50_000)
+    return outcome(one(medium, vendor=vendor, rate_hz=770, qos=QoSProfile(depth=100), duration_s=30), 5)
+
+
+def test_without_piggyback_delivery_stalls_until_the_next_heartbeat_3_s_apart():
+    flow = flat_out(piggyback=False)
+    stalls = np.diff(flow.received_ns[flow.delivered])
+    stalls = stalls[stalls > 0.5 * S]
+    assert len(stalls) >= 5
+    resumed = flow.received_ns[flow.delivered][1:][np.diff(flow.received_ns[flow.delivered]) > 0.5 * S]
+    assert np.allclose(np.diff(resumed) / S % 3, 0, atol=0.02) | np.allclose(
+        np.diff(resumed) / S % 3, 3, atol=0.02
+    )
+    assert flow.loss > 0.3
+
+
+def test_with_piggyback_the_saw_tooth_is_gone():
+    flow = flat_out(piggyback=True)
+    assert np.diff(flow.received_ns[flow.delivered]).max() < 0.2 * S
+    assert flow.loss < 0.01
+
+
+scenarios = st.builds(
+    lambda depth, rate, loss, vendor, shared, service, latency: one(
+        Medium(loss=loss, shared=shared, latency_s=latency, queue_frames=100),
+        vendor=vendor,
+        qos=QoSProfile(depth=depth) if depth else KEEP_ALL,
+        rate_hz=rate,
+        service_s=service,
+        duration_s=3.0,
+    ),
+    depth=st.sampled_from([0, 1, 2, 5, 50, 5000]),
+    rate=st.sampled_from([7.0, 100.0, 900.0]),
+    loss=st.sampled_from([0.0, 0.05, 0.4]),
+    vendor=st.sampled_from([FAST_DDS, CYCLONE_DDS]),
+    shared=st.booleans(),
+    service=st.sampled_from([0.0, 0.0005, 0.01]),
+    latency=st.sampled_from([0.0, 0.004]),
+)
+
+
+@settings(max_examples=80, deadline=None)
+@given(scenarios, st.integers(0, 5))
+def test_a_reader_never_delivers_out_of_order_or_before_publication(scenario, seed):
+    flow = outcome(scenario, seed)
+    assert (np.diff(flow.received_ns[flow.delivered]) >= 0).all(), "one executor, in order of sequence numbers"
+    assert (flow.latency_ns >= 0).all()
+    assert ((flow.received_ns > 0) == flow.delivered).all()
+
+
+@settings(max_examples=80, deadline=None)
+@given(scenarios, st.integers(0, 5))
+def test_every_sample_has_one_fate_and_every_loss_a_place(scenario, seed):
+    flow = outcome(scenario, seed)
+    assert (flow.fate != Fate.NEVER_SENT).all()
+    overwritten = flow.fate == Fate.OVERWRITTEN
+    assert (flow.dropped[overwritten] != Drop.NOT).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.sampled_from([FAST_DDS, CYCLONE_DDS]), st.sampled_from([0.0, 0.1, 0.3]), st.integers(0, 20))
+def test_keep_all_loses_nothing(vendor, loss, seed):
+    scenario = replace(
+        one(replace(QUIET, loss=loss), vendor=vendor, qos=KEEP_ALL, duration_s=2.0), drain_s=300.0
+    )
+    assert outcome(scenario, seed).loss == 0
+
+
+@settings(max_examples=20, deadline=None)
+@given(scenarios, st.integers(0, 100))
+def test_the_same_seed_gives_the_same_outcome_to_the_bit(scenario, seed):
+    first, second = run(scenario, seed=seed), run(scenario, seed=seed)
+    assert first.counts == second.counts
+    for a, b in zip(first.flows.values(), second.flows.values(), strict=True):
+        assert a.received_ns.tobytes() == b.received_ns.tobytes()
+        assert a.fate.tobytes() == b.fate.tobytes()
+
+
+def test_bad_scenarios_are_refused_with_the_place():
+    flow = Flow(name="a", source="r", target="s", rate_hz=1)
+    with pytest.raises(ModelError, match="different names"):
+        Scenario(flows=(flow, flow))
+    with pytest.raises(ModelError, match="then: given 'b'"):
+        Scenario(flows=(replace(flow, then="b"),))
+    with pytest.raises(ModelError, match="loss"):
+        Scenario(flows=(flow,), medium=Medium(loss=1.0))
+    with pytest.raises(ModelError, match="negative"):
+        Scenario(flows=(replace(flow, rate_hz=-1.0),))
+    with pytest.raises(VendorError, match="heartbeat"):
+        replace(FAST_DDS, heartbeat_ns=0)
+    assert isinstance(FAST_DDS, Vendor)
