@@ -1,0 +1,134 @@
+"""The sensors of paper B's robots: Table 1, what each sends, and how often its value changes.
+
+The table's sizes are those of the values as Python objects, as `sys.getsizeof` says them (24 for a float, 28 for
+a truth value, 49 and one a letter for a text), not of what travels: with header and padding the CDR of the same
+values has 8, 8 and 20 or 16 bytes. Both are here. Pure.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+from sfglab.messages import message_type, serialize
+
+__all__ = ["ROBOTS", "SENSORS", "Sensor", "cdr_bytes", "object_bytes", "sensor_message"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor:
+    """One row of Table 1.
+
+    Attributes:
+        name: Of the device, as topics name it.
+        model: Maker and model (section 3.1).
+        type: ROS type of its messages.
+        example: A value that it sends; of the paper's two texts, the one whose size Table 1 gives.
+        table_bytes: Size in Table 1.
+        change_s: Mean time between changes of its value, seconds, while objects move around it.
+        why: Where `change_s` comes from.
+    """
+
+    name: str
+    model: str
+    type: str
+    example: float | bool | str
+    table_bytes: int
+    change_s: float
+    why: str
+
+
+_FLOAT, _BOOL, _STRING = "std_msgs/msg/Float32", "std_msgs/msg/Bool", "std_msgs/msg/String"
+
+SENSORS = {
+    sensor.name: sensor
+    for sensor in (
+        Sensor(
+            name="lidar",
+            model="SLAMTEC A2M8",
+            type=_FLOAT,
+            example=1.25,
+            table_bytes=24,
+            change_s=0.1,
+            why="turns 10 times a second (data sheet), so one direction has a new range as often",
+        ),
+        Sensor(
+            name="flame",
+            model="AYNEF flame sensor module",
+            type=_BOOL,
+            example=False,
+            table_bytes=28,
+            change_s=30.0,
+            why="a threshold switch; a flame or a lamp now and then is assumed",
+        ),
+        Sensor(
+            name="dht11",
+            model="HiLetgo DHT11",
+            type=_FLOAT,
+            example=22.0,
+            table_bytes=24,
+            change_s=10.0,
+            why="one reading a second, whole degrees (data sheet); a new one every ten seconds is assumed",
+        ),
+        Sensor(
+            name="imu",
+            model="HiLetgo MPU-6050",
+            type=_FLOAT,
+            example=0.02,
+            table_bytes=24,
+            change_s=0.001,
+            why="1000 readings a second (data sheet), and noise makes each of them differ",
+        ),
+        Sensor(
+            name="ultrasonic",
+            model="ELEGOO HC-SR04",
+            type=_FLOAT,
+            example=0.73,
+            table_bytes=24,
+            change_s=0.06,
+            why="one measurement takes 60 ms (data sheet)",
+        ),
+        Sensor(
+            name="pir",
+            model="HiLetgo HC-SR501",
+            type=_STRING,
+            example="not detect",
+            table_bytes=59,
+            change_s=3.0,
+            why="holds its output for 3 s at least (data sheet)",
+        ),
+        Sensor(
+            name="light",
+            model="VKLSVAN photosensitive sensor module",
+            type=_STRING,
+            example="light",
+            table_bytes=54,
+            change_s=10.0,
+            why="a threshold switch; somebody passing every ten seconds is assumed",
+        ),
+    )
+}
+"""Paper B, Table 1, by name."""
+
+ROBOTS = {
+    "robot1": ("lidar", "light", "flame", "dht11", "imu", "pir"),
+    "robot2": ("flame", "pir", "ultrasonic", "dht11", "light"),
+    "robot3": ("flame", "pir", "ultrasonic", "dht11", "light"),
+}
+"""Which robot has which sensors: paper B, section 3.1."""
+
+
+def object_bytes(sensor: Sensor) -> int:
+    """Return the size of a sensor's value as a Python object, which is what Table 1 gives."""
+    return sys.getsizeof(sensor.example)
+
+
+def sensor_message(sensor: Sensor, value: Any) -> Any:
+    """Return a sensor's value as the ROS message that it sends."""
+    return message_type(sensor.type)(data=value)
+
+
+def cdr_bytes(sensor: Sensor) -> int:
+    """Return the size of a sensor's message on the wire: CDR with its 4-byte header, padded to whole words."""
+    return len(serialize(sensor_message(sensor, sensor.example)))
