@@ -1,6 +1,6 @@
 """The sensors of paper B's robots: Table 1, what each sends, and how often its value changes.
 
-The table's sizes are those of the values as Python objects, as `sys.getsizeof` says them (24 for a float, 28 for
+The table's sizes are those of the values as Python objects, as `sys.getsizeof` says (24 for a float, 28 for
 a truth value, 49 and one a letter for a text), not of what travels: with header and padding the CDR of the same
 values has 8, 8 and 20 or 16 bytes. Both are here. Pure.
 """

@@ -28,6 +28,7 @@ __all__ = [
     "MessageInfo",
     "MessageType",
     "Node",
+    "NodeInfo",
     "Publisher",
     "Service",
     "Subscription",
@@ -76,7 +77,8 @@ class EndpointInfo:
         transport: "dds", or "shm" for the presence of a shared-memory endpoint.
         participant: The 16-byte GUID of its participant.
         host: Which host it lives on: a host id of sfglab, else a host name, else empty.
-        node: The name of the sfglab node that owns it, else empty.
+        node: The full name of the node that owns it, else empty. Of nodes that are not sfglab's it is known
+            only once the graph was asked for nodes.
         dds_topic: The topic on the wire ("rt/chatter").
         user_data: The endpoint's DDS USER_DATA.
     """
@@ -92,6 +94,30 @@ class EndpointInfo:
     node: str = ""
     dds_topic: str = ""
     user_data: bytes = b""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeInfo:
+    """A node of the computation graph, as its participant announces it.
+
+    Attributes:
+        namespace: The node's namespace, "/" for the root.
+        name: Its name.
+        participant: The 16-byte GUID of its participant.
+        readers: The 16-byte GUIDs of its subscriptions, services' and clients' included, in its own order.
+        writers: The same of its publishers.
+    """
+
+    namespace: str
+    name: str
+    participant: bytes
+    readers: tuple[bytes, ...] = ()
+    writers: tuple[bytes, ...] = ()
+
+    @property
+    def full_name(self) -> str:
+        """The node's name with its namespace."""
+        return f"{self.namespace.rstrip('/')}/{self.name}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,6 +169,17 @@ class Graph(Protocol):
 
     def events(self) -> AsyncIterator[EndpointEvent]:
         """Yield an `EndpointAdded` for every endpoint known now, then every change."""
+
+    def listen(self, listener: Callable[[EndpointEvent], None]) -> Callable[[], None]:
+        """Call `listener` for every endpoint known now and every change; return what ends that."""
+
+    def watch(
+        self, dds_topic: str, kind: EndpointKind, listener: Callable[[EndpointEvent], None]
+    ) -> Callable[[], None]:
+        """Call `listener` as `listen` does, but only for endpoints of one kind on one topic of the wire.
+
+        In a domain of thousands of endpoints, whoever needs few topics watches those.
+        """
 
 
 class Publisher(Protocol):

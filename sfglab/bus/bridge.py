@@ -76,7 +76,7 @@ class Signal:
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
-        self._waiters: set[asyncio.Future[None]] = set()
+        self._waiters: dict[asyncio.Future[None], None] = {}  # woken in the order in which they came
 
     def notify(self) -> None:
         """Let all waiters look again; to be called on the loop."""
@@ -87,11 +87,11 @@ class Signal:
     async def wait(self) -> None:
         """Return at the next notification."""
         waiter = self._loop.create_future()
-        self._waiters.add(waiter)
+        self._waiters[waiter] = None
         try:
             await waiter
         finally:
-            self._waiters.discard(waiter)
+            self._waiters.pop(waiter, None)
 
     async def wait_until(self, predicate: Callable[[], bool], timeout_s: float) -> bool:
         """Return True once the predicate holds, False when it did not within `timeout_s`."""

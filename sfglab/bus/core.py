@@ -7,19 +7,26 @@ collected, and its finalizer closes the core.
 from __future__ import annotations
 
 import asyncio
+import secrets
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sfglab.bus.bridge import LoopBridge
 from sfglab.bus.calls import Calls, OnError
-from sfglab.bus.dds.discovery import Change, Discovery
+from sfglab.bus.dds.discovery import Discovery
 from sfglab.bus.dds.participant import DdsParticipant
+from sfglab.bus.dds.presence import Presence
 from sfglab.bus.graph import Graph
 from sfglab.bus.host import host_id
+from sfglab.bus.transports import open_service_side
 from sfglab.bus.userdata import HOST_KEY, NODE_KEY, user_data
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sfglab.bus.dds.config import DomainConfig
+    from sfglab.bus.inbox import Inbox
+    from sfglab.bus.transports import ServiceReader, ServiceSide, ServiceWriter
 
 __all__ = ["Core", "Owned"]
 
@@ -38,12 +45,13 @@ class Core:
         name: The node's full name.
         config: The DDS domain.
         on_error: Told about exceptions in callbacks; None logs them.
+        presence: Whether ROS 2's tools shall see the node as one.
     """
 
-    def __init__(self, name: str, config: DomainConfig, on_error: OnError | None) -> None:
+    def __init__(self, name: str, config: DomainConfig, on_error: OnError | None, *, presence: bool) -> None:
         self.loop = asyncio.get_running_loop()
         self.bridge = LoopBridge(self.loop)
-        self.graph = Graph(self.loop)
+        self.graph = Graph(self.loop, read_nodes=self._read_nodes)
         self.closed = False
         self._on_error = on_error
         self._owned: list[Owned] = []
@@ -52,11 +60,24 @@ class Core:
         self.participant = DdsParticipant(
             config, identity, name=f"sfglab {name}", after_round=self.bridge.flush
         )
-        Discovery(self.participant.handle, self.participant.waiter, partial(_post, self.bridge, self.graph))
+        post = partial(_post, self.bridge, self.graph.apply)
+        self._discovery = Discovery(self.participant, post)
+        if presence:
+            self.own(Presence(self.participant, self.graph, name, loop=self.loop))
 
     def calls(self, where: str) -> Calls:
         """Return a runner for the callbacks of one endpoint."""
         return Calls(self._tasks, where, self._on_error)
+
+    def random_bytes(self, count: int) -> bytes:
+        """Return bytes that no other node will have."""
+        return secrets.token_bytes(count)
+
+    def open_service_side(
+        self, side: ServiceSide, *, inbox: Inbox, notify: Callable[[], None]
+    ) -> tuple[ServiceWriter, ServiceReader]:
+        """Return what one side of a service sends and receives by."""
+        return open_service_side(self, side, inbox=inbox, notify=notify)
 
     def own(self, thing: Owned) -> None:
         """Close `thing` when the node closes."""
@@ -84,6 +105,10 @@ class Core:
         if tasks:
             await asyncio.wait(tasks)
 
+    def _read_nodes(self) -> None:
+        if not self.closed:
+            self._discovery.read_nodes(partial(_post, self.bridge, self.graph.learn_nodes))
+
     def _close_owned(self) -> None:
         for thing in reversed(self._owned):
             thing.close()
@@ -95,8 +120,8 @@ class Core:
         self.participant.close()
 
 
-def _post(bridge: LoopBridge, graph: Graph, changes: list[Change]) -> None:
-    bridge.post(partial(graph.apply, changes))
+def _post(bridge: LoopBridge, take: Callable[..., None], *values: Any) -> None:
+    bridge.post(partial(take, *values))
 
 
 def _running_loop() -> asyncio.AbstractEventLoop | None:

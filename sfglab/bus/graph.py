@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointInfo, EndpointKind, EndpointRemoved
+from sfglab.bus.api import (
+    EndpointAdded,
+    EndpointEvent,
+    EndpointInfo,
+    EndpointKind,
+    EndpointRemoved,
+    NodeInfo,
+)
 from sfglab.bus.bridge import Signal
 
 if TYPE_CHECKING:
@@ -22,12 +30,18 @@ class Graph:
 
     Args:
         loop: The node's loop.
+        read_nodes: Called once, when somebody first asks for nodes: lets `learn_nodes` be called.
     """
 
-    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, *, read_nodes: Callable[[], None] = lambda: None
+    ) -> None:
+        self._read_nodes: Callable[[], None] | None = read_nodes
+        self._nodes: dict[bytes, tuple[NodeInfo, ...]] = {}
+        self._owners: dict[bytes, str] = {}
         self._endpoints: dict[bytes, EndpointInfo] = {}
         self._listeners: list[Callable[[EndpointEvent], None]] = []
-        self._streams: set[asyncio.Queue[EndpointEvent | None]] = set()
+        self._streams: dict[asyncio.Queue[EndpointEvent | None], None] = {}
         self._changed = Signal(loop)
         self._closed = False
 
@@ -50,6 +64,18 @@ class Graph:
             found.setdefault(endpoint.topic, set()).add(endpoint.type)
         return {topic: tuple(sorted(found[topic])) for topic in sorted(found)}
 
+    def nodes(self) -> tuple[NodeInfo, ...]:
+        """Return the nodes that announce themselves to ROS 2's graph, ordered by name.
+
+        They are read from the first call on, so it returns nothing yet: wait with `wait_for`. From then on
+        `EndpointInfo.node` also names the owners that are not nodes of sfglab.
+        """
+        if self._read_nodes is not None:
+            read, self._read_nodes = self._read_nodes, None
+            read()
+        found = [node for nodes in self._nodes.values() for node in nodes]
+        return tuple(sorted(found, key=lambda node: (node.full_name, node.participant)))
+
     async def events(self) -> AsyncIterator[EndpointEvent]:
         """Yield an `EndpointAdded` for every endpoint known now, then every change until the node closes."""
         stream: asyncio.Queue[EndpointEvent | None] = asyncio.Queue()
@@ -57,12 +83,12 @@ class Graph:
             stream.put_nowait(EndpointAdded(endpoint=endpoint))
         if self._closed:
             stream.put_nowait(None)
-        self._streams.add(stream)
+        self._streams[stream] = None
         try:
             while (event := await stream.get()) is not None:
                 yield event
         finally:
-            self._streams.discard(stream)
+            self._streams.pop(stream, None)
 
     async def wait_for(self, predicate: Callable[[], bool], timeout_s: float = 5.0) -> bool:
         """Return True once a predicate over this graph holds, False when it did not within `timeout_s`."""
@@ -75,18 +101,47 @@ class Graph:
         self._listeners.append(listener)
         return lambda: self._listeners.remove(listener) if listener in self._listeners else None
 
+    def watch(
+        self, dds_topic: str, kind: EndpointKind, listener: Callable[[EndpointEvent], None]
+    ) -> Callable[[], None]:
+        """Call `listener` as `listen` does, but only for endpoints of one kind on one topic of the wire."""
+
+        def heard(event: EndpointEvent) -> None:
+            if event.endpoint.dds_topic == dds_topic and event.endpoint.kind is kind:
+                listener(event)
+
+        return self.listen(heard)
+
     def apply(self, changes: Iterable[tuple[bytes, EndpointInfo | None]]) -> None:
-        """Take over discovered changes; None means that the endpoint has gone."""
+        """Take over discovered changes; None means that the endpoint, or participant, has gone."""
         for gid, endpoint in changes:
             known = self._endpoints.get(gid)
             if endpoint is None:
+                self._forget_nodes(gid)
                 if known is not None:
                     del self._endpoints[gid]
                     self._tell(EndpointRemoved(endpoint=known))
-            elif endpoint != known:
-                self._endpoints[gid] = endpoint
-                self._tell(EndpointAdded(endpoint=endpoint))
+            elif (owned := self._owned(endpoint)) != known:
+                self._endpoints[gid] = owned
+                self._tell(EndpointAdded(endpoint=owned))
         self._changed.notify()
+
+    def learn_nodes(self, participant: bytes, nodes: tuple[NodeInfo, ...]) -> None:
+        """Take over the complete list of a participant's nodes."""
+        self._forget_nodes(participant)
+        self._nodes[participant] = nodes
+        owners = {gid: node.full_name for node in nodes for gid in (*node.readers, *node.writers)}
+        self._owners |= owners
+        self.apply([(gid, self._endpoints[gid]) for gid in owners if gid in self._endpoints])
+
+    def _forget_nodes(self, participant: bytes) -> None:
+        for node in self._nodes.pop(participant, ()):
+            for gid in (*node.readers, *node.writers):
+                self._owners.pop(gid, None)
+
+    def _owned(self, endpoint: EndpointInfo) -> EndpointInfo:
+        owner = "" if endpoint.node else self._owners.get(endpoint.gid, "")
+        return replace(endpoint, node=owner) if owner else endpoint
 
     def close(self) -> None:
         """End all event streams."""

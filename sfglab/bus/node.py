@@ -49,8 +49,9 @@ class Node:
         namespace: Where relative topic names live.
         domain_id: The DDS domain, 0 to 232.
         on_error: Called with every exception of a callback and a text that names its place; None logs it.
-        domain: `interface`, `multicast` and `lease_s` of `DomainConfig`; nodes of one process and domain
-            share them.
+        presence: False keeps the node off ROS 2's graph: its endpoints are seen, but not as a node's.
+        domain: `interface`, `multicast`, `lease_s` and `external_domain_id` of `DomainConfig`; nodes of one
+            process and domain share them.
     """
 
     def __init__(
@@ -60,12 +61,14 @@ class Node:
         namespace: str = "/",
         domain_id: int = 0,
         on_error: OnError | None = None,
+        presence: bool = True,
         **domain: Unpack[DomainOptions],
     ) -> None:
         self._name = name
         self._namespace = namespace
         self._config = DomainConfig(domain_id=domain_id, **domain)
         self._on_error = on_error
+        self._presence = presence
         self._clock = SystemClock()
         self._live: Core | None = None
         self._finalizer: Callable[[], object] | None = None
@@ -227,9 +230,8 @@ class Node:
     def _start(self) -> None:
         if self._live is not None and not self._live.closed:
             return
-        self._live = Core(
-            names.resolve(self._name, self._namespace, node_name=self._name), self._config, self._on_error
-        )
+        name = names.resolve(self._name, self._namespace, node_name=self._name)
+        self._live = Core(name, self._config, self._on_error, presence=self._presence)
         self._finalizer = weakref.finalize(self, self._live.close)
 
     def _resolve(self, name: str) -> str:

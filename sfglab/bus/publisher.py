@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sfglab.bus.errors import ClosedError, DiscoveryTimeoutError, WrongTypeError
@@ -148,9 +147,10 @@ class Publisher:
 
     async def wait_for_all_acked(self, timeout_s: float = 5.0) -> bool:
         """Return True once all reliable subscriptions have acknowledged everything, False after `timeout_s`."""
-        deadline_s = time.monotonic() + timeout_s
+        loop = self._core.loop
+        deadline_s = loop.time() + timeout_s
         while not self._writer.wait_for_acks(0.0):
-            if time.monotonic() >= deadline_s:
+            if loop.time() >= deadline_s:
                 return False
             await asyncio.sleep(0.001)  # the C call can only poll or block
         return True

@@ -1,25 +1,26 @@
 """Services over DDS as rmw_cyclonedds frames them: a request topic, a reply topic, and who asked in front.
 
-Interoperates with ROS 2 nodes on rmw_cyclonedds. rmw_fastrtps correlates replies by RTPS sample identities,
-which Cyclone's API cannot set, so its nodes are out of reach for services (topics are fine).
+Interoperates with ROS 2 nodes on rmw_cyclonedds. What cannot work is a service between these and rmw_fastrtps,
+also without us (topics are fine): rmw_fastrtps sends the bare request and reply and correlates them by the
+RTPS sample identity in the inline QoS (`related_sample_identity`), which Cyclone's API neither sets nor shows.
+Its clients therefore drop a reply from here, which names no request; and as both announce the same type name,
+they match, and either takes the other's bytes for fields without noticing. Give all nodes of a domain the same
+of the two, or keep services among those that share one.
 """
 
 from __future__ import annotations
 
 import asyncio
 import inspect
-import secrets
-import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab import names
 from sfglab.bus.bridge import Signal
-from sfglab.bus.dds.endpoints import RawReader, RawWriter
 from sfglab.bus.errors import ClosedError, DiscoveryTimeoutError, ServiceTimeoutError
 from sfglab.bus.inbox import Inbox
 from sfglab.bus.publisher import checked_type
 from sfglab.bus.queue import Sample, SampleQueue
+from sfglab.bus.transports import ServiceSide
 from sfglab.bus.userdata import user_data
 from sfglab.messages import (
     ServiceFrame,
@@ -52,35 +53,17 @@ class _Pair:
     def __init__(
         self, core: Core, type_: str, name: str, *, server: bool, on_frame: Callable[[ServiceFrame, bytes], Any]
     ) -> None:
-        from sfglab.messages.dds import service_idl_struct
-
         self.name = name
         self.changed = Signal(core.loop)
         self.calls = core.calls(f"{'service' if server else 'client'} {name!r}")
         self._core = core
-        idl = dict(zip(names.dds_service(name), service_idl_struct(type_), strict=True))
-        request, reply = idl
-        out, in_ = (reply, request) if server else (request, reply)
-        identity = user_data({"serviceid" if server else "clientid": _dotted(secrets.token_bytes(16))})
-        participant = core.participant
-        inbox = Inbox(
+        identity = user_data({"serviceid" if server else "clientid": _dotted(core.random_bytes(16))})
+        side = ServiceSide(name=name, type=type_, server=server, qos=_QOS, user_data=identity)
+        self.inbox = Inbox(
             core.bridge, SampleQueue(_QOS), decode=_framed, callback=lambda f: on_frame(*f), calls=self.calls
         )
         notify = partial(core.bridge.post, self.changed.notify)
-        self.writer = RawWriter(
-            participant.create_writer(out, idl[out], _QOS, user_data=identity),
-            name,
-            type_=type_,
-            waiter=participant.waiter,
-            on_matched=notify,
-        )
-        self.reader = RawReader(
-            participant.create_reader(in_, idl[in_], _QOS, user_data=identity),
-            waiter=participant.waiter,
-            on_samples=inbox.push_from_thread,
-            on_matched=notify,
-        )
-        self.inbox = inbox
+        self.writer, self.reader = core.open_service_side(side, inbox=self.inbox, notify=notify)
         self._on_close: Callable[[], None] = lambda: None
 
     def peers(self) -> frozenset[bytes]:
@@ -173,7 +156,7 @@ class Client:
         service = service_type(type_)
         self._request_type = type_name(service.request)
         self._response = service.response
-        self._guid = secrets.randbits(64)
+        self._guid = int.from_bytes(core.random_bytes(8), "little")
         self._sequence = 0
         self._pending: dict[int, asyncio.Future[ServiceFrame]] = {}
         on_frame = partial(_resolve, self._guid, self._pending)
@@ -217,10 +200,10 @@ class Client:
         if self._pair.inbox.closed or self._core.closed:
             raise ClosedError(f"client {name!r}")
         checked_type(request, type_=self._request_type, where=name)
-        start_s = time.monotonic()
+        start_s = self._core.loop.time()
         if not await self._pair.changed.wait_until(self.service_is_ready, timeout_s):
             raise ServiceTimeoutError(name, timeout_s=timeout_s, reason="no server was found")
-        remaining_s = timeout_s - (time.monotonic() - start_s)
+        remaining_s = timeout_s - (self._core.loop.time() - start_s)
         try:
             async with asyncio.timeout(remaining_s):
                 frame = await self._exchange(serialize(request))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, Protocol, get_args
 
 from sfglab import names
 from sfglab.bus.api import Transport
@@ -21,7 +21,18 @@ if TYPE_CHECKING:
     from sfglab.bus.subscription import Reader
     from sfglab.qos import QoSProfile
 
-__all__ = ["DEFAULT_MAX_MESSAGE_BYTES", "Target", "TransportError", "open_reader", "open_writer"]
+__all__ = [
+    "DEFAULT_MAX_MESSAGE_BYTES",
+    "ServiceReader",
+    "ServiceSide",
+    "ServiceWriter",
+    "Target",
+    "TransportError",
+    "check_transport",
+    "open_reader",
+    "open_service_side",
+    "open_writer",
+]
 
 DEFAULT_MAX_MESSAGE_BYTES = 64 * 2**20
 """An uncompressed 4K image has 25 MB; a cloud of two million points 64 MB."""
@@ -48,6 +59,42 @@ class Target:
     qos: QoSProfile
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServiceSide:
+    """The server's or a client's side of a service: a writer of one of its topics, a reader of the other."""
+
+    name: str
+    type: str
+    server: bool
+    qos: QoSProfile
+    user_data: bytes
+
+
+class ServiceWriter(Protocol):
+    """What one side of a service sends by."""
+
+    @property
+    def matched_prefixes(self) -> frozenset[bytes]:
+        """The GUID prefixes of the participants whose readers match now."""
+
+    def write(self, cdr: bytes) -> None:
+        """Send a frame."""
+
+    def close(self) -> None:
+        """Release everything."""
+
+
+class ServiceReader(Protocol):
+    """What one side of a service receives by."""
+
+    @property
+    def matched_prefixes(self) -> frozenset[bytes]:
+        """The GUID prefixes of the participants whose writers match now."""
+
+    def close(self) -> None:
+        """Release everything."""
+
+
 class _DdsWriter(RawWriter):
     def write_message(self, message: Any) -> None:
         self.write(serialize(message))
@@ -57,7 +104,7 @@ def open_writer(
     core: Core, target: Target, transport: Transport, *, notify: Callable[[], None], max_message_bytes: int
 ) -> Writer:
     """Return the sending side of a new publisher; `notify` is called when its subscriptions change."""
-    _check(transport)
+    check_transport(transport)
     if transport == "shm":
         from sfglab.bus.shm.writer import ShmWriter
 
@@ -80,7 +127,7 @@ def open_reader(
     core: Core, target: Target, transport: Transport, *, notify: Callable[[], None], inbox: Inbox
 ) -> Reader:
     """Return the receiving side of a new subscription, which pushes into `inbox`."""
-    _check(transport)
+    check_transport(transport)
     if transport == "shm":
         from sfglab.bus.shm.reader import ShmReader
 
@@ -93,7 +140,38 @@ def open_reader(
     return RawReader(handle, waiter=waiter, on_samples=inbox.push_from_thread, on_matched=notify)
 
 
-def _check(transport: str) -> None:
+def open_service_side(
+    core: Core, side: ServiceSide, *, inbox: Inbox, notify: Callable[[], None]
+) -> tuple[ServiceWriter, ServiceReader]:
+    """Return the DDS writer and reader of one side of a service; `notify` is called when its peers change."""
+    from sfglab.messages.dds import service_idl_struct
+
+    idl = dict(zip(names.dds_service(side.name), service_idl_struct(side.type), strict=True))
+    request, reply = idl
+    out, in_ = (reply, request) if side.server else (request, reply)
+    participant = core.participant
+    writer = RawWriter(
+        participant.create_writer(out, idl[out], side.qos, user_data=side.user_data),
+        side.name,
+        type_=side.type,
+        waiter=participant.waiter,
+        on_matched=notify,
+    )
+    reader = RawReader(
+        participant.create_reader(in_, idl[in_], side.qos, user_data=side.user_data),
+        waiter=participant.waiter,
+        on_samples=inbox.push_from_thread,
+        on_matched=notify,
+    )
+    return writer, reader
+
+
+def check_transport(transport: str) -> None:
+    """Refuse a transport that does not exist.
+
+    Raises:
+        TransportError: It does not.
+    """
     if transport not in get_args(Transport):
         raise TransportError(transport)
 

@@ -26,6 +26,7 @@ from sfglab.codecs.h264 import DecoderState, H264Decoder, VideoDecoder
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from av import VideoFrame
     from numpy.typing import NDArray
 
 __all__ = ["DecodedImage", "ImageDecoder", "image_decoder"]
@@ -65,6 +66,15 @@ class ImageDecoder(Protocol):
 
         Raises:
             CodecError: If it cannot be decoded; the next messages may be.
+        """
+
+    def skip(self, message: Any) -> None:
+        """Take one message whose picture nobody wants, so that the next ones can be decoded.
+
+        Cheaper than `feed`: nothing is converted to pixels.
+
+        Raises:
+            CodecError: As `feed`.
         """
 
     def reset(self) -> None:
@@ -155,7 +165,7 @@ class _StreamDecoder:
     def feed(self, message: Any) -> tuple[DecodedImage, ...]:
         """Decode one message."""
         content = self._read(message)
-        codec = content.codec if content.codec in ("depth", *_HINTS) else self._hint
+        codec = self._codec(content)
         if codec in _VIDEO:
             return self._decode_video(codec, content)
         if codec in ("depth", "rvl"):
@@ -168,25 +178,38 @@ class _StreamDecoder:
             raise CodecUnavailableError(content.codec, reason=reason)
         return (DecodedImage(array=array, encoding=encoding, is_key=True, intact=True),)
 
+    def skip(self, message: Any) -> None:
+        """Keep up with the stream without a picture; a still image is passed over unread."""
+        content = self._read(message)
+        codec = self._codec(content)
+        if codec in _VIDEO:
+            self._decode_packet(codec, content)
+
     def reset(self) -> None:
         """Forget the reference frames and the count of packets."""
         self._next_pts, self._intact = None, True
         if self._video is not None:
             self._video.reset()
 
+    def _codec(self, content: _Content) -> str:
+        return content.codec if content.codec in ("depth", *_HINTS) else self._hint
+
     def _decode_video(self, codec: str, content: _Content) -> tuple[DecodedImage, ...]:
+        video, frames = self._decode_packet(codec, content)
+        return tuple(
+            DecodedImage(array=video.bgr(frame), encoding="bgr8", is_key=frame.key_frame, intact=self._intact)
+            for frame in frames
+        )
+
+    def _decode_packet(self, codec: str, content: _Content) -> tuple[VideoDecoder, tuple[VideoFrame, ...]]:
         if self._video is None or self._video.codec != codec:
             self._video = _video_decoder(codec)
         if content.pts is not None:
             self._intact &= self._next_pts in (None, content.pts)
             self._next_pts = content.pts + 1
-        images = []
-        for frame in self._video.decode(content.data):
-            self._intact |= frame.key_frame
-            pixels = self._video.bgr(frame)
-            image = DecodedImage(array=pixels, encoding="bgr8", is_key=frame.key_frame, intact=self._intact)
-            images.append(image)
-        return tuple(images)
+        frames = self._video.decode(content.data)
+        self._intact |= any(frame.key_frame for frame in frames)
+        return self._video, frames
 
 
 def _video_decoder(codec: str) -> VideoDecoder:

@@ -3,7 +3,8 @@
 Every component of an agent is started as ``python -m sfglab.fleet.<package> CONFIG`` with its configuration as
 one JSON argument. It reports JSON values, one a line: ``{"is": "ready"}`` once it serves, ``{"is": "failed",
 "why": ...}`` before it gives up, and what its own documentation names. It ends when its standard input ends,
-which is when whoever started it is gone, or when it is told to terminate.
+which is when whoever started it is gone, or when it is told to terminate; a clean-up that hangs is cut short,
+because nobody may be left to do so.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 __all__ = ["Report", "run_component"]
 
 Report = dict[str, Any]
+
+END_LIMIT_S = 10
+"""How long a component may take to end, in seconds; then the kernel ends it."""
 
 
 def run_component(
@@ -58,13 +62,21 @@ async def _until_told(
     on_order: Callable[[Report], None],
 ) -> None:
     serving = asyncio.ensure_future(body(report))
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, serving.cancel)
     hearing = asyncio.create_task(_hear(on_order))
-    await asyncio.wait({serving, hearing}, return_when=asyncio.FIRST_COMPLETED)
-    hearing.cancel()
-    serving.cancel()
-    with contextlib.suppress(asyncio.CancelledError):
-        await serving
+
+    def end() -> None:
+        signal.alarm(END_LIMIT_S)  # unhandled it ends the process, whatever our threads are waiting for
+        serving.cancel()
+
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, end)
+    hearing.add_done_callback(lambda _: end())
+    try:
+        with contextlib.suppress(asyncio.CancelledError):
+            await serving
+    finally:
+        hearing.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await hearing
 
 
 async def _hear(on_order: Callable[[Report], None]) -> None:

@@ -18,7 +18,15 @@ from sfglab.messages.typenames import TypeNameError, dds_type_name, ros_type_nam
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc
 
-__all__ = ["TypeNameError", "dds_type_name", "idl_struct", "ros_type_name", "service_idl_struct"]
+__all__ = [
+    "TypeNameError",
+    "dds_type_name",
+    "idl_struct",
+    "opaque_idl_struct",
+    "ros_type_name",
+    "service_half_idl_struct",
+    "service_idl_struct",
+]
 
 _PRIMITIVES: dict[str, Any] = {
     "bool": bool,
@@ -29,6 +37,7 @@ _PRIMITIVES: dict[str, Any] = {
 }
 # rmw_cyclonedds, serdata.hpp: cdds_request_header_t.
 _SERVICE_HEADER = {"rmw_client_guid": types.uint64, "rmw_sequence": types.int64}
+_HALVES = ("Request", "Response")
 
 
 def _generic(constructor: Any) -> Any:
@@ -109,3 +118,33 @@ def service_idl_struct(name: str) -> tuple[type[IdlStruct], type[IdlStruct]]:
     service = service_type(name)
     names = type_name(service.request), type_name(service.response)
     return _made(names[0], _SERVICE_HEADER), _made(names[1], _SERVICE_HEADER)
+
+
+def service_half_idl_struct(name: str) -> type[IdlStruct]:
+    """Return the Cyclone DDS type of a service's request or reply alone; see `service_idl_struct`.
+
+    Args:
+        name: Such as `sfglab_interfaces/srv/GetMetadata_Request`.
+
+    Raises:
+        UnknownTypeError: There is no such service.
+    """
+    service, _, half = name.rpartition("_")
+    return service_idl_struct(service)[_HALVES.index(half) if half in _HALVES else 0]
+
+
+@functools.cache
+def opaque_idl_struct(name: str) -> type[IdlStruct]:
+    """Return a Cyclone DDS type of which only the name is known, to pass samples on as they are.
+
+    It matches endpoints that announce no description of their type, which are those of ROS 2, and other opaque
+    ones; Cyclone DDS lets any CDR pass whose first octet exists.
+
+    Args:
+        name: The ROS name, or the DDS name of a type that has no ROS name.
+    """
+    try:
+        announced = dds_type_name(name)
+    except TypeNameError:
+        announced = name
+    return make_idl_struct("Opaque", announced, {"first_octet": types.uint8})

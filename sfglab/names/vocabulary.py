@@ -155,6 +155,7 @@ class Resource(_Standard):
     COMPRESSED = "compressed", _SENSOR, _TOPIC
     COMPRESSED_DEPTH = "compressed_depth", _SENSOR, _TOPIC
     FFMPEG = "ffmpeg", _SENSOR, _TOPIC
+    FFMPEG_REPLAY = "ffmpeg_replay", _SENSOR, _TOPIC
     CAMERA_INFO = "camera_info", _SENSOR, _TOPIC
     POINTS = "points", _SENSOR, _TOPIC
     SCAN = "scan", _SENSOR, _TOPIC

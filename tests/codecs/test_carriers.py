@@ -98,6 +98,27 @@ def test_ffmpeg_packets_decode_to_the_decoders_pixels(stream):
         assert np.array_equal(image.array, direct.decode_bgr(frame.data)[0])
 
 
+def test_skipped_packets_leave_the_pictures_after_them_as_they_would_be(stream):
+    decoder, continuous = image_decoder(FFMPEG_PACKET), H264Decoder()
+    expected = [continuous.decode_bgr(frame.data)[0] for frame in stream[:13]]
+    for packet in packets(stream, 0, 12):
+        decoder.skip(packet)
+    (image,) = decoder.feed(packets(stream, 12, 13)[0])
+    assert np.array_equal(image.array, expected[-1])
+    assert image.intact
+
+
+def test_a_skipped_packet_that_is_broken_or_a_still_image_is_treated_as_it_would_be_decoded(stream):
+    decoder = image_decoder(FFMPEG_PACKET)
+    decoder.skip(packets(stream, 0, 1)[0])
+    bad = packets(stream, 1, 2)[0]
+    bad.data = bad.data[:100]
+    with pytest.raises(BitstreamError):
+        decoder.skip(bad)
+    assert decoder.waiting_for_keyframe
+    image_decoder(COMPRESSED_IMAGE, "png").skip(SimpleNamespace(format="bgr8; png compressed bgr8", data=b""))
+
+
 def test_a_late_joiner_passes_over_packets_until_the_key_frame(stream):
     decoder = image_decoder(FFMPEG_PACKET)
     assert [decoder.feed(packet) for packet in packets(stream, 20, 30)] == [()] * 10

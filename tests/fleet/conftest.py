@@ -34,17 +34,18 @@ class Camera:
         qos = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=60)
         self.publisher = node.create_publisher(FFMPEG, STREAM, qos)
         self.size = (320, 192)
+        self.gop = 5
         self.level = 0
 
     async def shoot(self) -> None:
         width, height = self.size
         settings = H264Settings(
-            width=width, height=height, fps=50, bitrate_bps=1_000_000, gop=5, encoder="libx264"
+            width=width, height=height, fps=50, bitrate_bps=1_000_000, gop=self.gop, encoder="libx264"
         )
         encoder = H264Encoder(settings)
         while (width, height) == self.size:
             self.level = self.level % 200 + 1
-            picture = np.full((height, width, 3), self.level, dtype=np.uint8)
+            picture = self.picture(height, width)
             header = message_type("std_msgs/msg/Header")(
                 stamp=stamp_from_ns(self.level * 10**9), frame_id="camera"
             )
@@ -53,6 +54,9 @@ class Camera:
                 fields["data"] = np.frombuffer(fields["data"], dtype=np.uint8)
                 self.publisher.publish(message_type(FFMPEG)(header=header, **fields))
             await asyncio.sleep(0.02)
+
+    def picture(self, height: int, width: int) -> np.ndarray:
+        return np.full((height, width, 3), self.level, dtype=np.uint8)
 
     @asynccontextmanager
     async def running(self):

@@ -11,12 +11,11 @@ import psutil
 import pytest
 from conftest import FFMPEG, IMAGE, INFO, LOCAL, LOCAL_INFO, STREAM, Camera
 
-from sfglab.messages import default_message, message_type, ns_from_stamp, stamp_from_ns
+from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS
+from sfglab.messages import default_message, ns_from_stamp, stamp_from_ns
 from sfglab.qos import SENSOR_DATA
 
 pytestmark = [pytest.mark.live, pytest.mark.timeout(60)]
-
-EVENT = "sfglab_interfaces/msg/AgentDiscoveryEvent"
 
 
 def run(coroutine):
@@ -77,7 +76,9 @@ def test_a_plain_dds_subscriber_is_served_from_the_same_pipeline(serve):
             assert images[0].encoding == "bgr8"
             assert (images[0].height, images[0].width, images[0].step) == (192, 320, 960)
             await right_pictures(shared)
-            assert len(decoder.pool.pids) == 2, "one pipeline and one spare"
+            async with asyncio.timeout(10):
+                while len(decoder.pool.pids) != 2:  # one pipeline and, a while later, one spare
+                    await asyncio.sleep(0.01)
 
     run(scenario())
 
@@ -167,7 +168,7 @@ def test_camera_info_is_relayed_unchanged_on_demand(serve):
 
 
 def discovery_event(kind: str):
-    event = default_message(EVENT)
+    event = default_message(DISCOVERY_EVENT)
     event.agent, event.event = "go2", getattr(event, kind)
     stream = default_message("sfglab_interfaces/msg/StreamInfo")
     stream.topic, stream.type, stream.codec = STREAM, FFMPEG, "h264"
@@ -184,7 +185,7 @@ def test_agents_come_and_go_by_discovery_events(serve):
     async def scenario():
         async with serve(streams=(), discovery_topic=topic) as (far, near, decoder), Camera(far).running():
             subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
-            discoverer = near.create_publisher(message_type(EVENT), topic)
+            discoverer = near.create_publisher(DISCOVERY_EVENT, topic, DISCOVERY_QOS)
             await discoverer.wait_for_subscriptions(1, 10)
             discoverer.publish(discovery_event("DISCOVERED"))
             await right_pictures(subscription)

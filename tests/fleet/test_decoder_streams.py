@@ -16,7 +16,7 @@ from sfglab.fleet.decoder.protocol import (
     encode_line,
 )
 from sfglab.fleet.decoder.streams import StreamError, routes_of_agent, routes_of_topic
-from sfglab.messages import default_message, deserialize
+from sfglab.messages import default_message, deserialize, stamp_from_ns
 
 COLOR = "/global/go2/camera_front/color/ffmpeg"
 
@@ -42,8 +42,19 @@ def test_a_stream_known_by_its_name_alone_is_offered_with_its_camera_info():
     assert info.codec == RELAY
 
 
+def test_only_streams_of_numbered_packets_have_a_replay():
+    image, info = routes_of_topic(COLOR)
+    assert image.replay_topic == "/global/go2/camera_front/color/ffmpeg_replay"
+    assert info.replay_topic == ""
+    (described,), _ = routes_of_agent(metadata())
+    assert described.replay_topic == image.replay_topic
+    (other,), _ = routes_of_agent(metadata(type="foxglove_msgs/msg/CompressedVideo"))
+    assert other.replay_topic == ""
+
+
 def test_depth_is_an_image_too():
     image, _ = routes_of_topic("/global/go2/camera_front/depth/compressed_depth")
+    assert image.replay_topic == ""
     assert image.local_topic == "/local/go2/camera_front/depth/image_raw"
     assert image.source_type == "sensor_msgs/msg/CompressedImage"
 
@@ -84,9 +95,16 @@ def test_an_agent_cannot_offer_streams_in_anothers_name():
 
 def test_lines_between_processes_come_back_as_they_went():
     for line in (
-        Open(source_topic="/a", source_type="t", codec="", local_topic="/b", transports=("dds", "shm")),
+        Open(
+            source_topic="/a",
+            source_type="t",
+            codec="",
+            local_topic="/b",
+            replay_topic="/a_replay",
+            transports=("dds", "shm"),
+        ),
         Close(),
-        Statistics(received=3, published=2, broken=1, last_error="x"),
+        Statistics(received=3, replayed=4, published=2, broken=1, last_error="x"),
     ):
         assert decode_line(encode_line(line)) == line
 
@@ -106,13 +124,13 @@ def test_a_line_outside_the_vocabulary_is_refused(raw):
 def test_an_image_written_in_two_parts_is_the_message_itself(shape, dtype, encoding):
     pixels = np.arange(np.prod(shape)).astype(dtype).reshape(shape)
     header = default_message("std_msgs/msg/Header")
-    header.frame_id = "camera"
+    header.frame_id, header.stamp = "camera", stamp_from_ns(1_700_000_000_123_456_789)
     prefix = image_prefix(header, pixels, encoding)
     buffer = bytearray(len(prefix) + pixels.nbytes)
     write_image(buffer, prefix, pixels)
     for data in (bytes(buffer), image_bytes(prefix, pixels)):
         image = deserialize(data, "sensor_msgs/msg/Image")
         assert (image.height, image.width, image.step) == (shape[0], shape[1], pixels.strides[0])
-        assert (image.encoding, image.header.frame_id) == (encoding, "camera")
+        assert (image.encoding, image.header) == (encoding, header)
         assert np.array_equal(image.data.view(dtype).reshape(shape), pixels)
     assert len(image_bytes(prefix, pixels)) % 4 == 0

@@ -39,7 +39,7 @@ def image(pixels):
 def test_golden_bytes_of_an_agent_heartbeat():
     stamp = message_type("builtin_interfaces/msg/Time")(sec=1, nanosec=2)
     heartbeat = message_type("sfglab_interfaces/msg/AgentHeartbeat")(
-        stamp=stamp, agent="r1", incarnation=3, phase=1, period_s=0.5, version="0"
+        stamp=stamp, agent="r1", incarnation=3, revision=4, phase=1, period_s=0.5, version="0"
     )
     assert serialize(heartbeat) == (
         bytes.fromhex("00010000")  # little endian
@@ -48,8 +48,9 @@ def test_golden_bytes_of_an_agent_heartbeat():
         + b"r1\0"
         + bytes(1)  # to a multiple of 8, counted after the header
         + struct.pack("<Q", 3)
+        + struct.pack("<I", 4)
         + struct.pack("<B", 1)
-        + bytes(7)
+        + bytes(3)  # to a multiple of 8
         + struct.pack("<d", 0.5)
         + struct.pack("<I", 2)
         + b"0\0"

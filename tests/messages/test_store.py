@@ -27,12 +27,12 @@ FIELDS = {
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "header width height encoding pts flags is_bigendian data",
     "foxglove_msgs/msg/CompressedVideo": "timestamp frame_id data format",
     "rmw_dds_common/msg/Gid": "data",
-    "sfglab_interfaces/msg/AgentHeartbeat": "stamp agent incarnation phase period_s version",
+    "sfglab_interfaces/msg/AgentHeartbeat": "stamp agent incarnation revision phase period_s version",
     "sfglab_interfaces/msg/StreamInfo": (
         "topic type codec decoded_topic camera_info_topic width height rate_hz"
     ),
     "sfglab_interfaces/msg/SensorInfo": "name model streams",
-    "sfglab_interfaces/msg/AgentMetadata": "agent incarnation sensors accelerators software stamp",
+    "sfglab_interfaces/msg/AgentMetadata": "agent incarnation revision sensors accelerators software stamp",
     "sfglab_interfaces/msg/AgentDiscoveryEvent": "stamp agent event metadata",
     "sfglab_interfaces/srv/GetMetadata_Response": "success message metadata",
 }

@@ -14,6 +14,8 @@ from sfglab.names import After, Component, Custom, FqnError, Resource, ResourceK
 from sfglab.names.vocabulary import read_standard
 
 SETS = (Component, Stream, Resource)
+TAKEN = {(Resource.COMPRESSED, "depth"), (Resource.FFMPEG, "replay")}
+"""Values and first words of suffixes that together spell another standard value."""
 STANDARD = st.sampled_from([value for values in SETS for value in values])
 SUFFIXES = st.from_regex(r"[A-Za-z0-9]{1,5}(_[A-Za-z0-9]{1,4}){0,2}", fullmatch=True)
 
@@ -26,14 +28,14 @@ def test_standard_values_are_lower_case_words_that_end_in_a_letter_and_differ(va
     assert all(values(text).name == text.upper() for text in texts)
 
 
-def test_the_only_standard_value_that_continues_another_is_compressed_depth():
+def test_only_compressed_depth_and_ffmpeg_replay_continue_another_standard_value():
     continued = {
         (longer.text, shorter.text)
         for values in SETS
         for longer, shorter in permutations(values, 2)
         if re.fullmatch(rf"{shorter.text}(_.*|[0-9]+)", longer.text)
     }
-    assert continued == {("compressed_depth", "compressed")}
+    assert continued == {("compressed_depth", "compressed"), ("ffmpeg_replay", "ffmpeg")}
 
 
 def test_every_resource_may_stand_somewhere():
@@ -57,8 +59,8 @@ def test_digits_follow_directly_and_other_suffixes_behind_an_underscore(value, s
 
 @given(value=STANDARD, suffix=SUFFIXES)
 def test_a_suffix_that_is_accepted_reads_back_equal(value, suffix):
-    if value is Resource.COMPRESSED and suffix.split("_")[0] == "depth":
-        return  # the one refusal; it has its own test
+    if (value, suffix.split("_")[0]) in TAKEN:
+        return  # the only refusals; they have their own test
     segment = value.suffixed(suffix)
     assert read_standard(type(value), segment.text) == segment
 
@@ -86,6 +88,8 @@ def test_a_suffix_that_spells_another_standard_value_is_refused():
         Resource.COMPRESSED.suffixed("depth")
     with pytest.raises(FqnError, match=r"Resource\.COMPRESSED_DEPTH"):
         Resource.COMPRESSED.suffixed("depth_left")
+    with pytest.raises(FqnError, match=r"Resource\.FFMPEG_REPLAY"):
+        Resource.FFMPEG.suffixed("replay")
     assert read_standard(Resource, "compressed_depth_left") == Resource.COMPRESSED_DEPTH.suffixed("left")
 
 

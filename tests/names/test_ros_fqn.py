@@ -53,7 +53,7 @@ def segments(draw, values, members=None):
         kind = draw(KINDS) if values is Resource else ResourceKind.TOPIC
         return Custom(draw(WORDS), kind=kind)
     value = draw(st.sampled_from(members or list(values)))
-    if choice == "standard" or (value is Resource.COMPRESSED):
+    if choice == "standard" or value in (Resource.COMPRESSED, Resource.FFMPEG):
         return value
     return value.suffixed(draw(SUFFIXES))
 

@@ -31,10 +31,20 @@ def test_all_notebooks_run_through_and_leave_logs_and_figures(tmp_path, monkeypa
         "naming",
         "depth_codecs",
         "decode_once",
+        "routing",
+        "lifecycle",
+        "discovery",
+        "latency",
     }
     assert not project.figures.exists(), "a smoke test replaces no figure"
     assert {p.stem for p in (project.runs / "figures").glob("*.svg")} == {
         "naming_schema",
         "depth_codecs",
         "decode_once_h264",
+        "routing_border",
+        "heartbeats",
+        "discovery_states",
+        "discovery_fleet",
+        "discovery_scale",
+        "latency",
     }

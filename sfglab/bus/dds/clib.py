@@ -19,6 +19,7 @@ __all__ = [
     "BUILTIN_PUBLICATION",
     "BUILTIN_SUBSCRIPTION",
     "INFINITY_NS",
+    "RETCODE_ERROR",
     "RETCODE_TIMEOUT",
     "SDK_DATA",
     "STATUS_PUBLICATION_MATCHED",
@@ -40,6 +41,7 @@ INFINITY_NS = 2**63 - 1
 ANY_STATE = 0x7F  # any sample, view and instance state (dds.h)
 ALIVE = 16  # DDS_ALIVE_INSTANCE_STATE
 SDK_DATA = 2  # enum ddsi_serdata_kind
+RETCODE_ERROR = -1
 RETCODE_TIMEOUT = -10
 STATUS_SAMPLE_LOST = 1 << 6
 STATUS_PUBLICATION_MATCHED = 1 << 11
@@ -139,6 +141,7 @@ _SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "dds_return_loan": (_I32, (_I32, _PTR, _I32)),
     "dds_takecdr": (_I32, (_I32, _PTR, _U32, _PTR, _U32)),
     "dds_forwardcdr": (_I32, (_I32, _PTR)),
+    "dds_write_flush": (_I32, (_I32,)),
     "dds_wait_for_acks": (_I32, (_I32, _I64)),
     "dds_get_entity_sertype": (_I32, (_I32, _PTR)),
     "dds_get_publication_matched_status": (_I32, (_I32, _PTR)),
@@ -153,6 +156,7 @@ _SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "ddsi_serdata_size": (_U32, (_PTR,)),
     "ddsi_serdata_to_ser_ref": (_PTR, (_PTR, _SIZE, _SIZE, _PTR)),
     "ddsi_serdata_to_ser_unref": (None, (_PTR, _PTR)),
+    "ddsi_serdata_ref": (_PTR, (_PTR,)),
     "ddsi_serdata_unref": (None, (_PTR,)),
     "dds_create_qos": (_PTR, ()),
     "dds_delete_qos": (None, (_PTR,)),
@@ -165,6 +169,8 @@ _SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "dds_qset_userdata": (None, (_PTR, _PTR, _SIZE)),
     "dds_qset_partition1": (None, (_PTR, _STR)),
     "dds_qset_ignorelocal": (None, (_PTR, ct.c_int)),
+    "dds_qset_writer_batching": (None, (_PTR, _BOOL)),
+    "dds_qset_resource_limits": (None, (_PTR, _I32, _I32, _I32)),
     "dds_qset_writer_data_lifecycle": (None, (_PTR, _BOOL)),
     "dds_qget_reliability": (_BOOL, (_PTR, _PTR, _PTR)),
     "dds_qget_durability": (_BOOL, (_PTR, _PTR)),

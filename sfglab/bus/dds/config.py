@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import socket
 from dataclasses import dataclass
-from typing import Literal, TypedDict, get_args
+from typing import Any, Literal, TypedDict, get_args
 from xml.sax.saxutils import quoteattr
 
 from sfglab.bus.errors import DomainError
@@ -31,6 +31,7 @@ class DomainOptions(TypedDict, total=False):
     interface: str | None
     multicast: Multicast
     lease_s: float
+    external_domain_id: int | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,26 +44,38 @@ class DomainConfig:
         multicast: Cyclone's AllowMulticast: "spdp" only finds participants by multicast, "false" never
             uses it and finds participants on this host only.
         lease_s: After how many silent seconds others declare this process dead; at least 0.1.
+        external_domain_id: The domain that is joined on the network, 0 to 232; None is `domain_id`. Cyclone
+            keeps one set of sockets and threads for each `domain_id`, so several of them with one external id
+            are, for everybody else, as many processes in one domain.
     """
 
     domain_id: int = 0
     interface: str | None = None
     multicast: Multicast = "default"
     lease_s: float = 10.0
+    external_domain_id: int | None = None
+
+    @property
+    def wire_id(self) -> int:
+        """The domain's id on the network, which decides its UDP ports."""
+        return self.domain_id if self.external_domain_id is None else self.external_domain_id
 
     def __post_init__(self) -> None:
-        if isinstance(self.domain_id, bool) or not isinstance(self.domain_id, int):
-            raise DomainError(self.domain_id, "the id is no whole number; allowed are 0 to 232")
-        if not 0 <= self.domain_id <= _MAX_DOMAIN_ID:
-            raise DomainError(
-                self.domain_id, "allowed ids are 0 to 232: the UDP ports of higher ones do not exist"
-            )
+        for domain_id in (self.domain_id, self.wire_id):
+            _check_id(domain_id)
         if self.multicast not in get_args(Multicast):
             raise DomainError(
                 self.domain_id, f"multicast={self.multicast!r}; allowed are {', '.join(get_args(Multicast))}"
             )
         if not self.lease_s >= 0.1:
             raise DomainError(self.domain_id, f"lease_s={self.lease_s}; allowed are 0.1 s and more")
+
+
+def _check_id(domain_id: Any) -> None:
+    if isinstance(domain_id, bool) or not isinstance(domain_id, int):
+        raise DomainError(domain_id, "the id is no whole number; allowed are 0 to 232")
+    if not 0 <= domain_id <= _MAX_DOMAIN_ID:
+        raise DomainError(domain_id, "allowed ids are 0 to 232: the UDP ports of higher ones do not exist")
 
 
 def check_interface(config: DomainConfig) -> None:
@@ -97,6 +110,8 @@ def _general(config: DomainConfig) -> str:
 
 def _discovery(config: DomainConfig) -> str:
     parts = [f"<LeaseDuration>{round(config.lease_s * 1e3)}ms</LeaseDuration>"]
+    if config.external_domain_id is not None:
+        parts.append(f"<ExternalDomainId>{config.external_domain_id}</ExternalDomainId>")
     if config.multicast == "false":
         parts.append("<ParticipantIndex>auto</ParticipantIndex><Peers><Peer Address='localhost'/></Peers>")
     return f"<Discovery>{''.join(parts)}</Discovery>"

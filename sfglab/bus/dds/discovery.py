@@ -1,6 +1,7 @@
-"""Reads the domain's participants and endpoints from Cyclone's built-in topics.
+"""Reads the domain's participants and endpoints from Cyclone's built-in topics, and ROS 2's nodes from theirs.
 
-Knows the built-in samples and what sfglab and ROS 2 write into USER_DATA. Refuses to know who listens.
+Knows the built-in samples, what sfglab and ROS 2 write into USER_DATA, and that endpoints of ROS 2's own
+discovery are none of the computation graph. Refuses to know who listens.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sfglab import names
-from sfglab.bus.api import EndpointInfo, EndpointKind
+from sfglab.bus.api import EndpointInfo, EndpointKind, NodeInfo
 from sfglab.bus.dds.clib import (
     ALIVE,
     BUILTIN_PARTICIPANT,
@@ -21,6 +22,8 @@ from sfglab.bus.dds.clib import (
     SampleInfo,
     library,
 )
+from sfglab.bus.dds.endpoints import RawReader
+from sfglab.bus.dds.presence import INFO_TOPIC, READER_QOS, gid_bytes, info_type, unpack_nodes
 from sfglab.bus.dds.qos import partitions, profile_from_dds, string_property, user_data
 from sfglab.bus.userdata import HOST_KEY, NODE_KEY, SHM_PARTITION, entries
 from sfglab.messages import TypeNameError, ros_type_name
@@ -28,7 +31,8 @@ from sfglab.messages import TypeNameError, ros_type_name
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from sfglab.bus.dds.waiter import Waiter
+    from sfglab.bus.dds.participant import DdsParticipant
+    from sfglab.bus.queue import Sample
 
 __all__ = ["Change", "Discovery"]
 
@@ -37,7 +41,7 @@ _BUILTIN_TYPES = b"org::eclipse::cyclonedds::builtin::"
 _KINDS = {BUILTIN_PUBLICATION: EndpointKind.PUBLISHER, BUILTIN_SUBSCRIPTION: EndpointKind.SUBSCRIPTION}
 
 Change = tuple[bytes, EndpointInfo | None]
-"""An endpoint's gid and what is known about it, None when it has gone."""
+"""An endpoint's gid and what is known about it, None when it, or the participant of that gid, has gone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,20 +54,41 @@ class Discovery:
     """Reports every endpoint of the domain that appears, changes or goes.
 
     Args:
-        participant: The C handle of the participant.
-        waiter: Waits for the built-in topics.
-        on_changes: Called with changes in their order, in the waiter's thread.
+        participant: Who looks; its end is the reports' end.
+        on_changes: Called with changes in their order, in the thread of the participant's waiter.
     """
 
-    def __init__(self, participant: int, waiter: Waiter, on_changes: Callable[[list[Change]], None]) -> None:
+    def __init__(self, participant: DdsParticipant, on_changes: Callable[[list[Change]], None]) -> None:
+        self._participant = participant
         self._on_changes = on_changes
         self._origins: dict[bytes, _Origin] = {}
-        lib = library()
-        self._participants: int = lib.dds_create_reader(participant, BUILTIN_PARTICIPANT, None, None)
+        lib, waiter = library(), participant.waiter
+        self._participants: int = lib.dds_create_reader(participant.handle, BUILTIN_PARTICIPANT, None, None)
         waiter.attach_reader(self._participants, self._read_participants)
         for topic, kind in _KINDS.items():
-            reader: int = lib.dds_create_reader(participant, topic, None, None)
+            reader: int = lib.dds_create_reader(participant.handle, topic, None, None)
             waiter.attach_reader(reader, self._endpoint_handler(reader, kind))
+
+    def read_nodes(self, on_nodes: Callable[[bytes, tuple[NodeInfo, ...]], None]) -> None:
+        """Report from now on which nodes every participant has, its complete list at every change.
+
+        Args:
+            on_nodes: Called with a participant's GUID and its nodes, in the waiter's thread.
+        """
+        size = gid_bytes()
+
+        def handle(samples: list[Sample]) -> None:
+            # What a participant said may be read after its end, and would then stay for ever.
+            self._read_participants()
+            for cdr, *_ in samples:
+                participant, nodes = unpack_nodes(bytes(cdr), size)
+                if participant in self._origins:
+                    on_nodes(participant, nodes)
+
+        reader = self._participant.create_reader(INFO_TOPIC, info_type(size), READER_QOS)
+        RawReader(
+            reader, waiter=self._participant.waiter, on_samples=handle, on_matched=lambda: None
+        )  # lives as long as the participant, kept by its waiter
 
     def _endpoint_handler(self, reader: int, kind: EndpointKind) -> Callable[[], None]:
         def handle() -> None:
@@ -83,6 +108,7 @@ class Discovery:
             key = bytes(sample.key)
             if not alive:
                 self._origins.pop(key, None)
+                self._on_changes([(key, None)])
                 continue
             known = entries(user_data(sample.qos))
             host = known.get(HOST_KEY) or string_property(sample.qos, "__Hostname")
@@ -112,8 +138,8 @@ class Discovery:
 
 
 def _builtin(sample: Any) -> bool:
-    """Whether this is one of the built-in readers that every participant has to find the others."""
-    return (sample.type_name or b"").startswith(_BUILTIN_TYPES)
+    """Whether this is one of the endpoints by which participants find each other and each other's nodes."""
+    return (sample.type_name or b"").startswith(_BUILTIN_TYPES) or sample.topic_name == INFO_TOPIC.encode()
 
 
 def _ros_topic(dds_topic: str) -> str:

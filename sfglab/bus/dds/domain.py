@@ -65,7 +65,7 @@ def _create(config: DomainConfig) -> int:
             config.domain_id,
             f"Cyclone DDS cannot start on interface {config.interface or '(automatic)'}: {error_text(handle)}; "
             f"check that the interface is up and has an address, that UDP port "
-            f"{7400 + 250 * config.domain_id} is not taken (ids above 101 lie among Linux's "
+            f"{7400 + 250 * config.wire_id} is not taken (ids above 101 lie among Linux's "
             f"ephemeral ports), and that nothing else in this process joined the domain",
         )
     return handle

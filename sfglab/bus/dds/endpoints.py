@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes as ct
 import time
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,18 +16,21 @@ import numpy as np
 from sfglab.bus.dds.clib import (
     ANY_STATE,
     RETCODE_TIMEOUT,
-    SDK_DATA,
     STATUS_PUBLICATION_MATCHED,
     STATUS_SAMPLE_LOST,
     STATUS_SUBSCRIPTION_MATCHED,
-    TIMESTAMP_INVALID,
-    TIMESTAMP_OFFSET,
-    IoVec,
     MatchedStatus,
     SampleInfo,
     SampleLostStatus,
     error_text,
     library,
+)
+from sfglab.bus.dds.samples import (
+    CDR_HEADER_BYTES,
+    bytes_from_serdata,
+    serdata_from_bytes,
+    sertype_of,
+    stamp,
 )
 from sfglab.bus.errors import InvalidMessageError, PublishError
 
@@ -36,14 +40,12 @@ if TYPE_CHECKING:
     from sfglab.bus.dds.waiter import Waiter
     from sfglab.bus.queue import Sample
 
-__all__ = ["RawReader", "RawWriter", "entity_guid"]
+__all__ = ["UNKNOWN_GID", "RawReader", "RawWriter", "delete_writer", "entity_guid", "matched_gid"]
 
 _BATCH = 64
 _MAX_MATCHED = 4096
-_UNKNOWN_GID = bytes(16)
-_PADDING = ct.create_string_buffer(4)
-_PADDING_ADDRESS = ct.addressof(_PADDING)
-_CDR_HEADER_BYTES = 4
+UNKNOWN_GID = bytes(16)
+"""Stands for an endpoint that was gone before anybody could look."""
 
 
 def entity_guid(entity: int) -> bytes:
@@ -51,6 +53,16 @@ def entity_guid(entity: int) -> bytes:
     guid = (ct.c_uint8 * 16)()
     library().dds_get_guid(entity, ct.byref(guid))
     return bytes(guid)
+
+
+def delete_writer(handle: int) -> None:
+    """Delete a writer, without waiting for readers that have not acknowledged everything."""
+    if library().dds_wait_for_acks(handle, 0) >= 0:
+        library().dds_delete(handle)
+        return
+    # Cyclone gives such readers another second (WriterLingerDuration), in which the caller's loop would
+    # stand still: a process that was killed stays matched until its lease runs out.
+    Thread(target=library().dds_delete, args=(handle,), daemon=True).start()
 
 
 class RawWriter:
@@ -75,11 +87,8 @@ class RawWriter:
         self._type = type_
         self._waiter = waiter
         self._on_matched = on_matched
-        sertype = ct.c_void_p()
-        lib = library()
-        lib.dds_get_entity_sertype(handle, ct.byref(sertype))
-        self._sertype = sertype.value
-        lib.dds_set_status_mask(handle, STATUS_PUBLICATION_MATCHED)
+        self._sertype = sertype_of(handle)
+        library().dds_set_status_mask(handle, STATUS_PUBLICATION_MATCHED)
         waiter.attach(handle, self._update_matched)
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
@@ -94,14 +103,12 @@ class RawWriter:
             PublishError: Cyclone could not send.
         """
         data = cdr if isinstance(cdr, bytes) else np.frombuffer(cdr, np.uint8)
-        size = len(data)
-        serdata = self._serdata(data, size) if size >= _CDR_HEADER_BYTES else None
+        serdata = serdata_from_bytes(self._sertype, data)
         if not serdata:
-            reason = "shorter than its header" if size < _CDR_HEADER_BYTES else "Cyclone DDS cannot parse them"
+            size = len(data)
+            reason = "shorter than its header" if size < CDR_HEADER_BYTES else "Cyclone DDS cannot parse them"
             raise InvalidMessageError(self._topic, self._type, size_bytes=size, reason=reason)
-        stamp = ct.c_int64.from_address(serdata + TIMESTAMP_OFFSET)
-        assert stamp.value == TIMESTAMP_INVALID, "this Cyclone DDS has another serdata layout"
-        stamp.value = time.time_ns() if source_timestamp_ns is None else source_timestamp_ns
+        stamp(serdata, time.time_ns() if source_timestamp_ns is None else source_timestamp_ns)
         code = library().dds_forwardcdr(self.handle, serdata)  # consumes the reference, also on failure
         if code < 0:
             self._raise(code)
@@ -114,19 +121,9 @@ class RawWriter:
         return code >= 0
 
     def close(self) -> None:
-        """Delete the writer."""
+        """Delete the writer, without waiting for readers that have not acknowledged everything."""
         self._waiter.detach(self.handle)
-        library().dds_delete(self.handle)
-
-    def _serdata(self, data: Any, size: int) -> int | None:
-        # RTPS sends whole words, so Cyclone may read up to three bytes beyond the end.
-        padding = -size % 4
-        address = ct.cast(ct.c_char_p(data), ct.c_void_p).value if isinstance(data, bytes) else data.ctypes.data
-        parts = (IoVec * 2)(IoVec(address, size), IoVec(_PADDING_ADDRESS, padding))
-        serdata: int | None = library().ddsi_serdata_from_ser_iov(
-            self._sertype, SDK_DATA, 2 if padding else 1, ct.byref(parts), size + padding
-        )
-        return serdata
+        delete_writer(self.handle)
 
     def _raise(self, code: int) -> None:
         reason = error_text(code)
@@ -141,7 +138,7 @@ class RawWriter:
         handles = (ct.c_uint64 * _MAX_MATCHED)()
         count = lib.dds_get_matched_subscriptions(self.handle, ct.byref(handles), _MAX_MATCHED)
         gids = (
-            _matched_gid(lib.dds_get_matched_subscription_data, self.handle, handles[i]) for i in range(count)
+            matched_gid(lib.dds_get_matched_subscription_data, self.handle, handles[i]) for i in range(count)
         )
         self.matched_prefixes = frozenset(gid[:12] for gid in gids)
         self.matched = status.current_count
@@ -195,9 +192,8 @@ class RawReader:
         for i in range(count):
             serdata, info = self._serdata[i], self._infos[i]
             if info.valid_data:
-                samples.append(
-                    (_bytes_of(serdata), info.source_timestamp, now_ns, self._gid(info.publication_handle))
-                )
+                gid = self._gid(info.publication_handle)
+                samples.append((bytes_from_serdata(serdata), info.source_timestamp, now_ns, gid))
             lib.ddsi_serdata_unref(serdata)
         if samples:
             self._on_samples(samples)
@@ -205,8 +201,8 @@ class RawReader:
     def _gid(self, publication: int) -> bytes:
         gid = self._gids.get(publication)
         if gid is None:
-            gid = _matched_gid(library().dds_get_matched_publication_data, self.handle, publication)
-            if gid != _UNKNOWN_GID:
+            gid = matched_gid(library().dds_get_matched_publication_data, self.handle, publication)
+            if gid != UNKNOWN_GID:
                 self._gids[publication] = gid
         return gid
 
@@ -225,21 +221,17 @@ class RawReader:
         self._on_matched()
 
 
-def _bytes_of(serdata: int) -> bytes:
-    lib = library()
-    part = IoVec()
-    size = lib.ddsi_serdata_size(serdata)
-    reference = lib.ddsi_serdata_to_ser_ref(serdata, 0, size, ct.byref(part))
-    try:
-        return ct.string_at(part.base, size)
-    finally:
-        lib.ddsi_serdata_to_ser_unref(reference, ct.byref(part))
+def matched_gid(function: Any, entity: int, handle: int) -> bytes:
+    """Return the GUID of a matching endpoint, zeros when it has gone.
 
-
-def _matched_gid(function: Any, entity: int, handle: int) -> bytes:
+    Args:
+        function: `dds_get_matched_publication_data` or `dds_get_matched_subscription_data`.
+        entity: The reader or writer.
+        handle: The instance handle of what matches it.
+    """
     endpoint = function(entity, handle)
     if not endpoint:
-        return _UNKNOWN_GID  # it left between the notice and the look
+        return UNKNOWN_GID  # it left between the notice and the look
     try:
         return bytes(endpoint.contents.key)
     finally:

@@ -13,8 +13,10 @@ from sfglab.bus.errors import BusError, DomainError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from typing import Unpack
 
     from sfglab.bus.dds.config import DomainConfig
+    from sfglab.bus.dds.qos import EndpointOptions
     from sfglab.qos import QoSProfile
 
 __all__ = ["DdsParticipant"]
@@ -49,18 +51,18 @@ class DdsParticipant:
         self._closed = False
 
     def create_writer(
-        self, topic: str, idl_type: type[Any], qos: QoSProfile, *, user_data: bytes = b"", partition: str = ""
+        self, topic: str, idl_type: type[Any], qos: QoSProfile, **more: Unpack[EndpointOptions]
     ) -> int:
         """Return the C handle of a new writer of a DDS topic."""
-        with endpoint_qos(qos, user_data=user_data, partition=partition) as c_qos:
+        with endpoint_qos(qos, **more) as c_qos:
             handle = library().dds_create_writer(self.handle, self._topic(topic, idl_type), c_qos, None)
         return _checked(handle, f"a writer of {topic!r}")
 
     def create_reader(
-        self, topic: str, idl_type: type[Any], qos: QoSProfile, *, user_data: bytes = b"", partition: str = ""
+        self, topic: str, idl_type: type[Any], qos: QoSProfile, **more: Unpack[EndpointOptions]
     ) -> int:
         """Return the C handle of a new reader of a DDS topic."""
-        with endpoint_qos(qos, user_data=user_data, partition=partition) as c_qos:
+        with endpoint_qos(qos, **more) as c_qos:
             handle = library().dds_create_reader(self.handle, self._topic(topic, idl_type), c_qos, None)
         return _checked(handle, f"a reader of {topic!r}")
 

@@ -4,20 +4,30 @@ from __future__ import annotations
 
 import ctypes as ct
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypedDict
 
 from sfglab.bus.dds.clib import INFINITY_NS, library
 from sfglab.qos import Durability, History, QoSProfile, Reliability
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from typing import Unpack
 
-__all__ = ["endpoint_qos", "partitions", "profile_from_dds", "qos_object", "string_property", "user_data"]
+__all__ = [
+    "EndpointOptions",
+    "endpoint_qos",
+    "partitions",
+    "profile_from_dds",
+    "qos_object",
+    "string_property",
+    "user_data",
+]
 
 _RELIABILITY = (Reliability.BEST_EFFORT, Reliability.RELIABLE)
 _HISTORY = (History.KEEP_LAST, History.KEEP_ALL)
 _DURABILITY = (Durability.VOLATILE, Durability.TRANSIENT_LOCAL)
 _UNLIMITED = -1
+_IGNORE_PARTICIPANT = 1  # enum dds_ignorelocal_kind
 # How long a writer that keeps all may block on unacknowledged samples: Cyclone's default.
 _MAX_BLOCKING_NS = 100_000_000
 
@@ -35,14 +45,33 @@ def qos_object(user_data: bytes = b"") -> Iterator[int]:
         lib.dds_delete_qos(qos)
 
 
+class EndpointOptions(TypedDict, total=False):
+    """What a reader or writer may have beside its profile; see `endpoint_qos`."""
+
+    user_data: bytes
+    partition: str
+    ignore_local: bool
+    max_samples: int
+    batching: bool
+    max_blocking_ns: int
+
+
 @contextmanager
-def endpoint_qos(profile: QoSProfile, *, user_data: bytes = b"", partition: str = "") -> Iterator[int]:
-    """Yield the C QoS object of a reader or writer with this profile."""
+def endpoint_qos(profile: QoSProfile, **more: Unpack[EndpointOptions]) -> Iterator[int]:
+    """Yield the C QoS object of a reader or writer.
+
+    Args:
+        profile: In ROS 2's terms.
+        more: USER_DATA; a PARTITION; whether it never matches endpoints of its own participant; how many
+            samples a reader that keeps all may hold, after which senders wait for it; whether a writer sends
+            only when it is flushed or a packet is full; how long it may block when it keeps all.
+    """
     lib = library()
     history = _HISTORY.index(profile.history)
     depth = profile.depth if profile.history is History.KEEP_LAST else _UNLIMITED
-    with qos_object(user_data) as qos:
-        lib.dds_qset_reliability(qos, _RELIABILITY.index(profile.reliability), _MAX_BLOCKING_NS)
+    with qos_object(more.get("user_data", b"")) as qos:
+        max_blocking_ns = more.get("max_blocking_ns", _MAX_BLOCKING_NS)
+        lib.dds_qset_reliability(qos, _RELIABILITY.index(profile.reliability), max_blocking_ns)
         lib.dds_qset_durability(qos, _DURABILITY.index(profile.durability))
         lib.dds_qset_history(qos, history, depth)
         # What a late joiner gets is a policy of its own in DDS; ROS 2 ties it to the history.
@@ -50,8 +79,14 @@ def endpoint_qos(profile: QoSProfile, *, user_data: bytes = b"", partition: str 
         lib.dds_qset_deadline(qos, _or_infinite(profile.deadline_ns))
         lib.dds_qset_lifespan(qos, _or_infinite(profile.lifespan_ns))
         lib.dds_qset_writer_data_lifecycle(qos, False)
-        if partition:
+        if partition := more.get("partition"):
             lib.dds_qset_partition1(qos, partition.encode())
+        if more.get("ignore_local"):
+            lib.dds_qset_ignorelocal(qos, _IGNORE_PARTICIPANT)
+        if more.get("batching"):
+            lib.dds_qset_writer_batching(qos, True)
+        if max_samples := more.get("max_samples"):
+            lib.dds_qset_resource_limits(qos, max_samples, _UNLIMITED, _UNLIMITED)
         yield qos
 
 

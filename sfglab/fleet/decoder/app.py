@@ -38,6 +38,9 @@ class DecoderConfig:
         streams: Remote topics to offer from the start, by their names in the schema.
         discovery_topic: Topic of discovery events; empty: none is listened to.
         linger_s: How long a pipeline outlives its last subscriber, seconds.
+        replay: Whether streams are joined by their sender's replay, if it offers one; in paper A the decoder
+            waits for the next key frame.
+        spare: Whether a pipeline process waits, warm, for the next stream; in paper A it is loaded on demand.
     """
 
     remote: BusAddress
@@ -45,6 +48,8 @@ class DecoderConfig:
     streams: tuple[str, ...] = ()
     discovery_topic: str = ""
     linger_s: float = 1.0
+    replay: bool = True
+    spare: bool = True
 
     def to_json(self) -> str:
         """Return the configuration as a process's argument."""
@@ -79,13 +84,14 @@ async def run_decoder(
     from sfglab.bus import Node
 
     routes = [route for topic in config.streams for route in routes_of_topic(topic)]
-    pool = WorkerPool(WorkerConfig(remote=config.remote, local=config.local))
+    workers = WorkerConfig(remote=config.remote, local=config.local)
+    pool = WorkerPool(workers, spares=int(config.spare))
     # The node first: what is wrong with the domain or interface is said once, here, and not by processes.
     async with Node("agent_decoder", **asdict(config.local)) as local:
         try:
             await pool.start()
             timing = Timing(linger_ns=round(config.linger_s * 1e9))
-            decoder = AgentDecoder(local, pool, timing=timing, on_status=on_status)
+            decoder = AgentDecoder(local, pool, timing=timing, replay=config.replay, on_status=on_status)
             for agent in sorted({route.agent for route in routes}):
                 decoder.offer(agent, [route for route in routes if route.agent == agent])
             on_ready(pool)

@@ -10,12 +10,14 @@ from __future__ import annotations
 import asyncio
 import logging
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from sfglab.fleet.decoder.agents import agent_changes
 from sfglab.fleet.decoder.demand import Demand
 from sfglab.fleet.decoder.lifecycle import TRANSITIONS, Action, Input, Lifecycle, State, Timing
 from sfglab.fleet.decoder.protocol import Close, Closed, Failed, Open, Opened, Serve, Statistics
 from sfglab.fleet.decoder.streams import Route, routes_of_agent
+from sfglab.fleet.discovery.listener import Withdrawn
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -23,11 +25,11 @@ if TYPE_CHECKING:
     from sfglab.bus.api import EndpointEvent, Node
     from sfglab.fleet.decoder.pool import Worker, WorkerPool
     from sfglab.fleet.decoder.protocol import Line
+    from sfglab.fleet.discovery.listener import Change
 
 __all__ = ["AgentDecoder", "PipelineStatus"]
 
 _LOG = logging.getLogger(__name__)
-DISCOVERY_EVENT = "sfglab_interfaces/msg/AgentDiscoveryEvent"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,6 +87,7 @@ class AgentDecoder:
         local: Node on the local domain.
         pool: Started pool of pipeline processes.
         timing: The waits of every pipeline.
+        replay: Whether streams are joined by their replay, where their sender offers one.
         on_status: Called with a stream's status whenever its state or counts change.
     """
 
@@ -94,11 +97,13 @@ class AgentDecoder:
         pool: WorkerPool,
         *,
         timing: Timing | None = None,
+        replay: bool = True,
         on_status: Callable[[PipelineStatus], None] | None = None,
     ) -> None:
         self._local = local
         self._pool = pool
         self._timing = timing or Timing()
+        self._replay = replay
         self._on_status = on_status or (lambda _: None)
         self._demand = Demand()
         self._pipelines: dict[str, _Pipeline] = {}
@@ -113,15 +118,15 @@ class AgentDecoder:
         """
         self._events.put_nowait(_Known(agent, tuple(routes)))
 
-    def hear(self, event: Any) -> None:
-        """Take a ``sfglab_interfaces/msg/AgentDiscoveryEvent``: Fig. 4's registration of agents."""
-        if event.event == event.LOST:
-            self.offer(event.agent, ())
+    def hear(self, change: Change) -> None:
+        """Take what a remote agent offers from now on, or that it is gone."""
+        if isinstance(change, Withdrawn):
+            self.offer(change.agent, ())
             return
-        routes, errors = routes_of_agent(event.metadata)
+        routes, errors = routes_of_agent(change.metadata)
         for error in errors:
             _LOG.warning("decoder: %s", error)
-        self.offer(event.agent, routes)
+        self.offer(change.agent, routes)
 
     def status(self) -> tuple[PipelineStatus, ...]:
         """Return the state of all streams, ordered by local topic."""
@@ -156,12 +161,8 @@ class AgentDecoder:
             self._events.put_nowait(event)
 
     async def _watch_agents(self, topic: str) -> None:
-        subscription = self._local.create_subscription(DISCOVERY_EVENT, topic)
-        try:
-            async for message in subscription:
-                self.hear(message)
-        finally:
-            subscription.close()
+        async for change in agent_changes(self._local, topic):
+            self.hear(change)
 
     async def _step(self) -> None:
         """Handle the next event, or the timers that ran out before it."""
@@ -276,6 +277,7 @@ class AgentDecoder:
                 source_type=route.source_type,
                 codec=route.codec,
                 local_topic=route.local_topic,
+                replay_topic=route.replay_topic if self._replay else "",
                 transports=tuple(sorted(transports)),
             )
         )

@@ -9,25 +9,31 @@ demand.
 from __future__ import annotations
 
 import asyncio
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sfglab.codecs import CodecError, image_decoder
 from sfglab.fleet.decoder.images import image_bytes, image_prefix, write_image
+from sfglab.fleet.decoder.joiner import Joiner, Source
 from sfglab.fleet.decoder.protocol import RELAY, Open, Statistics
+from sfglab.fleet.keeper import FLAG_DISCARD, FLAG_KEY, REPLAY_QOS
 from sfglab.qos import COMPRESSED_STREAM, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from sfglab.bus.api import Node, Publisher
+    from sfglab.bus.api import Node, Publisher, Subscription
 
-__all__ = ["Counters", "Outputs", "run_pipeline"]
+__all__ = ["PATIENCE_S", "Counters", "Outputs", "run_pipeline"]
 
 LOCAL_QOS = QoSProfile(depth=5)
 """Reliable on the device, so that every subscription matches: no less may be offered than is asked for."""
 
 IMAGE_TYPE = "sensor_msgs/msg/Image"
+
+PATIENCE_S = 3.0
+"""How long a replay may take to connect with the live stream; a key frame will have come by then."""
 
 
 @dataclass(slots=True)
@@ -35,6 +41,7 @@ class Counters:
     """What a pipeline has done since it was opened."""
 
     received: int = 0
+    replayed: int = 0
     published: int = 0
     broken: int = 0
     last_error: str = ""
@@ -42,7 +49,11 @@ class Counters:
     def snapshot(self) -> Statistics:
         """Return the counts as they are now."""
         return Statistics(
-            received=self.received, published=self.published, broken=self.broken, last_error=self.last_error
+            received=self.received,
+            replayed=self.replayed,
+            published=self.published,
+            broken=self.broken,
+            last_error=self.last_error,
         )
 
 
@@ -101,9 +112,9 @@ async def run_pipeline(order: Open, *, remote: Node, outputs: Outputs, counters:
     that pauses simply has no messages meanwhile.
 
     Args:
-        order: Which stream.
+        order: Which stream, and by which transports it is wanted.
         remote: The node on the domain where the remote topic is.
-        outputs: Where pictures go.
+        outputs: Where pictures go; served from here on.
         counters: Counts, updated in place.
 
     Raises:
@@ -116,34 +127,116 @@ async def run_pipeline(order: Open, *, remote: Node, outputs: Outputs, counters:
 
 
 async def _relay(order: Open, remote: Node, outputs: Outputs, counters: Counters) -> None:
-    subscription = remote.create_subscription(
-        order.source_type, order.source_topic, qos=COMPRESSED_STREAM, raw=True
-    )
-    try:
+    with closing(
+        remote.create_subscription(order.source_type, order.source_topic, qos=COMPRESSED_STREAM, raw=True)
+    ) as subscription:
+        outputs.serve(order.transports)
         async for cdr in subscription:
             counters.received += 1
             outputs.publish_raw(cdr)
             counters.published += 1
-    finally:
-        subscription.close()
 
 
 async def _decode(order: Open, remote: Node, outputs: Outputs, counters: Counters) -> None:
-    decoder = image_decoder(order.source_type, order.codec)
-    subscription = remote.create_subscription(order.source_type, order.source_topic, qos=COMPRESSED_STREAM)
-    try:
-        async for message in subscription:
-            counters.received += 1
-            try:
-                images = decoder.feed(message)
-            except CodecError as error:
-                counters.broken += 1
-                counters.last_error = str(error)
-                continue
-            for image in images:
-                outputs.publish_image(message.header, image.array, image.encoding)
-                counters.published += 1
-            # A burst of queued messages must not keep orders from being heard.
-            await asyncio.sleep(0)
-    finally:
-        subscription.close()
+    with ExitStack() as stack:
+
+        def subscribe(topic: str, qos: QoSProfile) -> Subscription:
+            subscription = remote.create_subscription(order.source_type, topic, qos=qos)
+            stack.callback(subscription.close)
+            return subscription
+
+        # What is far away first, the replay before all: routers connect one topic after the other.
+        replay = subscribe(order.replay_topic, REPLAY_QOS) if order.replay_topic else None
+        live = subscribe(order.source_topic, COMPRESSED_STREAM)
+        outputs.serve(order.transports)
+        decoding = _Decoding(order, outputs, counters)
+        if replay is not None:
+            await decoding.join(live, replay)
+            replay.close()
+        await decoding.follow(live)
+
+
+class _Decoding:
+    """One stream's packets on their way through the joiner and the decoder to the outputs."""
+
+    def __init__(self, order: Open, outputs: Outputs, counters: Counters) -> None:
+        self._decoder = image_decoder(order.source_type, order.codec)
+        self._numbered = bool(order.replay_topic)
+        self._joiner: Joiner[Any] = Joiner(replay=self._numbered)
+        self._outputs = outputs
+        self._counters = counters
+        self._arrived = asyncio.Event()
+
+    async def join(self, live: Subscription, replay: Subscription) -> None:
+        """Decode what comes from both until the live stream alone is enough."""
+        sources = {Source.LIVE: live, Source.REPLAY: replay}
+        pumps = [asyncio.create_task(self._pump(s, source)) for source, s in sources.items()]
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                while self._joiner.needs_replay:
+                    await self._step_or_wait()
+                    for pump in pumps:
+                        if pump.done():
+                            pump.result()
+        except TimeoutError:
+            self._joiner.give_up()
+        finally:
+            for pump in pumps:
+                pump.cancel()
+            await asyncio.gather(*pumps, return_exceptions=True)
+
+    async def follow(self, live: Subscription) -> None:
+        """Decode what is left from joining, and then the live stream as it comes."""
+        await self._drain()
+        async for message in live:
+            self._take(message, Source.LIVE)
+            await self._drain()
+
+    async def _pump(self, subscription: Subscription, source: Source) -> None:
+        try:
+            async for message in subscription:
+                self._take(message, source)
+                self._arrived.set()
+        finally:
+            self._arrived.set()
+
+    def _take(self, message: Any, source: Source) -> None:
+        if source is Source.LIVE:
+            self._counters.received += 1
+        else:
+            self._counters.replayed += 1
+        pts, flags = (message.pts, message.flags) if self._numbered else (0, FLAG_KEY)
+        self._joiner.take(
+            message, source, pts=pts, is_key=bool(flags & FLAG_KEY), shown=not flags & FLAG_DISCARD
+        )
+
+    async def _step_or_wait(self) -> None:
+        self._arrived.clear()
+        if not await self._step():
+            await self._arrived.wait()
+
+    async def _drain(self) -> None:
+        while await self._step():
+            pass
+
+    async def _step(self) -> bool:
+        """Decode the next message; return False where there is none."""
+        step = self._joiner.next()
+        if step is None:
+            return False
+        try:
+            if step.show:
+                self._show(step.packet)
+            else:
+                self._decoder.skip(step.packet)
+        except CodecError as error:
+            self._counters.broken += 1
+            self._counters.last_error = str(error)
+        # A burst of queued messages must not keep orders, and newer messages, from being heard.
+        await asyncio.sleep(0)
+        return True
+
+    def _show(self, message: Any) -> None:
+        for image in self._decoder.feed(message):
+            self._outputs.publish_image(message.header, image.array, image.encoding)
+            self._counters.published += 1

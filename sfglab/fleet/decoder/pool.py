@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 __all__ = ["PoolError", "Worker", "WorkerPool"]
 
 END_GRACE_S = 2.0
+REFILL_DELAY_S = 2.0
+"""A pipeline that starts needs the processor more than the spare for the next one, and whoever only has a
+glance gives its process back by then."""
 
 
 class PoolError(SfglabError, RuntimeError):
@@ -105,8 +108,8 @@ class WorkerPool:
         self._spares: list[Worker] = []
         self._listeners: dict[Worker, asyncio.Task[None]] = {}
         self._filling = asyncio.Lock()
-        self._refill: asyncio.Task[None] | None = None
-        self._closed = False
+        self._refills: set[asyncio.Task[None]] = set()
+        self._closed = asyncio.Event()
 
     @property
     def pids(self) -> tuple[int, ...]:
@@ -131,36 +134,41 @@ class WorkerPool:
                 raise PoolError("decoder: a pipeline process ended while it started; its own words stand above")
 
     async def lend(self, owner: Callable[[Worker, Line | None], None]) -> Worker:
-        """Return a worker for one pipeline, and start another spare in the background.
+        """Return a worker for one pipeline, and start another spare a while later.
 
         Args:
             owner: Called with every line the worker says, and with None when it is gone.
         """
         worker = self._spares.pop(0) if self._spares else await self._spawn()
         worker.owner = owner
-        self._refill = asyncio.create_task(self._fill())
+        refill = asyncio.create_task(self._refill())
+        self._refills.add(refill)
+        refill.add_done_callback(self._refills.discard)
         return worker
 
     async def take_back(self, worker: Worker) -> None:
         """Take a worker whose pipeline has ended; it becomes a spare, or ends if there are enough."""
         worker.owner = self._spare_gone
-        if worker.alive and len(self._spares) < self._spares_wanted and not self._closed:
+        if worker.alive and len(self._spares) < self._spares_wanted and not self._closed.is_set():
             self._spares.append(worker)
         else:
             await worker.end()
 
     async def close(self) -> None:
         """End all workers and wait for them."""
-        self._closed = True
-        if self._refill is not None:
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._refill
+        self._closed.set()
+        await asyncio.gather(*self._refills)
         await asyncio.gather(*(w.end() for w in list(self._listeners)))
         await asyncio.gather(*self._listeners.values())
 
+    async def _refill(self) -> None:
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._closed.wait(), REFILL_DELAY_S)
+        await self._fill()
+
     async def _fill(self) -> None:
         async with self._filling:
-            while len(self._spares) < self._spares_wanted and not self._closed:
+            while len(self._spares) < self._spares_wanted and not self._closed.is_set():
                 worker = await self._spawn()
                 worker.owner = self._spare_gone
                 self._spares.append(worker)

@@ -43,6 +43,7 @@ class Open:
         source_type: Its ROS type.
         codec: Hint for the codec where the type alone does not tell ("h264", "rvl", ...); may be empty.
         local_topic: The local topic to publish on.
+        replay_topic: Where the stream's last group of pictures may be replayed; empty: nowhere.
         transports: By which transports the local topic is wanted.
     """
 
@@ -50,6 +51,7 @@ class Open:
     source_type: str
     codec: str
     local_topic: str
+    replay_topic: str
     transports: tuple[str, ...]
 
 
@@ -97,12 +99,14 @@ class Statistics:
 
     Attributes:
         received: Messages from the remote stream.
+        replayed: Messages from its replay.
         published: Images handed to local subscribers.
         broken: Messages that could not be decoded.
         last_error: The latest decoding error; empty without one.
     """
 
     received: int
+    replayed: int
     published: int
     broken: int
     last_error: str

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
 from sfglab.fleet.decoder.protocol import RELAY
+from sfglab.fleet.keeper import FFMPEG_PACKET, replay_topic
 from sfglab.names import FqnError, Resource, RosFqn, Scope, parse
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ __all__ = ["Route", "StreamError", "routes_of_agent", "routes_of_topic"]
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
 _TYPES = {
-    Resource.FFMPEG: ("ffmpeg_image_transport_msgs/msg/FFMPEGPacket", "h264"),
+    Resource.FFMPEG: (FFMPEG_PACKET, "h264"),
     Resource.COMPRESSED_DEPTH: ("sensor_msgs/msg/CompressedImage", "rvl"),
     Resource.COMPRESSED: ("sensor_msgs/msg/CompressedImage", ""),
 }
@@ -50,6 +51,7 @@ class Route:
         source_type: Its ROS type.
         codec: Codec hint, or `RELAY` for messages that pass unchanged.
         local_topic: The local topic.
+        replay_topic: Where its sender may replay the last group of pictures; empty: nowhere.
     """
 
     agent: str
@@ -57,6 +59,7 @@ class Route:
     source_type: str
     codec: str
     local_topic: str
+    replay_topic: str = ""
 
 
 def routes_of_topic(topic: str) -> tuple[Route, Route]:
@@ -76,6 +79,7 @@ def routes_of_topic(topic: str) -> tuple[Route, Route]:
         source_type=type_,
         codec=codec,
         local_topic=_local_image(fqn),
+        replay_topic=_replay(topic, type_),
     )
     return image, _camera_info(image, str(replace(fqn, resource=Resource.CAMERA_INFO)))
 
@@ -106,6 +110,7 @@ def _routes_of_stream(agent: str, stream: Any) -> Iterable[Route]:
         source_type=stream.type,
         codec=stream.codec,
         local_topic=stream.decoded_topic or _local_image(fqn),
+        replay_topic=_replay(stream.topic, stream.type),
     )
     yield image
     if stream.camera_info_topic:
@@ -120,6 +125,10 @@ def _camera_info(image: Route, topic: str) -> Route:
         codec=RELAY,
         local_topic=str(replace(_remote_stream(topic), scope=Scope.LOCAL)),
     )
+
+
+def _replay(topic: str, type_: str) -> str:
+    return (replay_topic(topic) or "") if type_ == FFMPEG_PACKET else ""
 
 
 def _remote_stream(topic: str) -> RosFqn:

@@ -15,6 +15,7 @@ import sys
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
+from sfglab.codecs import FFMPEG_PACKET, CodecError, image_decoder
 from sfglab.errors import SfglabError
 from sfglab.fleet.address import BusAddress
 from sfglab.fleet.decoder.pipeline import IMAGE_TYPE, Counters, Outputs, run_pipeline
@@ -30,6 +31,7 @@ from sfglab.fleet.decoder.protocol import (
     decode_line,
     encode_line,
 )
+from sfglab.messages import default_message, deserialize, serialize
 from sfglab.pipes import claim_standard_output, run, standard_input_lines
 
 if TYPE_CHECKING:
@@ -114,7 +116,6 @@ class PipelineWorker:
         counters = Counters()
         reports: asyncio.Task[None] | None = None
         try:
-            outputs.serve(order.transports)
             self._report(Opened())
             reports = asyncio.create_task(self._report_counts(counters))
             await run_pipeline(order, remote=self._remote, outputs=outputs, counters=counters)
@@ -137,10 +138,25 @@ async def _orders() -> AsyncIterator[Line]:
         yield decode_line(raw)
 
 
+def _warm_up() -> None:
+    """Do everything that takes long the first time: 0.3 s that a subscriber would wait for."""
+    from importlib import import_module
+
+    from sfglab.messages.dds import idl_struct
+
+    import_module("sfglab.bus.shm.writer")
+    with contextlib.suppress(CodecError):  # a stream that needs it will say so
+        image_decoder(FFMPEG_PACKET, "h264")
+    for type_ in (FFMPEG_PACKET, IMAGE_TYPE):
+        idl_struct(type_)
+        deserialize(serialize(default_message(type_)), type_)
+
+
 async def _main(config: WorkerConfig) -> None:
     from sfglab.bus import Node
 
     write = claim_standard_output()
+    _warm_up()
     async with contextlib.AsyncExitStack() as stack:
         local = await stack.enter_async_context(Node("agent_decoder_pipeline", **asdict(config.local)))
         remote = local

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["EXPERIMENTS", "experiment"]
 
-EXPERIMENTS = ("naming", "depth_codecs", "decode_once")
+EXPERIMENTS = ("naming", "depth_codecs", "decode_once", "routing", "lifecycle", "discovery", "latency")
 
 
 def experiment(name: str) -> ModuleType | Any:

@@ -12,7 +12,7 @@ import json
 import signal
 import sys
 import time
-from contextlib import asynccontextmanager, closing, suppress
+from contextlib import AsyncExitStack, asynccontextmanager, closing, suppress
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -70,6 +70,8 @@ class CameraConfig:
         gop: Frames from key frame to key frame.
         encoder: H.264 encoder by FFmpeg's name, or ``auto``.
         frame_id: TF frame of the camera.
+        copies: Where else the same messages go: mappings with ``domain_id``, ``interface``, ``multicast`` and
+            ``topic``.
     """
 
     domain_id: int
@@ -86,6 +88,7 @@ class CameraConfig:
     gop: int = 30
     encoder: str = "auto"
     frame_id: str = "camera_front"
+    copies: tuple[dict[str, Any], ...] = ()
 
     def to_json(self) -> str:
         """Return the configuration as the process's argument."""
@@ -141,17 +144,27 @@ def _message(type_: str, header: Any, fields: DataclassInstance) -> Any:
 @asynccontextmanager
 async def _camera(config: CameraConfig, sent: Callable[[list[_Sent]], None]) -> AsyncIterator[_Shooting]:
     """Open source, encoder and publisher; the caller awaits the task that shoots."""
-    from sfglab.bus import Node
-
     encoder = _ColourEncoder(config) if config.codec == "h264" else _DepthEncoder(config)
     source = open_source(
         config.source, width=config.width, height=config.height, fps=config.fps, seed=config.seed
     )
-    address = {k: getattr(config, k) for k in ("domain_id", "interface", "multicast")}
     with closing(source):
-        async with Node("camera_front", **address) as node:
-            publisher = node.create_publisher(encoder.type, config.topic, COMPRESSED_STREAM)
-            yield _Shooting(encoder, _shoot(config, source, encoder, publisher, sent))
+        async with AsyncExitStack() as stack:
+            publishers = [await _publisher(stack, place, encoder.type) for place in _places(config)]
+            yield _Shooting(encoder, _shoot(config, source, encoder, publishers, sent))
+
+
+def _places(config: CameraConfig) -> list[dict[str, Any]]:
+    names = ("domain_id", "interface", "multicast", "topic")
+    return [{name: getattr(config, name) for name in names}, *config.copies]
+
+
+async def _publisher(stack: AsyncExitStack, place: dict[str, Any], type_: str) -> Publisher:
+    from sfglab.bus import Node
+
+    topic, address = place["topic"], {name: value for name, value in place.items() if name != "topic"}
+    node = await stack.enter_async_context(Node("camera_front", **address))
+    return node.create_publisher(type_, topic, COMPRESSED_STREAM)
 
 
 async def _serve(config: CameraConfig, report: Callable[[dict[str, Any]], None]) -> None:
@@ -196,7 +209,7 @@ async def _shoot(
     config: CameraConfig,
     source: Any,
     encoder: _ColourEncoder | _DepthEncoder,
-    publisher: Publisher,
+    publishers: list[Publisher],
     sent: Callable[[list[_Sent]], None],
 ) -> None:
     """Take, encode and publish frames for ever, each at its due time."""
@@ -212,7 +225,9 @@ async def _shoot(
                 stamp=stamp_from_ns(stamp_ns), frame_id=config.frame_id
             )
             for message in encoder.messages(frame, header):
-                publisher.publish(message)
+                first = frame.number % len(publishers)  # no place is always the first
+                for publisher in publishers[first:] + publishers[:first]:
+                    publisher.publish(message)
                 second.append((frame.number, stamp_ns, len(message.data)))
             if len(second) >= config.fps:
                 sent(second)

@@ -49,6 +49,8 @@ class ViewerConfig:
         remote_type: Its type.
         codec: Codec hint.
         local_topic: The decoded topic.
+        joined: Whether its nodes are in their domains all the time, as a display's are, and its codec is
+            loaded; else they join with each order to look.
     """
 
     remote: dict[str, Any]
@@ -57,6 +59,7 @@ class ViewerConfig:
     remote_type: str
     codec: str
     local_topic: str
+    joined: bool = False
 
     def to_json(self) -> str:
         """Return the configuration as the process's argument."""
@@ -76,6 +79,7 @@ class Seen:
         checksum: Exclusive or of all pixels, as 64-bit words.
         pairs: Number and capture stamp (ns) of the latest pictures.
         ages_ns: From capture stamp to the picture in hand, of the latest pictures.
+        sightings: Number, and when the picture was in hand (Unix time, ns), of the latest pictures.
     """
 
     frames: int = 0
@@ -86,6 +90,7 @@ class Seen:
     checksum: int = 0
     pairs: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=PAIRS_KEPT))
     ages_ns: deque[int] = field(default_factory=lambda: deque(maxlen=10 * PAIRS_KEPT))
+    sightings: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=10 * PAIRS_KEPT))
     _last: int | None = None
 
     def look(self, items: NDArray[Any], width: int, channels: int, stamp_ns: int) -> None:
@@ -97,8 +102,9 @@ class Seen:
             channels: Items in a pixel.
             stamp_ns: Its capture stamp, nanoseconds.
         """
+        seen_ns = time.time_ns()
         self.frames += 1
-        self.ages_ns.append(time.time_ns() - stamp_ns)
+        self.ages_ns.append(seen_ns - stamp_ns)
         self.checksum ^= int(np.bitwise_xor.reduce(items.view(np.uint64)))
         number = read_number_flat(items, width, channels)
         if number is None:
@@ -109,6 +115,7 @@ class Seen:
             self.disordered += number <= self._last
         self._last = number
         self.pairs.append((number, stamp_ns))
+        self.sightings.append((number, seen_ns))
 
     def report(self) -> dict[str, Any]:
         """Return the counts as JSON values."""
@@ -122,6 +129,7 @@ class Seen:
             "checksum": self.checksum,
             "pairs": list(self.pairs),
             "ages_ns": list(self.ages_ns),
+            "sightings": list(self.sightings),
         }
 
 
@@ -138,21 +146,50 @@ class Viewer:
         self._report = report
         self._looking: asyncio.Task[None] | None = None
         self._seen = Seen()
+        self._ordered_ns = 0
+        self._nodes: dict[str, Any] = {}
 
     async def run(self, orders: AsyncIterator[bytes]) -> None:
-        """Obey orders until they end."""
-        self._report({"is": "ready"})
-        try:
-            async for line in orders:
-                order = json.loads(line)
-                if order["do"] == "look":
-                    self._seen = Seen()
-                    self._looking = asyncio.create_task(self._look(order["mode"], order.get("path")))
-                else:
-                    await self._stop()
-                    self._report(self._seen.report())
-        finally:
+        """Obey orders until they end.
+
+        An order to look names the mode, and may name a topic in place of the configured one of that mode.
+        """
+        async with contextlib.AsyncExitStack() as stack:
+            if self._config.joined:
+                await self._join(stack)
+            self._report({"is": "ready"})
+            try:
+                async for line in orders:
+                    await self._obey(json.loads(line))
+            finally:
+                await self._stop()
+
+    async def _obey(self, order: dict[str, Any]) -> None:
+        if order["do"] == "look":
+            self._ordered_ns = time.time_ns()
+            self._seen = Seen()
+            self._looking = asyncio.create_task(self._look(order))
+        else:
             await self._stop()
+            self._report(self._seen.report())
+
+    async def _join(self, stack: contextlib.AsyncExitStack) -> None:
+        for side in ("remote", "local"):
+            self._nodes[side] = await stack.enter_async_context(self._new_node("viewer", side))
+        image_decoder(self._config.remote_type, self._config.codec)
+
+    def _new_node(self, name: str, side: str) -> Any:
+        from sfglab.bus import Node
+
+        return Node(name, **getattr(self._config, side))
+
+    @contextlib.asynccontextmanager
+    async def _node(self, name: str, side: str) -> AsyncIterator[Any]:
+        if side in self._nodes:
+            yield self._nodes[side]
+        else:
+            async with self._new_node(name, side) as node:
+                yield node
 
     async def _stop(self) -> None:
         if self._looking is not None:
@@ -161,18 +198,24 @@ class Viewer:
                 await self._looking
             self._looking = None
 
-    async def _look(self, mode: str, path: str | None) -> None:
+    async def _look(self, order: dict[str, Any]) -> None:
         ways = {"standard": self._decode, "proxy": self._share, "network": self._discard}
+        mode, path = order["mode"], order.get("path")
+        topic = order.get("topic") or (
+            self._config.local_topic if mode == "proxy" else self._config.remote_topic
+        )
         try:
-            await (self._record(Path(path)) if path else ways[mode]())
+            await (self._record(topic, Path(path)) if path else ways[mode](topic))
         except Exception as error:  # noqa: BLE001  # the experiment must hear why a viewer fell out
             self._report({"is": "failed", "why": f"{type(error).__name__}: {error}"})
 
     def _saw_one(self) -> None:
         if self._seen.frames == 1:
-            self._report({"is": "first"})
+            sightings = self._seen.sightings
+            seen_ns = sightings[0][1] if sightings else time.time_ns()
+            self._report({"is": "first", "ordered_ns": self._ordered_ns, "seen_ns": seen_ns})
 
-    async def _decode(self) -> None:
+    async def _decode(self, topic: str) -> None:
         decoder = image_decoder(self._config.remote_type, self._config.codec)
 
         def see(message: Any) -> None:
@@ -189,47 +232,46 @@ class Viewer:
                 )
                 self._saw_one()
 
-        await self._subscribe(see)
+        await self._subscribe(topic, see)
 
-    async def _discard(self) -> None:
+    async def _discard(self, topic: str) -> None:
         def see(_: bytes) -> None:
             self._seen.frames += 1
             self._saw_one()
 
-        await self._subscribe(see, raw=True)
+        await self._subscribe(topic, see, raw=True)
 
-    async def _subscribe(self, see: Callable[[Any], None], *, raw: bool = False) -> None:
-        """Receive the remote stream until cancelled."""
-        from sfglab.bus import Node
+    async def _subscribe(self, topic: str, see: Callable[[Any], None], *, raw: bool = False) -> None:
+        """Receive a remote stream until cancelled."""
+        type_ = self._config.remote_type
+        async with self._node("viewer", "remote") as node:
+            with contextlib.closing(
+                node.create_subscription(type_, topic, see, qos=COMPRESSED_STREAM, raw=raw)
+            ):
+                await asyncio.Event().wait()
 
-        async with Node("viewer", **self._config.remote) as node:
-            topic, type_ = self._config.remote_topic, self._config.remote_type
-            node.create_subscription(type_, topic, see, qos=COMPRESSED_STREAM, raw=raw)
-            await asyncio.Event().wait()
-
-    async def _share(self) -> None:
+    async def _share(self, topic: str) -> None:
         """Take decoded pictures from shared memory until cancelled."""
-        from sfglab.bus import Node
 
         def see(image: Any) -> None:
             items, channels = (image.data, 3) if image.encoding == "bgr8" else (image.data.view(np.uint16), 1)
             self._seen.look(items, image.width, channels, ns_from_stamp(image.header.stamp))
             self._saw_one()
 
-        async with Node("viewer", **self._config.local) as node:
-            topic = self._config.local_topic
-            node.create_subscription(IMAGE, topic, see, qos=SENSOR_DATA, transport="shm")
-            await asyncio.Event().wait()
+        async with self._node("viewer", "local") as node:
+            with contextlib.closing(
+                node.create_subscription(IMAGE, topic, see, qos=SENSOR_DATA, transport="shm")
+            ):
+                await asyncio.Event().wait()
 
-    async def _record(self, path: Path) -> None:
+    async def _record(self, topic: str, path: Path) -> None:
         """Write the stream's messages into a log of its own as they come in, unconverted."""
-        from sfglab.bus import Node
         from sfglab.record import LogWriter
 
-        topic, type_ = self._config.remote_topic, self._config.remote_type
-        async with Node("recorder", **self._config.remote) as node:
+        type_ = self._config.remote_type
+        async with self._node("recorder", "remote") as node:
             subscription = node.create_subscription(type_, topic, qos=COMPRESSED_STREAM, raw=True)
-            with LogWriter(path) as log:
+            with contextlib.closing(subscription), LogWriter(path) as log:
                 while True:
                     cdr, info = await subscription.take_with_info()
                     log.write_raw(

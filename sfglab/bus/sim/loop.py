@@ -1,0 +1,144 @@
+"""An asyncio loop whose time is virtual, and the world's event list in it.
+
+Nothing ever waits: when no callback is ready, the clock jumps to the next timer or event. What is due at one
+instant runs in the order in which it was scheduled, and tasks hash by the order of their creation, so sets of
+tasks are walked the same way in every run. Refuses to know what the events mean, and has neither threads nor
+sockets: nothing outside can wake it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import heapq
+from itertools import count
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from sfglab.bus.sim.errors import DeadlockError, NotSimulatedError, TimeLimitError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
+__all__ = ["START_NS", "VirtualLoop"]
+
+START_NS = 1_767_225_600_000_000_000
+"""Where virtual time begins: 2026-01-01, Unix time in nanoseconds, so that stamps look like stamps."""
+
+_NS = 1_000_000_000
+_NEVER_NS = 2**62
+_Event = tuple[int, int, "Callable[..., None]", tuple[Any, ...]]
+
+
+class VirtualLoop(asyncio.BaseEventLoop):
+    """Runs coroutines in virtual time; `time` starts at 0 and counts seconds.
+
+    Args:
+        limit_s: The virtual time at which the run is given up; None is never.
+
+    Attributes:
+        now_ns: The virtual time since the start, in nanoseconds.
+        events: How many events have run.
+    """
+
+    def __init__(self, limit_s: float | None = None) -> None:
+        super().__init__()
+        self.now_ns = 0
+        self.events = 0
+        self._limit_ns = None if limit_s is None else round(limit_s * _NS)
+        self._schedule: list[_Event] = []
+        self._numbers = count()
+        self._task_numbers = count()
+        # What `BaseEventLoop` asks to wait; and how far apart two times may be and count as one.
+        self._selector = self
+        self._clock_resolution = 1 / _NS
+        self._scheduled: list[asyncio.TimerHandle] = []
+        self.set_task_factory(_new_task)  # type: ignore[arg-type]  # called with keywords the stub leaves out
+
+    def time(self) -> float:
+        """Return the virtual time since the start, in seconds."""
+        return self.now_ns / _NS
+
+    def at(self, time_ns: int, function: Callable[..., None], *arguments: Any) -> None:
+        """Call a function at a virtual time; now if that is past."""
+        time_ns = max(time_ns, self.now_ns)
+        heapq.heappush(self._schedule, (time_ns, next(self._numbers), function, arguments))
+
+    def new_task_number(self) -> int:
+        """Return how many tasks there were before."""
+        return next(self._task_numbers)
+
+    def select(self, timeout_s: float | None) -> list[_Event]:
+        """Advance the clock to the next instant at which something happens; return the events due then.
+
+        Args:
+            timeout_s: How long `asyncio` would wait: 0 when callbacks are ready, None for ever.
+        """
+        schedule = self._schedule
+        if timeout_s is None and not schedule:
+            raise DeadlockError(self.time(), asyncio.all_tasks(self))
+        next_ns = self.now_ns if timeout_s == 0 else self._next_timer_ns()
+        if schedule and schedule[0][0] < next_ns:
+            next_ns = schedule[0][0]
+        if self._limit_ns is not None and next_ns > self._limit_ns:
+            self._give_up()
+        self.now_ns = next_ns
+        due = []
+        while schedule and schedule[0][0] <= next_ns:
+            due.append(heapq.heappop(schedule))
+        return due
+
+    def _next_timer_ns(self) -> int:
+        """Return the first nanosecond at which `time` is not before the next timer's: it must not be early.
+
+        A task that is woken just before its time would wait again, for less than the clock can show.
+        """
+        if not self._scheduled:
+            return _NEVER_NS
+        when_s = self._scheduled[0].when()
+        when_ns = max(self.now_ns, round(when_s * _NS))
+        return when_ns + (when_ns / _NS < when_s)
+
+    def _process_events(self, event_list: list[_Event]) -> None:
+        self.events += len(event_list)
+        for _, _, function, arguments in event_list:
+            function(*arguments)
+
+    def _give_up(self) -> None:
+        assert self._limit_ns is not None
+        limit_s = self._limit_ns / _NS
+        self._limit_ns = None  # the tasks still have to be cancelled
+        raise TimeLimitError(limit_s, asyncio.all_tasks(self))
+
+    def run_in_executor(self, *_arguments: Any) -> NoReturn:  # type: ignore[override]
+        """Refuse: a thread's work would take no virtual time and could not wake the loop.
+
+        Raises:
+            NotSimulatedError: Always.
+        """
+        raise NotSimulatedError("a thread (run_in_executor, to_thread)")
+
+    def _write_to_self(self) -> None:
+        """Do nothing: the loop never sleeps."""
+
+    def close(self) -> None:
+        """Forget all events and end."""
+        self._schedule.clear()
+        super().close()
+
+
+class _Task(asyncio.Task[Any]):
+    """A task that hashes by its number instead of its address."""
+
+    number = 0
+
+    def __hash__(self) -> int:
+        return self.number
+
+
+def _new_task(
+    loop: asyncio.AbstractEventLoop, coroutine: Coroutine[Any, Any, Any], context: Any = None
+) -> asyncio.Task[Any]:
+    assert isinstance(loop, VirtualLoop)
+    task = _Task.__new__(_Task)
+    task.number = loop.new_task_number()  # before `__init__`, which puts the task into a set
+    task.__init__(coroutine, loop=loop, context=context)  # type: ignore[misc]
+    return task

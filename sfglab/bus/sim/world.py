@@ -1,0 +1,377 @@
+"""The simulated world: hosts, links, domains and faults, from one seed.
+
+The same seed gives the same run, to the byte. Refuses to run by itself: `run_simulated` puts it into a loop
+whose time is virtual.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from itertools import count
+from random import Random
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, get_args
+
+from sfglab import names
+from sfglab.bus.dds.config import DomainConfig
+from sfglab.bus.sim.channel import Network
+from sfglab.bus.sim.clockwork import Clockwork, ns_from_s
+from sfglab.bus.sim.decoding import SharedDecoder
+from sfglab.bus.sim.domain import Domain
+from sfglab.bus.sim.errors import WorldError
+from sfglab.bus.sim.link import Costs, LinkModel, Timing
+from sfglab.bus.sim.loop import VirtualLoop
+from sfglab.bus.sim.node import SimNode
+from sfglab.bus.sim.participant import Host, Participant, Partition, Process
+from sfglab.bus.sim.services import Services
+from sfglab.bus.sim.trace import TraceEvent
+from sfglab.bus.sim.traffic import HostTraffic, KindBytes
+from sfglab.bus.sim.views import Views
+from sfglab.bus.userdata import HOST_KEY, NODE_KEY, user_data
+from sfglab.qos import QoSProfile, incompatibilities
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+    from typing import Unpack
+
+    from sfglab.bus.calls import OnError
+
+__all__ = ["NodeOptions", "Reach", "World", "WorldOptions", "run_simulated"]
+
+T = TypeVar("T")
+Reach = Literal["network", "host"]
+
+
+class NodeOptions(TypedDict, total=False):
+    """What else a node can be given; see `World.node`."""
+
+    namespace: str
+    lease_s: float
+    on_error: OnError | None
+    process: str
+    presence: bool
+
+
+class WorldOptions(TypedDict, total=False):
+    """Keyword arguments of `World`."""
+
+    seed: int
+    link: LinkModel
+    timing: Timing
+    costs: Costs
+    multicast: bool
+    lean_services: bool
+
+
+class World:
+    """Hosts on a network, and the nodes on them; inside a `VirtualLoop`.
+
+    Args:
+        seed: Decides everything that is left to chance.
+        link: The link of every host that has none of its own.
+        timing: How long the middleware takes.
+        costs: How long processes take for what they hear.
+        multicast: Whether announcements, and samples for more than one other host, go by multicast.
+        lean_services: Hand a service's reply only to the participant that asked, not to all who have a client
+            of that service and would ignore it. Bytes are booked, and costs charged, as if all had got it:
+            without this, n clients of n services cost n**3 deliveries.
+
+    Attributes:
+        random: Draws what is left to chance; components may draw from it too.
+        hosts: By name.
+    """
+
+    def __init__(  # noqa: PLR0913 - what a world can be set to, by keyword
+        self,
+        seed: int = 0,
+        *,
+        link: LinkModel | None = None,
+        timing: Timing | None = None,
+        costs: Costs | None = None,
+        multicast: bool = True,
+        lean_services: bool = False,
+    ) -> None:
+        loop = asyncio.get_running_loop()
+        if not isinstance(loop, VirtualLoop):
+            raise WorldError("a world needs virtual time: use it inside run_simulated")
+        self.loop = loop
+        self.seed = seed
+        self.random = Random(seed)
+        self.hosts: dict[str, Host] = {}
+        self.multicast = multicast
+        self.clockwork = Clockwork.of(timing or Timing(), costs or Costs())
+        self.views = Views(loop, self.clockwork, seed)
+        self.network = Network(loop, self.clockwork, self.random)
+        self.services = Services(self.network) if lean_services else None
+        self.trace: Callable[[str, bytes, bytes], None] | None = None
+        self._link = link or LinkModel()
+        self._domains: dict[tuple[int, Host | None], Domain] = {}
+        self._processes: dict[tuple[Host, str], Process] = {}
+        self._nodes: dict[SimNode, None] = {}
+        self._numbers = count()
+        self._shapes: dict[tuple[str, str, QoSProfile], int] = {}
+        self._compatible: dict[tuple[int, int], bool] = {}
+        self._decoders: dict[str, SharedDecoder] = {}
+
+    @property
+    def now_ns(self) -> int:
+        """The virtual time since the start, in nanoseconds."""
+        return self.loop.now_ns
+
+    def host(self, name: str, link: LinkModel | None = None) -> Host:
+        """Return a host, made if there is none of that name yet.
+
+        Args:
+            name: What it is called.
+            link: Its link; None keeps the one it has, or takes the world's.
+        """
+        host = self.hosts.get(name)
+        if host is None:
+            self._settle()  # what was sent so far did not reach it
+            host = self.hosts[name] = Host(name, self._link, self.seed)
+            self.network.note(self._link)
+        if link is not None:
+            self.set_link(name, link)
+        return host
+
+    def node(
+        self,
+        name: str,
+        *,
+        host: str = "host",
+        domain_id: int = 0,
+        reach: Reach = "network",
+        **options: Unpack[NodeOptions],
+    ) -> SimNode:
+        """Return a started node; it is a participant of its own.
+
+        Args:
+            name: The node's name.
+            host: Where it runs; made if there is none of that name yet.
+            domain_id: Its DDS domain, 0 to 232.
+            reach: Whether the domain is that of the network, or one on the host's loopback interface only.
+            options: `namespace` ("/"), where relative topic names live; `lease_s` (10.0), after how long a
+                silence the others give it up; `on_error`, given every exception of a callback and a text that
+                names its place; `process` (one of its own): nodes of one process share its time; `presence`
+                (True), whether ROS 2's tools shall see it as a node, which takes one more writer on the wire.
+
+        Raises:
+            DomainError: There can be no such domain.
+            WorldError: There is no such reach.
+        """
+        if reach not in get_args(Reach):
+            raise WorldError(f"node {name!r}: reach: given {reach!r}, allowed are {', '.join(get_args(Reach))}")
+        config = DomainConfig(domain_id=domain_id, lease_s=options.get("lease_s", 10.0))
+        where = self.host(host)
+        namespace = options.get("namespace", "/")
+        full_name = names.resolve(name, namespace, node_name=name)
+        process = self._process(where, options.get("process", f"node {self.new_number()}"))
+        domain = self._domain(domain_id, None if reach == "network" else where)
+        participant = Participant(domain, where, process, name=full_name, number=self.new_number())
+        participant.user_data = user_data({"enclave": "/", NODE_KEY: full_name, HOST_KEY: where.id})
+        participant.presence = options.get("presence", True)
+        participant.lease_ns = ns_from_s(config.lease_s)
+        participant.interval_ns = ns_from_s(config.lease_s * self.clockwork.announcement_share)
+        domain.join(participant)
+        node = SimNode(participant, name, namespace=namespace, on_error=options.get("on_error"))
+        self._nodes[node] = None
+        return node
+
+    def opener(self, host: str) -> Callable[..., SimNode]:
+        """Return what makes nodes on a host from the arguments of a live node.
+
+        Its `interface` decides the reach: "lo" is the host's own, any other is the network. What a simulated
+        node does not know (`multicast`, `external_domain_id`) is left out.
+        """
+
+        def open_node(name: str, *, interface: str | None = None, **options: Any) -> SimNode:
+            for unknown in ("multicast", "external_domain_id"):
+                options.pop(unknown, None)
+            return self.node(name, host=host, reach="host" if interface == "lo" else "network", **options)
+
+        return open_node
+
+    def set_link(self, host: str, link: LinkModel) -> None:
+        """Change a host's link for what is sent from now on; discovery goes by the link at the node's start."""
+        self.host(host).set_link(link)
+        self.network.note(link)
+        self._reroute()
+
+    def partition(self, *groups: set[str]) -> None:
+        """Cut the network into groups of hosts that do not hear each other; those not named are one more.
+
+        Raises:
+            WorldError: It is cut already, or a host is named twice.
+        """
+        partitions = self.views.partitions
+        if partitions and partitions[-1].lasts:
+            raise WorldError("partition: the network is cut already; heal it first")
+        sides: dict[Host, int] = {}
+        for number, group in enumerate(groups, start=1):
+            for name in sorted(group):
+                if self.host(name) in sides:
+                    raise WorldError(f"partition: host {name!r} is in two groups, allowed is one")
+                sides[self.host(name)] = number
+        self._settle()
+        self._set_sides(sides)
+        partitions.append(Partition(self.loop.now_ns, sides))
+        self._note("part", b"", repr([sorted(group) for group in groups]).encode())
+        for one, other in self._apart(partitions[-1]):
+            self.loop.at(self.loop.now_ns + other.lease_ns, one.domain.review, one, other)
+
+    def heal(self) -> None:
+        """Join the network again; harmless if it is whole."""
+        partitions = self.views.partitions
+        if not partitions or not partitions[-1].lasts:
+            return
+        self._settle()
+        self._set_sides({})
+        partitions[-1].end_ns = self.loop.now_ns
+        self._note("heal", b"", b"")
+        for one, other in self._apart(partitions[-1]):
+            # Now too: news that were due at this very instant have arrived after all.
+            for time_ns in (self.loop.now_ns, self.views.gaps(one, other)[-1].back_ns):
+                self.loop.at(time_ns, one.domain.review, one, other)
+
+    def traffic(self) -> dict[str, HostTraffic]:
+        """Return what each host's interface to the network has carried so far, by host name."""
+        self._settle()
+        return {
+            name: HostTraffic(rx=KindBytes.of(host.rx), tx=KindBytes.of(host.tx))
+            for name, host in self.hosts.items()
+        }
+
+    def received(self, host: str) -> int:
+        """Return how many bytes a host's interface has received so far; cheaper than `traffic`."""
+        booked = self.host(host)
+        domains = [d for (_, local), d in self._domains.items() if local is None]
+        return sum(booked.rx) + sum(domain.accounts.pending_rx() for domain in domains)
+
+    def census(self, domain_id: int = 0) -> tuple[int, int]:
+        """Return how many endpoints a domain of the network has now, and how many it has had so far."""
+        domain = self._domain(domain_id, None)
+        return sum(len(t.writers) + len(t.readers) for t in domain.topics.values()), domain.announced
+
+    def spent_s(self, host: str) -> float:
+        """Return what a host's processes have spent so far by `Costs`, in seconds of one core."""
+        own_ns = sum(process.spent_ns for (where, _), process in self._processes.items() if where.name == host)
+        crowds_ns = sum(
+            member.domain.crowd.spent_ns - member.crowd_ns
+            for domain in self._domains.values()
+            for member in domain.members
+            if member.host.name == host
+        )
+        return (own_ns + crowds_ns) / 1e9
+
+    def trace_to(self, sink: Callable[[TraceEvent], None] | None) -> None:
+        """Give everything that happens from now on to a sink; None to nobody."""
+        self.trace = None if sink is None else self._tracer(sink)
+
+    def close(self) -> None:
+        """Close all nodes."""
+        for node in self._nodes:
+            node.destroy_node()
+
+    def new_number(self) -> int:
+        """Return a number that nothing else in this world has."""
+        return next(self._numbers)
+
+    def shape(self, type_: str, transport: str, qos: QoSProfile) -> int:
+        """Return the number that stands for an endpoint's type, transport and QoS."""
+        return self._shapes.setdefault((type_, transport, qos), len(self._shapes))
+
+    def compatible(self, offered: int, requested: int) -> bool:
+        """Return whether a writer of one shape and a reader of another can match."""
+        found = self._compatible.get((offered, requested))
+        if found is None:
+            shapes = list(self._shapes)
+            theirs, ours = shapes[offered], shapes[requested]
+            found = theirs[:2] == ours[:2] and not incompatibilities(offered=theirs[2], requested=ours[2])
+            self._compatible[offered, requested] = found
+        return found
+
+    def decoder(self, type_: str) -> SharedDecoder:
+        """Return what decodes a type's messages for all who receive them."""
+        if type_ not in self._decoders:
+            self._decoders[type_] = SharedDecoder(type_)
+        return self._decoders[type_]
+
+    def _domain(self, domain_id: int, host: Host | None) -> Domain:
+        key = (domain_id, host)
+        if key not in self._domains:
+            self._domains[key] = Domain(self, networked=host is None)
+        return self._domains[key]
+
+    def _process(self, host: Host, name: str) -> Process:
+        process = self._processes.get((host, name))
+        if process is None:
+            process = self._processes[host, name] = Process()
+            process.occupy(self.loop.now_ns, self.clockwork.start_cost_ns)
+        return process
+
+    def _apart(self, partition: Partition) -> list[tuple[Participant, Participant]]:
+        """Return the ordered pairs of participants that a partition separates."""
+        return [
+            (one, other)
+            for (_, host), domain in self._domains.items()
+            if host is None
+            for one in domain.members
+            for other in domain.members
+            if partition.separates(one, other)
+        ]
+
+    def _set_sides(self, sides: dict[Host, int]) -> None:
+        for host in self.hosts.values():
+            host.side = sides.get(host, 0)
+        for domain in self._domains.values():
+            domain.accounts.parted = bool(sides)
+        self.network.varies = True  # from now on every packet is looked at
+        self._reroute()
+
+    def _reroute(self) -> None:
+        for domain in self._domains.values():
+            for topic in domain.topics.values():
+                for writer in topic.writers:
+                    writer.reroute()
+
+    def _settle(self) -> None:
+        for domain in self._domains.values():
+            domain.settle()
+
+    def _tracer(self, sink: Callable[[TraceEvent], None]) -> Callable[[str, bytes, bytes], None]:
+        def trace(what: str, gid: bytes, data: bytes) -> None:
+            sink(TraceEvent(time_ns=self.loop.now_ns, what=what, gid=gid, data=data))
+
+        return trace
+
+    def _note(self, what: str, gid: bytes, data: bytes) -> None:
+        if self.trace is not None:
+            self.trace(what, gid, data)
+
+
+def run_simulated(
+    main: Callable[[World], Awaitable[T]], *, limit_s: float | None = None, **options: Unpack[WorldOptions]
+) -> T:
+    """Run a coroutine function in a world of its own and return its result.
+
+    Inside, `asyncio.sleep`, `timeout`, `loop.time` and timers are virtual: they take no time, only order.
+
+    Args:
+        main: Given the world.
+        limit_s: The virtual time at which the run is given up, in seconds; None is never.
+        options: Those of `World`: `seed`, `link`, `timing`, `costs`, `multicast`,
+            `lean_services`.
+
+    Raises:
+        DeadlockError: Everybody waits and nothing is scheduled.
+        TimeLimitError: It was not done at `limit_s`.
+    """
+
+    async def body() -> T:
+        world = World(**options)
+        try:
+            return await main(world)
+        finally:
+            world.close()
+
+    with asyncio.Runner(loop_factory=lambda: VirtualLoop(limit_s)) as runner:
+        return runner.run(body())

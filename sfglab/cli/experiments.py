@@ -1,0 +1,103 @@
+"""Commands of researchers: run experiments, look at figures, claims and logs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = ["add_to"]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add these commands to a program."""
+    for command in (doctor, reproduce, figures, claims):
+        app.command()(command)
+    app.command("log")(show_log)
+
+
+def doctor() -> None:
+    """Say in plain words what this machine can do, and what an experiment will do instead."""
+    from sfglab.lab.doctor import diagnose, render
+
+    typer.echo(render(diagnose()))
+
+
+def reproduce(
+    notebooks: Annotated[list[str] | None, typer.Argument(help="Notebooks by name; all when none.")] = None,
+    profile: Annotated[str, typer.Option(help="smoke (seconds), quick (minutes) or paper.")] = "quick",
+    seed: Annotated[int, typer.Option(help="Seed of everything that is drawn.")] = 0,
+    parameter: Annotated[
+        list[str] | None, typer.Option("-p", "--parameter", help="Another parameter, as name=value.")
+    ] = None,
+    write: Annotated[
+        bool, typer.Option("--write", help="Also replace the notebooks by their executed copies.")
+    ] = False,
+) -> None:
+    """Run notebooks headless: logs, figures and, at the end, the ledger of claims.
+
+    Examples:
+
+      sfglab reproduce
+
+      sfglab reproduce 03_decode_once --profile smoke
+
+      sfglab reproduce 03_decode_once -p source=drive.mp4
+    """
+    from sfglab.lab.claims import render
+    from sfglab.lab.ledger import compute_ledger
+    from sfglab.lab.notebooks import PROFILES, NotebookError, find_notebooks, read_parameters, run_notebooks
+    from sfglab.lab.paths import find_project
+
+    if profile not in PROFILES:
+        raise NotebookError(f"--profile: given {profile!r}, allowed are {', '.join(PROFILES)}")
+    project = find_project()
+    outcomes = run_notebooks(
+        find_notebooks(project, notebooks or ()),
+        project=project,
+        parameters={"profile": profile, "seed": seed, **read_parameters(parameter or ())},
+        write=write,
+    )
+    typer.echo(render(compute_ledger(project, profile=profile)))
+    failed = [o for o in outcomes if o.error]
+    for outcome in failed:
+        typer.echo(f"failed: {outcome.name}: {outcome.error}", err=True)
+    typer.echo(f"{len(outcomes) - len(failed)} of {len(outcomes)} notebooks ran through", err=True)
+    raise typer.Exit(code=1 if failed else 0)
+
+
+def figures() -> None:
+    """Draw all figures again, from logs alone."""
+    from sfglab.lab.ledger import redraw_figures
+    from sfglab.lab.paths import find_project
+
+    project = find_project()
+    for name, files in redraw_figures(project).items():
+        typer.echo(f"{name}: {', '.join(project.relative(f) for f in files)}")
+
+
+def claims(
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Print the ledger: what the papers said, what we measured, and the verdict."""
+    from sfglab.lab.claims import render
+    from sfglab.lab.ledger import compute_ledger
+    from sfglab.lab.paths import find_project
+
+    entries = compute_ledger(find_project())
+    typer.echo(json.dumps([e.as_json() for e in entries], indent=2) if as_json else render(entries))
+
+
+def show_log(path: Annotated[Path, typer.Argument(help="An MCAP log.")]) -> None:
+    """List what a log holds: topics, tables, metadata."""
+    from sfglab.record import LogReader
+
+    with LogReader(path) as reader:
+        for topic, info in reader.topics.items():
+            typer.echo(f"{info.count:8d}  {topic}  ({info.type_name})")
+        for name in reader.metadata_names:
+            typer.echo(f"metadata  {name}: {json.dumps(reader.metadata(name))}")
+        if reader.truncated:
+            typer.echo("the log was cut off; what stands here is all that is in it")

@@ -1,0 +1,76 @@
+"""The routers that there are, by name: write a configuration for one, check one that somebody wrote."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sfglab.deploy.routers.dds_router import render_dds_router
+from sfglab.deploy.routers.dds_router_check import check_dds_router
+from sfglab.deploy.routers.domain_bridge import render_domain_bridge
+from sfglab.deploy.routers.errors import RouterFileError
+from sfglab.deploy.routers.zenoh import render_zenoh_acl, render_zenoh_bridge
+from sfglab.deploy.routers.zenoh_check import check_zenoh
+from sfglab.fleet.fleet_file import suggestion
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.fleet.border import Finding
+    from sfglab.fleet.fleet_file import Fleet
+    from sfglab.fleet.routing import Policy
+
+__all__ = ["TARGETS", "check_file", "render_router"]
+
+TARGETS: dict[str, Callable[[Fleet, str], str]] = {
+    "dds-router": render_dds_router,
+    "zenoh-bridge": render_zenoh_bridge,
+    "zenoh-acl": render_zenoh_acl,
+    "domain-bridge": render_domain_bridge,
+}
+"""What a configuration can be written for: target -> function of fleet and agent."""
+
+
+def render_router(fleet: Fleet, agent: str, target: str) -> str:
+    """Return a router's configuration for one agent.
+
+    Args:
+        fleet: The fleet.
+        agent: Whose router.
+        target: One of `TARGETS`.
+
+    Raises:
+        RouterFileError: There is no such target, or it cannot express the policy.
+        UnknownAgentError: The fleet has no such agent.
+    """
+    if target not in TARGETS:
+        raise RouterFileError(
+            f"target: given {target!r}, allowed: {', '.join(TARGETS)}{suggestion(target, tuple(TARGETS))}"
+        )
+    return TARGETS[target](fleet, agent)
+
+
+def check_file(path: Path | str, *, policy: Policy | None = None) -> tuple[Finding, ...]:
+    """Check a configuration of a DDS Router (``.yaml``, ``.yml``) or of Zenoh (``.json5``, ``.json``).
+
+    Args:
+        path: The file.
+        policy: What should cross, as in a fleet file; None does not ask.
+
+    Returns:
+        Findings, the worst first.
+
+    Raises:
+        RouterFileError: The file cannot be read, or its name does not say what it is.
+        DocumentError: It is neither YAML nor JSON5.
+    """
+    path = Path(path)
+    checks = {".yaml": check_dds_router, ".yml": check_dds_router, ".json5": check_zenoh, ".json": check_zenoh}
+    check = checks.get(path.suffix)
+    if check is None:
+        raise RouterFileError(f"{path}: given a file {path.suffix!r}, allowed: {', '.join(checks)}")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RouterFileError(f"{path}: {error}") from error
+    return check(text, file=str(path), policy=policy)

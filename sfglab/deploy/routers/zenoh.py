@@ -1,0 +1,155 @@
+"""A Zenoh bridge's configuration and access control for one agent, from the policy that our own router obeys.
+
+Formats: `zenoh-bridge-ros2dds` (DEFAULT_CONFIG.json5 and config.rs of zenoh-plugin-ros2dds, 2025) and Zenoh's
+access control (version 1). With bridges the Zenoh network takes the place of domain 0: an agent is heard by
+other agents' bridges, and plain ROS 2 nodes in domain 0 hear nothing.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from sfglab.deploy.routers.dds_router import header
+from sfglab.deploy.routers.patterns import NamePattern, action_names, service_names, topic_names
+from sfglab.fleet.routing import Direction
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from sfglab.fleet.fleet_file import Fleet
+    from sfglab.fleet.routing import Policy
+
+__all__ = ["KINDS", "bridged_names", "render_zenoh_acl", "render_zenoh_bridge"]
+
+KINDS = (
+    "publishers",
+    "subscribers",
+    "service_servers",
+    "service_clients",
+    "action_servers",
+    "action_clients",
+)
+"""What a bridge filters, each seen from inside the agent."""
+
+_IN, _OUT = Direction.INWARD, Direction.OUTWARD
+
+
+def bridged_names(policy: Policy) -> dict[str, tuple[NamePattern, ...]]:
+    """Return the ROS names that a bridge lets through, by what they are inside the agent.
+
+    Raises:
+        RouterFileError: A rule cannot be said in ROS names.
+    """
+    return {
+        "publishers": topic_names(policy, _OUT),
+        "subscribers": topic_names(policy, _IN),
+        "service_servers": service_names(policy, requests=_IN),
+        "service_clients": service_names(policy, requests=_OUT),
+        "action_servers": action_names(policy, goals=_IN),
+        "action_clients": action_names(policy, goals=_OUT),
+    }
+
+
+def render_zenoh_bridge(fleet: Fleet, agent: str) -> str:
+    """Return the JSON5 file for one agent's `zenoh-bridge-ros2dds`; the same fleet gives the same text.
+
+    Names are not changed (namespace ``/``), because they already bear the agent's.
+
+    Raises:
+        UnknownAgentError: The fleet has no such agent.
+        RouterFileError: A rule cannot be said in ROS names.
+    """
+    spec = fleet.agent(agent)
+    broadcasters = max(a.tf.static_broadcasters for a in fleet.agents)
+    plugin: dict[str, Any] = {
+        "namespace": "/",
+        "domain": spec.domain,
+        "allow": {kind: [p.regex for p in names] for kind, names in bridged_names(fleet.policy).items()},
+        # Kept of one topic of one agent: what a late joiner needs of each of its static broadcasters.
+        "transient_local_cache_multiplier": max(10, broadcasters),
+    }
+    if spec.local_interface == "lo":
+        plugin["ros_localhost_only"] = True
+    config: dict[str, Any] = {"mode": "peer", "plugins": {"ros2dds": plugin}}
+    if spec.global_interface is not None:
+        config["scouting"] = {"multicast": {"enabled": True, "interface": spec.global_interface}}
+    notes = [
+        "The Zenoh network takes the place of the global domain: plain ROS 2 nodes there hear nothing.",
+        "Give every agent's bridge its own file: bridges before 1.1 obey the receiving side alone.",
+    ]
+    return _file([*header(fleet, agent, "Zenoh bridge"), *notes], config)
+
+
+def render_zenoh_acl(fleet: Fleet, agent: str) -> str:
+    """Return a JSON5 file with the access control of one agent's bridge, to stand beside its ``plugins``.
+
+    It denies whatever the policy does not let cross, also where a bridge's own filter fails, and on other
+    agents' behalf. Directions are those of this agent: outward is egress.
+
+    Raises:
+        UnknownAgentError: The fleet has no such agent.
+        RouterFileError: A rule cannot be said in ROS names.
+    """
+    fleet.agent(agent)
+    names = bridged_names(fleet.policy)
+    rules = [rule for rule in _rules(names) if rule["key_exprs"]]
+    control = {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [{"id": "everybody"}],
+        "policies": [{"rules": [rule["id"] for rule in rules], "subjects": ["everybody"]}],
+    }
+    notes = ["Zenoh 1.0 or newer; it cannot be changed while the bridge runs."]
+    return _file([*header(fleet, agent, "Zenoh access control"), *notes], {"access_control": control})
+
+
+def _file(comments: Sequence[str], config: dict[str, Any]) -> str:
+    return "".join(f"// {line}\n" for line in comments) + json.dumps(config, indent=2) + "\n"
+
+
+_EGRESS, _INGRESS = "egress", "ingress"
+
+
+def _rules(names: dict[str, tuple[NamePattern, ...]]) -> Iterator[dict[str, Any]]:
+    for kind, data, wish in (("publishers", _EGRESS, _INGRESS), ("subscribers", _INGRESS, _EGRESS)):
+        keys = _keys(names[kind])
+        # What late joiners ask of an advanced publisher lies below @adv, which no wildcard stands for.
+        history = [f"{key}/@adv/**" for key in keys]
+        yield _rule(f"{kind}: messages", data, ["put", "delete", "reply"], keys)
+        yield _rule(f"{kind}: wishes", wish, ["declare_subscriber"], keys)
+        yield _rule(f"{kind}: history", data, ["declare_queryable", "liveliness_token"], history)
+        yield _rule(
+            f"{kind}: history wanted",
+            wish,
+            ["query", "liveliness_query", "declare_liveliness_subscriber"],
+            history,
+        )
+    for kind, calls, replies in (("server", _INGRESS, _EGRESS), ("client", _EGRESS, _INGRESS)):
+        keys = _keys(names[f"service_{kind}s"])  # an action's parts are among them
+        yield _rule(f"{kind}s: calls", calls, ["query"], keys)
+        yield _rule(f"{kind}s: replies", replies, ["reply", "declare_queryable"], keys)
+    # Bridges tell each other what they route by tokens with the name in one segment.
+    tokens = ["@/*/@ros2_lv"]
+    for letters, kind in (
+        ("MP", "publishers"),
+        ("MS", "subscribers"),
+        ("SS", "service_servers"),
+        ("SC", "service_clients"),
+        ("AS", "action_servers"),
+        ("AC", "action_clients"),
+    ):
+        tokens += [f"@/*/@ros2_lv/{letters}/{pattern.announced_key}/**" for pattern in names[kind]]
+    yield _rule("announcements", None, ["liveliness_token"], list(dict.fromkeys(tokens)))
+    wanted = ["liveliness_query", "declare_liveliness_subscriber"]
+    yield _rule("announcements wanted", None, wanted, ["@/*/@ros2_lv/**"])
+
+
+def _keys(patterns: Sequence[NamePattern]) -> list[str]:
+    return [pattern.key_expression for pattern in patterns]
+
+
+def _rule(name: str, flow: str | None, messages: list[str], keys: list[str]) -> dict[str, Any]:
+    flows = [_EGRESS, _INGRESS] if flow is None else [flow]
+    return {"id": name, "permission": "allow", "flows": flows, "messages": messages, "key_exprs": keys}

@@ -1,0 +1,233 @@
+"""Which processes an agent consists of, and what each of them is told.
+
+Pure: knows the components' configurations; refuses to know processes. Everything that can be refused beforehand
+is refused here, before anything has been started.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Protocol
+
+from sfglab.errors import SfglabError
+from sfglab.fleet.agent.supervision import Timing
+from sfglab.fleet.decoder.app import DecoderConfig
+from sfglab.fleet.discovery.app import DiscoveryConfig
+from sfglab.fleet.discovery.node import DiscoverySettings
+from sfglab.fleet.discovery.orders import Timing as DiscoveryTiming
+from sfglab.fleet.keeper.app import KeeperConfig
+from sfglab.fleet.routing import TABLE_1, ForwardRule
+from sfglab.fleet.routing.app import RouterConfig
+from sfglab.fleet.routing.frames import SHARED_FRAMES
+from sfglab.fleet.status.app import StatusConfig
+from sfglab.fleet.status.description import AgentDescription, SensorDescription, StreamDescription
+from sfglab.fleet.status.provider import StatusSettings
+from sfglab.fleet.status.schedule import Schedule
+from sfglab.names import Resource, RosFqnBuilder, Scope
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from sfglab.fleet.address import BusAddress
+    from sfglab.fleet.fleet_file import Fleet, SensorSpec
+
+__all__ = [
+    "COMPONENTS",
+    "AgentConfig",
+    "Component",
+    "PlanError",
+    "config_from_fleet",
+    "plan",
+    "without",
+]
+
+COMPONENTS = ("router", "status", "discoverer", "keeper", "decoder")
+"""The components of an agent, in the order in which they are started."""
+
+MAX_DOMAIN = 232
+
+
+class PlanError(SfglabError, ValueError):
+    """An agent that could not be run as it is described."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Component:
+    """One process of an agent.
+
+    Attributes:
+        name: What it is called in messages.
+        argv: Program and arguments.
+    """
+
+    name: str
+    argv: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AgentConfig:
+    """What an agent is.
+
+    Attributes:
+        agent: Its name.
+        local: Its own domain, D_i in the paper.
+        remote: The domain that all agents share, D_0 in the paper.
+        components: Which of `COMPONENTS` it runs.
+        sensors: What its metadata announces.
+        rules: What crosses its border.
+        prefix_frames: Whether its transforms leave under its name.
+        shared_frames: Frames that all agents mean by the same name.
+        placed_by_others: Its frames that others may give a parent.
+        linger_s: How long a decoding pipeline outlives its last subscriber, seconds.
+        replay: Whether its decoder joins streams by their senders' replays.
+        spare: Whether its decoder keeps a pipeline process warm.
+        schedule: When it beats.
+        discovery: How long its discoverer waits for what.
+        detect: Whether its metadata says which accelerators work here, which takes a trial of each.
+        supervision: How long its components may take, and when they are tried again.
+    """
+
+    agent: str
+    local: BusAddress
+    remote: BusAddress
+    components: tuple[str, ...] = COMPONENTS
+    sensors: tuple[SensorDescription, ...] = ()
+    rules: tuple[ForwardRule, ...] = TABLE_1
+    prefix_frames: bool = True
+    shared_frames: tuple[str, ...] = SHARED_FRAMES
+    placed_by_others: tuple[str, ...] = ()
+    linger_s: float = 1.0
+    replay: bool = True
+    spare: bool = True
+    schedule: Schedule = field(default_factory=Schedule)
+    discovery: DiscoveryTiming = field(default_factory=DiscoveryTiming)
+    detect: bool = True
+    supervision: Timing = field(default_factory=Timing)
+
+
+def plan(config: AgentConfig) -> tuple[Component, ...]:
+    """Return the processes of an agent, in the order of `COMPONENTS`; no keeper where there is nothing to keep.
+
+    Raises:
+        PlanError: A domain is not there, or is its own and the global one.
+        SfglabError: A name, a description or a wait is not allowed.
+    """
+    for address in (config.local, config.remote):
+        if not 0 <= address.domain_id <= MAX_DOMAIN:
+            raise PlanError(
+                f"agent {config.agent}: given domain {address.domain_id}, allowed are 0 to {MAX_DOMAIN}"
+            )
+    return tuple(
+        Component(name=name, argv=(sys.executable, "-m", module, configure(config).to_json()))
+        for name, (module, configure) in _MODULES.items()
+        if name in config.components and (name != "keeper" or _videos(config))
+    )
+
+
+def without(config: AgentConfig, components: Iterable[str]) -> AgentConfig:
+    """Return an agent that does not run some components.
+
+    Raises:
+        PlanError: There is no such component.
+    """
+    dropped = frozenset(components)
+    for name in sorted(dropped - set(COMPONENTS)):
+        raise PlanError(f"agent {config.agent}: given component {name!r}, allowed are {', '.join(COMPONENTS)}")
+    return replace(config, components=tuple(name for name in config.components if name not in dropped))
+
+
+class _Argument(Protocol):
+    """What every component's configuration is: a process's argument."""
+
+    def to_json(self) -> str: ...
+
+
+def _router(config: AgentConfig) -> RouterConfig:
+    return RouterConfig(
+        agent=config.agent,
+        local=config.local,
+        remote=config.remote,
+        rules=config.rules,
+        prefix_frames=config.prefix_frames,
+        shared_frames=config.shared_frames,
+        placed_by_others=config.placed_by_others,
+    )
+
+
+def _status(config: AgentConfig) -> StatusConfig:
+    settings = StatusSettings(
+        agent=config.agent,
+        description=AgentDescription(sensors=config.sensors),
+        schedule=config.schedule,
+    )
+    return StatusConfig(address=config.local, settings=settings, detect=config.detect)
+
+
+def _discoverer(config: AgentConfig) -> DiscoveryConfig:
+    settings = DiscoverySettings(agent=config.agent, timing=config.discovery)
+    return DiscoveryConfig(address=config.local, settings=settings)
+
+
+def _keeper(config: AgentConfig) -> KeeperConfig:
+    return KeeperConfig(address=config.local, streams=_videos(config))
+
+
+def _videos(config: AgentConfig) -> tuple[str, ...]:
+    """Return the streams of which only a whole group of pictures is of use to whoever joins."""
+    streams = (stream for sensor in config.sensors for stream in sensor.streams)
+    return tuple(stream.topic for stream in streams if stream.codec == "h264")
+
+
+def _decoder(config: AgentConfig) -> DecoderConfig:
+    events = RosFqnBuilder().scope(Scope.LOCAL).agent(config.agent).resource(Resource.AGENT_DISCOVERY_EVENT)
+    # Remote streams come through the router, so both sides of the decoder are the agent's own domain.
+    return DecoderConfig(
+        remote=config.local,
+        local=config.local,
+        discovery_topic=str(events.build()),
+        linger_s=config.linger_s,
+        replay=config.replay,
+        spare=config.spare,
+    )
+
+
+_MODULES: dict[str, tuple[str, Callable[[AgentConfig], _Argument]]] = {
+    "router": ("sfglab.fleet.routing", _router),
+    "status": ("sfglab.fleet.status", _status),
+    "discoverer": ("sfglab.fleet.discovery", _discoverer),
+    "keeper": ("sfglab.fleet.keeper", _keeper),
+    "decoder": ("sfglab.fleet.decoder", _decoder),
+}
+
+
+def config_from_fleet(fleet: Fleet, agent: str) -> AgentConfig:
+    """Return what a fleet file says of one agent.
+
+    Args:
+        fleet: The fleet.
+        agent: The agent's name.
+
+    Raises:
+        UnknownAgentError: The fleet has no such agent.
+    """
+    spec = fleet.agent(agent)
+    config = AgentConfig(
+        agent=agent,
+        local=fleet.local_address(agent),
+        remote=fleet.global_address(agent),
+        sensors=tuple(_sensor(sensor) for sensor in spec.sensors),
+        rules=fleet.policy.rules,
+        prefix_frames=spec.tf.prefix_frames,
+        shared_frames=spec.tf.shared_frames,
+        placed_by_others=spec.tf.placed_by_others,
+    )
+    return config if spec.lifecycle else without(config, ("status", "discoverer"))
+
+
+def _sensor(sensor: SensorSpec) -> SensorDescription:
+    streams = tuple(
+        StreamDescription(**{f.name: getattr(stream, f.name) for f in fields(StreamDescription)})
+        for stream in sensor.streams
+    )
+    return SensorDescription(name=sensor.name, model=sensor.model, streams=streams)

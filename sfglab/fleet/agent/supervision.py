@@ -1,0 +1,199 @@
+"""The life of one component of an agent as a table: when it is started, tried again, ended and given up.
+
+Everything that decides whether a component's process exists stands here. Paper A starts the agent's software
+by systemd and Docker Compose (section 4.4) and does not say what happens after a crash; this table is ours.
+Knows states, inputs and actions; refuses to know processes and clocks: the caller passes `now_ns` and carries
+the actions out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from sfglab.fleet.machine import BackOff, Machine
+
+__all__ = ["REST", "TRANSITIONS", "Action", "Input", "State", "Supervision", "Timing"]
+
+
+class State(Enum):
+    """Where a component stands."""
+
+    NEW = auto()
+    """Nothing has been started yet."""
+    STARTING = auto()
+    """Its process runs and has not reported that it serves."""
+    RUNNING = auto()
+    """It serves."""
+    REPLACING = auto()
+    """It took too long to start and was told to end; another one follows."""
+    BACKING_OFF = auto()
+    """It is gone; the next start waits."""
+    STOPPING = auto()
+    """It was told to end for good."""
+    STOPPED = auto()
+    """Nothing runs, as was wanted."""
+    FAILED = auto()
+    """Nothing runs, and another try would not help."""
+
+
+REST = frozenset({State.STOPPED, State.FAILED})
+"""Where a component's life ends."""
+
+
+class Input(Enum):
+    """What can happen to a component."""
+
+    BEGIN = auto()
+    """The agent starts."""
+    READY = auto()
+    """The process reports that it serves."""
+    ENDED = auto()
+    """The process is gone, with everything it had started."""
+    REFUSED = auto()
+    """The process ended of its own accord and no try before it had ever served: its configuration is wrong."""
+    TIMER = auto()
+    """The armed timer ran out."""
+    TOLD_TO_STOP = auto()
+    """The agent is to end; said again, it is to end at once."""
+
+
+class Action(Enum):
+    """What the caller has to do after a transition."""
+
+    START = auto()
+    """Start the process and arm the start timer."""
+    TERMINATE = auto()
+    """Tell the process to end and arm the stop timer."""
+    KILL = auto()
+    """The process does not end as told, or not soon enough: end it by force."""
+    BACK_OFF = auto()
+    """Arm the back-off timer."""
+    GIVE_UP = auto()
+    """End the agent: it cannot be what it was configured to be."""
+    CANCEL_TIMER = auto()
+    """Nothing is waited for any more."""
+
+
+_S, _I, _A = State, Input, Action
+
+TRANSITIONS: dict[tuple[State, Input], tuple[State, Action | None]] = {
+    (_S.NEW, _I.BEGIN): (_S.STARTING, _A.START),
+    (_S.NEW, _I.TOLD_TO_STOP): (_S.STOPPED, None),
+    (_S.STARTING, _I.READY): (_S.RUNNING, _A.CANCEL_TIMER),
+    (_S.STARTING, _I.ENDED): (_S.BACKING_OFF, _A.BACK_OFF),
+    (_S.STARTING, _I.REFUSED): (_S.FAILED, _A.GIVE_UP),
+    (_S.STARTING, _I.TIMER): (_S.REPLACING, _A.TERMINATE),
+    (_S.STARTING, _I.TOLD_TO_STOP): (_S.STOPPING, _A.TERMINATE),
+    # A component that reports that it serves when that is known, or when it was told to end, changes nothing.
+    (_S.RUNNING, _I.READY): (_S.RUNNING, None),
+    (_S.RUNNING, _I.ENDED): (_S.BACKING_OFF, _A.BACK_OFF),
+    (_S.RUNNING, _I.TOLD_TO_STOP): (_S.STOPPING, _A.TERMINATE),
+    (_S.REPLACING, _I.READY): (_S.REPLACING, None),
+    (_S.REPLACING, _I.ENDED): (_S.BACKING_OFF, _A.BACK_OFF),
+    (_S.REPLACING, _I.TIMER): (_S.REPLACING, _A.KILL),
+    (_S.REPLACING, _I.TOLD_TO_STOP): (_S.STOPPING, None),
+    (_S.BACKING_OFF, _I.TIMER): (_S.STARTING, _A.START),
+    (_S.BACKING_OFF, _I.TOLD_TO_STOP): (_S.STOPPED, _A.CANCEL_TIMER),
+    (_S.STOPPING, _I.READY): (_S.STOPPING, None),
+    (_S.STOPPING, _I.ENDED): (_S.STOPPED, _A.CANCEL_TIMER),
+    (_S.STOPPING, _I.TIMER): (_S.STOPPING, _A.KILL),
+    (_S.STOPPING, _I.TOLD_TO_STOP): (_S.STOPPING, _A.KILL),
+    (_S.STOPPED, _I.TOLD_TO_STOP): (_S.STOPPED, None),
+    (_S.FAILED, _I.TOLD_TO_STOP): (_S.FAILED, None),
+}
+"""(state, input) -> (next state, action). What is not listed is illegal and changes nothing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Timing:
+    """How long a component waits for what, in nanoseconds.
+
+    Attributes:
+        start_ns: A component that does not serve after this long is ended and started anew.
+        stop_ns: A component that was told to end and has not after this long is ended by force.
+        backoff_ns: Wait before the first new try after a crash; it doubles with each further crash.
+        backoff_max_ns: The longest wait between tries.
+        stable_ns: A component that served this long has proved itself: the next crash waits `backoff_ns` again.
+    """
+
+    start_ns: int = 30_000_000_000
+    stop_ns: int = 5_000_000_000
+    backoff_ns: int = 200_000_000
+    backoff_max_ns: int = 10_000_000_000
+    stable_ns: int = 10_000_000_000
+
+
+class Supervision:
+    """One component's state, its timer and its count of crashes.
+
+    Args:
+        name: The component's name, for messages.
+        timing: The waits.
+
+    Attributes:
+        was_ready: Whether it has ever served.
+    """
+
+    def __init__(self, name: str, timing: Timing) -> None:
+        self.was_ready = False
+        self._timing = timing
+        self._serves_since_ns: int | None = None
+        self._backoff = BackOff(
+            first_ns=timing.backoff_ns, limit_ns=timing.backoff_max_ns, stable_ns=timing.stable_ns
+        )
+        self._machine = Machine(name, TRANSITIONS, State.NEW, wait_ns=self._wait_ns)
+
+    @property
+    def state(self) -> State:
+        """Where the component stands."""
+        return self._machine.state
+
+    @property
+    def crashes(self) -> int:
+        """How often it ended although it was wanted."""
+        return self._backoff.failures
+
+    @property
+    def deadline_ns(self) -> int | None:
+        """When `Input.TIMER` is due, on the caller's clock; None while nothing is waited for."""
+        return self._machine.deadline_ns
+
+    def due(self, now_ns: int) -> bool:
+        """Return whether the timer has run out: the caller then feeds `Input.TIMER`."""
+        return self._machine.due(now_ns)
+
+    def feed(self, given: Input, *, now_ns: int) -> Action | None:
+        """Take one input and return what the caller has to do.
+
+        Args:
+            given: What happened.
+            now_ns: The caller's clock in nanoseconds.
+
+        Raises:
+            IllegalInputError: The input cannot happen in this state.
+        """
+        action = self._machine.feed(given, now_ns=now_ns)
+        if action is Action.CANCEL_TIMER and self.state is State.RUNNING:
+            self.was_ready, self._serves_since_ns = True, now_ns
+        return action
+
+    def ended(self, *, willingly: bool, now_ns: int) -> Action | None:
+        """Take the end of the process: `Input.ENDED`, or `Input.REFUSED` where another try would not help.
+
+        Args:
+            willingly: It exited; no signal ended it.
+            now_ns: The caller's clock in nanoseconds.
+        """
+        hopeless = willingly and self.state is State.STARTING and not self.was_ready
+        return self.feed(Input.REFUSED if hopeless else Input.ENDED, now_ns=now_ns)
+
+    def _wait_ns(self, action: Action, now_ns: int) -> int | None:
+        if action is Action.START:
+            return self._timing.start_ns
+        if action is Action.TERMINATE:
+            return self._timing.stop_ns
+        if action is Action.BACK_OFF:
+            since_ns, self._serves_since_ns = self._serves_since_ns, None
+            return self._backoff.next_ns(0 if since_ns is None else now_ns - since_ns)
+        return None

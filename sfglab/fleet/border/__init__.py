@@ -1,0 +1,34 @@
+"""The border linter: what a fleet's routers will let through, checked before anything runs."""
+
+from __future__ import annotations
+
+from sfglab.fleet.border.linter import CHECKS, lint, lint_file
+from sfglab.fleet.border.render import render, render_findings
+from sfglab.fleet.border.report import (
+    AgentLoad,
+    Announcements,
+    Discovery,
+    Finding,
+    Hearing,
+    Report,
+    Severity,
+)
+from sfglab.fleet.border.uses import Meeting, Use, View
+
+__all__ = [
+    "CHECKS",
+    "AgentLoad",
+    "Announcements",
+    "Discovery",
+    "Finding",
+    "Hearing",
+    "Meeting",
+    "Report",
+    "Severity",
+    "Use",
+    "View",
+    "lint",
+    "lint_file",
+    "render",
+    "render_findings",
+]

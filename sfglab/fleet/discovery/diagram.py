@@ -1,0 +1,59 @@
+"""The state machine of `lifecycle` as nodes and edges, from which its figure is drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Action, Asking, Input, State, Told
+
+__all__ = ["Edge", "Node", "diagram"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Node:
+    """A state and its place in the grid.
+
+    Attributes:
+        state: The state.
+        row: 0 for what local consumers have not heard of, 1 for what is there, 2 for what is lost.
+        column: 0 when nothing is asked, 1 while a query is outstanding, 2 while the next one waits.
+    """
+
+    state: State
+    row: int
+    column: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Edge:
+    """A transition.
+
+    Attributes:
+        source: Where it starts.
+        given: What happened.
+        target: Where it ends.
+        actions: What is done.
+    """
+
+    source: State
+    given: Input
+    target: State
+    actions: tuple[Action, ...]
+
+    @property
+    def label(self) -> str:
+        """The edge in UML's syntax, "event / action; action", with spaces for underscores."""
+        done = "; ".join(action.name.lower() for action in self.actions)
+        return (self.given.name.lower() + (f" / {done}" if done else "")).replace("_", " ")
+
+
+def diagram() -> tuple[tuple[Node, ...], tuple[Edge, ...]]:
+    """Return the states and the transitions of the table, in its order."""
+    nodes = tuple(
+        Node(state=s, row=list(Told).index(s.told), column=list(Asking).index(s.asking)) for s in State
+    )
+    edges = tuple(
+        Edge(source=source, given=given, target=target, actions=actions)
+        for (source, given), (target, actions) in TRANSITIONS.items()
+    )
+    return nodes, edges

@@ -1,0 +1,206 @@
+"""The life of one remote agent as a table: paper A, section 4.2, Fig. 3.
+
+A state says two things: what local consumers have been told of the agent, and how its description is being
+asked for. So the states form a grid, and the table shows where a query is outstanding: there is never a second
+one. That, the timers and the events are the paper's; what happens when an agent is started again, changes, or
+does not answer is spelled out here. Knows states, inputs and actions; refuses to know messages, names, numbers
+and clocks.
+"""
+
+from __future__ import annotations
+
+from enum import Enum, auto
+
+from sfglab.fleet.machine import IllegalInputError
+
+__all__ = ["ANNOUNCEMENTS", "TRANSITIONS", "Action", "Asking", "Input", "Lifecycle", "State", "Told"]
+
+
+class Told(Enum):
+    """What local consumers have been told of an agent: the rows of the grid."""
+
+    NOTHING = auto()
+    """They have never heard of it, or it has been forgotten since."""
+    PRESENT = auto()
+    """It is there."""
+    LOST = auto()
+    """It was there, and its heartbeats stopped."""
+
+
+class Asking(Enum):
+    """How an agent's description is being asked for: the columns of the grid."""
+
+    NO = auto()
+    """There is nothing to ask."""
+    QUERYING = auto()
+    """One query is outstanding."""
+    BACKING_OFF = auto()
+    """The last query failed; the next one waits."""
+
+
+class State(Enum):
+    """Where a remote agent stands."""
+
+    UNKNOWN = Told.NOTHING, Asking.NO
+    """Nothing is known of it: where every agent starts, and where it ends when it is forgotten."""
+    QUERYING = Told.NOTHING, Asking.QUERYING
+    """A heartbeat was heard; what the agent is, is being asked for the first time."""
+    BACKING_OFF = Told.NOTHING, Asking.BACKING_OFF
+    """It is alive and has not said yet what it is."""
+    ACTIVE = Told.PRESENT, Asking.NO
+    """It is there, and what it is, is known."""
+    REFRESHING = Told.PRESENT, Asking.QUERYING
+    """It is there; what is known of it is out of date and being asked for again."""
+    REFRESH_BACK_OFF = Told.PRESENT, Asking.BACKING_OFF
+    """It is there; what is known of it is out of date."""
+    LOST = Told.LOST, Asking.NO
+    """Its heartbeats stopped."""
+    REJOINING = Told.LOST, Asking.QUERYING
+    """It was lost and is back, but not as it was; what it is now, is being asked for."""
+    REJOIN_BACK_OFF = Told.LOST, Asking.BACKING_OFF
+    """It was lost and is back, and has not said yet what it is now."""
+
+    @property
+    def told(self) -> Told:
+        """What local consumers have been told."""
+        return self.value[0]
+
+    @property
+    def asking(self) -> Asking:
+        """How its description is being asked for."""
+        return self.value[1]
+
+
+class Input(Enum):
+    """What can happen to a remote agent."""
+
+    HEARD = auto()
+    """A heartbeat that says nothing new."""
+    CHANGED = auto()
+    """A heartbeat of the same start of the agent, with another revision of its description."""
+    RESTARTED = auto()
+    """A heartbeat of another start of the agent."""
+    ANSWERED = auto()
+    """The query was answered by the start of the agent that was announced, or none was announced yet."""
+    ANSWERED_ANEW = auto()
+    """The query was answered by another start of the agent than the one that was announced."""
+    FAILED = auto()
+    """The query failed, was not answered in time, or was answered with something else than was asked for."""
+    RETRY = auto()
+    """The wait before the next query is over."""
+    SILENT = auto()
+    """No heartbeat came for too long."""
+    EXPIRED = auto()
+    """It has been of no use for too long, or its place is needed."""
+
+
+class Action(Enum):
+    """What has to be done after a transition."""
+
+    QUERY = auto()
+    """Ask the agent what it is."""
+    ABANDON = auto()
+    """Give up the outstanding query; an answer that still comes is ignored."""
+    BACK_OFF = auto()
+    """Wait before the next query."""
+    DISCOVERED = auto()
+    """Announce that an agent was seen for the first time."""
+    UPDATED = auto()
+    """Announce that a known agent has another description."""
+    LOST = auto()
+    """Announce that an agent's heartbeats stopped."""
+    RETURNED = auto()
+    """Announce that a lost agent is back, the same start of it."""
+    RESTARTED = auto()
+    """Announce that an agent is back as another start of it."""
+    FORGET = auto()
+    """Drop everything that is known of it."""
+
+
+ANNOUNCEMENTS = frozenset({Action.DISCOVERED, Action.UPDATED, Action.LOST, Action.RETURNED, Action.RESTARTED})
+"""Actions that are discovery events, by the names of ``AgentDiscoveryEvent``'s constants."""
+
+_S, _I, _A = State, Input, Action
+
+TRANSITIONS: dict[tuple[State, Input], tuple[State, tuple[Action, ...]]] = {
+    (_S.UNKNOWN, _I.HEARD): (_S.QUERYING, (_A.QUERY,)),
+    # Heartbeats while a query is outstanding are signs of life and no reason for another one.
+    (_S.QUERYING, _I.HEARD): (_S.QUERYING, ()),
+    (_S.QUERYING, _I.CHANGED): (_S.QUERYING, ()),
+    # Whom the query was sent to is gone.
+    (_S.QUERYING, _I.RESTARTED): (_S.QUERYING, (_A.ABANDON, _A.QUERY)),
+    (_S.QUERYING, _I.ANSWERED): (_S.ACTIVE, (_A.DISCOVERED,)),
+    (_S.QUERYING, _I.FAILED): (_S.BACKING_OFF, (_A.BACK_OFF,)),
+    (_S.QUERYING, _I.SILENT): (_S.UNKNOWN, (_A.ABANDON, _A.FORGET)),
+    (_S.BACKING_OFF, _I.HEARD): (_S.BACKING_OFF, ()),
+    (_S.BACKING_OFF, _I.CHANGED): (_S.BACKING_OFF, ()),
+    (_S.BACKING_OFF, _I.RESTARTED): (_S.QUERYING, (_A.QUERY,)),
+    (_S.BACKING_OFF, _I.RETRY): (_S.QUERYING, (_A.QUERY,)),
+    (_S.BACKING_OFF, _I.SILENT): (_S.UNKNOWN, (_A.FORGET,)),
+    (_S.BACKING_OFF, _I.EXPIRED): (_S.UNKNOWN, (_A.FORGET,)),
+    (_S.ACTIVE, _I.HEARD): (_S.ACTIVE, ()),
+    (_S.ACTIVE, _I.CHANGED): (_S.REFRESHING, (_A.QUERY,)),
+    (_S.ACTIVE, _I.RESTARTED): (_S.REFRESHING, (_A.QUERY,)),
+    (_S.ACTIVE, _I.SILENT): (_S.LOST, (_A.LOST,)),
+    (_S.REFRESHING, _I.HEARD): (_S.REFRESHING, ()),
+    (_S.REFRESHING, _I.CHANGED): (_S.REFRESHING, ()),
+    (_S.REFRESHING, _I.RESTARTED): (_S.REFRESHING, (_A.ABANDON, _A.QUERY)),
+    (_S.REFRESHING, _I.ANSWERED): (_S.ACTIVE, (_A.UPDATED,)),
+    (_S.REFRESHING, _I.ANSWERED_ANEW): (_S.ACTIVE, (_A.RESTARTED,)),
+    (_S.REFRESHING, _I.FAILED): (_S.REFRESH_BACK_OFF, (_A.BACK_OFF,)),
+    (_S.REFRESHING, _I.SILENT): (_S.LOST, (_A.ABANDON, _A.LOST)),
+    (_S.REFRESH_BACK_OFF, _I.HEARD): (_S.REFRESH_BACK_OFF, ()),
+    (_S.REFRESH_BACK_OFF, _I.CHANGED): (_S.REFRESH_BACK_OFF, ()),
+    (_S.REFRESH_BACK_OFF, _I.RESTARTED): (_S.REFRESHING, (_A.QUERY,)),
+    (_S.REFRESH_BACK_OFF, _I.RETRY): (_S.REFRESHING, (_A.QUERY,)),
+    (_S.REFRESH_BACK_OFF, _I.SILENT): (_S.LOST, (_A.LOST,)),
+    (_S.LOST, _I.HEARD): (_S.ACTIVE, (_A.RETURNED,)),
+    (_S.LOST, _I.CHANGED): (_S.REJOINING, (_A.QUERY,)),
+    (_S.LOST, _I.RESTARTED): (_S.REJOINING, (_A.QUERY,)),
+    (_S.LOST, _I.EXPIRED): (_S.UNKNOWN, (_A.FORGET,)),
+    (_S.REJOINING, _I.HEARD): (_S.REJOINING, ()),
+    (_S.REJOINING, _I.CHANGED): (_S.REJOINING, ()),
+    (_S.REJOINING, _I.RESTARTED): (_S.REJOINING, (_A.ABANDON, _A.QUERY)),
+    (_S.REJOINING, _I.ANSWERED): (_S.ACTIVE, (_A.RETURNED,)),
+    (_S.REJOINING, _I.ANSWERED_ANEW): (_S.ACTIVE, (_A.RESTARTED,)),
+    (_S.REJOINING, _I.FAILED): (_S.REJOIN_BACK_OFF, (_A.BACK_OFF,)),
+    (_S.REJOINING, _I.SILENT): (_S.LOST, (_A.ABANDON,)),
+    (_S.REJOIN_BACK_OFF, _I.HEARD): (_S.REJOIN_BACK_OFF, ()),
+    (_S.REJOIN_BACK_OFF, _I.CHANGED): (_S.REJOIN_BACK_OFF, ()),
+    (_S.REJOIN_BACK_OFF, _I.RESTARTED): (_S.REJOINING, (_A.QUERY,)),
+    (_S.REJOIN_BACK_OFF, _I.RETRY): (_S.REJOINING, (_A.QUERY,)),
+    (_S.REJOIN_BACK_OFF, _I.SILENT): (_S.LOST, ()),
+}
+"""(state, input) -> (next state, actions in order). What is not listed is illegal and changes nothing."""
+
+
+class Lifecycle:
+    """One remote agent's state.
+
+    Args:
+        agent: Its name, for messages.
+
+    Attributes:
+        state: Where it stands.
+    """
+
+    __slots__ = ("_agent", "state")
+
+    def __init__(self, agent: str) -> None:
+        self.state = State.UNKNOWN
+        self._agent = agent
+
+    def feed(self, given: Input) -> tuple[Action, ...]:
+        """Take one input and return what has to be done, in order.
+
+        Args:
+            given: What happened.
+
+        Raises:
+            IllegalInputError: The input cannot happen in this state.
+        """
+        if (self.state, given) not in TRANSITIONS:
+            allowed = tuple(i for s, i in TRANSITIONS if s is self.state)
+            raise IllegalInputError(f"agent {self._agent!r}", self.state, given, allowed)
+        self.state, actions = TRANSITIONS[self.state, given]
+        return actions

@@ -1,0 +1,155 @@
+"""The consumer's side of discovery events: which remote agents there are, folded from what the discoverer says.
+
+Everything a local consumer needs beside a subscription: type, topic and QoS of the events, and `KnownAgents`,
+which survives a discoverer that crashed and was started again. Pure: the caller passes messages, the
+publisher's gid and `now_ns`. Refuses to know heartbeats, queries and what agents are good for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from sfglab.names import Resource, RosFqnBuilder, Scope
+from sfglab.qos import Durability, QoSProfile
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = [
+    "DISCOVERY_EVENT",
+    "DISCOVERY_QOS",
+    "HISTORY",
+    "Change",
+    "KnownAgents",
+    "Offered",
+    "Withdrawn",
+    "discovery_topic",
+]
+
+DISCOVERY_EVENT = "sfglab_interfaces/msg/AgentDiscoveryEvent"
+"""The type of discovery events."""
+
+HISTORY = 1000
+"""How many discovery events a consumer that comes late still hears."""
+
+DISCOVERY_QOS = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=HISTORY)
+"""What the discoverer offers and a consumer should request."""
+
+_NOBODY = bytes(16)  # the gid of a publisher that was gone before its event was read
+
+
+def discovery_topic(agent: str) -> str:
+    """Return where an agent's discoverer publishes its events: paper A, section 4.2.
+
+    Args:
+        agent: The agent that the discoverer belongs to, not the one that it found.
+
+    Raises:
+        FqnError: No agent can bear this name.
+    """
+    resource = Resource.AGENT_DISCOVERY_EVENT
+    return str(RosFqnBuilder().scope(Scope.LOCAL).agent(agent).resource(resource).build())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Offered:
+    """An agent is there, and this is what it offers from now on.
+
+    Attributes:
+        agent: Its name.
+        metadata: Its description, a ``sfglab_interfaces/msg/AgentMetadata``.
+    """
+
+    agent: str
+    metadata: Any
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Withdrawn:
+    """An agent is not there any more.
+
+    Attributes:
+        agent: Its name.
+    """
+
+    agent: str
+
+
+Change = Offered | Withdrawn
+
+
+class KnownAgents:
+    """The remote agents that are there now.
+
+    An event of a new publisher means that the discoverer was started again and knows nothing: what its
+    predecessor said holds for a grace period, and agents that are not announced again by then are withdrawn.
+
+    Args:
+        grace_ns: That period. It must cover a discoverer's start: hearing the last heartbeats and asking.
+
+    Attributes:
+        deadline_ns: When `expire` has to be called, on the caller's clock; None while nothing is waited for.
+    """
+
+    def __init__(self, *, grace_ns: int = 10_000_000_000) -> None:
+        self.deadline_ns: int | None = None
+        self._grace_ns = grace_ns
+        self._publisher = _NOBODY
+        self._predecessors: set[bytes] = set()
+        self._metadata: dict[str, Any] = {}
+        self._unconfirmed: set[str] = set()
+
+    @property
+    def agents(self) -> Mapping[str, Any]:
+        """The descriptions of the agents that are there, by name."""
+        return dict(self._metadata)
+
+    def feed(self, event: Any, publisher_gid: bytes, *, now_ns: int) -> Change | None:
+        """Take one discovery event.
+
+        Args:
+            event: A ``sfglab_interfaces/msg/AgentDiscoveryEvent``.
+            publisher_gid: Who published it, from `MessageInfo`.
+            now_ns: The caller's clock in nanoseconds.
+
+        Returns:
+            What changed; None when the event says what is known, or comes from a discoverer that has since
+            been replaced.
+        """
+        if publisher_gid in self._predecessors:
+            return None
+        if publisher_gid not in (self._publisher, _NOBODY):
+            self._replace_publisher(publisher_gid, now_ns)
+        self._confirm(event.agent)
+        if event.event == event.LOST:
+            return self._withdraw(event.agent)
+        if self._metadata.get(event.agent) == event.metadata:
+            return None
+        self._metadata[event.agent] = event.metadata
+        return Offered(agent=event.agent, metadata=event.metadata)
+
+    def expire(self, now_ns: int) -> tuple[Withdrawn, ...]:
+        """Withdraw what a new discoverer has not announced within the grace period, if that is over."""
+        if self.deadline_ns is None or now_ns < self.deadline_ns:
+            return ()
+        gone, self._unconfirmed, self.deadline_ns = sorted(self._unconfirmed), set(), None
+        for agent in gone:
+            del self._metadata[agent]
+        return tuple(Withdrawn(agent=agent) for agent in gone)
+
+    def _replace_publisher(self, gid: bytes, now_ns: int) -> None:
+        if self._publisher != _NOBODY:
+            self._predecessors.add(self._publisher)
+        self._publisher = gid
+        self._unconfirmed = set(self._metadata)
+        self.deadline_ns = now_ns + self._grace_ns if self._unconfirmed else None
+
+    def _confirm(self, agent: str) -> None:
+        self._unconfirmed.discard(agent)
+        if not self._unconfirmed:
+            self.deadline_ns = None
+
+    def _withdraw(self, agent: str) -> Withdrawn | None:
+        known = self._metadata.pop(agent, None)
+        return None if known is None else Withdrawn(agent=agent)

@@ -1,0 +1,310 @@
+"""All remote agents of one discoverer: which input a heartbeat or an answer is, and when time is one.
+
+Pure: the caller passes what was heard and `now_ns`, any clock that never goes back, and carries out what is
+returned. A start of an agent is told from another by its incarnation, which grows; while one start is there,
+heartbeats of an older one are not believed, and when it is lost they are, for a robot's clock may have been
+set back while it was off.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from sfglab.fleet.discovery.lifecycle import (
+    ANNOUNCEMENTS,
+    TRANSITIONS,
+    Action,
+    Asking,
+    Input,
+    Lifecycle,
+    State,
+    Told,
+)
+from sfglab.fleet.discovery.orders import Abandon, AgentStatus, Announce, Ask, Move, Timing
+from sfglab.fleet.discovery.screening import Limits, Refusal, Screen
+from sfglab.fleet.machine import BackOff
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.fleet.discovery.orders import Answer, Order
+    from sfglab.fleet.status.heartbeat import Heartbeat
+
+__all__ = ["Registry"]
+
+
+_OF_NO_USE = tuple(state for state, given in TRANSITIONS if given is Input.EXPIRED)
+
+
+class _Version(NamedTuple):
+    incarnation: int
+    revision: int
+
+
+@dataclass(slots=True)
+class _Remote:
+    """What is known of one agent.
+
+    Attributes:
+        wanted: What its heartbeats say that there is to know.
+        held: What the description is of that was announced; None before the first.
+        query: The outstanding query.
+    """
+
+    life: Lifecycle
+    backoff: BackOff
+    wanted: _Version
+    held: _Version | None = None
+    metadata: Any = None
+    query: int | None = None
+    heard_ns: int = 0
+    silent_ns: int = 0
+    retry_ns: int = 0
+    expire_ns: int = 0
+
+
+class Registry:
+    """The remote agents, and what has to be done about them.
+
+    Args:
+        agent: The discoverer's own agent.
+        timing: The waits.
+        limits: The bounds.
+        on_move: Called with every transition.
+
+    Attributes:
+        counts: How often what happened: ``heard``, ``dropped_<reason>``, ``asked``, ``answered``,
+            ``failed`` (of these ``mismatched``: answered with something else), ``abandoned``,
+            ``ignored_answers`` (to queries that had been given up), ``evicted``.
+    """
+
+    def __init__(
+        self,
+        agent: str,
+        *,
+        timing: Timing | None = None,
+        limits: Limits | None = None,
+        on_move: Callable[[Move], None] = lambda _: None,
+    ) -> None:
+        self.counts: Counter[str] = Counter()
+        self._timing = timing or Timing()
+        self._limits = limits or Limits()
+        self._screen = Screen(agent, self._limits)
+        self._on_move = on_move
+        self._remotes: dict[str, _Remote] = {}
+        self._queries = itertools.count(1)
+
+    def heard(self, heartbeat: Heartbeat, publisher_gid: bytes, *, now_ns: int) -> list[Order]:
+        """Take a heartbeat and return what has to be done.
+
+        Args:
+            heartbeat: What it says; it may say anything.
+            publisher_gid: Who published it, from `MessageInfo`.
+            now_ns: The caller's clock in nanoseconds.
+        """
+        refusal = self._screen.check(heartbeat, publisher_gid, now_ns=now_ns)
+        if refusal is not None:
+            return self.refuse(refusal)
+        remote = self._remotes.get(heartbeat.agent)
+        if remote is None:
+            if not self._make_room():
+                return self.refuse(Refusal.FULL)
+            remote = self._add(heartbeat)
+        given = _input_of(heartbeat, remote)
+        if given is None:
+            return self.refuse(Refusal.STALE)
+        self.counts["heard"] += 1
+        if given is not Input.HEARD:
+            remote.wanted = _version(heartbeat)
+        if given is Input.RESTARTED:
+            remote.backoff = self._fresh_backoff()
+        remote.heard_ns = now_ns
+        remote.silent_ns = now_ns + self._silence_ns(heartbeat)
+        return self._feed(heartbeat.agent, given, now_ns)
+
+    def refuse(self, why: Refusal) -> list[Order]:
+        """Count a heartbeat that does not count otherwise; nothing has to be done."""
+        self.counts[f"dropped_{why.value}"] += 1
+        return []
+
+    def answered(self, agent: str, query: int, answer: Answer, *, now_ns: int) -> list[Order]:
+        """Take an answer and return what has to be done.
+
+        Args:
+            agent: Who was asked.
+            query: Which query, as `Ask` named it.
+            answer: What came.
+            now_ns: The caller's clock in nanoseconds.
+        """
+        remote = self._asked(agent, query)
+        if remote is None:
+            return []
+        if answer.agent != agent or not _is_wanted(answer, remote.wanted):
+            self.counts["mismatched"] += 1
+            return self.failed(agent, query, now_ns=now_ns)
+        anew = remote.held is not None and remote.held.incarnation != answer.incarnation
+        remote.held = remote.wanted = _Version(answer.incarnation, answer.revision)
+        remote.metadata, remote.query = answer.metadata, None
+        remote.backoff = self._fresh_backoff()
+        self.counts["answered"] += 1
+        return self._feed(agent, Input.ANSWERED_ANEW if anew else Input.ANSWERED, now_ns)
+
+    def failed(self, agent: str, query: int, *, now_ns: int) -> list[Order]:
+        """Take it that a query failed or was not answered in time; see `answered`."""
+        remote = self._asked(agent, query)
+        if remote is None:
+            return []
+        remote.query = None
+        self.counts["failed"] += 1
+        return self._feed(agent, Input.FAILED, now_ns)
+
+    def due(self, now_ns: int) -> list[Order]:
+        """Do what time brings, and return what has to be done."""
+        orders: list[Order] = []
+        for agent, remote in list(self._remotes.items()):
+            given = _timer_of(remote, now_ns)
+            if given is not None:
+                orders += self._feed(agent, given, now_ns)
+        return orders
+
+    def overslept(self, since_ns: int, now_ns: int) -> None:
+        """Take it that the caller itself stood still, and count nothing of that time as an agent's silence.
+
+        Args:
+            since_ns: When it was seen to run for the last time.
+            now_ns: The caller's clock in nanoseconds.
+        """
+        for remote in self._remotes.values():
+            left_ns = remote.silent_ns - max(remote.heard_ns, since_ns)
+            remote.silent_ns = max(remote.silent_ns, now_ns + left_ns)
+
+    @property
+    def deadline_ns(self) -> int | None:
+        """When `due` has to be called, on the caller's clock; None while nothing is waited for."""
+        return min((d for r in self._remotes.values() for d, _ in _deadlines(r)), default=None)
+
+    def agents(self) -> tuple[AgentStatus, ...]:
+        """Return all remote agents that are kept track of, by name."""
+        return tuple(
+            AgentStatus(
+                agent=agent,
+                state=remote.life.state,
+                incarnation=remote.wanted.incarnation,
+                revision=remote.wanted.revision,
+                failures=remote.backoff.failures,
+                heard_ns=remote.heard_ns,
+            )
+            for agent, remote in sorted(self._remotes.items())
+        )
+
+    def announcement(self, agent: str) -> Announce | None:
+        """Return the news of an agent that is there, for those who have not heard of it; None if it is not."""
+        remote = self._remotes.get(agent)
+        if remote is None or remote.life.state.told is not Told.PRESENT:
+            return None
+        return _announce(agent, Action.DISCOVERED, remote)
+
+    def _add(self, heartbeat: Heartbeat) -> _Remote:
+        remote = _Remote(Lifecycle(heartbeat.agent), self._fresh_backoff(), _version(heartbeat))
+        self._remotes[heartbeat.agent] = remote
+        return remote
+
+    def _make_room(self) -> bool:
+        """Evict who has been silent longest of those that are no use to anybody, if there is no place."""
+        if len(self._remotes) < self._limits.max_agents:
+            return True
+        idle = [agent for agent, remote in self._remotes.items() if remote.life.state in _OF_NO_USE]
+        if not idle:
+            return False
+        oldest = min(idle, key=lambda agent: self._remotes[agent].heard_ns)
+        self.counts["evicted"] += 1
+        self._feed(oldest, Input.EXPIRED, self._remotes[oldest].heard_ns)
+        return True
+
+    def _asked(self, agent: str, query: int) -> _Remote | None:
+        remote = self._remotes.get(agent)
+        if remote is None or remote.query != query:
+            self.counts["ignored_answers"] += 1
+            return None
+        return remote
+
+    def _feed(self, agent: str, given: Input, now_ns: int) -> list[Order]:
+        remote = self._remotes[agent]
+        before = remote.life.state
+        actions = remote.life.feed(given)
+        self._on_move(Move(agent=agent, before=before, given=given, after=remote.life.state, actions=actions))
+        if remote.life.state is State.LOST and before is not State.LOST:
+            # Whoever comes back is compared with what consumers know, not with what was being asked for.
+            assert remote.held is not None
+            remote.wanted, remote.expire_ns = remote.held, now_ns + self._timing.forget_ns
+        orders = (self._carry_out(agent, remote, action, now_ns) for action in actions)
+        return [order for order in orders if order is not None]
+
+    def _carry_out(self, agent: str, remote: _Remote, action: Action, now_ns: int) -> Order | None:
+        if action in ANNOUNCEMENTS:
+            return _announce(agent, action, remote)
+        if action is Action.QUERY:
+            self.counts["asked"] += 1
+            remote.query = next(self._queries)
+            return Ask(agent=agent, query=remote.query)
+        if action is Action.ABANDON:
+            return self._abandon(agent, remote)
+        if action is Action.BACK_OFF:
+            remote.retry_ns = now_ns + remote.backoff.next_ns(0)
+        elif action is Action.FORGET:
+            del self._remotes[agent]
+        return None
+
+    def _abandon(self, agent: str, remote: _Remote) -> Abandon:
+        assert remote.query is not None
+        query, remote.query = remote.query, None
+        self.counts["abandoned"] += 1
+        return Abandon(agent=agent, query=query)
+
+    def _silence_ns(self, heartbeat: Heartbeat) -> int:
+        return round(self._timing.missed * heartbeat.period_s * 1e9) + self._timing.slack_ns
+
+    def _fresh_backoff(self) -> BackOff:
+        timing = self._timing
+        return BackOff(first_ns=timing.backoff_ns, limit_ns=timing.backoff_max_ns, stable_ns=1)
+
+
+def _version(heartbeat: Heartbeat) -> _Version:
+    return _Version(heartbeat.incarnation, heartbeat.revision)
+
+
+def _is_wanted(answer: Answer, wanted: _Version) -> bool:
+    """Return whether an answer is from the start that was heard, and not older than what was heard of it."""
+    return answer.incarnation == wanted.incarnation and answer.revision >= wanted.revision
+
+
+def _input_of(heartbeat: Heartbeat, remote: _Remote) -> Input | None:
+    """Return which input a heartbeat is; None when it is from a start that has been followed by another."""
+    wanted = remote.wanted
+    if heartbeat.incarnation == wanted.incarnation:
+        return Input.CHANGED if heartbeat.revision > wanted.revision else Input.HEARD
+    older = heartbeat.incarnation < wanted.incarnation
+    return None if older and remote.life.state is not State.LOST else Input.RESTARTED
+
+
+def _deadlines(remote: _Remote) -> list[tuple[int, Input]]:
+    """Return what time will bring to an agent, and when."""
+    state = remote.life.state
+    if state is State.LOST:
+        return [(remote.expire_ns, Input.EXPIRED)]
+    silent = (remote.silent_ns, Input.SILENT)
+    return [silent, (remote.retry_ns, Input.RETRY)] if state.asking is Asking.BACKING_OFF else [silent]
+
+
+def _timer_of(remote: _Remote, now_ns: int) -> Input | None:
+    return next((given for at_ns, given in _deadlines(remote) if now_ns >= at_ns), None)
+
+
+def _announce(agent: str, action: Action, remote: _Remote) -> Announce:
+    assert remote.held is not None
+    return Announce(
+        agent=agent, event=action.name, incarnation=remote.held.incarnation, metadata=remote.metadata
+    )

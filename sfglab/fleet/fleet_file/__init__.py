@@ -1,0 +1,38 @@
+"""The fleet file: one description of all agents, from which checks, routers and metadata come."""
+
+from __future__ import annotations
+
+from sfglab.fleet.fleet_file.document import NOWHERE, Document, DocumentError, Place, Section, suggestion
+from sfglab.fleet.fleet_file.model import (
+    AgentSpec,
+    Fleet,
+    FrameSpec,
+    FrameTree,
+    NameUse,
+    SensorSpec,
+    StreamSpec,
+    TopicUse,
+    UnknownAgentError,
+)
+from sfglab.fleet.fleet_file.reading import MAX_DOMAIN, load_fleet, read_fleet
+
+__all__ = [
+    "MAX_DOMAIN",
+    "NOWHERE",
+    "AgentSpec",
+    "Document",
+    "DocumentError",
+    "Fleet",
+    "FrameSpec",
+    "FrameTree",
+    "NameUse",
+    "Place",
+    "Section",
+    "SensorSpec",
+    "StreamSpec",
+    "TopicUse",
+    "UnknownAgentError",
+    "load_fleet",
+    "read_fleet",
+    "suggestion",
+]

@@ -1,0 +1,311 @@
+"""YAML that remembers where everything stands, read key by key.
+
+Knows files, lines and key paths, and says for every refusal what was given and what is allowed. Refuses to
+know what a fleet is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any
+
+from sfglab.errors import SfglabError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    import yaml
+
+__all__ = ["NOWHERE", "Document", "DocumentError", "Path", "Place", "Section", "suggestion"]
+
+Path = tuple[str | int, ...]
+"""Keys and list positions from the top of a document."""
+
+_REQUIRED: Any = object()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Where something stands in a file.
+
+    Attributes:
+        file: Name of the file.
+        key: Keys from the top, as in ``agents.go2.publishes[2]``; empty for the whole file.
+        line: Line from 1; 0 where there is none.
+    """
+
+    file: str = ""
+    key: str = ""
+    line: int = 0
+
+    def __str__(self) -> str:
+        where = f"{self.file}:{self.line}" if self.line else self.file
+        return ": ".join(part for part in (where, self.key) if part)
+
+
+NOWHERE = Place()
+
+
+class DocumentError(SfglabError, ValueError):
+    """A file does not say what it must say.
+
+    Attributes:
+        place: Where.
+        given: What stands there; None where nothing does.
+        allowed: What is allowed in its place.
+    """
+
+    def __init__(self, place: Place, given: object, allowed: str) -> None:
+        self.place = place
+        self.given = given
+        self.allowed = allowed
+        super().__init__(place, given, allowed)  # all arguments, so that the error survives pickling
+
+    def __str__(self) -> str:
+        given = "nothing is given" if self.given is None else f"given {self.given!r}"
+        return f"{self.place}: {given}, allowed: {self.allowed}"
+
+
+def suggestion(word: str, known: Mapping[str, Any] | set[str] | tuple[str, ...]) -> str:
+    """Return ``; did you mean 'x'?`` for the closest known word, or nothing when none is close."""
+    close = get_close_matches(word, list(known), n=1, cutoff=0.6)
+    return f"; did you mean {close[0]!r}?" if close else ""
+
+
+class Document:
+    """A YAML file's plain values and the line of each.
+
+    Args:
+        text: What stands in the file.
+        file: Its name, for messages.
+
+    Attributes:
+        value: Mappings, lists and scalars.
+        file: The file's name.
+
+    Raises:
+        DocumentError: It is not YAML, a key stands there twice, or a key is not text.
+    """
+
+    def __init__(self, text: str, file: str) -> None:
+        import yaml
+
+        self.file = file
+        self._lines: dict[Path, int] = {(): 1}
+        loader = yaml.SafeLoader(text)
+        try:
+            node = loader.get_single_node()
+            self.value = None if node is None else self._read(loader, node, ())
+        except yaml.YAMLError as error:
+            mark = getattr(error, "problem_mark", None)
+            place = Place(file=file, line=mark.line + 1 if mark else 0)
+            problem = getattr(error, "problem", None) or str(error)
+            raise DocumentError(place, problem, "YAML") from error
+        finally:
+            loader.dispose()
+
+    def place(self, path: Path) -> Place:
+        """Return where a value stands; of what is missing, where its nearest holder does."""
+        known = path
+        while known not in self._lines:
+            known = known[:-1]
+        return Place(file=self.file, key=_key_text(path), line=self._lines[known])
+
+    def section(self) -> Section:
+        """Return the whole document as a section.
+
+        Raises:
+            DocumentError: It is not a mapping.
+        """
+        return Section(self, (), self.value)
+
+    def _read(self, loader: yaml.SafeLoader, node: yaml.Node, path: Path) -> Any:
+        import yaml
+
+        self._lines[path] = node.start_mark.line + 1
+        if isinstance(node, yaml.MappingNode):
+            return dict(self._read_pairs(loader, node, path))
+        if isinstance(node, yaml.SequenceNode):
+            return [self._read(loader, item, (*path, i)) for i, item in enumerate(node.value)]
+        return loader.construct_object(node)
+
+    def _read_pairs(
+        self, loader: yaml.SafeLoader, node: yaml.MappingNode, path: Path
+    ) -> Iterator[tuple[str, Any]]:
+        seen: set[str] = set()
+        for key, value in node.value:
+            inner = (*path, str(key.value))
+            place = Place(file=self.file, key=_key_text(inner), line=key.start_mark.line + 1)
+            if key.tag != "tag:yaml.org,2002:str":
+                raise DocumentError(place, key.value, "a key that is text (quote it)")
+            if key.value in seen:
+                raise DocumentError(place, key.value, "each key once in its mapping")
+            seen.add(key.value)
+            content = self._read(loader, value, inner)
+            self._lines[inner] = key.start_mark.line + 1
+            yield key.value, content
+
+
+def _key_text(path: Path) -> str:
+    text = ""
+    for part in path:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += f".{part}" if text else part
+    return text
+
+
+class Section:
+    """One mapping of a document, read key by key; `close` refuses keys that nobody has read.
+
+    Args:
+        document: Where it stands.
+        path: Its keys from the top.
+        value: What stands there.
+
+    Raises:
+        DocumentError: It is not a mapping.
+    """
+
+    def __init__(self, document: Document, path: Path, value: Any) -> None:
+        self._document = document
+        self._path = path
+        self._known: set[str] = set()
+        self._values: dict[str, Any] = {}
+        if not isinstance(value, dict):
+            raise DocumentError(document.place(path), value, "a mapping of keys to values")
+        self._values = value
+
+    @property
+    def here(self) -> Place:
+        """Where the section stands."""
+        return self._document.place(self._path)
+
+    def refusal(self, key: str, given: object, allowed: str) -> DocumentError:
+        """Return the error for what stands at a key."""
+        return DocumentError(self._document.place((*self._path, key)), given, allowed)
+
+    def get(self, key: str, default: Any = _REQUIRED) -> Any:
+        """Return what stands at a key, whatever it is.
+
+        Raises:
+            DocumentError: Nothing does, and there is no default.
+        """
+        self._known.add(key)
+        if key not in self._values:
+            if default is _REQUIRED:
+                raise self.refusal(key, None, f"{key!r} is needed here")
+            return default
+        return self._values[key]
+
+    def text(self, key: str, default: Any = _REQUIRED, *, choices: tuple[str, ...] = ()) -> Any:
+        """Return a text, or the default where there is none.
+
+        Raises:
+            DocumentError: It is not text, is empty, or is not among the choices.
+        """
+        value = self.get(key, default)
+        if key not in self._values:
+            return value
+        if not isinstance(value, str) or not value:
+            raise self.refusal(key, value, "a text")
+        if choices and value not in choices:
+            raise self.refusal(key, value, " or ".join(choices) + suggestion(value, choices))
+        return value
+
+    def whole(self, key: str, default: Any = _REQUIRED, *, low: int, high: int | None = None) -> Any:
+        """Return a whole number, or the default where there is none.
+
+        Raises:
+            DocumentError: It is no whole number, or it is out of range.
+        """
+        value = self.get(key, default)
+        if key not in self._values:
+            return value
+        if isinstance(value, bool) or not isinstance(value, int) or value < low or (high and value > high):
+            allowed = f"a whole number from {low}" + (f" to {high}" if high else "")
+            raise self.refusal(key, value, allowed)
+        return value
+
+    def positive(self, key: str, default: Any = _REQUIRED) -> Any:
+        """Return a number above zero, or the default where there is none.
+
+        Raises:
+            DocumentError: It is no number, or not above zero.
+        """
+        value = self.get(key, default)
+        if key not in self._values:
+            return value
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
+            raise self.refusal(key, value, "a number above zero")
+        return float(value)
+
+    def flag(self, key: str, default: Any = _REQUIRED) -> Any:
+        """Return true or false, or the default where there is neither.
+
+        Raises:
+            DocumentError: It is neither.
+        """
+        value = self.get(key, default)
+        if key in self._values and not isinstance(value, bool):
+            raise self.refusal(key, value, "true or false")
+        return value
+
+    def texts(self, key: str, default: tuple[str, ...] = ()) -> tuple[str, ...]:
+        """Return a list of texts, or the default where there is none.
+
+        Raises:
+            DocumentError: It is not a list of texts.
+        """
+        value = self.get(key, list(default))
+        if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
+            raise self.refusal(key, value, "a list of texts")
+        return tuple(value)
+
+    def section(self, key: str) -> Section:
+        """Return the mapping at a key, an empty one where there is none.
+
+        Raises:
+            DocumentError: Something else stands there.
+        """
+        return Section(self._document, (*self._path, key), self.get(key, {}))
+
+    def members(self, key: str) -> Iterator[tuple[str, Section]]:
+        """Yield name and section for every member of a mapping of mappings.
+
+        Raises:
+            DocumentError: It, or a member, is something else.
+        """
+        inner = self.section(key)
+        for name in inner._values:  # noqa: SLF001 - of the same class
+            yield name, inner.section(name)
+
+    def items(self, key: str, *, short: str = "") -> Iterator[Section]:
+        """Yield a section for every item of a list, nothing where there is no list.
+
+        Args:
+            key: Where the list stands.
+            short: A text among the items stands for a mapping with this one key.
+
+        Raises:
+            DocumentError: It is not a list, or an item is not a mapping.
+        """
+        value = self.get(key, [])
+        if not isinstance(value, list):
+            raise self.refusal(key, value, "a list")
+        for position, item in enumerate(value):
+            content = {short: item} if short and isinstance(item, str) else item
+            yield Section(self._document, (*self._path, key, position), content)
+
+    def close(self) -> None:
+        """Refuse the first key that was not read.
+
+        Raises:
+            DocumentError: With the keys that are allowed and the one that was probably meant.
+        """
+        for key in self._values:
+            if key not in self._known:
+                allowed = ", ".join(sorted(self._known)) + suggestion(key, self._known)
+                raise self.refusal(key, key, allowed)

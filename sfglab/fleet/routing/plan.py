@@ -1,0 +1,217 @@
+"""What a router has to open and close when endpoints come and go.
+
+Pure: takes what the graphs of both domains say and the time, returns actions. Knows the policy and who is a
+router; refuses to know nodes, sockets and clocks. What has to be open stands in `paths`.
+
+What goes away counts for a while longer (it lingers), so that a restart does not tear its path down. Routers
+that meet do not loop: in the local domain no router's endpoint counts, and in the global domain none that
+serves our own pair of domains does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import takewhile
+from typing import TYPE_CHECKING
+
+from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind
+from sfglab.bus.userdata import entries
+from sfglab.fleet.routing.paths import Path, PathState, ReaderSpec, Setup, WriterSpec, wanted
+from sfglab.fleet.routing.policy import Policy, Side
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sfglab.bus.api import EndpointEvent
+
+__all__ = ["ROUTER_KEY", "Action", "Close", "Forget", "Judge", "Open", "Plan"]
+
+ROUTER_KEY = "sfglab.router"
+"""USER_DATA of a router's endpoints says under this key which pair of domains it serves."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Open:
+    """Open a reader or writer.
+
+    Attributes:
+        what: Which.
+    """
+
+    what: ReaderSpec | WriterSpec
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Close:
+    """Close a reader or writer.
+
+    Attributes:
+        what: Which.
+    """
+
+    what: ReaderSpec | WriterSpec
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judge:
+    """Say where the samples go that a reader gets from a source.
+
+    Attributes:
+        reader: An open reader.
+        source: The publisher.
+        writer: An open writer; None: they are dropped.
+    """
+
+    reader: ReaderSpec
+    source: EndpointInfo
+    writer: WriterSpec | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Forget:
+    """Forget a source that has gone.
+
+    Attributes:
+        reader: An open reader.
+        source: The publisher's gid.
+    """
+
+    reader: ReaderSpec
+    source: bytes
+
+
+Action = Open | Close | Judge | Forget
+
+
+class Plan:
+    """What is open, what has to be, and the actions in between.
+
+    Args:
+        policy: What may cross.
+        participants: The 16-byte GUIDs of the router's own participants; their endpoints never count.
+        pair: Which pair of domains the router serves, as its endpoints' USER_DATA says under `ROUTER_KEY`.
+        linger_ns: How long an endpoint that has gone still counts, nanoseconds.
+    """
+
+    def __init__(
+        self, policy: Policy, *, participants: frozenset[bytes], pair: str, linger_ns: int = 1_000_000_000
+    ) -> None:
+        self.paths: dict[Path, PathState] = {}
+        self._policy = policy
+        self._participants = participants
+        self._pair = pair
+        self._linger_ns = linger_ns
+        self._leaving: dict[tuple[Path, bytes], int] = {}
+
+    @property
+    def deadline_ns(self) -> int | None:
+        """When `tick` is due, on the caller's clock; None while nothing lingers."""
+        return next(iter(self._leaving.values()), None)
+
+    def feed(self, side: Side, event: EndpointEvent, *, now_ns: int) -> list[Action]:
+        """Take one event of a domain's graph.
+
+        Args:
+            side: Whose graph.
+            event: What it says.
+            now_ns: The caller's clock, nanoseconds, which never goes back.
+
+        Returns:
+            What to do, in this order.
+        """
+        return self.feed_all([(side, event)], now_ns=now_ns)
+
+    def feed_all(self, events: Iterable[tuple[Side, EndpointEvent]], *, now_ns: int) -> list[Action]:
+        """Take events that were heard together, and look once at each path that they touch.
+
+        In a large fleet many come at once on few paths, and a look costs what a path has of endpoints.
+        """
+        touched: dict[Path, None] = {}
+        for side, event in events:
+            path = self._note(side, event, now_ns)
+            if path is not None:
+                touched[path] = None
+        touched |= self._let_go(now_ns)
+        return [action for path in touched for action in self._refresh(path)]
+
+    def tick(self, now_ns: int) -> list[Action]:
+        """Let go of what has lingered long enough; return what to do, in this order."""
+        return self.feed_all((), now_ns=now_ns)
+
+    def _note(self, side: Side, event: EndpointEvent, now_ns: int) -> Path | None:
+        """Take note of an event; return the path that it changes."""
+        endpoint = event.endpoint
+        path = self._path_of(side, endpoint)
+        if path is None:
+            return None
+        self._leaving.pop((path, endpoint.gid), None)
+        if isinstance(event, EndpointAdded):
+            self._add(path, side, endpoint)
+            return path
+        if endpoint.gid in self.paths.get(path, PathState()):
+            # In the order of their deadlines, since all linger equally long.
+            self._leaving[path, endpoint.gid] = now_ns + self._linger_ns
+        return None
+
+    def _let_go(self, now_ns: int) -> dict[Path, None]:
+        """Forget what has lingered long enough; return the paths that this changes."""
+        due = list(takewhile(lambda item: item[1] <= now_ns, self._leaving.items()))
+        for (path, gid), _ in due:
+            del self._leaving[path, gid]
+            self.paths[path].discard(gid)
+        return dict.fromkeys(path for (path, _), _ in due)
+
+    def _path_of(self, side: Side, endpoint: EndpointInfo) -> Path | None:
+        """Return the path that an endpoint is part of; None for what may not cross or is nobody's business."""
+        if endpoint.transport != "dds" or endpoint.participant in self._participants:
+            return None
+        source = endpoint.kind is EndpointKind.PUBLISHER
+        outward = source is (side is Side.LOCAL)
+        path = Path(dds_topic=endpoint.dds_topic, type=endpoint.type, outward=outward)
+        return path if self._policy.crosses(path.dds_topic, path.direction) else None
+
+    def _add(self, path: Path, side: Side, endpoint: EndpointInfo) -> None:
+        state = self.paths.setdefault(path, PathState())
+        state.discard(endpoint.gid)
+        counts = self._counts(side, endpoint)
+        if endpoint.kind is EndpointKind.PUBLISHER:
+            (state.sources if counts else state.barred)[endpoint.gid] = endpoint
+        elif counts:
+            state.sinks[endpoint.gid] = endpoint
+
+    def _counts(self, side: Side, endpoint: EndpointInfo) -> bool:
+        """Return whether an endpoint is a source or sink, and not another router's that would make a loop."""
+        pair = entries(endpoint.user_data).get(ROUTER_KEY)
+        return pair is None if side is Side.LOCAL else pair != self._pair
+
+    def _refresh(self, path: Path) -> list[Action]:
+        state = self.paths[path]
+        before, state.setup = state.setup, wanted(path, state)
+        if not state:
+            del self.paths[path]
+        return _actions(before, state)
+
+
+def _actions(before: Setup, state: PathState) -> list[Action]:
+    """Return what leads from one setup to the next.
+
+    Readers are closed before others are opened, so no sample is read twice; writers before readers, so the
+    first sample finds its way; writers are closed last, when nothing goes there any more.
+    """
+    after = state.setup
+    publishers = state.sources | state.barred
+    kept = [reader for reader in before.readers if reader in after.readers]
+    actions: list[Action] = [Close(what=reader) for reader in before.readers if reader not in kept]
+    actions += [Open(what=writer) for writer in after.writers if writer not in before.writers]
+    actions += [Open(what=reader) for reader in after.readers if reader not in kept]
+    actions += [
+        Judge(reader=reader, source=publishers[gid], writer=writer)
+        for (reader, gid), writer in after.judged.items()
+        if reader not in kept or (reader, gid) not in before.judged or before.judged[reader, gid] != writer
+    ]
+    actions += [
+        Forget(reader=reader, source=gid)
+        for reader, gid in before.judged
+        if reader in kept and (reader, gid) not in after.judged
+    ]
+    return actions + [Close(what=writer) for writer in before.writers if writer not in after.writers]

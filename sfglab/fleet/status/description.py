@@ -1,0 +1,181 @@
+"""What an agent is: its sensors and their streams, accelerators and software, as frozen values.
+
+Pure: knows the naming schema and the metadata messages; refuses to know how hardware is found (`hardware`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from sfglab.errors import SfglabError
+from sfglab.fleet.status.heartbeat import AGENT_METADATA
+from sfglab.messages import message_type, stamp_from_ns
+from sfglab.names import FqnError, Scope, parse
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["AgentDescription", "DescriptionError", "SensorDescription", "StreamDescription"]
+
+
+class DescriptionError(SfglabError, ValueError):
+    """A description that others could not use.
+
+    Attributes:
+        place: Which part of it.
+    """
+
+    def __init__(self, place: str, why: str) -> None:
+        self.place = place
+        super().__init__(f"agent description, {place}: {why}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StreamDescription:
+    """One stream of a sensor, as it crosses the agent's border; see ``StreamInfo.msg``.
+
+    Attributes:
+        topic: The global topic of the stream.
+        type: ROS type of its messages.
+        codec: ``h264``, ``rvl``, ``png`` or ``jpeg``.
+        decoded_topic: Where the decoded stream belongs; empty: derived from `topic`.
+        camera_info_topic: The global topic of the calibration; empty: there is none.
+        width: Pixels.
+        height: Pixels.
+        rate_hz: Nominal rate, messages per second.
+    """
+
+    topic: str
+    type: str
+    codec: str
+    decoded_topic: str = ""
+    camera_info_topic: str = ""
+    width: int = 0
+    height: int = 0
+    rate_hz: float = 0.0
+
+    def to_message(self) -> Any:
+        """Return the ``StreamInfo``."""
+        return message_type("sfglab_interfaces/msg/StreamInfo")(
+            **{name: getattr(self, name) for name in self.__dataclass_fields__}
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorDescription:
+    """A sensor; see ``SensorInfo.msg``.
+
+    Attributes:
+        name: Unique within its agent.
+        model: Maker and model, for people.
+        streams: What leaves the agent.
+    """
+
+    name: str
+    model: str = ""
+    streams: tuple[StreamDescription, ...] = ()
+
+    def to_message(self) -> Any:
+        """Return the ``SensorInfo``."""
+        return message_type("sfglab_interfaces/msg/SensorInfo")(
+            name=self.name, model=self.model, streams=[stream.to_message() for stream in self.streams]
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AgentDescription:
+    """What an agent answers to whoever discovers it.
+
+    Attributes:
+        sensors: Its sensors.
+        accelerators: Codecs that work in hardware, by FFmpeg's names.
+        software: Components and versions.
+    """
+
+    sensors: tuple[SensorDescription, ...] = ()
+    accelerators: tuple[str, ...] = ()
+    software: tuple[str, ...] = ()
+
+    def check(self, agent: str) -> None:
+        """Refuse what would be of no use to others.
+
+        Args:
+            agent: Whose description it is.
+
+        Raises:
+            DescriptionError: Two sensors share a name, or a topic is no name of this agent in the global
+                scope, so that it does not cross the border.
+        """
+        names = [sensor.name for sensor in self.sensors]
+        if len(set(names)) < len(names):
+            raise DescriptionError("sensors", f"given {names}, allowed are names that differ")
+        for stream in (stream for sensor in self.sensors for stream in sensor.streams):
+            for topic in filter(None, (stream.topic, stream.camera_info_topic)):
+                _check_topic(topic, agent)
+
+    def to_message(self, agent: str, *, incarnation: int, revision: int, stamp_ns: int) -> Any:
+        """Return the ``AgentMetadata``.
+
+        Args:
+            agent: Whose description it is.
+            incarnation: As in that agent's heartbeats.
+            revision: As in that agent's heartbeats.
+            stamp_ns: When it was made, nanoseconds since the epoch.
+        """
+        return message_type(AGENT_METADATA)(
+            agent=agent,
+            incarnation=incarnation,
+            revision=revision,
+            sensors=[sensor.to_message() for sensor in self.sensors],
+            accelerators=list(self.accelerators),
+            software=list(self.software),
+            stamp=stamp_from_ns(stamp_ns),
+        )
+
+    @classmethod
+    def from_values(cls, values: dict[str, Any]) -> AgentDescription:
+        """Return the description that `dataclasses.asdict` took apart.
+
+        Raises:
+            DescriptionError: It has other parts than a description.
+        """
+        known = _known_values("values", cls, values)
+        sensors = tuple(_sensor_from_values(sensor) for sensor in _list(known.pop("sensors", ())))
+        return cls(sensors=sensors, **{name: tuple(map(str, _list(entry))) for name, entry in known.items()})
+
+
+def _sensor_from_values(values: Any) -> SensorDescription:
+    known = _known_values("sensor", SensorDescription, values)
+    streams = tuple(
+        StreamDescription(**_known_values("stream", StreamDescription, stream))
+        for stream in _list(known.pop("streams", ()))
+    )
+    try:
+        return SensorDescription(streams=streams, **known)
+    except TypeError as error:
+        raise DescriptionError("sensor", str(error)) from error
+
+
+def _list(values: Any) -> Sequence[Any]:
+    if isinstance(values, (list, tuple)):
+        return values
+    raise DescriptionError("values", f"given {values!r}, allowed are lists")
+
+
+def _known_values(place: str, type_: type[Any], values: Any) -> dict[str, Any]:
+    fields = set(type_.__dataclass_fields__)
+    if not isinstance(values, dict) or not set(values) <= fields:
+        raise DescriptionError(place, f"given {values!r}, allowed are values of {', '.join(sorted(fields))}")
+    return dict(values)
+
+
+def _check_topic(topic: str, agent: str) -> None:
+    try:
+        fqn = parse(topic)
+    except FqnError as error:
+        raise DescriptionError(f"topic {topic!r}", str(error)) from error
+    if fqn.scope is not Scope.GLOBAL or fqn.agent != agent:
+        raise DescriptionError(
+            f"topic {topic!r}", f"allowed are names of agent {agent!r} in the global scope: others stay inside"
+        )

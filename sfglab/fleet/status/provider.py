@@ -1,0 +1,159 @@
+"""The status provider: an agent's heartbeats and the answer to what it is. Paper A, section 4.2.
+
+The thin shell around `schedule` and `description`. Heartbeats are latched: whoever joins late hears the last
+one at once and need not wait for the next.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from sfglab import __version__
+from sfglab.fleet.status.description import AgentDescription
+from sfglab.fleet.status.heartbeat import (
+    AGENT_HEARTBEAT,
+    GET_METADATA,
+    Heartbeat,
+    heartbeat_topic,
+    metadata_service,
+)
+from sfglab.fleet.status.schedule import MIN_PERIOD_S, Schedule
+from sfglab.messages import service_type
+from sfglab.names import validate_agent
+from sfglab.qos import LATCHED
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.bus.api import Node, Publisher
+
+__all__ = ["StatusProvider", "StatusSettings"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatusSettings:
+    """What a status provider says, and when.
+
+    Attributes:
+        agent: The agent's name.
+        description: What it is.
+        schedule: When it beats.
+    """
+
+    agent: str
+    description: AgentDescription = field(default_factory=AgentDescription)
+    schedule: Schedule = field(default_factory=Schedule)
+
+    def __post_init__(self) -> None:
+        validate_agent(self.agent)
+        self.description.check(self.agent)
+
+
+class StatusProvider:
+    """The node that says that its agent is alive, and what it is.
+
+    Args:
+        node: Node on the agent's local domain.
+        settings: What is said, and when.
+        on_beat: Called with every heartbeat that was sent.
+    """
+
+    def __init__(
+        self, node: Node, settings: StatusSettings, *, on_beat: Callable[[Heartbeat], None] = lambda _: None
+    ) -> None:
+        self._node = node
+        self._settings = settings
+        self._on_beat = on_beat
+        self._description = settings.description
+        self._described_ns = 0
+        self._incarnation = 0
+        self._revision = 0
+        self._updated = asyncio.Event()
+
+    @property
+    def description(self) -> AgentDescription:
+        """What the agent is now."""
+        return self._description
+
+    def update(self, description: AgentDescription) -> None:
+        """Replace the description, and say at once that it has changed.
+
+        Args:
+            description: What the agent is from now on.
+
+        Raises:
+            DescriptionError: It would be of no use to others; the old one stays.
+        """
+        description.check(self._settings.agent)
+        self._description = description
+        self._described_ns = self._node.get_clock().now_ns()
+        self._revision += 1
+        self._updated.set()
+
+    async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
+        """Serve until cancelled; the first heartbeat is sent at once.
+
+        Args:
+            on_ready: Called when it serves and before the first heartbeat.
+        """
+        self._incarnation = self._described_ns = self._node.get_clock().now_ns()
+        # The service first: who hears the first heartbeat asks at once.
+        service = self._node.create_service(
+            GET_METADATA, metadata_service(self._settings.agent), lambda _: self._answer()
+        )
+        publisher = self._node.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), LATCHED)
+        try:
+            on_ready()
+            await self._beat(publisher)
+        finally:
+            publisher.close()
+            service.close()
+
+    async def _beat(self, publisher: Publisher) -> None:
+        start_s = asyncio.get_running_loop().time()
+        due_ns = elapsed_ns = 0
+        while True:
+            next_ns = self._settings.schedule.next_ns(elapsed_ns)
+            self._updated.clear()
+            self._publish(publisher, elapsed_ns, next_ns)
+            due_ns = next_ns
+            updated = await self._sleep_until(start_s + due_ns / 1e9)
+            elapsed_ns = _elapsed_ns(start_s)
+            if not updated:
+                elapsed_ns = max(elapsed_ns, due_ns)  # a timer may be early by its resolution
+
+    async def _sleep_until(self, time_s: float) -> bool:
+        """Wait until the loop's clock says so; return True at once when the description is updated."""
+        try:
+            async with asyncio.timeout_at(time_s):
+                await self._updated.wait()
+        except TimeoutError:
+            return False
+        return True
+
+    def _publish(self, publisher: Publisher, elapsed_ns: int, next_ns: int) -> None:
+        heartbeat = Heartbeat(
+            agent=self._settings.agent,
+            incarnation=self._incarnation,
+            revision=self._revision,
+            phase=self._settings.schedule.phase(elapsed_ns),
+            period_s=max((next_ns - elapsed_ns) / 1e9, MIN_PERIOD_S),
+            version=__version__,
+        )
+        publisher.publish(heartbeat.to_message(self._node.get_clock().now_ns()))
+        self._on_beat(heartbeat)
+
+    def _answer(self) -> Any:
+        metadata = self._description.to_message(
+            self._settings.agent,
+            incarnation=self._incarnation,
+            revision=self._revision,
+            stamp_ns=self._described_ns,
+        )
+        return service_type(GET_METADATA).response(success=True, message="", metadata=metadata)
+
+
+def _elapsed_ns(start_s: float) -> int:
+    return round((asyncio.get_running_loop().time() - start_s) * 1e9)

@@ -1,0 +1,134 @@
+"""What the discovery experiment runs: paper A, section 5.3, at three lengths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from sfglab.errors import SfglabError
+
+__all__ = ["PROFILES", "ROUTED", "STANDARD", "Config", "ConfigError", "Scale", "Stage"]
+
+STANDARD, ROUTED = "standard", "routed"
+
+
+class ConfigError(SfglabError, ValueError):
+    """A configuration that cannot be run."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stage:
+    """Live fleets of one kind.
+
+    Attributes:
+        mode: ``standard`` or ``routed``.
+        agents: Sizes of the fleet.
+        talkers: Publishing nodes of each agent.
+        listeners: Subscribing nodes of each agent.
+        repeats: How often each fleet is started.
+
+    Raises:
+        ConfigError: There is no such mode, or an agent would have no peer or no node.
+    """
+
+    mode: str
+    agents: tuple[int, ...]
+    talkers: int = 10
+    listeners: int = 10
+    repeats: int = 1
+
+    def __post_init__(self) -> None:
+        if self.mode not in (STANDARD, ROUTED):
+            raise ConfigError(f"mode: given {self.mode!r}, allowed are {STANDARD} and {ROUTED}")
+        if min(self.agents) < 2 or self.talkers + self.listeners < 1:
+            raise ConfigError(
+                f"stage: given {min(self.agents)} agents with {self.talkers} + {self.listeners} nodes, "
+                "allowed are fleets from 2 agents with at least one node each"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scale:
+    """Simulated fleets, see `simulated`.
+
+    Attributes:
+        agents: Sizes of the fleet.
+        talkers: Publishing nodes of each agent.
+        listeners: Subscribing nodes of each agent.
+        repeats: How many seeds each.
+    """
+
+    agents: tuple[int, ...] = ()
+    talkers: int = 10
+    listeners: int = 10
+    repeats: int = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """The whole run.
+
+    Attributes:
+        profile: Name of the profile it came from.
+        stages: Live fleets; cells of one size and kind of agents are run side by side.
+        simulated: Simulated fleets.
+        timeout_s: When a fleet that is not complete is given up, seconds after its start.
+        multicast: How far DDS uses multicast between agents: ``default`` is ROS 2's.
+        seed: Seed of the order of cells, and of what is simulated.
+    """
+
+    profile: str
+    stages: tuple[Stage, ...]
+    simulated: Scale = field(default_factory=Scale)
+    timeout_s: float = 120.0
+    multicast: str = "default"
+    seed: int = 0
+
+    @classmethod
+    def of_profile(cls, profile: str, *, seed: int = 0) -> Config:
+        """Return the configuration of a profile.
+
+        Args:
+            profile: ``smoke`` (seconds), ``quick`` (minutes) or ``paper`` (120 fleets of each size).
+            seed: Seed of everything that is drawn.
+
+        Raises:
+            ConfigError: There is no such profile.
+        """
+        if profile not in PROFILES:
+            raise ConfigError(f"profile: given {profile!r}, allowed are {', '.join(PROFILES)}")
+        return replace(PROFILES[profile], seed=seed)
+
+
+_FLEETS = (2, 3, 4, 5, 6)
+PROFILES = {
+    "smoke": Config(
+        profile="smoke",
+        stages=(
+            Stage(mode=STANDARD, agents=(2,), talkers=2, listeners=1),
+            Stage(mode=ROUTED, agents=(2,), talkers=2, listeners=1),
+        ),
+        simulated=Scale(agents=(2, 10), talkers=2, listeners=1),
+        timeout_s=20.0,
+    ),
+    "quick": Config(
+        profile="quick",
+        stages=(
+            Stage(mode=STANDARD, agents=(2, 3, 4, 6)),
+            Stage(mode=ROUTED, agents=(2, 3, 4, 5), repeats=2),
+            Stage(mode=ROUTED, agents=(6,), repeats=3),
+            Stage(mode=ROUTED, agents=(2, 6, 12), talkers=1, listeners=1),
+        ),
+        simulated=Scale(agents=(2, 4, 6, 12, 25, 50, 100)),
+    ),
+    "paper": Config(
+        profile="paper",
+        stages=(
+            Stage(mode=STANDARD, agents=_FLEETS, repeats=120),
+            Stage(mode=ROUTED, agents=_FLEETS, repeats=120),
+            Stage(mode=ROUTED, agents=(2, 4, 6, 8, 12, 16), talkers=1, listeners=1, repeats=10),
+        ),
+        simulated=Scale(agents=(2, 3, 4, 5, 6, 10, 20, 50, 100, 200, 500, 1000), repeats=5),
+        timeout_s=300.0,
+    ),
+}
+"""The profiles by name."""

@@ -1,0 +1,356 @@
+"""Fleets in the simulated world: *routed* with the agents' own components, *standard* with bare endpoints.
+
+A routed agent runs the same router, status provider and discoverer as a live one. Its ROS 2 nodes are left out:
+they live in its own domain, and nothing of them crosses; they only take their share of the start. A standard
+agent has its nodes as participants with the endpoints of live ones; what it receives grows in proportion to the
+number of other agents, so fleets above a few agents follow from two small ones.
+
+Every agent has a computer of its own here, of which each process has a core (routed) or its share of `CORES`
+(standard). What processes spend is calibrated to live fleets; see `ROUTED_COSTS` and `STANDARD_COSTS`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from sfglab.bus.api import EndpointAdded
+from sfglab.bus.forwarding import RawEndpoint
+from sfglab.bus.sim import Costs, World, run_simulated
+from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
+from sfglab.fleet.routing.router import Router, RouterSettings, RouterStatus
+from sfglab.fleet.status.provider import StatusProvider, StatusSettings
+from sfglab.lab.experiments.discovery.config import ROUTED, STANDARD
+from sfglab.lab.experiments.discovery.rows import SimulatedRow
+from sfglab.lab.workers.rosstack import LISTENER, TALKER, endpoints_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine, Iterator
+
+    from sfglab.bus.api import EndpointEvent, MessageInfo
+    from sfglab.bus.sim import SimNode
+    from sfglab.bus.sim.participant import Host
+    from sfglab.fleet.discovery.orders import Announce
+    from sfglab.lab.experiments.discovery.config import Config
+
+__all__ = [
+    "CORES",
+    "LIMIT_S",
+    "ROUTED_COSTS",
+    "STANDARD_COSTS",
+    "Fleet",
+    "FleetOutcome",
+    "HostOutcome",
+    "fleets_of",
+    "run_fleet",
+    "simulate_fleet",
+    "simulated_rows",
+]
+
+CORES = 4
+"""Of an agent's computer: a Raspberry Pi 5 in paper A, section 5.1."""
+
+ROUTED_COSTS = Costs(start_s=0.03, message_s=0.3e-3, endpoint_s=2e-3, announcement_s=50e-6)
+"""Such that an agent's three components spend about 0.1 s and 30 ms for each peer, as in live fleets of 2 to 12
+agents on two cores; how it divides among messages and endpoints is an estimate."""
+
+STANDARD_COSTS = Costs(announcement_s=70e-6)
+"""Of each process for each endpoint of the domain: 1.0 s for an agent with 20 nodes and one peer, live."""
+
+LIMIT_S = 300.0
+"""When a fleet that is not complete is given up, virtual seconds."""
+
+_STANDARD_MOST = 4
+_LOCAL_DOMAIN = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fleet:
+    """One simulated fleet.
+
+    Attributes:
+        mode: ``standard`` or ``routed``.
+        agents: How many.
+        talkers: Publishing nodes of each agent.
+        listeners: Subscribing nodes of each agent.
+        seed: Of the world.
+    """
+
+    mode: str
+    agents: int
+    talkers: int = 10
+    listeners: int = 10
+    seed: int = 0
+
+    @property
+    def nodes(self) -> int:
+        """ROS 2 nodes of each agent."""
+        return self.talkers + self.listeners
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HostOutcome:
+    """What came of one agent.
+
+    Attributes:
+        resolved_s: When it had resolved all its peers, seconds since the start; `LIMIT_S` if it had not.
+        rx_bytes: Received at its interface until then.
+        censored: Whether it was given up.
+        spent_s: What its processes had spent by then, seconds of one core.
+    """
+
+    resolved_s: float
+    rx_bytes: int
+    censored: bool
+    spent_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetOutcome:
+    """What came of a fleet.
+
+    Attributes:
+        hosts: One for each agent.
+        endpoints: How many endpoints the global domain had when the last agent was complete.
+        announced: How many it had had in all by then.
+    """
+
+    hosts: tuple[HostOutcome, ...]
+    endpoints: int
+    announced: int
+
+
+def fleets_of(config: Config) -> list[Fleet]:
+    """Return the fleets to simulate, the largest last."""
+    scale = config.simulated
+    return [
+        Fleet(
+            mode=mode,
+            agents=agents,
+            talkers=scale.talkers,
+            listeners=scale.listeners,
+            seed=config.seed + repeat,
+        )
+        for agents in sorted(scale.agents)
+        for mode in (STANDARD, ROUTED)
+        for repeat in range(scale.repeats)
+    ]
+
+
+def simulated_rows(
+    config: Config, *, progress: Callable[[Fleet], None] = lambda _: None, workers: int = 2
+) -> Iterator[SimulatedRow]:
+    """Yield one row an agent of every simulated fleet; fleets run side by side, each in its own process.
+
+    Args:
+        config: The experiment.
+        progress: Called with every fleet that is done.
+        workers: How many fleets at once.
+    """
+    fleets = fleets_of(config)
+    if not fleets:
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(max_workers=workers, mp_context=context, max_tasks_per_child=1) as pool:
+        for fleet, rows in zip(fleets, pool.map(simulate_fleet, fleets), strict=True):
+            yield from rows
+            progress(fleet)
+
+
+def simulate_fleet(fleet: Fleet) -> list[SimulatedRow]:
+    """Run one fleet until every agent knows its peers, and return one row an agent."""
+    return [
+        SimulatedRow(
+            mode=fleet.mode,
+            agents=fleet.agents,
+            talkers=fleet.talkers,
+            listeners=fleet.listeners,
+            seed=fleet.seed,
+            host=number,
+            resolved_s=host.resolved_s,
+            rx_bytes=float(host.rx_bytes),
+            censored=host.censored,
+        )
+        for number, host in enumerate(run_fleet(fleet).hosts)
+    ]
+
+
+def run_fleet(fleet: Fleet) -> FleetOutcome:
+    """Run one fleet until every agent knows its peers."""
+    if fleet.mode == STANDARD:
+        return _standard_fleet(fleet)
+    ours = fleet.nodes * len(endpoints_of(TALKER, "/a/b", "/c"))
+    costs = replace(ROUTED_COSTS, start_s=ROUTED_COSTS.start_s + ours * ROUTED_COSTS.announcement_s)
+    with _rare_collections():
+        return run_simulated(partial(_routed, fleet), seed=fleet.seed, costs=costs, lean_services=True)
+
+
+def _standard_fleet(fleet: Fleet) -> FleetOutcome:
+    """Simulate a small fleet, or follow the line through two smaller ones."""
+    if fleet.agents > _STANDARD_MOST:
+        few, more = (_standard_fleet(replace(fleet, agents=agents)) for agents in (2, 3))
+        return _extrapolated(few, more, fleet.agents)
+    share = fleet.nodes / CORES
+    costs = replace(STANDARD_COSTS, announcement_s=STANDARD_COSTS.announcement_s * max(1.0, share))
+    return run_simulated(partial(_standard, fleet), seed=fleet.seed, costs=costs)
+
+
+def _extrapolated(two: FleetOutcome, three: FleetOutcome, agents: int) -> FleetOutcome:
+    """Return a fleet of which each agent is the mean one on the line through fleets of two and three."""
+
+    def at(name: str) -> float:
+        first, second = (
+            sum(getattr(host, name) for host in outcome.hosts) / len(outcome.hosts) for outcome in (two, three)
+        )
+        return float(first + (agents - 2) * (second - first))
+
+    host = HostOutcome(
+        resolved_s=at("resolved_s"), rx_bytes=round(at("rx_bytes")), spent_s=at("spent_s"), censored=False
+    )
+    if host.resolved_s > LIMIT_S:
+        host = replace(host, resolved_s=LIMIT_S, censored=True)
+    each = two.endpoints // len(two.hosts)
+    return FleetOutcome(hosts=(host,) * agents, endpoints=each * agents, announced=each * agents)
+
+
+@contextmanager
+def _rare_collections() -> Iterator[None]:
+    """Let Python look for cycles seldom: a fleet's millions of objects are all in use."""
+    thresholds = gc.get_threshold()
+    gc.set_threshold(200_000, 50, 1000)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*thresholds)
+
+
+def _name(host: int) -> str:
+    return f"agent{host:04d}"
+
+
+class _Arrivals:
+    """Notes when each host has heard of everything that it waits for."""
+
+    def __init__(self, world: World, hosts: int) -> None:
+        self._outcomes: dict[str, HostOutcome] = {}
+        self._world = world
+        self._hosts = hosts
+        self._all = asyncio.Event()
+
+    def complete(self, host: str) -> None:
+        self._note(host, censored=False)
+        if len(self._outcomes) == self._hosts:
+            self._all.set()
+
+    async def wait(self) -> tuple[HostOutcome, ...]:
+        """Return all outcomes when all hosts are complete, or when it has taken too long."""
+        try:
+            async with asyncio.timeout(LIMIT_S):
+                await self._all.wait()
+        except TimeoutError:
+            for host in map(_name, range(self._hosts)):
+                if host not in self._outcomes:
+                    self._note(host, censored=True)
+        return tuple(self._outcomes[_name(host)] for host in range(self._hosts))
+
+    def _note(self, host: str, *, censored: bool) -> None:
+        world = self._world
+        self._outcomes[host] = HostOutcome(
+            resolved_s=world.now_ns / 1e9,
+            rx_bytes=world.received(host),
+            censored=censored,
+            spent_s=world.spent_s(host),
+        )
+
+
+class _QuietRouter(Router):
+    """A router of which nobody wants to know the status: to gather it takes as long as there are paths."""
+
+    @property
+    def status(self) -> RouterStatus:
+        return RouterStatus()
+
+
+async def _routed(fleet: Fleet, world: World) -> FleetOutcome:
+    names = [_name(host) for host in range(fleet.agents)]
+    for name in names:
+        world.host(name)
+    arrivals = _Arrivals(world, fleet.agents)
+    runs = [run for name in names for run in _components(world, name, arrivals)]
+    tasks = [asyncio.create_task(run()) for run in runs]
+    hosts = await arrivals.wait()
+    endpoints, announced = world.census()
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+    return FleetOutcome(hosts=hosts, endpoints=endpoints, announced=announced)
+
+
+def _components(world: World, name: str, arrivals: _Arrivals) -> list[Callable[[], Coroutine[Any, Any, None]]]:
+    """Return what runs on one agent: router, status provider and discoverer."""
+    inside = partial(world.node, host=name, domain_id=_LOCAL_DOMAIN, reach="host")
+    near = inside("router", process="router")
+    far = world.node("router", process="router", host=name)
+    found: set[str] = set()
+
+    def hear(news: Announce) -> None:
+        if news.event == "DISCOVERED":
+            found.add(news.agent)
+            if len(found) == len(world.hosts) - 1:
+                arrivals.complete(name)
+
+    status = inside("agent_status_provider")
+    discoverer = inside("agent_discoverer")
+    return [
+        _QuietRouter(near, far, RouterSettings(agent=name)).run,
+        StatusProvider(status, StatusSettings(agent=name)).run,
+        AgentDiscoverer(discoverer, DiscoverySettings(agent=name), on_event=hear).run,
+    ]
+
+
+async def _standard(fleet: Fleet, world: World) -> FleetOutcome:
+    arrivals = _Arrivals(world, fleet.agents)
+    roles = [TALKER] * fleet.talkers + [LISTENER] * fleet.listeners
+    each = len(roles) * len(endpoints_of(TALKER, "/a/b", "/c"))
+    for host in range(fleet.agents):
+        name = _name(host)
+        nodes = [_ros_node(world, name, role, number) for number, role in enumerate(roles)]
+        _watch(nodes[0], world.host(name), each * (fleet.agents - 1), arrivals)
+    hosts = await arrivals.wait()
+    endpoints, announced = world.census()
+    return FleetOutcome(hosts=hosts, endpoints=endpoints, announced=announced)
+
+
+def _ros_node(world: World, host: str, role: str, number: int) -> SimNode:
+    """Return a node with the endpoints that one of demo_nodes_cpp has; presence is among them."""
+    node = world.node(f"{role}_{number}", host=host, presence=False)
+    for plan in endpoints_of(role, f"/{host}/{role}_{number}", f"/{host}/chatter_{number}"):
+        endpoint = RawEndpoint(dds_topic=plan.topic, type=plan.type, qos=plan.qos, user_data=plan.user_data)
+        if plan.writer:
+            node.open_outlet(endpoint)
+        else:
+            node.open_inlet(endpoint, _ignore)
+    return node
+
+
+def _ignore(_cdr: bytes, _info: MessageInfo) -> None:
+    """Take a sample that nobody looks at."""
+
+
+def _watch(node: SimNode, host: Host, remote: int, arrivals: _Arrivals) -> None:
+    """Complete a host once one of its nodes knows all endpoints of the others; its nodes learn at one pace."""
+    known: set[bytes] = set()
+
+    def hear(event: EndpointEvent) -> None:
+        if isinstance(event, EndpointAdded) and event.endpoint.host != host.id:
+            known.add(event.endpoint.gid)
+            if len(known) == remote:
+                arrivals.complete(host.name)
+
+    node.graph.listen(hear)

@@ -1,0 +1,70 @@
+"""What the latency experiment runs: paper A, section 5.4, at three lengths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from sfglab.errors import SfglabError
+
+__all__ = ["GLASS_PATHS", "PATHS", "Config", "ConfigError"]
+
+PATHS = ("standard", "decoder", "agent", "on_demand")
+"""The ways from camera to viewer; see `stage`."""
+
+GLASS_PATHS = ("standard", "decoder", "agent")
+"""Those whose steady state is measured as well; the fourth differs from the third in its beginning only."""
+
+
+class ConfigError(SfglabError, ValueError):
+    """A configuration that cannot be run."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """The whole run.
+
+    Attributes:
+        profile: Name of the profile it came from.
+        repeats: How often every path is subscribed to.
+        look_s: How long the viewer looks on after its first picture, seconds.
+        skipped: Pictures at the beginning of a look that do not count for glass-to-glass.
+        idle_s: How long the idle load is measured, seconds.
+        source: Where frames come from, as `open_source` takes it.
+        encoder: H.264 encoder by FFmpeg's name, or ``auto``.
+        multicast: How far DDS uses multicast between hosts: ``spdp`` (discovery only, as Cyclone DDS does on
+            Wi-Fi, the paper's network) or ``default`` (data too, on a wired link).
+        seed: Seed of the frames' path, the phases and the order of paths.
+    """
+
+    profile: str
+    repeats: int
+    look_s: float
+    skipped: int = 3
+    idle_s: float = 3.0
+    source: str = "photos"
+    encoder: str = "auto"
+    multicast: str = "spdp"
+    seed: int = 0
+
+    @classmethod
+    def of_profile(cls, profile: str, *, source: str = "photos", seed: int = 0) -> Config:
+        """Return the configuration of a profile.
+
+        Args:
+            profile: ``smoke`` (seconds), ``quick`` (minutes) or ``paper`` (120 samples).
+            source: Source of the colour stream.
+            seed: Seed of everything that is drawn.
+
+        Raises:
+            ConfigError: There is no such profile.
+        """
+        if profile not in _PROFILES:
+            raise ConfigError(f"profile: given {profile!r}, allowed are {', '.join(_PROFILES)}")
+        return replace(_PROFILES[profile], source=source, seed=seed)
+
+
+_PROFILES = {
+    "smoke": Config(profile="smoke", repeats=2, look_s=0.4, idle_s=1.0),
+    "quick": Config(profile="quick", repeats=20, look_s=0.5),
+    "paper": Config(profile="paper", repeats=120, look_s=1.0, idle_s=30.0),
+}

@@ -1,0 +1,285 @@
+"""Hosts and processes: a camera with keeper and router at the edge, decoders and one viewer at the consumer.
+
+Each frame is encoded once and published on three topics; who listens to which decides the path:
+
+standard   camera - D_0 - viewer, which decodes for itself. No router, no decoder: standard ROS 2.
+decoder    camera - D_0 - decoder - shared memory - viewer. With keeper (in D_0) and warm spare.
+agent      camera - D_1 - router - D_0 - router - D_2 - decoder - shared memory - viewer. With keeper (in D_1)
+           and warm spare: the whole of an agent's path.
+on_demand  as agent, in the paper's manner: no keeper is asked, and the decoding process is loaded on demand.
+
+The streams are known beforehand, as the paper has it ("while the edge agent is already discovered"); the
+viewer's process runs and its nodes are in their domains, as a display's are. Knows how to start, order and end
+processes; refuses to know what is measured.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+import time
+from contextlib import AsyncExitStack, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from sfglab.fleet.address import BusAddress
+from sfglab.fleet.decoder.app import DecoderConfig
+from sfglab.fleet.decoder.streams import routes_of_topic
+from sfglab.fleet.keeper.app import KeeperConfig
+from sfglab.fleet.routing.app import RouterConfig
+from sfglab.lab.hosts.host import interface_bytes
+from sfglab.lab.workers.camera import CameraConfig
+from sfglab.lab.workers.process import LineProcess, WorkerError
+from sfglab.lab.workers.viewer import ViewerConfig
+from sfglab.names import Component, Resource, RosFqnBuilder, Scope, Stream
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from sfglab.lab.experiments.latency.config import Config
+    from sfglab.lab.testbed import Testbed
+
+__all__ = ["Running"]
+
+GLOBAL_DOMAIN, EDGE_DOMAIN, CONSUMER_DOMAIN = 0, 41, 42
+START_S = 60.0
+FIRST_PICTURE_S = 15.0
+LINGER_S = 0.1
+RUN_S = 86_400.0
+
+_CAMERAS = {"standard": "direct", "decoder": "direct", "agent": "front", "on_demand": "paper"}
+"""The component's suffix in the stream's name, by path."""
+
+
+def stream_topic(path: str) -> str:
+    """Return the name of the stream that a path begins with."""
+    builder = RosFqnBuilder().scope(Scope.GLOBAL).agent("edge").component(Component.CAMERA, _CAMERAS[path])
+    return str(builder.stream(Stream.COLOR).resource(Resource.FFMPEG).build())
+
+
+class Running:
+    """The experiment's processes; an async context manager that ends them.
+
+    Args:
+        config: The experiment.
+        testbed: Hosts.
+
+    Attributes:
+        encoder: The encoder that the camera opened.
+        gop_s: Time from key frame to key frame, seconds.
+        sent: Number, stamp and size of every frame that the camera has reported.
+        replays: Packets and bytes of every burst that a keeper has reported.
+    """
+
+    def __init__(self, config: Config, testbed: Testbed) -> None:
+        self._config = config
+        self._testbed = testbed
+        self._stack = AsyncExitStack()
+        self._processes: dict[str, LineProcess] = {}
+        self._hearings: list[asyncio.Task[Any]] = []
+        self._open_paths: dict[str, int] = {}
+        self.encoder = ""
+        self.gop_s = 0.0
+        self._gop = 0
+        self.sent: list[tuple[int, int, int]] = []
+        self.replays: list[tuple[int, int]] = []
+
+    async def __aenter__(self) -> Self:
+        try:
+            await self._start()
+        except BaseException:
+            await self._stack.aclose()
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self._stack.aclose()
+
+    async def _start(self) -> None:
+        for name, (host, module, config) in self._modules().items():
+            await self._launch(name, host, [sys.executable, "-m", module, config])
+        for name, process in self._processes.items():
+            ready = await process.expect("running" if name == "camera" else "ready", timeout_s=START_S)
+            self.encoder = ready.get("encoder", self.encoder)
+        self._note("camera", await self._processes["camera"].expect("sent", timeout_s=START_S))
+        for name in ("camera", "keeper", "keeper 0", "router", "router 2"):
+            self._hear(self._processes[name])
+
+    def _modules(self) -> dict[str, tuple[str, str, str]]:
+        """Return host, module and configuration of every process."""
+        keeper, keeper_0 = (
+            self._keeper(self._own("edge"), "agent"),
+            self._keeper(self._shared("edge"), "decoder"),
+        )
+        return {
+            "camera": ("edge", "sfglab.lab.workers.camera", self._camera().to_json()),
+            "keeper": ("edge", "sfglab.fleet.keeper", keeper.to_json()),
+            "keeper 0": ("edge", "sfglab.fleet.keeper", keeper_0.to_json()),
+            "router": ("edge", "sfglab.fleet.routing", self._router("edge").to_json()),
+            "router 2": ("consumer", "sfglab.fleet.routing", self._router("consumer").to_json()),
+            "viewer": ("consumer", "sfglab.lab.workers.viewer", self._viewer().to_json()),
+            **{
+                path: ("consumer", "sfglab.fleet.decoder", self._decoder(path).to_json())
+                for path in ("decoder", "agent", "on_demand")
+            },
+        }
+
+    async def _launch(self, name: str, host: str, command: list[str]) -> None:
+        def note(report: dict[str, Any]) -> None:
+            self._note(name, report)
+
+        process = await LineProcess.start(name, self._testbed.argv(host, command), on_report=note)
+        self._stack.push_async_callback(process.close)
+        self._processes[name] = process
+
+    def _hear(self, process: LineProcess) -> None:
+        """Take a process's reports as they come; none of its kinds is "ended", so this ends with the run."""
+        hearing = asyncio.create_task(process.expect("ended", timeout_s=RUN_S))
+        self._hearings.append(hearing)
+
+        async def stop() -> None:
+            hearing.cancel()
+            with suppress(asyncio.CancelledError, WorkerError):
+                await hearing
+
+        self._stack.push_async_callback(stop)
+
+    def _note(self, name: str, report: dict[str, Any]) -> None:
+        if report["is"] == "sent":
+            self.sent += [(n, s, b) for n, s, b in report["frames"]]
+        elif report["is"] == "replayed":
+            self.replays.append((report["packets"], report["size_bytes"]))
+        elif report["is"] == "status" and name in ("router", "router 2"):
+            # The other way a path stays open all the time: the keeper subscribes to a name that may cross.
+            way = "outward" if name == "router" else "inward"
+            self._open_paths[name] = sum(
+                p["direction"] == way for p in report["paths"] if "camera_" in p["topic"]
+            )
+
+    def _own(self, host: str) -> BusAddress:
+        return BusAddress(domain_id=EDGE_DOMAIN if host == "edge" else CONSUMER_DOMAIN, interface="lo")
+
+    def _shared(self, host: str) -> BusAddress:
+        return BusAddress(
+            domain_id=GLOBAL_DOMAIN,
+            interface=self._testbed.interface(host),
+            multicast=self._config.multicast,
+        )
+
+    def _camera(self) -> CameraConfig:
+        places = [
+            {**self._shared("edge").options(), "topic": stream_topic("standard")},
+            {**self._own("edge").options(), "topic": stream_topic("agent")},
+            {**self._own("edge").options(), "topic": stream_topic("on_demand")},
+        ]
+        camera = CameraConfig(
+            **places[0],
+            source=self._config.source,
+            seed=self._config.seed,
+            encoder=self._config.encoder,
+            copies=tuple(places[1:]),
+        )
+        self._gop = camera.gop
+        self.gop_s = camera.gop / camera.fps
+        return camera
+
+    def _keeper(self, address: BusAddress, path: str) -> KeeperConfig:
+        return KeeperConfig(address=address, streams=(stream_topic(path),))
+
+    def _router(self, host: str) -> RouterConfig:
+        return RouterConfig(agent=host, local=self._own(host), remote=self._shared(host), linger_s=LINGER_S)
+
+    def _decoder(self, path: str) -> DecoderConfig:
+        own = self._own("consumer")
+        return DecoderConfig(
+            remote=self._shared("consumer") if path == "decoder" else own,
+            local=own,
+            streams=(stream_topic(path),),
+            linger_s=LINGER_S,
+            replay=path != "on_demand",
+            spare=path != "on_demand",
+        )
+
+    def _viewer(self) -> ViewerConfig:
+        image, _ = routes_of_topic(stream_topic("standard"))
+        return ViewerConfig(
+            remote=self._shared("consumer").options(),
+            local=self._own("consumer").options(),
+            remote_topic=image.source_topic,
+            remote_type=image.source_type,
+            codec=image.codec,
+            local_topic=image.local_topic,
+            joined=True,
+        )
+
+    @property
+    def pids(self) -> dict[str, tuple[int, ...]]:
+        """Process ids of what runs at the edge for an agent, by label."""
+        return {name: (self._processes[name].pid,) for name in ("camera", "keeper", "router")}
+
+    def loopback_bytes(self) -> int:
+        """Return what the edge's loopback has carried so far."""
+        table = Path(f"/proc/{self._processes['camera'].pid}/net/dev").read_text(encoding="ascii")
+        return interface_bytes(table, "lo").rx_bytes
+
+    async def wait_for_phase(self, phase: float) -> None:
+        """Return when a group of pictures has come that far, as a share of it.
+
+        The camera keeps its rate by an absolute schedule, so that any of its frames tells all key frames.
+        """
+        number, stamp_ns, _ = self.sent[0]
+        gop_ns = self.gop_s * 1e9
+        key_ns = stamp_ns - number * gop_ns / self._gop
+        now = (time.time_ns() - key_ns) / gop_ns % 1.0
+        await asyncio.sleep((phase - now) % 1.0 * self.gop_s)
+
+    async def look(self, path: str) -> dict[str, Any]:
+        """Let the viewer subscribe, and return its report of the first picture.
+
+        Raises:
+            WorkerError: It saw none in time, or a process failed.
+        """
+        mode = "standard" if path == "standard" else "proxy"
+        image, _ = routes_of_topic(stream_topic(path))
+        topic = image.source_topic if mode == "standard" else image.local_topic
+        self._processes["viewer"].order(do="look", mode=mode, topic=topic)
+        return await self._processes["viewer"].expect("first", timeout_s=FIRST_PICTURE_S)
+
+    async def stop(self, path: str) -> dict[str, Any]:
+        """Let the viewer stop, wait until nothing of the path is left open, and return what it has seen."""
+        self._processes["viewer"].order(do="stop")
+        seen = await self._processes["viewer"].expect("seen", timeout_s=FIRST_PICTURE_S)
+        if path != "standard":
+            await self._released(self._processes[path])
+        await self._closed()
+        return seen
+
+    async def settle(self) -> None:
+        """Return when all decoders have said what they had to say, and their spares are warm."""
+        for path in ("decoder", "agent", "on_demand"):
+            await self._warm(self._processes[path])
+
+    async def _warm(self, decoder: LineProcess) -> None:
+        for _ in range(500):
+            decoder.order(do="list")
+            if (await decoder.expect("processes", timeout_s=START_S))["warm"]:
+                return
+            await asyncio.sleep(0.02)
+        raise WorkerError(f"{decoder.name}: its spare pipeline process did not become ready")
+
+    async def _released(self, decoder: LineProcess) -> None:
+        while (await decoder.expect("status", timeout_s=FIRST_PICTURE_S))["state"] != "IDLE":
+            pass
+        await self._warm(decoder)
+
+    async def _closed(self) -> None:
+        for _ in range(round(FIRST_PICTURE_S / 0.01)):
+            for hearing in self._hearings:
+                if hearing.done():
+                    hearing.result()
+            if not any(self._open_paths.values()):
+                return
+            await asyncio.sleep(0.01)
+        raise WorkerError("routers: a stream's path is still open although nobody looks")

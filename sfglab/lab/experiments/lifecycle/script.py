@@ -1,0 +1,261 @@
+"""What is done to a discoverer so that it takes every transition of its table.
+
+A `Puppet` is a false agent that is led step by step: each step waits until the discoverer has taken the
+transition that it is meant to provoke. A script that is too slow for the discoverer's waits, as on a machine
+that stalls, goes on and is played again with another puppet.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from typing import TYPE_CHECKING
+
+from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Input, State, Told
+from sfglab.fleet.status.schedule import MIN_PERIOD_S
+from sfglab.lab.workers.process import WorkerError
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Sequence
+
+    from sfglab.lab.experiments.lifecycle.rows import MoveRow
+    from sfglab.lab.experiments.lifecycle.stage import Member, Recorder
+
+__all__ = ["Puppet", "crowd", "puppet_show", "walk"]
+
+FOREVER_S = 30.0
+"""A period that is announced so that nobody is missed."""
+
+_I, _S = Input, State
+
+
+class Track:
+    """What a discoverer does about one agent, read on from where one last looked."""
+
+    def __init__(self, agent: str, recorder: Recorder) -> None:
+        self.agent = agent
+        self._recorder = recorder
+        self._read = 0
+
+    async def sees(self, *given: Input, at: State | None = None) -> None:
+        """Return when the discoverer has taken a transition with one of these inputs, from a state if given."""
+        found: list[int] = []
+
+        def taken() -> bool:
+            found[:] = (i for i, m in enumerate(self._moves()) if i >= self._read and _is(m, given, at))
+            return bool(found)
+
+        names = " or ".join(i.name for i in given)
+        await self._recorder.seen.until(f"{self.agent}: {names}", taken)
+        self._read = found[0] + 1
+
+    async def reaches(self, state: State) -> None:
+        """Return when the agent is in a state."""
+        await self._recorder.seen.until(
+            f"{self.agent}: {state.name}",
+            lambda: bool(self._moves()) and self._moves()[-1].after == state.name,
+        )
+        self._read = len(self._moves())
+
+    def _moves(self) -> list[MoveRow]:
+        return self._recorder.moves.get(self.agent, [])
+
+
+class Puppet(Track):
+    """A false agent.
+
+    Args:
+        agent: Its name.
+        fakes: The process that plays it.
+        recorder: What the discoverer is seen to do.
+    """
+
+    def __init__(self, agent: str, fakes: Member, recorder: Recorder) -> None:
+        super().__init__(agent, recorder)
+        self._fakes = fakes
+        self._incarnation, self._revision = 1000, 1
+
+    def mode(self, mode: str) -> None:
+        """Say how it answers from now on."""
+        self._fakes.order(do="mode", agent=self.agent, mode=mode)
+
+    def beat(self, given: Input = _I.HEARD, *, period_s: float = FOREVER_S) -> None:
+        """Let it beat so that the discoverer gets an input: a plain heartbeat, a change or a restart."""
+        self._revision += given is _I.CHANGED
+        self._incarnation += given is _I.RESTARTED
+        self._fakes.order(
+            do="beat",
+            agent=self.agent,
+            incarnation=self._incarnation,
+            revision=self._revision,
+            period_s=period_s,
+        )
+
+    async def beats(self, *inputs: Input) -> None:
+        """Let it beat, time after time, and wait until each has had its effect."""
+        for given in inputs:
+            self.beat(given)
+            await self.sees(given)
+
+    async def falls_silent(self) -> None:
+        """Let it beat for the last time, and wait until it is missed."""
+        self.beat(period_s=MIN_PERIOD_S)
+        await self.sees(_I.SILENT)
+
+    async def stands(self, told: Told) -> None:
+        """Bring it where local consumers have been told so much of it."""
+        if told is Told.NOTHING:
+            return
+        self.mode("answer")
+        await self.beats(_I.HEARD)
+        await self.reaches(_S.ACTIVE)
+        if told is Told.LOST:
+            await self.falls_silent()
+
+    async def is_asked(self, told: Told, mode: str) -> None:
+        """Let the discoverer ask it, and say how it answers."""
+        self.mode(mode)
+        await self.beats(_I.HEARD if told is Told.NOTHING else _I.CHANGED)
+
+
+async def _whole_row(puppet: Puppet, told: Told) -> None:
+    await puppet.stands(told)
+    await puppet.is_asked(told, "mute")
+    await puppet.beats(_I.HEARD, _I.CHANGED, _I.RESTARTED)
+    await puppet.sees(_I.FAILED)
+    await puppet.beats(_I.HEARD, _I.CHANGED)
+    await puppet.sees(_I.RETRY)
+    await puppet.sees(_I.FAILED)
+    await puppet.beats(_I.RESTARTED)
+    puppet.mode("answer")
+    await puppet.sees(_I.ANSWERED if told is Told.NOTHING else _I.ANSWERED_ANEW)
+
+
+async def _same_start_answers(puppet: Puppet, told: Told) -> None:
+    await puppet.stands(told)
+    await puppet.is_asked(told, "answer")
+    await puppet.sees(_I.ANSWERED)
+
+
+async def _silent_when_asked(puppet: Puppet, told: Told) -> None:
+    await puppet.stands(told)
+    await puppet.is_asked(told, "mute")
+    await puppet.falls_silent()
+
+
+async def _silent_when_it_failed(puppet: Puppet, told: Told) -> None:
+    await puppet.stands(told)
+    await puppet.is_asked(told, "late")
+    await puppet.sees(_I.FAILED)
+    await puppet.falls_silent()
+
+
+async def _comes_and_goes(puppet: Puppet, told: Told) -> None:
+    await puppet.stands(told)
+    await puppet.beats(_I.HEARD, _I.RESTARTED)
+    await puppet.sees(_I.ANSWERED_ANEW)
+    await puppet.falls_silent()
+    await puppet.beats(_I.HEARD)
+    await puppet.falls_silent()
+    await puppet.beats(_I.RESTARTED)
+    await puppet.sees(_I.ANSWERED_ANEW)
+    await puppet.falls_silent()
+    await puppet.sees(_I.EXPIRED)
+
+
+_Script = tuple["Callable[[Puppet, Told], Awaitable[None]]", Told]
+_SCRIPTS: tuple[_Script, ...] = (
+    *((_whole_row, told) for told in Told),
+    *((_same_start_answers, told) for told in Told),
+    *((_silent_when_asked, told) for told in Told),
+    *((_silent_when_it_failed, told) for told in Told),
+    (_comes_and_goes, Told.PRESENT),
+)
+
+
+async def puppet_show(fakes: Member, recorder: Recorder, *, attempts: int) -> None:
+    """Play all scripts at once, and again as long as a transition of theirs is missing.
+
+    Args:
+        fakes: The process that plays the false agents.
+        recorder: What the discoverer is seen to do.
+        attempts: How often, at most.
+    """
+    for attempt in range(attempts):
+        plays = [
+            script(Puppet(f"puppet{number}_{attempt}", fakes, recorder), told)
+            for number, (script, told) in enumerate(_SCRIPTS)
+        ]
+        outcomes = await asyncio.gather(*plays, return_exceptions=True)
+        for outcome in outcomes:
+            if isinstance(outcome, BaseException) and not isinstance(outcome, WorkerError):
+                raise outcome
+        if set(TRANSITIONS) - _taken(recorder) <= {(_S.BACKING_OFF, _I.EXPIRED)}:
+            return
+
+
+async def walk(agent: str, start: Callable[[], Awaitable[Member]], recorder: Recorder) -> None:
+    """Do to a real status process what happens to real ones: change, stop, go on, be killed, come again.
+
+    Args:
+        agent: Whose status process.
+        start: Starts it, and returns it when it serves.
+        recorder: What the discoverer is seen to do.
+    """
+    track = Track(agent, recorder)
+    process = await start()
+    await track.sees(_I.ANSWERED)
+    recorder.fault(agent, "told another description")
+    process.order(description={"software": ["changed at run time"]})
+    await track.sees(_I.ANSWERED)
+    for number, given in ((signal.SIGSTOP, _I.SILENT), (signal.SIGCONT, _I.HEARD)):
+        recorder.fault(agent, number.name)
+        process.signal(number)
+        await track.sees(given, at=_S.LOST if number is signal.SIGCONT else None)
+    for wait in (False, True):
+        recorder.fault(agent, "SIGKILL")
+        process.signal(signal.SIGKILL)
+        if wait:
+            await track.reaches(_S.LOST)
+        recorder.fault(agent, "started again")
+        process = await start()
+        # Asked anew as a rule; on a machine that stalls it may have been forgotten before it came again.
+        await track.sees(_I.ANSWERED_ANEW, _I.ANSWERED)
+    recorder.fault(agent, "SIGKILL")
+    process.signal(signal.SIGKILL)
+    await track.sees(_I.EXPIRED)
+
+
+async def crowd(own: str, fakes: Member, recorder: Recorder, *, places: int) -> None:
+    """Send a discoverer with few places more agents than it can hold, and what is no agent at all.
+
+    Args:
+        own: The discoverer's own agent.
+        fakes: The process that plays the crowd.
+        recorder: What the discoverer is seen to do.
+        places: How many agents it keeps track of.
+    """
+    recorder.fault(own, "heartbeats that bear its name")
+    for agent, incarnation in (("owner1", 2000), ("double1", 1999)):
+        fakes.order(
+            do="beat", agent=agent, bearing=own, incarnation=incarnation, revision=0, period_s=FOREVER_S
+        )
+    recorder.fault("noname1", "ill-formed heartbeats")
+    for bearing, period_s in (("no name", FOREVER_S), ("camera", FOREVER_S), ("fast1", -1.0)):
+        fakes.order(do="beat", agent="noname1", bearing=bearing, incarnation=1, revision=0, period_s=period_s)
+    recorder.fault("crowd", "more agents than places, none of which answers")
+    for number in range(places + 1):
+        puppet = Puppet(f"crowd{number}", fakes, recorder)
+        await puppet.is_asked(Told.NOTHING, "refuse")
+        await puppet.sees(_I.FAILED)
+    await recorder.seen.until("an eviction", lambda: (_S.BACKING_OFF, _I.EXPIRED) in _taken(recorder))
+    recorder.fault("crowd", "a flood of heartbeats")
+    fakes.order(do="beat", agent=f"crowd{places}", incarnation=1000, revision=1, period_s=FOREVER_S, times=400)
+
+
+def _is(move: MoveRow, given: Sequence[Input], at: State | None) -> bool:
+    return Input[move.given] in given and (at is None or move.before == at.name)
+
+
+def _taken(recorder: Recorder) -> set[tuple[State, Input]]:
+    return {(State[m.before], Input[m.given]) for moves in recorder.moves.values() for m in moves}

@@ -1,0 +1,60 @@
+"""What the routing experiment runs, at three lengths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from sfglab.errors import SfglabError
+
+__all__ = ["Config", "ConfigError"]
+
+
+class ConfigError(SfglabError, ValueError):
+    """A configuration that cannot be run."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """The whole run.
+
+    Attributes:
+        profile: Name of the profile it came from.
+        agents: Agents behind a router each; two parties in the global domain come in addition.
+        seconds: How long everybody talks at least, seconds.
+        rate_hz: Messages a second of every party on every topic.
+        busy: Further local topics of every agent.
+        random_names: Random DDS names that the policy is asked about.
+        call_s: How long a caller waits for a server that it must not reach, seconds.
+        seed: Seed of the random names.
+    """
+
+    profile: str
+    agents: int
+    seconds: float
+    rate_hz: float
+    busy: int
+    random_names: int
+    call_s: float = 1.0
+    seed: int = 0
+
+    @classmethod
+    def of_profile(cls, profile: str, *, seed: int = 0) -> Config:
+        """Return the configuration of a profile.
+
+        Args:
+            profile: ``smoke`` (seconds), ``quick`` or ``paper``.
+            seed: Seed of everything that is drawn.
+
+        Raises:
+            ConfigError: There is no such profile.
+        """
+        if profile not in _PROFILES:
+            raise ConfigError(f"profile: given {profile!r}, allowed are {', '.join(_PROFILES)}")
+        return replace(_PROFILES[profile], seed=seed)
+
+
+_PROFILES = {
+    "smoke": Config(profile="smoke", agents=2, seconds=2.5, rate_hz=10.0, busy=3, random_names=500, call_s=0.5),
+    "quick": Config(profile="quick", agents=3, seconds=6.0, rate_hz=10.0, busy=20, random_names=20_000),
+    "paper": Config(profile="paper", agents=6, seconds=20.0, rate_hz=10.0, busy=50, random_names=200_000),
+}

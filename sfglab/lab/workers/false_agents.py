@@ -1,0 +1,149 @@
+"""False agents in a process of their own: ``python -m sfglab.lab.workers.false_agents CONFIG``.
+
+They beat when they are told and answer as they are told: at once, never, too late, or not the truth. Every
+query that arrives is reported: ``{"is": "asked", "agent", "t_ns"}``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import json
+import sys
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from sfglab.fleet.address import BusAddress
+from sfglab.fleet.component import run_component
+from sfglab.fleet.status.description import AgentDescription
+from sfglab.fleet.status.heartbeat import (
+    AGENT_HEARTBEAT,
+    GET_METADATA,
+    Heartbeat,
+    Phase,
+    heartbeat_topic,
+    metadata_service,
+)
+from sfglab.messages import service_type
+from sfglab.qos import LATCHED
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.bus import Node, Publisher
+
+__all__ = ["FakeConfig"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FakeConfig:
+    """What the process is told.
+
+    Attributes:
+        address: Where its agents are.
+        late_s: How long a late answer takes, seconds.
+    """
+
+    address: BusAddress
+    late_s: float
+
+    def to_json(self) -> str:
+        """Return the configuration as a process's argument."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> FakeConfig:
+        """Read what `to_json` wrote."""
+        values = json.loads(text)
+        return cls(address=BusAddress(**values["address"]), late_s=values["late_s"])
+
+
+@dataclass(slots=True)
+class _Fake:
+    publisher: Publisher
+    mode: str = "answer"
+    incarnation: int = 0
+    revision: int = 0
+    changed: asyncio.Event = field(default_factory=asyncio.Event)
+
+
+class Fakes:
+    """The agents, and what they do about their orders.
+
+    Args:
+        node: Where they are.
+        late_s: How long a late answer takes, seconds.
+        report: Takes what is reported.
+    """
+
+    def __init__(self, node: Node, late_s: float, report: Callable[[dict[str, Any]], None]) -> None:
+        self._node = node
+        self._late_s = late_s
+        self._report = report
+        self._fakes: dict[str, _Fake] = {}
+
+    def obey(self, order: dict[str, Any]) -> None:
+        """Carry out an order: ``mode``, ``beat`` or ``raw``, for an agent that is made when it is new."""
+        fake = self._fakes.get(order["agent"]) or self._make(order["agent"])
+        if order["do"] == "mode":
+            fake.mode = order["mode"]
+            fake.changed.set()
+            fake.changed = asyncio.Event()
+        elif order["do"] == "raw":
+            fake.publisher.publish_raw(base64.b64decode(order["cdr"]))
+        else:
+            self._beat(fake, order)
+
+    def _make(self, agent: str) -> _Fake:
+        fake = self._fakes[agent] = _Fake(
+            self._node.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), LATCHED)
+        )
+        self._node.create_service(GET_METADATA, metadata_service(agent), lambda _: self._answer(agent, fake))
+        return fake
+
+    def _beat(self, fake: _Fake, order: dict[str, Any]) -> None:
+        fake.incarnation, fake.revision = order["incarnation"], order["revision"]
+        heartbeat = Heartbeat(
+            agent=order.get("bearing", order["agent"]),
+            incarnation=fake.incarnation,
+            revision=fake.revision,
+            phase=Phase.STARTUP,
+            period_s=order["period_s"],
+            version="false agent",
+        )
+        for _ in range(order.get("times", 1)):
+            fake.publisher.publish(heartbeat.to_message(self._node.get_clock().now_ns()))
+
+    async def _answer(self, agent: str, fake: _Fake) -> Any:
+        self._report({"is": "asked", "agent": agent, "t_ns": self._node.get_clock().now_ns()})
+        if fake.mode == "late":
+            await asyncio.sleep(self._late_s)
+        while fake.mode == "mute":
+            await fake.changed.wait()
+        revision = fake.revision - 1 if fake.mode == "behind" else fake.revision
+        metadata = AgentDescription(software=("false agent",)).to_message(
+            agent, incarnation=fake.incarnation, revision=revision, stamp_ns=self._node.get_clock().now_ns()
+        )
+        refused = "told so" if fake.mode == "refuse" else ""
+        return service_type(GET_METADATA).response(success=not refused, message=refused, metadata=metadata)
+
+
+def main(argument: str) -> None:
+    """Be the process."""
+    config = FakeConfig.from_json(argument)
+    orders: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+
+    async def body(report: Callable[[dict[str, Any]], None]) -> None:
+        from sfglab.bus import Node
+
+        async with Node("false_agents", **config.address.options()) as node:
+            fakes = Fakes(node, config.late_s, report)
+            report({"is": "ready"})
+            while True:
+                fakes.obey(await orders.get())
+
+    run_component(body, on_order=orders.put_nowait)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

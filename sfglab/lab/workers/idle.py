@@ -1,0 +1,65 @@
+"""A component that has everything loaded and waits: ``python -m sfglab.lab.workers.idle MODULE CONFIG``.
+
+Imports the component ``MODULE`` (its ``app``), the bus and the types of messages that a fleet exchanges,
+reports ``{"is": "idle"}``, and becomes ``python -m MODULE CONFIG`` when one line arrives. So a start signal
+starts components the way it starts compiled ones, and not Python. Nothing of it touches a network before.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import runpy
+import sys
+
+__all__ = ["main"]
+
+_MESSAGES = (
+    "sfglab_interfaces/msg/AgentHeartbeat",
+    "sfglab_interfaces/msg/AgentDiscoveryEvent",
+    "sfglab_interfaces/msg/AgentMetadata",
+)
+_SERVICES = ("sfglab_interfaces/srv/GetMetadata",)
+_HALVES = ("Request", "Response")
+
+
+def _load(module: str) -> None:
+    import cyclonedds._clayer  # noqa: F401 - what the bus would import at its first endpoint
+    import uvloop  # noqa: F401 - the same, of the process's loop
+
+    import sfglab.bus.dds.forwarder  # noqa: F401 - and at a router's first path
+    from sfglab.bus.dds.clib import library
+    from sfglab.bus.dds.presence import gid_bytes, info_type
+    from sfglab.messages import default_message, deserialize, serialize
+    from sfglab.messages.dds import idl_struct, service_idl_struct
+
+    importlib.import_module(f"{module}.app")
+    library()
+    halves = [half for name in _SERVICES for half in service_idl_struct(name)]
+    for type_ in (*map(idl_struct, _MESSAGES), *halves, info_type(gid_bytes())):
+        type_.__idl__.populate()
+        type_.__idl__.fill_type_data()
+    for name in (*_MESSAGES, *(f"{service}_{half}" for service in _SERVICES for half in _HALVES)):
+        deserialize(serialize(default_message(name)), name)
+
+
+def _wait_for_line() -> bool:
+    """Return whether a line came, and take nothing behind it: that is the component's."""
+    while (byte := os.read(0, 1)) != b"\n":
+        if not byte:
+            return False
+    return True
+
+
+def main() -> None:
+    """Load, wait, and become the component."""
+    module, config = sys.argv[1:]
+    _load(module)
+    os.write(1, b'{"is": "idle"}\n')
+    if _wait_for_line():
+        sys.argv = [module, config]
+        runpy.run_module(module, run_name="__main__", alter_sys=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,302 @@
+"""Somebody who talks and listens: ``python -m sfglab.lab.workers.party CONFIG``.
+
+Publishes on all topics that it is given, once or at a rate, and keeps count of what arrives from whom: how
+often, in which order, with which time stamp. Sees every endpoint of its domain. Orders and reports are JSON
+lines; see `Party.obey`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import sys
+import time
+from collections import defaultdict
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from sfglab.bus.api import EndpointAdded
+from sfglab.bus.errors import BusError
+from sfglab.fleet.address import BusAddress
+from sfglab.fleet.component import run_component
+from sfglab.lab.workers.tally import Tally
+from sfglab.messages import default_message, message_type, ns_from_stamp, serialize, service_type, stamp_from_ns
+from sfglab.names import TF_STATIC
+from sfglab.qos import LATCHED, QoSProfile
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.bus import Node
+    from sfglab.bus.api import EndpointInfo, Service, Subscription
+    from sfglab.fleet.component import Report
+
+__all__ = ["TRANSFORMS", "Party", "PartyConfig", "TopicUse", "main"]
+
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+SERVICE = "sfglab_interfaces/srv/GetMetadata"
+QUIET_S = 0.3
+"""Nothing more is on its way when nothing has arrived for this long."""
+
+VOLATILE = QoSProfile(depth=200)
+LATE = QoSProfile(depth=100, durability=LATCHED.durability)
+"""Of whoever wants the last message of each of many publishers, as tf2's listeners do."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicUse:
+    """One topic and what the party does with it.
+
+    Attributes:
+        name: ROS name.
+        type: ROS type.
+        latched: Published once, transient local.
+        publish: Whether it publishes.
+        subscribe: Whether it subscribes.
+    """
+
+    name: str
+    type: str
+    latched: bool
+    publish: bool
+    subscribe: bool
+
+    @property
+    def qos(self) -> QoSProfile:
+        """Of its endpoints."""
+        return LATCHED if self.latched else VOLATILE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PartyConfig:
+    """What a party is told when it starts.
+
+    Attributes:
+        party: Its name.
+        address: Where on the bus it stands.
+        behind_router: Whether its transforms get its prefix from a router; else it writes it itself.
+        topics: What it does.
+        serves: Services that it answers.
+        rate_hz: Messages a second on every topic that is not latched.
+    """
+
+    party: str
+    address: BusAddress
+    behind_router: bool
+    topics: tuple[TopicUse, ...]
+    serves: tuple[str, ...]
+    rate_hz: float
+
+    def to_json(self) -> str:
+        """Return the configuration as the process's argument."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> PartyConfig:
+        """Read what `to_json` wrote."""
+        values = json.loads(text)
+        values["address"] = BusAddress(**values["address"])
+        values["topics"] = tuple(TopicUse(**topic) for topic in values["topics"])
+        return cls(**{**values, "serves": tuple(values["serves"])})
+
+
+class Party:
+    """A party on its node.
+
+    Args:
+        node: Where it stands.
+        config: What it does.
+        report: Takes reports.
+    """
+
+    def __init__(self, node: Node, config: PartyConfig, report: Callable[[Report], None]) -> None:
+        self._node = node
+        self._config = config
+        self._report = report
+        self._heard: dict[tuple[str, str], Tally] = defaultdict(Tally)
+        self._last_s = 0.0
+        self._endpoints: set[tuple[str, str, str, str]] = set()
+        self._sent = 0
+        self._tasks: list[asyncio.Task[None]] = []
+        self._services: list[Service] = []
+        self._talking: asyncio.Task[None] | None = None
+        self._publishers = {
+            topic: node.create_publisher(topic.type, topic.name, topic.qos)
+            for topic in config.topics
+            if topic.publish
+        }
+
+    async def serve(self, orders: asyncio.Queue[Report]) -> None:
+        """Listen, report ``ready``, and follow orders until cancelled."""
+        try:
+            self._begin()
+            self._report({"is": "ready"})
+            while True:
+                await self.obey(await orders.get())
+        finally:
+            for task in self._tasks:
+                task.cancel()
+            await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def _begin(self) -> None:
+        self._spawn(self._watch())
+        for topic in self._config.topics:
+            if topic.subscribe:
+                qos = LATE if topic.latched else topic.qos
+                subscription = self._node.create_subscription(topic.type, topic.name, qos=qos)
+                self._spawn(self._listen(subscription, topic.name))
+        for name in self._config.serves:
+            self._services.append(self._node.create_service(SERVICE, name, self._answer))
+        self._publish(latched=True)
+
+    async def obey(self, order: Report) -> None:
+        """Follow one order: ``talk``, ``hush``, ``late``, ``call`` or ``tell``."""
+        match order["do"]:
+            case "talk":
+                self._talking = self._spawn(self._talk())
+            case "hush":
+                assert self._talking is not None
+                self._talking.cancel()
+                await self._quiet()
+                self._report({"is": "hushed", "sent": self._sent})
+            case "late":
+                counts = await self._come_late(order["expected"], order["timeout_s"])
+                self._report({"is": "late", "received": counts})
+            case "call":
+                answers = await asyncio.gather(*(self._call(n, order["timeout_s"]) for n in order["names"]))
+                self._report({"is": "called", "answers": answers})
+            case "tell":
+                self._report(self._told())
+
+    def _spawn(self, coroutine: Any) -> asyncio.Task[None]:
+        task = asyncio.create_task(coroutine)
+        self._tasks.append(task)
+        return task
+
+    async def _watch(self) -> None:
+        async for event in self._node.graph.events():
+            if isinstance(event, EndpointAdded):
+                self._see(event.endpoint)
+
+    def _see(self, endpoint: EndpointInfo) -> None:
+        owner = endpoint.participant.hex()
+        tag = endpoint.user_data.decode(errors="replace")
+        self._endpoints.add((endpoint.dds_topic, endpoint.kind.value, owner, tag))
+
+    async def _talk(self) -> None:
+        period_s = 1 / self._config.rate_hz
+        while True:
+            self._sent += 1
+            self._publish(latched=False)
+            await asyncio.sleep(period_s)
+
+    def _publish(self, *, latched: bool) -> None:
+        for topic, publisher in self._publishers.items():
+            if topic.latched is latched:
+                stamp_ns = time.time_ns()
+                message = self._message(topic, self._sent, stamp_ns)
+                publisher.publish_raw(serialize(message), source_timestamp_ns=stamp_ns)
+
+    def _message(self, topic: TopicUse, number: int, stamp_ns: int) -> Any:
+        party = self._config.party
+        if topic.type != TRANSFORMS:
+            return message_type(topic.type)(data=f"{party} {number} {stamp_ns}")
+        frame = "probe" if self._config.behind_router else f"{party}/probe"
+        header = message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(stamp_ns), frame_id="map")
+        vector, turn = (message_type(f"geometry_msgs/msg/{name}") for name in ("Vector3", "Quaternion"))
+        transform = message_type("geometry_msgs/msg/Transform")(
+            translation=vector(x=float(number), y=0.0, z=0.0), rotation=turn(x=0.0, y=0.0, z=0.0, w=1.0)
+        )
+        stamped = message_type("geometry_msgs/msg/TransformStamped")(
+            header=header, child_frame_id=frame, transform=transform
+        )
+        return message_type(TRANSFORMS)(transforms=[stamped])
+
+    async def _listen(self, subscription: Subscription, name: str) -> None:
+        while True:
+            message, info = await subscription.take_with_info()
+            self._last_s = time.monotonic()
+            source, number, stamp_ns, named = self._read(message)
+            tally = self._heard[name, source]
+            tally.note(number, stamp_ns, info)
+            tally.misnamed += not named
+
+    def _read(self, message: Any) -> tuple[str, int, int, bool]:
+        """Return source, number and stamp of a message, and whether a transform bears the right frame."""
+        if not hasattr(message, "transforms"):
+            source, number, stamp = message.data.split()
+            return source, int(number), int(stamp), True
+        transform = message.transforms[0]
+        owner, slash, frame = transform.child_frame_id.partition("/")
+        source = owner if slash else self._config.party
+        stamp_ns = ns_from_stamp(transform.header.stamp)
+        named = bool(slash) is not (self._config.behind_router and source == self._config.party)
+        shared = transform.header.frame_id == "map"
+        return (
+            source,
+            int(transform.transform.translation.x),
+            stamp_ns,
+            named and shared and frame in {"probe", ""},
+        )
+
+    async def _quiet(self) -> None:
+        """Return when nothing has arrived for a while."""
+        while (left_s := self._last_s + QUIET_S - time.monotonic()) > 0:  # noqa: ASYNC110 - quiet is no event
+            await asyncio.sleep(left_s)
+
+    async def _come_late(self, expected: int, timeout_s: float) -> dict[str, int]:
+        """Subscribe static transforms anew and return how many came from whom."""
+        counts: dict[str, int] = defaultdict(int)
+        subscription = self._node.create_subscription(TRANSFORMS, TF_STATIC, qos=LATE)
+        deadline_s = time.monotonic() + timeout_s
+        with contextlib.suppress(BusError, TimeoutError):
+            while (left_s := deadline_s - time.monotonic()) > 0:
+                message = await subscription.take(timeout_s=left_s)
+                counts[self._read(message)[0]] += 1
+                if len(counts) == expected:  # then only what comes too much is waited for
+                    deadline_s = min(deadline_s, time.monotonic() + QUIET_S)
+        subscription.close()
+        return counts
+
+    async def _call(self, name: str, timeout_s: float) -> str:
+        """Return who answered a call, empty when nobody did in time."""
+        client = self._node.create_client(SERVICE, name)
+        try:
+            await client.wait_for_service(timeout_s=timeout_s)
+            answer = await client.call(service_type(SERVICE).request(), timeout_s=5.0)
+        except BusError:
+            return ""
+        finally:
+            client.close()
+        return str(answer.message)
+
+    def _answer(self, _request: Any) -> Any:
+        return service_type(SERVICE).response(
+            success=True,
+            message=self._config.party,
+            metadata=default_message("sfglab_interfaces/msg/AgentMetadata"),
+        )
+
+    def _told(self) -> Report:
+        heard = [{"name": n, "source": s, **tally.report()} for (n, s), tally in sorted(self._heard.items())]
+        participant = self._node.guid.hex()
+        return {"is": "told", "heard": heard, "endpoints": sorted(self._endpoints), "participant": participant}
+
+
+def main() -> None:
+    """Be the process: serve until standard input ends or until told to terminate."""
+    from sfglab.bus import Node
+
+    config = PartyConfig.from_json(sys.argv[1])
+    orders: asyncio.Queue[Report] = asyncio.Queue()
+
+    async def body(report: Callable[[Report], None]) -> None:
+        async with Node(config.party, **config.address.options()) as node:
+            await Party(node, config, report).serve(orders)
+
+    run_component(body, on_order=orders.put_nowait)
+
+
+if __name__ == "__main__":
+    main()

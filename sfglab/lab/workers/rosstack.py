@@ -1,0 +1,237 @@
+"""One ROS 2 process as DDS sees it, made with raw C calls: a Cyclone stack, a participant, a node's endpoints.
+
+Knows which endpoints a node of demo_nodes_cpp has under Humble, with rmw_cyclonedds: rclcpp's six parameter
+services (rclcpp, parameter_service.cpp), /parameter_events both ways (node_parameters.cpp, time_source.cpp),
+/rosout (rcl, logging_rosout.h), its own topic (demo_nodes_cpp, talker.cpp and listener.cpp) and one participant
+for each process with `ros_discovery_info` (rmw_cyclonedds_cpp, rmw_node.cpp). Types are opaque: ROS 2 endpoints
+announce a type's name and no description of it, and nobody here looks into a message. Refuses to know what is
+measured.
+"""
+
+from __future__ import annotations
+
+import ctypes as ct
+import time
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from sfglab.bus.api import NodeInfo
+from sfglab.bus.dds.clib import MatchedStatus, error_text, library
+from sfglab.bus.dds.config import domain_xml
+from sfglab.bus.dds.endpoints import entity_guid
+from sfglab.bus.dds.presence import INFO_TOPIC, READER_QOS, gid_bytes, pack_nodes
+from sfglab.bus.dds.qos import endpoint_qos, qos_object
+from sfglab.bus.dds.samples import serdata_from_bytes, sertype_of, stamp
+from sfglab.bus.errors import BusError
+from sfglab.bus.userdata import user_data
+from sfglab.names import dds_service, dds_topic
+from sfglab.qos import LATCHED, PARAMETER_EVENTS, Durability, History, QoSProfile
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sfglab.bus.dds.config import DomainConfig
+
+__all__ = ["LISTENER", "TALKER", "EndpointPlan", "RosStack", "endpoints_of"]
+
+TALKER, LISTENER = "talker", "listener"
+_NS_PER_S = 1_000_000_000
+_ROSOUT = QoSProfile(depth=1000, durability=Durability.TRANSIENT_LOCAL, lifespan_ns=10 * _NS_PER_S)
+_SERVICE = QoSProfile(history=History.KEEP_ALL)
+_CHATTER = {TALKER: QoSProfile(depth=7), LISTENER: QoSProfile(depth=10)}
+_PARAMETER_SERVICES = {
+    "describe_parameters": "DescribeParameters",
+    "get_parameter_types": "GetParameterTypes",
+    "get_parameters": "GetParameters",
+    "list_parameters": "ListParameters",
+    "set_parameters": "SetParameters",
+    "set_parameters_atomically": "SetParametersAtomically",
+}
+_INFO_TYPE = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EndpointPlan:
+    """One endpoint of a node.
+
+    Attributes:
+        writer: Whether it writes.
+        topic: The topic on the wire.
+        type: The type on the wire.
+        qos: What it offers or requests.
+        user_data: Its USER_DATA.
+    """
+
+    writer: bool
+    topic: str
+    type: str
+    qos: QoSProfile
+    user_data: bytes = b""
+
+
+def endpoints_of(role: str, node: str, topic: str) -> tuple[EndpointPlan, ...]:
+    """Return what rclcpp and rmw_cyclonedds create for one node in a process of its own: 18 endpoints.
+
+    Args:
+        role: ``talker`` or ``listener``.
+        node: The node's full name.
+        topic: What it talks about or listens to.
+    """
+    chatter = EndpointPlan(
+        writer=role == TALKER, topic=dds_topic(topic), type="std_msgs::msg::dds_::String_", qos=_CHATTER[role]
+    )
+    return (*_info_endpoints(), *_node_endpoints(), *_parameter_services(node), chatter)
+
+
+def _info_endpoints() -> Iterator[EndpointPlan]:
+    yield EndpointPlan(writer=True, topic=INFO_TOPIC, type=_INFO_TYPE, qos=LATCHED)
+    yield EndpointPlan(writer=False, topic=INFO_TOPIC, type=_INFO_TYPE, qos=READER_QOS)
+
+
+def _node_endpoints() -> Iterator[EndpointPlan]:
+    log, event = (f"rcl_interfaces::msg::dds_::{name}_" for name in ("Log", "ParameterEvent"))
+    events = dds_topic("/parameter_events")
+    yield EndpointPlan(writer=True, topic=dds_topic("/rosout"), type=log, qos=_ROSOUT)
+    yield EndpointPlan(writer=True, topic=events, type=event, qos=PARAMETER_EVENTS)
+    yield EndpointPlan(writer=False, topic=events, type=event, qos=PARAMETER_EVENTS)
+
+
+def _parameter_services(node: str) -> Iterator[EndpointPlan]:
+    for number, (name, type_) in enumerate(_PARAMETER_SERVICES.items()):
+        request, reply = dds_service(f"{node}/{name}")
+        dds_type = f"rcl_interfaces::srv::dds_::{type_}_"
+        # Of the length of rmw_cyclonedds's random ids; nobody pairs them here.
+        identity = user_data({"serviceid": ".".join(["00"] * 15 + [f"{number:02x}"])})
+        yield EndpointPlan(
+            writer=False, topic=request, type=f"{dds_type}Request_", qos=_SERVICE, user_data=identity
+        )
+        yield EndpointPlan(
+            writer=True, topic=reply, type=f"{dds_type}Response_", qos=_SERVICE, user_data=identity
+        )
+
+
+class RosStack:
+    """One node in a stack of its own: for everybody else, a process.
+
+    Args:
+        config: The domain; its `domain_id` is this stack's alone, its `external_domain_id` that of all.
+        namespace: The node's namespace.
+        name: The node's name.
+        plans: What `endpoints_of` returns for it.
+
+    Attributes:
+        participant: The C handle of its participant.
+        prefix: The 12-byte GUID prefix of everything it has.
+        info_reader: The C handle of its reader of `ros_discovery_info`.
+
+    Raises:
+        BusError: Cyclone DDS cannot create something.
+    """
+
+    def __init__(
+        self, config: DomainConfig, namespace: str, name: str, plans: tuple[EndpointPlan, ...]
+    ) -> None:
+        lib = library()
+        _checked(lib.dds_create_domain(config.domain_id, domain_xml(config).encode()), "a domain")
+        with qos_object(user_data({"enclave": "/"})) as qos:
+            made = lib.dds_create_participant(config.domain_id, qos, None)
+        self.participant = _checked(made, "a participant")
+        self.prefix = entity_guid(self.participant)[:12]
+        handles = [(plan, self._create(plan)) for plan in plans]
+        self.info_reader = _info(handles, writer=False)
+        self._announce(_info(handles, writer=True), namespace, name, handles)
+
+    def known_nodes(self) -> int:
+        """Return how many processes' `ros_discovery_info` it has found, its own included."""
+        status = MatchedStatus()
+        library().dds_get_subscription_matched_status(self.info_reader, ct.byref(status))
+        return int(status.current_count)
+
+    def _create(self, plan: EndpointPlan) -> int:
+        lib = library()
+        topic = _create_topic(self.participant, plan.topic, plan.type)
+        create = lib.dds_create_writer if plan.writer else lib.dds_create_reader
+        with endpoint_qos(plan.qos, user_data=plan.user_data) as qos:
+            return _checked(create(self.participant, topic, qos, None), f"an endpoint of {plan.topic!r}")
+
+    def _announce(
+        self, writer: int, namespace: str, name: str, handles: list[tuple[EndpointPlan, int]]
+    ) -> None:
+        """Publish which endpoints the node has: once, where rclcpp does so after each."""
+        gids = {
+            direction: tuple(
+                entity_guid(handle)
+                for plan, handle in handles
+                if plan.writer is direction and plan.topic != INFO_TOPIC
+            )
+            for direction in (True, False)
+        }
+        participant = entity_guid(self.participant)
+        node = NodeInfo(
+            namespace=namespace, name=name, participant=participant, readers=gids[False], writers=gids[True]
+        )
+        serdata = serdata_from_bytes(sertype_of(writer), pack_nodes(participant, [node], gid_bytes()))
+        assert serdata is not None, "an opaque type takes every message"
+        stamp(serdata, time.time_ns())
+        _checked(library().dds_forwardcdr(writer, serdata), f"a message on {INFO_TOPIC!r}")
+
+
+def _info(handles: list[tuple[EndpointPlan, int]], *, writer: bool) -> int:
+    return next(handle for plan, handle in handles if plan.topic == INFO_TOPIC and plan.writer is writer)
+
+
+class _TypeMeta(ct.Structure):
+    """`struct dds_type_meta_ser`."""
+
+    _fields_ = (("data", ct.c_void_p), ("size", ct.c_uint32))
+
+
+class _TopicDescriptor(ct.Structure):
+    """`dds_topic_descriptor_t` (dds_public_impl.h)."""
+
+    _fields_ = (
+        ("size", ct.c_uint32),
+        ("align", ct.c_uint32),
+        ("flags", ct.c_uint32),
+        ("key_count", ct.c_uint32),
+        ("type_name", ct.c_char_p),
+        ("keys", ct.c_void_p),
+        ("operation_count", ct.c_uint32),
+        ("operations", ct.c_void_p),
+        ("xml", ct.c_char_p),
+        ("type_information", _TypeMeta),
+        ("type_mapping", _TypeMeta),
+        ("data_representation", ct.c_uint32),
+    )
+
+
+# dds_opcodes.h: DDS_OP_ADR | DDS_OP_TYPE_1BY at offset 0, then DDS_OP_RTS: a structure of one octet.
+_ONE_OCTET = (ct.c_uint32 * 3)(0x01010000, 0, 0)
+
+
+@cache
+def _create_topic_function() -> Any:
+    function = library().dds_create_topic
+    function.restype = ct.c_int32
+    function.argtypes = (ct.c_int32, ct.c_void_p, ct.c_char_p, ct.c_void_p, ct.c_void_p)
+    return function
+
+
+def _create_topic(participant: int, name: str, type_: str) -> int:
+    descriptor = _TopicDescriptor(
+        size=1,
+        align=1,
+        type_name=type_.encode(),
+        operation_count=2,
+        operations=ct.addressof(_ONE_OCTET),
+        xml=b"",
+    )
+    made = _create_topic_function()(participant, ct.byref(descriptor), name.encode(), None, None)
+    return _checked(made, f"topic {name!r}")
+
+
+def _checked(handle: int, what: str) -> int:
+    if handle < 0:
+        raise BusError(f"Cyclone DDS cannot create {what}: {error_text(handle)}")
+    return handle

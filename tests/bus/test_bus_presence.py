@@ -1,0 +1,251 @@
+"""Nodes stand on the ROS 2 graph with exactly their endpoints, and leave it when they close."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import closing
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
+
+from sfglab import bus
+from sfglab.bus.api import NodeInfo
+from sfglab.bus.dds.config import DomainConfig, domain_xml
+from sfglab.bus.dds.discovery import Discovery
+from sfglab.bus.dds.endpoints import RawWriter, entity_guid
+from sfglab.bus.dds.participant import DdsParticipant
+from sfglab.bus.dds.presence import gid_bytes, info_type, pack_nodes, unpack_nodes
+from sfglab.messages.dds import idl_struct
+from sfglab.qos import LATCHED, QoSProfile
+
+STRING = "std_msgs/msg/String"
+SERVICE = "sfglab_interfaces/srv/GetMetadata"
+INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+STORES = {24: get_typestore(Stores.ROS2_HUMBLE), 16: get_typestore(Stores.ROS2_JAZZY)}
+
+# Reads with the library's own types and deserializer, and reports every list of a participant that has nodes.
+READER = """
+    from cyclonedds.core import ReadCondition, WaitSet
+    from cyclonedds.domain import Domain, DomainParticipant
+    from cyclonedds.qos import Policy, Qos
+    from cyclonedds.sub import DataReader
+    from cyclonedds.topic import Topic
+    from cyclonedds.util import duration
+    from sfglab.bus.dds.config import DomainConfig, domain_xml
+    from sfglab.bus.dds.presence import info_type
+
+    domain = Domain({domain_id}, domain_xml(DomainConfig(domain_id={domain_id}, interface="lo")))
+    participant = DomainParticipant({domain_id})
+    reliable = Policy.Reliability.Reliable(duration(seconds=1))
+    qos = Qos(reliable, Policy.Durability.TransientLocal, Policy.History.KeepAll)
+    reader = DataReader(participant, Topic(participant, "ros_discovery_info", info_type({size})), qos=qos)
+    waitset = WaitSet(participant)
+    condition = ReadCondition(reader, 127)
+    waitset.attach(condition)
+    say(ready=True)
+    while True:
+        await asyncio.to_thread(waitset.wait, duration(seconds=10))
+        for info in reader.take(64):
+            if not info.sample_info.valid_data:
+                say(gone=True)
+                continue
+            nodes = [
+                [n.node_namespace, n.node_name]
+                + [sorted(bytes(g.data).hex() for g in s) for s in (n.reader_gid_seq, n.writer_gid_seq)]
+                for n in info.node_entities_info_seq
+            ]
+            say(gid=bytes(info.gid.data).hex(), nodes=nodes)
+"""
+
+
+def node(domain_id, name="here", **options):
+    return bus.Node(name, domain_id=domain_id, interface="lo", **options)
+
+
+def own_gids(here, kind, size=24):
+    """Gids of a node's DDS endpoints as the wire has them, in hexadecimal."""
+    own = [e for e in here.graph.endpoints() if e.participant == here.guid and e.transport == "dds"]
+    return sorted(e.gid.ljust(size, b"\0").hex() for e in own if e.kind.value == kind)
+
+
+guids = st.binary(min_size=16, max_size=16)
+tokens = st.from_regex(r"[a-z][a-z0-9_]{0,20}", fullmatch=True)
+nodes_of_participants = st.lists(
+    st.tuples(tokens, tokens, st.lists(guids, max_size=4), st.lists(guids, max_size=4)), max_size=3
+)
+
+
+@pytest.mark.parametrize("size", STORES)
+@given(participant=guids, listed=nodes_of_participants)
+def test_the_bytes_are_those_of_the_distributions_own_definition(size, participant, listed):
+    store = STORES[size]
+    types = store.types
+
+    def gid(guid):
+        return types["rmw_dds_common/msg/Gid"](data=np.frombuffer(guid.ljust(size, b"\0"), np.uint8))
+
+    def message(entry):
+        namespace, name, readers, writers = entry
+        return types["rmw_dds_common/msg/NodeEntitiesInfo"](
+            node_namespace=f"/{namespace}",
+            node_name=name,
+            reader_gid_seq=[gid(g) for g in readers],
+            writer_gid_seq=[gid(g) for g in writers],
+        )
+
+    theirs = types[INFO](gid=gid(participant), node_entities_info_seq=[message(entry) for entry in listed])
+    nodes = tuple(
+        NodeInfo(namespace=f"/{ns}", name=name, participant=participant, readers=tuple(r), writers=tuple(w))
+        for ns, name, r, w in listed
+    )
+    cdr = pack_nodes(participant, nodes, size)
+    assert cdr == bytes(store.serialize_cdr(theirs, INFO))
+    assert unpack_nodes(cdr, size) == (participant, nodes)
+
+
+@pytest.mark.parametrize(
+    ("distro", "size"),
+    [("", 24), ("humble", 24), ("unheard", 24), ("iron", 16), ("jazzy", 16), ("rolling", 16)],
+)
+def test_the_environments_distribution_chooses_the_layout(monkeypatch, distro, size):
+    monkeypatch.setenv("ROS_DISTRO", distro)
+    assert gid_bytes() == gid_bytes(distro) == size
+    monkeypatch.delenv("ROS_DISTRO")
+    assert gid_bytes() == 24
+
+
+def test_a_nodes_full_name_has_its_namespace():
+    assert NodeInfo(namespace="/", name="a", participant=b"").full_name == "/a"
+    assert NodeInfo(namespace="/x/y", name="a", participant=b"").full_name == "/x/y/a"
+
+
+@pytest.mark.live
+@pytest.mark.parametrize(("distro", "size"), [("humble", 24), ("jazzy", 16)])
+def test_another_process_sees_the_node_with_exactly_its_endpoints(monkeypatch, domain_id, child, distro, size):
+    monkeypatch.setenv("ROS_DISTRO", distro)
+
+    async def scenario():
+        async with child(READER.format(domain_id=domain_id, size=size)) as reader:
+            assert await reader.hear() == {"ready": True}
+            async with node(domain_id, namespace="/robot") as here:
+                gid = here.guid.ljust(size, b"\0").hex()
+
+                async def reaches(subscriptions, publishers):
+                    while True:
+                        said = await reader.hear()
+                        assert said["gid"] == gid
+                        ((*name, readers, writers),) = said["nodes"]
+                        assert name == ["/robot", "here"]
+                        if (len(readers), len(writers)) == (subscriptions, publishers):
+                            break
+                    assert readers == own_gids(here, "subscription", size)
+                    assert writers == own_gids(here, "publisher", size)
+
+                await reaches(0, 0)
+                talk = here.create_publisher(STRING, "chatter")
+                here.create_publisher(STRING, "fast", transport="shm")
+                here.create_subscription(STRING, "chatter")
+                here.create_service(SERVICE, "ask", lambda _: None)
+                client = here.create_client(SERVICE, "ask")
+                await reaches(3, 3)
+                talk.close()
+                await reaches(3, 2)
+                client.close()
+                await reaches(2, 1)
+            assert await reader.hear() == {"gone": True}
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.live
+def test_the_graph_names_nodes_while_they_live_and_hides_how_it_knows(domain_id):
+    async def scenario():
+        async with node(domain_id) as here, node(domain_id, "quiet", presence=False) as quiet:
+            assert here.graph.nodes() == ()
+            quiet.create_publisher(STRING, "/t")
+            async with node(domain_id, "there", namespace="/far") as there:
+                topic = there.create_publisher(STRING, "/t")
+                seen = await here.graph.wait_for(
+                    lambda: [n.writers for n in here.graph.nodes()][:1] == [(topic.gid,)]
+                )
+                assert seen
+                assert [(n.namespace, n.name, n.participant) for n in here.graph.nodes()] == [
+                    ("/far", "there", there.guid),
+                    ("/", "here", here.guid),
+                ]
+                await here.graph.wait_for(lambda: len(here.graph.publishers("/t")) == 2)
+                assert set(here.graph.topics()) == {"/t"}
+            assert await here.graph.wait_for(lambda: [n.name for n in here.graph.nodes()] == ["here"])
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.live
+def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_asked_for(domain_id):
+    async def scenario():
+        config = DomainConfig(domain_id=domain_id, interface="lo")
+        ros = DdsParticipant(config, b"enclave=/;", name="ros", after_round=lambda: None)
+        with closing(ros):
+            talker = entity_guid(ros.create_writer("rt/chatter", idl_struct(STRING), QoSProfile()))
+            handle = ros.create_writer("ros_discovery_info", info_type(24), LATCHED)
+            info = RawWriter(handle, "info", type_="info", waiter=ros.waiter, on_matched=lambda: None)
+            listed = NodeInfo(namespace="/demo", name="talker", participant=ros.guid, writers=(talker,))
+            info.write(pack_nodes(ros.guid, [listed], 24))
+            async with node(domain_id) as here:
+                assert await here.graph.wait_for(lambda: here.graph.publishers("/chatter") != ())
+                assert here.graph.publishers("/chatter")[0].node == ""
+                here.graph.nodes()
+                assert await here.graph.wait_for(
+                    lambda: here.graph.publishers("/chatter")[0].node == "/demo/talker"
+                )
+                assert listed in here.graph.nodes()
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.live
+def test_twenty_endpoints_at_once_are_few_messages(domain_id, until):
+    async def scenario():
+        config = DomainConfig(domain_id=domain_id, interface="lo")
+        async with node(domain_id) as here:
+            messages = []
+            watcher = DdsParticipant(config, b"", name="watcher", after_round=lambda: None)
+            with closing(watcher):
+                Discovery(watcher, lambda _: None).read_nodes(lambda _, nodes: messages.append(nodes[0]))
+                gids = {here.create_publisher(STRING, f"/t{i}").gid for i in range(20)}
+                await until(lambda: messages and set(messages[-1].writers) == gids)
+                assert len(messages) < 10
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.live
+def test_nodes_of_two_domain_ids_meet_in_one_external_domain(domain_id):
+    async def scenario():
+        ids = [d for d in range(60, 63) if d != domain_id]
+        options = {"interface": "lo", "external_domain_id": domain_id}
+        async with (
+            bus.Node("a", domain_id=ids[0], **options) as a,
+            bus.Node("b", domain_id=ids[1], **options) as b,
+        ):
+            publisher = a.create_publisher(STRING, "/t")
+            subscription = b.create_subscription(STRING, "/t")
+            await publisher.wait_for_subscriptions()
+            await subscription.wait_for_publishers()
+            assert a.guid[:12] != b.guid[:12]
+
+    asyncio.run(scenario())
+
+
+def test_an_external_domain_is_one_that_exists(monkeypatch):
+    monkeypatch.delenv("CYCLONEDDS_URI", raising=False)
+    config = DomainConfig(domain_id=100, external_domain_id=7)
+    assert config.wire_id == 7
+    assert DomainConfig(domain_id=5).wire_id == 5
+    assert "<ExternalDomainId>7</ExternalDomainId>" in domain_xml(config)
+    assert "ExternalDomainId" not in domain_xml(DomainConfig(domain_id=5))
+    with pytest.raises(bus.DomainError, match="allowed ids are 0 to 232"):
+        DomainConfig(domain_id=5, external_domain_id=233)

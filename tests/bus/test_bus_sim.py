@@ -1,0 +1,604 @@
+"""The simulated world itself: time, chance, links, faults and views; `conformance` shows that nodes behave."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+import time
+from functools import partial
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sfglab import bus
+from sfglab.bus.forwarding import RawEndpoint
+from sfglab.bus.sim import (
+    Costs,
+    DeadlockError,
+    LinkModel,
+    NotSimulatedError,
+    TimeLimitError,
+    TraceDigest,
+    World,
+    WorldError,
+    run_simulated,
+)
+from sfglab.bus.sim.knowledge import NEVER_NS, Gap, known_spans
+from sfglab.messages import default_message, message_type, serialize, service_type
+from sfglab.qos import LATCHED, SENSOR_DATA, Durability, History, QoSProfile
+
+STRING = "std_msgs/msg/String"
+String = message_type(STRING)
+SERVICE = "sfglab_interfaces/srv/GetMetadata"
+Request, Response = service_type(SERVICE).request, service_type(SERVICE).response
+MS = 1_000_000
+
+
+def text(value):
+    return String(data=str(value))
+
+
+def answer(request):
+    metadata = default_message("sfglab_interfaces/msg/AgentMetadata")
+    return Response(success=True, message="", metadata=metadata)
+
+
+async def take_all(subscription, wait_s=5.0):
+    got = []
+    try:
+        async with asyncio.timeout(wait_s):
+            while True:
+                got.append((await subscription.take()).data)
+    except TimeoutError:
+        return got
+
+
+# --- One seed, one run.
+
+
+async def busy(world, digest):
+    """Do everything that a world can: six nodes, loss, jitter, services, timers, a crash and a partition."""
+    world.trace_to(digest)
+    nodes = [world.node(f"n{i}", host=f"h{i}", lease_s=2.0) for i in range(6)]
+    publishers = [node.create_publisher(STRING, "/t", LATCHED) for node in nodes]
+    heard = []
+    for node, publisher in zip(nodes, publishers, strict=True):
+        node.create_subscription(STRING, "/t", lambda m: heard.append(m.data), LATCHED)
+        node.create_service(SERVICE, f"/s/{node.name}", answer)
+        node.create_timer(0.3, lambda n=node, p=publisher: p.publish(text(n.name)))
+    clients = [node.create_client(SERVICE, f"/s/n{(i + 1) % 6}") for i, node in enumerate(nodes)]
+    await asyncio.gather(*(client.call(Request(), 30) for client in clients))
+    world.partition({"h0", "h1"})
+    await asyncio.sleep(3)
+    nodes[5].crash()
+    world.heal()
+    await asyncio.wait({asyncio.create_task(asyncio.sleep(i)) for i in (4, 5, 6)})
+    return heard
+
+
+def digest_of(seed):
+    digest = TraceDigest()
+    link = LinkModel(latency_s=0.002, jitter_s=0.001, loss=0.1, rate_bps=1e7)
+    heard = run_simulated(lambda world: busy(world, digest), seed=seed, link=link)
+    assert digest.count > 500
+    assert heard
+    return digest.hexdigest()
+
+
+def test_the_same_seed_gives_the_same_trace_to_the_byte_in_every_process():
+    here = digest_of(7)
+    assert digest_of(7) == here
+    assert digest_of(8) != here
+    code = f"import sys; sys.path.insert(0, {str(__file__).rpartition('/')[0]!r}); import test_bus_sim as t; "
+    code += "print(t.digest_of(7))"
+    for hash_seed in ("1", "2"):
+        done = subprocess.run(
+            [sys.executable, "-W", "error", "-c", code],
+            env={"PYTHONHASHSEED": hash_seed},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.stdout.strip() == here, done.stderr
+
+
+# --- Virtual time.
+
+
+def test_waiting_takes_no_time_and_happens_in_order():
+    async def main(world):
+        order = []
+
+        async def wait(seconds):
+            await asyncio.sleep(seconds)
+            order.append((seconds, world.now_ns))
+
+        await asyncio.gather(*(wait(seconds) for seconds in (1e6, 3600, 0.25, 1e-9)))
+        return order
+
+    start_s = time.monotonic()
+    assert run_simulated(main) == [(1e-9, 1), (0.25, 250 * MS), (3600, 3600 * 10**9), (1e6, 10**15)]
+    assert time.monotonic() - start_s < 5
+
+
+@given(st.lists(st.floats(0, 100), min_size=1, max_size=20))
+@settings(max_examples=50, deadline=None)
+def test_no_timer_is_early_or_late_by_more_than_a_nanosecond(delays):
+    async def main(world):
+        loop = asyncio.get_running_loop()
+        for delay_s in delays:
+            wanted_s = loop.time() + delay_s
+            try:
+                async with asyncio.timeout_at(wanted_s):
+                    await asyncio.Event().wait()
+            except TimeoutError:
+                assert 0 <= loop.time() - wanted_s <= 1.1e-9
+
+    run_simulated(main)
+
+
+def test_nobody_wakes_a_world_that_has_come_to_a_halt_and_it_says_who_waits():
+    async def main(world):
+        subscription = world.node("here").create_subscription(STRING, "/t")
+        other = asyncio.create_task(asyncio.Event().wait(), name="somebody")
+        await subscription.take()
+        other.cancel()
+
+    with pytest.raises(
+        DeadlockError, match=r"nothing is scheduled.*Inbox\._wait.*somebody in Event\.wait"
+    ) as caught:
+        run_simulated(main)
+    assert len(caught.value.waiting) == 2
+
+
+def test_a_world_that_goes_on_is_given_up_at_its_limit():
+    async def main(world):
+        world.node("here").create_timer(1.0, lambda: None)
+        await asyncio.Event().wait()
+
+    with pytest.raises(TimeLimitError, match=r"not done after 60 s of virtual time; waiting are .*Event\.wait"):
+        run_simulated(main, limit_s=60)
+
+
+def test_what_is_not_reproducible_is_refused():
+    async def main(world):
+        with pytest.raises(NotSimulatedError, match="a thread"):
+            await asyncio.to_thread(print)
+
+    run_simulated(main)
+    with pytest.raises(WorldError, match="use it inside run_simulated"):
+        asyncio.run(make_world())
+
+
+async def make_world():
+    World()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (lambda w: w.node("a", reach="moon"), "allowed are network, host"),
+        (lambda w: w.node("a", domain_id=233), "allowed ids are 0 to 232"),
+        (lambda _: LinkModel(latency_s=-1), "latency_s: given -1, allowed are 0 s and more"),
+        (lambda _: LinkModel(loss=1), "loss: given 1, allowed is a probability from 0 to below 1"),
+        (lambda _: LinkModel(rate_bps=0), "rate_bps: given 0, allowed are rates above 0"),
+        (lambda _: Costs(message_s=-1), "message_s: given -1"),
+        (lambda w: w.partition({"a"}, {"a"}), "host 'a' is in two groups"),
+    ],
+)
+def test_impossible_worlds_say_why(wrong, message):
+    async def main(world):
+        with pytest.raises(bus.BusError, match=message):
+            wrong(world)
+
+    run_simulated(main)
+
+
+# --- Hosts, domains, processes.
+
+
+def test_nodes_meet_only_in_one_domain_and_a_loopback_domain_is_its_hosts_own():
+    async def main(world):
+        places = [
+            ("a", 0, "network"),
+            ("b", 0, "network"),
+            ("a", 0, "host"),
+            ("b", 0, "host"),
+            ("b", 1, "network"),
+        ]
+        nodes = [world.node("n", host=h, domain_id=d, reach=r) for h, d, r in places]
+        nodes.append(world.opener("a")("n", domain_id=0, interface="lo", multicast="default"))
+        nodes.append(world.opener("a")("n", domain_id=0, interface="eth0"))
+        publishers = [node.create_publisher(STRING, "/t") for node in nodes]
+        for node in nodes:
+            node.create_subscription(STRING, "/t")
+        await asyncio.sleep(1)
+        return [publisher.get_subscription_count() for publisher in publishers]
+
+    assert run_simulated(main) == [3, 3, 2, 1, 1, 2, 3]
+
+
+def test_a_sample_takes_the_latency_of_both_links_and_nothing_on_its_own_host():
+    async def main(world):
+        world.host("far", LinkModel(latency_s=0.03))
+        names = {"here": "near", "beside": "near", "there": "far"}
+        nodes = {name: world.node(name, host=host) for name, host in names.items()}
+        publisher = nodes["here"].create_publisher(STRING, "/t")
+        readers = {name: node.create_subscription(STRING, "/t") for name, node in nodes.items()}
+        await publisher.wait_for_subscriptions(3)
+        await asyncio.sleep(1)
+        publisher.publish(text("x"))
+        infos = {name: (await reader.take_with_info())[1] for name, reader in readers.items()}
+        return {n: (i.received_timestamp_ns - i.source_timestamp_ns) / MS for n, i in infos.items()}
+
+    delays = run_simulated(main, link=LinkModel(latency_s=0.01))
+    assert delays == {"here": 0.1, "beside": 0.1, "there": 40.2}
+
+
+def test_a_limited_rate_spaces_samples_and_lets_them_queue():
+    async def main(world):
+        sender, receiver = world.node("a", host="a"), world.node("b", host="b")
+        publisher = sender.create_publisher(STRING, "/t", SENSOR_DATA)
+        reader = receiver.create_subscription(STRING, "/t", qos=100)
+        reader = receiver.create_subscription(
+            STRING, "/t", qos=QoSProfile(reliability=SENSOR_DATA.reliability, depth=99)
+        )
+        await publisher.wait_for_subscriptions()
+        await asyncio.sleep(1)
+        for _ in range(10):
+            publisher.publish(text("x" * 1000))
+        return [(await reader.take_with_info())[1].received_timestamp_ns for _ in range(10)]
+
+    times = run_simulated(main, link=LinkModel(rate_bps=1e6))
+    gaps = {(later - earlier) / MS for earlier, later in pairwise(times)}
+    assert gaps == {8 * (1012 + 14 + 20 + 8 + 20 + 12 + 24) / 1e3}  # bytes at 1 Mbit/s, in ms
+
+
+def lossy(qos, *, count=400, **link):
+    """Send numbers 1 ms apart; return what arrived and how many were noticed to be lost."""
+
+    async def main(world):
+        sender, receiver = world.node("a", host="a"), world.node("b", host="b")
+        publisher = sender.create_publisher(STRING, "/t", qos)
+        deep = QoSProfile(reliability=qos.reliability, history=History.KEEP_ALL)
+        reader = receiver.create_subscription(STRING, "/t", qos=deep)
+        await publisher.wait_for_subscriptions()
+        await asyncio.sleep(30)
+        for number in range(count):
+            publisher.publish(text(number))
+            await asyncio.sleep(0.001)
+        got = [int(number) for number in await take_all(reader, 30)]
+        return got, reader.lost
+
+    return run_simulated(main, seed=5, link=LinkModel(**link))
+
+
+def test_best_effort_loses_what_the_link_loses_and_notices():
+    got, lost = lossy(SENSOR_DATA, loss=0.1)
+    assert got == sorted(set(got))
+    missing = 400 - len(got)
+    assert 40 < missing < 120  # two links of 10 %: 19 %
+    assert missing - lost in range(8)  # what is lost first or last nobody can notice
+
+
+def test_reliable_repairs_in_order_for_as_long_as_the_history_lasts():
+    assert lossy(QoSProfile(history=History.KEEP_ALL), loss=0.1) == (list(range(400)), 0)
+    assert lossy(QoSProfile(depth=1000), loss=0.1, jitter_s=0.02) == (list(range(400)), 0)
+    # A repeat takes 100 ms, in which 100 samples are written: a history of ten has lost what it should repeat.
+    got, lost = lossy(QoSProfile(depth=10), loss=0.1)
+    assert got == sorted(set(got))
+    assert 40 < 400 - len(got) < 120
+    assert lost > 0
+
+
+def test_jitter_keeps_the_order_of_a_publisher():
+    got, _ = lossy(SENSOR_DATA, jitter_s=0.01)
+    assert got == list(range(400))
+
+
+def test_messages_wait_for_a_process_that_is_busy():
+    async def main(world):
+        sender, other = world.node("a", process="p"), world.node("b", process="p")
+        reader = world.node("c").create_subscription(STRING, "/t", qos=100)
+        times = {name: [] for name in ("a", "b")}
+        for node in (sender, other):
+            node.create_subscription(STRING, "/t", lambda _, n=node: times[n.name].append(world.now_ns), 100)
+        publisher = sender.create_publisher(STRING, "/t", 100)
+        await publisher.wait_for_subscriptions(3)
+        await asyncio.sleep(1)
+        start_ns = world.now_ns
+        for _ in range(3):
+            publisher.publish(text("x"))
+        alone = [(await reader.take_with_info())[1].received_timestamp_ns for _ in range(3)]
+        await asyncio.sleep(1)
+        return [[(t - start_ns) / MS for t in times[n]] for n in ("a", "b")], [
+            b - a for a, b in pairwise(alone)
+        ]
+
+    shared, alone = run_simulated(main, costs=Costs(message_s=0.01))
+    assert sorted(shared[0] + shared[1]) == [10.1, 20.1, 30.1, 40.1, 50.1, 60.1]
+    assert alone == [10 * MS, 10 * MS]
+
+
+def test_receivers_of_the_same_bytes_share_one_message():
+    async def main(world):
+        publisher = world.node("a").create_publisher(STRING, "/t")
+        readers = [world.node(f"r{i}", host=f"h{i}").create_subscription(STRING, "/t") for i in range(3)]
+        await publisher.wait_for_subscriptions(3)
+        publisher.publish(text("same"))
+        first, *others = [await reader.take() for reader in readers]
+        assert all(other is first for other in others)
+        publisher.publish(text("new"))
+        assert (await readers[0].take()).data == "new"
+
+    run_simulated(main)
+
+
+def test_a_sample_older_than_its_lifespan_does_not_reach_a_late_joiner():
+    async def main(world):
+        qos = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=5, lifespan_ns=10**9)
+        publisher = world.node("a").create_publisher(STRING, "/t", qos)
+        publisher.publish(text("old"))
+        await asyncio.sleep(2)
+        publisher.publish(text("new"))
+        late = world.node("b").create_subscription(STRING, "/t", qos=LATCHED)
+        return await take_all(late, 1)
+
+    assert run_simulated(main) == ["new"]
+
+
+# --- Faults.
+
+
+def test_a_short_partition_delays_and_a_long_one_is_a_loss_and_a_return():
+    async def main(world):
+        here, there = world.node("here", host="a", lease_s=4.0), world.node("there", host="b", lease_s=4.0)
+        publisher = here.create_publisher(
+            STRING, "/t", QoSProfile(depth=100, durability=Durability.TRANSIENT_LOCAL)
+        )
+        reader = there.create_subscription(STRING, "/t", qos=QoSProfile(depth=100))
+        latched = there.create_subscription(
+            STRING, "/t", qos=QoSProfile(depth=100, durability=LATCHED.durability)
+        )
+        events = []
+        there.graph.listen(
+            lambda e: events.append((world.now_ns / 1e9, type(e).__name__, e.endpoint.kind.value))
+        )
+        await asyncio.sleep(1)
+        before = len(events)
+        world.partition({"a"})
+        with pytest.raises(WorldError, match="cut already"):
+            world.partition({"a"})
+        publisher.publish(text("short"))
+        await asyncio.sleep(3)
+        assert len(events) == before
+        world.heal()
+        world.heal()
+        assert (await reader.take()).data == (await latched.take()).data == "short"
+        assert 4 <= world.now_ns / 1e9 <= 4.2
+
+        world.partition({"a"})
+        cut_s = world.now_ns / 1e9
+        publisher.publish(text("long"))
+        await asyncio.sleep(10)
+        gone_s, *gone = events[-1]
+        assert gone == ["EndpointRemoved", "publisher"]
+        assert gone_s - cut_s == pytest.approx(4.0)
+        assert (publisher.get_subscription_count(), reader.get_publisher_count()) == (0, 0)
+        assert there.graph.publishers("/t") == here.graph.subscriptions("/t") == ()
+        world.heal()
+        await publisher.wait_for_subscriptions(2, 10)
+        await reader.wait_for_publishers(1, 10)
+        assert events[-1][1:] == ("EndpointAdded", "publisher")
+        assert await take_all(latched, 1) == ["short", "long"]  # a reader that was lost is a new one
+        assert await take_all(reader, 1) == []
+
+    run_simulated(main)
+
+
+def test_what_is_made_during_a_partition_is_known_after_it():
+    async def main(world):
+        here, there = world.node("here", host="a"), world.node("there", host="b")
+        old = here.create_publisher(STRING, "/old")
+        await asyncio.sleep(1)
+        world.partition({"a"}, {"b"})
+        here.create_publisher(STRING, "/new")
+        old.close()
+        await asyncio.sleep(1)
+        assert (len(there.graph.publishers("/new")), len(there.graph.publishers("/old"))) == (0, 1)
+        world.heal()
+        await asyncio.sleep(1)
+        assert (len(there.graph.publishers("/new")), len(there.graph.publishers("/old"))) == (1, 0)
+
+    run_simulated(main)
+
+
+def test_a_node_that_dies_without_a_word_is_missed_after_its_lease():
+    async def main(world):
+        here, there = (world.node(name, host=name, lease_s=0.5) for name in ("here", "there"))
+        publisher = here.create_publisher(STRING, "/t")
+        subscription = there.create_subscription(STRING, "/t")
+        watched = []
+        there.graph.watch("rt/t", bus.EndpointKind.PUBLISHER, watched.append)
+        await publisher.wait_for_subscriptions()
+        await asyncio.sleep(1)
+        here.crash()
+        here.crash()
+        with pytest.raises(bus.ClosedError):
+            publisher.publish(text("from beyond"))
+        late = world.node("late", host="late")
+        await asyncio.sleep(0.05)
+        assert subscription.get_publisher_count() == len(there.graph.publishers("/t")) == len(watched) == 1
+        await asyncio.sleep(0.5)
+        assert subscription.get_publisher_count() == len(there.graph.publishers("/t")) == 0
+        assert [type(event) for event in watched] == [bus.EndpointAdded, bus.EndpointRemoved]
+        assert late.graph.publishers("/t") == ()
+
+    run_simulated(main)
+
+
+# --- Views: what listeners are told adds up to what the graph says.
+
+
+class Change:
+    """A world that somebody changes at random, and what listeners of its nodes were told."""
+
+    def __init__(self, world, *, faults):
+        self.world, self.random, self.faults = world, world.random, faults
+        self.nodes = [world.node(f"n{i}", host=f"h{i % 3}", lease_s=1.0) for i in range(4)]
+        self.told = {node: {} for node in self.nodes}
+        self.open = []
+        for node in self.nodes:
+            node.graph.listen(partial(self.hear, self.told[node]))
+
+    def hear(self, known, event):
+        if isinstance(event, bus.EndpointAdded):
+            assert event.endpoint.gid not in known
+            known[event.endpoint.gid] = event.endpoint
+        else:
+            assert known.pop(event.endpoint.gid) == event.endpoint
+
+    def make(self):
+        node, topic = self.random.choice(self.nodes), self.random.choice(["/a", "/b"])
+        self.open.append(self.random.choice([node.create_publisher, node.create_subscription])(STRING, topic))
+
+    def end(self):
+        if self.open:
+            self.open.pop(self.random.randrange(len(self.open))).close()
+
+    def fail(self):
+        self.world.heal()
+        if self.random.random() < 0.5:
+            self.world.partition({self.random.choice(["h0", "h1", "h2"])})
+
+    def step(self):
+        self.random.choice([self.make, self.make, self.end, *[self.fail] * self.faults])()
+
+    def check(self):
+        for node, known in self.told.items():
+            assert tuple(known[gid] for gid in sorted(known)) == node.graph.endpoints()
+
+    def check_matches(self):
+        publishers = [end for end in self.open if isinstance(end, bus.Publisher)]
+        for publisher in publishers:
+            readers = [s for s in self.open if s not in publishers and s.topic_name == publisher.topic_name]
+            assert publisher.get_subscription_count() == len(readers)
+
+
+@given(st.integers(1, 2**31), st.sampled_from([0.0, 0.3]), st.booleans())
+@settings(max_examples=20, deadline=None)
+def test_what_a_listener_is_told_adds_up_to_what_the_graph_says(seed, loss, faults):
+    async def main(world):
+        change = Change(world, faults=faults)
+        for _ in range(60):
+            change.step()
+            await asyncio.sleep(world.random.choice([0, 0.0001, 0.01, 0.7]))
+            change.check()
+        world.heal()
+        await asyncio.sleep(60)
+        assert {len(node.graph.endpoints()) for node in change.nodes} == {len(change.open)}
+        change.check_matches()
+
+    run_simulated(main, seed=seed, link=LinkModel(loss=loss))
+
+
+@given(
+    st.integers(0, 100),
+    st.integers(1, 100) | st.just(NEVER_NS),
+    st.lists(st.integers(1, 30), min_size=0, max_size=6).map(
+        lambda widths: [sum(widths[: i + 1]) for i in range(len(widths))]
+    ),
+    st.integers(1, 20),
+)
+def test_spans_of_knowledge_are_in_order_and_never_begin_in_a_gap(start, length, borders, lease):
+    gaps = [
+        Gap(start_ns=a, end_ns=b, lost_ns=a + lease, back_ns=b + 1)
+        for a, b in zip(borders[::2], borders[1::2], strict=False)
+    ]
+    spans = known_spans(start, min(start + length, NEVER_NS), gaps)
+    assert all(begin < end for begin, end in spans)
+    assert all(end <= begin for (_, end), (begin, _) in pairwise(spans))
+    for begin, _ in spans:
+        assert not any(gap.start_ns < begin < gap.end_ns for gap in gaps)
+    if not gaps:
+        assert spans == [(start, min(start + length, NEVER_NS))]
+
+
+# --- Routers' raw ends, and services among many.
+
+
+def test_an_inlet_hears_others_and_not_its_own_nodes_outlet():
+    async def main(world):
+        here, there = world.node("here", host="a"), world.node("there", host="b")
+        end = RawEndpoint(dds_topic="rt/t", type=STRING, qos=LATCHED, user_data=b"sfglab.router=x;")
+        heard = []
+        outlets = [node.open_outlet(end) for node in (here, there)]
+        for outlet, word in zip(outlets, ("own", "other"), strict=True):
+            outlet.write(serialize(text(word)), 42)
+        inlet = here.open_inlet(end, lambda cdr, info: heard.append((cdr, info)))
+        await asyncio.sleep(1)
+        ((cdr, info),) = heard
+        assert (cdr, info.source_timestamp_ns) == (serialize(text("other")), 42)
+        assert info.publisher_gid == outlets[1].gid
+        shown = {e.gid: e.user_data for e in there.graph.endpoints()}
+        assert shown == dict.fromkeys([inlet.gid, *(o.gid for o in outlets)], b"sfglab.router=x;")
+        for thing in (inlet, *outlets) * 2:
+            thing.close()
+        outlets[1].write(cdr, 1)
+        await asyncio.sleep(1)
+        assert len(heard) == 1
+        assert there.graph.endpoints() == ()
+
+    run_simulated(main)
+
+
+def calls_of_a_fleet(*, lean):
+    """Let six nodes call each other's services all at once; return the answers, when, and the bytes."""
+
+    async def main(world):
+        names = [f"n{i}" for i in range(6)]
+        nodes = [world.node(name, host=name) for name in names]
+        for node in nodes:
+            node.create_service(
+                SERVICE, f"/s/{node.name}", lambda _, name=node.name: Response(True, name, answer(_).metadata)
+            )
+        clients = [node.create_client(SERVICE, f"/s/{name}") for node in nodes for name in names]
+        answers = [r.message for r in await asyncio.gather(*(client.call(Request()) for client in clients))]
+        done_ns = world.now_ns
+        await asyncio.sleep(1)
+        return answers, done_ns, world.traffic(), world.loop.events
+
+    return run_simulated(main, lean_services=lean)
+
+
+def test_lean_services_change_neither_answers_nor_times_nor_bytes():
+    *full, events = calls_of_a_fleet(lean=False)
+    *lean, fewer = calls_of_a_fleet(lean=True)
+    assert lean == full
+    assert fewer <= events
+
+
+def test_a_message_to_many_costs_little():
+    async def main(world):
+        heard = 0
+
+        def hear(_):
+            nonlocal heard
+            heard += 1
+
+        nodes = [world.node(f"n{i}", host=f"h{i}") for i in range(100)]
+        publishers = [node.create_publisher(STRING, "/t") for node in nodes]
+        for node in nodes:
+            node.create_subscription(STRING, "/t", hear)
+        await asyncio.sleep(1)
+        start_s = time.process_time()
+        for publisher in publishers:
+            publisher.publish(text("x"))
+        await asyncio.sleep(1)
+        assert heard == 100 * 100
+        return (time.process_time() - start_s) / heard
+
+    assert run_simulated(main) < 150e-6

@@ -1,0 +1,379 @@
+"""DDS Router configurations: what is generated is the policy; the checker knows schema, reader and meaning."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+
+import pytest
+import yaml
+from ddsrouter_schema import SCHEMA
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from jsonschema import Draft7Validator
+
+from sfglab.deploy.routers import (
+    RouterFileError,
+    check_dds_router,
+    check_file,
+    render_dds_router,
+    render_router,
+)
+from sfglab.deploy.routers.dds_router import accepts
+from sfglab.fleet.border import Severity
+from sfglab.fleet.fleet_file import AgentSpec, DocumentError, Fleet, UnknownAgentError, load_fleet
+from sfglab.fleet.routing import TABLE_1, Direction, ForwardRule, Policy
+
+LAB = load_fleet(Path(__file__).parents[2] / "data" / "fleets" / "lab.yaml")
+AGENTS = [agent.name for agent in LAB.agents]
+VALIDATOR = Draft7Validator(SCHEMA)
+
+MINIMAL = {
+    "version": "v5.0",
+    "allowlist": [{"name": rule.pattern} for rule in TABLE_1],
+    "specs": {"remove-unused-entities": False, "qos": {"history-depth": 10}},
+    "participants": [
+        {"name": "local", "kind": "local", "domain": 7},
+        {"name": "global", "kind": "local", "domain": 0},
+    ],
+}
+
+
+def fleet_of(*rules: ForwardRule) -> Fleet:
+    return Fleet(name="f", policy=Policy(rules=rules), agents=(AgentSpec(name="go2", domain=7),))
+
+
+def rule(pattern: str, *ways: Direction) -> ForwardRule:
+    return ForwardRule(pattern=pattern, description="", directions=frozenset(ways or Direction))
+
+
+def changed(**changes):
+    return {**copy.deepcopy(MINIMAL), **changes}
+
+
+def check(config, policy=None):
+    return check_dds_router(yaml.safe_dump(config), policy=policy)
+
+
+def codes(findings, severity=Severity.ERROR):
+    return {f.code for f in findings if f.severity is severity}
+
+
+@pytest.mark.parametrize("agent", AGENTS)
+def test_what_is_generated_passes_the_schema_the_checker_and_the_policy(agent):
+    text = render_dds_router(LAB, agent, tf_max_hz=30)
+    assert list(VALIDATOR.iter_errors(yaml.safe_load(text))) == []
+    assert check_dds_router(text, policy=LAB.policy) == ()
+
+
+def test_it_says_what_table_1_and_the_paper_ask_for():
+    config = yaml.safe_load(render_router(LAB, "go2", "dds-router"))
+    assert config["version"] == "v5.0"
+    assert [item["name"] for item in config["allowlist"]] == [r.pattern for r in TABLE_1]
+    assert config["specs"]["remove-unused-entities"] is False
+    assert {p["name"]: p["domain"] for p in config["participants"]} == {"local": 1, "global": 0}
+    assert "routes" not in config
+
+
+def test_the_same_fleet_gives_the_same_text_and_its_head_says_from_what():
+    text = render_dds_router(LAB, "go2")
+    assert text == render_dds_router(LAB, "go2")
+    head = text.partition("\n\n")[0]
+    assert "agent go2 in fleet lab" in head
+    assert "rt/tf, rt/tf_static, rt/global/*, rq/global/*, rr/global/*" in head
+
+
+def test_a_transform_rate_is_written_only_where_asked_for():
+    assert "max-rx-rate" not in render_dds_router(LAB, "go2")
+    topics = yaml.safe_load(render_dds_router(LAB, "go2", tf_max_hz=12.5))["topics"]
+    assert topics[0] == {"name": "rt/tf", "qos": {"max-rx-rate": 12.5}, "participants": ["global"]}
+
+
+def test_interfaces_become_addresses_or_a_remark_never_a_name_that_is_passed_over():
+    text = render_dds_router(LAB, "go2")
+    local, outside = yaml.safe_load(text)["participants"]
+    assert local["whitelist-interfaces"] == ["127.0.0.1"]
+    assert "whitelist-interfaces" not in outside
+    assert "# To keep to wlan0" in text
+
+
+patterns = st.lists(
+    st.sampled_from(
+        [r.pattern for r in TABLE_1] + ["rt/local/x", "rt/*map", "r?/global/[ab]*", "rq/a*/b", "*"]
+    ),
+    min_size=1,
+    max_size=4,
+    unique=True,
+)
+parts = st.sampled_from(
+    ["rt", "rq", "rr", "tf", "tf_static", "global", "local", "a", "b", "map", "aRequest", "x"]
+)
+topics = st.lists(parts, min_size=1, max_size=5).map("/".join) | st.text(max_size=12)
+
+
+@given(patterns, topics)
+def test_a_generated_router_accepts_exactly_what_the_policy_lets_cross(chosen, name):
+    fleet = fleet_of(*map(rule, chosen))
+    config = yaml.safe_load(render_dds_router(fleet, "go2"))
+    assert accepts(config, name) is any(fleet.policy.crosses(name, way) for way in Direction)
+
+
+@given(patterns, patterns)
+def test_the_checker_finds_every_difference_between_allowlist_and_policy_that_a_name_shows(written, meant):
+    policy = Policy(rules=tuple(map(rule, meant)))
+    config = changed(allowlist=[{"name": pattern} for pattern in written])
+    found = "policy" in codes(check(config, policy=policy))
+    if set(written) == set(meant):
+        assert not found
+    if found:
+        assert set(written) != set(meant)
+    elif not {"*"} & {*written, *meant}:
+        simple = {p for p in {*written, *meant} if "*" not in p[:-1] and not {"?", "["} & set(p)}
+        assert set(written) & simple == set(meant) & simple
+
+
+def test_an_empty_policy_is_refused_because_an_empty_allowlist_opens_the_router():
+    with pytest.raises(RouterFileError, match="'everything'"):
+        render_dds_router(fleet_of(), "go2")
+
+
+def test_rules_of_one_direction_become_routes_and_mixed_ones_are_refused():
+    config = yaml.safe_load(render_dds_router(fleet_of(rule("rt/a", Direction.OUTWARD)), "go2"))
+    assert config["routes"] == [{"src": "local", "dst": ["global"]}, {"src": "global"}]
+    assert list(VALIDATOR.iter_errors(config)) == []
+    assert check(config) == ()
+    inward = yaml.safe_load(render_dds_router(fleet_of(rule("rt/a", Direction.INWARD)), "go2"))
+    assert inward["routes"] == [{"src": "global", "dst": ["local"]}, {"src": "local"}]
+    with pytest.raises(RouterFileError, match="rt/b outward"):
+        render_dds_router(fleet_of(rule("rt/a"), rule("rt/b", Direction.OUTWARD)), "go2")
+
+
+def test_a_minimal_configuration_has_nothing_wrong():
+    assert check(MINIMAL, policy=Policy()) == ()
+
+
+@pytest.mark.parametrize("allowlist", [[], None, [{"name": "*"}], [{"name": "**"}]])
+def test_an_open_router_is_an_error(allowlist):
+    config = changed(allowlist=allowlist)
+    if allowlist is None:
+        del config["allowlist"]
+    assert "open-router" in codes(check(config))
+    assert accepts(config, "rt/anything")
+
+
+@pytest.mark.parametrize(
+    ("config", "code"),
+    [
+        (changed(version="v3.0"), "version"),
+        (changed(version="v9.9"), "schema"),
+        (changed(allowList=[]), "unknown-key"),
+        (changed(specs={"remove-unused-entities": "no"}), "schema"),
+        (changed(specs={"remove-unused-entities": True}), "static-lost"),
+        (changed(specs={"qos": {"reliability": "RELIABLE"}}), "schema"),
+        (changed(specs={"qos": {"downsampling": 0}}), "schema"),
+        (changed(specs={"discovery-trigger": "publisher"}), "schema"),
+        (changed(specs={"monitor": {"topics": {"enable": True, "period": 0}}}), "schema"),
+        (changed(allowlist=[{"name": "rq/global/*"}]), "half-open"),
+        (changed(allowlist=[{"name": "rr/global/aReply"}]), "half-open"),
+        (changed(allowlist=[{"name": "rt/a", "keyed": True}]), "unknown-key"),
+        (changed(allowlist=[{"type": "T"}]), "missing-key"),
+        (changed(**{"builtin-topics": [{"name": "rt/*", "type": "T"}]}), "wildcard"),
+        (changed(**{"topic-routes": [{"name": "rt/a", "type": "T"}]}), "missing-key"),
+        (changed(routes=[{"src": "elsewhere"}]), "route"),
+        (changed(routes=[{"src": "local"}, {"src": "local"}]), "route"),
+        (changed(participants=[]), "schema"),
+        (changed(xml={}), "missing-key"),
+    ],
+)
+def test_a_mistake_is_an_error_of_its_kind(config, code):
+    assert code in codes(check(config))
+
+
+def participants(*items):
+    return changed(participants=[*items, MINIMAL["participants"][1]])
+
+
+ADDRESS = {"ip": "10.0.0.1", "port": 7400}
+
+
+@pytest.mark.parametrize(
+    ("item", "code"),
+    [
+        ({"name": "global", "kind": "local", "domain": 3}, "duplicate-participant"),
+        ({"name": "a", "kind": "local", "domain": 0}, "loop"),
+        ({"name": "a", "kind": "local", "domain": 233}, "schema"),
+        ({"name": "a", "kind": "void"}, "schema"),
+        ({"name": "a", "kind": "echo", "domain": 1}, "kind-key"),
+        ({"name": "a", "kind": "local", "repeater": True}, "kind-key"),
+        ({"name": "a", "kind": "wan"}, "missing-key"),
+        ({"name": "a", "kind": "ds", "domain": 1, "listening-addresses": [ADDRESS]}, "kind-key"),
+        ({"name": "a", "kind": "xml"}, "schema"),
+        ({"name": "a", "kind": "local", "domain": 1, "whitelist-interfaces": ["eth0"]}, "address"),
+        ({"name": "a", "kind": "local", "domain": 1, "ros2-easy-mode": "::1"}, "address"),
+        (
+            {"name": "a", "kind": "local", "domain": 1, "ros2-easy-mode": "10.0.0.1", "transport": "shm"},
+            "easy-mode",
+        ),
+        ({"name": "a", "kind": "wan", "listening-addresses": []}, "schema"),
+        ({"name": "a", "kind": "wan", "listening-addresses": [{"ip": "10.0.0.1"}]}, "missing-key"),
+        ({"name": "a", "kind": "wan", "listening-addresses": [{"port": 1}]}, "missing-key"),
+        ({"name": "a", "kind": "wan", "listening-addresses": [{**ADDRESS, "port": 65536}]}, "schema"),
+        ({"name": "a", "kind": "wan", "listening-addresses": [{**ADDRESS, "ip-version": "ipv4"}]}, "schema"),
+        ({"name": "a", "kind": "wan", "listening-addresses": [{**ADDRESS, "ip-version": "v6"}]}, "address"),
+        (
+            {"name": "a", "kind": "wan", "listening-addresses": [ADDRESS], "tls": {"ca": "c", "cert": "x"}},
+            "tls",
+        ),
+        ({"name": "a", "kind": "wan", "listening-addresses": [ADDRESS], "tls": {}}, "missing-key"),
+    ],
+)
+def test_a_wrong_participant_is_an_error_of_its_kind(item, code):
+    assert code in codes(check(participants(item)))
+
+
+def test_a_repeater_must_lead_to_itself():
+    wan = {"name": "w", "kind": "wan", "repeater": True, "listening-addresses": [ADDRESS]}
+    config = {**participants(wan), "routes": [{"src": "w", "dst": ["global"]}]}
+    assert "route" in codes(check(config))
+    config["routes"][0]["dst"].append("w")
+    assert check(config) == ()
+
+
+def test_what_only_deserves_attention_is_no_error():
+    config = changed(version="v4.0", specs={}, participants=[{"name": "a", "kind": "local"}])
+    findings = check(config)
+    assert codes(findings) == set()
+    assert codes(findings, Severity.WARNING) == {"version", "no-domain", "one-sided"}
+    assert codes(findings, Severity.INFO) == {"history"}
+    narrowed = changed(allowlist=[{"name": "rt/tf", "type": "T"}])
+    policy = Policy(rules=(rule("rt/tf"),))
+    assert codes(check(narrowed, policy=policy), Severity.WARNING) == {"policy"}
+
+
+def test_a_finding_says_its_line_and_the_key_that_was_meant():
+    finding = check_dds_router("participants:\n  - {name: a, kind: local}\nallowlst: []\n", file="r.yaml")[0]
+    assert (finding.place.line, finding.place.key) == (3, "allowlst")
+    assert "did you mean 'allowlist'?" in finding.what
+
+
+# Where our checker is stricter than the schema, on purpose: what the reader refuses beyond it.
+STRICTER = {"version", "address", "tls"}
+
+scalars = st.sampled_from(
+    ["a", "v5.0", "local", "wan", "ds", "xml", "", 0, 1, 7, 233, -1, 1.5, True, None, [], {}]
+)
+keys = st.sampled_from(
+    [
+        "name",
+        "kind",
+        "domain",
+        "port",
+        "ip",
+        "version",
+        "specs",
+        "qos",
+        "threads",
+        "allowlist",
+        "routes",
+        "src",
+        "dst",
+        "repeater",
+        "profile",
+        "verbose",
+        "tls",
+        "ca",
+        "transport",
+        "reliability",
+        "history-depth",
+        "enable",
+        "period",
+        "listening-addresses",
+        "discovery-server-guid",
+        "id",
+    ]
+)
+BASES = [
+    MINIMAL,
+    participants({"name": "w", "kind": "wan", "listening-addresses": [{"ip": "10.0.0.1", "port": 1}]}),
+    participants(
+        {"name": "d", "kind": "ds", "discovery-server-guid": {"id": 1}, "connection-addresses": [ADDRESS]}
+    ),
+    participants({"name": "e", "kind": "echo", "verbose": True}),
+    changed(
+        routes=[{"src": "local", "dst": ["global"]}],
+        topics=[{"name": "rt/a", "participants": ["local"], "qos": {"max-rx-rate": 1.0}}],
+        specs={"threads": 2, "monitor": {"domain": 1, "status": {"enable": True, "period": 5}}},
+    ),
+]
+
+
+def mappings_in(value):
+    if isinstance(value, dict):
+        yield value
+    for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from mappings_in(inner)
+
+
+@settings(max_examples=300)
+@given(
+    st.sampled_from(BASES), st.lists(st.tuples(st.integers(0, 40), keys, scalars | st.just("DROP")), max_size=3)
+)
+def test_the_checker_refuses_exactly_what_the_schema_refuses(base, changes):
+    config = copy.deepcopy(base)
+    for position, key, value in changes:
+        found = list(mappings_in(config))
+        target = found[position % len(found)]
+        if value == "DROP":
+            target.pop(key, None)
+        else:
+            target[key] = copy.deepcopy(value)
+    ours = {f.code for f in check(config) if f.severity is Severity.ERROR}
+    shape = ours & {"schema", "unknown-key", "missing-key", "kind-key"}
+    if list(VALIDATOR.iter_errors(config)):
+        assert shape | (ours & STRICTER)
+    else:
+        assert not shape or ours & STRICTER
+
+
+def test_files_are_checked_by_their_name_and_refused_in_one_line(tmp_path):
+    good = tmp_path / "router.yaml"
+    good.write_text(render_dds_router(LAB, "go2"))
+    assert check_file(good, policy=LAB.policy) == ()
+    bad = tmp_path / "router.yml"
+    bad.write_text("participants: [")
+    with pytest.raises(DocumentError, match=r"router\.yml"):
+        check_file(bad)
+    for path in (tmp_path / "none.yaml", tmp_path / "router.xml"):
+        with pytest.raises(RouterFileError):
+            check_file(path)
+
+
+def test_unknown_targets_and_agents_are_refused_with_the_likely_one():
+    with pytest.raises(RouterFileError, match="did you mean 'dds-router'"):
+        render_router(LAB, "go2", "ddsrouter")
+    with pytest.raises(UnknownAgentError, match="did you mean 'go2'"):
+        render_router(LAB, "go3", "dds-router")
+
+
+@pytest.mark.parametrize("agent", AGENTS)
+def test_a_domain_bridge_has_each_wanted_topic_once_and_says_what_it_leaves_out(agent):
+    text = render_router(LAB, agent, "domain-bridge")
+    config = yaml.safe_load(text)
+    assert config["from_domain"] == LAB.agent(agent).domain
+    assert config["to_domain"] == 0
+    assert all(
+        set(t) <= {"type", "bidirectional", "reversed", "qos"} and t["type"] for t in config["topics"].values()
+    )
+    assert all(Policy().crosses(f"rt{name}", Direction.OUTWARD) for name in config["topics"])
+    assert f"#   service /global/{agent}/get_metadata" in text
+
+
+def test_a_domain_bridge_knows_the_way_of_each_topic():
+    topics_of = {
+        a: yaml.safe_load(render_router(LAB, a, "domain-bridge"))["topics"] for a in ("go2", "steamdeck")
+    }
+    camera = "/global/go2/camera_front/color/ffmpeg"
+    assert "reversed" not in topics_of["go2"][camera]
+    assert topics_of["steamdeck"][camera]["reversed"] is True
+    assert topics_of["go2"]["/tf"]["bidirectional"] is True
+    assert topics_of["go2"]["/tf_static"]["qos"]["durability"] == "transient_local"

@@ -1,0 +1,96 @@
+"""An agent at a terminal, with its real router: what is said, how it is ended, and what it refuses."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from sfglab.fleet.address import BusAddress
+from sfglab.fleet.agent.app import serve_agent
+from sfglab.fleet.agent.plan import AgentConfig
+from sfglab.fleet.agent.supervisor import ComponentError
+
+pytestmark = [pytest.mark.live, pytest.mark.timeout(30)]
+
+DEADLINE_S = 10
+_domains = itertools.count(100 + 2 * (os.getpid() % 40), 2)
+
+TERMINAL = """
+import sys
+from sfglab.fleet.address import BusAddress
+from sfglab.fleet.agent.app import serve_agent
+from sfglab.fleet.agent.plan import AgentConfig
+from sfglab.pipes import run
+local, remote = (BusAddress(domain_id=int(domain), interface="lo") for domain in sys.argv[1:])
+config = AgentConfig(agent="go2", local=local, remote=remote, components=("router",))
+run(serve_agent(config, lambda line: print(line, flush=True)))
+"""
+
+
+@pytest.fixture
+def domains():
+    first = next(_domains)
+    return first, first + 1
+
+
+def router_only(local: int, remote: int, interface: str = "lo") -> AgentConfig:
+    return AgentConfig(
+        agent="go2",
+        local=BusAddress(domain_id=local, interface="lo"),
+        remote=BusAddress(domain_id=remote, interface=interface),
+        components=("router",),
+    )
+
+
+@pytest.fixture
+def terminal(domains):
+    """An agent with a router, as a person starts it, ready."""
+    argv = [sys.executable, "-c", TERMINAL, *map(str, domains)]
+    with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            local, remote = domains
+            first = f"agent go2: its own domain {local} on lo, the global domain {remote} on lo; starting\n"
+            assert process.stdout.readline() == first
+            assert process.stdout.readline() == "router: ready\n"
+            assert process.stdout.readline() == "agent go2: ready, end it with Ctrl-C\n"
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_an_agent_in_order(terminal, number):
+    terminal.send_signal(number)
+    assert terminal.stdout.read() == "agent go2: everything has ended\n"
+    assert terminal.wait(DEADLINE_S) == 0
+
+
+def test_two_interrupts_are_no_error(terminal):
+    for _ in range(2):
+        terminal.send_signal(signal.SIGINT)
+    assert terminal.stdout.read() == "agent go2: everything has ended\n"
+    assert terminal.wait(DEADLINE_S) == 0
+
+
+def test_a_second_agent_on_the_same_domains_is_refused_in_one_sentence(terminal, domains):
+    said = []
+    local, remote = domains
+    with pytest.raises(ComponentError) as caught:
+        asyncio.run(serve_agent(router_only(local, remote), said.append))
+    assert str(caught.value).startswith(f"router between the domains {local} and {remote}: process ")
+    assert len(said) == 1, "nothing but the beginning is said"
+
+
+def test_an_interface_that_is_not_there_is_refused_in_one_sentence(domains):
+    local, remote = domains
+    with pytest.raises(ComponentError) as caught:
+        asyncio.run(serve_agent(router_only(local, remote, interface="nowhere0"), lambda _: None))
+    assert str(caught.value).startswith("router: ")
+    assert "no network interface 'nowhere0'" in str(caught.value)
+    assert "\n" not in str(caught.value)

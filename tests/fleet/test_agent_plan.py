@@ -1,0 +1,210 @@
+"""What an agent consists of, from a fleet file or options, and what a person reads of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from sfglab.errors import SfglabError
+from sfglab.fleet.address import BusAddress
+from sfglab.fleet.agent.app import SupervisorConfig
+from sfglab.fleet.agent.events import Changed, Complete, Said, Wrote, report_from_event
+from sfglab.fleet.agent.narrator import Narrator
+from sfglab.fleet.agent.options import SideOptions, config_from_options
+from sfglab.fleet.agent.plan import COMPONENTS, AgentConfig, PlanError, config_from_fleet, plan, without
+from sfglab.fleet.agent.supervision import State, Timing
+from sfglab.fleet.decoder.app import DecoderConfig
+from sfglab.fleet.discovery.app import DiscoveryConfig
+from sfglab.fleet.fleet_file import UnknownAgentError, read_fleet
+from sfglab.fleet.keeper.app import KeeperConfig
+from sfglab.fleet.routing.app import RouterConfig
+from sfglab.fleet.status.app import StatusConfig
+
+CONFIG = AgentConfig(
+    agent="go2",
+    local=BusAddress(domain_id=7, interface="lo"),
+    remote=BusAddress(domain_id=0, interface="eth0"),
+)
+FLEET = read_fleet("""
+fleet: pair
+global: {domain: 3, interface: wlan0}
+policy: [{pattern: "rt/global/*", directions: [outward]}]
+agents:
+  go2:
+    domain: 1
+    local_interface: lo
+    tf: {prefix_frames: false, shared_frames: [hall], placed_by_others: [base]}
+    sensors:
+      - name: camera_front
+        model: D435
+        streams:
+          - topic: /global/go2/camera_front/color/ffmpeg
+            type: ffmpeg_image_transport_msgs/msg/FFMPEGPacket
+            codec: h264
+            width: 640
+            height: 360
+            rate_hz: 30
+            size_bytes: 16700
+  bare: {domain: 2, lifecycle: false}
+""")
+
+
+def arguments(config: AgentConfig) -> dict[str, str]:
+    return {component.name: component.argv[-1] for component in plan(config)}
+
+
+def test_every_component_is_told_where_it_stands():
+    given = arguments(CONFIG)
+    assert tuple(given) == ("router", "status", "discoverer", "decoder")
+    router = RouterConfig.from_json(given["router"])
+    assert (router.agent, router.local, router.remote) == ("go2", CONFIG.local, CONFIG.remote)
+    status = StatusConfig.from_json(given["status"])
+    assert (status.settings.agent, status.address) == ("go2", CONFIG.local)
+    discoverer = DiscoveryConfig.from_json(given["discoverer"])
+    assert (discoverer.settings.agent, discoverer.address) == ("go2", CONFIG.local)
+
+
+def test_the_decoder_stays_inside_and_listens_to_its_own_agents_discoverer():
+    decoder = DecoderConfig.from_json(arguments(CONFIG)["decoder"])
+    assert decoder.remote == decoder.local == CONFIG.local
+    assert decoder.discovery_topic == "/local/go2/agent_discovery_event"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"agent": "global"}, "global"),
+        ({"local": BusAddress(domain_id=233)}, "given domain 233, allowed are 0 to 232"),
+        ({"local": BusAddress(domain_id=0)}, "domain 0"),
+    ],
+)
+def test_what_could_not_be_run_is_refused_before_anything_is_started(changes, words):
+    with pytest.raises(SfglabError, match=words):
+        plan(replace(CONFIG, **changes))
+
+
+def test_components_can_be_left_out():
+    assert list(arguments(without(CONFIG, ["decoder"]))) == ["router", "status", "discoverer"]
+    with pytest.raises(PlanError, match="agent go2: given component 'decodre', allowed are router, "):
+        without(CONFIG, ["decodre"])
+
+
+def test_a_fleet_file_says_everything():
+    config = config_from_fleet(FLEET, "go2")
+    assert config.local == BusAddress(domain_id=1, interface="lo")
+    assert config.remote == BusAddress(domain_id=3, interface="wlan0")
+    router = RouterConfig.from_json(arguments(config)["router"])
+    assert router.rules == FLEET.policy.rules
+    assert (router.prefix_frames, router.shared_frames, router.placed_by_others) == (
+        False,
+        ("hall",),
+        ("base",),
+    )
+    sensors = StatusConfig.from_json(arguments(config)["status"]).settings.description.sensors
+    assert [s.name for s in sensors] == ["camera_front"]
+    assert sensors[0].streams[0].topic == "/global/go2/camera_front/color/ffmpeg"
+    assert sensors[0].streams[0].rate_hz == 30
+
+
+def test_a_keeper_runs_where_there_is_video_to_keep():
+    given = arguments(config_from_fleet(FLEET, "go2"))
+    assert tuple(given) == COMPONENTS
+    keeper = KeeperConfig.from_json(given["keeper"])
+    assert keeper.streams == ("/global/go2/camera_front/color/ffmpeg",)
+    assert keeper.address == BusAddress(domain_id=1, interface="lo")
+
+
+def test_an_agent_without_lifecycle_runs_neither_status_provider_nor_discoverer():
+    assert {"status", "discoverer"} & set(arguments(config_from_fleet(FLEET, "bare"))) == set()
+
+
+def test_an_agent_that_is_not_in_the_fleet_is_refused():
+    with pytest.raises(UnknownAgentError, match="go3"):
+        config_from_fleet(FLEET, "go3")
+
+
+def test_options_alone_need_a_domain_and_nothing_else():
+    config = config_from_options("go2", None, local=SideOptions(domain_id=7), remote=SideOptions())
+    assert (config.local, config.remote) == (BusAddress(domain_id=7), BusAddress(domain_id=0))
+    with pytest.raises(PlanError, match="its own domain: nothing is given, allowed are 1 to 232 or a"):
+        config_from_options("go2", None, local=SideOptions(), remote=SideOptions())
+
+
+def test_options_go_before_the_fleet_file():
+    config = config_from_options("go2", FLEET, local=SideOptions(), remote=SideOptions(interface="eth1"))
+    assert config.local == BusAddress(domain_id=1, interface="lo")
+    assert config.remote == BusAddress(domain_id=3, interface="eth1")
+
+
+def test_a_supervisors_configuration_survives_the_way_to_its_process():
+    config = SupervisorConfig.of_agent(replace(CONFIG, supervision=Timing(backoff_ns=1)))
+    assert SupervisorConfig.from_json(config.to_json()) == config
+
+
+def path(topic: str, direction: str = "inward") -> dict[str, str]:
+    return {"topic": topic, "direction": direction}
+
+
+def said(component: str, **report) -> Said:
+    return Said(component=component, report=report)
+
+
+@pytest.mark.parametrize(
+    ("event", "lines"),
+    [
+        (Complete(), ["agent go2: ready, end it with Ctrl-C"]),
+        (Changed(component="router", state=State.STARTING, pid=7), []),
+        (Changed(component="router", state=State.RUNNING, pid=7), ["router: ready"]),
+        (
+            Changed(component="router", state=State.RUNNING, crashes=2),
+            ["router: ready again after 2 crashes"],
+        ),
+        (
+            Changed(component="router", state=State.BACKING_OFF, why="killed by SIGSEGV", retry_s=0.2),
+            ["router: crashed (killed by SIGSEGV); it is started again in 0.2 s"],
+        ),
+        (
+            Changed(component="router", state=State.REPLACING, why="it took too long to start"),
+            ["router: it took too long to start; it is ended and started again"],
+        ),
+        (Wrote(component="router", line="WARNING: x"), ["router: WARNING: x"]),
+        (said("status", **{"is": "beat"}), []),
+        (
+            said("discoverer", **{"is": "event", "agent": "pi1", "event": "DISCOVERED"}),
+            ["discoverer: pi1 discovered"],
+        ),
+    ],
+)
+def test_a_person_reads_what_matters(event, lines):
+    assert Narrator(CONFIG).lines(event) == lines
+    assert "is" in json.loads(json.dumps(report_from_event(event)))
+
+
+def test_a_person_reads_of_paths_that_open_and_close_by_their_names_in_ros():
+    narrator = Narrator(CONFIG)
+    heartbeat = path("rt/global/agent_heartbeat")
+    service = [path("rq/global/pi1/set_modeRequest", "outward"), path("rr/global/pi1/set_modeReply")]
+    queries = [path("rq/global/pi1/get_metadataRequest"), path("rr/global/pi1/get_metadataReply", "outward")]
+    first = said("router", **{"is": "status", "paths": [heartbeat, *service, *queries]})
+    assert narrator.lines(first) == [
+        "router: /global/agent_heartbeat inward opened",
+        "router: /global/pi1/set_mode outward opened",
+    ]
+    assert narrator.lines(first) == []
+    last = said("router", **{"is": "status", "paths": [heartbeat]})
+    assert narrator.lines(last) == ["router: /global/pi1/set_mode outward closed"]
+
+
+def test_a_person_reads_of_a_stream_when_its_state_changes():
+    narrator = Narrator(CONFIG)
+    status = {"is": "status", "local_topic": "/local/pi1/camera/color/image_raw", "state": "RUNNING"}
+    lines = [narrator.lines(said("decoder", **status, subscribers=n)) for n in (1, 2)]
+    assert lines == [["decoder: /local/pi1/camera/color/image_raw running, 1 subscriber"], []]
+
+
+def test_a_person_reads_where_the_agent_stands():
+    narrator = Narrator(CONFIG)
+    assert narrator.beginning() == "agent go2: its own domain 7 on lo, the global domain 0 on eth0; starting"
+    assert narrator.end() == "agent go2: everything has ended"

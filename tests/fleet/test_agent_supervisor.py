@@ -1,0 +1,316 @@
+"""The supervisor with real processes: restarted and reported when they crash, none left when it ends."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import textwrap
+from contextlib import asynccontextmanager, suppress
+
+import psutil
+import pytest
+
+from sfglab.fleet.agent.app import SupervisorConfig
+from sfglab.fleet.agent.events import Changed, Complete, Said, Wrote
+from sfglab.fleet.agent.plan import Component
+from sfglab.fleet.agent.supervision import State, Timing
+from sfglab.fleet.agent.supervisor import Agent, ComponentError
+
+pytestmark = [pytest.mark.live, pytest.mark.timeout(30)]
+
+TIMING = Timing(start_ns=10_000_000_000, stop_ns=300_000_000, backoff_ns=20_000_000, backoff_max_ns=80_000_000)
+DEADLINE_S = 10
+
+SERVES = """
+import sys
+print('{"is": "ready"}', flush=True)
+sys.stdin.read()
+"""
+STUBBORN = """
+import signal, time
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+print('{"is": "ready"}', flush=True)
+time.sleep(1000)
+"""
+REFUSES = """
+import sys
+print('{"is": "failed", "why": "network interface: given \\'wlan7\\', allowed are eth0, lo"}', flush=True)
+sys.exit(1)
+"""
+SILENT = "import time; time.sleep(1000)"
+# Its child shares standard error, ignores every polite signal and reads nothing.
+PARENT = """
+import json, subprocess, sys
+child = subprocess.Popen([sys.executable, "-S", "-c", '''
+import signal, time
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+time.sleep(1000)
+'''], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+print(json.dumps({"is": "child", "pid": child.pid}), flush=True)
+print('{"is": "ready"}', flush=True)
+sys.stdin.read()
+"""
+
+
+def component(name: str, code: str, *arguments: str) -> Component:
+    return Component(name=name, argv=(sys.executable, "-S", "-c", code, *arguments))
+
+
+class Watched:
+    """A running agent and everything it has told."""
+
+    def __init__(self, components) -> None:
+        self.events = []
+        self.agent = Agent(components, timing=TIMING, on_event=self.events.append)
+
+    def changes(self, name: str) -> list[Changed]:
+        return [e for e in self.events if isinstance(e, Changed) and e.component == name]
+
+    def states(self, name: str) -> list[State]:
+        return [e.state for e in self.changes(name)]
+
+    def reports(self, kind: str) -> list[dict]:
+        return [e.report for e in self.events if isinstance(e, Said) and e.report["is"] == kind]
+
+    async def until(self, fact) -> None:
+        async with asyncio.timeout(DEADLINE_S):
+            while not fact():
+                await asyncio.sleep(0.005)
+
+    async def pid(self, name: str, starts: int = 1) -> int:
+        """Return the process of the given start, once it serves."""
+        await self.until(lambda: self.states(name).count(State.RUNNING) >= starts)
+        return [e for e in self.changes(name) if e.state is State.RUNNING][-1].pid
+
+
+@asynccontextmanager
+async def running(*components):
+    watched = Watched(components)
+    task = asyncio.create_task(watched.agent.run())
+    try:
+        yield watched
+        watched.agent.stop()
+        async with asyncio.timeout(DEADLINE_S):
+            await task
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError, ComponentError):
+            await task
+
+
+def lives(pid: int) -> bool:
+    """Whether a process runs; one that has ended and that init has not collected yet does not."""
+    try:
+        return psutil.Process(pid).status() not in (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
+    except psutil.NoSuchProcess:
+        return False
+
+
+def test_a_killed_component_is_restarted_with_back_off_and_the_others_stay():
+    async def scenario():
+        async with running(component("router", SERVES), component("status", SERVES)) as watched:
+            other = await watched.pid("status")
+            for kills in range(1, 4):
+                os.kill(await watched.pid("router", starts=kills), signal.SIGKILL)
+            await watched.pid("router", starts=4)
+            assert watched.events.count(Complete()) == 1
+            crashed = [e for e in watched.changes("router") if e.state is State.BACKING_OFF]
+            assert [e.why for e in crashed] == ["killed by SIGKILL"] * 3
+            assert [e.crashes for e in crashed] == [1, 2, 3]
+            assert [round(e.retry_s, 2) for e in crashed] == [0.02, 0.04, 0.08]
+            assert watched.states("status") == [State.STARTING, State.RUNNING]
+            assert lives(other)
+        assert watched.states("router")[-2:] == [State.STOPPING, State.STOPPED]
+
+    asyncio.run(scenario())
+
+
+def test_a_refused_configuration_ends_the_agent_with_the_components_own_sentence():
+    async def scenario():
+        watched = Watched([component("status", SERVES), component("router", REFUSES)])
+        with pytest.raises(ComponentError) as caught:
+            await watched.agent.run()
+        assert str(caught.value) == "router: network interface: given 'wlan7', allowed are eth0, lo"
+        assert watched.states("router") == [State.STARTING, State.FAILED]
+        assert watched.states("status")[-1] is State.STOPPED
+
+    asyncio.run(scenario())
+
+
+def test_a_component_that_dies_on_import_ends_the_agent_and_its_words_are_passed_on():
+    async def scenario():
+        watched = Watched([component("router", "import no_such_module")])
+        with pytest.raises(ComponentError, match="router: it ended with status 1"):
+            await watched.agent.run()
+        words = [e.line for e in watched.events if isinstance(e, Wrote)]
+        assert "ModuleNotFoundError: No module named 'no_such_module'" in words
+
+    asyncio.run(scenario())
+
+
+def test_a_component_that_has_served_may_fail_and_is_tried_again():
+    async def scenario(marker):
+        code = f"import os\nif os.path.exists({marker!r}):\n{textwrap.indent(REFUSES, '    ')}\n{SERVES}"
+        async with running(component("router", code)) as watched:
+            pid = await watched.pid("router")
+            with open(marker, "w"):  # noqa: ASYNC230, PTH123 - a file that exists is all it is
+                os.kill(pid, signal.SIGKILL)
+            await watched.until(lambda: len(watched.changes("router")) > 6)
+            assert "wlan7" in [e for e in watched.changes("router") if e.state is State.BACKING_OFF][1].why
+            os.unlink(marker)  # noqa: PTH108 - as above
+            await watched.pid("router", starts=2)
+
+    marker = f"/tmp/sfglab-test-{os.getpid()}"
+    asyncio.run(scenario(marker))
+
+
+def test_a_component_that_never_reports_is_replaced():
+    async def scenario():
+        watched = Watched([component("router", SILENT)])
+        short = Timing(start_ns=50_000_000, stop_ns=300_000_000, backoff_ns=1)
+        watched.agent = Agent([component("router", SILENT)], timing=short, on_event=watched.events.append)
+        task = asyncio.create_task(watched.agent.run())
+        await watched.until(lambda: watched.states("router").count(State.REPLACING) == 2)
+        watched.agent.stop()
+        await task
+
+    asyncio.run(scenario())
+
+
+def test_one_that_ignores_the_order_to_end_is_ended_by_force_in_time():
+    async def scenario():
+        async with running(component("router", STUBBORN)) as watched:
+            pid = await watched.pid("router")
+            before_s = asyncio.get_running_loop().time()
+        assert 0.3 <= asyncio.get_running_loop().time() - before_s < 3
+        assert not lives(pid)
+
+    asyncio.run(scenario())
+
+
+def test_told_twice_it_ends_at_once():
+    async def scenario():
+        watched = Watched([component("router", STUBBORN)])
+        watched.agent = Agent([component("router", STUBBORN)], on_event=watched.events.append)
+        task = asyncio.create_task(watched.agent.run())
+        pid = await watched.pid("router")
+        watched.agent.stop()
+        watched.agent.stop()
+        async with asyncio.timeout(2):  # the stop timer would take five seconds
+            await task
+        assert not lives(pid)
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize("how", ["killed", "stopped", "cancelled"])
+def test_what_a_component_has_started_ends_with_it(how):
+    async def scenario():
+        watched = Watched([component("decoder", PARENT)])
+        task = asyncio.create_task(watched.agent.run())
+        pid = await watched.pid("decoder")
+        child = watched.reports("child")[0]["pid"]
+        assert lives(child)
+        if how == "killed":
+            os.kill(pid, signal.SIGKILL)
+            await watched.pid("decoder", starts=2)
+        if how == "cancelled":
+            task.cancel()
+        watched.agent.stop()
+        with suppress(asyncio.CancelledError):
+            await task
+        assert task.cancelled() == (how == "cancelled")
+        # Its pipe has ended, so it is about to be gone, if it is not yet.
+        await watched.until(lambda: not any(lives(r["pid"]) for r in watched.reports("child")))
+
+    asyncio.run(scenario())
+
+
+def test_a_listener_that_breaks_leaves_no_process():
+    pids = []
+
+    def broken(event):
+        if event.state is State.RUNNING:
+            pids.append(event.pid)
+            raise BrokenPipeError
+
+    async def scenario():
+        with pytest.raises(BrokenPipeError):
+            await Agent([component("router", SERVES)], on_event=broken).run()
+        assert not lives(pids[0])
+
+    asyncio.run(scenario())
+
+
+# As the real components are.
+COMPONENT = """
+import asyncio
+from sfglab.fleet.component import run_component
+async def body(report):
+    report({"is": "ready"})
+    await asyncio.Event().wait()
+run_component(body)
+"""
+
+
+@pytest.fixture
+def supervisor():
+    """A supervisor of two components in a process of its own, and pidfds of both."""
+    components = tuple(Component(name=n, argv=(sys.executable, "-c", COMPONENT)) for n in ("router", "status"))
+    argv = [sys.executable, "-m", "sfglab.fleet.agent", SupervisorConfig(components=components).to_json()]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(argv, stdin=pipe, stdout=pipe, text=True) as process:
+        handles = {}
+        for line in process.stdout:
+            report = json.loads(line)
+            if report.get("state") == "running":
+                handles[report["component"]] = os.pidfd_open(report["pid"])
+            if report["is"] == "ready":
+                break
+        try:
+            assert sorted(handles) == ["router", "status"]
+            yield process, tuple(handles.values())
+        finally:
+            for fd in handles.values():
+                with suppress(ProcessLookupError):
+                    signal.pidfd_send_signal(fd, signal.SIGKILL)
+                os.close(fd)
+            process.kill()
+
+
+def wait_for_end(handles) -> None:
+    poll = select.poll()
+    for fd in handles:
+        poll.register(fd, select.POLLIN)
+    left = len(handles)
+    while left:
+        ended = poll.poll(DEADLINE_S * 1000)
+        assert ended, f"{left} of {len(handles)} processes live on"
+        for fd, _ in ended:
+            poll.unregister(fd)
+        left -= len(ended)
+
+
+def test_components_end_when_their_supervisor_is_killed(supervisor):
+    process, handles = supervisor
+    process.send_signal(signal.SIGKILL)
+    wait_for_end(handles)
+
+
+@pytest.mark.parametrize("how", ["terminated", "input ends"])
+def test_a_supervisor_as_a_process_ends_everything_in_order(supervisor, how):
+    process, handles = supervisor
+    if how == "terminated":
+        process.terminate()
+    else:
+        process.stdin.close()
+    rest = [json.loads(line) for line in process.stdout]
+    assert process.wait(DEADLINE_S) == 0
+    wait_for_end(handles)
+    last = {r["component"]: r["state"] for r in rest if r["is"] == "component"}
+    assert last == {"router": "stopped", "status": "stopped"}

@@ -1,0 +1,376 @@
+"""The registry of remote agents: what a heartbeat means, what time brings, what is not believed, its bounds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sfglab.fleet.discovery.history import History
+from sfglab.fleet.discovery.lifecycle import State
+from sfglab.fleet.discovery.orders import Abandon, Announce, Answer, Ask, Timing, TimingError
+from sfglab.fleet.discovery.registry import Registry
+from sfglab.fleet.discovery.screening import Limits, LimitsError
+from sfglab.fleet.status.heartbeat import Heartbeat
+
+S = 1_000_000_000
+TIMING = Timing(missed=3, slack_ns=S // 2, backoff_ns=S // 4, backoff_max_ns=2 * S, forget_ns=100 * S)
+BEAT = Heartbeat(agent="go2", incarnation=7, revision=0, phase=0, period_s=1.0, version="1")
+GID = b"g" * 16
+
+
+class World:
+    """A registry, and a short way to talk to it; times in seconds."""
+
+    def __init__(self, **limits) -> None:
+        self.moves = []
+        self.registry = Registry("station", timing=TIMING, limits=Limits(**limits), on_move=self.moves.append)
+
+    def hear(self, at_s=0.0, gid=GID, **fields):
+        return self.registry.heard(replace(BEAT, **fields), gid, now_ns=round(at_s * S))
+
+    def answer(self, ask: Ask, at_s=0.0, **fields):
+        values = {"agent": ask.agent, "incarnation": 7, "revision": 0, "metadata": "what it is"} | fields
+        return self.registry.answered(ask.agent, ask.query, Answer(**values), now_ns=round(at_s * S))
+
+    def fail(self, ask: Ask, at_s=0.0):
+        return self.registry.failed(ask.agent, ask.query, now_ns=round(at_s * S))
+
+    def due(self, at_s):
+        return self.registry.due(round(at_s * S))
+
+    def discover(self, at_s=0.0, **fields):
+        (ask,) = self.hear(at_s, **fields)
+        (news,) = self.answer(ask, at_s)
+        assert news.event == "DISCOVERED"
+
+    @property
+    def state(self) -> State:
+        return self.registry.agents()[0].state
+
+    @property
+    def deadline_s(self) -> float | None:
+        deadline_ns = self.registry.deadline_ns
+        return None if deadline_ns is None else deadline_ns / S
+
+
+def events(orders):
+    return [order.event for order in orders if isinstance(order, Announce)]
+
+
+def test_the_first_heartbeat_asks_and_the_answer_is_announced_with_its_description():
+    world = World()
+    (ask,) = world.hear()
+    assert world.hear(0.5) == []
+    (news,) = world.answer(ask, 0.6)
+    assert news == Announce(agent="go2", event="DISCOVERED", incarnation=7, metadata="what it is")
+    assert world.deadline_s == 4.0, "three periods of 1 s and the slack after the heartbeat at 0.5 s"
+
+
+def test_silence_is_measured_in_the_period_that_the_agent_announced():
+    world = World()
+    world.discover()
+    world.hear(1.0, period_s=5.0, phase=1)
+    assert world.deadline_s == 16.5
+    assert world.due(16.4) == []
+    assert events(world.due(16.5)) == ["LOST"]
+    assert world.deadline_s == 116.5, "then it is remembered for a while"
+    assert world.due(116.5) == []
+    assert world.registry.agents() == ()
+
+
+def test_a_lost_agent_that_beats_again_returns_with_what_was_known_of_it():
+    world = World()
+    world.discover()
+    world.due(10)
+    (news,) = world.hear(11)
+    assert (news.event, news.metadata, world.state) == ("RETURNED", "what it is", State.ACTIVE)
+
+
+def test_a_failed_query_is_repeated_with_doubling_waits_up_to_the_limit_and_one_success_starts_over():
+    world = World()
+    (ask,) = world.hear()
+    at_s, waits = 0.0, []
+    for _ in range(6):
+        world.hear(at_s)
+        assert world.fail(ask, at_s) == []
+        waits.append(world.deadline_s - at_s)
+        at_s = world.deadline_s
+        (ask,) = world.due(at_s)
+    assert waits == [0.25, 0.5, 1, 2, 2, 2]
+    assert world.registry.agents()[0].failures == 6
+    world.answer(ask, at_s)
+    (ask,) = world.hear(at_s, revision=1)
+    world.fail(ask, at_s)
+    assert world.deadline_s - at_s == 0.25
+
+
+def test_another_revision_is_asked_for_and_an_answer_may_be_ahead_of_the_heartbeats():
+    world = World()
+    world.discover()
+    (ask,) = world.hear(1, revision=1)
+    assert world.hear(1.5, revision=2) == []
+    assert events(world.answer(ask, 2, revision=3)) == ["UPDATED"]
+    assert world.hear(2.5, revision=2) == []
+    assert world.hear(2.5, revision=3) == []
+    assert world.state is State.ACTIVE
+
+
+def test_another_start_gives_up_the_query_to_the_one_before():
+    world = World()
+    (first,) = world.hear()
+    abandoned, second = world.hear(0.1, incarnation=8)
+    assert abandoned == Abandon(agent="go2", query=first.query)
+    assert world.answer(first, 0.2) == []
+    assert world.registry.counts["ignored_answers"] == 1
+    assert events(world.answer(second, 0.3, incarnation=8)) == ["DISCOVERED"]
+
+
+def test_a_start_that_is_heard_while_the_agent_is_there_is_restarted():
+    world = World()
+    world.discover()
+    (ask,) = world.hear(1, incarnation=8)
+    (news,) = world.answer(ask, 2, incarnation=8, metadata="new")
+    assert (news.event, news.incarnation, news.metadata) == ("RESTARTED", 8, "new")
+
+
+@pytest.mark.parametrize(
+    "fields", [{"incarnation": 6}, {"incarnation": 8}, {"agent": "other"}, {"revision": 0}], ids=str
+)
+def test_an_answer_to_something_else_than_was_asked_counts_as_none(fields):
+    world = World()
+    (ask,) = world.hear(revision=1)
+    assert world.answer(ask, 0.1, **{"revision": 1, **fields}) == []
+    assert world.state is State.BACKING_OFF
+    assert (world.registry.counts["mismatched"], world.registry.counts["failed"]) == (1, 1)
+
+
+def test_an_older_start_is_stale_while_a_newer_one_is_there_and_believed_when_that_is_lost():
+    world = World()
+    world.discover()
+    assert world.hear(1, incarnation=6) == []
+    assert world.registry.counts["dropped_stale"] == 1
+    assert world.deadline_s == 3.5, "it is no sign of life either"
+    world.due(4)
+    (ask,) = world.hear(5, incarnation=6)
+    assert events(world.answer(ask, 5, incarnation=6)) == ["RESTARTED"]
+
+
+def test_what_a_restarted_agent_said_before_it_was_lost_again_does_not_count():
+    world = World()
+    world.discover()
+    world.due(10)
+    world.hear(11, incarnation=8)
+    (abandoned,) = world.due(20)
+    assert isinstance(abandoned, Abandon)
+    (news,) = world.hear(21, incarnation=7)
+    assert news.event == "RETURNED"
+
+
+def test_time_that_the_discoverer_itself_stood_still_is_nobody_elses_silence():
+    world = World()
+    world.discover()  # silent at 3.5
+    world.hear(0.5, agent="husky", gid=b"h" * 16)  # silent at 4
+    world.registry.overslept(1 * S, 60 * S)
+    assert world.due(60) == []
+    assert events(world.due(62.5)) == ["LOST"]
+    assert world.deadline_s == 63.0
+    world.hear(62.6)
+    world.registry.overslept(62 * S, 63 * S)
+    assert world.registry.agents()[0].heard_ns == 62.6 * S
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"agent": ""},
+        {"agent": "Go 2"},
+        {"agent": "../x"},
+        {"agent": "camera"},
+        {"agent": "torq"},
+        {"agent": "a" * 240},
+        {"agent": "\N{GRINNING FACE}"},
+        {"phase": 2},
+        {"period_s": math.nan},
+        {"period_s": math.inf},
+        {"period_s": 0.0},
+        {"period_s": -1.0},
+        {"period_s": 1e9},
+        {"version": "v" * 129},
+    ],
+    ids=lambda f: str(f)[:40],
+)
+def test_a_heartbeat_that_cannot_be_one_is_dropped_and_counted(fields):
+    world = World()
+    assert world.hear(**fields) == []
+    assert world.registry.counts == {"dropped_malformed": 1}
+    assert world.registry.agents() == ()
+
+
+def test_own_heartbeats_are_ignored_and_another_publisher_of_the_own_name_is_a_spoof():
+    world = World()
+    for at_s, gid, incarnation in ((0, b"own", 5), (1, b"own", 5), (1, b"spoof", 5), (2, b"spoof", 4)):
+        assert world.hear(at_s, gid=gid, agent="station", incarnation=incarnation) == []
+    assert world.registry.counts == {"dropped_own": 2, "dropped_spoofed": 2}
+    world.hear(3, gid=b"own restarted", agent="station", incarnation=6)
+    assert world.registry.counts["dropped_own"] == 3
+    assert world.registry.agents() == ()
+
+
+def test_one_publisher_that_floods_is_cut_and_the_others_are_heard():
+    world = World(beats_per_s=5, burst=10, total_per_s=100, total_burst=100)
+    for n in range(1000):
+        world.hear(n / 1000, gid=b"flooder", agent="flooder")
+    assert world.registry.counts["heard"] in (14, 15), "10 at once and 5 in the second"
+    world.discover(1.0)
+    counts = world.registry.counts
+    assert counts["heard"] + counts["dropped_flood"] == 1001
+
+
+def test_a_flood_from_many_publishers_is_cut_too():
+    world = World(total_per_s=100, total_burst=50)
+    for n in range(500):
+        world.hear(0.0, gid=n.to_bytes(16, "big"), agent=f"x{n}y")
+    assert len(world.registry.agents()) == 50
+    assert world.registry.counts["dropped_flood"] == 450
+
+
+def test_the_table_is_bounded_and_those_that_are_no_use_make_room():
+    world = World(max_agents=3)
+    for n, name in enumerate("abc"):
+        (ask,) = world.hear(n / 10, agent=f"{name}1x")
+        world.answer(ask, n / 10)
+    assert world.hear(0.5, agent="d1x") == []
+    assert world.registry.counts["dropped_full"] == 1
+    world.due(3.5)
+    (ask,) = world.hear(3.5, agent="d1x")
+    assert [a.agent for a in world.registry.agents()] == ["b1x", "c1x", "d1x"], "the lost one gave way"
+    world.fail(ask, 3.5)
+    world.hear(3.5, agent="b1x"), world.hear(3.5, agent="c1x")
+    world.hear(3.6, agent="e1x")
+    assert [a.agent for a in world.registry.agents()] == ["b1x", "c1x", "e1x"], "one that never answered too"
+    assert world.registry.counts["evicted"] == 2
+
+
+@pytest.mark.parametrize(
+    "values", [{"max_agents": 0}, {"max_agents": 901}, {"burst": 0}, {"beats_per_s": math.nan}]
+)
+def test_bounds_that_make_no_sense_are_refused(values):
+    with pytest.raises(LimitsError, match=next(iter(values))):
+        Limits(**values)
+
+
+def test_waits_that_make_no_sense_are_refused():
+    with pytest.raises(TimingError, match="backoff_ns: given 0, allowed are positive"):
+        Timing(backoff_ns=0)
+
+
+AGENTS = st.sampled_from(["go2", "husky", "drone", "arm_robot", "station", "camera", ""])
+BEATS = st.builds(
+    Heartbeat,
+    agent=AGENTS,
+    incarnation=st.integers(1, 3),
+    revision=st.integers(0, 2),
+    phase=st.integers(0, 2),
+    period_s=st.sampled_from([0.1, 1.0, 5.0, math.nan, -1.0]),
+    version=st.just("1"),
+)
+STEPS = st.one_of(
+    st.tuples(st.just("hear"), BEATS, st.binary(min_size=1, max_size=1)),
+    st.tuples(st.just("answer"), st.integers(0, 9), st.integers(1, 3), st.integers(0, 2)),
+    st.tuples(st.just("fail"), st.integers(0, 9)),
+    st.tuples(st.just("sleep"), st.sampled_from([10**6, 10**8, S, 7 * S, 200 * S])),
+    st.tuples(st.just("late"), st.sampled_from([10**8, 60 * S])),
+)
+
+
+class Checker:
+    """Carries orders out as the node does, and checks what local consumers and agents see of it."""
+
+    def __init__(self) -> None:
+        self.registry = Registry("station", timing=TIMING, limits=Limits(max_agents=3))
+        self.now_ns = 0
+        self.outstanding: dict[str, int] = {}
+        self.asked: list[Ask] = []
+        self.told: dict[str, str] = {}
+        self.incarnations: dict[str, int] = {}
+
+    def take(self, orders) -> None:
+        for order in orders:
+            if isinstance(order, Ask):
+                assert order.agent not in self.outstanding, "two queries outstanding"
+                self.outstanding[order.agent] = order.query
+                self.asked.append(order)
+            elif isinstance(order, Abandon):
+                assert self.outstanding.pop(order.agent) == order.query
+            else:
+                self.announce(order)
+
+    def announce(self, news: Announce) -> None:
+        before, known = self.told.get(news.agent), self.incarnations.get(news.agent)
+        present = before not in (None, "LOST")
+        if news.event == "DISCOVERED":
+            assert not present
+        else:
+            assert before is not None, f"{news.event} before anything"
+            assert present == (news.event in ("UPDATED", "LOST")) or news.event == "RESTARTED"
+            assert (news.incarnation == known) == (news.event != "RESTARTED")
+        self.told[news.agent] = news.event
+        self.incarnations[news.agent] = news.incarnation
+
+    def step(self, step) -> None:
+        kind, *rest = step
+        if kind == "hear":
+            self.take(self.registry.heard(rest[0], rest[1], now_ns=self.now_ns))
+        elif kind == "sleep":
+            self.now_ns += rest[0]
+            self.take(self.registry.due(self.now_ns))
+        elif kind == "late":
+            self.registry.overslept(self.now_ns, self.now_ns + rest[0])
+            self.now_ns += rest[0]
+        elif self.asked:
+            ask = self.asked[-1 - rest[0] % len(self.asked)]
+            if self.outstanding.get(ask.agent) == ask.query:
+                del self.outstanding[ask.agent]
+            self.take(self.end(ask, kind, *rest[1:]))
+
+    def end(self, ask: Ask, kind: str, incarnation: int = 0, revision: int = 0):
+        if kind == "fail":
+            return self.registry.failed(ask.agent, ask.query, now_ns=self.now_ns)
+        answer = Answer(agent=ask.agent, incarnation=incarnation, revision=revision, metadata=incarnation)
+        return self.registry.answered(ask.agent, ask.query, answer, now_ns=self.now_ns)
+
+
+@settings(max_examples=300)
+@given(st.lists(STEPS, max_size=60))
+def test_whatever_happens_queries_never_double_events_make_sense_and_memory_is_bounded(steps):
+    checker = Checker()
+    for step in steps:
+        checker.step(step)
+        statuses = checker.registry.agents()
+        assert len(statuses) <= 3
+        querying = {
+            a.agent for a in statuses if a.state.name.endswith("ING") and a.state is not State.BACKING_OFF
+        }
+        assert querying == set(checker.outstanding)
+        assert all(a.agent not in ("station", "camera", "") for a in statuses)
+
+
+@given(
+    depth=st.integers(6, 12),
+    steps=st.lists(st.tuples(st.sampled_from("abcde"), st.booleans()), max_size=80),
+)
+def test_whoever_hears_only_the_last_events_knows_all_agents_that_are_there(depth, steps):
+    history, published, present = History(depth), [], {}
+    for agent, there in steps:
+        present[agent] = there
+        news = agent
+        while news is not None:
+            published.append((news, present[news]))
+            news = history.published(news)
+            news = news if news is not None and present[news] else None
+    heard = dict(published[-depth:])
+    assert {a for a, there in heard.items() if there} == {a for a, there in present.items() if there}

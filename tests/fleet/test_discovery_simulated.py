@@ -1,0 +1,164 @@
+"""Status and discovery on the simulated bus: the same code, the default waits, and hours in a second."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from contextlib import AsyncExitStack, asynccontextmanager
+
+import pytest
+
+from sfglab.bus.sim import LinkModel, run_simulated
+from sfglab.fleet.discovery.listener import (
+    DISCOVERY_EVENT,
+    DISCOVERY_QOS,
+    HISTORY,
+    KnownAgents,
+    discovery_topic,
+)
+from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
+from sfglab.fleet.status.description import AgentDescription
+from sfglab.fleet.status.provider import StatusProvider, StatusSettings
+
+
+@asynccontextmanager
+async def running(body):
+    task = asyncio.create_task(body)
+    try:
+        yield task
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+@asynccontextmanager
+async def status(world, agent):
+    """An agent's status provider on a host of its own."""
+    async with (
+        world.node("status", host=agent) as node,
+        running(StatusProvider(node, StatusSettings(agent=agent)).run()),
+    ):
+        yield
+
+
+@asynccontextmanager
+async def discoverer(world, agent="station"):
+    """A discoverer on a host of its own; yields it and (time in seconds, agent, event) of all its events."""
+    async with world.node("discoverer", host=agent) as node:
+        events = []
+
+        def note(news):
+            events.append((round(asyncio.get_running_loop().time(), 2), news.agent, news.event))
+
+        found = AgentDiscoverer(node, DiscoverySettings(agent=agent), on_event=note)
+        async with running(found.run()) as task:
+            yield found, events
+            assert not task.done(), task.exception()
+
+
+async def sleep_until(time_s: float) -> None:
+    await asyncio.sleep(time_s - asyncio.get_running_loop().time())
+
+
+def test_a_partition_is_lost_and_its_end_returned_with_the_default_waits():
+    async def scenario(world):
+        async with discoverer(world) as (found, events), status(world, "go2"):
+            await sleep_until(31)  # it beat at 30 s, in the steady state
+            world.partition({"go2"})
+            await sleep_until(61)
+            world.heal()
+            await sleep_until(120)
+            assert [event for _, _, event in events] == ["DISCOVERED", "LOST", "RETURNED"]
+            discovered, lost, returned = (time_s for time_s, _, _ in events)
+            assert discovered < 0.2
+            assert lost == pytest.approx(45.5, abs=0.1), "three periods of 5 s and the slack after the last one"
+            assert 61 < returned < 75
+            assert found.status().counts["asked"] == 1
+
+    run_simulated(scenario, seed=1, limit_s=200)
+
+
+def test_an_agent_that_was_started_again_behind_a_partition_is_restarted():
+    async def scenario(world):
+        async with discoverer(world) as (_, events):
+            async with status(world, "go2"):
+                await sleep_until(5.2)
+                world.partition({"go2"})
+            async with status(world, "go2"):
+                await sleep_until(30)
+                world.heal()
+                await sleep_until(80)
+            assert [event for _, _, event in events] == ["DISCOVERED", "LOST", "RESTARTED", "LOST"][
+                : len(events)
+            ]
+            assert len(events) >= 3
+
+    run_simulated(scenario, seed=2, limit_s=200)
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.2])
+def test_everybody_in_a_fleet_finds_everybody_else_with_one_query_each(loss):
+    names = [f"robot{n}" for n in range(6)]
+
+    async def scenario(world):
+        async with AsyncExitStack() as stack:
+            for name in names:
+                await stack.enter_async_context(status(world, name))
+            found = [await stack.enter_async_context(discoverer(world, name)) for name in names]
+            await sleep_until(60)
+            for own, (node, events) in zip(names, found, strict=True):
+                discovered = sorted(agent for _, agent, event in events if event == "DISCOVERED")
+                assert discovered == [name for name in names if name != own]
+                counts = node.status().counts
+                assert counts["dropped_own"] > 0
+                assert counts["asked"] == counts["answered"] + counts.get("failed", 0)
+                if not loss:
+                    assert counts["asked"] == 5
+                    assert max(time_s for time_s, _, _ in events) < 0.5
+
+    run_simulated(scenario, seed=3, link=LinkModel(loss=loss), limit_s=200)
+
+
+def test_an_agent_that_stays_away_is_forgotten_after_ten_minutes():
+    async def scenario(world):
+        async with discoverer(world) as (found, events):
+            async with status(world, "go2"):
+                await sleep_until(5)
+            await sleep_until(600)
+            assert [a.state.name for a in found.status().agents] == ["LOST"]
+            await sleep_until(620)
+            assert found.status().agents == ()
+            assert [event for _, _, event in events] == ["DISCOVERED", "LOST"]
+
+    run_simulated(scenario, seed=4, limit_s=700)
+
+
+def test_a_consumer_that_comes_after_a_thousand_events_still_hears_of_everybody():
+    async def scenario(world):
+        async with (
+            discoverer(world) as (found, events),
+            status(world, "quiet"),
+            world.node("status", host="busy") as node,
+        ):
+            provider = StatusProvider(node, StatusSettings(agent="busy"))
+            async with running(provider.run()):
+                for number in range(1100):
+                    await asyncio.sleep(0.1)
+                    provider.update(AgentDescription(software=(str(number),)))
+                await asyncio.sleep(1)
+                kinds = Counter((agent, event) for _, agent, event in events)
+                assert kinds["busy", "UPDATED"] > HISTORY
+                assert kinds["quiet", "DISCOVERED"] == 2, "repeated before it was pushed out"
+                async with world.node("late", host="station") as late:
+                    heard = late.create_subscription(
+                        DISCOVERY_EVENT, discovery_topic("station"), qos=DISCOVERY_QOS
+                    )
+                    agents = KnownAgents()
+                    for _ in range(HISTORY):
+                        message, info = await heard.take_with_info(timeout_s=5)
+                        agents.feed(message, info.publisher_gid, now_ns=0)
+                    assert set(agents.agents) == {"quiet", "busy"}
+                    assert agents.agents["busy"].software == ["1099"]
+            assert found.status().counts["event_discovered"] == 3
+
+    run_simulated(scenario, seed=5, limit_s=300)

@@ -1,0 +1,175 @@
+"""The fleet file: what it says becomes values, and what it must not say is refused with its place."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfglab.fleet.address import BusAddress
+from sfglab.fleet.fleet_file import DocumentError, UnknownAgentError, load_fleet, read_fleet
+from sfglab.fleet.fleet_file.describing import description_of, router_config_of
+from sfglab.fleet.routing import TABLE_1, Direction
+from sfglab.qos import LATCHED, Durability, QoSProfile, Reliability
+
+ROOT = Path(__file__).parents[2]
+LAB = ROOT / "data" / "fleets" / "lab.yaml"
+
+SMALL = """\
+fleet: pair
+agents:
+  go2:
+    domain: 1
+    publishes:
+      - /tf
+      - name: /global/go2/battery_state
+        rate_hz: 1
+        qos: {reliability: best_effort, depth: 5, deadline_s: 0.5}
+  pi1:
+    domain: 2
+"""
+
+
+def refusal(text: str) -> DocumentError:
+    with pytest.raises(DocumentError) as caught:
+        read_fleet(text)
+    return caught.value
+
+
+def test_the_labs_file_is_a_fleet():
+    fleet = load_fleet(LAB)
+    assert [a.name for a in fleet.agents] == ["go2", "pi1", "pi2", "pi3", "steamdeck", "workstation"]
+    assert fleet.policy.rules == TABLE_1
+    go2 = fleet.agent("go2")
+    assert go2.streams[0].topic == "/global/go2/camera_front/color/ffmpeg"
+    assert go2.streams[0].rate_hz * go2.streams[0].size_bytes * 8 == pytest.approx(4e6, rel=0.01)  # Table 2
+    assert fleet.global_address("workstation") == BusAddress(domain_id=0, interface="eth0")
+    assert fleet.local_address("go2") == BusAddress(domain_id=1, interface="lo")
+
+
+def test_what_the_file_says_of_sensors_is_what_the_status_provider_announces():
+    go2 = load_fleet(LAB).agent("go2")
+    description = description_of(go2)
+    description.check("go2")
+    color, depth = description.sensors[0].streams
+    assert (color.codec, color.width, color.height, color.rate_hz) == ("h264", 640, 360, 30.0)
+    assert depth.camera_info_topic == "/global/go2/camera_front/aligned_depth/camera_info"
+    message = description.to_message("go2", incarnation=1, revision=1, stamp_ns=0)
+    assert message.sensors[0].streams[1].topic == "/global/go2/camera_front/aligned_depth/compressed_depth"
+
+
+def test_a_router_is_told_what_the_file_says():
+    config = router_config_of(load_fleet(LAB), "go2")
+    assert (config.local.domain_id, config.remote.domain_id) == (1, 0)
+    assert config.rules == TABLE_1
+    assert config.placed_by_others == ("odom",)
+    assert not router_config_of(load_fleet(LAB), "workstation").prefix_frames
+
+
+def test_short_and_long_forms_and_qos_become_values():
+    go2, pi1 = read_fleet(SMALL).agents
+    assert [t.name for t in go2.publishes] == ["/tf", "/global/go2/battery_state"]
+    assert go2.publishes[0].qos is None
+    assert go2.publishes[1].qos == QoSProfile(
+        reliability=Reliability.BEST_EFFORT, depth=5, deadline_ns=500_000_000
+    )
+    assert (pi1.processes, pi1.lifecycle, pi1.tf.prefix_frames) == (1, True, True)
+
+
+def test_a_profile_is_taken_by_name():
+    fleet = read_fleet("fleet: f\nagents: {a1: {domain: 1, subscribes: [{name: /tf_static, qos: latched}]}}")
+    assert fleet.agents[0].subscribes[0].qos is LATCHED
+    assert LATCHED.durability is Durability.TRANSIENT_LOCAL
+
+
+def test_rules_of_ones_own_become_a_policy():
+    fleet = read_fleet(
+        "fleet: f\npolicy: [rt/tf, {pattern: rt/global/*, directions: [outward]}]\nagents: {a1: {domain: 1}}"
+    )
+    assert [rule.pattern for rule in fleet.policy.rules] == ["rt/tf", "rt/global/*"]
+    assert fleet.policy.rules[0].directions == frozenset(Direction)
+    assert fleet.policy.rules[1].directions == {Direction.OUTWARD}
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "line", "part"),
+    [
+        (("domain: 2", "domain: 233"), "agents.pi1.domain", 11, "0 to 232"),
+        (("domain: 2", "domain: two"), "agents.pi1.domain", 11, "'two'"),
+        (("domain: 2", "domian: 2"), "agents.pi1.domain", 10, "'domain' is needed"),
+        (
+            ("    domain: 2\n", "    domain: 2\n    proceses: 3\n"),
+            "agents.pi1.proceses",
+            12,
+            "did you mean 'processes'?",
+        ),
+        (("pi1:", "torq:"), "agents.torq", 10, "a DDS router breaks it"),
+        (("pi1:", "camera_1:"), "agents.camera_1", 10, "mistaken"),
+        (("/tf\n", "tf\n"), "agents.go2.publishes[0].name", 6, "absolute name"),
+        (("depth: 5", "depth: 0"), "agents.go2.publishes[1].qos.depth", 9, "from 1"),
+        (
+            ("best_effort", "best_efort"),
+            "agents.go2.publishes[1].qos.reliability",
+            9,
+            "did you mean 'best_effort'?",
+        ),
+        (("rate_hz: 1", "rate_hz: -1"), "agents.go2.publishes[1].rate_hz", 8, "above zero"),
+        (("fleet: pair", "fleet: 7"), "fleet", 1, "a text"),
+        (("fleet: pair\n", "policy: table-2\nfleet: pair\n"), "policy", 1, "did you mean 'table-1'?"),
+        (("fleet: pair\n", "policy: []\nfleet: pair\n"), "policy", 1, "nothing would ever cross"),
+        (("  pi1:", "  go2:"), "agents.go2", 10, "each key once"),
+    ],
+)
+def test_a_mistake_is_refused_with_its_key_its_line_and_what_is_allowed(change, key, line, part):
+    error = refusal(SMALL.replace(*change))
+    assert (error.place.key, error.place.line) == (key, line)
+    assert part in str(error)
+    assert str(error).startswith("fleet.yaml:")
+
+
+@pytest.mark.parametrize("text", ["", "a list", "- 1", "fleet: x", "fleet: [", "fleet: x\nagents: {}", "1: 2"])
+def test_what_is_no_fleet_at_all_is_refused(text):
+    refusal(text)
+
+
+def test_a_file_that_is_not_there_is_refused_in_one_line(tmp_path):
+    with pytest.raises(DocumentError, match="a fleet file in UTF-8"):
+        load_fleet(tmp_path / "none.yaml")
+
+
+def test_an_unknown_agent_is_refused_with_the_likely_one():
+    with pytest.raises(UnknownAgentError, match="did you mean 'go2'"):
+        read_fleet(SMALL).agent("go3")
+
+
+def test_a_refusal_survives_being_sent_to_another_process():
+    error = refusal(SMALL.replace("domain: 2", "domain: 300"))
+    assert str(copy.deepcopy(error)) == str(error)  # the same protocol as pickling
+
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers(-5, 300) | st.text(max_size=8) | st.sampled_from(["/tf", "go2"]),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(
+            st.sampled_from(
+                ["fleet", "agents", "go2", "domain", "publishes", "name", "qos", "tf", "frames", "policy"]
+            ),
+            inner,
+            max_size=4,
+        )
+    ),
+    max_leaves=12,
+)
+
+
+@given(values)
+def test_nothing_but_a_refusal_comes_of_a_wrong_file(value):
+    import yaml
+
+    with contextlib.suppress(DocumentError):
+        read_fleet(yaml.safe_dump(value))

@@ -1,0 +1,132 @@
+"""What a keeper holds: always a group of pictures that a decoder can begin with, or nothing."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfglab.fleet.keeper import GopCache, Limits, replay_topic
+from sfglab.fleet.keeper.cache import LimitsError
+from sfglab.fleet.keeper.node import KeeperError, KeeperSettings
+from sfglab.fleet.keeper.session import TRANSITIONS, Action, Input, State, session
+from sfglab.fleet.machine import IllegalInputError
+
+COLOR = "/global/go2/camera_front/color/ffmpeg"
+
+
+def fill(cache: GopCache[int], numbers, gop: int = 5, size_bytes: int = 10) -> list[bool]:
+    return [cache.add(n, pts=n, is_key=n % gop == 0, size_bytes=size_bytes) for n in numbers]
+
+
+def test_the_packets_since_the_last_key_frame_are_kept():
+    cache: GopCache[int] = GopCache()
+    assert all(fill(cache, range(8)))
+    assert cache.packets == (5, 6, 7)
+    assert (len(cache), cache.size_bytes) == (3, 30)
+
+
+def test_before_the_first_key_frame_nothing_is_kept():
+    cache: GopCache[int] = GopCache()
+    assert fill(cache, range(3, 5)) == [False, False]
+    assert cache.packets == ()
+    assert cache.gaps == 0
+
+
+def test_a_missing_packet_makes_the_rest_of_the_group_useless():
+    cache: GopCache[int] = GopCache()
+    assert fill(cache, [0, 1, 3, 4]) == [True, True, False, False]
+    assert (cache.packets, cache.gaps) == ((), 1)
+    fill(cache, [5, 6])
+    assert cache.packets == (5, 6)
+
+
+def test_a_sender_that_starts_anew_is_followed():
+    cache: GopCache[int] = GopCache()
+    fill(cache, [10, 11, 12, 0, 1])
+    assert cache.packets == (0, 1)
+
+
+@pytest.mark.parametrize(
+    "limits", [Limits(packets=3), Limits(size_bytes=30)], ids=["too many packets", "too many bytes"]
+)
+def test_a_group_that_outgrows_the_limits_is_given_up_until_the_next_key_frame(limits):
+    cache: GopCache[int] = GopCache(limits)
+    assert fill(cache, range(5)) == [True, True, True, False, False]
+    assert (cache.packets, cache.overflows, cache.size_bytes) == ((), 1, 0)
+    fill(cache, [5])
+    assert cache.packets == (5,)
+
+
+@given(
+    numbers=st.lists(st.integers(0, 40), max_size=60),
+    gop=st.integers(1, 12),
+    packets=st.integers(1, 8),
+)
+def test_whatever_comes_the_cache_begins_with_a_key_frame_has_no_gap_and_respects_its_limits(
+    numbers, gop, packets
+):
+    cache: GopCache[int] = GopCache(Limits(packets=packets, size_bytes=1000))
+    for number in numbers:
+        kept = cache.add(number, pts=number, is_key=number % gop == 0, size_bytes=90)
+        held = cache.packets
+        assert kept == (held[-1:] == (number,) and len(held) > 0) or not kept
+        assert held == tuple(range(held[0], held[0] + len(held))) if held else True
+        assert not held or held[0] % gop == 0
+        assert len(held) <= packets
+        assert cache.size_bytes == 90 * len(held) <= 1000
+
+
+@pytest.mark.parametrize("limits", [{"packets": 0}, {"size_bytes": 0}])
+def test_limits_within_which_nothing_fits_are_refused(limits):
+    with pytest.raises(LimitsError, match="1 or more"):
+        Limits(**limits)
+
+
+def test_a_streams_replay_is_named_by_the_schema():
+    assert replay_topic(COLOR) == "/global/go2/camera_front/color/ffmpeg_replay"
+    assert replay_topic(f"{COLOR}_hq") == "/global/go2/camera_front/color/ffmpeg_replay_hq"
+    assert replay_topic("/local/go2/camera_front/color/ffmpeg") == "/local/go2/camera_front/color/ffmpeg_replay"
+
+
+@pytest.mark.parametrize(
+    "topic", ["/global/go2/camera_front/depth/compressed_depth", "/tf", "nonsense", replay_topic(COLOR)]
+)
+def test_what_is_no_numbered_stream_has_no_replay(topic):
+    assert replay_topic(topic) is None
+    with pytest.raises(KeeperError, match="ffmpeg"):
+        KeeperSettings(streams=(topic,))
+
+
+def test_more_than_a_replays_history_cannot_be_kept():
+    with pytest.raises(KeeperError, match="1 to 256"):
+        KeeperSettings(limits=Limits(packets=257))
+
+
+def test_a_replay_is_sent_once_its_reader_had_time_to_connect_and_forgotten_when_it_left():
+    replay = session("replay", settle_ns=10)
+    assert replay.feed(Input.READ, now_ns=0) is Action.SETTLE
+    assert not replay.due(9)
+    assert replay.due(10)
+    assert replay.feed(Input.TIMER, now_ns=10) is Action.BURST
+    assert (replay.state, replay.deadline_ns) == (State.SERVING, None)
+    assert replay.feed(Input.UNREAD, now_ns=20) is Action.RENEW
+    assert replay.state is State.IDLE
+
+
+def test_a_reader_that_leaves_at_once_costs_nothing():
+    replay = session("replay", settle_ns=10)
+    replay.feed(Input.READ, now_ns=0)
+    assert replay.feed(Input.UNREAD, now_ns=1) is Action.CANCEL
+    assert (replay.state, replay.deadline_ns) == (State.IDLE, None)
+
+
+@pytest.mark.parametrize("state", list(State))
+@pytest.mark.parametrize("given_input", list(Input))
+def test_what_the_table_does_not_list_is_refused_and_changes_nothing(state, given_input):
+    replay = session("replay", settle_ns=10)
+    replay.state = state
+    if (state, given_input) not in TRANSITIONS:
+        with pytest.raises(IllegalInputError):
+            replay.feed(given_input, now_ns=0)
+        assert replay.state is state

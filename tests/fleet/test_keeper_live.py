@@ -1,0 +1,136 @@
+"""The keeper on real DDS: silent until somebody reads, then exactly the group that is under way."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from contextlib import asynccontextmanager
+
+import pytest
+from conftest import FFMPEG, STREAM, Camera
+
+from sfglab.bus import Node
+from sfglab.fleet.keeper import FLAG_DISCARD, FLAG_KEY, REPLAY_QOS, Limits, replay_topic
+from sfglab.fleet.keeper.app import KeeperConfig
+from sfglab.fleet.keeper.node import KeeperSettings, StreamKeeper
+from sfglab.qos import SENSOR_DATA
+
+pytestmark = [pytest.mark.live, pytest.mark.timeout(60)]
+
+REPLAY = replay_topic(STREAM)
+
+
+@asynccontextmanager
+async def keeping(domains, *, gop: int = 20, **settings):
+    """A camera, a keeper and a node that reads, with everything that the keeper reported."""
+    address = domains[0].options()
+    replayed = []
+    async with (
+        Node("camera", **address) as far,
+        Node("keeper", **address) as here,
+        Node("reader", **address) as near,
+    ):
+        keeper = StreamKeeper(here, KeeperSettings(streams=(STREAM,), **settings), on_replay=replayed.append)
+        camera = Camera(far)
+        camera.gop = gop
+        task = asyncio.create_task(keeper.run())
+        await camera.publisher.wait_for_subscriptions(1, 15)
+        async with camera.running():
+            yield near, camera, replayed
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+async def shot(camera: Camera, frames: int) -> None:
+    until = camera.level + frames
+    async with asyncio.timeout(15):
+        while camera.level < until:
+            await asyncio.sleep(0.005)
+
+
+async def read(near: Node, count: int) -> list:
+    subscription = near.create_subscription(FFMPEG, REPLAY, qos=REPLAY_QOS)
+    packets = [await subscription.take(timeout_s=15) for _ in range(count)]
+    subscription.close()
+    return packets
+
+
+def test_a_late_reader_gets_the_group_under_way_and_then_what_follows(domains):
+    async def scenario():
+        async with keeping(domains) as (near, camera, replayed):
+            await shot(camera, 30)
+            assert replayed == [], "nothing is written while nobody reads"
+            packets = await read(near, 60)
+            (report,) = replayed
+            numbers = [p.pts for p in packets]
+            assert packets[0].flags & FLAG_KEY
+            assert numbers == list(range(numbers[0], numbers[0] + 60)), "no gap, no repetition"
+            assert report.packets <= camera.gop
+            burst, rest = packets[: report.packets], packets[report.packets :]
+            assert all(p.flags & FLAG_DISCARD for p in burst[:-1])
+            assert not any(p.flags & FLAG_DISCARD for p in [*burst[-1:], *rest])
+            assert report.size_bytes == sum(len(p.data) for p in burst)
+            assert (report.gaps, report.overflows) == (0, 0)
+
+    asyncio.run(scenario())
+
+
+def test_the_next_reader_hears_nothing_of_the_replay_before_its_own(domains):
+    async def scenario():
+        async with keeping(domains) as (near, camera, replayed):
+            await shot(camera, 10)
+            first = await read(near, 3)
+            await shot(camera, 2 * camera.gop)
+            second = await read(near, 3)
+            assert second[0].flags & FLAG_KEY
+            assert second[0].pts >= first[0].pts + camera.gop
+            assert len(replayed) == 2
+
+    asyncio.run(scenario())
+
+
+def test_a_group_that_is_too_long_is_not_replayed_and_the_live_stream_is_not_touched(domains):
+    async def scenario():
+        async with keeping(domains, gop=10_000, limits=Limits(packets=5)) as (near, camera, replayed):
+            live = near.create_subscription(FFMPEG, STREAM, qos=SENSOR_DATA)
+            await shot(camera, 20)
+            subscription = near.create_subscription(FFMPEG, REPLAY, qos=REPLAY_QOS)
+            async with asyncio.timeout(15):
+                while not replayed:
+                    await asyncio.sleep(0.005)
+            assert (replayed[0].packets, replayed[0].overflows) == (0, 1)
+            await live.take(timeout_s=10)
+            with pytest.raises(TimeoutError):
+                await subscription.take(timeout_s=0.2)
+
+    asyncio.run(scenario())
+
+
+def test_a_best_effort_reader_is_served_too(domains):
+    async def scenario():
+        async with keeping(domains) as (near, camera, replayed):
+            await shot(camera, 5)
+            plain = near.create_subscription(FFMPEG, REPLAY, qos=SENSOR_DATA)
+            packet = await plain.take(timeout_s=15)
+            assert replayed
+            assert packet.encoding.startswith("h264")
+
+    asyncio.run(scenario())
+
+
+def test_the_process_reports_ready_and_ends_with_its_input(domains):
+    config = KeeperConfig(address=domains[0], streams=(STREAM,), limits=Limits(packets=60), settle_s=0.02)
+    assert KeeperConfig.from_json(config.to_json()) == config
+
+    async def scenario():
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "sfglab.fleet.keeper", config.to_json()),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+        )
+        assert json.loads(await process.stdout.readline()) == {"is": "ready"}
+        process.stdin.close()
+        assert await asyncio.wait_for(process.wait(), 15) == 0
+
+    asyncio.run(scenario())

@@ -1,0 +1,130 @@
+"""The first picture over two routers in the simulated world: the same keeper, router and pipeline, any link."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import asynccontextmanager
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from sfglab.bus.sim import LinkModel, run_simulated
+from sfglab.codecs import TABLE_2, H264Encoder, ffmpeg_packet_fields
+from sfglab.fleet.decoder.pipeline import PATIENCE_S, Counters, run_pipeline
+from sfglab.fleet.decoder.protocol import Open
+from sfglab.fleet.keeper import FFMPEG_PACKET, replay_topic
+from sfglab.fleet.keeper.node import KeeperSettings, StreamKeeper
+from sfglab.fleet.routing.router import Router, RouterSettings
+from sfglab.messages import default_message, message_type
+from sfglab.qos import COMPRESSED_STREAM
+
+STREAM = "/global/edge/camera_front/color/ffmpeg"
+FRAMES, JOINED = 66, 34
+FPS = TABLE_2.fps
+
+
+@pytest.fixture(scope="module")
+def packets():
+    rng = np.random.default_rng(0)
+    still = rng.integers(0, 255, (45, 80, 3), np.uint8).repeat(8, 0).repeat(8, 1)
+    encoder, made = H264Encoder(TABLE_2), []
+    for number in range(FRAMES):
+        for frame in encoder.encode(np.roll(still, 3 * number, axis=1)):
+            fields = asdict(ffmpeg_packet_fields(frame, TABLE_2))
+            fields["data"] = np.frombuffer(fields["data"], np.uint8)
+            made.append(message_type(FFMPEG_PACKET)(header=default_message("std_msgs/msg/Header"), **fields))
+    return made
+
+
+class Screen:
+    """Where a pipeline's pictures go: their times, seconds."""
+
+    def __init__(self) -> None:
+        self.times_s: list[float] = []
+
+    def serve(self, _: object) -> None:
+        pass
+
+    def publish_image(self, *_: object) -> None:
+        self.times_s.append(asyncio.get_running_loop().time())
+
+
+@asynccontextmanager
+async def agent(world, name, *bodies):
+    """An agent's domain behind its router, and what runs in it; yields a node there."""
+    place = {"host": name, "domain_id": 7, "reach": "host"}
+    node = world.node(f"of_{name}", **place)
+    near = world.node("router", **place, process="router")
+    far = world.node("router", host=name, process="router")
+    runs = [Router(near, far, RouterSettings(agent=name)).run(), *(body(node) for body in bodies)]
+    tasks = [asyncio.create_task(run) for run in runs]
+    yield node
+    for task in tasks:
+        task.cancel()
+    for outcome in await asyncio.gather(*tasks, return_exceptions=True):
+        assert isinstance(outcome, asyncio.CancelledError), outcome
+
+
+def first_picture(
+    packets, link: LinkModel, *, keeper: bool, joined: int = JOINED, fps: float = FPS
+) -> tuple[float, Counters, Screen]:
+    """Return the time from joining, half a frame after the given one, to the first picture, in seconds."""
+    screen, counters = Screen(), Counters()
+    order = Open(
+        source_topic=STREAM,
+        source_type=FFMPEG_PACKET,
+        codec="h264",
+        local_topic="/local/edge/camera_front/color/image_raw",
+        replay_topic=replay_topic(STREAM),
+        transports=(),
+    )
+
+    async def shoot(node):
+        publisher = node.create_publisher(FFMPEG_PACKET, STREAM, COMPRESSED_STREAM)
+        await asyncio.sleep(5)
+        for packet in packets:
+            publisher.publish(packet)
+            await asyncio.sleep(1 / fps)
+        await asyncio.Event().wait()
+
+    async def keep(node):
+        await StreamKeeper(node, KeeperSettings(streams=(STREAM,))).run()
+
+    async def main(world):
+        async with agent(world, "edge", shoot, *([keep] if keeper else [])), agent(world, "station") as near:
+            await asyncio.sleep(5 + (joined + 0.5) / fps)
+            joined_s = asyncio.get_running_loop().time()
+            running = asyncio.create_task(run_pipeline(order, remote=near, outputs=screen, counters=counters))
+            await asyncio.sleep(FRAMES / fps)
+            running.cancel()
+            await asyncio.gather(running, return_exceptions=True)
+            return joined_s
+
+    joined_s = run_simulated(main, seed=1, link=link, limit_s=60)
+    return screen.times_s[0] - joined_s, counters, screen
+
+
+def test_with_a_keeper_the_first_picture_is_there_at_once_and_without_one_at_the_next_key_frame(packets):
+    link = LinkModel(latency_s=0.001)
+    waited_s, _, _ = first_picture(packets, link, keeper=False)
+    assert waited_s == pytest.approx((60 - JOINED - 0.5) / FPS, abs=0.02)
+    replayed_s, counters, screen = first_picture(packets, link, keeper=True)
+    assert replayed_s < 0.1
+    assert counters.replayed > 0
+    assert len(screen.times_s) >= FRAMES - JOINED - 4, "and every picture from then on"
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.02])
+def test_on_a_slow_and_lossy_link_the_group_still_comes_before_the_next_key_frame(packets, loss):
+    link = LinkModel(latency_s=0.005, rate_bps=20e6, loss=loss)
+    replayed_s, counters, _ = first_picture(packets, link, keeper=True)
+    assert replayed_s < 0.5
+    assert counters.broken == 0
+
+
+def test_a_replay_that_never_comes_is_given_up_and_the_next_key_frame_awaited(packets):
+    waited_s, counters, _ = first_picture(packets, LinkModel(), keeper=False, joined=2, fps=5)
+    assert waited_s == pytest.approx((TABLE_2.gop - 2.5) / 5, abs=0.05)
+    assert waited_s > PATIENCE_S
+    assert (counters.replayed, counters.broken) == (0, 0)

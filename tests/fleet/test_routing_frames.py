@@ -1,0 +1,124 @@
+"""Frames at the border: prefixed once, shared ones untouched, and nobody moves what belongs to another."""
+
+from __future__ import annotations
+
+import logging
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfglab.fleet.routing import Direction
+from sfglab.fleet.routing.frames import SHARED_FRAMES, FrameClaims, FrameClashError, Frames
+from sfglab.fleet.routing.transforms import TF_TYPE, TransformGate
+from sfglab.messages import default_message, deserialize, message_type, serialize
+
+GO2 = Frames(agent="go2", placed_by_others=frozenset({"base"}))
+names = st.from_regex(r"[a-z][a-z0-9_]{0,8}", fullmatch=True)
+
+
+def tf(*pairs: tuple[str, str]) -> bytes:
+    transforms = []
+    for number, (parent, child) in enumerate(pairs):
+        transform = default_message("geometry_msgs/msg/TransformStamped")
+        transform.header.frame_id, transform.child_frame_id = parent, child
+        transform.transform.translation.x = float(number)
+        transforms.append(transform)
+    return serialize(message_type(TF_TYPE)(transforms=transforms))
+
+
+def pairs(cdr: bytes) -> list[tuple[str, str]]:
+    return [(t.header.frame_id, t.child_frame_id) for t in deserialize(cdr, TF_TYPE).transforms]
+
+
+@given(names)
+def test_a_prefix_is_put_in_front_once(frame):
+    outside = GO2.outward(frame)
+    assert outside == (frame if frame in SHARED_FRAMES else f"go2/{frame}")
+    assert GO2.outward(outside) == outside
+    assert GO2.outward(f"/{frame}") == outside, "tf2 takes a leading slash for nothing"
+
+
+def test_odom_is_every_agents_own_and_map_is_everybodys():
+    assert GO2.outward("odom") == "go2/odom"
+    assert [GO2.outward(frame) for frame in ("map", "earth", "world")] == ["map", "earth", "world"]
+
+
+@pytest.mark.parametrize("child", ["map", "/map", "b1/base", "b1/base/x", ""])
+def test_an_agent_cannot_move_a_frame_that_is_not_its_own(child):
+    with pytest.raises(FrameClashError, match=r"outward transform.*allowed.*'go2/'") as caught:
+        GO2.check_outward(child)
+    assert (caught.value.frame, caught.value.direction) == (child, Direction.OUTWARD)
+
+
+@given(names)
+def test_what_one_agent_lets_out_every_other_lets_in(frame):
+    if frame in SHARED_FRAMES:
+        return
+    GO2.check_outward(frame)
+    Frames(agent="b1").check_inward(GO2.outward(frame))
+    if frame != "base":
+        with pytest.raises(FrameClashError, match="inward transform"):
+            GO2.check_inward(GO2.outward(frame))
+
+
+def test_motion_capture_may_place_what_the_agent_says_and_nothing_else():
+    GO2.check_inward("go2/base")
+    with pytest.raises(FrameClashError, match=r"'go2/camera'.*below 'go2/': go2/base"):
+        GO2.check_inward("go2/camera")
+
+
+def test_the_first_who_moves_a_shared_frame_keeps_it_until_gone():
+    claims = FrameClaims()
+    claims.claim("map", "h/1")
+    claims.claim("map", "h/1")
+    claims.claim("go2/base", "h/1")
+    claims.claim("go2/base", "h/2")
+    with pytest.raises(FrameClashError, match=r"'map'.*but h/1 does"):
+        claims.claim("map", "h/2")
+    claims.keep(frozenset({"h/2"}))
+    claims.claim("map", "h/2")
+
+
+def test_a_message_leaves_with_prefixes_and_is_otherwise_the_same():
+    gate = TransformGate(GO2)
+    sent = tf(("map", "odom"), ("odom", "base"), ("go2/base", "go2/camera"), ("b1/base", "seen_b1"))
+    out = gate.outward(sent)
+    assert pairs(out) == [
+        ("map", "go2/odom"),
+        ("go2/odom", "go2/base"),
+        ("go2/base", "go2/camera"),
+        ("b1/base", "go2/seen_b1"),
+    ]
+    assert [t.transform.translation.x for t in deserialize(out, TF_TYPE).transforms] == [0, 1, 2, 3]
+    assert gate.counts.prefixed == 3
+    assert gate.outward(out) is out, "nothing changed, so nothing is made anew"
+
+
+def test_clashes_are_left_out_counted_and_said_once_for_each_frame(caplog):
+    gate = TransformGate(GO2)
+    with caplog.at_level(logging.WARNING):
+        for _ in range(3):
+            assert pairs(gate.outward(tf(("earth", "map"), ("odom", "base")))) == [("go2/odom", "go2/base")]
+            assert gate.outward(tf(("earth", "map"))) is None
+    assert gate.counts.clashed == 6
+    (said,) = [r.message for r in caplog.records]
+    assert said == (
+        "outward transform: given the child frame 'map', allowed are frames without prefix and those below "
+        "'go2/', but no shared ones (earth, map, world); it is dropped, and further ones of it silently"
+    )
+
+
+def test_inward_nothing_is_renamed_and_spoofs_and_second_owners_are_left_out():
+    gate = TransformGate(GO2)
+    first, second = gate.inward("h/1"), gate.inward("h/2")
+    fine = tf(("earth", "map"), ("map", "b1/base"), ("go2/base", "b1/marker"))
+    assert first(fine) is fine
+    assert pairs(second(tf(("world", "map"), ("map", "c1/base"), ("x", "go2/arm")))) == [("map", "c1/base")]
+    gate.keep_owners(frozenset({"h/2"}))
+    assert pairs(second(tf(("world", "map")))) == [("world", "map")]
+    assert gate.counts.clashed == 2
+
+
+def test_bytes_that_are_no_transforms_do_not_pass():
+    assert TransformGate(GO2).outward(b"\0\1\0\0\xff\xff\xff\xff") is None

@@ -1,0 +1,479 @@
+"""Routers with real DDS on three domains: what may cross does so, once; nothing else does; nothing stays."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import logging
+import os
+import signal
+import socket
+import sys
+from contextlib import AsyncExitStack, asynccontextmanager, closing, suppress
+from dataclasses import replace
+
+import psutil
+import pytest
+
+from sfglab.bus import Node, ReceiveTimeoutError
+from sfglab.bus.dds.endpoints import RawReader, RawWriter
+from sfglab.fleet.address import BusAddress
+from sfglab.fleet.routing import Direction, ForwardRule, Policy
+from sfglab.fleet.routing.app import RouterConfig, RouterConfigError, serve_terminal
+from sfglab.fleet.routing.lock import PairLock, RouterRunningError
+from sfglab.fleet.routing.router import Router, RouterSettings
+from sfglab.messages import default_message, message_type
+from sfglab.messages.dds import opaque_idl_struct
+from sfglab.qos import LATCHED, SENSOR_DATA, Durability, QoSProfile, Reliability
+
+pytestmark = [pytest.mark.live, pytest.mark.timeout(60)]
+
+STRING, METADATA = "std_msgs/msg/String", "sfglab_interfaces/srv/GetMetadata"
+String = message_type(STRING)
+TOPIC = "/global/go2/pose"
+DEEP = QoSProfile(depth=1000)
+_DEADLINE_S = 15.0
+_numbers = itertools.count(os.getpid() * 7)
+
+
+@pytest.fixture
+def ids():
+    """The ids of a global and two local domains that nobody uses."""
+
+    def free(domain: int) -> bool:
+        with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe, suppress(OSError):
+            probe.bind(("", 7400 + 250 * domain))
+            return True
+        return False
+
+    candidates = (20 + next(_numbers) % 80 for _ in range(80))
+    return list(itertools.islice(filter(free, candidates), 3))
+
+
+async def until(predicate) -> None:
+    """Wait for a fact that nothing signals, with a deadline."""
+    async with asyncio.timeout(_DEADLINE_S):
+        while not predicate():
+            await asyncio.sleep(0.002)
+
+
+@asynccontextmanager
+async def routing(local: int, remote: int, **settings):
+    """A router of an agent called after its local domain, as the process would run it."""
+    async with (
+        Node("router", domain_id=local, interface="lo") as near,
+        Node("router", domain_id=remote, interface="lo") as far,
+    ):
+        agent = RouterSettings(agent=f"robot{local}", **{"linger_s": 0.1, **settings})
+        router = Router(near, far, agent, pair=f"host/{local}")
+        task = asyncio.create_task(router.run())
+        try:
+            yield router
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+
+@asynccontextmanager
+async def fleet(ids, **settings):
+    """Two agents behind their routers and somebody in the global domain: nodes one, two and all."""
+    async with AsyncExitStack() as stack:
+        places = (("one", ids[1]), ("two", ids[2]), ("everybody", ids[0]))
+        nodes = [Node(name, domain_id=domain, interface="lo") for name, domain in places]
+        for node in nodes:
+            await stack.enter_async_context(node)
+        for domain in ids[1:]:
+            await stack.enter_async_context(routing(domain, ids[0], **settings))
+        yield nodes
+
+
+class Ears:
+    """A subscription that remembers what it heard, from the first real message on."""
+
+    def __init__(self, node: Node, topic: str = TOPIC) -> None:
+        self.heard: list[str] = []
+        self.stamps: list[int] = []
+        self.subscription = node.create_subscription(STRING, topic, qos=DEEP)
+        self.task = asyncio.create_task(self._hear())
+
+    async def _hear(self) -> None:
+        while True:
+            message, info = await self.subscription.take_with_info()
+            self.heard.append(message.data)
+            self.stamps.append(info.source_timestamp_ns)
+
+    def real(self) -> list[str]:
+        return [data for data in self.heard if not data.startswith("warm")]
+
+
+async def warm(publishers, ears) -> None:
+    """Publish until everybody hears everybody: volatile messages sent before that have nobody to go to."""
+    calls = {f"warm {number}" for number in range(len(publishers))}
+    async with asyncio.timeout(_DEADLINE_S):
+        while not all(calls <= set(ear.heard) for ear in ears):
+            for number, publisher in enumerate(publishers):
+                publisher.publish(String(data=f"warm {number}"))
+            await asyncio.sleep(0.01)
+
+
+def router_names(node: Node) -> set[str]:
+    return {e.dds_topic for e in node.graph.endpoints() if b"sfglab.router" in e.user_data}
+
+
+def test_everybody_hears_everybody_once_in_order_with_the_first_stamp(ids):
+    async def scenario():
+        async with fleet(ids) as nodes:
+            ears = [Ears(node) for node in nodes]
+            publishers = [node.create_publisher(STRING, TOPIC, DEEP) for node in nodes]
+            await warm(publishers, ears)
+            for number in range(50):
+                for who, publisher in enumerate(publishers):
+                    publisher.publish_raw(_cdr(f"{who} {number}"), source_timestamp_ns=1_000 * who + number)
+            await until(lambda: all(len(ear.real()) >= 150 for ear in ears))
+            await _stillness(lambda: [len(ear.heard) for ear in ears])
+            for ear in ears:
+                for who in range(3):
+                    mine = [data for data in ear.real() if data.startswith(f"{who} ")]
+                    assert mine == [f"{who} {number}" for number in range(50)], "once, in order"
+                stamps = {s for d, s in zip(ear.heard, ear.stamps, strict=True) if not d.startswith("warm")}
+                assert stamps == {1_000 * who + number for who in range(3) for number in range(50)}
+                ear.task.cancel()
+
+    asyncio.run(scenario())
+
+
+def _cdr(text: str) -> bytes:
+    from sfglab.messages import serialize
+
+    return serialize(String(data=text))
+
+
+async def _stillness(look) -> None:
+    """Return when nothing has changed for a while that is long beside a message's way."""
+    before = None
+    while (now := look()) != before:
+        before = now
+        await asyncio.sleep(0.1)
+
+
+def transforms(*pairs: tuple[str, str]):
+    made = []
+    for parent, child in pairs:
+        transform = default_message("geometry_msgs/msg/TransformStamped")
+        transform.header.frame_id, transform.child_frame_id = parent, child
+        made.append(transform)
+    return message_type("tf2_msgs/msg/TFMessage")(transforms=made)
+
+
+def test_static_transforms_of_two_nodes_reach_whoever_joins_late_and_go_with_their_node(ids):
+    listener_qos = replace(LATCHED, depth=100)
+
+    async def heard(node, count):
+        late = node.create_subscription("tf2_msgs/msg/TFMessage", "/tf_static", qos=listener_qos)
+        messages = [await late.take(10) for _ in range(count)]
+        with pytest.raises(ReceiveTimeoutError):
+            await late.take(0.1)
+        late.close()
+        return {(t.header.frame_id, t.child_frame_id) for m in messages for t in m.transforms}
+
+    async def scenario():
+        async with fleet(ids) as (one, two, everybody):
+            first, second = (
+                one.create_publisher("tf2_msgs/msg/TFMessage", "/tf_static", LATCHED) for _ in range(2)
+            )
+            first.publish(transforms(("map", "odom"), ("odom", "base")))
+            second.publish(transforms(("base", "camera"), ("earth", "map")))
+            me = f"robot{ids[1]}"
+            of_first = {("map", f"{me}/odom"), (f"{me}/odom", f"{me}/base")}
+            of_second = {(f"{me}/base", f"{me}/camera")}
+            assert await heard(two, 2) == of_first | of_second
+            assert await heard(everybody, 2) == of_first | of_second
+            first.close()
+            await until(lambda: len(everybody.graph.publishers("/tf_static")) <= 1)
+            assert await heard(two, 1) == of_second, "a dead node's transforms are gone with it"
+
+    asyncio.run(scenario())
+
+
+def test_services_are_called_through_two_routers_both_ways_and_from_the_global_domain(ids):
+    async def scenario():
+        async with fleet(ids) as (one, two, everybody):
+            response = default_message(f"{METADATA}_Response")
+            request = default_message(f"{METADATA}_Request")
+            for node, name in ((one, "one"), (two, "two"), (everybody, "all")):
+                reply = replace(response, message=name)
+                node.create_service(METADATA, f"/global/{name}/get_metadata", lambda _, reply=reply: reply)
+            for caller, name in ((two, "one"), (one, "two"), (everybody, "one"), (two, "all")):
+                client = caller.create_client(METADATA, f"/global/{name}/get_metadata")
+                answers = [await client.call(request, 10) for _ in range(3)]
+                assert [answer.message for answer in answers] == [name] * 3
+
+    asyncio.run(scenario())
+
+
+def test_nothing_but_table_1_in_use_appears_in_the_global_domain(ids):
+    async def scenario():
+        async with fleet(ids) as (one, two, everybody):
+            names = ("/local/go2/scan", "/scan", "/rosout", "/global/go2/unused", TOPIC, "/tf")
+            for name in names:
+                one.create_publisher(STRING, name)
+            for name in names[:3]:
+                two.create_subscription(STRING, name)
+                everybody.create_subscription(STRING, name)
+            two.create_subscription(STRING, TOPIC)
+            one.create_service(METADATA, "/get_parameters", print)
+            two.create_client(METADATA, "/get_parameters")
+            wanted = {"rt" + TOPIC}
+            await until(lambda: router_names(everybody) >= wanted and router_names(two) >= wanted)
+            await until(lambda: {e.topic for e in one.graph.endpoints()} >= set(names))
+            assert router_names(everybody) == wanted
+            assert router_names(one) == router_names(two) == wanted
+
+    asyncio.run(scenario())
+
+
+def test_a_path_ends_with_its_last_subscription_and_forms_again(ids):
+    async def scenario():
+        async with fleet(ids) as (one, two, everybody):
+            publisher = one.create_publisher(STRING, TOPIC, LATCHED)
+            for number in range(2):
+                publisher.publish(String(data=str(number)))
+                subscription = two.create_subscription(STRING, TOPIC, qos=LATCHED)
+                assert (await subscription.take(10)).data == str(number)
+                assert router_names(everybody) == {"rt" + TOPIC}
+                subscription.close()
+                await until(lambda: not (router_names(everybody) | router_names(one) | router_names(two)))
+                assert publisher.get_subscription_count() == 0
+
+    asyncio.run(scenario())
+
+
+def test_qos_across_the_border_is_that_of_the_source(ids):
+    latched = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=5)
+
+    async def scenario():
+        async with fleet(ids) as (one, two, _):
+            for topic, qos in (("/global/a/scan", SENSOR_DATA), ("/global/a/log", latched)):
+                publisher = one.create_publisher(STRING, topic, qos)
+                for number in range(9):
+                    publisher.publish(String(data=str(number)))
+                two.create_subscription(STRING, topic, qos=SENSOR_DATA)
+                await until(lambda t=topic: two.graph.publishers(t))
+            (scan,), (log,) = (two.graph.publishers(f"/global/a/{name}") for name in ("scan", "log"))
+            assert scan.qos.reliability is Reliability.BEST_EFFORT
+            assert log.qos == latched
+            late = two.create_subscription(STRING, "/global/a/log", qos=replace(latched, depth=100))
+            assert [(await late.take(5)).data for _ in range(5)] == ["4", "5", "6", "7", "8"]
+            reliable = two.create_subscription(STRING, "/global/a/scan")
+            with pytest.raises(ReceiveTimeoutError):
+                await reliable.take(0.1)  # as without router: best effort does not satisfy it
+
+    asyncio.run(scenario())
+
+
+def test_an_orphaned_second_router_doubles_messages_but_does_not_send_them_round(ids):
+    async def scenario():
+        async with (
+            Node("one", domain_id=ids[1], interface="lo") as one,
+            Node("everybody", domain_id=ids[0], interface="lo") as everybody,
+            routing(ids[1], ids[0]) as router,
+            routing(ids[1], ids[0]) as orphan,
+        ):
+            ears = [Ears(one), Ears(everybody)]
+            publishers = [node.create_publisher(STRING, TOPIC, DEEP) for node in (one, everybody)]
+            await warm(publishers, ears)
+            # Both routers carry it now, each way, or the counts below would not come to rest at twice.
+            await until(lambda: all(len(r.status.paths) == 2 for r in (router, orphan)))
+            await until(lambda: all(p.writers for r in (router, orphan) for p in r.status.paths))
+            await warm(publishers, ears)
+            await _stillness(lambda: [len(ear.heard) for ear in ears])
+            for number in range(20):
+                for who, publisher in enumerate(publishers):
+                    publisher.publish(String(data=f"{who} {number}"))
+            await until(lambda: all(len(ear.real()) >= 60 for ear in ears))
+            await _stillness(lambda: [len(ear.heard) for ear in ears])
+            assert [len(ear.real()) for ear in ears] == [60, 60], "20 of its own, 20 twice"
+            for ear in ears:
+                ear.task.cancel()
+
+    asyncio.run(scenario())
+
+
+def test_a_clash_of_frames_is_dropped_and_reported_and_the_rest_passes(ids, caplog):
+    async def scenario():
+        async with (
+            Node("one", domain_id=ids[1], interface="lo") as one,
+            Node("everybody", domain_id=ids[0], interface="lo") as everybody,
+            routing(ids[1], ids[0], placed_by_others=("base",)) as router,
+        ):
+            me = f"robot{ids[1]}"
+            local = one.create_subscription("tf2_msgs/msg/TFMessage", "/tf", qos=DEEP)
+            outside = everybody.create_publisher("tf2_msgs/msg/TFMessage", "/tf", DEEP)
+            await local.wait_for_publishers()
+            await outside.wait_for_subscriptions()
+            outside.publish(transforms(("map", f"{me}/camera"), ("map", f"{me}/base")))
+            got = await local.take(5)
+            assert [t.child_frame_id for t in got.transforms] == [f"{me}/base"]
+            assert router.status.clashed == 1
+
+    with caplog.at_level(logging.WARNING):
+        asyncio.run(scenario())
+    assert [r.message for r in caplog.records if "inward transform" in r.message]
+
+
+def test_an_unknown_type_crosses_two_routers(ids):
+    custom = "my_robot_msgs/msg/Arm"
+    cdr = b"\0\1\0\0" + bytes(range(200))
+
+    async def scenario():
+        async with fleet(ids) as (one, two, _):
+            got = []
+            sides = [node._core.participant for node in (one, two)]
+            struct = opaque_idl_struct(custom)
+            writer = RawWriter(
+                sides[0].create_writer("rt" + TOPIC, struct, LATCHED),
+                TOPIC,
+                type_=custom,
+                waiter=sides[0].waiter,
+                on_matched=lambda: None,
+            )
+            writer.write(cdr, 7)
+            RawReader(
+                sides[1].create_reader("rt" + TOPIC, struct, LATCHED),
+                waiter=sides[1].waiter,
+                on_samples=got.extend,
+                on_matched=lambda: None,
+            )
+            await until(lambda: got)
+            assert [sample[:2] for sample in got] == [(cdr, 7)]
+
+    asyncio.run(scenario())
+
+
+def test_routers_that_come_and_go_leave_nothing(ids):
+    async def once():
+        async with fleet(ids) as (one, two, _):
+            publisher = one.create_publisher(STRING, TOPIC, LATCHED)
+            publisher.publish(String(data="x"))
+            assert (await two.create_subscription(STRING, TOPIC, qos=LATCHED).take(10)).data == "x"
+
+    def resources():
+        process = psutil.Process()
+        return process.num_threads(), process.num_fds(), len(process.children())
+
+    async def scenario():
+        await once()
+        before = resources()
+        for _ in range(3):
+            await once()
+        assert resources() == before
+        assert len(asyncio.all_tasks()) == 1
+
+    asyncio.run(scenario())
+
+
+# The router as a process.
+
+
+@asynccontextmanager
+async def process(config: RouterConfig):
+    pipe = asyncio.subprocess.PIPE
+    command = [sys.executable, "-W", "error", "-m", "sfglab.fleet.routing", config.to_json()]
+    started = await asyncio.create_subprocess_exec(*command, stdin=pipe, stdout=pipe)
+    try:
+        yield started
+    finally:
+        if started.returncode is None:
+            started.kill()
+        await started.wait()
+
+
+async def says(started, kind: str) -> dict:
+    async with asyncio.timeout(_DEADLINE_S):
+        while (report := json.loads(await started.stdout.readline()))["is"] != kind:
+            pass
+    return report
+
+
+def config_of(ids, **more) -> RouterConfig:
+    local, remote = (BusAddress(domain_id=domain, interface="lo") for domain in (ids[1], ids[0]))
+    return RouterConfig(agent="go2", local=local, remote=remote, linger_s=0.1, **more)
+
+
+def test_a_second_router_is_refused_and_after_kill_9_a_new_one_takes_over(ids):
+    async def scenario():
+        config = config_of(ids)
+        async with (
+            Node("one", domain_id=ids[1], interface="lo") as one,
+            Node("everybody", domain_id=ids[0], interface="lo") as everybody,
+            process(config) as first,
+        ):
+            await says(first, "ready")
+            publisher = one.create_publisher(STRING, TOPIC, DEEP)
+            ears = Ears(everybody)
+            await warm([publisher], [ears])
+            assert [path["topic"] for path in (await says(first, "status"))["paths"]] in ([], ["rt" + TOPIC])
+            async with process(config) as second:
+                why = (await says(second, "failed"))["why"]
+                assert f"process {first.pid}" in why
+                assert f"domains {min(ids[:2])} and {max(ids[:2])}" in why
+                assert await second.wait() == 1
+            first.send_signal(signal.SIGKILL)
+            await first.wait()
+            ears.heard.clear()
+            async with process(config) as third:
+                await says(third, "ready")
+                await warm([publisher], [ears])
+                publisher.publish(String(data="x"))
+                await until(ears.real)
+                await _stillness(lambda: len(ears.heard))
+                assert ears.real() == ["x"], "the dead one does not count"
+                third.stdin.close()
+                async with asyncio.timeout(_DEADLINE_S):
+                    assert await third.wait() == 0
+            dead = {e.participant for e in everybody.graph.publishers(TOPIC)}
+            assert len(dead) <= 1, "only the killed one, until its lease runs out"
+            ears.task.cancel()
+
+    asyncio.run(scenario())
+
+
+def test_at_a_terminal_it_says_which_paths_open_and_close(ids):
+    async def scenario():
+        said = []
+        serving = asyncio.create_task(serve_terminal(config_of(ids), said.append))
+        async with (
+            Node("one", domain_id=ids[1], interface="lo") as one,
+            Node("everybody", domain_id=ids[0], interface="lo") as everybody,
+        ):
+            one.create_publisher(STRING, TOPIC, LATCHED).publish(String(data="x"))
+            subscription = everybody.create_subscription(STRING, TOPIC, qos=LATCHED)
+            await subscription.take(10)
+            subscription.close()
+            await until(lambda: f"outward rt{TOPIC}: closed" in said)
+            os.kill(os.getpid(), signal.SIGTERM)
+            await serving
+        path = f"outward rt{TOPIC}"
+        ready, released = "router: ready, end it with Ctrl-C", "router: everything is released"
+        assert said == [ready, f"{path}: open", f"{path}: closed", released]
+
+    asyncio.run(scenario())
+
+
+def test_the_lock_names_its_holder_and_is_free_at_once_when_let_go():
+    domains = 230, 231
+    with PairLock(*domains), pytest.raises(RouterRunningError, match=f"process {os.getpid()} ") as caught:
+        PairLock(*reversed(domains)).__enter__()
+    assert (caught.value.pid, caught.value.domains) == (os.getpid(), domains)
+    with PairLock(*domains):
+        pass
+
+
+def test_a_configuration_survives_the_way_to_its_process_and_one_domain_is_refused(ids):
+    rule = ForwardRule(pattern="rt/x", description="", directions=frozenset({Direction.INWARD}))
+    for config in (config_of(ids), config_of(ids, rules=(rule,), shared_frames=("hall",), prefix_frames=False)):
+        assert RouterConfig.from_json(config.to_json()) == config
+    assert not Policy(rules=config.rules).crosses("rt/x", Direction.OUTWARD)
+    with pytest.raises(RouterConfigError, match=r"given domain \d+ on both sides"):
+        config_of([ids[0], ids[0]])

@@ -1,0 +1,61 @@
+"""QoS across the border: whoever would match directly matches through the router, and is served as well."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfglab.fleet.routing.merge import READER_DEPTH, announced_qos, offered_qos, requested_qos
+from sfglab.qos import (
+    DEFAULT,
+    LATCHED,
+    SENSOR_DATA,
+    Durability,
+    History,
+    QoSProfile,
+    Reliability,
+    incompatibilities,
+)
+
+profiles = st.builds(
+    QoSProfile,
+    reliability=st.sampled_from(Reliability),
+    durability=st.sampled_from(Durability),
+    history=st.sampled_from(History),
+    depth=st.integers(1, 2000),
+    deadline_ns=st.none() | st.integers(1, 10**12),
+    lifespan_ns=st.none() | st.integers(1, 10**12),
+)
+topics = st.sampled_from(["rt/tf", "rq/global/a/xRequest", "rr/global/a/xReply"])
+
+
+@given(topics, profiles, st.lists(profiles))
+def test_the_reader_of_a_source_always_matches_it(topic, source, sinks):
+    requested = requested_qos(topic, source, sinks)
+    assert incompatibilities(offered=source, requested=requested) == ()
+    assert requested.history is History.KEEP_ALL or requested.depth >= READER_DEPTH
+
+
+@given(profiles, profiles)
+def test_the_writer_matches_exactly_whom_the_source_would(source, sink):
+    direct = incompatibilities(offered=source, requested=sink)
+    assert incompatibilities(offered=offered_qos(source), requested=sink) == direct
+
+
+@given(profiles)
+def test_the_writer_keeps_a_latched_history_exactly_and_a_volatile_one_at_least(source):
+    offered = offered_qos(source)
+    assert replace(offered, depth=source.depth) == source
+    if source.durability is Durability.TRANSIENT_LOCAL or source.history is History.KEEP_ALL:
+        assert offered == source
+    assert offered.depth >= source.depth
+
+
+def test_what_is_announced_before_any_source_is_known_is_the_strongest_wish():
+    strongest = announced_qos("rt/tf", [SENSOR_DATA, DEFAULT, replace(SENSOR_DATA, depth=1)])
+    assert (strongest.reliability, strongest.durability) == (Reliability.RELIABLE, Durability.VOLATILE)
+    assert announced_qos("rt/tf", [DEFAULT, LATCHED]).durability is Durability.TRANSIENT_LOCAL
+    assert announced_qos("rt/tf", [SENSOR_DATA]).reliability is Reliability.BEST_EFFORT
+    assert announced_qos("rq/global/a/xRequest", [DEFAULT]).history is History.KEEP_ALL

@@ -1,0 +1,460 @@
+"""The plan against a model of domains and routers: paths where they belong, once, and none left over."""
+
+from __future__ import annotations
+
+import itertools
+from collections import deque
+from dataclasses import replace
+
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+
+from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
+from sfglab.bus.userdata import user_data
+from sfglab.fleet.routing import Direction, Policy, Side
+from sfglab.fleet.routing.paths import ReaderSpec, WriterSpec
+from sfglab.fleet.routing.plan import ROUTER_KEY, Close, Forget, Judge, Open, Plan
+from sfglab.qos import DEFAULT, LATCHED, SENSOR_DATA, Durability, incompatibilities
+
+SECOND = 10**9
+POLICY = Policy()
+TOPICS = ("rt/tf_static", "rt/local/go2/scan", "rq/global/x/get_metadataRequest")
+PROFILES = (DEFAULT, SENSOR_DATA, LATCHED, replace(LATCHED, depth=1000))
+TYPES = ("std_msgs/msg/String", "std_msgs/msg/Header")
+PUB, SUB = EndpointKind.PUBLISHER, EndpointKind.SUBSCRIPTION
+GLOBAL = 0
+
+
+class World:
+    """Domains with endpoints, and routers that hear of them late, in any interleaving."""
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+        self.numbers = itertools.count(1)
+        self.domains: dict[int, dict[bytes, EndpointInfo]] = {}
+        self.routers: list[Router] = []
+
+    def gid(self) -> bytes:
+        return next(self.numbers).to_bytes(16, "big")
+
+    def add(self, domain: int, endpoint: EndpointInfo) -> EndpointInfo:
+        self.domains.setdefault(domain, {})[endpoint.gid] = endpoint
+        self._tell(domain, EndpointAdded(endpoint=endpoint))
+        return endpoint
+
+    def remove(self, domain: int, gid: bytes) -> None:
+        self._tell(domain, EndpointRemoved(endpoint=self.domains[domain].pop(gid)))
+
+    def plain(self) -> list[tuple[int, EndpointInfo]]:
+        return [(d, e) for d, known in self.domains.items() for e in known.values() if not e.user_data]
+
+    def routers_own(self) -> list[tuple[int, EndpointInfo]]:
+        return [(d, e) for d, known in self.domains.items() for e in known.values() if e.user_data]
+
+    def start_router(self, local: int, name: str) -> Router:
+        router = Router(self, local, name)
+        self.routers.append(router)
+        for side, domain in router.domains.items():
+            for endpoint in self.domains.get(domain, {}).values():
+                router.heard[side].append(EndpointAdded(endpoint=endpoint))
+        return router
+
+    def settle(self) -> None:
+        """Let every router hear everything, and everything linger to its end."""
+        for _ in range(200):
+            for router in self.routers:
+                for side in Side:
+                    while router.heard[side]:
+                        router.hear(side)
+            self.now_ns += 2 * SECOND
+            for router in self.routers:
+                router.tick()
+            if not any(router.heard[side] for router in self.routers for side in Side):
+                return
+        raise AssertionError("the routers never come to rest")
+
+    def copies(self, domain: int, source: EndpointInfo, limit: int = 6) -> dict[bytes, int]:
+        """Return how often each plain subscription gets a sample of a publisher."""
+        assert limit, "a sample goes round for ever"
+        got: dict[bytes, int] = {}
+        for sink in self.domains[domain].values():
+            if not matches(source, sink) or sink.participant == source.participant:
+                continue
+            if not sink.user_data:
+                got[sink.gid] = got.get(sink.gid, 0) + 1
+                continue
+            for further, writer in self._onward(sink, source):
+                for gid, count in self.copies(further, writer, limit - 1).items():
+                    got[gid] = got.get(gid, 0) + count
+        return got
+
+    def _onward(self, reader: EndpointInfo, source: EndpointInfo):
+        for router in self.routers:
+            writer = router.judged.get((reader.gid, source.gid))
+            if writer is not None:
+                yield router.domain_of(writer), self.domains[router.domain_of(writer)][writer]
+
+    def _tell(self, domain: int, event) -> None:
+        for router in self.routers:
+            for side, own in router.domains.items():
+                if own == domain:
+                    router.heard[side].append(event)
+
+
+class Router:
+    """Carries a plan's actions out in the world."""
+
+    def __init__(self, world: World, local: int, name: str) -> None:
+        self.world = world
+        self.name = name
+        self.domains = {Side.LOCAL: local, Side.GLOBAL: GLOBAL}
+        self.participants = {side: world.gid() for side in Side}
+        self.heard = {side: deque() for side in Side}
+        self.tag = user_data({ROUTER_KEY: name})
+        self.plan = Plan(
+            POLICY, participants=frozenset(self.participants.values()), pair=name, linger_ns=SECOND
+        )
+        self.open: dict[ReaderSpec | WriterSpec, bytes] = {}
+        self.judged: dict[tuple[bytes, bytes], bytes | None] = {}
+        self.done = []
+
+    def hear(self, side: Side) -> None:
+        self.carry_out(self.plan.feed(side, self.heard[side].popleft(), now_ns=self.world.now_ns))
+
+    def tick(self) -> None:
+        self.carry_out(self.plan.tick(self.world.now_ns))
+
+    def domain_of(self, gid: bytes) -> int:
+        return next(d for d in self.domains.values() if gid in self.world.domains[d])
+
+    def carry_out(self, actions) -> None:
+        self.done += actions
+        for action in actions:
+            match action:
+                case Open(what=spec):
+                    assert spec not in self.open, "opened twice"
+                    self.open[spec] = self._create(spec)
+                case Close(what=spec):
+                    gid = self.open.pop(spec)
+                    self.world.remove(self.domain_of(gid), gid)
+                    self.judged = {key: w for key, w in self.judged.items() if key[0] != gid}
+                case Judge(reader=reader, source=source, writer=writer):
+                    self.judged[self.open[reader], source.gid] = self.open[writer] if writer else None
+                case Forget(reader=reader, source=gid):
+                    del self.judged[self.open[reader], gid]
+        assert all(w is None or w in self.open.values() for w in self.judged.values())
+
+    def restart(self) -> None:
+        """End, with all its endpoints, and begin again in the same place as a new one."""
+        place = self.world.routers.index(self)
+        self.world.routers.remove(self)
+        for gid in self.open.values():
+            self.world.remove(self.domain_of(gid), gid)
+        self.world.start_router(self.domains[Side.LOCAL], self.name)
+        self.world.routers.insert(place, self.world.routers.pop())
+
+    def _create(self, spec) -> bytes:
+        way, reads = spec.path.direction, isinstance(spec, ReaderSpec)
+        side = way.source if reads else way.target
+        endpoint = EndpointInfo(
+            kind=SUB if reads else PUB,
+            topic=spec.path.dds_topic,
+            dds_topic=spec.path.dds_topic,
+            type=spec.path.type,
+            gid=self.world.gid(),
+            qos=spec.qos,
+            participant=self.participants[side],
+            user_data=self.tag,
+        )
+        return self.world.add(self.domains[side], endpoint).gid
+
+
+def matches(source: EndpointInfo, sink: EndpointInfo) -> bool:
+    kinds = source.kind is PUB and sink.kind is SUB
+    same = source.dds_topic == sink.dds_topic and source.type == sink.type
+    return kinds and same and not incompatibilities(offered=source.qos, requested=sink.qos)
+
+
+def plain(world, kind, topic, qos=DEFAULT, type_=TYPES[0]) -> EndpointInfo:
+    gid = world.gid()
+    return EndpointInfo(kind=kind, topic=topic, dds_topic=topic, type=type_, gid=gid, qos=qos, participant=gid)
+
+
+class Fleet(RuleBasedStateMachine):
+    """Two agents and the global domain; endpoints and routers come and go, events arrive whenever."""
+
+    agents = (1, 2)
+    names = ("host/1", "host/2")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.world = World()
+        for local, name in zip(self.agents, self.names, strict=True):
+            self.world.start_router(local, name)
+
+    @rule(
+        domain=st.sampled_from((GLOBAL, 1, 2)),
+        kind=st.sampled_from(EndpointKind),
+        topic=st.sampled_from(TOPICS),
+        qos=st.sampled_from(PROFILES),
+        type_=st.sampled_from((TYPES[0], *TYPES)),
+    )
+    def come(self, domain, kind, topic, qos, type_):
+        self.world.add(domain, plain(self.world, kind, topic, qos, type_))
+
+    @rule(data=st.data())
+    def go(self, data):
+        present = self.world.plain()
+        if present:
+            domain, endpoint = data.draw(st.sampled_from(present))
+            self.world.remove(domain, endpoint.gid)
+
+    @rule(which=st.integers(0, 1), side=st.sampled_from(Side))
+    def hear(self, which, side):
+        router = self.world.routers[which]
+        if router.heard[side]:
+            router.hear(side)
+
+    @rule(seconds=st.sampled_from((0.1, 0.5, 1.5)))
+    def wait(self, seconds):
+        self.world.now_ns += round(seconds * SECOND)
+        for router in self.world.routers:
+            router.tick()
+
+    @rule(which=st.integers(0, 1))
+    def crash_and_restart(self, which):
+        self.world.routers[which].restart()
+
+    @invariant()
+    def nothing_forbidden_is_ever_opened(self):
+        for router in self.world.routers:
+            assert all(POLICY.crosses(s.path.dds_topic, s.path.direction) for s in router.open)
+
+    @rule()
+    def every_subscription_hears_what_it_should_once(self):
+        self.world.settle()
+        for domain, source in self.world.plain():
+            got = self.world.copies(domain, source)
+            for other, sink in self.world.plain():
+                if source.kind is not PUB or sink.kind is not SUB:
+                    continue
+                heard = other == domain or POLICY.crosses(source.dds_topic, Direction.OUTWARD)
+                assert got.get(sink.gid, 0) == (matches(source, sink) and heard)
+
+    @rule()
+    def what_is_open_is_what_is_used(self):
+        self.world.settle()
+        for router in self.world.routers:
+            for spec in router.open:
+                way = spec.path.direction
+                state = router.plan.paths[spec.path]
+                needs_source = isinstance(spec, WriterSpec) or way is Direction.OUTWARD
+                assert state.sinks
+                assert state.sources or not needs_source
+
+    @rule()
+    def no_sample_waits_for_a_judgement(self):
+        self.world.settle()
+        for router in self.world.routers:
+            for spec in (spec for spec in router.open if isinstance(spec, ReaderSpec)):
+                side = spec.path.direction.source
+                known = self.world.domains[router.domains[side]]
+                reader = known[router.open[spec]]
+                heard = {
+                    e.gid for e in known.values() if matches(e, reader) and e.participant != reader.participant
+                }
+                assert heard <= {gid for r, gid in router.judged if r == reader.gid}
+                assert not set(router.open.values()) & set(router.plan.paths[spec.path].barred)
+
+    def teardown(self):
+        for domain, endpoint in self.world.plain():
+            self.world.remove(domain, endpoint.gid)
+        self.world.settle()
+        assert self.world.routers_own() == [], "nothing remains when all have left"
+        assert all(router.plan.paths == {} for router in self.world.routers)
+
+
+class DoubledFleet(Fleet):
+    """The same with an orphaned second router on one agent's pair: twice, but never round and round."""
+
+    agents = (1, 1)
+    names = ("host/1", "host/1")
+
+    @rule()
+    def every_subscription_hears_what_it_should_once(self):
+        self.world.settle()
+        for domain, source in self.world.plain():
+            got = self.world.copies(domain, source)
+            for other, sink in self.world.plain():
+                if source.kind is PUB and matches(source, sink):
+                    crosses = POLICY.crosses(source.dds_topic, Direction.OUTWARD)
+                    twice = {GLOBAL, 1} == {domain, other} and crosses
+                    assert got.get(sink.gid, 0) == (1 if other == domain else 2 * twice)
+
+
+class CrossedFleet(Fleet):
+    """Two hosts that share a local domain by mistake: no router can know, and still nothing goes round."""
+
+    agents = (1, 1)
+    names = ("a/1", "b/1")
+
+    @rule()
+    def every_subscription_hears_what_it_should_once(self):
+        self.world.settle()
+        for domain, source in self.world.plain():
+            self.world.copies(domain, source)
+
+
+_SETTINGS = settings(
+    max_examples=150, stateful_step_count=30, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+TestFleet = Fleet.TestCase
+TestFleet.settings = _SETTINGS
+TestDoubledFleet = DoubledFleet.TestCase
+TestDoubledFleet.settings = _SETTINGS
+TestCrossedFleet = CrossedFleet.TestCase
+TestCrossedFleet.settings = _SETTINGS
+
+
+def two_agents() -> tuple[World, Router, Router]:
+    world = World()
+    return world, world.start_router(1, "host/1"), world.start_router(2, "host/2")
+
+
+def test_a_local_subscription_is_announced_at_once_and_a_publisher_only_on_demand():
+    world, one, two = two_agents()
+    world.add(1, plain(world, PUB, "rt/global/a/pose"))
+    world.settle()
+    assert world.routers_own() == [], "nobody wants it, so nobody hears of it"
+    world.add(2, plain(world, SUB, "rt/global/a/pose"))
+    world.settle()
+    assert {type(spec) for spec in two.open} == {type(spec) for spec in one.open} == {ReaderSpec, WriterSpec}
+    assert sum(d == GLOBAL for d, _ in world.routers_own()) == 2
+
+
+def test_latched_sources_get_a_writer_each_and_volatile_ones_share():
+    world, one, _ = two_agents()
+    for qos, topic in ((LATCHED, "rt/tf_static"), (DEFAULT, "rt/tf")):
+        for _ in range(3):
+            world.add(1, plain(world, PUB, topic, qos))
+        world.add(GLOBAL, plain(world, SUB, topic, qos))
+    world.settle()
+    writers = [spec for spec in one.open if isinstance(spec, WriterSpec)]
+    assert sorted(w.path.dds_topic for w in writers) == ["rt/tf", *3 * ["rt/tf_static"]]
+    assert len({w.source for w in writers}) == 4
+
+
+def test_a_subscription_that_returns_within_the_linger_changes_nothing():
+    world, one, _ = two_agents()
+    world.add(1, plain(world, PUB, "rt/tf"))
+    sink = world.add(GLOBAL, plain(world, SUB, "rt/tf"))
+    world.settle()
+    one.done.clear()
+    for _ in range(5):
+        world.remove(GLOBAL, sink.gid)
+        one.hear(Side.GLOBAL)
+        world.now_ns += SECOND // 2
+        one.tick()
+        sink = world.add(GLOBAL, plain(world, SUB, "rt/tf"))
+        one.hear(Side.GLOBAL)
+    assert one.done == [], "a restart tears nothing down"
+    world.remove(GLOBAL, sink.gid)
+    one.hear(Side.GLOBAL)
+    world.now_ns += SECOND - 1
+    one.tick()
+    assert one.done == []
+    assert one.plan.deadline_ns == world.now_ns + 1
+    world.now_ns += 1
+    one.tick()
+    assert [type(a) for a in one.done] == [Close, Close]
+    assert one.plan.deadline_ns is None
+
+
+def test_an_endpoint_whose_lease_ran_out_and_that_comes_back_stays():
+    world, one, _ = two_agents()
+    world.add(1, plain(world, PUB, "rt/tf"))
+    sink = world.add(GLOBAL, plain(world, SUB, "rt/tf"))
+    world.settle()
+    one.done.clear()
+    world.remove(GLOBAL, sink.gid)
+    world.add(GLOBAL, sink)
+    world.settle()
+    assert one.done == []
+    assert len(one.open) == 2
+
+
+def test_a_source_that_goes_is_forgotten_and_its_latched_writer_with_it():
+    world, one, _ = two_agents()
+    kept, leaving = (world.add(1, plain(world, PUB, "rt/tf_static", LATCHED)) for _ in range(2))
+    world.add(GLOBAL, plain(world, SUB, "rt/tf_static", LATCHED))
+    world.settle()
+    one.done.clear()
+    world.remove(1, leaving.gid)
+    world.settle()
+    assert [type(a) for a in one.done] == [Forget, Close]
+    assert one.done[1].what.source == leaving.gid
+    assert [spec.source for spec in one.open if isinstance(spec, WriterSpec)] == [kept.gid]
+
+
+def test_a_weaker_source_replaces_the_reader_and_a_stronger_wish_brings_it_back():
+    world, one, _ = two_agents()
+    world.add(1, plain(world, SUB, "rt/global/b/pose"))
+    world.settle()
+    (announced,) = one.open
+    assert announced.qos.reliability is DEFAULT.reliability
+    world.add(GLOBAL, plain(world, PUB, "rt/global/b/pose", SENSOR_DATA))
+    world.settle()
+    readers = [spec for spec in one.open if isinstance(spec, ReaderSpec)]
+    assert [r.qos.reliability for r in readers] == [SENSOR_DATA.reliability]
+    world.add(GLOBAL, plain(world, PUB, "rt/global/b/pose", DEFAULT))
+    world.settle()
+    readers = [spec for spec in one.open if isinstance(spec, ReaderSpec)]
+    assert {r.qos.reliability for r in readers} == {SENSOR_DATA.reliability, DEFAULT.reliability}
+
+
+def test_a_source_that_two_readers_hear_is_forwarded_by_one():
+    world, one, _ = two_agents()
+    sources = [world.add(GLOBAL, plain(world, PUB, "rt/tf", qos)) for qos in (DEFAULT, SENSOR_DATA)]
+    sinks = [world.add(1, plain(world, SUB, "rt/tf", qos)) for qos in (DEFAULT, SENSOR_DATA)]
+    world.settle()
+    assert sum(isinstance(spec, ReaderSpec) for spec in one.open) == 2
+    assert world.copies(GLOBAL, sources[0]) == {sinks[0].gid: 1, sinks[1].gid: 1}
+    assert world.copies(GLOBAL, sources[1]) == {sinks[1].gid: 1}
+
+
+def test_what_an_orphaned_router_on_the_same_pair_writes_is_dropped_and_not_held():
+    world = World()
+    one, orphan = (world.start_router(1, "host/1") for _ in range(2))
+    world.add(1, plain(world, PUB, "rt/tf"))
+    world.add(1, plain(world, SUB, "rt/tf"))
+    world.add(GLOBAL, plain(world, SUB, "rt/tf"))
+    world.settle()
+    (inward,) = (g for s, g in one.open.items() if isinstance(s, ReaderSpec) and not s.path.outward)
+    (outward,) = (g for s, g in orphan.open.items() if isinstance(s, WriterSpec) and s.path.outward)
+    assert one.judged[inward, outward] is None
+
+
+def test_best_effort_subscriptions_cause_no_reliable_hop_but_latched_samples_are_always_fetched():
+    world, one, _ = two_agents()
+    world.add(1, plain(world, SUB, "rt/global/b/pose", SENSOR_DATA))
+    world.add(GLOBAL, plain(world, PUB, "rt/global/b/pose", DEFAULT))
+    world.add(1, plain(world, SUB, "rt/global/b/map", SENSOR_DATA))
+    world.add(GLOBAL, plain(world, PUB, "rt/global/b/map", replace(LATCHED, depth=300)))
+    world.settle()
+    by_topic = {s.path.dds_topic: s for s in one.open if isinstance(s, ReaderSpec)}
+    assert by_topic["rt/global/b/pose"].qos.reliability is SENSOR_DATA.reliability
+    assert by_topic["rt/global/b/map"].qos.durability is Durability.TRANSIENT_LOCAL
+    assert by_topic["rt/global/b/map"].qos.reliability is DEFAULT.reliability
+    assert by_topic["rt/global/b/map"].qos.depth == 300
+    offered = {s.path.dds_topic: s.qos for s in one.open if isinstance(s, WriterSpec)}
+    assert offered == {"rt/global/b/pose": DEFAULT, "rt/global/b/map": replace(LATCHED, depth=300)}
+
+
+def test_shared_memory_shows_itself_in_dds_but_is_no_business_of_the_router():
+    world, one, _ = two_agents()
+    world.add(1, replace(plain(world, PUB, "rt/tf"), transport="shm"))
+    world.add(GLOBAL, plain(world, SUB, "rt/tf"))
+    world.add(1, replace(plain(world, SUB, "rt/tf"), transport="shm"))
+    world.settle()
+    assert one.open == {}

@@ -1,0 +1,132 @@
+"""The same router in the simulated world: many agents, late and lossy, and every message where it belongs."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import asynccontextmanager
+from dataclasses import replace
+
+from sfglab.bus.sim import LinkModel, run_simulated
+from sfglab.fleet.routing.router import Router, RouterSettings
+from sfglab.messages import default_message, message_type
+from sfglab.qos import LATCHED, QoSProfile
+
+STRING, METADATA, TF = "std_msgs/msg/String", "sfglab_interfaces/srv/GetMetadata", "tf2_msgs/msg/TFMessage"
+String = message_type(STRING)
+AGENTS = ("a", "b", "c", "d")
+DEEP = QoSProfile(depth=1000)
+
+
+@asynccontextmanager
+async def fleet(world):
+    """One node of each agent in its own domain, behind the agent's router to the network's domain 0."""
+    nodes, routers, tasks = {}, {}, []
+    for agent in AGENTS:
+        places = {"host": agent, "domain_id": 7, "reach": "host"}
+        nodes[agent] = world.node(f"of_{agent}", **places)
+        near = world.node("router", **places, process="router")
+        far = world.node("router", host=agent, process="router")
+        routers[agent] = Router(near, far, RouterSettings(agent=agent))
+        tasks.append(asyncio.create_task(routers[agent].run()))
+    yield nodes, routers
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def take_all(subscription, seconds: float) -> list:
+    """Take everything that arrives within some virtual seconds."""
+    got = []
+    try:
+        async with asyncio.timeout(seconds):
+            while True:
+                got.append(await subscription.take())
+    except TimeoutError:
+        return got
+
+
+def test_everybody_hears_everybody_once_over_links_that_lose():
+    async def main(world):
+        async with fleet(world) as (nodes, _):
+            publishers = {a: n.create_publisher(STRING, "/global/news", DEEP) for a, n in nodes.items()}
+            ears = {a: n.create_subscription(STRING, "/global/news", qos=DEEP) for a, n in nodes.items()}
+            await asyncio.sleep(30)
+            for number in range(20):
+                for agent, publisher in publishers.items():
+                    publisher.publish(String(data=f"{agent} {number}"))
+                await asyncio.sleep(0.05)
+            return {a: sorted(m.data for m in await take_all(ear, 20)) for a, ear in ears.items()}
+
+    heard = run_simulated(main, seed=3, link=LinkModel(latency_s=0.01, loss=0.05), limit_s=1000)
+    sent = sorted(f"{agent} {number}" for agent in AGENTS for number in range(20))
+    assert heard == dict.fromkeys(AGENTS, sent)
+
+
+def test_static_transforms_are_prefixed_and_heard_by_whoever_joins_late():
+    async def main(world):
+        async with fleet(world) as (nodes, routers):
+            for node in nodes.values():
+                transform = default_message("geometry_msgs/msg/TransformStamped")
+                transform.header.frame_id, transform.child_frame_id = "map", "base"
+                publisher = node.create_publisher(TF, "/tf_static", LATCHED)
+                publisher.publish(message_type(TF)(transforms=[transform]))
+            await asyncio.sleep(10)
+            late = nodes["a"].create_subscription(TF, "/tf_static", qos=replace(LATCHED, depth=100))
+            frames = {m.transforms[0].child_frame_id for m in await take_all(late, 10)}
+            late.close()
+            await asyncio.sleep(10)
+            return frames, [path for router in routers.values() for path in router.status.paths]
+
+    frames, left = run_simulated(main, limit_s=1000)
+    assert frames == {"base", "b/base", "c/base", "d/base"}, "its own as it is, the others' under their names"
+    assert left == []
+
+
+def test_a_service_answers_through_two_routers():
+    async def main(world):
+        async with fleet(world) as (nodes, _):
+            response = replace(default_message(f"{METADATA}_Response"), message="I am b")
+            nodes["b"].create_service(METADATA, "/global/b/get_metadata", lambda _: response)
+            client = nodes["a"].create_client(METADATA, "/global/b/get_metadata")
+            return (await client.call(default_message(f"{METADATA}_Request"), 30)).message
+
+    assert run_simulated(main, limit_s=1000) == "I am b"
+
+
+def test_nothing_local_is_seen_on_the_network():
+    async def main(world):
+        async with fleet(world) as (nodes, _):
+            watcher = world.node("watcher", host="w")
+            for node in nodes.values():
+                for topic in ("/local/x", "/scan", "/global/unwanted", "/global/wanted"):
+                    node.create_publisher(STRING, topic)
+                    node.create_subscription(STRING, topic.replace("un", ""))
+            watcher.create_subscription(STRING, "/scan")
+            await asyncio.sleep(20)
+            return {e.dds_topic for e in watcher.graph.endpoints() if e.user_data}
+
+    assert run_simulated(main, limit_s=1000) == {"rt/global/wanted"}
+
+
+def test_the_status_is_told_at_every_change_and_every_five_seconds():
+    async def main(world):
+        told = []
+        near, far = (world.node("router", domain_id=domain) for domain in (7, 0))
+        router = Router(
+            near, far, RouterSettings(agent="a"), on_status=lambda s: told.append((world.now_ns, s))
+        )
+        task = asyncio.create_task(router.run())
+        await asyncio.sleep(22)
+        quiet = len(told)
+        world.node("one", domain_id=7).create_subscription(STRING, "/global/x")
+        await asyncio.sleep(2)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        return [round(time_ns / 1e9) for time_ns, _ in told[:quiet]], told[quiet:]
+
+    times, after = run_simulated(main, limit_s=1000)
+    assert times == [0, 5, 10, 15, 20]
+    ((_, status),) = after
+    assert [(p.topic, p.direction, p.readers, p.writers) for p in status.paths] == [
+        ("rt/global/x", "inward", 1, 0)
+    ]

@@ -1,0 +1,172 @@
+"""The status provider on a real bus and as a process: heard at once, asked, updated, ended."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import json
+import os
+import socket
+import sys
+from contextlib import asynccontextmanager, closing
+
+import pytest
+
+from sfglab.bus import Node
+from sfglab.fleet.address import BusAddress
+from sfglab.fleet.status.app import StatusConfig
+from sfglab.fleet.status.description import AgentDescription, DescriptionError, SensorDescription
+from sfglab.fleet.status.heartbeat import GET_METADATA, Heartbeat, heartbeat_topic, metadata_service
+from sfglab.fleet.status.provider import StatusProvider, StatusSettings
+from sfglab.fleet.status.schedule import Schedule
+from sfglab.messages import ns_from_stamp, service_type
+from sfglab.qos import LATCHED
+
+pytestmark = [pytest.mark.live, pytest.mark.timeout(60)]
+
+AGENT_HEARTBEAT = "sfglab_interfaces/msg/AgentHeartbeat"
+SELDOM = Schedule(startup_s=0, steady_period_s=60)
+_counter = itertools.count(os.getpid() * 7)
+
+
+@pytest.fixture
+def address():
+    """A DDS domain whose port nobody holds, so that other test runs on this machine stay apart."""
+    for _ in range(50):
+        domain_id = 110 + next(_counter) % 50
+        with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe, contextlib.suppress(OSError):
+            probe.bind(("", 7400 + 250 * domain_id))
+            return BusAddress(domain_id=domain_id, interface="lo")
+    pytest.fail("the ports of all DDS domains from 110 to 159 are taken")
+
+
+@asynccontextmanager
+async def running(node, **settings):
+    """Run a provider of agent go2; yield it and the heartbeats that it sent."""
+    sent: asyncio.Queue[Heartbeat] = asyncio.Queue()
+    provider = StatusProvider(node, StatusSettings(agent="go2", **settings), on_beat=sent.put_nowait)
+    task = asyncio.create_task(provider.run())
+    try:
+        yield provider, sent
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+async def metadata_of(node, agent="go2"):
+    client = node.create_client(GET_METADATA, metadata_service(agent))
+    response = await client.call(service_type(GET_METADATA).request(), timeout_s=10)
+    client.close()
+    assert (response.success, response.message) == (True, "")
+    return response.metadata
+
+
+def test_whoever_joins_late_hears_the_last_heartbeat_at_once_and_gets_an_answer(address):
+    async def scenario():
+        async with (
+            Node("a", **address.options()) as here,
+            Node("b", **address.options()) as there,
+            running(here, schedule=SELDOM) as (_, sent),
+        ):
+            beat = await asyncio.wait_for(sent.get(), 5)
+            heartbeats = there.create_subscription(AGENT_HEARTBEAT, heartbeat_topic(), qos=LATCHED)
+            message, info = await heartbeats.take_with_info(timeout_s=10)
+            assert Heartbeat.from_message(message) == beat
+            assert (beat.agent, beat.revision, beat.phase, beat.period_s) == ("go2", 0, 1, 60.0)
+            assert 0 <= ns_from_stamp(message.stamp) - beat.incarnation < 5e9
+            assert info.publisher_gid in {p.gid for p in there.graph.publishers("/global/agent_heartbeat")}
+            metadata = await metadata_of(there)
+            assert (metadata.agent, metadata.incarnation, metadata.revision) == ("go2", beat.incarnation, 0)
+
+    asyncio.run(scenario())
+
+
+def test_the_periods_are_kept_and_announced(address):
+    async def scenario():
+        async with Node("a", **address.options()) as here:
+            schedule = Schedule(startup_period_s=0.1, steady_period_s=0.3, startup_s=0.4)
+            loop, times = asyncio.get_running_loop(), []
+            async with running(here, schedule=schedule) as (_, sent):
+                beats = []
+                for _ in range(7):
+                    beats.append(await asyncio.wait_for(sent.get(), 5))
+                    times.append(loop.time())
+            assert [b.phase for b in beats] == [0, 0, 0, 0, 1, 1, 1]
+            assert len({b.incarnation for b in beats}) == 1
+            assert all(0 < b.period_s <= (0.3 if b.phase else 0.1) for b in beats), "less when it was late"
+            assert times[-1] - times[0] > 0.9, "no instant comes early or twice"
+
+    asyncio.run(scenario())
+
+
+def test_a_new_description_is_told_at_once_and_a_bad_one_changes_nothing(address):
+    async def scenario():
+        async with Node("a", **address.options()) as here, running(here, schedule=SELDOM) as (provider, sent):
+            assert (await asyncio.wait_for(sent.get(), 5)).revision == 0
+            twice = (SensorDescription(name="x"), SensorDescription(name="x"))
+            with pytest.raises(DescriptionError):
+                provider.update(AgentDescription(sensors=twice))
+            provider.update(AgentDescription(software=("sfglab 2",)))
+            beat = await asyncio.wait_for(sent.get(), 5)
+            assert beat.revision == 1
+            assert 50 < beat.period_s <= 60, "the instants stay where they were"
+            metadata = await metadata_of(here)
+            assert (metadata.revision, metadata.software) == (1, ["sfglab 2"])
+
+    asyncio.run(scenario())
+
+
+@asynccontextmanager
+async def process(config: StatusConfig):
+    pipe = asyncio.subprocess.PIPE
+    child = await asyncio.create_subprocess_exec(
+        sys.executable, "-W", "error", "-m", "sfglab.fleet.status", config.to_json(), stdin=pipe, stdout=pipe
+    )
+    try:
+        yield child
+    finally:
+        child.stdin.close()
+        assert await asyncio.wait_for(child.wait(), 15) in (0, 1, -9, -15)
+
+
+async def report_of(child, kind):
+    async with asyncio.timeout(20):
+        while line := await child.stdout.readline():
+            report = json.loads(line)
+            if report["is"] == kind:
+                return report
+    raise AssertionError(f"the process ended without reporting {kind!r}")
+
+
+def test_as_a_process_it_reports_takes_orders_and_ends_with_its_input(address):
+    async def scenario():
+        settings = StatusSettings(agent="go2", schedule=SELDOM)
+        config = StatusConfig(address=address, settings=settings, detect=True, report_beats=True)
+        async with process(config) as child:
+            await report_of(child, "ready")
+            assert (await report_of(child, "beat"))["revision"] == 0
+            child.stdin.write(b'{"description": {"wheels": 4}}\n')
+            assert "wheels" in (await report_of(child, "refused"))["why"]
+            async with Node("b", **address.options()) as there:
+                before = await metadata_of(there)
+                assert any(entry.startswith("sfglab ") for entry in before.software), "detected"
+                child.stdin.write(b'{"description": {"software": ["mine 1"]}}\n')
+                beat = await report_of(child, "beat")
+                after = await metadata_of(there)
+            assert (beat["revision"], after.software) == (before.revision + 1, ["mine 1"])
+            child.stdin.close()
+            assert await asyncio.wait_for(child.wait(), 15) == 0
+
+    asyncio.run(scenario())
+
+
+def test_as_a_process_it_refuses_in_one_sentence(address):
+    async def scenario():
+        settings = StatusSettings(agent="go2", schedule=SELDOM)
+        nowhere = BusAddress(domain_id=address.domain_id, interface="nowhere0")
+        async with process(StatusConfig(address=nowhere, settings=settings, detect=False)) as child:
+            assert "no network interface 'nowhere0'" in (await report_of(child, "failed"))["why"]
+            assert await asyncio.wait_for(child.wait(), 15) == 1
+
+    asyncio.run(scenario())
