@@ -161,7 +161,7 @@ def figure_scale(results: Results) -> tuple[Figure, dict[str, Any]]:
             sizes = [size for size in _SIZES if first <= size <= last]
             one.set_xticks(sizes, [str(size) for size in sizes])
             one.minorticks_off()
-        axes[0].legend(fontsize=8)
+        axes[1].legend(fontsize=8, loc="lower right")
         figure.suptitle("Fleet discovery beyond six agents")
     return figure, {
         "live": _records(summary(results)) if len(results.cells) else [],

@@ -76,8 +76,10 @@ def draw_glass(axes: Axes, results: Results) -> None:
     medians = look_medians(results)
     groups = {path: medians[path].dropna().to_numpy() for path in GLASS_LABELS}
     heights = {path: glass_median(results, path).value for path in groups}
+    paper = heights["standard"] + PAPER_ADDED_MS
     _bars(axes, GLASS_LABELS, heights, groups)
-    _paper_line(axes, 1, heights["standard"] + PAPER_ADDED_MS, f"paper:\n+{PAPER_ADDED_MS} ms")
+    _paper_line(axes, 1, paper, f"paper:\n+{PAPER_ADDED_MS} ms")
+    _limit(axes, groups, paper)
     axes.set_ylabel("capture to picture in hand (ms)")
     axes.set_title("glass to glass, without lens and display (paper, with both: 118.3 ms)", fontsize=9)
 
@@ -90,6 +92,7 @@ def draw_first(axes: Axes, results: Results) -> None:
     for position, path in enumerate(FIRST_LABELS):
         if path in PAPER_FIRST_MS:
             _paper_line(axes, position, PAPER_FIRST_MS[path], f"paper:\n{PAPER_FIRST_MS[path]:.0f} ms")
+    _limit(axes, groups, max(PAPER_FIRST_MS.values()))
     axes.set_ylabel("order to first picture (ms)")
     axes.set_title("first picture after a subscription", fontsize=9)
 
@@ -112,8 +115,19 @@ def _bars(
     names = [f"{text}\n{heights[path]:.{1 if heights[path] < 100 else 0}f} ms" for path, text in labels.items()]
     axes.set_xticks(range(len(labels)), names)
     axes.set_xlim(-0.5, len(labels) - 0.1)
-    axes.set_ylim(bottom=0)
     axes.grid(visible=False, axis="x")
+
+
+def _limit(axes: Axes, groups: dict[str, NDArray[np.float64]], shown: float) -> None:
+    """End the axis above nine tenths of each group; what lies beyond is marked at the edge with its value."""
+    top = 1.3 * max(shown, *(float(np.percentile(group, 90)) for group in groups.values()))
+    axes.set_ylim(0, top)
+    for position, group in enumerate(groups.values()):
+        beyond = sorted(group[group > top])
+        if beyond:
+            axes.plot(position, 0.98 * top, "^", color="black", markersize=4, alpha=0.6)
+            values = ", ".join(f"{value:.0f}" for value in beyond)
+            axes.annotate(values, (position + 0.06, 0.98 * top), va="center", fontsize=7)
 
 
 def _paper_line(axes: Axes, position: int, height: float, text: str) -> None:
