@@ -21,6 +21,7 @@ def test_all_notebooks_run_through_and_leave_logs_and_figures(tmp_path, monkeypa
     shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks", ignore=shutil.ignore_patterns(".*"))
     (tmp_path / "data").mkdir()
     shutil.copy(ROOT / "data" / "claims.yaml", tmp_path / "data" / "claims.yaml")
+    shutil.copytree(ROOT / "data" / "fleets", tmp_path / "data" / "fleets")
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
     project = Project(root=tmp_path)
     notebooks = find_notebooks(project)
