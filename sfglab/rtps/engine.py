@@ -15,6 +15,10 @@ import numpy as np
 from sfglab.rtps.heap import pop, push
 from sfglab.rtps.medium import arrived_frame, enqueue, sent_frame, uniform
 from sfglab.rtps.state import (
+    D_FLOW,
+    D_FRESH,
+    D_SAMPLE,
+    D_SKIPPED,
     R_ARMED,
     R_FIRST,
     R_HEAD,
@@ -28,7 +32,9 @@ from sfglab.rtps.state import (
     S_FLOW,
     S_NEXT,
     S_SAMPLE,
+    S_SKIPS,
     S_WAITING,
+    SET,
     W_ACKED,
     W_ACKED_AT_HB,
     W_ARMED,
@@ -48,7 +54,7 @@ from sfglab.rtps.state import (
 )
 from sfglab.rtps.world import World, unowned
 
-__all__ = ["simulate"]
+__all__ = ["advance", "new_world", "publish", "simulate"]
 
 # Compiled code takes plain integers.
 _PUBLISH, _SENT, _ARRIVED, _HEARTBEAT, _ACKNACK, _REPAIR, _SERVED = (int(e) for e in Event)
@@ -120,7 +126,7 @@ def _sample_value(world: Any, now: int, flow: int) -> int:
     writer = world.writer
     if mean == 0:
         writer[flow, W_VALUE] += 1
-    else:
+    elif mean != SET:
         while now >= writer[flow, W_CHANGE_AT]:
             writer[flow, W_VALUE] += 1
             wait = -math.log(1.0 - uniform(world.random)) * mean
@@ -170,6 +176,8 @@ def _publish(world: Any, now: int, flow: int) -> None:
     if world.flows[flow, _RELIABLE] and world.flows[flow, _DEPTH] == 0 and unacked >= world.timing[_T_UNACKED]:
         world.counts[_C_THROTTLED] += 1
         return
+    if writer[flow, W_LAST] + 1 >= world.fate.shape[1]:
+        raise IndexError("more samples than the state has room for")
     writer[flow, W_SENT], writer[flow, W_SENT_AT] = value, now
     writer[flow, W_LAST] += 1
     sample = writer[flow, W_LAST]
@@ -361,6 +369,7 @@ def _serve(world: Any, now: int, server: int) -> None:
         world.counts[_C_COMPARED if skips else _C_PROCESSED] += 1
         world.reader[flow, R_VALUE] = world.value[flow, sample]
         world.server[server, S_BUSY] = 1
+        world.server[server, S_SKIPS] = skips
         world.server[server, S_FLOW] = flow
         world.server[server, S_SAMPLE] = sample
         world.server[server, S_NEXT] = (flow + 1) % flows
@@ -375,6 +384,9 @@ def _served(world: Any, now: int, server: int) -> None:
     world.server[server, S_BUSY] = 0
     world.fate[flow, sample] = _DELIVERED
     world.received_ns[flow, sample] = now
+    if world.watched[flow]:
+        delivery, skipped = world.delivery, world.server[server, S_SKIPS]
+        delivery[D_FRESH], delivery[D_FLOW], delivery[D_SAMPLE], delivery[D_SKIPPED] = 1, flow, sample, skipped
     chain = world.flows[flow, _CHAIN]
     if chain >= 0:
         world.writer[chain, W_VALUE] = world.value[flow, sample] - 1
@@ -422,15 +434,16 @@ def _step(world: Any, now: int, kind: int, argument: int, frame: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def simulate(params: Any, state: Any) -> None:
-    """Run until time is over; publications end before, so that what is under way can arrive.
+def new_world(params: Any, state: Any) -> Any:
+    """Return parameters and state as the one value that `advance` and `publish` take.
+
+    It owns none of the arrays: the caller holds `params` and `state` for as long.
 
     Args:
         params: The run's parameters.
-        state: At time 0; afterwards, everything that happened.
+        state: At time 0.
     """
-    frame = np.zeros(8, np.int64)
-    world: Any = World(  # type: ignore[no-untyped-call]
+    return World(  # type: ignore[no-untyped-call]
         unowned(params.flows),
         unowned(params.timing),
         unowned(params.rates),
@@ -455,14 +468,58 @@ def simulate(params: Any, state: Any) -> None:
         unowned(state.flight),
         unowned(state.flight_ends),
         unowned(state.server),
+        unowned(state.watched),
+        unowned(state.delivery),
     )
+
+
+@nb.njit(cache=True, nogil=True)
+def advance(world: Any, until: int) -> int:
+    """Run to the next watched delivery, and return its time; to `until` without any, and return -1.
+
+    Publications end with the run's duration, so that what is under way can arrive.
+
+    Args:
+        world: From `new_world`.
+        until: Nanoseconds; events at this time are left for the next call.
+    """
+    frame = np.zeros(8, np.int64)
     end = world.timing[_T_DURATION]
-    while world.heap_sizes[0] > 0:
+    while world.heap_sizes[0] > 0 and world.heap[0, 0] < until:
         now, kind, argument = pop(world.heap, world.heap_sizes)
-        if now >= end:
-            if kind == _PUBLISH:
-                continue
-            if now >= end + world.timing[_T_DRAIN]:
-                return
+        if now >= end and kind == _PUBLISH:
+            continue
         world.counts[_C_EVENTS] += 1
         _step(world, now, kind, argument, frame)
+        if world.delivery[D_FRESH]:
+            world.delivery[D_FRESH] = 0
+            return int(now)
+    return -1
+
+
+@nb.njit(cache=True, nogil=True)
+def publish(world: Any, now: int, flow: int, value: int) -> bool:
+    """Publish a value from outside, and return whether the local cache let it pass.
+
+    Args:
+        world: From `new_world`.
+        now: Nanoseconds, not before what was run so far.
+        flow: Whose.
+        value: Its number.
+    """
+    held = world.counts[_C_HELD]
+    world.writer[flow, W_VALUE] = value
+    _publish(world, now, flow)
+    return bool(world.counts[_C_HELD] == held)
+
+
+@nb.njit(cache=True, nogil=True)
+def simulate(params: Any, state: Any) -> None:
+    """Run until time is over.
+
+    Args:
+        params: The run's parameters.
+        state: At time 0; afterwards, everything that happened.
+    """
+    world = new_world(params, state)
+    advance(world, world.timing[_T_DURATION] + world.timing[_T_DRAIN])

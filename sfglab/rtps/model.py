@@ -16,12 +16,12 @@ from sfglab.errors import SfglabError
 from sfglab.qos import DEFAULT, History, QoSProfile, Reliability
 from sfglab.rtps.outcome import Outcome, outcome_of
 from sfglab.rtps.presets import FAST_DDS, Vendor
-from sfglab.rtps.state import FlowColumn, Params, Sizes, TimingColumn, new_state
+from sfglab.rtps.state import FlowColumn, Params, Sizes, State, TimingColumn, new_state
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["Flow", "Medium", "ModelError", "Scenario", "run"]
+__all__ = ["Flow", "Medium", "ModelError", "Scenario", "compile_scenario", "run"]
 
 _S = 1_000_000_000
 _SMALLEST_FRAME_BYTES = 62
@@ -151,6 +151,19 @@ def run(scenario: Scenario, *, seed: int) -> Outcome:
     """
     from sfglab.rtps.engine import simulate
 
+    params, state = compile_scenario(scenario, samples=_most_samples(scenario), seed=seed)
+    simulate(params, state)
+    return outcome_of(scenario.flows, params, state)
+
+
+def compile_scenario(scenario: Scenario, *, samples: int, seed: int) -> tuple[Params, State]:
+    """Return a scenario as the arrays that the engine takes.
+
+    Args:
+        scenario: What.
+        samples: Most samples of one flow.
+        seed: Of losses and values.
+    """
     hosts = _numbers(h for flow in scenario.flows for h in (flow.source, flow.target))
     executors = _numbers(flow.executor or f"{flow.name}\0" for flow in scenario.flows)
     params = Params(
@@ -161,13 +174,11 @@ def run(scenario: Scenario, *, seed: int) -> Outcome:
     sizes = Sizes(
         hosts=len(hosts),
         servers=len(executors),
-        samples=_most_samples(scenario),
+        samples=samples,
         queue=scenario.medium.queue_frames,
         flight=_most_under_way(scenario.medium),
     )
-    state = new_state(params, sizes, seed=seed)
-    simulate(params, state)
-    return outcome_of(scenario.flows, params, state)
+    return params, new_state(params, sizes, seed=seed)
 
 
 def _numbers(names: Iterable[str]) -> dict[str, int]:

@@ -117,7 +117,7 @@ class FlowColumn(IntEnum):
     CHAIN = 9
     """Flow that is published when a sample of this one was processed; -1: none."""
     CHANGE_NS = 10
-    """Mean time between changes of the value; 0: every sample differs."""
+    """Mean time between changes of the value; 0: every sample differs; `SET`: set from outside."""
     CACHED = 11
     SILENCE_NS = 12
     """Longest silence of the local cache; 0: none."""
@@ -178,7 +178,9 @@ class State(NamedTuple):
     next_host: Any  # (T,)
     flight: Any  # (T, K, 8) frames that are under way
     flight_ends: Any  # (T, 2)
-    server: Any  # (S, 5) see S_*
+    server: Any  # (S, 6) see S_*
+    watched: Any  # (F,) 1: `advance` returns at each delivery of the flow
+    delivery: Any  # (4,) see D_*; the last one
 
 
 # Columns of State.writer.
@@ -189,7 +191,10 @@ W_LAST, W_ACKED, W_ARMED, W_INTERVAL, W_LAST_HB, W_ACKED_AT_HB, W_VALUE, W_CHANG
 # Those that wait behind a gap are counted in R_WAITING, and none of them is older than R_OLDEST.
 R_NEXT, R_FIRST, R_KNOWN, R_ARMED, R_HEAD, R_TAIL, R_VALUE, R_WAITING, R_OLDEST = range(9)
 # Columns of State.server.
-S_BUSY, S_FLOW, S_SAMPLE, S_NEXT, S_WAITING = range(5)
+S_BUSY, S_FLOW, S_SAMPLE, S_NEXT, S_WAITING, S_SKIPS = range(6)
+# Entries of State.delivery: whether it was watched, and not yet returned.
+D_FRESH, D_FLOW, D_SAMPLE, D_SKIPPED = range(4)
+SET = -1
 
 _FRAME_FIELDS = 8
 
@@ -255,5 +260,7 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
         next_host=np.zeros(transmitters, np.int64),
         flight=np.zeros((transmitters, sizes.flight, _FRAME_FIELDS), np.int64),
         flight_ends=np.zeros((transmitters, 2), np.int64),
-        server=np.zeros((sizes.servers, 5), np.int64),
+        server=np.zeros((sizes.servers, 6), np.int64),
+        watched=np.zeros(flows, np.int8),
+        delivery=np.zeros(4, np.int64),
     )

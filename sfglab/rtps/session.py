@@ -1,0 +1,144 @@
+"""A scenario run step by step, beside somebody who sets values, hears deliveries and publishes in answer.
+
+For nodes whose world depends on what arrives: they and the model take turns. Knows flows by name and values by
+number: equal numbers are equal values, to the local cache and to cache control. Refuses to know what they mean.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sfglab.rtps.model import ModelError, compile_scenario
+from sfglab.rtps.outcome import outcome_of
+from sfglab.rtps.state import D_FLOW, D_SAMPLE, D_SKIPPED, SET, W_VALUE, FlowColumn
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sfglab.rtps.model import Scenario
+    from sfglab.rtps.outcome import Outcome
+
+__all__ = ["Delivery", "Session"]
+
+_MOST_ANSWERS = 200_000
+
+
+@dataclass(frozen=True, slots=True)
+class Delivery:
+    """A sample in the application's hands.
+
+    Attributes:
+        flow: Whose.
+        value: Number of its value.
+        published_ns: When it was published.
+        now_ns: When the executor was done with it.
+        repeated: Whether cache control found it equal to the one before, and discarded it.
+    """
+
+    flow: str
+    value: int
+    published_ns: int
+    now_ns: int
+    repeated: bool
+
+
+class Session:
+    """A run in steps.
+
+    Args:
+        scenario: What; flows with a rate publish by themselves whatever value was last set, the others when
+            told to. `Flow.change_s` is of no account here.
+        seed: Of losses; the same seed and the same calls give the same run to the bit.
+        watched: Flows whose deliveries are returned; None: all.
+
+    Raises:
+        ModelError: A flow does not exist, or time would run backwards.
+    """
+
+    def __init__(self, scenario: Scenario, *, seed: int, watched: Sequence[str] | None = None) -> None:
+        from sfglab.rtps.engine import new_world
+
+        self._scenario = scenario
+        self._names = [flow.name for flow in scenario.flows]
+        self._numbers = {name: i for i, name in enumerate(self._names)}
+        self._params, self._state = compile_scenario(scenario, samples=_room(scenario), seed=seed)
+        followed = {flow.then for flow in scenario.flows}
+        for name, number in self._numbers.items():
+            if name not in followed:
+                self._params.flows[number, FlowColumn.CHANGE_NS] = SET
+        for name in self._names if watched is None else watched:
+            self._state.watched[self._number(name)] = 1
+        self._world = new_world(self._params, self._state)
+        self._now_ns = 0
+
+    @property
+    def now_ns(self) -> int:
+        """Return the time that everything has come to."""
+        return self._now_ns
+
+    def set_value(self, flow: str, value: int) -> None:
+        """Set the value that a flow publishes from now on.
+
+        Args:
+            flow: One with a rate.
+            value: Its number, 0 or more.
+        """
+        self._state.writer[self._number(flow), W_VALUE] = value
+
+    def publish(self, flow: str, value: int) -> bool:
+        """Publish now.
+
+        Args:
+            flow: One that has no rate.
+            value: Its number, 0 or more.
+
+        Returns:
+            False if the local cache held it back.
+        """
+        from sfglab.rtps.engine import publish
+
+        return bool(publish(self._world, self._now_ns, self._number(flow), value))
+
+    def advance(self, until_ns: int) -> Delivery | None:
+        """Run to the next watched delivery, or to a time.
+
+        Args:
+            until_ns: When to stop at the latest, not before `now_ns`.
+
+        Returns:
+            The delivery, or None when there was none before `until_ns`.
+        """
+        from sfglab.rtps.engine import advance
+
+        if until_ns < self._now_ns:
+            raise ModelError(f"session: until_ns: given {until_ns}, allowed are {self._now_ns} and later")
+        reached = int(advance(self._world, until_ns))
+        if reached < 0:
+            self._now_ns = until_ns
+            return None
+        self._now_ns = reached
+        last = self._state.delivery
+        flow, sample = int(last[D_FLOW]), int(last[D_SAMPLE])
+        return Delivery(
+            flow=self._names[flow],
+            value=int(self._state.value[flow, sample]),
+            published_ns=int(self._state.published_ns[flow, sample]),
+            now_ns=reached,
+            repeated=bool(last[D_SKIPPED]),
+        )
+
+    def outcome(self) -> Outcome:
+        """Return what has become of every sample so far."""
+        return outcome_of(self._scenario.flows, self._params, self._state)
+
+    def _number(self, flow: str) -> int:
+        if flow not in self._numbers:
+            raise ModelError(f"session: flow: given {flow!r}, allowed are {', '.join(self._names)}")
+        return self._numbers[flow]
+
+
+def _room(scenario: Scenario) -> int:
+    """Return how many samples a flow can have: its own schedule's, or answers to what others deliver."""
+    scheduled = [int(scenario.duration_s * flow.rate_hz) + 2 for flow in scenario.flows]
+    return max(*scheduled, min(sum(scheduled), _MOST_ANSWERS))
