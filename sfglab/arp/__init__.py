@@ -1,6 +1,7 @@
 """Paper B: aggregated robot processing, its caches (2.2, 2.3) and its balanced QoS (2.4).
 
 Robots sense and act, a station localises and plans; what crosses between them is held back when it repeats.
+Beside the QoS problem that the paper prints stands our own (`programme.plan`), which sees the link.
 """
 
 from __future__ import annotations
@@ -15,6 +16,11 @@ from sfglab.arp.balancing import (
 )
 from sfglab.arp.cache import CacheControl, CacheCounters, Decision, LocalCache
 from sfglab.arp.equality import Equality, exactly_equal, nearly_equal
+from sfglab.arp.limits import InfeasiblePlanError, Limits
+from sfglab.arp.plan import Plan, TopicPlan, assess, plan_as_printed
+from sfglab.arp.programme import pareto_front, plan_file
+from sfglab.arp.section import TopicFileError
+from sfglab.arp.topics import Topic, TopicFile, load_topics, read_topics
 
 __all__ = [
     "Balance",
@@ -24,10 +30,23 @@ __all__ = [
     "Decision",
     "Equality",
     "InfeasibleBalanceError",
+    "InfeasiblePlanError",
+    "Limits",
     "LocalCache",
+    "Plan",
+    "Topic",
+    "TopicFile",
+    "TopicFileError",
+    "TopicPlan",
+    "assess",
     "average_topics",
     "balance",
     "balance_closed_form",
     "exactly_equal",
+    "load_topics",
     "nearly_equal",
+    "pareto_front",
+    "plan_as_printed",
+    "plan_file",
+    "read_topics",
 ]

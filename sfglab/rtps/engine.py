@@ -13,7 +13,7 @@ import numba as nb
 import numpy as np
 
 from sfglab.rtps.heap import pop, push
-from sfglab.rtps.medium import arrived_frame, enqueue, sent_frame, uniform
+from sfglab.rtps.medium import arrived_frame, claim, send_next, sent_frame, uniform
 from sfglab.rtps.state import (
     D_FLOW,
     D_FRESH,
@@ -90,6 +90,7 @@ _T_NACK, _T_ACK, _T_RESPONSE, _T_MOST = (
     int(TimingColumn.NACK_RESPONSE_NS),
     int(TimingColumn.NACK_MOST),
 )
+_SOURCE, _TARGET, _SHARED = int(FlowColumn.SOURCE), int(FlowColumn.TARGET), int(TimingColumn.SHARED)
 _T_DURATION, _T_UNACKED, _T_DRAIN = (
     int(TimingColumn.DURATION_NS),
     int(TimingColumn.UNACKED_MOST),
@@ -99,12 +100,18 @@ _T_DURATION, _T_UNACKED, _T_DRAIN = (
 
 @nb.njit(cache=True, nogil=True)
 def _send(world: Any, now: int, what: Any, arguments: Any, kept: Any) -> None:
-    frame = np.zeros(8, np.int64)
-    frame[0], frame[1] = what
-    frame[2], frame[3] = arguments
-    frame[4], frame[5] = kept
-    world.counts[what[0]] += 1
-    enqueue(world, now, frame)
+    kind, flow = what
+    world.counts[kind] += 1
+    host = world.flows[flow, _SOURCE]
+    place = claim(world, host, kind, flow, arguments[0])
+    if place < 0:
+        return
+    queue = world.queue
+    queue[host, place, 0] = kind
+    queue[host, place, 1] = flow
+    queue[host, place, 2], queue[host, place, 3] = arguments
+    queue[host, place, 4], queue[host, place, 5] = kept
+    send_next(world, now, 0 if world.timing[_SHARED] else host)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -229,12 +236,16 @@ def _repair(world: Any, now: int, flow: int) -> None:
     kept = _first_kept(world, flow)
     if base < kept:
         _send(world, now, (_GAP, flow), (base, kept), (kept, world.writer[flow, W_LAST]))
-    for i in range(256):
-        if (world.repair[flow, 1 + i // 64] >> (i % 64)) & 1:
-            sample = base + i
-            if kept <= sample <= world.writer[flow, W_LAST]:
-                world.counts[_C_REPEATED] += 1
-                _send_data(world, now, flow, sample)
+    for k in range(4):
+        word = world.repair[flow, 1 + k]
+        if word == 0:
+            continue
+        for i in range(64):
+            if (word >> i) & 1:
+                sample = base + 64 * k + i
+                if kept <= sample <= world.writer[flow, W_LAST]:
+                    world.counts[_C_REPEATED] += 1
+                    _send_data(world, now, flow, sample)
 
 
 # --- The reader ---------------------------------------------------------------------------------------------
@@ -337,14 +348,21 @@ def _request(world: Any, now: int, flow: int) -> None:
     reader = world.reader
     reader[flow, R_ARMED] = 0
     base = reader[flow, R_NEXT]
-    frame = np.zeros(8, np.int64)
+    world.counts[_ACK] += 1
+    host = world.flows[flow, _TARGET]
+    place = claim(world, host, _ACK, flow, base)
+    if place < 0:
+        return
+    frame = world.queue[host, place]
     frame[0], frame[1], frame[2] = _ACK, flow, base
     most = min(world.timing[_T_MOST], reader[flow, R_KNOWN] - base + 1)
-    for i in range(most):
-        if world.arrived[flow, base + i] == 0:
-            frame[4 + i // 64] |= np.int64(1) << (i % 64)
-    world.counts[_ACK] += 1
-    enqueue(world, now, frame)
+    for k in range(4):
+        start = base + 64 * k
+        word = np.int64(0)
+        for i in range(min(64, most - 64 * k)):
+            word |= np.int64(world.arrived[flow, start + i] == 0) << i
+        frame[4 + k] = word
+    send_next(world, now, 0 if world.timing[_SHARED] else host)
 
 
 # --- The executor -------------------------------------------------------------------------------------------
@@ -357,8 +375,11 @@ def _serve(world: Any, now: int, server: int) -> None:
         return
     world.server[server, S_WAITING] -= 1
     flows = world.flows.shape[0]
-    for i in range(flows):
-        flow = (world.server[server, S_NEXT] + i) % flows
+    flow = world.server[server, S_NEXT] - 1
+    for _ in range(flows):
+        flow += 1
+        if flow == flows:
+            flow = 0
         if world.flows[flow, _SERVER] != server or world.reader[flow, R_HEAD] >= world.reader[flow, R_TAIL]:
             continue
         sample = world.order[flow, world.reader[flow, R_HEAD]]
@@ -372,7 +393,7 @@ def _serve(world: Any, now: int, server: int) -> None:
         world.server[server, S_SKIPS] = skips
         world.server[server, S_FLOW] = flow
         world.server[server, S_SAMPLE] = sample
-        world.server[server, S_NEXT] = (flow + 1) % flows
+        world.server[server, S_NEXT] = 0 if flow + 1 == flows else flow + 1
         cost = compare if skips else world.flows[flow, _SERVICE]
         push(world.heap, world.heap_sizes, now + cost, _SERVED, server)
         return

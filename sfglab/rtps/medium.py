@@ -14,7 +14,7 @@ import numpy as np
 from sfglab.rtps.heap import push
 from sfglab.rtps.state import Count, Drop, Event, FlowColumn, Frame, TimingColumn
 
-__all__ = ["arrived_frame", "enqueue", "sent_frame", "uniform"]
+__all__ = ["arrived_frame", "claim", "send_next", "sent_frame", "uniform"]
 
 # Bytes of a frame. Ethernet 14, IPv4 20, UDP 8; RTPS header 20; submessages: INFO_DST 16, INFO_TS 12, DATA 24
 # and the payload, HEARTBEAT 32, ACKNACK 28 and a bitmap of 32, GAP 32 (RTPS 2.5, 9.4).
@@ -70,27 +70,28 @@ def _note_drop(world: Any, kind: int, flow: int, sample: int, where: int) -> Non
 
 
 @nb.njit(cache=True, nogil=True)
-def enqueue(world: Any, now: int, frame: Any) -> None:
-    """Put a frame into its sender's queue, and send it at once if the medium is free.
+def claim(world: Any, host: int, kind: int, flow: int, sample: int) -> int:
+    """Return the place for a frame at the end of a host's queue, -1 when the queue is full.
+
+    The caller writes the frame there, eight words: kind, flow, two arguments (of DATA: sample and whether a
+    heartbeat rides along), four more; and then calls `send_next`.
 
     Args:
         world: The run.
-        now: Nanoseconds.
-        frame: Kind, flow, two arguments (of DATA: sample and whether a heartbeat rides along), four more.
+        host: Whose queue.
+        kind: Of the frame.
+        flow: Of the frame.
+        sample: Which one a DATA frame carries.
     """
-    flow = frame[1]
-    host = world.flows[flow, _TARGET if frame[0] == _F_ACK else _SOURCE]
     ends = world.queue_ends
     capacity = world.queue.shape[1]
     if ends[host, 1] == capacity:
         world.counts[_C_FULL] += 1
-        _note_drop(world, frame[0], flow, frame[2], _D_QUEUE)
-        return
-    place = (ends[host, 0] + ends[host, 1]) % capacity
-    for k in range(8):
-        world.queue[host, place, k] = frame[k]
+        _note_drop(world, kind, flow, sample, _D_QUEUE)
+        return -1
+    place = ends[host, 0] + ends[host, 1]
     ends[host, 1] += 1
-    _send_next(world, now, 0 if world.timing[_SHARED] else host)
+    return int(place - capacity if place >= capacity else place)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -101,19 +102,29 @@ def _choose_host(world: Any, transmitter: int) -> tuple[int, int]:
         return (transmitter if waiting else -1), 1
     hosts = world.queue_ends.shape[0]
     chosen, contenders = -1, 0
-    for i in range(hosts):
-        host = (world.next_host[0] + i) % hosts
+    host = world.next_host[0] - 1
+    for _ in range(hosts):
+        host += 1
+        if host == hosts:
+            host = 0
         if world.queue_ends[host, 1]:
             contenders += 1
             if chosen < 0:
                 chosen = host
     if chosen >= 0:
-        world.next_host[0] = (chosen + 1) % hosts
+        world.next_host[0] = 0 if chosen + 1 == hosts else chosen + 1
     return chosen, contenders
 
 
 @nb.njit(cache=True, nogil=True)
-def _send_next(world: Any, now: int, transmitter: int) -> None:
+def send_next(world: Any, now: int, transmitter: int) -> None:
+    """Send the next host's oldest frame, if the medium is free.
+
+    Args:
+        world: The run.
+        now: Nanoseconds.
+        transmitter: 0 where hosts share the medium, else the host.
+    """
     air = world.on_air
     if air[transmitter, 0]:
         return
@@ -123,7 +134,7 @@ def _send_next(world: Any, now: int, transmitter: int) -> None:
     place = world.queue_ends[host, 0]
     for k in range(8):
         air[transmitter, 1 + k] = world.queue[host, place, k]
-    world.queue_ends[host, 0] = (place + 1) % world.queue.shape[1]
+    world.queue_ends[host, 0] = 0 if place + 1 == world.queue.shape[1] else place + 1
     world.queue_ends[host, 1] -= 1
     size = _size_bytes(world, air[transmitter, 1], air[transmitter, 2], air[transmitter, 4])
     stretch = 1.0 + world.rates[2] * (contenders - 1)
@@ -157,7 +168,7 @@ def sent_frame(world: Any, now: int, transmitter: int, frame: Any) -> bool:
             world.flight[transmitter, place, k] = frame[k]
         ends[transmitter, 1] += 1
         push(world.heap, world.heap_sizes, now + world.timing[_LATENCY], _ARRIVED, transmitter)
-    _send_next(world, now, transmitter)
+    send_next(world, now, transmitter)
     return there
 
 

@@ -239,13 +239,15 @@ def _timing(scenario: Scenario) -> np.ndarray:
 def _most_samples(scenario: Scenario) -> int:
     """Return how many samples one flow can have at most; a chain publishes once for each that it follows."""
     own = {f.name: (int(scenario.duration_s * f.rate_hz) + 2 if f.rate_hz else 0) for f in scenario.flows}
-    total = sum(own.values())
-    chained = any(flow.then for flow in scenario.flows)
-    return (
-        total
-        if chained and len({f.then for f in scenario.flows}) > 2
-        else max(total if chained else 0, *own.values())
-    )
+    most = own
+    for _ in scenario.flows:  # a chain is as long as there are flows, at most; a ring has no end
+        before, most = most, dict(own)
+        for flow in scenario.flows:
+            if flow.then:
+                most[flow.then] += before[flow.name]
+        if most == before:
+            return max(most.values())
+    return max(sum(own.values()), *most.values())
 
 
 def _most_under_way(medium: Medium) -> int:

@@ -238,7 +238,7 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
     reader[:, R_VALUE] = -1
     for flow, row in enumerate(params.flows):
         if row[FlowColumn.PERIOD_NS]:
-            push(heap, heap_sizes, row[FlowColumn.PHASE_NS], Event.PUBLISH, flow)
+            push(heap, heap_sizes, row[FlowColumn.PHASE_NS], int(Event.PUBLISH), flow)
     return State(
         heap=heap,
         heap_sizes=heap_sizes,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.lab.checks import CheckRow
 from sfglab.lab.claims import How, Measured
 from sfglab.lab.figures import COLORS, house_style
 from sfglab.lab.stats import Estimate
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 
     from sfglab.names import SchemaNode
 
-__all__ = ["NAME", "CheckRow", "Config", "draw_schema", "figures", "load_checks", "measure_claims", "run"]
+__all__ = ["NAME", "Config", "draw_schema", "figures", "load_checks", "measure_claims", "run"]
 
 NAME = "naming"
 AGENT = "go2"
@@ -77,23 +78,6 @@ class Config:
     def of_profile(cls, profile: str, *, seed: int = 0) -> Config:
         """Return the configuration of a profile."""
         return cls(samples={"smoke": 200, "quick": 2000, "paper": 20000}[profile], seed=seed)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CheckRow:
-    """How often one property was checked and how often it held.
-
-    Attributes:
-        check: The property.
-        checked: Names it was checked on.
-        held: Names on which it held.
-        example: A name on which it did not; else one on which it did.
-    """
-
-    check: str
-    checked: int
-    held: int
-    example: str
 
 
 def _random_word(rng: np.random.Generator) -> str:

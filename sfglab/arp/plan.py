@@ -1,0 +1,225 @@
+"""A planned QoS: rate and depth of each topic, and what the link's arithmetic expects of them.
+
+Whoever found the rates, they are judged alike here: share of the medium, latency, and the share of time in
+which the reader holds a value that is still true. Refuses to know how rates are found.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sfglab.arp.balancing import BalanceInput, balance
+from sfglab.arp.link import link_of, queue_wait_s, repair_delay_s, rounds_needed
+from sfglab.errors import SfglabError
+from sfglab.qos import SENSOR_DATA, QoSProfile
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from sfglab.arp.link import Link
+    from sfglab.arp.topics import Topic, TopicFile
+    from sfglab.rtps import Medium, Vendor
+
+__all__ = ["Plan", "TopicPlan", "UnknownTopicError", "assess", "depths_for", "plan_as_printed"]
+
+
+class UnknownTopicError(SfglabError, LookupError):
+    """A topic that a plan does not have."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicPlan:
+    """One topic's part of a plan.
+
+    Attributes:
+        topic: The topic.
+        rate_hz: How often it is sent.
+        depth: History of its writer and of its reader.
+        latency_s: Mean time from publication to delivery, expected; infinite where the medium is overloaded.
+        up_to_date: Share of time in which the reader holds the value that the sensor has, expected.
+    """
+
+    topic: Topic
+    rate_hz: float
+    depth: int
+    latency_s: float
+    up_to_date: float
+
+    @property
+    def deadline_ns(self) -> int | None:
+        """The longest gap to agree on: the history's length in time, depth / rate; None behind a local cache.
+
+        A DEADLINE of one period would be missed by every jitter and every repair. After depth / rate a sample
+        that is still missing has left the history and comes no more, so a longer gap is a fault. What a cache
+        holds back leaves gaps of any length.
+        """
+        if self.topic.cached:
+            return None
+        return max(1, round(1e9 * max(self.depth, 2) / self.rate_hz))
+
+    @property
+    def qos(self) -> QoSProfile:
+        """Of the writer, and of the reader alike: equal profiles always match."""
+        return QoSProfile(
+            reliability=self.topic.reliability,
+            durability=self.topic.durability,
+            depth=self.depth,
+            deadline_ns=self.deadline_ns,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """Rates and depths of all topics.
+
+    Attributes:
+        topics: Each topic's part, in the order given.
+        method: Who found it.
+        medium: The link that was reckoned with.
+        vendor: The timing that was reckoned with.
+        utilisation: Largest share of a sender's time that is taken, repeats and acknowledgements included;
+            above 1, queues grow without end.
+        freshness: What the programme maximises: mean by weight of r t / (1 + r t), the share of time in
+            which the value sent last is still true, t being the mean time between changes.
+        latency_s: Mean by weight of the topics' latencies.
+        up_to_date: Mean by weight of the topics' shares.
+        latency_price_hz: What a second of mean latency cost, in freshness; None where no programme was solved.
+        airtime_price: What one more share of a sender's time would have brought, in the objective: the
+            capacity's dual value; None where no programme was solved.
+    """
+
+    topics: tuple[TopicPlan, ...]
+    method: str
+    medium: Medium
+    vendor: Vendor
+    utilisation: float
+    freshness: float
+    latency_s: float
+    up_to_date: float
+    latency_price_hz: float | None = None
+    airtime_price: float | None = None
+
+    def __getitem__(self, name: str) -> TopicPlan:
+        """Return a topic's part.
+
+        Raises:
+            UnknownTopicError: There is no such topic; says which there are.
+        """
+        for part in self.topics:
+            if part.topic.name == name:
+                return part
+        known = ", ".join(part.topic.name for part in self.topics)
+        raise UnknownTopicError(f"topic: given {name!r}, planned are {known}")
+
+    def qos(self, name: str) -> QoSProfile:
+        """Return the profile of a topic's writer and reader."""
+        return self[name].qos
+
+    @property
+    def rates_hz(self) -> NDArray[np.float64]:
+        """Rates in the order of the topics, shape (n,)."""
+        return np.array([part.rate_hz for part in self.topics])
+
+
+def assess(  # noqa: PLR0913 - a plan's parts, by keyword
+    topics: Sequence[Topic],
+    medium: Medium,
+    vendor: Vendor,
+    *,
+    rates_hz: NDArray[np.float64],
+    depths: NDArray[np.int64],
+    method: str,
+) -> Plan:
+    """Return rates and depths with what the link's arithmetic expects of them.
+
+    Args:
+        topics: The topics.
+        medium: The link.
+        vendor: Timing of the protocol.
+        rates_hz: Of each topic, shape (n,).
+        depths: Of each topic, shape (n,).
+        method: Who found them.
+    """
+    link = link_of(topics, medium, vendor)
+    latency_s = _latency_s(link, rates_hz)
+    per_change = rates_hz * link.arriving * np.array([t.change_s for t in topics])
+    true_when_sent = per_change * -np.expm1(-1 / per_change)  # periodic samples, changes at random times
+    up_to_date = true_when_sent * np.exp(-latency_s / np.array([t.change_s for t in topics]))
+    weights = np.array([t.weight for t in topics])
+    return Plan(
+        topics=tuple(
+            TopicPlan(topic=t, rate_hz=float(r), depth=int(d), latency_s=float(s), up_to_date=float(u))
+            for t, r, d, s, u in zip(topics, rates_hz, depths, latency_s, up_to_date, strict=True)
+        ),
+        method=method,
+        medium=medium,
+        vendor=vendor,
+        utilisation=float(link.utilisation(rates_hz).max()),
+        freshness=float(np.average(per_change / (1 + per_change), weights=weights)),
+        latency_s=float(np.average(latency_s, weights=weights)),
+        up_to_date=float(np.average(up_to_date, weights=weights)),
+    )
+
+
+def depths_for(link: Link, rates_hz: NDArray[np.float64], *, residual_loss: float) -> NDArray[np.int64]:
+    """Return how deep histories must be for repairs to come in time, shape (n,).
+
+    What is published while a sample waits for k repairs must fit beside it: ceil(r k (w + c)) + 1, where one
+    repair takes w + c (`repair_delay_s`) and twice the queue's wait, and k follows from the losses
+    (`rounds_needed`). No deeper: with Fast DDS heartbeats ride with samples only while the history is full, so
+    until a deep one has filled, repairs wait for the periodic heartbeat, 3 s by default; and with either
+    implementation a deep history repairs samples that nobody wants any more, which hold up newer ones.
+    Best-effort topics get the depth of rmw's profile for sensors.
+
+    Args:
+        link: The link.
+        rates_hz: Of each topic, shape (n,).
+        residual_loss: Share of samples that may stay lost.
+    """
+    rounds = rounds_needed(link, residual_loss)
+    sent_hz = link.sent_hz(rates_hz)
+    wait = np.maximum(link.rides / sent_hz, link.heartbeat_s)
+    repair_s = wait + link.round_s + 2 * _waits_s(link, rates_hz)
+    depths = np.ceil(np.minimum(sent_hz * rounds * repair_s, 1e6)) + 1
+    return np.where(link.reliable, depths, SENSOR_DATA.depth).astype(np.int64)
+
+
+def plan_as_printed(given: TopicFile) -> Plan:
+    """Return the plan of paper B's own problem (`balancing`): one rate and one depth for all, the link unseen.
+
+    Rmax is the largest rate that any topic could have; the depth is rounded down.
+
+    Args:
+        given: Topics and link; T_a counts the topics of each of its agents.
+
+    Raises:
+        InfeasibleBalanceError: No rate and depth satisfy the printed constraints.
+    """
+    rate_max_hz = max(t.rate_max_hz for t in given.topics)
+    found = balance(BalanceInput(topics=given.topics_of_agents(), rate_max_hz=rate_max_hz))
+    return assess(
+        given.topics,
+        given.medium,
+        given.vendor,
+        rates_hz=np.full(len(given.topics), found.rate_hz),
+        depths=np.full(len(given.topics), int(found.depth + 1e-6)),  # a solver's 5 may be 4.9999999
+        method="printed",
+    )
+
+
+def _waits_s(link: Link, rates_hz: NDArray[np.float64]) -> NDArray[np.float64]:
+    utilisation = link.utilisation(rates_hz)
+    # Up to 1 the formula holds; beyond, there is no mean.
+    waits = queue_wait_s(np.minimum(utilisation, 1 - 1e-9), link, inverse=np.reciprocal)
+    return np.where(utilisation < 1, waits, math.inf)[link.sender]
+
+
+def _latency_s(link: Link, rates_hz: NDArray[np.float64]) -> NDArray[np.float64]:
+    repairs = repair_delay_s(link, link.sent_hz(rates_hz), inverse=np.reciprocal, larger=np.maximum)
+    return np.asarray(link.way_s + repairs + _waits_s(link, rates_hz))

@@ -1,0 +1,212 @@
+"""The topics that QoS is planned for, and the YAML file that names them with their link.
+
+Knows topics, links and vendors by their keys, and says for every refusal file, topic, key, what was given and
+what is allowed. Refuses to know how rates are found.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from sfglab.arp.section import Section, TopicFileError, parse
+from sfglab.qos import Durability, Reliability
+from sfglab.rtps import FAST_DDS, PRESETS, Medium, Vendor
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+__all__ = ["Topic", "TopicFile", "TopicFileError", "load_topics", "read_topics"]
+
+_MS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Topic:
+    """One topic: who sends what to whom, and what it is worth.
+
+    Attributes:
+        name: Full name, with its leading slash.
+        source: Host that publishes.
+        target: Host that subscribes.
+        size_bytes: CDR size of a message.
+        rate_min_hz: Below this it is of no use.
+        rate_max_hz: The most that it could be sent.
+        change_s: Mean time between changes of its value; what a higher rate is worth follows from it.
+        weight: What it is worth beside the others.
+        cached: Whether a local cache holds repeated values back (paper B, section 2.2): then only changes
+            travel, and the rate is that of the readings.
+        reliability: BEST_EFFORT topics cost no acknowledgements, and lose what the medium loses.
+        durability: For the exported profiles; the plan does not depend on it.
+    """
+
+    name: str
+    source: str
+    target: str
+    size_bytes: int
+    rate_min_hz: float = 1.0
+    rate_max_hz: float = 1000.0
+    change_s: float = 1.0
+    weight: float = 1.0
+    cached: bool = False
+    reliability: Reliability = Reliability.RELIABLE
+    durability: Durability = Durability.VOLATILE
+
+    @property
+    def reliable(self) -> bool:
+        """Whether what is lost is repaired."""
+        return self.reliability is Reliability.RELIABLE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicFile:
+    """What a file of topics says.
+
+    Attributes:
+        topics: In the file's order.
+        medium: The link that all of them share.
+        vendor: The DDS implementation, with the file's timing where it says any.
+        utilisation_max: The most of the medium's time that may be planned.
+        residual_loss: Share of samples that may stay lost after repairs.
+        agents: Hosts that the printed problem counts as agents; by default all that publish.
+    """
+
+    topics: tuple[Topic, ...]
+    medium: Medium = field(default_factory=Medium)
+    vendor: Vendor = FAST_DDS
+    utilisation_max: float = 0.9
+    residual_loss: float = 1e-4
+    agents: tuple[str, ...] = ()
+
+    def limited_to(self, rate_max_hz: float | None) -> TopicFile:
+        """Return the same with no topic faster than a rate; a minimal rate above it is lowered to it."""
+        if rate_max_hz is None:
+            return self
+        topics = tuple(
+            replace(
+                t,
+                rate_max_hz=min(t.rate_max_hz, rate_max_hz),
+                rate_min_hz=min(t.rate_min_hz, rate_max_hz),
+            )
+            for t in self.topics
+        )
+        return replace(self, topics=topics)
+
+    def topics_of_agents(self) -> tuple[int, ...]:
+        """Return T_a of paper B, Eq. 1: how many topics each agent sends or hears."""
+        return tuple(sum(agent in (t.source, t.target) for t in self.topics) for agent in self.agents)
+
+
+def load_topics(path: Path) -> TopicFile:
+    """Read a file of topics.
+
+    Args:
+        path: A YAML file, such as ``data/qos/paper_b.yaml``.
+
+    Raises:
+        TopicFileError: It cannot be read, or does not say what it must.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise TopicFileError(path.name, "", str(path), f"a readable text file ({error})") from error
+    return read_topics(text, file=path.name)
+
+
+def read_topics(text: str, *, file: str = "topics.yaml") -> TopicFile:
+    """Read topics from the text of a YAML file.
+
+    Args:
+        text: What stands in the file.
+        file: Its name, for messages.
+
+    Raises:
+        TopicFileError: It does not say what it must; says where.
+    """
+    top = Section(file, "", parse(text, file))
+    ceiling_hz = top.positive("rate_max_hz", 1000.0)
+    listed = top.section("topics")
+    topics = tuple(_read_topic(listed, name, ceiling_hz) for name in listed.values)
+    if not topics:
+        raise top.refusal("topics", "one topic at least")
+    found = TopicFile(
+        topics=topics,
+        medium=_read_link(top.section("link")),
+        vendor=_read_vendor(top),
+        utilisation_max=top.number("utilisation_max", 0.9, low=0.01, high=1.0),
+        residual_loss=top.number("residual_loss", 1e-4, low=1e-9, high=1.0),
+        agents=_read_agents(top, topics),
+    )
+    top.close()
+    return found
+
+
+def _read_topic(listed: Section, name: Any, ceiling_hz: float) -> Topic:
+    if not isinstance(name, str) or not name.startswith("/") or name.endswith("/"):
+        raise TopicFileError(listed.file, f"topics.{name}", name, "a full topic name, such as '/robot1/lidar'")
+    section = listed.section(name)
+    rate_max_hz = min(section.positive("rate_max_hz", ceiling_hz), ceiling_hz)
+    topic = Topic(
+        name=name,
+        source=section.text("from"),
+        target=section.text("to"),
+        size_bytes=int(section.number("size_bytes", low=0, high=64_000)),
+        rate_min_hz=section.positive("rate_min_hz", min(1.0, rate_max_hz)),
+        rate_max_hz=rate_max_hz,
+        change_s=section.positive("change_s", 1.0),
+        weight=section.positive("weight", 1.0),
+        cached=section.flag("cached", default=False),
+        reliability=Reliability(
+            section.text("reliability", "reliable", choices=tuple(r.value for r in Reliability))
+        ),
+        durability=Durability(
+            section.text("durability", "volatile", choices=tuple(d.value for d in Durability))
+        ),
+    )
+    if topic.rate_min_hz > topic.rate_max_hz:
+        raise section.refusal("rate_min_hz", f"up to the topic's rate_max_hz, {topic.rate_max_hz:g}")
+    if topic.source == topic.target:
+        raise section.refusal("to", f"another host than 'from', {topic.source}")
+    section.close()
+    return topic
+
+
+def _read_link(section: Section) -> Medium:
+    usual = Medium()
+    medium = Medium(
+        rate_bps=section.positive("rate_mbps", usual.rate_bps / 1e6) * 1e6,
+        loss=section.number("loss", usual.loss, high=1.0),
+        shared=section.flag("shared", default=usual.shared),
+        overhead_s=section.number("overhead_us", usual.overhead_s * 1e6) / 1e6,
+        contention=section.number("contention", usual.contention),
+        latency_s=section.number("latency_ms", usual.latency_s * 1e3) / 1e3,
+        queue_frames=int(section.number("queue_frames", usual.queue_frames, low=1)),
+    )
+    section.close()
+    return medium
+
+
+def _read_vendor(top: Section) -> Vendor:
+    vendor = PRESETS[top.text("vendor", "fast_dds", choices=tuple(PRESETS))]
+    section = top.section("timing")
+    keys = {"heartbeat_ms": "heartbeat_ns", "nack_delay_ms": "nack_delay_ns", "ack_delay_ms": "ack_delay_ns"}
+    changes: dict[str, Any] = {
+        field: round(section.positive(key) * _MS) for key, field in keys.items() if key in section.values
+    }
+    if "heartbeat_ns" in changes:
+        # A vendor whose heartbeats never back off keeps that.
+        steady = vendor.heartbeat_ns == vendor.heartbeat_max_ns
+        longest = changes["heartbeat_ns"] if steady else max(vendor.heartbeat_max_ns, changes["heartbeat_ns"])
+        changes["heartbeat_max_ns"] = longest
+    for key in keys:
+        section.get(key, None)
+    section.close()
+    return replace(vendor, **changes)
+
+
+def _read_agents(top: Section, topics: tuple[Topic, ...]) -> tuple[str, ...]:
+    hosts = sorted({t.source for t in topics} | {t.target for t in topics})
+    given = top.get("agents", sorted({t.source for t in topics}))
+    if not isinstance(given, list) or not given or not all(agent in hosts for agent in given):
+        raise top.refusal("agents", f"a list of hosts among {', '.join(hosts)}")
+    return tuple(given)

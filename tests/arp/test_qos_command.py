@@ -1,0 +1,102 @@
+"""`sfglab qos`: what the command prints and writes, and how it refuses."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from sfglab.cli import app, main
+from sfglab.errors import SfglabError
+
+DATA = Path(__file__).parents[2] / "data" / "qos"
+PAPER_B, WAREHOUSE = str(DATA / "paper_b.yaml"), str(DATA / "warehouse.yaml")
+
+
+def call(*arguments: str) -> str:
+    done = CliRunner().invoke(app, ["qos", *arguments])
+    if done.exception is not None:
+        raise done.exception
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_the_table_has_a_line_for_each_topic_and_what_the_link_bears():
+    text = call(PAPER_B)
+    assert len(re.findall(r"^/\S+ +\d+\.\d\d +\d+ ", text, re.MULTILINE)) == 18
+    assert re.search(r"taken of the medium's time \d\d %", text)
+
+
+def test_the_printed_method_gives_every_topic_the_same_and_says_that_it_is_too_much():
+    text = call(PAPER_B, "--method", "printed", "--rate-max", "500")
+    assert text.count(" 82.33    822 ") == 18
+    assert "overloaded" in text
+    assert "without bound" in text
+
+
+def test_no_topic_is_faster_than_rate_max():
+    rates = re.findall(r"^/\S+ +(\d+\.\d\d)", call(PAPER_B, "--rate-max", "20"), re.MULTILINE)
+    assert max(map(float, rates)) == 20
+
+
+def test_the_front_has_a_line_for_each_price():
+    lines = call(WAREHOUSE, "--front").splitlines()
+    assert len(lines) == 14
+    latencies = [float(line.split()[2]) for line in lines[1:]]
+    assert latencies == sorted(latencies, reverse=True)
+
+
+def test_a_higher_price_of_latency_takes_less_of_the_medium():
+    def taken(price):
+        return int(re.search(r"time (\d+) %", call(PAPER_B, "--latency-price", price))[1])
+
+    assert taken("500") < taken("1")
+
+
+def test_files_are_written_into_a_folder_and_named(tmp_path):
+    out = str(tmp_path / "new" / "config")
+    for name, file, given in (
+        ("fastdds", "fastdds.xml", PAPER_B),
+        ("fastdds3", "fastdds3.xml", PAPER_B),
+        ("cyclone", "cyclonedds.xml", WAREHOUSE),
+        ("ros2", "qos_overrides.yaml", WAREHOUSE),
+        ("table", "qos.txt", WAREHOUSE),
+    ):
+        assert call(given, "--format", name, "--out", out).strip().endswith(file)
+    folder = Path(out)
+    assert len(list(folder.iterdir())) == 5
+    ET.fromstring((folder / "fastdds.xml").read_text())  # noqa: S314 - our own text
+    assert "/**" in yaml.safe_load((folder / "qos_overrides.yaml").read_text())
+
+
+def test_another_vendor_can_be_planned_for():
+    assert "<CycloneDDS" in call(PAPER_B, "--vendor", "cyclone_dds", "--format", "cyclone")
+    assert "<NackDelay>10 ms<" in call(WAREHOUSE, "--vendor", "cyclone_dds", "--format", "cyclone")
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(SfglabError, match=r"--out: given .*taken, needed is a folder"):
+        call(PAPER_B, "--out", str(tmp_path / "taken"))
+
+
+def test_a_mistake_in_the_file_is_one_line_and_status_1(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "bad.yaml"
+    path.write_text("topics:\n  /a: {from: r, to: s, size_bytes: big}\n")
+    monkeypatch.setattr("sys.argv", ["sfglab", "qos", str(path)])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "bad.yaml: topics./a.size_bytes: given 'big'" in error
+
+
+def test_help_has_examples_and_every_option():
+    text = call("--help")
+    for word in ("--method", "--format", "--out", "--rate-max", "--front", "data/qos/paper_b.yaml"):
+        assert word in text

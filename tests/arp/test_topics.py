@@ -1,0 +1,117 @@
+"""Files of topics: what they say, what they may leave out, and how each mistake is named."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import pytest
+
+from sfglab.arp import TopicFileError, load_topics, read_topics
+from sfglab.arp.sensors import ROBOTS, SENSORS
+from sfglab.qos import Durability, Reliability
+from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Medium
+
+DATA = Path(__file__).parents[2] / "data" / "qos"
+ONE = "topics:\n  /a: {from: robot, to: station, size_bytes: 8}\n"
+
+
+def test_paper_bs_file_has_table_1s_sensors_hello_and_the_localisation_result():
+    found = {t.name: t for t in load_topics(DATA / "paper_b.yaml").topics}
+    for robot, names in ROBOTS.items():
+        for name in names:
+            topic = found.pop(f"/{robot}/{name}")
+            assert (topic.source, topic.target) == (robot, "station")
+            assert (topic.size_bytes, topic.change_s) == (SENSORS[name].table_bytes, SENSORS[name].change_s)
+    assert list(found) == ["/hello", "/robot3/localisation"]
+
+
+def test_paper_bs_file_has_the_models_usual_link():
+    given = load_topics(DATA / "paper_b.yaml")
+    assert given.medium == Medium()
+    assert given.vendor == FAST_DDS
+    assert given.agents == tuple(ROBOTS)
+
+
+def test_what_a_file_leaves_out_has_the_usual_value():
+    given = read_topics(ONE)
+    topic = given.topics[0]
+    assert given.medium == Medium()
+    assert given.vendor == FAST_DDS
+    assert given.agents == ("robot",)
+    assert (topic.rate_min_hz, topic.rate_max_hz, topic.weight, topic.change_s) == (1, 1000, 1, 1)
+    assert (topic.reliability, topic.durability) == (Reliability.RELIABLE, Durability.VOLATILE)
+
+
+def test_the_second_example_says_what_may_be_said_beside():
+    given = load_topics(DATA / "warehouse.yaml")
+    topics = {t.name: t for t in given.topics}
+    assert given.vendor.name == CYCLONE_DDS.name
+    assert given.vendor.nack_delay_ns == 10_000_000
+    assert given.vendor.heartbeat_max_ns == CYCLONE_DDS.heartbeat_max_ns
+    assert given.medium.rate_bps == 12e6
+    assert topics["/picker/scan"].reliability is Reliability.BEST_EFFORT
+    assert topics["/picker/goal"].durability is Durability.TRANSIENT_LOCAL
+    assert topics["/carrier1/battery"].rate_max_hz == 1
+    assert topics["/picker/goal"].cached
+
+
+def test_a_vendor_whose_heartbeats_do_not_back_off_keeps_that():
+    vendor = read_topics(f"timing: {{heartbeat_ms: 50}}\n{ONE}").vendor
+    assert vendor.heartbeat_ns == vendor.heartbeat_max_ns == 50_000_000
+
+
+def line(text: str) -> str:
+    return f"topics:\n  /a: {{{text}}}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"^t\.yaml: nothing is given, allowed: a mapping"),
+        ("topics: [", r"^t\.yaml: given .*, allowed: YAML"),
+        ("topics: {}", r"topics: given \{\}, allowed: one topic at least"),
+        ("topics: 3", r"topics: given 3, allowed: a mapping"),
+        ("topics: {a: {}}", r"topics\.a: given 'a', allowed: a full topic name"),
+        (line("to: s, size_bytes: 8"), r"topics\./a\.from: nothing is given, allowed: 'from' is needed here"),
+        (line("from: r, to: s"), r"topics\./a\.size_bytes: nothing is given"),
+        (line("from: r, to: r, size_bytes: 8"), r"topics\./a\.to: given 'r', allowed: another host"),
+        (line("from: r, to: s, size_bytes: -1"), r"/a\.size_bytes: given -1, allowed: a number from 0"),
+        (line("from: r, to: s, size_bytes: x"), r"/a\.size_bytes: given 'x'"),
+        (line("from: r, to: s, size_bytes: 8, weight: 0"), r"/a\.weight: given 0, allowed: a number above"),
+        (line("from: r, to: s, size_bytes: 8, weight: .nan"), r"/a\.weight: given nan"),
+        (line("from: r, to: s, size_bytes: 8, weight: true"), r"/a\.weight: given True"),
+        (line("from: r, to: s, size_bytes: 8, wieght: 2"), r"/a\.wieght: .*did you mean 'weight'\?"),
+        (
+            line("from: r, to: s, size_bytes: 8, reliability: sure"),
+            r"/a\.reliability: given 'sure', allowed: best_effort or reliable",
+        ),
+        (
+            line("from: r, to: s, size_bytes: 8, rate_min_hz: 9, rate_max_hz: 5"),
+            r"/a\.rate_min_hz: given 9, allowed: up to the topic's rate_max_hz, 5",
+        ),
+        (f"vendor: rti\n{ONE}", r"vendor: given 'rti', allowed: fast_dds or cyclone_dds"),
+        (f"link: {{loss: 1}}\n{ONE}", r"link\.loss: given 1, allowed: a number from 0, below 1"),
+        (f"link: {{shared: 1}}\n{ONE}", r"link\.shared: given 1, allowed: true or false"),
+        (f"link: {{rate: 1}}\n{ONE}", r"link\.rate: given 'rate', allowed: contention, .*rate_mbps"),
+        (f"agents: [moon]\n{ONE}", r"agents: given \['moon'\], allowed: a list of hosts among robot, station"),
+        (f"agents: 3\n{ONE}", r"agents: given 3"),
+        (f"agents: [[1]]\n{ONE}", r"agents: given \[\[1\]\]"),
+        (f"colour: red\n{ONE}", r"colour: given 'colour', allowed: agents, link"),
+        (f"timing: {{nack_delay_ms: 0}}\n{ONE}", r"timing\.nack_delay_ms: given 0"),
+        (f"{ONE}  /a: {{from: x, to: y, size_bytes: 8}}\n", r"/a.*each key once"),
+    ],
+)
+def test_each_mistake_is_named_by_file_topic_and_key(text, message):
+    with pytest.raises(TopicFileError, match=message):
+        read_topics(text, file="t.yaml")
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(TopicFileError, match=r"^none\.yaml: .*readable text file"):
+        load_topics(tmp_path / "none.yaml")
+
+
+def test_refusals_survive_pickling():
+    error = TopicFileError("t.yaml", "topics./a", 3, "a text")
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)  # noqa: S301 - our own bytes

@@ -1,0 +1,372 @@
+"""Sweeps: the same rows wherever they ran, in order, once each, whatever happened in between."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import math
+import os
+import struct
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sweep_tasks import OtherRow, SpotPoint, SpotRow, failing, obeying, quick, several, uneven, wrong
+
+from sfglab.lab.sweep import JournalError, SweepError, Workers, sweep
+from sfglab.lab.sweep.batch import Done
+from sfglab.lab.sweep.identity import code_digest, identity_of
+from sfglab.lab.sweep.journal import Finished, Journal
+from sfglab.lab.sweep.rows import result_from_text, text_from_result
+from sfglab.lab.sweep.run import _next_size
+from sfglab.lab.sweep.workers import connected
+
+POINTS = [SpotPoint(number=number) for number in range(5)]
+SEEDS = range(6)
+THREADS = Workers(count=2, threads=True)
+PROCESSES = Workers(count=2)
+
+
+def bits(results):
+    return [
+        struct.pack("d", row.value) + json.dumps([row.number, row.seed, row.even, row.name]).encode()
+        for row in results
+    ]
+
+
+def expected():
+    return [quick(point, seed) for point in POINTS for seed in SEEDS]
+
+
+@contextmanager
+def foreign_scheduler(folder):
+    """A scheduler with one worker in another process, as somebody else would keep it."""
+    program = (
+        "import sys\n"
+        "from distributed import LocalCluster\n"
+        "with LocalCluster(n_workers=1, threads_per_worker=2, processes=False, protocol='tcp',\n"
+        "                  host='127.0.0.1', dashboard_address='127.0.0.1:0',\n"
+        "                  local_directory=sys.argv[1]) as cluster:\n"
+        "    print(cluster.scheduler_address, flush=True)\n"
+        "    sys.stdin.readline()\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    with subprocess.Popen(
+        [sys.executable, "-c", program, str(folder)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env={**environment, "DASK_TEMPORARY_DIRECTORY": str(folder)},
+    ) as process:
+        try:
+            yield process.stdout.readline().strip()
+        finally:
+            process.communicate("\n", timeout=20)
+
+
+def nothing_is_left(folder):
+    helpers = [
+        p for p in psutil.Process().children(recursive=True) if "resource_tracker" not in str(p.cmdline())
+    ]
+    assert not helpers
+    assert not list(folder.glob(".*.workers"))
+
+
+# --- Rows -----------------------------------------------------------------------------------------------------
+
+
+@given(st.integers(), st.floats(), st.booleans(), st.text(st.characters(exclude_categories=["Cs"])))
+def test_a_row_survives_as_text_to_the_bit(seed, value, even, name):
+    row = SpotRow(number=0, seed=seed, value=value, even=even, name=name)
+    again = result_from_text(text_from_result(row))
+    assert type(again.seed) is int
+    assert type(again.even) is bool
+    assert (again.seed, again.even, again.name) == (seed, even, name)
+    assert (
+        math.isnan(again.value)
+        if math.isnan(value)
+        else struct.pack("d", again.value) == struct.pack("d", value)
+    )
+    assert "\n" not in text_from_result(row)
+
+
+def test_numpy_scalars_become_pythons_and_other_fields_are_refused_by_name():
+    row = OtherRow(level=np.float64(0.1))
+    assert type(result_from_text(text_from_result(row)).level) is float
+    with pytest.raises(SweepError, match="OtherRow: level: given a list, allowed are bool, int, float, str"):
+        text_from_result(OtherRow(level=[1]))
+    with pytest.raises(SweepError, match="needed is a row"):
+        text_from_result({"level": 1})
+
+
+# --- Where it runs --------------------------------------------------------------------------------------------
+
+
+def test_threads_processes_and_a_cluster_give_the_same_bits_in_order(tmp_path, monkeypatch):
+    wanted = bits(expected())
+    assert bits(sweep(quick, POINTS, SEEDS, journal=tmp_path / "a", workers=THREADS)) == wanted
+    assert bits(sweep(quick, POINTS, SEEDS, journal=tmp_path / "b", workers=PROCESSES)) == wanted
+    with foreign_scheduler(tmp_path / "far") as address:
+        assert address.startswith("tcp://127.0.0.1:")
+        far = Workers(scheduler=address)
+        assert bits(sweep(quick, POINTS, SEEDS, journal=tmp_path / "c", workers=far)) == wanted
+        monkeypatch.setenv("SFGLAB_SCHEDULER", address)
+        assert bits(sweep(quick, POINTS, SEEDS, journal=tmp_path / "d")) == wanted
+    nothing_is_left(tmp_path)
+
+
+def test_results_are_in_order_of_points_and_seeds_whatever_finished_first(tmp_path):
+    journal = tmp_path / "journal"
+    points = [SpotPoint(number=number) for number in (0, 30, 2, 60)]
+    found = sweep(uneven, points, [5, 3], journal=journal, workers=THREADS)
+    assert [(row.number, row.seed) for row in found] == [(p.number, s) for p in points for s in (5, 3)]
+
+
+def test_a_task_may_return_several_rows_of_several_kinds(tmp_path):
+    for _ in range(2):  # run, then read
+        found = sweep(several, POINTS[2:3], [3], journal=tmp_path / "journal", workers=THREADS)
+        assert found == [(quick(POINTS[2], 3), OtherRow(level=3 / 7))]
+
+
+def test_it_runs_beside_an_event_loop_as_in_a_notebook(tmp_path):
+    async def cell():
+        return sweep(quick, POINTS, SEEDS, journal=tmp_path / "journal", workers=THREADS)
+
+    assert bits(asyncio.run(cell())) == bits(expected())
+
+
+def test_batches_grow_to_a_good_tenth_of_a_second_and_at_most_to_twice_the_last():
+    finished = tuple(Finished(0, seed, "") for seed in range(8))
+    assert _next_size(8, Done(finished, busy_s=0.001)) == 16
+    assert _next_size(8, Done(finished, busy_s=0.1)) == 12
+    assert _next_size(8, Done(finished, busy_s=100.0)) == 1
+    assert _next_size(1, Done((), busy_s=0.0)) == 1
+
+
+def test_thousands_of_short_tasks_are_all_run(tmp_path):
+    points = [SpotPoint(number=number) for number in range(2, 202)]
+    found = sweep(quick, points, np.arange(20), journal=tmp_path / "journal", workers=THREADS)
+    assert found == [quick(point, seed) for point in points for seed in range(20)]
+
+
+@pytest.mark.parametrize("workers", [THREADS, PROCESSES], ids=["threads", "processes"])
+def test_local_workers_listen_on_loopback_only_and_are_gone_afterwards(tmp_path, workers, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))  # another sweep may use the usual place
+
+    def listening():
+        family = [psutil.Process(), *psutil.Process().children(recursive=True)]
+        sockets = [one for process in family for one in process.net_connections() if one.status == "LISTEN"]
+        return {one.laddr for one in sockets}
+
+    before = listening()
+    with connected(workers, tmp_path / ".journal.workers") as client:
+        assert sum(client.nthreads().values()) == 2
+        assert {address.ip for address in listening() - before} == {"127.0.0.1"}
+    assert listening() <= before
+    assert not list(tmp_path.iterdir())
+    nothing_is_left(tmp_path)
+
+
+def test_an_address_where_nobody_answers_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr("sfglab.lab.sweep.workers._CONNECT_S", 0.5)
+    workers = Workers(scheduler="tcp://127.0.0.1:9")
+    with pytest.raises(SweepError, match=r"tcp://127\.0\.0\.1:9', where none answers"):
+        sweep(quick, POINTS, SEEDS, journal=tmp_path / "journal", workers=workers)
+
+
+# --- The journal ----------------------------------------------------------------------------------------------
+
+
+def test_a_finished_sweep_is_read_and_not_run_again(tmp_path):
+    journal = tmp_path / "journal"
+    points = [SpotPoint(number=number, folder=str(tmp_path)) for number in range(3)]
+    first = sweep(obeying, points, SEEDS, journal=journal, workers=THREADS)
+    more = sweep(obeying, points, range(8), journal=journal, workers=THREADS)
+    assert bits(row for row in more if row.seed < 6) == bits(first)
+    assert runs(tmp_path) == Counter((p.number, seed) for p in points for seed in range(8))
+
+
+@given(cut=st.integers(0, 2000))
+def test_a_journal_cut_off_anywhere_is_continued(tmp_path_factory, cut):
+    path = tmp_path_factory.mktemp("cut") / "journal"
+    identity = {"task": "t", "points": "p", "code": "c"}
+    texts = [text_from_result(quick(POINTS[2], seed)) for seed in SEEDS]
+    with Journal(path, identity) as journal:
+        for seed, text in enumerate(texts):
+            journal.add(Finished(0, seed, text))
+    content = path.read_bytes()
+    path.write_bytes(content[:cut])
+    whole = max(0, content[:cut].count(b"\n") - 1)
+    with Journal(path, identity) as journal:
+        assert journal.finished == {(0, seed): texts[seed] for seed in range(whole)}
+        for seed in range(whole, len(texts)):
+            journal.add(Finished(0, seed, texts[seed]))
+    assert path.read_bytes() == content
+
+
+def test_what_follows_a_torn_line_is_run_again(tmp_path):
+    journal = tmp_path / "journal"
+    sweep(quick, POINTS, SEEDS, journal=journal, workers=THREADS)
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join([*lines[:4], b"\0" * 20 + b"\n", *lines[4:]]))
+    assert bits(sweep(quick, POINTS, SEEDS, journal=journal, workers=THREADS)) == bits(expected())
+
+
+@pytest.mark.parametrize(
+    ("key", "task", "points"),
+    [("task", uneven, POINTS), ("points", quick, POINTS[:-1])],
+    ids=["task", "points"],
+)
+def test_another_sweeps_journal_is_set_aside_with_the_difference_named(tmp_path, caplog, key, task, points):
+    journal = tmp_path / "journal"
+    sweep(quick, POINTS, SEEDS, journal=journal, workers=THREADS)
+    before = journal.read_bytes()
+    with caplog.at_level(logging.WARNING):
+        sweep(task, points, SEEDS, journal=journal, workers=THREADS)
+    assert f"differs in: {key}); renamed to journal.1" in caplog.text
+    assert (tmp_path / "journal.1").read_bytes() == before
+    assert json.loads(journal.read_text().splitlines()[0])[key] == identity_of(task, points)[key]
+
+
+def test_another_version_of_the_code_is_another_sweep(tmp_path):
+    identity = identity_of(quick, POINTS)
+    Journal(tmp_path / "journal", identity).__exit__(None, None, None)
+    with Journal(tmp_path / "journal", {**identity, "code": "newer"}) as journal:
+        assert journal.finished == {}
+    assert (tmp_path / "journal.1").exists()
+
+
+def test_a_file_that_is_no_journal_is_refused_and_kept(tmp_path):
+    path = tmp_path / "thesis.txt"
+    for content in ("precious\n", "precious", '{"a": 1}\n'):
+        path.write_text(content)
+        with pytest.raises(JournalError, match="is no journal of a sweep"):
+            sweep(quick, POINTS, SEEDS, journal=path)
+        assert path.read_text() == content
+
+
+def test_a_journal_serves_one_sweep_at_a_time(tmp_path):
+    path = tmp_path / "journal"
+    with Journal(path, {}), pytest.raises(JournalError, match="another sweep is writing this journal"):
+        Journal(path, {})
+
+
+# --- Failures and interruptions -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("workers", [THREADS, PROCESSES], ids=["threads", "processes"])
+def test_a_failing_task_names_point_and_seed_and_what_was_finished_stays(tmp_path, workers):
+    journal = tmp_path / "journal"
+    with pytest.raises(
+        SweepError, match=r"SpotPoint\(number=2.* seed 1: ZeroDivisionError: by nothing"
+    ) as caught:
+        sweep(failing, POINTS, SEEDS, journal=journal, workers=workers)
+    assert (caught.value.point, caught.value.seed) == (POINTS[2], 1)
+    assert "in failing" in caught.value.__notes__[0]
+    assert len(journal.read_text().splitlines()) > 1
+    nothing_is_left(tmp_path)
+
+
+def test_unfit_tasks_points_seeds_and_results_are_refused(tmp_path):
+    journal = tmp_path / "journal"
+    with pytest.raises(SweepError, match="needed is a row"):
+        sweep(wrong, POINTS, [0], journal=journal, workers=THREADS)
+    with pytest.raises(SweepError, match="function at the top of a module"):
+        sweep(lambda _point, _seed: None, POINTS, [0], journal=journal)
+    with pytest.raises(SweepError, match="points: given 6, of which only 5 differ"):
+        sweep(quick, [*POINTS, POINTS[0]], [0], journal=journal)
+    with pytest.raises(SweepError, match="seeds: given 2, of which only 1 differ"):
+        sweep(quick, POINTS, [0, 0], journal=journal)
+    with pytest.raises(SweepError, match="repr says all"):
+        sweep(quick, [object()], [0], journal=journal)
+    with pytest.raises(SweepError, match="count: given 0"):
+        Workers(count=0)
+
+
+def runs(folder):
+    """How often each point and seed was run to its end."""
+    return Counter(tuple(map(int, path.name.split("-")[1:3])) for path in folder.glob("run-*"))
+
+
+def obeying_points(folder):
+    return [SpotPoint(number=number, folder=str(folder)) for number in range(6)]
+
+
+def resumed(folder):
+    """Run what is missing; return how often each point and seed was run, the first time included."""
+    journal = folder / "journal"
+    lines = journal.read_bytes().splitlines(keepends=True)[1:]
+    finished = {(e["point"], e["seed"]) for e in (json.loads(line) for line in lines if line.endswith(b"\n"))}
+    before = runs(folder)
+    found = sweep(obeying, obeying_points(folder), SEEDS, journal=journal, workers=THREADS)
+    assert [(row.number, row.seed) for row in found] == [(n, s) for n in range(6) for s in SEEDS]
+    again = runs(folder) - before
+    assert finished
+    assert set(again) == {(n, s) for n in range(6) for s in SEEDS} - finished
+    assert set(again.values()) == {1}
+    nothing_is_left(folder)
+
+
+def test_an_interrupted_sweep_runs_only_what_is_missing(tmp_path):
+    (tmp_path / "order").write_text("interrupt")
+    with pytest.raises(KeyboardInterrupt):
+        sweep(obeying, obeying_points(tmp_path), SEEDS, journal=tmp_path / "journal", workers=THREADS)
+    nothing_is_left(tmp_path)
+    resumed(tmp_path)
+
+
+def sweep_elsewhere(folder, order):
+    """Sweep in another process, in its own process group, until the order was carried out."""
+    code_digest.cache_clear()  # the tree may have been edited since the tests began
+    code_digest()
+    (folder / "order").write_text(order)
+    program = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "import psutil\n"
+        "from test_sweep import PROCESSES, SEEDS, obeying, obeying_points, sweep, nothing_is_left\n"
+        "folder = Path(sys.argv[1])\n"
+        "try:\n"
+        "    sweep(obeying, obeying_points(folder), SEEDS, journal=folder / 'journal', workers=PROCESSES)\n"
+        "except KeyboardInterrupt:\n"
+        "    nothing_is_left(folder)\n"
+        "    print('interrupted')\n"
+    )
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-c", program, str(folder)],
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)},
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+        start_new_session=True,
+    )
+
+
+def test_ctrl_c_in_a_terminal_ends_a_sweep_quietly_with_all_its_processes(tmp_path):
+    ended = sweep_elsewhere(tmp_path, "ctrl-c")
+    assert ended.stdout == "interrupted\n", ended.stderr
+    assert "Traceback" not in ended.stderr
+    resumed(tmp_path)
+
+
+def test_a_killed_sweep_leaves_no_workers_and_is_continued(tmp_path):
+    ended = sweep_elsewhere(tmp_path, "kill")
+    assert ended.returncode == -9, ended.stderr
+    worker = int((tmp_path / "pid").read_text())
+    with suppress(psutil.NoSuchProcess):
+        psutil.Process(worker).wait(timeout=10)
+    assert not psutil.pid_exists(worker)
+    with (tmp_path / "journal").open("a") as journal:
+        journal.write('{"point": 5, "se')
+    resumed(tmp_path)
