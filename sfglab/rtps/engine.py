@@ -71,12 +71,13 @@ _SERVER, _PERIOD, _DEPTH, _READER_DEPTH, _RELIABLE, _CHAIN = (
     int(FlowColumn.RELIABLE),
     int(FlowColumn.CHAIN),
 )
-_CHANGE, _CACHED, _SILENCE, _SERVICE, _COMPARE = (
+_CHANGE, _CACHED, _SILENCE, _SERVICE, _COMPARE, _KEEPS_ACKED = (
     int(FlowColumn.CHANGE_NS),
     int(FlowColumn.CACHED),
     int(FlowColumn.SILENCE_NS),
     int(FlowColumn.SERVICE_NS),
     int(FlowColumn.COMPARE_NS),
+    int(FlowColumn.KEEPS_ACKED),
 )
 _T_HB, _T_HB_MAX, _T_FULL, _T_AFTER = (
     int(TimingColumn.HEARTBEAT_NS),
@@ -154,7 +155,9 @@ def _held_back(world: Any, now: int, flow: int, value: int) -> bool:
 def _piggybacks(world: Any, now: int, flow: int) -> bool:
     timing, depth, last = world.timing, world.flows[flow, _DEPTH], world.writer[flow, W_LAST]
     if timing[_T_FULL]:
-        if depth > 0 and last >= depth:
+        # Without late joiners to keep it for, what is acknowledged leaves the history.
+        gone = 0 if world.flows[flow, _KEEPS_ACKED] else world.writer[flow, W_ACKED]
+        if depth > 0 and last - gone >= depth:
             return True
         if depth == 0 and last - world.writer[flow, W_ACKED] >= timing[_T_UNACKED]:
             return True

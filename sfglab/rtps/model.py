@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfglab.errors import SfglabError
-from sfglab.qos import DEFAULT, History, QoSProfile, Reliability
+from sfglab.qos import DEFAULT, Durability, History, QoSProfile, Reliability
 from sfglab.rtps.outcome import Outcome, outcome_of
 from sfglab.rtps.presets import FAST_DDS, Vendor
 from sfglab.rtps.state import FlowColumn, Params, Sizes, State, TimingColumn, new_state
@@ -208,6 +208,7 @@ def _flow_table(scenario: Scenario, hosts: dict[str, int], executors: dict[str, 
             FlowColumn.CACHED: int(flow.cached),
             FlowColumn.SILENCE_NS: _ns(flow.max_silence_s or 0.0),
             FlowColumn.SERVICE_NS: _ns(flow.service_s),
+            FlowColumn.KEEPS_ACKED: int(flow.qos.durability is Durability.TRANSIENT_LOCAL),
             FlowColumn.COMPARE_NS: -1 if flow.compare_s is None else _ns(flow.compare_s),
         }
         for key, value in row.items():

@@ -29,7 +29,8 @@ class Vendor:
         heartbeat_ns: Period of heartbeats while something is unacknowledged.
         heartbeat_max_ns: The period doubles with each heartbeat that brings no progress, up to this; equal to
             `heartbeat_ns` where it does not.
-        piggyback_when_full: A heartbeat travels with each sample while the writer's history is full.
+        piggyback_when_full: A heartbeat travels with each sample while the writer's history is full: of samples
+            that are unacknowledged, and with TRANSIENT_LOCAL durability of any.
         piggyback_after_ns: A heartbeat travels with a sample when the last one is this old; -1: never.
         nack_delay_ns: From the first heartbeat that shows a gap to the reader's request.
         ack_delay_ns: From a heartbeat that shows no gap to the reader's acknowledgement.
@@ -63,7 +64,8 @@ FAST_DDS = Vendor(
     name="Fast DDS",
     # fastdds/rtps/attributes/WriterAttributes.hpp: heartbeatPeriod 3 s, nackResponseDelay 5 ms;
     # ReaderAttributes.hpp: heartbeatResponseDelay 5 ms, for requests and acknowledgements alike;
-    # StatefulWriter.cpp: a heartbeat is sent along when the history is full.
+    # StatefulWriter.cpp: a heartbeat is sent along when the history is full; DataWriterImpl.cpp (2.x, 3.x) and
+    # PublisherImpl.cpp (before): a VOLATILE writer's sample leaves the history once all have acknowledged it.
     heartbeat_ns=3 * S,
     heartbeat_max_ns=3 * S,
     piggyback_when_full=True,

@@ -124,6 +124,8 @@ class FlowColumn(IntEnum):
     SERVICE_NS = 13
     COMPARE_NS = 14
     """What a repeated value costs the server; -1: as much as any."""
+    KEEPS_ACKED = 15
+    """Whether acknowledged samples stay in the writer's history, for late joiners."""
 
 
 class TimingColumn(IntEnum):

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfglab.qos import History, QoSProfile, Reliability
+from sfglab.qos import Durability, History, QoSProfile, Reliability
 from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Drop, Fate, Flow, Medium, ModelError, Scenario, Vendor, run
 from sfglab.rtps.presets import VendorError
 
@@ -67,12 +67,22 @@ def test_a_lost_sample_is_repaired_by_heartbeat_request_and_repeat():
 def test_overwritten_before_repair_is_what_a_small_depth_loses():
     medium = replace(QUIET, loss=0.1)
     small = outcome(one(medium, qos=QoSProfile(depth=1), duration_s=20))
-    large = outcome(one(medium, qos=QoSProfile(depth=1000), duration_s=20))
+    # A request names 256 samples, and while the history has room, heartbeats are 3 s apart.
+    large = outcome(replace(one(medium, qos=QoSProfile(depth=5000), duration_s=20), drain_s=60.0))
     assert 0.06 < small.loss < 0.14
     assert large.loss == 0
     lost = small.fate == Fate.OVERWRITTEN
     assert lost.any()
     assert (small.dropped[lost] != Drop.NOT).all()
+
+
+def test_an_acknowledged_sample_leaves_a_volatile_history_and_stays_in_a_transient_local_one():
+    volatile, latched = (
+        run(one(qos=QoSProfile(depth=10, durability=durability), duration_s=10.0), seed=0).counts
+        for durability in (Durability.VOLATILE, Durability.TRANSIENT_LOCAL)
+    )
+    assert volatile["acknack"] == 100, "one for each ten samples: then the history is full"
+    assert latched["acknack"] == 991, "one for each, once there have been ten"
 
 
 def test_a_slow_reader_overwrites_in_its_own_history():
