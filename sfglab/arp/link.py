@@ -123,12 +123,12 @@ def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
         sender=data_s.argmax(axis=0),
         data_s=data_s * (1 + contention) * np.where(reliable, 1 / (1 - medium.loss), 1.0),
         acknack_s=acknack_s * (1 + contention),
-        acknack_most_hz=1 / max(vendor.ack_delay_ns / 1e9, spacing_s, 1e-9),
+        acknack_most_hz=_acknack_most_hz(vendor, spacing_s),
         change_most_hz=change_most_hz,
         frame_s=_mean_frame_s(data_s, acknack_s),
         contention=contention,
         way_s=way_s,
-        round_s=(vendor.nack_delay_ns + vendor.nack_response_ns) / 1e9 + acknack_way_s + way_s,
+        round_s=_answer_s(vendor) + acknack_way_s + way_s,
         rides=rides,
         heartbeat_s=np.where(rides > 0, spacing_s, period_s),
         loss=medium.loss,
@@ -205,7 +205,21 @@ def _air_s(medium: Medium, size_bytes: int) -> float:
     return medium.overhead_s + size_bytes * 8 / medium.rate_bps
 
 
+def _acknack_most_hz(vendor: Vendor, spacing_s: float) -> float:
+    if vendor.prompt:
+        return 1e9 / vendor.final_within_ns  # more often, nothing is asked for but what was lost
+    return 1 / max(vendor.ack_delay_ns / 1e9, spacing_s, 1e-9)
+
+
+def _answer_s(vendor: Vendor) -> float:
+    """Return what a repair costs beside its way: a prompt reader waits only before it asks a second time."""
+    delay_ns = 0 if vendor.prompt else vendor.nack_delay_ns
+    return (delay_ns + vendor.nack_response_ns) / 1e9
+
+
 def _spacing_s(vendor: Vendor) -> float:
+    if vendor.prompt:
+        return 0.0
     if vendor.piggyback_when_full:
         return 0.0  # the planned depth is small, so the history is full after a moment
     return (vendor.piggyback_after_ns if vendor.piggyback_after_ns >= 0 else vendor.heartbeat_ns) / 1e9

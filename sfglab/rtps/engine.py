@@ -12,19 +12,23 @@ from typing import Any
 import numba as nb
 import numpy as np
 
+from sfglab.rtps.answers import answer, drop_overflow, make_room_behind_gap, repair_in_bursts, request
 from sfglab.rtps.heap import pop, push
-from sfglab.rtps.medium import arrived_frame, claim, send_next, sent_frame, uniform
+from sfglab.rtps.medium import BURST_ROOM, arrived_frame, claim, send_next, sent_frame, uniform
 from sfglab.rtps.state import (
     D_FLOW,
     D_FRESH,
     D_SAMPLE,
     D_SKIPPED,
     R_ARMED,
+    R_ASKED,
     R_FIRST,
     R_HEAD,
     R_KNOWN,
+    R_NEWEST,
     R_NEXT,
     R_OLDEST,
+    R_REPAIRED,
     R_TAIL,
     R_VALUE,
     R_WAITING,
@@ -45,6 +49,7 @@ from sfglab.rtps.state import (
     W_SENT,
     W_SENT_AT,
     W_VALUE,
+    W_WROTE_AT,
     Count,
     Event,
     Fate,
@@ -58,7 +63,7 @@ __all__ = ["advance", "new_world", "publish", "simulate"]
 
 # Compiled code takes plain integers.
 _PUBLISH, _SENT, _ARRIVED, _HEARTBEAT, _ACKNACK, _REPAIR, _SERVED = (int(e) for e in Event)
-_DATA, _HB, _ACK, _GAP = (int(f) for f in Frame)
+_DATA, _HB, _ACK, _GAP, _BURST = (int(f) for f in Frame)
 _DELIVERED, _OVERWRITTEN, _LATE = int(Fate.DELIVERED), int(Fate.OVERWRITTEN), int(Fate.LATE)
 _C_REPEATED, _C_DUPLICATE, _C_HELD = int(Count.REPEATED), int(Count.DUPLICATE), int(Count.HELD)
 _C_THROTTLED, _C_EVENTS = int(Count.THROTTLED), int(Count.EVENTS)
@@ -85,13 +90,18 @@ _T_HB, _T_HB_MAX, _T_FULL, _T_AFTER = (
     int(TimingColumn.PIGGYBACK_WHEN_FULL),
     int(TimingColumn.PIGGYBACK_AFTER_NS),
 )
-_T_NACK, _T_ACK, _T_RESPONSE, _T_MOST = (
+_T_NACK, _T_ACK, _T_RESPONSE = (
     int(TimingColumn.NACK_DELAY_NS),
     int(TimingColumn.ACK_DELAY_NS),
     int(TimingColumn.NACK_RESPONSE_NS),
-    int(TimingColumn.NACK_MOST),
 )
-_SOURCE, _TARGET, _SHARED = int(FlowColumn.SOURCE), int(FlowColumn.TARGET), int(TimingColumn.SHARED)
+_T_PROMPT, _T_FINAL, _T_REORDER, _T_BURST = (
+    int(TimingColumn.PROMPT),
+    int(TimingColumn.FINAL_NS),
+    int(TimingColumn.REORDER_MOST),
+    int(TimingColumn.BURST_BYTES),
+)
+_SOURCE, _SHARED = int(FlowColumn.SOURCE), int(TimingColumn.SHARED)
 _T_DURATION, _T_UNACKED, _T_DRAIN = (
     int(TimingColumn.DURATION_NS),
     int(TimingColumn.UNACKED_MOST),
@@ -162,6 +172,8 @@ def _piggybacks(world: Any, now: int, flow: int) -> bool:
         if depth == 0 and last - world.writer[flow, W_ACKED] >= timing[_T_UNACKED]:
             return True
     after = timing[_T_AFTER]
+    if timing[_T_PROMPT]:
+        return True
     return bool(after >= 0 and now - world.writer[flow, W_LAST_HB] >= after)
 
 
@@ -171,6 +183,9 @@ def _send_data(world: Any, now: int, flow: int, sample: int) -> None:
     rides = 1 if reliable and _piggybacks(world, now, flow) else 0
     if rides:
         world.writer[flow, W_LAST_HB] = now
+        if now - world.writer[flow, W_WROTE_AT] < world.timing[_T_FINAL]:
+            rides = 2
+    world.writer[flow, W_WROTE_AT] = now
     last = world.writer[flow, W_LAST]
     _send(world, now, (_DATA, flow), (sample, rides), (_first_kept(world, flow), last))
 
@@ -206,11 +221,17 @@ def _heartbeat(world: Any, now: int, flow: int) -> None:
     writer[flow, W_ARMED] = 0
     if writer[flow, W_ACKED] >= writer[flow, W_LAST]:
         return
+    due = writer[flow, W_LAST_HB] + world.timing[_T_HB]
+    if world.timing[_T_PROMPT] and now < due:
+        writer[flow, W_ARMED] = 1
+        push(world.heap, world.heap_sizes, due, _HEARTBEAT, flow)
+        return
     writer[flow, W_LAST_HB] = now
     _send(world, now, (_HB, flow), (0, 0), (_first_kept(world, flow), writer[flow, W_LAST]))
     stuck = writer[flow, W_ACKED] == writer[flow, W_ACKED_AT_HB]
     longer = min(2 * writer[flow, W_INTERVAL], world.timing[_T_HB_MAX])
-    writer[flow, W_INTERVAL] = longer if stuck else world.timing[_T_HB]
+    grows = stuck and not world.timing[_T_PROMPT]
+    writer[flow, W_INTERVAL] = longer if grows else world.timing[_T_HB]
     writer[flow, W_ACKED_AT_HB] = writer[flow, W_ACKED]
     writer[flow, W_ARMED] = 1
     push(world.heap, world.heap_sizes, now + writer[flow, W_INTERVAL], _HEARTBEAT, flow)
@@ -237,8 +258,11 @@ def _repair(world: Any, now: int, flow: int) -> None:
     base = world.repair[flow, 0]
     world.repair[flow, 0] = 0
     kept = _first_kept(world, flow)
+    if world.timing[_T_BURST]:
+        repair_in_bursts(world, now, flow, base, kept)
+        return
     if base < kept:
-        _send(world, now, (_GAP, flow), (base, kept), (kept, world.writer[flow, W_LAST]))
+        _send(world, now, (_GAP, flow), (base, kept), (0, 0))
     for k in range(4):
         word = world.repair[flow, 1 + k]
         if word == 0:
@@ -305,12 +329,13 @@ def _advance(world: Any, flow: int) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def _hear_data(world: Any, now: int, frame: Any) -> None:
-    flow, sample = frame[1], frame[2]
+def _hear_sample(world: Any, flow: int, sample: int) -> None:
+    apart = world.timing[_T_REORDER] != 0
     if world.arrived[flow, sample] or sample < world.reader[flow, R_NEXT]:
         world.counts[_C_DUPLICATE] += 1
-    else:
+    elif not apart or make_room_behind_gap(world, flow, sample):
         world.arrived[flow, sample] = 1
+        world.reader[flow, R_NEWEST] = max(world.reader[flow, R_NEWEST], sample)
         if not world.flows[flow, _RELIABLE]:
             _keep(world, flow, sample)
             world.reader[flow, R_NEXT] = sample + 1
@@ -318,9 +343,17 @@ def _hear_data(world: Any, now: int, frame: Any) -> None:
             world.reader[flow, R_WAITING] += 1
             if sample == world.reader[flow, R_NEXT]:
                 _advance(world, flow)
-        _make_room(world, flow)
-    if frame[3]:
-        _hear_heartbeat(world, now, flow, frame[4], frame[5])
+        if not apart:
+            _make_room(world, flow)
+
+
+@nb.njit(cache=True, nogil=True)
+def _hear_samples(world: Any, frame: Any) -> None:
+    """Take the one sample of a DATA frame, or the several of a BURST."""
+    alone = frame[0] == _DATA
+    for i in range(1 if alone else 256):
+        if alone or (frame[4 + i // 64] >> (i % 64)) & 1:
+            _hear_sample(world, frame[1], frame[2] + i)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -329,7 +362,9 @@ def _hear_heartbeat(world: Any, now: int, flow: int, first: int, last: int) -> N
     reader[flow, R_FIRST] = max(reader[flow, R_FIRST], first)
     reader[flow, R_KNOWN] = max(reader[flow, R_KNOWN], last)
     _advance(world, flow)
-    if not reader[flow, R_ARMED]:
+    if world.timing[_T_PROMPT]:
+        answer(world, now, flow)
+    elif not reader[flow, R_ARMED]:
         reader[flow, R_ARMED] = 1
         lacks = reader[flow, R_NEXT] <= reader[flow, R_KNOWN]
         delay = world.timing[_T_NACK] if lacks else world.timing[_T_ACK]
@@ -343,29 +378,6 @@ def _hear_gap(world: Any, frame: Any) -> None:
         if world.arrived[flow, sample] == 0:
             world.arrived[flow, sample] = 2
     _advance(world, flow)
-
-
-@nb.njit(cache=True, nogil=True)
-def _request(world: Any, now: int, flow: int) -> None:
-    """Acknowledge everything before the next sample, and ask for what is known to exist and is not here."""
-    reader = world.reader
-    reader[flow, R_ARMED] = 0
-    base = reader[flow, R_NEXT]
-    world.counts[_ACK] += 1
-    host = world.flows[flow, _TARGET]
-    place = claim(world, host, _ACK, flow, base)
-    if place < 0:
-        return
-    frame = world.queue[host, place]
-    frame[0], frame[1], frame[2] = _ACK, flow, base
-    most = min(world.timing[_T_MOST], reader[flow, R_KNOWN] - base + 1)
-    for k in range(4):
-        start = base + 64 * k
-        word = np.int64(0)
-        for i in range(min(64, most - 64 * k)):
-            word |= np.int64(world.arrived[flow, start + i] == 0) << i
-        frame[4 + k] = word
-    send_next(world, now, 0 if world.timing[_SHARED] else host)
 
 
 # --- The executor -------------------------------------------------------------------------------------------
@@ -422,18 +434,41 @@ def _served(world: Any, now: int, server: int) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
+def _heartbeat_of(world: Any, frame: Any) -> tuple[int, int]:
+    """Return a frame's heartbeat, first and last sample, zeros if there is none, and note what it asks."""
+    kind, flow, riding = frame[0], frame[1], frame[3]
+    if kind == _DATA:
+        if riding == 1:
+            world.reader[flow, R_ASKED] = 1
+        return (frame[4], frame[5]) if riding else (0, 0)
+    if (kind == _GAP and frame[5] == 0) or (kind == _BURST and riding < BURST_ROOM):
+        return 0, 0
+    world.reader[flow, R_ASKED] = 1
+    if kind == _HB:
+        return frame[4], frame[5]
+    world.reader[flow, R_REPAIRED] = 1
+    if kind == _GAP:
+        return frame[4], frame[5]
+    depth, last = world.flows[flow, _DEPTH], riding // BURST_ROOM
+    return (max(1, last - depth + 1) if depth else 1), last
+
+
+@nb.njit(cache=True, nogil=True)
 def _hear(world: Any, now: int, frame: Any) -> None:
-    kind = frame[0]
+    kind, flow = frame[0], frame[1]
     if kind == _ACK:
         _hear_acknack(world, now, frame)
         return
-    if kind == _DATA:
-        _hear_data(world, now, frame)
-    elif kind == _HB:
-        _hear_heartbeat(world, now, frame[1], frame[4], frame[5])
-    else:
+    if kind in (_DATA, _BURST):
+        _hear_samples(world, frame)
+    elif kind == _GAP:
         _hear_gap(world, frame)
-    _serve(world, now, world.flows[frame[1], _SERVER])
+    first, last = _heartbeat_of(world, frame)
+    if last:
+        _hear_heartbeat(world, now, flow, first, last)
+    if world.timing[_T_REORDER]:
+        drop_overflow(world, flow)
+    _serve(world, now, world.flows[flow, _SERVER])
 
 
 @nb.njit(cache=True, nogil=True)
@@ -450,7 +485,8 @@ def _step(world: Any, now: int, kind: int, argument: int, frame: Any) -> None:
         _publish(world, now, argument)
         push(world.heap, world.heap_sizes, now + world.flows[argument, _PERIOD], _PUBLISH, argument)
     elif kind == _ACKNACK:
-        _request(world, now, argument)
+        world.reader[argument, R_ARMED] = 0
+        request(world, now, argument)
     elif kind == _HEARTBEAT:
         _heartbeat(world, now, argument)
     else:

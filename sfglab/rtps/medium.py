@@ -14,15 +14,19 @@ import numpy as np
 from sfglab.rtps.heap import push
 from sfglab.rtps.state import Count, Drop, Event, FlowColumn, Frame, TimingColumn
 
-__all__ = ["arrived_frame", "claim", "send_next", "sent_frame", "uniform"]
+__all__ = ["BURST_ROOM", "arrived_frame", "burst_most", "claim", "send_next", "sent_frame", "uniform"]
 
 # Bytes of a frame. Ethernet 14, IPv4 20, UDP 8; RTPS header 20; submessages: INFO_DST 16, INFO_TS 12, DATA 24
 # and the payload, HEARTBEAT 32, ACKNACK 28 and a bitmap of 32, GAP 32 (RTPS 2.5, 9.4).
 _BASE = 14 + 20 + 8 + 20
 _DATA = _BASE + 12 + 24
+_INFO_DST = 16
 _HEARTBEAT = 32
 _ACKNACK = _BASE + 16 + 28 + 32
 _GAP = _BASE + 16 + 32
+
+BURST_ROOM = 512
+"""More than the samples of one BURST."""
 
 _C_LOST, _C_FULL, _C_BYTES, _C_AIR = (
     int(Count.LOST),
@@ -31,7 +35,7 @@ _C_LOST, _C_FULL, _C_BYTES, _C_AIR = (
     int(Count.AIRTIME_NS),
 )
 _SENT, _ARRIVED = int(Event.SENT), int(Event.ARRIVED)
-_F_DATA, _F_HB, _F_ACK = int(Frame.DATA), int(Frame.HEARTBEAT), int(Frame.ACKNACK)
+_F_DATA, _F_HB, _F_ACK, _F_BURST = int(Frame.DATA), int(Frame.HEARTBEAT), int(Frame.ACKNACK), int(Frame.BURST)
 _D_MEDIUM, _D_QUEUE = int(Drop.MEDIUM), int(Drop.QUEUE)
 _SIZE, _SOURCE, _TARGET = int(FlowColumn.SIZE_BYTES), int(FlowColumn.SOURCE), int(FlowColumn.TARGET)
 _SHARED, _LATENCY, _OVERHEAD = (
@@ -53,11 +57,26 @@ def uniform(random: Any) -> float:
 
 
 @nb.njit(cache=True, nogil=True)
-def _size_bytes(world: Any, kind: int, flow: int, with_heartbeat: int) -> int:
+def _sample_bytes(size: int) -> int:
+    """Return what one sample adds to a message: INFO_TS, DATA and the payload, padded as CDR is."""
+    return int(_DATA - _BASE + (size + 3) // 4 * 4)
+
+
+@nb.njit(cache=True, nogil=True)
+def burst_most(size: int, message_bytes: int) -> int:
+    """Return how many samples of a size fit into a message of repairs with a heartbeat."""
+    return max(1, (message_bytes - 20 - _INFO_DST - _HEARTBEAT) // _sample_bytes(size))
+
+
+@nb.njit(cache=True, nogil=True)
+def _size_bytes(world: Any, kind: int, flow: int, riding: int) -> int:
+    """Return the size of a frame; `riding` is its second argument, see `claim`."""
+    size = world.flows[flow, _SIZE]
     if kind == _F_DATA:
-        # A payload is padded to whole words, as CDR is.
-        payload = (world.flows[flow, _SIZE] + 3) // 4 * 4
-        return int(_DATA + payload + with_heartbeat * _HEARTBEAT)
+        return int(_BASE + _sample_bytes(size) + (_HEARTBEAT if riding else 0))
+    if kind == _F_BURST:
+        rest = _BASE + _INFO_DST + (_HEARTBEAT if riding >= BURST_ROOM else 0)
+        return int(rest + riding % BURST_ROOM * _sample_bytes(size))
     if kind == _F_HB:
         return _BASE + 16 + _HEARTBEAT
     return _ACKNACK if kind == _F_ACK else _GAP
@@ -73,8 +92,10 @@ def _note_drop(world: Any, kind: int, flow: int, sample: int, where: int) -> Non
 def claim(world: Any, host: int, kind: int, flow: int, sample: int) -> int:
     """Return the place for a frame at the end of a host's queue, -1 when the queue is full.
 
-    The caller writes the frame there, eight words: kind, flow, two arguments (of DATA: sample and whether a
-    heartbeat rides along), four more; and then calls `send_next`.
+    The caller writes the frame there, eight words: kind, flow, two arguments, four more; and then calls
+    `send_next`. Arguments of DATA: sample, and whether a heartbeat rides along, 1 to be answered, 2 FINAL; of
+    BURST: first sample of its bitmap, and the number of samples in it, to which `BURST_ROOM` times the newest
+    sample is added if a heartbeat rides along. The sixth word of GAP is not 0 if one does.
 
     Args:
         world: The run.

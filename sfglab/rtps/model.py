@@ -233,6 +233,10 @@ def _timing(scenario: Scenario) -> np.ndarray:
         TimingColumn.DURATION_NS: _ns(scenario.duration_s),
         TimingColumn.UNACKED_MOST: scenario.unacked_most,
         TimingColumn.DRAIN_NS: _ns(scenario.drain_s),
+        TimingColumn.PROMPT: int(vendor.prompt),
+        TimingColumn.FINAL_NS: vendor.final_within_ns,
+        TimingColumn.REORDER_MOST: vendor.reorder_most,
+        TimingColumn.BURST_BYTES: vendor.burst_bytes,
     }
     return np.array([values[column] for column in TimingColumn], np.int64)
 

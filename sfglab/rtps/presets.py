@@ -36,6 +36,17 @@ class Vendor:
         ack_delay_ns: From a heartbeat that shows no gap to the reader's acknowledgement.
         nack_response_ns: From a request to the writer's repair.
         nack_most: Samples that one request can ask for: a bitmap has 256 bits (RTPS 2.5, clause 9.4.2.6).
+        prompt: A heartbeat travels with every sample. The reader answers each at once: with a request if it
+            lacks something that it has not asked for yet, with an acknowledgement only if it is asked.
+            `nack_delay_ns` is then how long it waits before it asks for the same again, `ack_delay_ns` before
+            it acknowledges the same again. The writer's repairs end with a heartbeat to which the reader may
+            ask again at once, and it sends a periodic one only if it has sent no other for a period, which
+            does not grow.
+        final_within_ns: A heartbeat that travels with a sample asks for no answer (it is FINAL) when the sample
+            before is younger than this; 0: it always asks.
+        reorder_most: Samples that wait behind a gap, apart from the reader's history; beyond that the newest is
+            dropped. 0: they wait in the reader's history.
+        burst_bytes: RTPS message in which repairs travel together; 0: each has a frame of its own.
     """
 
     name: str
@@ -47,6 +58,10 @@ class Vendor:
     ack_delay_ns: int
     nack_response_ns: int
     nack_most: int = 256
+    prompt: bool = False
+    final_within_ns: int = 0
+    reorder_most: int = 0
+    burst_bytes: int = 0
 
     def __post_init__(self) -> None:
         if not 0 < self.heartbeat_ns <= self.heartbeat_max_ns:
@@ -78,7 +93,10 @@ FAST_DDS = Vendor(
 CYCLONE_DDS = Vendor(
     name="Cyclone DDS",
     # docs/manual/options.md: HeartbeatInterval 100 ms (min 5 ms, minsched 20 ms, max 8 s), NackDelay 100 ms,
-    # AckDelay 10 ms; a writer that writes sends heartbeats along, no more often than the minimum.
+    # AckDelay 10 ms, PrimaryReorderMaxSamples 128, MaxRexmitMessageSize 1456 B. ddsi_hbcontrol.c: a heartbeat
+    # travels with every sample and asks for an answer when 4/5 of the interval have passed since the sample
+    # before; the interval grows after five heartbeats in vain, which is left out. ddsi_acknack.c: what is new
+    # is asked for at once. ddsi_radmin.c: no more is asked for than can wait.
     heartbeat_ns=100 * MS,
     heartbeat_max_ns=8 * S,
     piggyback_when_full=False,
@@ -86,6 +104,11 @@ CYCLONE_DDS = Vendor(
     nack_delay_ns=100 * MS,
     ack_delay_ns=10 * MS,
     nack_response_ns=0,
+    nack_most=128,
+    prompt=True,
+    final_within_ns=80 * MS,
+    reorder_most=128,
+    burst_bytes=1456,
 )
 
 PRESETS = {"fast_dds": FAST_DDS, "cyclone_dds": CYCLONE_DDS}

@@ -47,6 +47,8 @@ class Frame(IntEnum):
     HEARTBEAT = 1
     ACKNACK = 2
     GAP = 3
+    BURST = 4
+    """Several samples that repair; counted as one DATA."""
 
 
 class Fate(IntEnum):
@@ -147,6 +149,10 @@ class TimingColumn(IntEnum):
     UNACKED_MOST = 12
     DRAIN_NS = 13
     """How long repairs go on after the last publication."""
+    PROMPT = 14
+    FINAL_NS = 15
+    REORDER_MOST = 16
+    BURST_BYTES = 17
 
 
 class Params(NamedTuple):
@@ -171,8 +177,8 @@ class State(NamedTuple):
     dropped: Any  # (F, N + 1) see Drop
     arrived: Any  # (F, N + 1) 1 received, 2 declared irrelevant
     order: Any  # (F, N + 1) samples as the reader's history received them
-    writer: Any  # (F, 10) see W_*
-    reader: Any  # (F, 9) see R_*
+    writer: Any  # (F, 11) see W_*
+    reader: Any  # (F, 17) see R_*
     repair: Any  # (F, 5) base and bitmap of the request that waits
     queue: Any  # (H, Q, 8) frames
     queue_ends: Any  # (H, 2) head, length
@@ -189,14 +195,20 @@ class State(NamedTuple):
 W_LAST, W_ACKED, W_ARMED, W_INTERVAL, W_LAST_HB, W_ACKED_AT_HB, W_VALUE, W_CHANGE_AT, W_SENT, W_SENT_AT = range(
     10
 )
+W_WROTE_AT = 10
 # Columns of State.reader: next sample in order, first that the writer still has, last that is known to exist.
 # Those that wait behind a gap are counted in R_WAITING, and none of them is older than R_OLDEST.
 R_NEXT, R_FIRST, R_KNOWN, R_ARMED, R_HEAD, R_TAIL, R_VALUE, R_WAITING, R_OLDEST = range(9)
+# Of a prompt reader: the newest sample that has arrived; where the last request ended, when it was sent and
+# whether it was for the same again; what was acknowledged last and when; whether an answer is asked for, and
+# whether by a heartbeat after repairs.
+R_NEWEST, R_NACKED, R_NACKED_AT, R_AGAIN, R_ACKED, R_ACKED_AT, R_ASKED, R_REPAIRED = range(9, 17)
 # Columns of State.server.
 S_BUSY, S_FLOW, S_SAMPLE, S_NEXT, S_WAITING, S_SKIPS = range(6)
 # Entries of State.delivery: whether it was watched, and not yet returned.
 D_FRESH, D_FLOW, D_SAMPLE, D_SKIPPED = range(4)
 SET = -1
+LONG_AGO = -(10**18)
 
 _FRAME_FIELDS = 8
 
@@ -233,11 +245,13 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
         8 * flows + 4 * (transmitters + sizes.servers) + transmitters * sizes.flight + 16
     )
     per_sample = (flows, sizes.samples + 1)
-    reader = np.zeros((flows, 9), np.int64)
-    writer = np.zeros((flows, 10), np.int64)
+    reader = np.zeros((flows, 17), np.int64)
+    writer = np.zeros((flows, 11), np.int64)
     writer[:, W_SENT] = -1
     reader[:, R_NEXT] = reader[:, R_FIRST] = 1
     reader[:, R_VALUE] = -1
+    reader[:, R_ACKED] = 1
+    reader[:, [R_NACKED_AT, R_ACKED_AT]] = writer[:, W_WROTE_AT] = LONG_AGO
     for flow, row in enumerate(params.flows):
         if row[FlowColumn.PERIOD_NS]:
             push(heap, heap_sizes, row[FlowColumn.PHASE_NS], int(Event.PUBLISH), flow)

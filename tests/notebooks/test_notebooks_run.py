@@ -21,7 +21,8 @@ def test_all_notebooks_run_through_and_leave_logs_and_figures(tmp_path, monkeypa
     shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks", ignore=shutil.ignore_patterns(".*"))
     (tmp_path / "data").mkdir()
     shutil.copy(ROOT / "data" / "claims.yaml", tmp_path / "data" / "claims.yaml")
-    shutil.copytree(ROOT / "data" / "fleets", tmp_path / "data" / "fleets")
+    for folder in ("fleets", "qos"):
+        shutil.copytree(ROOT / "data" / folder, tmp_path / "data" / folder)
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
     project = Project(root=tmp_path)
     notebooks = find_notebooks(project)
@@ -36,6 +37,9 @@ def test_all_notebooks_run_through_and_leave_logs_and_figures(tmp_path, monkeypa
         "lifecycle",
         "discovery",
         "latency",
+        "balancing",
+        "transmission",
+        "cooperation",
     }
     assert not project.figures.exists(), "a smoke test replaces no figure"
     assert {p.stem for p in (project.runs / "figures").glob("*.svg")} == {
@@ -48,4 +52,16 @@ def test_all_notebooks_run_through_and_leave_logs_and_figures(tmp_path, monkeypa
         "discovery_fleet",
         "discovery_scale",
         "latency",
+        "balancing_caches",
+        "balancing_qos",
+        "balancing_stale",
+        "cooperation",
+        "cooperation_live",
+        "cooperation_staleness",
+        "cooperation_tracks",
+        "transmission_beyond",
+        "transmission_fates",
+        "transmission_latency",
+        "transmission_live",
+        "transmission_loss",
     }

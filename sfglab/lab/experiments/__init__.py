@@ -14,7 +14,18 @@ if TYPE_CHECKING:
 
 __all__ = ["EXPERIMENTS", "experiment"]
 
-EXPERIMENTS = ("naming", "depth_codecs", "decode_once", "routing", "lifecycle", "discovery", "latency")
+EXPERIMENTS = (
+    "naming",
+    "depth_codecs",
+    "decode_once",
+    "routing",
+    "lifecycle",
+    "discovery",
+    "latency",
+    "balancing",
+    "transmission",
+    "cooperation",
+)
 
 
 def experiment(name: str) -> ModuleType | Any:

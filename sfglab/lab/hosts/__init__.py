@@ -19,6 +19,7 @@ from sfglab.lab.hosts.errors import (
 from sfglab.lab.hosts.host import Host, InterfaceBytes
 from sfglab.lab.hosts.link import Link, LinkCounters
 from sfglab.lab.hosts.network import Capability, Network
+from sfglab.lab.hosts.radio import RadioCounters, RadioHost
 
 __all__ = [
     "Capability",
@@ -32,5 +33,7 @@ __all__ = [
     "LinkCounters",
     "LinkError",
     "Network",
+    "RadioCounters",
+    "RadioHost",
     "UnknownHostError",
 ]

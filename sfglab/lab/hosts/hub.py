@@ -20,15 +20,19 @@ import socket
 import sys
 import traceback
 from dataclasses import asdict
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from pyroute2.netlink.exceptions import NetlinkError
 
 from sfglab.lab.hosts.enter import CLONE_NEWNET, unshare
 from sfglab.lab.hosts.link import Link
 from sfglab.lab.hosts.processes import end_members
+from sfglab.lab.hosts.radio import Relay
 from sfglab.lab.hosts.shaping import Shaping
 from sfglab.lab.hosts.wiring import Port, Wiring
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 __all__ = ["main"]
 
@@ -89,6 +93,7 @@ class _Hub:
         self._shaping = Shaping(self._wiring)
         self._ports: dict[str, Port] = {}
         self._holders: list[int] = []
+        self._relay: Relay | None = None
 
     def add_host(self, *, name: str) -> dict[str, Any]:
         pid = _fork_holder(self._creator)
@@ -103,12 +108,40 @@ class _Hub:
     def link_counters(self, *, name: str) -> dict[str, Any]:
         return asdict(self._shaping.counters(self._ports[name]))
 
+    def set_radio(self, *, medium: dict[str, Any], seed: int) -> dict[str, Any]:
+        if self._relay is None:
+            for port in self._ports.values():
+                self._wiring.take_out(port)
+            self._relay = Relay([(name, port.outer, port.mac) for name, port in self._ports.items()])
+        return self._relay.request("set", medium=medium, seed=seed)
+
+    def end_radio(self) -> dict[str, Any]:
+        if self._relay is not None:
+            self._relay.close()
+            self._relay = None
+            for port in self._ports.values():
+                self._wiring.put_back(port)
+        return {}
+
+    def radio_counters(self) -> dict[str, Any]:
+        assert self._relay is not None
+        return self._relay.request("counters")
+
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
-        operations = {"add_host": self.add_host, "set_link": self.set_link, "link_counters": self.link_counters}
+        operations: dict[str, Callable[..., dict[str, Any]]] = {
+            "add_host": self.add_host,
+            "set_link": self.set_link,
+            "link_counters": self.link_counters,
+            "set_radio": self.set_radio,
+            "end_radio": self.end_radio,
+            "radio_counters": self.radio_counters,
+        }
         try:
             return {"ok": operations[request.pop("op")](**request)}
         except NetlinkError as error:
             return {"refused": f"{error.args[1]} (errno {error.code})"}
+        except PermissionError as error:
+            return {"refused": str(error)}
         except Exception:  # noqa: BLE001 - the creator raises it; the hub must live on to clean up
             return {"failed": traceback.format_exc()}
 
@@ -124,6 +157,8 @@ class _Hub:
 
     def close(self) -> None:
         """End the holders, then whatever is left inside: our descriptors keep the namespaces distinct."""
+        if self._relay is not None:
+            self._relay.close()
         for pid in self._holders:
             os.kill(pid, signal.SIGKILL)
             os.waitpid(pid, 0)

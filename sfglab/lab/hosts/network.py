@@ -20,9 +20,12 @@ from sfglab.lab.hosts.errors import (
 from sfglab.lab.hosts.host import Host
 from sfglab.lab.hosts.link import Link, LinkCounters
 from sfglab.lab.hosts.processes import end_members
+from sfglab.lab.hosts.radio import RadioCounters
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from sfglab.rtps import Medium
 
 __all__ = ["Capability", "Network"]
 
@@ -60,6 +63,7 @@ class Network:
         self._grace_s = grace_s
         self._running: Channel | None = None
         self._hosts: dict[str, Host] = {}
+        self._on_radio = False
 
     @staticmethod
     def available() -> Capability:
@@ -82,6 +86,7 @@ class Network:
     ) -> None:
         channel, self._running = self._channel, None
         hosts, self._hosts = self._hosts, {}
+        self._on_radio = False
         try:
             end_members({host.inode for host in hosts.values()}, grace_s=self._grace_s)
         finally:
@@ -114,8 +119,10 @@ class Network:
         Raises:
             HostNameError: The name is empty or taken.
             HostsUnavailableError: The kernel refuses.
-            HostsError: The network is closed or lost, or full (253 hosts).
+            HostsError: The network is closed or lost, or full (253 hosts), or a radio.
         """
+        if self._on_radio:
+            raise HostsError("this network is a radio now: add its hosts before `set_radio`")
         if not name or name in self._hosts:
             raise HostNameError(name, self._hosts)
         try:
@@ -150,9 +157,11 @@ class Network:
             UnknownHostError: There is no such host.
             LinkError: A value cannot be emulated.
             LinkControlError: The kernel refuses.
-            HostsError: The network is closed or lost.
+            HostsError: The network is closed or lost, or a radio.
         """
         self._check(name)
+        if self._on_radio:
+            raise HostsError("this network is a radio now: the medium of `set_radio` is its only link")
         link = Link(rate_bps=rate_bps, loss=loss or 0.0, queue_bytes=queue_bytes)
         try:
             self._channel.request("set_link", name=name, **asdict(link))
@@ -171,3 +180,45 @@ class Network:
         """
         self._check(name)
         return LinkCounters(**self._channel.request("link_counters", name=name))
+
+    def set_radio(self, medium: Medium, *, seed: int = 0) -> None:
+        """Join the hosts by a medium that they share instead of the Ethernet, or change that medium.
+
+        A process relays every frame as the medium says; see `RadioCounters.kept_up` for whether it could. The
+        queue is the relay's: hosts never wait. Losses follow the seed, but which frame meets which number
+        depends on the machine. Counters begin anew.
+
+        Args:
+            medium: As in the model of RTPS; a frame's size is its Ethernet header and payload.
+            seed: Of the losses.
+
+        Raises:
+            LinkControlError: The kernel refuses.
+            HostsError: The network is closed or lost, or has no hosts.
+        """
+        if not self._hosts:
+            raise HostsError("a radio needs hosts: add them before `set_radio`")
+        try:
+            self._channel.request("set_radio", medium=asdict(medium), seed=seed)
+        except PermissionError as error:
+            raise LinkControlError(", ".join(self._hosts), str(error)) from error
+        self._on_radio = True
+
+    def end_radio(self) -> None:
+        """Go back to the Ethernet; harmless without a radio.
+
+        Raises:
+            HostsError: The network is closed or lost.
+        """
+        self._channel.request("end_radio")
+        self._on_radio = False
+
+    def radio_counters(self) -> RadioCounters:
+        """Return what the radio has done since its medium was set.
+
+        Raises:
+            HostsError: There is no radio, or the network is closed or lost.
+        """
+        if not self._on_radio:
+            raise HostsError("this network has no radio: call `set_radio` first")
+        return RadioCounters.of(self._channel.request("radio_counters"))

@@ -8,7 +8,11 @@ multicast is flooded, so that the interfaces carry nothing that no process sent.
 from __future__ import annotations
 
 import contextlib
+import ctypes
+import fcntl
 import os
+import socket
+import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +34,9 @@ _LO = 1
 _NO_IPV6 = {"attrs": [("AF_INET6", {"attrs": [("IFLA_INET6_ADDR_GEN_MODE", 1)]})]}
 # Frames leave one by one, as on a wire: without this TCP hands over up to 64 kB as one "packet".
 _NO_OFFLOAD = 1
+# linux/sockios.h, linux/ethtool.h
+_SIOCETHTOOL = 0x8946
+_ETHTOOL_STXCSUM = 0x17
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +61,24 @@ class Port:
     def address(self) -> str:
         """Return the host's IPv4 address."""
         return f"{_SUBNET}{self.number}"
+
+    @property
+    def mac(self) -> str:
+        """Return the host's Ethernet address."""
+        return _mac(self.number)
+
+
+def _mac(number: int) -> str:
+    return f"02:00:0a:4d:00:{number:02x}"
+
+
+def _compute_checksums(interface: str) -> None:
+    """Have the sender finish its checksums; between two cables' ends the kernel leaves that to nobody."""
+    off = struct.pack("@II", _ETHTOOL_STXCSUM, 0)
+    value = ctypes.create_string_buffer(off, len(off))
+    request = struct.pack("@16sP", interface.encode(), ctypes.addressof(value))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        fcntl.ioctl(sock, _SIOCETHTOOL, request.ljust(40, b"\0"))
 
 
 def _set_up(netlink: Any, index: int) -> None:
@@ -109,7 +134,7 @@ class Wiring:
         peer = {
             "ifname": INTERFACE,
             "net_ns_pid": pid,
-            "address": f"02:00:0a:4d:00:{number:02x}",
+            "address": _mac(number),
             "IFLA_GSO_MAX_SEGS": _NO_OFFLOAD,
         }
         self.netlink.link(
@@ -126,6 +151,23 @@ class Wiring:
             inner_index=inner_index,
             namespace=namespace,
         )
+
+    def take_out(self, port: Port) -> None:
+        """Take a host off the bridge, for a relay of frames to take its place.
+
+        Args:
+            port: Where the host is plugged in.
+        """
+        setns(port.namespace, CLONE_NEWNET)
+        try:
+            _compute_checksums(INTERFACE)
+        finally:
+            setns(self._own, CLONE_NEWNET)
+        self.netlink.link("set", index=port.outer_index, master=0)
+
+    def put_back(self, port: Port) -> None:
+        """Put a host back on the bridge."""
+        self.netlink.link("set", index=port.outer_index, master=self._bridge)
 
     def _configure(self, namespace: int, address: str) -> int:
         with self.inside(namespace) as netlink:

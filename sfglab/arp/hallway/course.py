@@ -1,0 +1,134 @@
+"""The hallway: one course for three areas, and the boxes that stand in each of them.
+
+Paper B, Fig. 14: "move the robots by parallels in different areas". The paper draws the course without
+measures; ours is a ring of corridors with five corners to the right and one to the left. Metres, x to the right
+and y up. Knows walls; refuses to know robots.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["AREAS", "HALF_WIDTH_M", "HOME", "WAYPOINTS", "Area", "Box", "course_length_m", "winding_rad"]
+
+HALF_WIDTH_M = 0.5
+"""Half of a corridor: 1 m is the narrowest that building codes allow for one person, and five robots wide."""
+
+WAYPOINTS = ((0.0, 4.0), (3.0, 4.0), (3.0, 2.0), (5.0, 2.0), (5.0, 0.0), (0.0, 0.0))
+"""Corners of the corridors' middle line, clockwise, as the robots drive."""
+
+HOME = (1.0, 4.0, 0.0)
+"""Where robots start and return to: x, y and heading; half a metre behind a corner."""
+
+_PIVOT = (1.5, 1.0)  # inside the ring, and seen from everywhere on the middle line
+_BOX_LONG_M, _BOX_DEEP_M = 0.3, 0.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Box:
+    """A cardboard box at a wall, 0.3 m along it and 0.2 m deep.
+
+    Attributes:
+        leg: Which corridor: the one that begins at this waypoint.
+        along_m: Its middle, from that waypoint.
+        side: ``left`` or ``right``, as robots drive.
+    """
+
+    leg: int
+    along_m: float
+    side: str
+
+    def corners(self) -> NDArray[np.float64]:
+        """Return its four corners, shape (4, 2)."""
+        start = np.array(WAYPOINTS[self.leg])
+        ahead = np.array(WAYPOINTS[(self.leg + 1) % len(WAYPOINTS)]) - start
+        ahead = ahead / np.linalg.norm(ahead)
+        out = np.array((-ahead[1], ahead[0])) * (1.0 if self.side == "left" else -1.0)
+        near, far = HALF_WIDTH_M - _BOX_DEEP_M, HALF_WIDTH_M
+        first, last = self.along_m - _BOX_LONG_M / 2, self.along_m + _BOX_LONG_M / 2
+        around = ((first, far), (first, near), (last, near), (last, far))
+        return np.array([start + a * ahead + o * out for a, o in around])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Area:
+    """One robot's hallway.
+
+    Attributes:
+        robot: Whose.
+        boxes: What stands in it.
+    """
+
+    robot: str
+    boxes: tuple[Box, ...] = ()
+
+    @cached_property
+    def segments(self) -> NDArray[np.float64]:
+        """Everything that a beam can hit: x, y of both ends, shape (n, 4)."""
+        rings = [_offset(HALF_WIDTH_M), _offset(-HALF_WIDTH_M), *(box.corners() for box in self.boxes)]
+        return np.concatenate([_closed(ring) for ring in rings])
+
+
+def _offset(outwards_m: float) -> NDArray[np.float64]:
+    """Return the middle line moved outwards, corner by corner; its corridors meet at right angles."""
+    points = np.array(WAYPOINTS)
+    ahead = np.roll(points, -1, axis=0) - points
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    out = np.column_stack((-ahead[:, 1], ahead[:, 0])) * outwards_m
+    moved: NDArray[np.float64] = points + out + np.roll(out, 1, axis=0)
+    return moved
+
+
+def _closed(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.hstack((ring, np.roll(ring, -1, axis=0)))
+
+
+def course_length_m() -> float:
+    """Return the length of the middle line, corners not rounded."""
+    ring = (*WAYPOINTS, WAYPOINTS[0])
+    return sum(math.dist(a, b) for a, b in pairwise(ring))
+
+
+def winding_rad(x: float, y: float) -> float:
+    """Return a position's angle around the ring: 0 at home, growing as robots drive, from -pi to pi."""
+    home = math.atan2(HOME[1] - _PIVOT[1], HOME[0] - _PIVOT[0])
+    angle = home - math.atan2(y - _PIVOT[1], x - _PIVOT[0])
+    return math.remainder(angle, math.tau)
+
+
+AREAS = (
+    Area(
+        robot="robot1",
+        boxes=(
+            Box(leg=4, along_m=2.0, side="left"),
+            Box(leg=4, along_m=3.4, side="right"),
+            Box(leg=5, along_m=2.0, side="left"),
+        ),
+    ),
+    Area(
+        robot="robot2",
+        boxes=(
+            Box(leg=4, along_m=1.7, side="right"),
+            Box(leg=4, along_m=3.0, side="left"),
+            Box(leg=5, along_m=1.7, side="right"),
+        ),
+    ),
+    Area(
+        robot="robot3",
+        boxes=(
+            Box(leg=3, along_m=1.0, side="right"),
+            Box(leg=4, along_m=2.6, side="left"),
+            Box(leg=5, along_m=2.3, side="right"),
+        ),
+    ),
+)
+"""The three areas. Each has three boxes that leave 0.8 m, at places of its own."""

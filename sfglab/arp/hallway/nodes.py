@@ -1,0 +1,196 @@
+"""The nodes of Fig. 15 that belong to one robot: sensing and actuation on it, localisation at the station.
+
+Cores only: values in, values out. The simulated shell and the live one give them messages and take theirs.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sfglab.arp.hallway.course import HALF_WIDTH_M
+from sfglab.arp.hallway.lidar import BEAMS_DEG, range_from_step
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = [
+    "SAFE_M",
+    "SPEED_M_S",
+    "STOP",
+    "ActuationNode",
+    "Command",
+    "LocalisationNode",
+    "SensingNode",
+    "View",
+]
+
+SPEED_M_S = 0.22
+"""The constant velocity: the highest of a TurtleBot3 Burger."""
+
+SAFE_M = 0.21
+"""A beam ahead that is shorter is an obstacle: 0.2 m, and 0.01 m for the LIDAR's error, as in ROBOTIS' own
+example of an obstacle detection (turtlebot3_example)."""
+
+_STRAIGHT_M = 0.05  # by which three beams of one side may miss a common straight wall
+_MRAD = 1000.0
+_TURN_OFFSET = 1 << 14
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """What a robot is told: to move or not, and how fast to turn.
+
+    Attributes:
+        moving: At the constant velocity, or not at all.
+        turn_mrad_s: Milliradians a second, to the left.
+    """
+
+    moving: bool
+    turn_mrad_s: int = 0
+
+    @property
+    def speed_m_s(self) -> float:
+        """Velocity ahead."""
+        return SPEED_M_S if self.moving else 0.0
+
+    @property
+    def turn_rad_s(self) -> float:
+        """Turning velocity, to the left."""
+        return self.turn_mrad_s / _MRAD
+
+    @property
+    def number(self) -> int:
+        """A number of its own for each command: what the reliability model carries."""
+        return (self.moving << 15) | (self.turn_mrad_s + _TURN_OFFSET)
+
+    @classmethod
+    def from_number(cls, number: int) -> Command:
+        """Return the command of a number."""
+        return cls(bool(number >> 15), (number & 0x7FFF) - _TURN_OFFSET)
+
+    @classmethod
+    def from_velocities(cls, speed_m_s: float, turn_rad_s: float) -> Command:
+        """Return the command that velocities, as a Twist has them, stand for."""
+        return cls(speed_m_s > 0.0, round(turn_rad_s * _MRAD))
+
+
+STOP = Command(moving=False)
+
+
+class SensingNode:
+    """On the robot: one value for each beam's publisher."""
+
+    def __init__(self) -> None:
+        self._steps: tuple[int, ...] = ()
+
+    def turned(self, steps: Sequence[int]) -> None:
+        """Take what the LIDAR measured in one turn."""
+        self._steps = tuple(steps)
+
+    def value(self, beam: int) -> int | None:
+        """Return what a beam's publisher sends now; None before the first turn."""
+        return self._steps[beam] if self._steps else None
+
+
+class ActuationNode:
+    """On the robot: executes the last command until another one arrives."""
+
+    def __init__(self) -> None:
+        self.command = STOP
+
+    def hear(self, command: Command) -> None:
+        """Take a command."""
+        self.command = command
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """Where a robot is, seen from its own beams.
+
+    Attributes:
+        ahead_m: Range ahead.
+        left_m: Range 45 degrees to the left of ahead.
+        right_m: The same to the right.
+        beside_left_m: Range to the left.
+        beside_right_m: Range to the right.
+        heading_left_rad: Heading towards the wall on the left, from that wall; None where it is not straight.
+        heading_right_rad: The same (positive is still to the left) from the wall on the right.
+        offset_m: How far left of the middle, from the straight walls; None without any.
+        obstacle: Whether something ahead is closer than is safe.
+    """
+
+    ahead_m: float
+    left_m: float
+    right_m: float
+    beside_left_m: float
+    beside_right_m: float
+    heading_left_rad: float | None
+    heading_right_rad: float | None
+    offset_m: float | None
+    obstacle: bool
+
+    @property
+    def heading_rad(self) -> float | None:
+        """Heading to the left of the corridor's, the mean of what both walls say."""
+        known = [h for h in (self.heading_left_rad, self.heading_right_rad) if h is not None]
+        return sum(known) / len(known) if known else None
+
+
+class LocalisationNode:
+    """At the station: a robot's place in its hallway, from the last value of each of its beams."""
+
+    def __init__(self) -> None:
+        self._steps: list[int | None] = [None] * len(BEAMS_DEG)
+        self._ranges = [math.inf] * len(BEAMS_DEG)
+        self.view: View | None = None
+
+    def hear(self, beam: int, step: int) -> bool:
+        """Take a beam's value, and return whether anything is different now.
+
+        Args:
+            beam: Index in `BEAMS_DEG`.
+            step: Its value.
+        """
+        if self._steps[beam] == step:
+            return False
+        self._steps[beam] = step
+        self._ranges[beam] = range_from_step(step)
+        if None in self._steps:
+            return False
+        self.view = _view(self._ranges)
+        return True
+
+
+def _view(ranges: list[float]) -> View:
+    ahead, left, beside_left, behind_left, _, behind_right, beside_right, right = ranges
+    wall_left = _wall(left, beside_left, behind_left)
+    wall_right = _wall(right, beside_right, behind_right)
+    offsets = [HALF_WIDTH_M - wall_left[1]] if wall_left else []
+    offsets += [wall_right[1] - HALF_WIDTH_M] if wall_right else []
+    return View(
+        ahead_m=ahead,
+        left_m=left,
+        right_m=right,
+        beside_left_m=beside_left,
+        beside_right_m=beside_right,
+        heading_left_rad=wall_left[0] if wall_left else None,
+        heading_right_rad=-wall_right[0] if wall_right else None,
+        offset_m=sum(offsets) / len(offsets) if offsets else None,
+        obstacle=min(ahead, left, right) < SAFE_M,
+    )
+
+
+def _wall(front_m: float, beside_m: float, behind_m: float) -> tuple[float, float] | None:
+    """Return heading towards the wall on one side and distance to it, or None where three beams hit no line.
+
+    The beams at 45 and 135 degrees are at right angles to each other: with the wall they make a right-angled
+    triangle, whose height is the distance.
+    """
+    if math.inf in (front_m, beside_m, behind_m):
+        return None
+    heading = math.atan2(behind_m - front_m, behind_m + front_m)
+    distance = front_m * behind_m / math.hypot(front_m, behind_m)
+    straight = abs(beside_m * math.cos(heading) - distance) <= _STRAIGHT_M
+    return (heading, distance) if straight else None

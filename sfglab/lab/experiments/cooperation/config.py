@@ -1,0 +1,125 @@
+"""What the cooperation experiment runs: paper B, section 3.2, at three lengths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from sfglab.arp.balancing import BalanceInput, balance
+from sfglab.arp.hallway import AREAS, BEAMS_DEG
+from sfglab.arp.methods import METHODS, RATES_HZ
+from sfglab.errors import SfglabError
+from sfglab.rtps import Medium
+
+__all__ = ["DEPTHS", "OPTIMUM", "Config", "ConfigError", "Point", "Setting", "points_of", "setting_of"]
+
+DEPTHS = (1, 10, 1000)
+"""Of Table 2, without optimisation: the paper does not say which depth Fig. 16 had, so the smallest, ROS 2's
+default and a large one count a third each."""
+
+OPTIMUM = 0
+"""Stands for the depth that Eq. 6 gives."""
+
+_TOPICS = (len(BEAMS_DEG) + 1,) * len(AREAS)  # eight beams and one result each
+
+
+_MEDIUM = Medium()
+
+
+class ConfigError(SfglabError, ValueError):
+    """A configuration that cannot be run."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Point:
+    """One cell: a method at a rate and a depth, over one medium.
+
+    Attributes:
+        method: One of `METHODS`.
+        rate_max_hz: Rmax.
+        depth: Of Table 2; `OPTIMUM`: D of Eq. 6, only with OPT.
+        vendor: A name in `PRESETS`.
+        medium: What carries the frames.
+    """
+
+    method: str
+    rate_max_hz: int
+    depth: int
+    vendor: str = "fast_dds"
+    medium: Medium = _MEDIUM
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setting:
+    """What a point comes to.
+
+    Attributes:
+        rate_hz: Rate of each topic.
+        depth: Depth of each writer's and reader's history.
+    """
+
+    rate_hz: float
+    depth: int
+
+
+def setting_of(point: Point) -> Setting:
+    """Return the rate and the depth of a point: those of Table 2, or with OPT those of Eq. 6."""
+    if not METHODS[point.method].optimised:
+        return Setting(rate_hz=float(point.rate_max_hz), depth=point.depth)
+    best = balance(BalanceInput(topics=_TOPICS, rate_max_hz=float(point.rate_max_hz)))
+    # The solver's digits end somewhere; beyond the sixth they are noise.
+    depth = int(round(best.depth, 6)) if point.depth == OPTIMUM else point.depth
+    return Setting(rate_hz=round(best.rate_hz, 6), depth=depth)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """The whole run.
+
+    Attributes:
+        profile: Name of the profile it came from.
+        rates_hz: The values of Rmax.
+        seeds: How many runs of each point.
+        contrast_seeds: How many of each point of the contrasts: no loss, another vendor's timing, and the rate
+            of Eq. 6 without its depth.
+        live_s: How long the live robots drive, seconds; 0: none is run.
+        seed: The first seed.
+    """
+
+    profile: str
+    rates_hz: tuple[int, ...] = RATES_HZ
+    seeds: int = 6
+    contrast_seeds: int = 2
+    live_s: float = 0.0
+    seed: int = 0
+
+    @classmethod
+    def of_profile(cls, profile: str, *, seed: int = 0) -> Config:
+        """Return the configuration of a profile.
+
+        Args:
+            profile: ``smoke`` (seconds), ``quick`` (minutes) or ``paper`` (120 runs of each point).
+            seed: The first seed.
+
+        Raises:
+            ConfigError: There is no such profile.
+        """
+        if profile not in _PROFILES:
+            raise ConfigError(f"profile: given {profile!r}, allowed are {', '.join(_PROFILES)}")
+        return replace(_PROFILES[profile], seed=seed)
+
+
+def points_of(config: Config) -> list[Point]:
+    """Return the points of Fig. 16, method by method."""
+    return [
+        Point(method=name, rate_max_hz=rate, depth=depth)
+        for name, method in METHODS.items()
+        for rate in config.rates_hz
+        for depth in ((OPTIMUM,) if method.optimised else DEPTHS)
+    ]
+
+
+_PROFILES = {
+    "smoke": Config(profile="smoke", rates_hz=(100,), seeds=1, contrast_seeds=0),
+    "quick": Config(profile="quick", live_s=90.0),
+    "paper": Config(profile="paper", seeds=120, contrast_seeds=30, live_s=90.0),
+}

@@ -1,0 +1,380 @@
+"""One host's part of a scenario of the reliability model, played over DDS in one thread.
+
+Publishes its flows on an absolute schedule, through local caches where they have them; takes samples for its
+executors as the model's do, one after the other, in turn among an executor's flows, each for its service time.
+An executor's time is kept as a schedule too, not worked off: what a sample cost begins when the one before it
+ended, so a late look does not add up. Knows raw DDS endpoints; refuses to know hosts and what is measured.
+"""
+
+from __future__ import annotations
+
+import ctypes as ct
+import heapq
+import random
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from sfglab.arp.cache import CacheControl, LocalCache
+from sfglab.bus.dds.clib import (
+    ANY_STATE,
+    MatchedStatus,
+    SampleInfo,
+    library,
+)
+from sfglab.bus.dds.samples import bytes_from_serdata, serdata_from_bytes, sertype_of, stamp
+from sfglab.qos import History, QoSProfile, Reliability
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from sfglab.bus.dds.participant import DdsParticipant
+
+__all__ = ["PartFlow", "Player", "Received", "Written", "text_of", "value_of"]
+
+_S = 1_000_000_000
+_TYPE = "std_msgs/msg/String"
+# CDR of a text: header, length, letters, a final zero (RTPS 2.5, clause 10).
+_HEADER = b"\x00\x01\x00\x00"
+_FRAME_BYTES = len(_HEADER) + 4 + 1
+_LONGEST_PAUSE_NS = 50_000_000
+_MAX_TRIGGERED = 64
+_DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz-_"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PartFlow:
+    """A flow as a process is told of it; fields as `sfglab.rtps.Flow`'s.
+
+    Attributes:
+        name: Also of the topic.
+        writes: Whether this process publishes it.
+        reads: Whether this process receives it.
+        size_bytes: CDR size of a sample.
+        rate_hz: How often it is published; 0: only by a chain.
+        phase_s: When first.
+        depth: Of the writer's history; 0: KEEP_ALL.
+        reader_depth: Of the reader's history; 0: KEEP_ALL.
+        reliable: Whether both are RELIABLE.
+        deadline_ns: DEADLINE of both; None: none.
+        executor: Whose time samples cost; one of its own when empty.
+        service_s: How much.
+        compare_s: What a repeated value costs with cache control; None: there is none.
+        change_s: Mean time between changes of the value; 0: every sample differs.
+        cached: Whether a local cache holds repeated values back.
+        max_silence_s: Its longest silence; None: none.
+        then: Flow that is published when a sample was processed.
+    """
+
+    name: str
+    writes: bool
+    reads: bool
+    size_bytes: int
+    rate_hz: float
+    phase_s: float
+    depth: int
+    reader_depth: int
+    reliable: bool
+    deadline_ns: int | None
+    executor: str
+    service_s: float
+    compare_s: float | None
+    change_s: float
+    cached: bool
+    max_silence_s: float | None
+    then: str | None
+
+    def qos(self, depth: int) -> QoSProfile:
+        """Return the QoS of an endpoint with such a history."""
+        return QoSProfile(
+            reliability=Reliability.RELIABLE if self.reliable else Reliability.BEST_EFFORT,
+            history=History.KEEP_LAST if depth else History.KEEP_ALL,
+            depth=depth or 1,
+            deadline_ns=self.deadline_ns,
+        )
+
+
+def text_of(value: int, size_bytes: int) -> bytes:
+    """Return a sample of a size that carries a value's number: the CDR of a text of digits to base 64.
+
+    Args:
+        value: The number; its lowest digits, where there is no room for all.
+        size_bytes: CDR size; the paper's shortest message, "Hello", leaves five digits.
+    """
+    letters = size_bytes - _FRAME_BYTES
+    text = bytearray(letters)
+    for place in range(letters - 1, -1, -1):
+        text[place] = ord(_DIGITS[value & 63])
+        value >>= 6
+    return _HEADER + (letters + 1).to_bytes(4, "little") + bytes(text) + b"\x00"
+
+
+def value_of(cdr: bytes) -> int:
+    """Return the number that `text_of` wrote."""
+    value = 0
+    for letter in cdr[8 : 7 + int.from_bytes(cdr[4:8], "little")]:
+        value = value << 6 | _DIGITS.index(chr(letter))
+    return value
+
+
+@dataclass(slots=True)
+class Written:
+    """What a writer has published: a time stamp is a sample's identity.
+
+    Attributes:
+        due_ns: When it should have been, Unix nanoseconds.
+        sent_ns: When it was; also its source time stamp.
+        value: Number of the value.
+        held: Values that the local cache held back.
+        refused: Samples that DDS refused.
+    """
+
+    due_ns: list[int] = field(default_factory=list)
+    sent_ns: list[int] = field(default_factory=list)
+    value: list[int] = field(default_factory=list)
+    held: int = 0
+    refused: int = 0
+
+
+@dataclass(slots=True)
+class Received:
+    """What a reader has given to its executor.
+
+    Attributes:
+        sent_ns: Source time stamp of each sample.
+        taken_ns: When it was taken from the reader.
+        done_ns: When the executor was done with it.
+        compared: Samples that cache control discarded.
+    """
+
+    sent_ns: list[int] = field(default_factory=list)
+    taken_ns: list[int] = field(default_factory=list)
+    done_ns: list[int] = field(default_factory=list)
+    compared: int = 0
+
+
+class _Sensor:
+    """A flow's value, writer and cache."""
+
+    def __init__(self, flow: PartFlow, participant: DdsParticipant, idl: type[Any], seed: int) -> None:
+        self.flow = flow
+        self.log = Written()
+        self.handle = participant.create_writer(f"rt/{flow.name}", idl, flow.qos(flow.depth))
+        self._sertype = sertype_of(self.handle)
+        self._random = random.Random(f"{seed} {flow.name}")
+        self._value = 0
+        self._change_ns = 0
+        silence_ns = None if flow.max_silence_s is None else round(flow.max_silence_s * _S)
+        self._cache = LocalCache(max_silence_ns=silence_ns) if flow.cached else None
+
+    def read(self, now_ns: int) -> int:
+        """Return the number of the value that the sensor has now."""
+        if not self.flow.change_s:
+            self._value += 1
+            return self._value
+        self._change_ns = self._change_ns or now_ns
+        while now_ns >= self._change_ns:
+            self._value += 1
+            self._change_ns += max(1, round(self._random.expovariate(1 / self.flow.change_s) * _S))
+        return self._value
+
+    def offer(self, value: int, due_ns: int) -> None:
+        """Publish a value unless the local cache holds it back."""
+        if self._cache is not None and not self._cache.offer(self.flow.name, value, now_ns=due_ns).passes:
+            self.log.held += 1
+            return
+        serdata = serdata_from_bytes(self._sertype, text_of(value, self.flow.size_bytes))
+        assert serdata, "a text that Cyclone DDS cannot parse"
+        now_ns = time.time_ns()
+        stamp(serdata, now_ns)
+        if library().dds_forwardcdr(self.handle, serdata) < 0:
+            self.log.refused += 1
+            return
+        self.log.due_ns.append(due_ns)
+        self.log.sent_ns.append(now_ns)
+        self.log.value.append(value)
+
+
+class _Inlet:
+    """A flow's reader, with cache control."""
+
+    def __init__(self, flow: PartFlow, participant: DdsParticipant, idl: type[Any]) -> None:
+        self.flow = flow
+        self.log = Received()
+        self.since_ns: int | None = None  # since when something is known to wait
+        self.handle = participant.create_reader(f"rt/{flow.name}", idl, flow.qos(flow.reader_depth))
+        self.condition: int = library().dds_create_readcondition(self.handle, ANY_STATE)
+        self._cache = CacheControl() if flow.compare_s is not None else None
+        self._serdata: Any = (ct.c_void_p * 1)()
+        self._infos: Any = (SampleInfo * 1)()
+
+    def take(self) -> tuple[int, int] | None:
+        """Return source time stamp and value of the oldest sample; None when there is none."""
+        lib = library()
+        if lib.dds_takecdr(self.handle, self._serdata, 1, self._infos, ANY_STATE) != 1:
+            return None
+        serdata, info = self._serdata[0], self._infos[0]
+        cdr = bytes_from_serdata(serdata) if info.valid_data else b""
+        lib.ddsi_serdata_unref(serdata)
+        return (info.source_timestamp, value_of(cdr)) if cdr else self.take()
+
+    def cost_ns(self, value: int, now_ns: int) -> int:
+        """Return what a value costs its executor: a comparison or the whole."""
+        flow = self.flow
+        if self._cache is not None and not self._cache.offer(flow.name, value, now_ns=now_ns).passes:
+            self.log.compared += 1
+            return round((flow.compare_s or 0.0) * _S)
+        return round(flow.service_s * _S)
+
+
+@dataclass(slots=True)
+class _Executor:
+    inlets: list[_Inlet]
+    next_: int = 0
+    free_ns: int = 0
+
+    def waiting(self) -> bool:
+        return any(inlet.since_ns is not None for inlet in self.inlets)
+
+    def turn(self) -> _Inlet | None:
+        """Return the next flow of which something is known to wait."""
+        count = len(self.inlets)
+        for i in range(count):
+            inlet = self.inlets[(self.next_ + i) % count]
+            if inlet.since_ns is not None:
+                self.next_ = (self.next_ + i + 1) % count
+                return inlet
+        return None
+
+
+class Player:
+    """A host's part.
+
+    Args:
+        participant: In the domain of the run.
+        flows: Those that begin or end here.
+        seed: Of the values.
+    """
+
+    def __init__(self, participant: DdsParticipant, flows: Sequence[PartFlow], *, seed: int) -> None:
+        from sfglab.messages.dds import idl_struct
+
+        idl = idl_struct(_TYPE)
+        self._sensors = {f.name: _Sensor(f, participant, idl, seed) for f in flows if f.writes}
+        self._inlets = [_Inlet(f, participant, idl) for f in flows if f.reads]
+        self._executors = _executors(self._inlets)
+        lib = library()
+        self._waitset: int = lib.dds_create_waitset(participant.handle)
+        for key, inlet in enumerate(self._inlets):
+            lib.dds_waitset_attach(self._waitset, inlet.condition, key)
+        self._keys: Any = (ct.c_ssize_t * _MAX_TRIGGERED)()
+        self._agenda: list[tuple[int, int, str, int]] = []  # when, number, whose, the value of a chain or -1
+        self._entries = 0
+        self._taken = 0
+        self._taking_ns = 0
+
+    def matched(self) -> bool:
+        """Return whether every endpoint has its other end."""
+        lib = library()
+        status = MatchedStatus()
+        ends = [(lib.dds_get_publication_matched_status, s.handle) for s in self._sensors.values()]
+        ends += [(lib.dds_get_subscription_matched_status, inlet.handle) for inlet in self._inlets]
+        for function, handle in ends:
+            function(handle, ct.byref(status))
+            if status.current_count < 1:
+                return False
+        return True
+
+    @property
+    def written(self) -> dict[str, Written]:
+        """What was published, by flow."""
+        return {name: sensor.log for name, sensor in self._sensors.items()}
+
+    @property
+    def received(self) -> dict[str, Received]:
+        """What was received, by flow."""
+        return {inlet.flow.name: inlet.log for inlet in self._inlets}
+
+    @property
+    def take_s(self) -> float:
+        """What one sample costs this process from DDS to the executor's log, mean, seconds."""
+        return self._taking_ns / max(1, self._taken) / _S
+
+    def play(self, *, start_ns: int, duration_s: float, drain_s: float) -> None:
+        """Publish and receive until time is over.
+
+        Args:
+            start_ns: Time 0 of the scenario, Unix nanoseconds.
+            duration_s: How long is published.
+            drain_s: How long is received beyond that.
+        """
+        for sensor in self._sensors.values():
+            if sensor.flow.rate_hz:
+                self._note(start_ns + round(sensor.flow.phase_s * _S), sensor.flow.name, -1)
+        last_ns = start_ns + round(duration_s * _S)
+        end_ns = last_ns + round(drain_s * _S)
+        while (now_ns := time.time_ns()) < end_ns:
+            self._publish_due(now_ns, last_ns)
+            for executor in self._executors:
+                self._serve(executor, now_ns)
+            self._wait(end_ns)
+
+    def _note(self, due_ns: int, name: str, value: int) -> None:
+        self._entries += 1
+        heapq.heappush(self._agenda, (due_ns, self._entries, name, value))
+
+    def _publish_due(self, now_ns: int, last_ns: int) -> None:
+        while self._agenda and self._agenda[0][0] <= now_ns:
+            due_ns, _, name, value = heapq.heappop(self._agenda)
+            sensor = self._sensors[name]
+            if value >= 0:
+                sensor.offer(value, due_ns)
+            elif due_ns < last_ns:
+                sensor.offer(sensor.read(due_ns), due_ns)
+                self._note(due_ns + round(_S / sensor.flow.rate_hz), name, -1)
+
+    def _serve(self, executor: _Executor, now_ns: int) -> None:
+        while executor.free_ns <= now_ns and (inlet := executor.turn()) is not None:
+            began_ns = time.perf_counter_ns()
+            sample = inlet.take()
+            if sample is None:
+                inlet.since_ns = None
+                continue
+            sent_ns, value = sample
+            assert inlet.since_ns is not None
+            start_ns = max(executor.free_ns, inlet.since_ns)
+            done_ns = executor.free_ns = start_ns + inlet.cost_ns(value, start_ns)
+            inlet.since_ns = now_ns
+            inlet.log.sent_ns.append(sent_ns)
+            inlet.log.taken_ns.append(now_ns)
+            inlet.log.done_ns.append(done_ns)
+            if inlet.flow.then is not None:
+                self._note(done_ns, inlet.flow.then, value)
+            self._taken += 1
+            self._taking_ns += time.perf_counter_ns() - began_ns
+
+    def _wait(self, end_ns: int) -> None:
+        """Wait for samples, but no longer than to the next thing to do."""
+        next_ns = min(end_ns, self._agenda[0][0] if self._agenda else end_ns)
+        busy = [executor.free_ns for executor in self._executors if executor.waiting()]
+        pause_ns = max(0, min([next_ns, *busy]) - time.time_ns())
+        if busy or not self._inlets:
+            # The wait set would return at once, for what waits for its executor or for want of anything.
+            time.sleep(pause_ns / _S)
+            pause_ns = 0
+        count = library().dds_waitset_wait(
+            self._waitset, self._keys, _MAX_TRIGGERED, min(pause_ns, _LONGEST_PAUSE_NS)
+        )
+        now_ns = time.time_ns()
+        for i in range(min(count, _MAX_TRIGGERED)):
+            inlet = self._inlets[self._keys[i]]
+            if inlet.since_ns is None:
+                inlet.since_ns = now_ns
+
+
+def _executors(inlets: Iterable[_Inlet]) -> list[_Executor]:
+    by_name: dict[str, _Executor] = {}
+    for inlet in inlets:
+        name = inlet.flow.executor or f"{inlet.flow.name}\0"
+        by_name.setdefault(name, _Executor([])).inlets.append(inlet)
+    return list(by_name.values())

@@ -1,0 +1,248 @@
+"""A robot or the station of paper B's hallway, live: ``python -m sfglab.lab.workers.hallway CONFIG``.
+
+The shell around the cores of `sfglab.arp.hallway`: topics, timers, and for a robot its physics in real time. A
+robot's process has its sensing and actuation nodes, the station's has localisation and planning. Orders:
+``{"do": "start"}``. Reports: ``ready`` once every topic has its other end, ``pose`` at each turn of the LIDAR,
+``stopped`` when the station stopped all for an obstacle, ``released`` at each new manoeuvre.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.arp import CacheControl, LocalCache
+from sfglab.arp.hallway import (
+    AREAS,
+    BEAMS_DEG,
+    SCAN_HZ,
+    STEP_NS,
+    STOP,
+    ActuationNode,
+    Command,
+    SensingNode,
+    Station,
+    World,
+    range_from_step,
+    step_from_range,
+)
+from sfglab.fleet.address import BusAddress
+from sfglab.fleet.component import run_component
+from sfglab.messages import message_type
+from sfglab.qos import QoSProfile
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.bus import Node
+    from sfglab.fleet.component import Report
+
+__all__ = ["STATION", "HallwayConfig", "Robot", "StationShell"]
+
+STATION = "station"
+BEAM, COMMAND = "std_msgs/msg/Float32", "geometry_msgs/msg/Twist"
+ROBOTS = tuple(area.robot for area in AREAS)
+_SCAN_STEPS = round(1e9 / SCAN_HZ / STEP_NS)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HallwayConfig:
+    """What a process is told.
+
+    Attributes:
+        role: A robot's name, or ``station``.
+        address: Where on the bus it stands.
+        rate_hz: Rate of each topic.
+        depth: Of each history.
+        local_cache: Whether robots hold repeated values back.
+        cache_control: Whether the station discards repeated values.
+        seed: Of the physics.
+    """
+
+    role: str
+    address: BusAddress
+    rate_hz: float
+    depth: int
+    local_cache: bool
+    cache_control: bool
+    seed: int = 0
+
+    @property
+    def qos(self) -> QoSProfile:
+        """Of every topic: RELIABLE, KEEP_LAST, as Table 2 has it."""
+        return QoSProfile(depth=self.depth)
+
+    def to_json(self) -> str:
+        """Return the configuration as the process's argument."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> HallwayConfig:
+        """Read what `to_json` wrote."""
+        values = json.loads(text)
+        return cls(**{**values, "address": BusAddress(**values["address"])})
+
+
+def beam_topic(robot: str, beam: int) -> str:
+    """Return the name of a beam's topic."""
+    return f"/{robot}/lidar_{BEAMS_DEG[beam]}"
+
+
+def command_topic(robot: str) -> str:
+    """Return the name of the topic of a robot's commands."""
+    return f"/{robot}/command"
+
+
+class Robot:
+    """One robot: sensing, actuation, and the physics between them.
+
+    Args:
+        node: Where it stands.
+        config: What it is told.
+        report: Takes reports.
+    """
+
+    def __init__(self, node: Node, config: HallwayConfig, report: Callable[[Report], None]) -> None:
+        self._node, self._config, self._report = node, config, report
+        self._number = ROBOTS.index(config.role)
+        # The whole world, of which only this robot moves: its slips are those of the simulated run.
+        self._world = World(seed=config.seed)
+        self._sensing, self._actuation = SensingNode(), ActuationNode()
+        self._cache = LocalCache()
+        self.publishers = [
+            node.create_publisher(BEAM, beam_topic(config.role, beam), config.qos)
+            for beam in range(len(BEAMS_DEG))
+        ]
+        node.create_subscription(COMMAND, command_topic(config.role), self._hear, config.qos)
+
+    async def run(self) -> None:
+        """Drive until cancelled."""
+        clock, start_ns, steps = self._node.get_clock(), self._node.get_clock().now_ns(), 0
+        self._sensing.turned(self._world.scan(self._number))
+        for beam in range(len(BEAMS_DEG)):
+            self._node.create_timer(1 / self._config.rate_hz, partial(self._publish, beam))
+        while True:
+            commands = [STOP] * len(ROBOTS)
+            commands[self._number] = self._actuation.command
+            self._world.step(commands)
+            steps += 1
+            wound = self._world.wound_rad()
+            if steps % _SCAN_STEPS == 0:
+                self._sensing.turned(self._world.scan(self._number))
+                self._tell(steps * STEP_NS, float(wound[self._number]))
+            early_ns = start_ns + steps * STEP_NS - clock.now_ns()
+            await clock.sleep_for(
+                max(0, early_ns) / 1e9
+            )  # also without time to spare: messages need their turn
+
+    def _tell(self, now_ns: int, wound_rad: float) -> None:
+        x, y, heading = self._world.poses[self._number].tolist()
+        self._report(
+            {
+                "is": "pose",
+                "t_s": now_ns / 1e9,
+                "pose": [x, y, heading],
+                "clearance_m": float(self._world.clearance_m[self._number]),
+                "wound_rad": wound_rad,
+                "held": self._cache.counters.held,
+                "offered": self._cache.counters.offered,
+            }
+        )
+
+    def _publish(self, beam: int) -> None:
+        step = self._sensing.value(beam)
+        assert step is not None, "timers begin after the first turn"
+        if self._config.local_cache:
+            now_ns = self._node.get_clock().now_ns()
+            if not self._cache.offer(beam_topic(self._config.role, beam), step, now_ns=now_ns).passes:
+                return
+        self.publishers[beam].publish(message_type(BEAM)(data=np.float32(range_from_step(step))))
+
+    def _hear(self, twist: Any) -> None:
+        self._actuation.hear(Command.from_velocities(twist.linear.x, twist.angular.z))
+
+
+class StationShell:
+    """The station's nodes on their topics.
+
+    Args:
+        node: Where it stands.
+        config: What it is told.
+        report: Takes reports.
+    """
+
+    def __init__(self, node: Node, config: HallwayConfig, report: Callable[[Report], None]) -> None:
+        self._node, self._config, self._report = node, config, report
+        self._station = Station(len(ROBOTS))
+        self._cache = CacheControl()
+        self._said = self._station.manoeuvre
+        self.publishers = [node.create_publisher(COMMAND, command_topic(name), config.qos) for name in ROBOTS]
+        for robot, name in enumerate(ROBOTS):
+            for beam in range(len(BEAMS_DEG)):
+                hear = partial(self._hear, robot, beam)
+                node.create_subscription(BEAM, beam_topic(name, beam), hear, config.qos)
+
+    async def run(self) -> None:
+        """Command until cancelled."""
+        for robot in range(len(ROBOTS)):
+            self._node.create_timer(1 / self._config.rate_hz, partial(self._publish, robot))
+        await asyncio.Event().wait()
+
+    def _hear(self, robot: int, beam: int, message: Any) -> None:
+        step = step_from_range(float(message.data))
+        if self._config.cache_control:
+            now_ns = self._node.get_clock().now_ns()
+            if not self._cache.offer(f"{robot}/{beam}", step, now_ns=now_ns).passes:
+                return
+        self._station.hear(robot, beam, step)
+        if self._station.manoeuvre is self._said:
+            return
+        self._said = self._station.manoeuvre
+        self._report({"is": "released", "manoeuvre": self._said.value})
+        if self._station.stopped_by is not None:
+            self._report({"is": "stopped", "robot": self._station.stopped_by})
+
+    def _publish(self, robot: int) -> None:
+        command = self._station.commands[robot]
+        twist = message_type(COMMAND)
+        vector = message_type("geometry_msgs/msg/Vector3")
+        self.publishers[robot].publish(
+            twist(
+                linear=vector(x=command.speed_m_s, y=0.0, z=0.0),
+                angular=vector(x=0.0, y=0.0, z=command.turn_rad_s),
+            )
+        )
+
+
+async def _matched(shell: Robot | StationShell) -> None:
+    """Return when every publisher has its subscription."""
+    while any(publisher.get_subscription_count() == 0 for publisher in shell.publishers):  # noqa: ASYNC110 - no event
+        await asyncio.sleep(0.05)
+
+
+def main(argument: str) -> None:
+    """Be the process."""
+    config = HallwayConfig.from_json(argument)
+    orders: asyncio.Queue[Report] = asyncio.Queue()
+
+    async def body(report: Callable[[Report], None]) -> None:
+        from sfglab.bus import Node
+
+        async with Node(config.role, **config.address.options()) as node:
+            shell = (StationShell if config.role == STATION else Robot)(node, config, report)
+            await _matched(shell)
+            report({"is": "ready"})
+            await orders.get()  # to start
+            await shell.run()
+
+    run_component(body, on_order=orders.put_nowait)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,36 @@
+"""The hallway's nodes live over DDS on hosts of their own: the same cores make the same turn."""
+
+from __future__ import annotations
+
+import asyncio
+
+import psutil
+import pytest
+
+from sfglab.arp.hallway import End
+from sfglab.lab.experiments.cooperation.live import drive_live
+from sfglab.lab.experiments.cooperation.run import LIVE_POINT
+from sfglab.lab.hosts import Network
+
+CAPABILITY = Network.available()
+
+pytestmark = [
+    pytest.mark.live,
+    pytest.mark.netns,
+    pytest.mark.slow,
+    pytest.mark.skipif(not CAPABILITY.ok, reason=CAPABILITY.reason),
+]
+
+
+def test_three_robots_set_off_together_and_nothing_is_left_behind():
+    before = {child.pid for child in psutil.Process().children(recursive=True)}
+    drive = asyncio.run(drive_live(LIVE_POINT, 0, seconds=4.0))
+    assert drive.verdict is None or drive.verdict.end is not End.CONTACT
+    assert {track.robot for track in drive.tracks} == {"robot1", "robot2", "robot3"}
+    last = {track.robot: track for track in drive.tracks}
+    for track in last.values():
+        assert track.t_s > 2.0
+        assert track.x_m > 1.1
+        assert track.manoeuvre == "forward"
+    assert drive.radio.delivered > 100
+    assert {child.pid for child in psutil.Process().children(recursive=True)} <= before

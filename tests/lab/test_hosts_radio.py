@@ -1,0 +1,256 @@
+"""The radio between test hosts: its medium is the model's, and the relay leaves nothing behind."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import select
+import signal
+import subprocess
+import sys
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sfglab.lab.hosts import HostsError, HostsUnavailableError, Network
+from sfglab.lab.hosts.air import Air, AirTerms
+from sfglab.lab.hosts.radio import RadioCounters
+from sfglab.qos import QoSProfile, Reliability
+from sfglab.rtps import Flow, Medium, Scenario, run
+
+netns = pytest.mark.netns
+PYTHON = [sys.executable, "-I", "-S", "-c"]
+TIMEOUT_S = 20
+HEADERS_BYTES = 14 + 20 + 8
+MODEL_BYTES = HEADERS_BYTES + 20 + 12 + 24  # what a DATA frame of the model has beside its payload
+QUIET = Medium(rate_bps=1e9, loss=0.0, overhead_s=0.0, contention=0.0)
+
+SEND = """
+import socket, sys
+sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+for _ in range(int(sys.argv[2])):
+    sender.sendto(bytes(1000), (sys.argv[1], 7000))
+"""
+# Counts until nothing has come for a second, or all that is expected; joins a group.
+RECEIVE = """
+import socket, struct, sys, time
+receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
+receiver.bind(("0.0.0.0", 7000))
+group = struct.pack("4s4s", socket.inet_aton("239.1.2.3"), socket.inet_aton("0.0.0.0"))
+receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
+print("ready", flush=True)
+count, first, last = 0, 0.0, 0.0
+receiver.settimeout(1.0)
+try:
+    while count < int(sys.argv[1]):
+        receiver.recv(65536)
+        last = time.perf_counter()
+        first = first or last
+        count += 1
+except TimeoutError:
+    pass
+print(count, last - first)
+"""
+CREATOR = """
+import json, sys, time
+from pathlib import Path
+from sfglab.lab.hosts import Network
+from sfglab.rtps import Medium
+with Network(grace_s=0.2) as net:
+    net.add_host("robot")
+    net.set_radio(Medium())
+    hub = net._running._process.pid
+    relay = int(Path(f"/proc/{hub}/task/{hub}/children").read_text().split()[-1])
+    print(json.dumps({"hub": hub, "relay": relay}), flush=True)
+    time.sleep(1000)
+"""
+
+
+@pytest.fixture(scope="module")
+def network():
+    try:
+        with Network(grace_s=0.2) as net:
+            for name in ("robot", "station", "bystander"):
+                net.add_host(name)
+            # Later bursts must not wait for the address, for which the kernel's patience is short.
+            assert received(net, ["station"], net.hosts["station"].address, 1)[0][0] == 1
+            yield net
+    except HostsUnavailableError as error:
+        pytest.skip(error.reason)
+
+
+@pytest.fixture
+def quiet(network):
+    network.set_radio(QUIET)
+    yield network
+    network.end_radio()
+
+
+def terms(**values) -> AirTerms:
+    return AirTerms.of(asdict(Medium(**values)))
+
+
+def arrivals_of(air: Air, offers) -> list[tuple[int, int]]:
+    """Return when the frames arrive that are offered as (time, host, frame number, size)."""
+    arrived = []
+    for t_ns, host, frame, size_bytes in sorted(offers):
+        arrived += air.advance(t_ns)
+        air.offer(host, frame, size_bytes=size_bytes, now_ns=t_ns)
+    while (next_ns := air.next_ns()) is not None:
+        arrived += air.advance(next_ns)
+    return [(sent.frame, sent.due_ns) for sent in arrived]
+
+
+# --- The medium, pure -----------------------------------------------------------------------------------------
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    shared=st.booleans(),
+    rates=st.lists(st.sampled_from([90.0, 170.0, 410.0, 730.0]), min_size=2, max_size=4),
+    latency_s=st.sampled_from([0.0, 0.003]),
+    queue_frames=st.sampled_from([1, 3, 200]),
+)
+def test_the_radio_delivers_each_frame_when_the_model_does(shared, rates, latency_s, queue_frames):
+    medium = Medium(
+        rate_bps=3e6, loss=0.0, shared=shared, overhead_s=4e-4, latency_s=latency_s, queue_frames=queue_frames
+    )
+    qos = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=1000)
+    flows = tuple(
+        Flow(name=f"f{i}", source=f"h{i}", target="sink", rate_hz=rate, phase_s=1.37e-4 * (i + 1), qos=qos,
+             size_bytes=40 * (i + 1), executor=None)
+        for i, rate in enumerate(rates)
+    )  # fmt: skip
+    outcome = run(Scenario(flows=flows, medium=medium, duration_s=0.5, drain_s=5.0), seed=1)
+    offers, expected = [], {}
+    hosts = {"h0": 0, "sink": 1} | {f"h{i}": i + 1 for i in range(1, len(rates))}  # in the model's order
+    for i, flow in enumerate(flows):
+        fate = outcome.flows[flow.name]
+        for k, t_ns in enumerate(fate.published_ns):
+            offers.append((int(t_ns), hosts[f"h{i}"], (i, k), MODEL_BYTES + flow.size_bytes))
+            if fate.delivered[k]:
+                expected[i, k] = int(fate.received_ns[k])
+    air: Air = Air(len(hosts), AirTerms.of(asdict(medium)))
+    assert dict(arrivals_of(air, offers)) == expected
+    assert sum(use.airtime_ns for use in air.use) == outcome.counts["airtime_ns"]
+    assert sum(use.queue_full for use in air.use) == outcome.counts["queue_full"]
+
+
+def test_a_late_look_lowers_no_rate():
+    air: Air = Air(1, terms(rate_bps=8e6, overhead_s=0.0, contention=0.0))
+    for k in range(10):
+        air.offer(0, k, size_bytes=1000, now_ns=0)
+    assert [sent.due_ns for sent in air.advance(10_000_000)] == [1_000_000 * (k + 1) for k in range(10)]
+
+
+def test_a_full_queue_drops_what_comes_last():
+    air: Air = Air(1, terms(queue_frames=2))
+    assert [air.offer(0, k, size_bytes=100, now_ns=0) for k in range(4)] == [True, True, True, False]
+    assert air.use[0].queue_full == 1
+
+
+def test_a_change_of_the_medium_keeps_the_frames():
+    air: Air = Air(2, terms(queue_frames=5))
+    for k in range(3):
+        air.offer(0, k, size_bytes=100, now_ns=0)
+    air.change(terms(shared=False, overhead_s=0.0))
+    assert [frame for frame, _ in arrivals_of(air, [])] == [0, 1, 2]
+
+
+def test_a_radio_that_did_not_keep_up_says_so():
+    assert RadioCounters(delivered=1000, late=10).kept_up
+    assert not RadioCounters(delivered=1000, late=11).kept_up
+    assert not RadioCounters(delivered=1000, overrun=1).kept_up
+    assert "11 of them more than 2 ms late" in RadioCounters(delivered=9, late=11, late_after_s=2e-3).said()
+
+
+# --- The radio, live ------------------------------------------------------------------------------------------
+
+
+def received(network, names, target, count):
+    """Send datagrams from the robot; return how many each host got and how long that took, in seconds."""
+    command = [*PYTHON, RECEIVE, str(count)]
+    receivers = [network.hosts[name].popen(command, stdout=subprocess.PIPE, text=True) for name in names]
+    try:
+        assert [r.stdout.readline() for r in receivers] == ["ready\n"] * len(names)
+        sent = network.hosts["robot"].run([*PYTHON, SEND, target, str(count)], TIMEOUT_S)
+        assert sent.returncode == 0, sent.stderr
+        return [tuple(float(x) for x in r.stdout.readline().split()) for r in receivers]
+    finally:
+        for receiver in receivers:
+            receiver.stdout.close()
+            receiver.kill()
+            receiver.wait()
+
+
+@netns
+def test_frames_pass_at_the_rate_of_the_medium(network, quiet):
+    medium = Medium(loss=0.0, contention=0.0, queue_frames=2000)
+    network.set_radio(medium)
+    [(count, span_s)] = received(network, ["station"], network.hosts["station"].address, 800)
+    airtime_s = medium.overhead_s + (1000 + HEADERS_BYTES) * 8 / medium.rate_bps
+    assert count == 800
+    assert span_s == pytest.approx(799 * airtime_s, rel=0.03)
+    counters = network.radio_counters()
+    assert counters.hosts["robot"].airtime_s == pytest.approx(800 * airtime_s, rel=0.02)
+    assert counters.overrun == 0
+
+
+@netns
+def test_a_queue_that_is_full_drops_and_counts(network, quiet):
+    network.set_radio(Medium(loss=0.0, queue_frames=50))
+    [(count, _)] = received(network, ["station"], network.hosts["station"].address, 600)
+    robot = network.radio_counters().hosts["robot"]
+    assert robot.queue_full > 100
+    assert count + robot.queue_full == 600
+
+
+@netns
+def test_a_group_is_sent_once_and_each_receiver_loses_by_itself(network, quiet):
+    network.set_radio(Medium(rate_bps=1e9, overhead_s=0.0, loss=0.2, queue_frames=3000), seed=4)
+    counts = [n for n, _ in received(network, ["station", "bystander"], "239.1.2.3", 2000)]
+    counters = network.radio_counters()
+    assert 2000 <= counters.hosts["robot"].frames <= 2010, "the datagrams, and the group's management"
+    bound = 5 * math.sqrt(2000 * 0.2 * 0.8)
+    assert np.allclose(counts, 1600, atol=bound)
+    assert counts[0] != counts[1], "losses are drawn for each receiver"
+    assert counters.lost == pytest.approx(2 * 2000 - sum(counts), abs=10)
+
+
+@netns
+def test_a_network_goes_back_to_its_ethernet(network):
+    network.set_radio(QUIET)
+    with pytest.raises(HostsError, match="radio"):
+        network.set_link("robot", loss=0.1)
+    with pytest.raises(HostsError, match="radio"):
+        network.add_host("late")
+    network.end_radio()
+    with pytest.raises(HostsError, match="no radio"):
+        network.radio_counters()
+    assert received(network, ["station"], network.hosts["station"].address, 10)[0][0] == 10
+
+
+@netns
+@pytest.mark.parametrize("victim", ["creator", "hub", "relay"])
+def test_the_relay_ends_with_its_network_whatever_ends_that(victim):
+    if not (capability := Network.available()).ok:
+        pytest.skip(capability.reason)
+    command = [sys.executable, "-c", CREATOR]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as creator:
+        pids = json.loads(creator.stdout.readline())
+        handles = [os.pidfd_open(pids[name]) for name in ("hub", "relay")]
+        try:
+            os.kill(pids.get(victim, creator.pid), signal.SIGKILL)
+            if victim == "relay":
+                creator.kill()
+            for handle in handles:
+                assert select.select([handle], [], [], TIMEOUT_S)[0], "it is still there"
+        finally:
+            creator.kill()
+            for handle in handles:
+                os.close(handle)
