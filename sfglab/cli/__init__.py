@@ -13,7 +13,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from sfglab import __version__
-from sfglab.cli import components, experiments, fleet, qos
+from sfglab.cli import components, experiments, fleet, mapping, qos
 from sfglab.errors import SfglabError
 
 __all__ = ["app", "main"]
@@ -29,6 +29,7 @@ experiments.add_to(app)
 components.add_to(app)
 app.add_typer(fleet.app, name="fleet")
 qos.add_to(app)
+mapping.add_to(app)
 
 
 def main() -> NoReturn:

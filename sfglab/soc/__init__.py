@@ -1,0 +1,80 @@
+"""Paper C: ROS 2 graphs on a configurable system-on-chip: their nodes, topics and gateways.
+
+A graph (`load_graph`, `graph_from_log`, `watch_graph`) has its nodes placed in software or hardware, by hand
+or by `place_nodes`, and its topics mapped to software, hardware or gateways by `map_communication`.
+"""
+
+from __future__ import annotations
+
+from sfglab.soc.build_cfg import build_cfg
+from sfglab.soc.graph import (
+    Edge,
+    EdgeKind,
+    Graph,
+    GraphError,
+    Implementation,
+    Node,
+    Placement,
+    Topic,
+    TopicMapping,
+)
+from sfglab.soc.graph_drawing import draw_graph, draw_mapping
+from sfglab.soc.graph_import import (
+    ImportedGraph,
+    LeftOut,
+    graph_from_endpoints,
+    graph_from_log,
+    graph_metadata,
+    watch_graph,
+)
+from sfglab.soc.graph_yaml import graph_text, load_graph, read_graph, save_graph
+from sfglab.soc.mapping import (
+    CommunicationMapping,
+    Crossing,
+    carriages_per_message,
+    crossing_edges,
+    map_communication,
+)
+from sfglab.soc.placement import NodeMapping, PlacementError, place_nodes
+from sfglab.soc.platform import ZCU104, Load, Platform, assess, platform_from_costs
+from sfglab.soc.prediction import faster_by_gateway, transfer_s
+
+__all__ = [
+    "ZCU104",
+    "CommunicationMapping",
+    "Crossing",
+    "Edge",
+    "EdgeKind",
+    "Graph",
+    "GraphError",
+    "Implementation",
+    "ImportedGraph",
+    "LeftOut",
+    "Load",
+    "Node",
+    "NodeMapping",
+    "Placement",
+    "PlacementError",
+    "Platform",
+    "Topic",
+    "TopicMapping",
+    "assess",
+    "build_cfg",
+    "carriages_per_message",
+    "crossing_edges",
+    "draw_graph",
+    "draw_mapping",
+    "faster_by_gateway",
+    "graph_from_endpoints",
+    "graph_from_log",
+    "graph_metadata",
+    "graph_text",
+    "load_graph",
+    "map_communication",
+    "place_nodes",
+    "platform_from_costs",
+    "read_graph",
+    "save_graph",
+    "transfer_s",
+    "watch_graph",
+]

@@ -1,0 +1,283 @@
+"""The gateway core as one table: what it drives in each state, and where each input takes it.
+
+Paper C, section 3, Fig. 4: request a message of the software-mapped topic (SMT), poll the delegate's interface
+(OSIF) and the hardware-mapped topic (HMT) in turn, forward what came, and cancel the request before publishing,
+because a message may have come in between. Knows states, inputs and outputs; refuses to know clocks, beats and
+how topics deliver: the same table drives the exploration and stands beside the hardware.
+
+Three things are ours, because the text leaves them open or the exploration asks for them:
+
+- A delegate gives exactly one answer per request; a cancel forces it (empty) or lets it through (a message).
+- Before it sends to the HMT the core claims it (`CLAIM`). A hardware node's message may occupy the topic and
+  wait for the core itself: a core that only waits for its turn waits forever, unless its port can store every
+  message that hardware may send meanwhile. So the core serves that message first, still holding its own.
+- A publication is awaited (`PUBLISH_WAIT`): the core has one output message and must not overwrite it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from typing import TYPE_CHECKING
+
+from sfglab.errors import SfglabError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = [
+    "TABLE",
+    "Core",
+    "Drive",
+    "IllegalInputError",
+    "Input",
+    "Latch",
+    "Move",
+    "Row",
+    "State",
+    "Table",
+    "filtered",
+]
+
+
+class State(Enum):
+    """Where the core stands; `_HOLDING`: while it also holds a message of the SMT that the HMT has not seen."""
+
+    START = auto()
+    """Waits for the location of its output message."""
+    REQUEST = auto()
+    """Asks the delegate for the next message of the SMT."""
+    POLL_OSIF = auto()
+    """Looks whether the delegate has answered."""
+    POLL_HMT = auto()
+    """Looks whether a message stands at its port of the HMT."""
+    FILTER_SMT = auto()
+    """Compares the publisher of the message it holds with itself."""
+    CLAIM = auto()
+    """Wants the HMT for itself, to send the message it holds."""
+    TO_HMT = auto()
+    """Copies the message it holds from memory to the HMT."""
+    FILTER_HMT = auto()
+    """Compares the publisher of the message at its port with itself."""
+    DROP_HMT = auto()
+    """Discards the message at its port."""
+    TO_MEMORY = auto()
+    """Copies the message at its port to its output message in memory."""
+    CANCEL = auto()
+    """Takes the request back."""
+    CANCEL_WAIT = auto()
+    """Waits for the request's one answer: empty, or a message that came first."""
+    PUBLISH = auto()
+    """Asks the delegate to publish the output message on the SMT."""
+    PUBLISH_WAIT = auto()
+    """Waits until the output message is out and may be overwritten."""
+    FILTER_HMT_HOLDING = auto()
+    """As `FILTER_HMT`."""
+    DROP_HMT_HOLDING = auto()
+    """As `DROP_HMT`."""
+    TO_MEMORY_HOLDING = auto()
+    """As `TO_MEMORY`; no request is outstanding, so there is nothing to cancel."""
+    PUBLISH_HOLDING = auto()
+    """As `PUBLISH`."""
+    PUBLISH_WAIT_HOLDING = auto()
+    """As `PUBLISH_WAIT`."""
+
+
+class Input(Enum):
+    """What a state waits for; a state without the input it waits for stays as it is."""
+
+    LOCATED = auto()
+    """OSIF: the output message's address."""
+    SENT = auto()
+    """OSIF: the call was accepted."""
+    EMPTY = auto()
+    """OSIF or HMT, whichever is polled: nothing there."""
+    ANSWERED = auto()
+    """OSIF: the request's answer is the address of a message."""
+    CANCELLED = auto()
+    """OSIF: the request's answer is that it was cancelled."""
+    PUBLISHED = auto()
+    """OSIF: the publication is done."""
+    OFFERED = auto()
+    """HMT: the first word of a message stands at the core's port."""
+    GRANTED = auto()
+    """HMT: the topic is the core's until it has sent its message."""
+    OWN = auto()
+    """Filter: the core itself published this message."""
+    FOREIGN = auto()
+    """Filter: somebody else did."""
+    DONE = auto()
+    """The last beat of the transfer is through."""
+
+
+class Drive(Enum):
+    """What the core's outputs do while it stands in a state."""
+
+    LISTEN_OSIF = auto()
+    """Ready for the delegate's next word."""
+    CALL_TAKE = auto()
+    """OSIF call: take the next message of the SMT."""
+    CALL_CANCEL = auto()
+    """OSIF call: cancel the take."""
+    CALL_PUBLISH = auto()
+    """OSIF call: publish the output message on the SMT."""
+    PEEK_HMT = auto()
+    """Looks at its port of the HMT without taking a beat."""
+    COMPARE_HELD = auto()
+    """Compares the held message's publisher with itself; takes nothing."""
+    COMPARE_PORT = auto()
+    """Compares the publisher of the message at its port with itself; takes nothing."""
+    CLAIM_HMT = auto()
+    """Asks the topic's arbiter, and looks at its port meanwhile."""
+    MEMORY_TO_HMT = auto()
+    """Reads the held message and sends it, ignoring what its own port echoes."""
+    HMT_TO_MEMORY = auto()
+    """Takes the message at its port and writes the output message."""
+    HMT_TO_NOWHERE = auto()
+    """Takes the message at its port and forgets it."""
+
+
+class Latch(Enum):
+    """The register that a move loads with the value beside the input."""
+
+    OUTPUT = auto()
+    """Where the output message lies."""
+    HELD = auto()
+    """Where the message to forward lies."""
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """Where an input leads.
+
+    Attributes:
+        to: The next state.
+        latch: The register that takes the input's value; None: the input has none.
+    """
+
+    to: State
+    latch: Latch | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One state of the table.
+
+    Attributes:
+        drive: What the outputs do in this state.
+        moves: Where each input leads; an input that is not listed cannot occur here.
+    """
+
+    drive: Drive
+    moves: Mapping[Input, Move] = field(hash=False)
+
+
+Table = dict[State, Row]
+"""A gateway core's whole behaviour."""
+
+_S, _I, _D, _L = State, Input, Drive, Latch
+
+TABLE: Table = {
+    _S.START: Row(_D.LISTEN_OSIF, {_I.LOCATED: Move(_S.REQUEST, _L.OUTPUT)}),
+    _S.REQUEST: Row(_D.CALL_TAKE, {_I.SENT: Move(_S.POLL_OSIF)}),
+    _S.POLL_OSIF: Row(_D.LISTEN_OSIF, {_I.ANSWERED: Move(_S.FILTER_SMT, _L.HELD), _I.EMPTY: Move(_S.POLL_HMT)}),
+    _S.POLL_HMT: Row(_D.PEEK_HMT, {_I.OFFERED: Move(_S.FILTER_HMT), _I.EMPTY: Move(_S.POLL_OSIF)}),
+    # From software to hardware.
+    _S.FILTER_SMT: Row(_D.COMPARE_HELD, {_I.FOREIGN: Move(_S.CLAIM), _I.OWN: Move(_S.REQUEST)}),
+    _S.CLAIM: Row(_D.CLAIM_HMT, {_I.GRANTED: Move(_S.TO_HMT), _I.OFFERED: Move(_S.FILTER_HMT_HOLDING)}),
+    _S.TO_HMT: Row(_D.MEMORY_TO_HMT, {_I.DONE: Move(_S.REQUEST)}),
+    # From hardware to software: a request is outstanding and is taken back before the publication.
+    _S.FILTER_HMT: Row(_D.COMPARE_PORT, {_I.FOREIGN: Move(_S.TO_MEMORY), _I.OWN: Move(_S.DROP_HMT)}),
+    _S.DROP_HMT: Row(_D.HMT_TO_NOWHERE, {_I.DONE: Move(_S.POLL_OSIF)}),
+    _S.TO_MEMORY: Row(_D.HMT_TO_MEMORY, {_I.DONE: Move(_S.CANCEL)}),
+    _S.CANCEL: Row(_D.CALL_CANCEL, {_I.SENT: Move(_S.CANCEL_WAIT)}),
+    _S.CANCEL_WAIT: Row(
+        _D.LISTEN_OSIF,
+        {_I.CANCELLED: Move(_S.PUBLISH), _I.ANSWERED: Move(_S.PUBLISH_HOLDING, _L.HELD)},
+    ),
+    _S.PUBLISH: Row(_D.CALL_PUBLISH, {_I.SENT: Move(_S.PUBLISH_WAIT)}),
+    _S.PUBLISH_WAIT: Row(_D.LISTEN_OSIF, {_I.PUBLISHED: Move(_S.REQUEST)}),
+    # The same while a message for the HMT is held: nothing to cancel, and the held message comes after.
+    _S.FILTER_HMT_HOLDING: Row(
+        _D.COMPARE_PORT, {_I.FOREIGN: Move(_S.TO_MEMORY_HOLDING), _I.OWN: Move(_S.DROP_HMT_HOLDING)}
+    ),
+    _S.DROP_HMT_HOLDING: Row(_D.HMT_TO_NOWHERE, {_I.DONE: Move(_S.CLAIM)}),
+    _S.TO_MEMORY_HOLDING: Row(_D.HMT_TO_MEMORY, {_I.DONE: Move(_S.PUBLISH_HOLDING)}),
+    _S.PUBLISH_HOLDING: Row(_D.CALL_PUBLISH, {_I.SENT: Move(_S.PUBLISH_WAIT_HOLDING)}),
+    _S.PUBLISH_WAIT_HOLDING: Row(_D.LISTEN_OSIF, {_I.PUBLISHED: Move(_S.FILTER_SMT)}),
+}
+"""The gateway core (paper C, Fig. 4)."""
+
+
+class IllegalInputError(SfglabError, RuntimeError):
+    """An input that cannot occur in this state; the core stays as it was.
+
+    Attributes:
+        state: The state, unchanged.
+        given: The input that does not fit.
+    """
+
+    def __init__(self, state: State, given: Input, table: Table) -> None:
+        self.state = state
+        self.given = given
+        allowed = ", ".join(sorted(i.name for i in table[state].moves))
+        super().__init__(f"gateway core in {state.name}: given {given.name}, allowed are {allowed}")
+
+
+def filtered(publisher_id: int, own_id: int) -> Input:
+    """Return what a filter says of a message: `Input.OWN` if the core published it itself.
+
+    Args:
+        publisher_id: What the message carries: its DDS writer's id (SMT) or its first word (HMT).
+        own_id: The id with which the core publishes on that side.
+    """
+    return Input.OWN if publisher_id == own_id else Input.FOREIGN
+
+
+class Core:
+    """A gateway core that walks its table.
+
+    Args:
+        table: Its behaviour.
+
+    Attributes:
+        state: Where it stands.
+        output: Address of the output message; 0 before `Input.LOCATED`.
+        held: Address of the last message that the delegate gave; 0 before the first one.
+    """
+
+    def __init__(self, table: Table = TABLE) -> None:
+        self.state = State.START
+        self.output = 0
+        self.held = 0
+        self._table = table
+
+    @property
+    def drive(self) -> Drive:
+        """What the outputs do at present."""
+        return self._table[self.state].drive
+
+    @property
+    def waits_for(self) -> frozenset[Input]:
+        """The inputs that can occur at present."""
+        return frozenset(self._table[self.state].moves)
+
+    def feed(self, given: Input, value: int = 0) -> Drive:
+        """Take one input and return what the outputs do from now on.
+
+        Args:
+            given: What occurred.
+            value: The address beside it, if the move loads a register.
+
+        Raises:
+            IllegalInputError: The input cannot occur in this state.
+        """
+        move = self._table[self.state].moves.get(given)
+        if move is None:
+            raise IllegalInputError(self.state, given, self._table)
+        if move.latch is Latch.OUTPUT:
+            self.output = value
+        elif move.latch is Latch.HELD:
+            self.held = value
+        self.state = move.to
+        return self.drive

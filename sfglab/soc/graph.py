@@ -1,0 +1,310 @@
+"""A ROS computation graph with its mapping onto a system-on-chip: paper C, section 5.
+
+G = (V, E) with V = (N, T), ROS nodes and topics, and E = (E_pub, E_sub). Each node is placed in software or in
+hardware, each topic is mapped to software, to hardware or to a gateway. Knows when such a graph makes sense,
+and says otherwise what was given and what is allowed. Refuses to know files, clocks, and which mapping is
+good.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from sfglab.errors import SfglabError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+__all__ = [
+    "Edge",
+    "EdgeKind",
+    "Graph",
+    "GraphError",
+    "Implementation",
+    "Node",
+    "Placement",
+    "Topic",
+    "TopicMapping",
+    "suggestion",
+]
+
+
+class Placement(Enum):
+    """Where a ROS node runs: N_SW or N_HW."""
+
+    SOFTWARE = "software"
+    HARDWARE = "hardware"
+
+
+class TopicMapping(Enum):
+    """How a topic is implemented: T_SW, T_HW or T_GW.
+
+    A software-mapped topic keeps its messages in main memory, a hardware-mapped one streams them inside the
+    logic, and a gateway synchronises one of each, so that a message crosses once.
+    """
+
+    SOFTWARE = "software"
+    HARDWARE = "hardware"
+    GATEWAY = "gateway"
+
+
+class EdgeKind(Enum):
+    """Whether an edge stands in E_pub, from a node to a topic, or in E_sub, from a topic to a node."""
+
+    PUBLISH = "publish"
+    SUBSCRIBE = "subscribe"
+
+
+class GraphError(SfglabError, ValueError):
+    """A graph, or a file of one, does not say what it must say.
+
+    Attributes:
+        key: Where, from the top, as in ``topics./image.publishers``; empty for the whole graph.
+        given: What stands there; None where nothing does.
+        allowed: What is allowed in its place.
+        file: Name of the file, empty where there is none.
+    """
+
+    def __init__(self, key: str, given: object, allowed: str, file: str = "") -> None:
+        self.key, self.given, self.allowed, self.file = key, given, allowed, file
+        super().__init__(key, given, allowed, file)  # all arguments, so that the error survives pickling
+
+    def __str__(self) -> str:
+        given = "nothing is given" if self.given is None else f"given {self.given!r}"
+        place = ": ".join(part for part in (self.file, self.key) if part) or "graph"
+        return f"{place}: {given}, allowed: {self.allowed}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Implementation:
+    """A node's implementation in the configurable logic.
+
+    Attributes:
+        lut: Look-up tables that it takes.
+        bram: Block memories of 36 kbit that it takes; a half is one of 18 kbit.
+        time_s: Time of one activation, s.
+    """
+
+    lut: int = 0
+    bram: float = 0.0
+    time_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Node:
+    """A ROS node.
+
+    Attributes:
+        name: Its name in the graph.
+        placement: Where it runs.
+        rate_hz: Activations per second; 0 where unknown.
+        software_s: Time of one activation in software, s; 0 where unknown.
+        hardware: Its implementation in hardware; None where there is none, or nothing is known of it.
+    """
+
+    name: str
+    placement: Placement = Placement.SOFTWARE
+    rate_hz: float = 0.0
+    software_s: float = 0.0
+    hardware: Implementation | None = None
+
+    @property
+    def in_hardware(self) -> bool:
+        """Whether it stands in N_HW."""
+        return self.placement is Placement.HARDWARE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Topic:
+    """A ROS topic with its edges.
+
+    Attributes:
+        name: Its name in the graph.
+        publishers: Names of the nodes of E_pub^t.
+        subscribers: Names of the nodes of E_sub^t.
+        type: ROS type of its messages; empty where unknown.
+        size_bytes: Size of a message; None where unknown.
+        rate_hz: Messages per second of all publishers together; None where unknown.
+        mapping: How it is implemented; in software unless something else is said, as in the paper.
+    """
+
+    name: str
+    publishers: tuple[str, ...]
+    subscribers: tuple[str, ...] = ()
+    type: str = ""
+    size_bytes: int | None = None
+    rate_hz: float | None = None
+    mapping: TopicMapping = TopicMapping.SOFTWARE
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """The nodes that publish or subscribe, each once."""
+        return tuple(dict.fromkeys((*self.publishers, *self.subscribers)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, order=True)
+class Edge:
+    """One edge of E.
+
+    Attributes:
+        topic: Its topic.
+        node: Its node.
+        kind: In which direction.
+    """
+
+    topic: str
+    node: str
+    kind: EdgeKind
+
+    def __str__(self) -> str:
+        ends = (self.node, self.topic) if self.kind is EdgeKind.PUBLISH else (self.topic, self.node)
+        return " -> ".join(ends)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Graph:
+    """A computation graph, valid from its making on.
+
+    Attributes:
+        nodes: N, in the order in which they were named.
+        topics: T, likewise.
+        name: What it is called.
+        description: Where it comes from and what it is for.
+
+    Raises:
+        GraphError: A name is empty or stands twice, an edge names a node that there is not or stands twice, a
+            topic has no publisher, a number has no meaning, or a hardware-mapped topic has a node in software.
+    """
+
+    nodes: tuple[Node, ...]
+    topics: tuple[Topic, ...] = ()
+    name: str = ""
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        _check_names("nodes", [node.name for node in self.nodes])
+        _check_names("topics", [topic.name for topic in self.topics])
+        for node in self.nodes:
+            _check_node(node)
+        known = {node.name: node for node in self.nodes}
+        for topic in self.topics:
+            _check_topic(topic, known)
+
+    def node(self, name: str) -> Node:
+        """Return a node by its name.
+
+        Raises:
+            GraphError: There is none of that name.
+        """
+        for node in self.nodes:
+            if node.name == name:
+                return node
+        raise _unknown("nodes", name, [node.name for node in self.nodes])
+
+    def topic(self, name: str) -> Topic:
+        """Return a topic by its name.
+
+        Raises:
+            GraphError: There is none of that name.
+        """
+        for topic in self.topics:
+            if topic.name == name:
+                return topic
+        raise _unknown("topics", name, [topic.name for topic in self.topics])
+
+    def edges(self) -> Iterator[Edge]:
+        """Yield E, topic by topic, publications first."""
+        for topic in self.topics:
+            for node in topic.publishers:
+                yield Edge(topic=topic.name, node=node, kind=EdgeKind.PUBLISH)
+            for node in topic.subscribers:
+                yield Edge(topic=topic.name, node=node, kind=EdgeKind.SUBSCRIBE)
+
+    @property
+    def in_hardware(self) -> frozenset[str]:
+        """N_HW; all other nodes stand in N_SW."""
+        return frozenset(node.name for node in self.nodes if node.in_hardware)
+
+    def mapped_to(self, mapping: TopicMapping) -> tuple[str, ...]:
+        """Return T_SW, T_HW or T_GW, in the graph's order."""
+        return tuple(topic.name for topic in self.topics if topic.mapping is mapping)
+
+    def with_mappings(self, mappings: Mapping[str, TopicMapping]) -> Graph:
+        """Return the same graph with other implementations of topics; those that are not named stay.
+
+        Raises:
+            GraphError: A topic is not there, or cannot be mapped so.
+        """
+        for name in mappings:
+            self.topic(name)
+        topics = tuple(replace(t, mapping=mappings.get(t.name, t.mapping)) for t in self.topics)
+        return replace(self, topics=topics)
+
+    def with_placements(self, placements: Mapping[str, Placement]) -> Graph:
+        """Return the same graph with nodes placed anew, and so with all topics in software again.
+
+        Raises:
+            GraphError: A node is not there.
+        """
+        for name in placements:
+            self.node(name)
+        nodes = tuple(replace(n, placement=placements.get(n.name, n.placement)) for n in self.nodes)
+        topics = tuple(replace(t, mapping=TopicMapping.SOFTWARE) for t in self.topics)
+        return replace(self, nodes=nodes, topics=topics)
+
+
+def suggestion(word: object, known: Iterable[str]) -> str:
+    """Return ``; did you mean 'x'?`` for the closest known word, or nothing when none is close."""
+    near = get_close_matches(str(word), list(known), n=1)
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def _unknown(key: str, name: str, known: Iterable[str]) -> GraphError:
+    listed = sorted(known)
+    shown = ", ".join(listed[:12]) + (", ..." if len(listed) > 12 else "")
+    return GraphError(key, name, f"one of {shown}{suggestion(name, listed)}" if listed else "none at all")
+
+
+def _check_names(key: str, names: list[str]) -> None:
+    if "" in names:
+        raise GraphError(key, "", "names that are not empty")
+    for name, times in Counter(names).items():
+        if times > 1:
+            raise GraphError(f"{key}.{name}", name, f"each name once, and it is defined {times} times")
+
+
+def _check_node(node: Node) -> None:
+    key = f"nodes.{node.name}"
+    _check_not_negative(f"{key}.rate_hz", node.rate_hz)
+    _check_not_negative(f"{key}.software_s", node.software_s)
+    if node.hardware is not None:
+        _check_not_negative(f"{key}.hardware.lut", node.hardware.lut)
+        _check_not_negative(f"{key}.hardware.bram", node.hardware.bram)
+        _check_not_negative(f"{key}.hardware.time_s", node.hardware.time_s)
+
+
+def _check_topic(topic: Topic, known: Mapping[str, Node]) -> None:
+    key = f"topics.{topic.name}"
+    for part, names in (("publishers", topic.publishers), ("subscribers", topic.subscribers)):
+        for name, times in Counter(names).items():
+            if name not in known:
+                raise _unknown(f"{key}.{part}", name, known)
+            if times > 1:
+                raise GraphError(f"{key}.{part}", name, f"each node once, and it stands there {times} times")
+    if not topic.publishers:
+        raise GraphError(f"{key}.publishers", None, "at least one node that publishes the topic")
+    _check_not_negative(f"{key}.size_bytes", topic.size_bytes)
+    _check_not_negative(f"{key}.rate_hz", topic.rate_hz)
+    outside = [name for name in topic.members if not known[name].in_hardware]
+    if topic.mapping is TopicMapping.HARDWARE and outside:
+        allowed = f"software or gateway, as {outside[0]!r} is placed in software"
+        raise GraphError(f"{key}.mapping", topic.mapping.value, allowed)
+
+
+def _check_not_negative(key: str, value: float | None) -> None:
+    if value is not None and not 0 <= value < float("inf"):
+        raise GraphError(key, value, "a finite number from 0")

@@ -1,0 +1,247 @@
+"""A graph drawn as in paper C's Fig. 8: dashed parts in hardware, edges across the boundary in colour.
+
+Knows axes and mapped graphs. Refuses to know how a graph was mapped, and how figures are saved.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.soc.graph import EdgeKind, TopicMapping
+from sfglab.soc.layout import ends_of, layered_layout, node_vertex, topic_vertex
+from sfglab.soc.mapping import crossing_edges, hardware_subgraphs
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from sfglab.soc.graph import Edge, Graph
+    from sfglab.soc.layout import Layout, Vertex
+    from sfglab.soc.mapping import CommunicationMapping
+
+__all__ = ["draw_graph", "draw_legend", "draw_mapping"]
+
+# Okabe and Ito's palette, distinct for all common kinds of colour blindness; light where text stands on it.
+CROSSING, PLAIN, OUTLINE, FRAME = "#D55E00", "#666666", "#0072B2", "#333333"
+FILLS = {
+    "node in software": "#FFFFFF",
+    "node in hardware": "#A8D4F0",
+    "topic in software": "#EEEEEE",
+    "topic in hardware": "#A8D4F0",
+    "gateway": "#F5D67B",
+}
+_TOPIC_FILLS = {
+    TopicMapping.SOFTWARE: FILLS["topic in software"],
+    TopicMapping.HARDWARE: FILLS["topic in hardware"],
+    TopicMapping.GATEWAY: FILLS["gateway"],
+}
+# Inches: the least pitch of layers and of neighbours, the gaps that frames leave between them at least, the
+# size of a letter, the room around names and parts; square inches: the pocket of an outline that is too small
+# for a vertex.
+_PITCH, _GAP = np.array([1.2, 0.72]), np.array([0.35, 0.22])
+_LETTER, _LINE, _PAD, _MARGIN, _STEP = 0.068, 0.135, 0.07, 0.1, 0.015
+_POCKET = 0.15
+_LETTERS, _LINES = 12, 4
+_LEGEND_WIDTH = 7.6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Box:
+    """A name's frame: centre and half its size, inches."""
+
+    text: str
+    centre: NDArray[np.float64]
+    half: NDArray[np.float64]
+
+    def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which of some points, shape (n, 2), lie within the frame or touch it."""
+        inside = np.abs(points - self.centre) <= self.half + 0.02
+        return np.logical_and(inside[:, 0], inside[:, 1])
+
+
+def draw_graph(ax: Axes, graph: Graph, *, layout: Layout | None = None, title: str = "") -> None:
+    """Draw a graph: nodes round, topics angular, what runs in hardware blue, gateways yellow.
+
+    Args:
+        ax: Where.
+        graph: What, as it is mapped.
+        layout: Places, so that several pictures agree; None: `layered_layout`.
+        title: What stands above, before the number of crossing edges.
+    """
+    layout = layout or layered_layout(graph)
+    pitch = _pitch(layout)
+    boxes = {vertex: _box(vertex[1], np.array(place) * pitch) for vertex, place in layout.places.items()}
+    routes = {edge: _route(edge, layout, boxes) for edge in graph.edges()}
+    crossing = crossing_edges(graph)
+    for nodes, topics in hardware_subgraphs(graph):
+        inner = [boxes[v] for v in (*map(node_vertex, nodes), *map(topic_vertex, topics))]
+        _draw_outline(ax, inner, [r for e, r in routes.items() if e.node in nodes and e.topic in topics])
+    for edge, route in routes.items():
+        _draw_route(ax, route, crosses=edge in crossing)
+    for node in graph.nodes:
+        fill = FILLS["node in hardware" if node.in_hardware else "node in software"]
+        _draw_box(ax, boxes[node_vertex(node.name)], fill, rounding=0.13)
+    for topic in graph.topics:
+        _draw_box(ax, boxes[topic_vertex(topic.name)], _TOPIC_FILLS[topic.mapping], rounding=0.0)
+    _frame(ax, layout)
+    count = len(crossing)
+    ax.set_title(f"{title + ': ' if title else ''}{count} edge{'s' * (count != 1)} across the boundary")
+
+
+def draw_mapping(mapping: CommunicationMapping, figure: Figure) -> None:
+    """Draw the three states of a communication mapping one below the other, with a legend: Fig. 8 (b) to (d).
+
+    Args:
+        mapping: What `map_communication` returned.
+        figure: An empty figure; its size is set to what the graph needs.
+    """
+    layout = layered_layout(mapping.gateways)
+    (left, right), (low, high) = _limits(layout)
+    figure.set_size_inches(max(_LEGEND_WIDTH, right - left), 3 * (high - low + 0.3) + 0.6)
+    titles = ("all topics in software", "topics in hardware", "topics in hardware and gateways")
+    for ax, graph, title in zip(figure.subplots(3, 1), mapping.stages, titles, strict=True):
+        draw_graph(ax, graph, layout=layout, title=title)
+    draw_legend(figure)
+
+
+def draw_legend(figure: Figure) -> None:
+    """Say below a figure what its shapes, fills and lines mean."""
+    from matplotlib.lines import Line2D
+
+    kinds: list[Any] = [
+        Line2D([], [], ls="", marker="o" if "node" in name else "s", ms=9, mfc=fill, mec=FRAME, label=name)
+        for name, fill in FILLS.items()
+    ]
+    kinds += [
+        Line2D([], [], color=CROSSING, lw=1.8, label="edge across the boundary"),
+        Line2D([], [], color=PLAIN, lw=1.0, label="other edge"),
+        Line2D([], [], color=OUTLINE, lw=1.2, ls="--", label="part in hardware"),
+    ]
+    figure.legend(handles=kinds, loc="outside lower center", ncols=4, frameon=False, fontsize=8)
+
+
+def _box(name: str, centre: NDArray[np.float64]) -> _Box:
+    lines = _lines(name)
+    width = max(_LETTER * max(map(len, lines)), _LINE)
+    half = np.array([width, _LINE * len(lines)]) / 2 + _PAD
+    return _Box(text="\n".join(lines), centre=centre, half=half)
+
+
+def _lines(name: str) -> list[str]:
+    """Break a long name, after its marks where it has any, and cut what is longer than a frame should be."""
+    lines = [""]
+    for part in re.findall(r"[^_./ -]+[_./ -]*|[_./ -]+", name):
+        for piece in (part[i : i + _LETTERS] for i in range(0, len(part), _LETTERS)):
+            if lines[-1] and len(lines[-1]) + len(piece.rstrip()) > _LETTERS:
+                lines.append("")
+            lines[-1] += piece
+    if len(lines) > _LINES:
+        lines[_LINES - 1 :] = [lines[_LINES - 1].rstrip()[: _LETTERS - 1] + "\u2026"]
+    return [line.strip() for line in lines]
+
+
+def _pitch(layout: Layout) -> NDArray[np.float64]:
+    """Return the distances of layers and neighbours that keep the largest frames apart."""
+    sizes = [2 * _box(vertex[1], np.zeros(2)).half + _GAP for vertex in layout.places]
+    largest: NDArray[np.float64] = np.max([_PITCH, *sizes], axis=0)
+    return largest
+
+
+def _route(edge: Edge, layout: Layout, boxes: Mapping[Vertex, _Box]) -> NDArray[np.float64]:
+    """Return an edge's line between the frames of its ends, shape (n, 2), inches."""
+    points = np.array(layout.routes[edge]) * _pitch(layout)
+    back = replace(edge, kind=EdgeKind.SUBSCRIBE if edge.kind is EdgeKind.PUBLISH else EdgeKind.PUBLISH)
+    if back in layout.routes:  # there and back: each keeps to its side
+        way = points[-1] - points[0]
+        aside = 0.09 * np.array([-way[1], way[0]]) / np.hypot(*way)
+        points = points + aside
+    line = _smooth(points)
+    ends = [boxes[vertex] for vertex in ends_of(edge)]
+    outside = ~(ends[0].holds(line) | ends[1].holds(line))
+    return line[outside] if outside.sum() > 1 else line
+
+
+def _smooth(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a curve through points that leaves and meets each bend level: cubic in x between neighbours."""
+    share = np.linspace(0.0, 1.0, 40)[:, None]
+    if len(points) == 2:
+        straight: NDArray[np.float64] = points[0] + share * (points[1] - points[0])
+        return straight
+    level = 3 * share**2 - 2 * share**3
+    pieces = [
+        np.hstack([a[:1] + share * (b - a)[:1], a[1:] + level * (b - a)[1:]]) for a, b in pairwise(points)
+    ]
+    return np.vstack(pieces)
+
+
+def _draw_route(ax: Axes, line: NDArray[np.float64], *, crosses: bool) -> None:
+    from matplotlib.patches import FancyArrowPatch
+    from matplotlib.path import Path
+
+    colour, width = (CROSSING, 1.8) if crosses else (PLAIN, 1.0)
+    arrow = FancyArrowPatch(
+        path=Path(line), arrowstyle="-|>", mutation_scale=9, color=colour, linewidth=width, fill=True, zorder=2
+    )
+    ax.add_patch(arrow)
+
+
+def _draw_box(ax: Axes, box: _Box, fill: str, *, rounding: float) -> None:
+    from matplotlib.patches import FancyBboxPatch
+
+    low, size = box.centre - box.half, 2 * box.half
+    style = f"round,pad=0,rounding_size={rounding}" if rounding else "square,pad=0"
+    look: dict[str, Any] = {"facecolor": fill, "edgecolor": FRAME, "linewidth": 0.8, "zorder": 3}
+    ax.add_patch(FancyBboxPatch((low[0], low[1]), size[0], size[1], boxstyle=style, **look))
+    x, y = box.centre
+    ax.text(x, y, box.text, ha="center", va="center", fontsize=7.5, linespacing=1.1, zorder=4, parse_math=False)
+
+
+def _draw_outline(ax: Axes, boxes: list[_Box], routes: list[NDArray[np.float64]]) -> None:
+    """Draw a dashed line at an even distance around frames and lines; what lies between them stays outside."""
+    solid = [(box.centre, box.half) for box in boxes]
+    solid += [(point, np.zeros(2)) for route in routes for point in route[::2]]
+    centres, halves = (np.array(part) for part in zip(*solid, strict=True))
+    low, high = (centres - halves).min(axis=0) - 3 * _MARGIN, (centres + halves).max(axis=0) + 3 * _MARGIN
+    x, y = (np.arange(low[i], high[i] + _STEP, _STEP) for i in (0, 1))
+    distance = np.full((len(y), len(x)), 3 * _MARGIN)  # or more: only what is near decides where the line runs
+    for centre, half in solid:
+        begin, end = ((centre + sign * (half + 3 * _MARGIN) - low) / _STEP for sign in (-1, 1))
+        columns, rows = (slice(max(int(begin[i]), 0), int(end[i]) + 1) for i in (0, 1))
+        beyond_x = np.maximum(np.abs(x[columns] - centre[0]) - half[0], 0.0)
+        beyond_y = np.maximum(np.abs(y[rows] - centre[1]) - half[1], 0.0)
+        near = distance[rows, columns]
+        np.minimum(near, np.hypot(beyond_x[None, :], beyond_y[:, None]), out=near)
+    _fill_pockets(distance)
+    ax.contour(x, y, distance, levels=[_MARGIN], colors=OUTLINE, linestyles="dashed", linewidths=1.2, zorder=1)
+
+
+def _fill_pockets(distance: NDArray[np.float64]) -> None:
+    """Take small pockets between lines into the part; nothing could stand in them."""
+    from scipy.ndimage import label
+
+    pockets, _ = label(distance > _MARGIN)
+    small = np.bincount(pockets.ravel()) * _STEP**2 < _POCKET
+    distance[small[pockets] & (pockets > 0)] = 0.0
+
+
+def _limits(layout: Layout) -> tuple[tuple[float, float], tuple[float, float]]:
+    points = np.array([*layout.places.values(), *(p for route in layout.routes.values() for p in route)])
+    pitch = _pitch(layout)
+    low, high = (points.min(axis=0) - 0.5) * pitch, (points.max(axis=0) + 0.5) * pitch
+    return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
+
+
+def _frame(ax: Axes, layout: Layout) -> None:
+    horizontal, vertical = _limits(layout)
+    ax.set_xlim(*horizontal)
+    ax.set_ylim(*vertical)
+    ax.set_aspect("equal")
+    ax.set_axis_off()

@@ -1,0 +1,178 @@
+"""Communication mapping: which topics go to software, to hardware, or to a gateway (paper C, section 5).
+
+Node placement is given. Knows the paper's three cases, the edges that cross the boundary, and how often a
+message is carried across the memory interface. Refuses to know how long that takes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sfglab.soc.graph import EdgeKind, TopicMapping
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.soc.graph import Edge, Graph, Topic
+
+__all__ = [
+    "CommunicationMapping",
+    "Crossing",
+    "carriages_per_message",
+    "crossing_edges",
+    "hardware_subgraphs",
+    "in_software",
+    "map_communication",
+    "more_than_one_hardware_subscriber",
+    "with_hardware_topics",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crossing:
+    """Edges that cross the boundary between software and hardware.
+
+    Attributes:
+        publications: Those of E_pub.
+        subscriptions: Those of E_sub.
+    """
+
+    publications: tuple[Edge, ...]
+    subscriptions: tuple[Edge, ...]
+
+    def __len__(self) -> int:
+        return len(self.publications) + len(self.subscriptions)
+
+    def __contains__(self, edge: object) -> bool:
+        return edge in self.publications or edge in self.subscriptions
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommunicationMapping:
+    """The three states of the graph's topics that section 5 walks through.
+
+    Attributes:
+        software: All topics in software, the default (Fig. 8b).
+        hardware: Topics among hardware nodes alone in hardware, the others in software (Fig. 8c).
+        gateways: Topics between both sides at gateways where the rule wants it (Fig. 8d): the result.
+    """
+
+    software: Graph
+    hardware: Graph
+    gateways: Graph
+
+    @property
+    def stages(self) -> tuple[Graph, Graph, Graph]:
+        """The three graphs in the paper's order."""
+        return self.software, self.hardware, self.gateways
+
+    @property
+    def crossing(self) -> tuple[int, int, int]:
+        """Number of edges across the boundary in each; 10, 8 and 3 in the paper's example."""
+        first, second, third = (len(crossing_edges(graph)) for graph in self.stages)
+        return first, second, third
+
+
+def more_than_one_hardware_subscriber(graph: Graph, topic: Topic) -> bool:
+    """Return whether a topic between both sides gets a gateway: section 5's rule, which knows no sizes."""
+    return len(graph.in_hardware.intersection(topic.subscribers)) > 1
+
+
+def map_communication(
+    graph: Graph, *, gateway: Callable[[Graph, Topic], bool] = more_than_one_hardware_subscriber
+) -> CommunicationMapping:
+    """Map every topic to software, hardware or a gateway.
+
+    The three cases of section 5, for each topic t:
+
+    1. all publishers and subscribers are in N_SW: t goes to T_SW;
+    2. all of them are in N_HW: t goes to T_HW;
+    3. else t joins both sides: T_GW where `gateway` says so, or else T_SW, the default.
+
+    How the topics of the given graph are mapped does not matter, so mapping a result again changes nothing.
+
+    Args:
+        graph: With its nodes placed.
+        gateway: Whether a topic between both sides gets a gateway.
+    """
+    hardware = with_hardware_topics(graph)
+    chosen = {
+        topic.name: TopicMapping.GATEWAY
+        for topic in hardware.topics
+        if _joins_both_sides(graph, topic) and gateway(hardware, topic)
+    }
+    return CommunicationMapping(
+        software=in_software(graph), hardware=hardware, gateways=hardware.with_mappings(chosen)
+    )
+
+
+def in_software(graph: Graph) -> Graph:
+    """Return the graph with all topics in software."""
+    return graph.with_mappings({topic.name: TopicMapping.SOFTWARE for topic in graph.topics})
+
+
+def with_hardware_topics(graph: Graph) -> Graph:
+    """Return the graph with cases 1 and 2 decided, and in software what is left."""
+    placed = graph.in_hardware
+    return graph.with_mappings(
+        {
+            topic.name: TopicMapping.HARDWARE if placed.issuperset(topic.members) else TopicMapping.SOFTWARE
+            for topic in graph.topics
+        }
+    )
+
+
+def crossing_edges(graph: Graph) -> Crossing:
+    """Return the edges across the boundary, as section 5 counts them.
+
+    Of a topic in software these are the edges of nodes in hardware; of a gateway, which stands on the
+    hardware's side, those of nodes in software; of a topic in hardware, none.
+    """
+    placed = graph.in_hardware
+    beside = {topic.name: topic.mapping is not TopicMapping.SOFTWARE for topic in graph.topics}
+    found = [edge for edge in graph.edges() if (edge.node in placed) is not beside[edge.topic]]
+    return Crossing(
+        publications=tuple(edge for edge in found if edge.kind is EdgeKind.PUBLISH),
+        subscriptions=tuple(edge for edge in found if edge.kind is EdgeKind.SUBSCRIBE),
+    )
+
+
+def carriages_per_message(graph: Graph, topic: Topic) -> float:
+    """Return how often a message is carried across the memory interface, the mean over publishers.
+
+    This is what a gateway reduces (section 3); edges only stand for it. A gateway with many subscribers in
+    software has as many crossing edges, and still carries a message once: behind it they share main memory.
+    In software each hardware publisher writes a message once and each hardware subscriber reads it once.
+    """
+    if topic.mapping is TopicMapping.HARDWARE:
+        return 0.0
+    if topic.mapping is TopicMapping.GATEWAY:
+        return 1.0
+    placed = graph.in_hardware
+    written = len(placed.intersection(topic.publishers)) / len(topic.publishers)
+    return written + len(placed.intersection(topic.subscribers))
+
+
+def hardware_subgraphs(graph: Graph) -> tuple[tuple[frozenset[str], frozenset[str]], ...]:
+    """Return what is joined inside the logic: for each part its nodes and its topics.
+
+    They are the dashed outlines of Fig. 8: nodes in hardware, joined by topics in hardware and gateways.
+    """
+    placed = graph.in_hardware
+    parts: list[tuple[set[str], set[str]]] = [({name}, set()) for name in sorted(placed)]
+    for topic in graph.topics:
+        if topic.mapping is TopicMapping.SOFTWARE:
+            continue
+        members = placed.intersection(topic.members)
+        joined = [part for part in parts if part[0] & members]
+        parts = [part for part in parts if not part[0] & members]
+        nodes: set[str] = set().union(*(part[0] for part in joined))
+        topics = {topic.name}.union(*(part[1] for part in joined))
+        parts.append((nodes, topics))
+    return tuple((frozenset(nodes), frozenset(topics)) for nodes, topics in parts)
+
+
+def _joins_both_sides(graph: Graph, topic: Topic) -> bool:
+    placed = graph.in_hardware
+    return bool(placed.intersection(topic.members)) and not placed.issuperset(topic.members)

@@ -1,0 +1,153 @@
+"""The one memory interface of all hardware nodes: chunks, cycles, and what several readers leave each other.
+
+ReconROS' memory interface (MEMIF) moves chunks of 256 bytes over 64 bits at 100 MHz, one after another without
+overlap, and serves requesting nodes in turn (paper C, sections 2.2 and 3; controller and arbiter of ReconROS'
+reference design). Knows cycles and turns; refuses to know messages, topics and processors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from sfglab.errors import SfglabError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["Forwarding", "MemoryInterface", "MemoryInterfaceError", "round_robin_s", "shared_s"]
+
+
+class MemoryInterfaceError(SfglabError, ValueError):
+    """A number that no memory interface or transfer can have."""
+
+
+class Forwarding(Enum):
+    """What a gateway core does with a chunk on its way between memory and stream."""
+
+    STORED = "stored"
+    """Fills its chunk buffer, then empties it: the cycles of both sides add up."""
+    CUT_THROUGH = "cut-through"
+    """Passes beats on as they come: the slower side counts."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MemoryInterface:
+    """Cycles of the MEMIF and of a stream beside it.
+
+    Attributes:
+        width_bytes: Bytes a cycle, of MEMIF and streams alike.
+        clock_hz: The system clock.
+        chunk_bytes: Bytes of one request.
+        control_cycles: Cycles of a request in which neither address nor data are under way.
+        read_latency_cycles: From a read request to its first word.
+        write_latency_cycles: From a write's last word to its response.
+        forwarding: How a gateway core passes chunks on.
+    """
+
+    width_bytes: int = 8
+    clock_hz: float = 100e6
+    chunk_bytes: int = 256
+    control_cycles: float = 4.0
+    read_latency_cycles: float = 30.0
+    write_latency_cycles: float = 9.0
+    forwarding: Forwarding = Forwarding.STORED
+
+    def __post_init__(self) -> None:
+        """Refuse widths, clocks and cycles that make no sense."""
+        if min(self.width_bytes, self.clock_hz, self.chunk_bytes) <= 0:
+            raise MemoryInterfaceError(
+                f"memory interface: width {self.width_bytes} B, clock {self.clock_hz} Hz and chunk "
+                f"{self.chunk_bytes} B must be above 0"
+            )
+        if min(self.control_cycles, self.read_latency_cycles, self.write_latency_cycles) < 0:
+            raise MemoryInterfaceError("memory interface: control and latency cycles must be 0 or more")
+
+    def chunks(self, message_bytes: float) -> int:
+        """Return the requests that a message takes."""
+        return int(-(-message_bytes // self.chunk_bytes))
+
+    @property
+    def data_cycles(self) -> float:
+        """Cycles in which a chunk's words pass, on the MEMIF or on a stream."""
+        return self.chunk_bytes / self.width_bytes
+
+    @property
+    def read_cycles(self) -> float:
+        """Cycles of one chunk read from memory."""
+        return self.control_cycles + self.read_latency_cycles + self.data_cycles
+
+    @property
+    def write_cycles(self) -> float:
+        """Cycles of one chunk written to memory."""
+        return self.control_cycles + self.write_latency_cycles + self.data_cycles
+
+    def read_s(self, message_bytes: float) -> float:
+        """Return the seconds in which one node alone reads a message."""
+        return self._seconds(message_bytes, self.read_cycles)
+
+    def write_s(self, message_bytes: float) -> float:
+        """Return the seconds in which one node alone writes a message."""
+        return self._seconds(message_bytes, self.write_cycles)
+
+    def stream_s(self, message_bytes: float) -> float:
+        """Return the seconds that a message takes on a stream nobody holds up."""
+        return -(-message_bytes // self.width_bytes) / self.clock_hz
+
+    def memory_to_stream_s(self, message_bytes: float) -> float:
+        """Return the seconds in which a gateway core brings a message from memory to a stream."""
+        return self._seconds(message_bytes, self._forwarded(self.read_cycles))
+
+    def stream_to_memory_s(self, message_bytes: float) -> float:
+        """Return the seconds in which a gateway core brings a message from a stream to memory.
+
+        The stream's other subscribers get it no faster: a broadcast is as slow as its slowest port.
+        """
+        return self._seconds(message_bytes, self._forwarded(self.write_cycles))
+
+    def _forwarded(self, memory_cycles: float) -> float:
+        """Return the cycles of a chunk through the core; cut through, the words already pass as they come."""
+        return memory_cycles + (self.data_cycles if self.forwarding is Forwarding.STORED else 0.0)
+
+    def _seconds(self, message_bytes: float, cycles: float) -> float:
+        return self.chunks(message_bytes) * cycles / self.clock_hz
+
+
+def shared_s(releases_s: Sequence[float], work_s: float) -> float:
+    """Return when the last of several nodes has read its message.
+
+    Turns do not lose time: while anybody waits, the interface works. So the last node ends with the busy period
+    that it ends in, max over j of (release j + work of all released from j on), whatever the turns' size.
+
+    Args:
+        releases_s: When each node starts to read.
+        work_s: What one node alone would need.
+    """
+    ordered = sorted(releases_s)
+    return max(release + (len(ordered) - j) * work_s for j, release in enumerate(ordered))
+
+
+def round_robin_s(releases_s: Sequence[float], chunks: int, chunk_s: float) -> list[float]:
+    """Return when each of several nodes has read its message, chunk by chunk in turn.
+
+    The reference for `shared_s`: slow, and exact.
+
+    Args:
+        releases_s: When each node starts to read.
+        chunks: Of each node's message.
+        chunk_s: Of one chunk, in seconds.
+    """
+    left = [chunks] * len(releases_s)
+    finished_s = list(releases_s)
+    now_s, turn = min(releases_s), -1
+    while any(left):
+        ready = [i for i, n in enumerate(left) if n and releases_s[i] <= now_s]
+        if not ready:
+            now_s = min(releases_s[i] for i, n in enumerate(left) if n)
+            continue
+        turn = next((i for i in ready if i > turn), ready[0])
+        now_s += chunk_s
+        left[turn] -= 1
+        finished_s[turn] = now_s
+    return finished_s

@@ -1,0 +1,259 @@
+"""Node mapping: which nodes go to hardware, as a mixed-integer programme that knows gateways.
+
+Paper C leaves this step to the developer and names it as future work (sections 5 and 7). With x_n = 1 for a
+node in hardware, y_t = 1 for a topic at a gateway, h_t the share of a topic in hardware (fpgaDDS) and e_tn
+that of an edge's messages that cross on their own:
+
+    minimise    sum_n [ a_n (1 - x_n) + b_n x_n ] + sum_tn w_tn e_tn + sum_t g_t y_t
+    subject to  e_tn >= x_n - h_t - y_t      for every edge of topic t at node n
+                h_t <= x_n                   for every node n at topic t
+                sum_n lut_n x_n + gateway_lut sum_t y_t <= lut,   and the same of block memories
+                x_n, y_t in {0, 1},  0 <= h_t <= 1,  e_tn >= 0
+
+a and b are a node's seconds of work each second in software and hardware; w is what a carriage of the topic's
+messages costs, for each of its subscribers once and for its publishers together once; g is what one through a
+gateway costs. Where x is whole, the best h and e are whole as well: h = 1 just where all nodes are in
+hardware, so no constant has to be large. A gateway is taken where it pays, not by the paper's rule, which
+knows no sizes.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.errors import SfglabError
+from sfglab.soc.graph import EdgeKind, Implementation, Placement
+from sfglab.soc.mapping import map_communication
+from sfglab.soc.platform import (
+    assess,
+    carriage_load,
+    gateway_load,
+    hardware_load,
+    software_load,
+    topic_load,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from sfglab.soc.graph import Graph, Topic
+    from sfglab.soc.platform import Load, Platform
+
+__all__ = ["NodeMapping", "PlacementError", "build_programme", "place_nodes"]
+
+_MS = 1e3
+"""The programme counts in milliseconds each second: numbers near 1 suit the solver's tolerances."""
+
+_GAP = 1e-7
+
+
+class PlacementError(SfglabError, ValueError):
+    """The fixed nodes do not fit, or the solver found no mapping."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeMapping:
+    """A graph with nodes placed and topics mapped, and how good that is.
+
+    Attributes:
+        graph: The graph.
+        load: What it takes.
+        bound_s: No mapping takes less than this, seconds each second.
+    """
+
+    graph: Graph
+    load: Load
+    bound_s: float
+
+    @property
+    def gap(self) -> float:
+        """By how much the best mapping could be better at most, as a share of this one's load."""
+        return max(0.0, self.load.total_s - self.bound_s) / self.load.total_s if self.load.total_s else 0.0
+
+    @property
+    def optimal(self) -> bool:
+        """Whether it was proved that no mapping is better, within the solver's tolerance."""
+        return self.gap <= 10 * _GAP
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Programme:
+    """The programme with its handles, unsolved.
+
+    Attributes:
+        problem: CVXPY's problem; its value is in milliseconds each second.
+        in_hardware: Boolean variable: x, in the order of the graph's nodes.
+        at_gateway: Boolean variable: y, in the order of the graph's topics; None where there are none.
+    """
+
+    problem: Any
+    in_hardware: Any
+    at_gateway: Any
+
+
+def build_programme(
+    graph: Graph, platform: Platform, *, fixed: Mapping[str, Placement] | None = None
+) -> Programme:
+    """Return the programme, unsolved.
+
+    Args:
+        graph: Its placements do not matter; nodes without an implementation in hardware stay in software.
+        platform: Areas and times.
+        fixed: Nodes whose placement is given.
+
+    Raises:
+        GraphError: A fixed node is not there, or a topic has no size or no rate.
+        PlacementError: A node that is fixed in hardware has no implementation there.
+    """
+    import cvxpy as cp
+
+    x = cp.Variable(len(graph.nodes), boolean=True, name="in_hardware")
+    low, high = _bounds(graph, fixed or {})
+    soft, hard = (np.array([load(node) for node in graph.nodes]) for load in (software_load, hardware_load))
+    cost: Any = _MS * (soft.sum() + (hard - soft) @ x)
+    constraints: list[Any] = [x >= low, x <= high]
+    y = None
+    if graph.topics:
+        y = cp.Variable(len(graph.topics), boolean=True, name="at_gateway")
+        topic_cost, rows = _communication(graph, platform, x, y)
+        cost, constraints = cost + topic_cost, constraints + rows
+    constraints += _areas(graph, platform, x, y)
+    return Programme(problem=cp.Problem(cp.Minimize(cost), constraints), in_hardware=x, at_gateway=y)
+
+
+def place_nodes(
+    graph: Graph,
+    platform: Platform,
+    *,
+    fixed: Mapping[str, Placement] | None = None,
+    time_limit_s: float = 30.0,
+) -> NodeMapping:
+    """Place nodes and map topics so that the work of a second takes least time, with HiGHS.
+
+    Args:
+        graph: Its placements do not matter; nodes without an implementation in hardware stay in software.
+        platform: Areas and times.
+        fixed: Nodes whose placement is given.
+        time_limit_s: After that long the best mapping found is returned; `NodeMapping.gap` says how far from
+            the best of all it may be.
+
+    Raises:
+        GraphError: A fixed node is not there, or a topic has no size or no rate.
+        PlacementError: The fixed nodes do not fit or have no implementation, or no mapping was found in time.
+    """
+    programme = build_programme(graph, platform, fixed=fixed)
+    _refuse_what_does_not_fit(graph, platform, fixed or {})
+    bound_s = _solve(programme.problem, time_limit_s)
+    mapped = _read(programme, graph, platform)
+    load = assess(mapped, platform)
+    if not load.fits(platform):
+        raise PlacementError(f"node mapping: HiGHS gave a mapping that does not fit {platform.name}: {load}")
+    return NodeMapping(graph=mapped, load=load, bound_s=min(bound_s, load.total_s))
+
+
+def _read(programme: Programme, graph: Graph, platform: Platform) -> Graph:
+    """Return the graph that the solved programme's variables stand for."""
+    chosen = programme.in_hardware.value > 0.5
+    sides = {
+        node.name: Placement.HARDWARE if there else Placement.SOFTWARE
+        for node, there in zip(graph.nodes, chosen, strict=True)
+    }
+    at = set() if programme.at_gateway is None else set(np.flatnonzero(programme.at_gateway.value > 0.5))
+    named = {topic.name for i, topic in enumerate(graph.topics) if i in at}
+    return map_communication(
+        graph.with_placements(sides),
+        gateway=lambda placed, topic: topic.name in named and _pays(placed, topic, platform),
+    ).gateways
+
+
+def _bounds(graph: Graph, fixed: Mapping[str, Placement]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least and the largest value of x for each node."""
+    for name, placement in fixed.items():
+        if graph.node(name).hardware is None and placement is Placement.HARDWARE:
+            raise PlacementError(f"node {name!r}: fixed in hardware, where it has no implementation")
+    low = [float(fixed.get(node.name) is Placement.HARDWARE) for node in graph.nodes]
+    free = [
+        node.hardware is not None and fixed.get(node.name) is not Placement.SOFTWARE for node in graph.nodes
+    ]
+    return np.array(low), np.array(free, dtype=float)
+
+
+def _communication(graph: Graph, platform: Platform, x: Any, y: Any) -> tuple[Any, list[Any]]:
+    """Return the topics' cost and the rows that tie it to x and y."""
+    import cvxpy as cp
+
+    position = {node.name: i for i, node in enumerate(graph.nodes)}
+    carriage = {topic.name: carriage_load(topic, platform) for topic in graph.topics}
+    number = {topic.name: i for i, topic in enumerate(graph.topics)}
+    publishers = {topic.name: len(topic.publishers) for topic in graph.topics}
+    edges = list(graph.edges())
+    shares = [1 / publishers[e.topic] if e.kind is EdgeKind.PUBLISH else 1.0 for e in edges]
+    weights = np.array([share * carriage[e.topic] for share, e in zip(shares, edges, strict=True)])
+    at_topic, at_node = [number[e.topic] for e in edges], [position[e.node] for e in edges]
+    shared = cp.Variable(len(graph.topics), bounds=[0, 1], name="topic_in_hardware")
+    alone = cp.Variable(len(edges), nonneg=True, name="edge_crosses")
+    through = np.array([gateway_load(topic, platform) for topic in graph.topics])
+    rows = [alone >= x[at_node] - shared[at_topic] - y[at_topic], shared[at_topic] <= x[at_node]]
+    return _MS * (weights @ alone + through @ y), rows
+
+
+def _areas(graph: Graph, platform: Platform, x: Any, y: Any) -> list[Any]:
+    """Return the rows of both areas, as shares of what there is, so that a tolerance is less than one table."""
+    parts = [node.hardware or Implementation() for node in graph.nodes]
+    rows = []
+    for taken, gateway, there in (
+        ([part.lut for part in parts], platform.gateway_lut, platform.lut),
+        ([part.bram for part in parts], platform.gateway_bram, platform.bram),
+    ):
+        unit = max(there, 1)
+        used = (np.array(taken, dtype=float) / unit) @ x
+        if y is not None:
+            used = used + (np.full(len(graph.topics), float(gateway)) / unit) @ y
+        rows.append(used <= there / unit)
+    return rows
+
+
+def _refuse_what_does_not_fit(graph: Graph, platform: Platform, fixed: Mapping[str, Placement]) -> None:
+    """Only fixed nodes can make the programme infeasible: all in software fits every platform."""
+    parts = [n.hardware for n in graph.nodes if n.hardware and fixed.get(n.name) is Placement.HARDWARE]
+    lut, bram = sum(part.lut for part in parts), sum(part.bram for part in parts)
+    if lut > platform.lut or bram > platform.bram:
+        raise PlacementError(
+            f"node mapping: the nodes fixed in hardware take {lut} LUT and {bram:g} BRAM, "
+            f"{platform.name} has {platform.lut} and {platform.bram:g}"
+        )
+
+
+def _solve(problem: Any, time_limit_s: float) -> float:
+    """Solve, and return a lower bound of the load, seconds each second."""
+    import cvxpy as cp
+
+    options = {"mip_rel_gap": _GAP, "time_limit": time_limit_s}
+    with warnings.catch_warnings():
+        # Said by `NodeMapping.gap`: that the limit was reached, and with what.
+        warnings.filterwarnings("ignore", message="Solution may be inaccurate")
+        try:
+            problem.solve(solver=cp.HIGHS, **options)
+        except cp.error.SolverError as error:
+            raise PlacementError(f"node mapping: HiGHS failed: {error}") from error
+    if problem.status not in {cp.OPTIMAL, cp.USER_LIMIT} or problem.value is None:
+        raise PlacementError(f"node mapping: HiGHS ended with status {problem.status!r} and no mapping")
+    return _bound_ms(problem) / _MS
+
+
+def _bound_ms(problem: Any) -> float:
+    """Return HiGHS's dual bound, which counts from the programme's constant; no load is below 0."""
+    info = problem.solver_stats.extra_stats
+    offset = problem.value - info.objective_function_value
+    return max(0.0, float(info.mip_dual_bound + offset))
+
+
+def _pays(graph: Graph, topic: Topic, platform: Platform) -> bool:
+    """Return whether a gateway carries less; the programme may leave one that costs and saves nothing."""
+    return gateway_load(topic, platform) < topic_load(graph, topic, platform)

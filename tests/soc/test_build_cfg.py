@@ -1,0 +1,120 @@
+"""A mapped graph as ReconROS's `build.cfg`: read back with the rules of the reader that ReconROS has."""
+
+from __future__ import annotations
+
+import configparser
+import re
+from dataclasses import replace
+
+import pytest
+from graph_strategies import GRAPHS, chain, graphs
+from hypothesis import given, settings
+
+from sfglab.soc import Graph, GraphError, Node, Placement, Topic, build_cfg, load_graph, map_communication
+
+HW, SW = Placement.HARDWARE, Placement.SOFTWARE
+IMAGE = "sensor_msgs/msg/Image"
+
+
+def read(text):
+    """ReconROS reads with RawConfigParser, keys as they stand, and splits arguments at commas and blanks."""
+    parser = configparser.RawConfigParser()
+    parser.optionxform = str
+    parser.read_string(text)
+    return parser
+
+
+def sections(parser, kind):
+    return {title.split("@")[1]: dict(parser[title]) for title in parser.sections() if title.startswith(kind)}
+
+
+@pytest.fixture(scope="module")
+def example():
+    return read(build_cfg(map_communication(load_graph(GRAPHS / "figure_8.yaml")).gateways, name="Fig. 8"))
+
+
+def test_each_gateway_has_a_slot_and_joins_a_stream_to_a_ros_topic(example):
+    found = sections(example, "ROSGateway")
+    assert found["gateway_A"] == {
+        "Slot": "Gateways(0)",
+        "HWTopic": '"A"',
+        "SWTopic": '"A"',
+        "MsgType": "sensor_msgs/Image",
+    }
+    assert [gateway["Slot"] for gateway in found.values()] == ["Gateways(0)", "Gateways(1)", "Gateways(2)"]
+    assert sections(example, "HwSlot")["Gateways(0:2)"] == {"Id": "8", "Clock": "System"}
+
+
+def test_each_hardware_node_has_a_thread_in_a_slot_of_its_own(example):
+    threads, slots = sections(example, "ReconosThread"), sections(example, "HwSlot")
+    assert set(threads) == {f"n{name}" for name in ("1", "2", "3", "4", "5", "7", "10", "11")}
+    assert len({slot["Id"] for slot in slots.values()}) == len(slots) == 9
+    for thread in threads.values():
+        assert thread["Slot"].replace("(*)", "(0:0)") in slots
+        assert thread["ResourceGroup"] in sections(example, "ResourceGroup")
+
+
+def test_a_topic_in_hardware_or_at_a_gateway_is_a_stream_and_one_in_software_a_message(example):
+    assert sections(example, "ResourceGroup")["R_n2"] == {
+        "node": 'rosnode, "2"',
+        "sub_A": 'rossub, node, sensor_msgs/Image, "A", hw',
+        "pub_B": 'rospub, node, sensor_msgs/Image, "B", hw',
+    }
+    in_software = map_communication(load_graph(GRAPHS / "figure_8.yaml")).software
+    assert sections(read(build_cfg(in_software)), "ResourceGroup")["R_n2"] == {
+        "node": 'rosnode, "2"',
+        "sub_A_msg": "rosmsg, sensor_msgs, msg, Image",
+        "sub_A": 'rossub, node, sub_A_msg, "A", 10000',
+        "pub_B_msg": "rosmsg, sensor_msgs, msg, Image",
+        "pub_B": 'rospub, node, pub_B_msg, "B"',
+    }
+
+
+def test_the_board_is_the_paper_s_at_100_mhz(example):
+    assert example["General"]["Name"] == "Fig_8"
+    assert example["General"]["TargetPart"] == "xczu7ev-ffvc1156-2-e"
+    assert example["Clock@System"]["ClockFreq"] == "100000000"
+
+
+def test_names_that_become_one_identifier_are_told_apart():
+    nodes = tuple(Node(name=name, placement=HW) for name in ("a/b", "A_b", "7"))
+    threads = sections(read(build_cfg(Graph(nodes=nodes))), "ReconosThread")
+    assert set(threads) == {"a_b", "A_b_2", "n7"}
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs())
+def test_every_graph_with_plain_names_is_read_as_it_was_written(graph):
+    names = {node.name: f"n{i}" for i, node in enumerate(graph.nodes)}
+    topics = tuple(
+        replace(
+            topic,
+            name=f"/t{i}",
+            type=IMAGE,
+            publishers=tuple(names[n] for n in topic.publishers),
+            subscribers=tuple(names[n] for n in topic.subscribers),
+        )
+        for i, topic in enumerate(graph.topics)
+    )
+    plain = Graph(nodes=tuple(replace(n, name=names[n.name]) for n in graph.nodes), topics=topics)
+    mapped = map_communication(plain).gateways
+    parser = read(build_cfg(mapped))
+    assert len(sections(parser, "ReconosThread")) == len(mapped.in_hardware)
+    resources = [
+        re.split(r"[, ]+", value)
+        for group in sections(parser, "ResourceGroup").values()
+        for value in group.values()
+    ]
+    edges = [edge for edge in mapped.edges() if edge.node in mapped.in_hardware]
+    assert sum(args[0] in {"rospub", "rossub"} for args in resources) == len(edges)
+
+
+def test_a_topic_without_a_message_type_and_a_name_with_a_blank_are_refused():
+    with pytest.raises(GraphError, match=r"topics\.ab\.type: nothing is given, allowed: a ROS message type"):
+        build_cfg(chain(HW, SW))
+    with pytest.raises(GraphError, match=r"nodes: given 'my node', allowed: names without blanks"):
+        build_cfg(Graph(nodes=(Node(name="my node", placement=HW),)))
+    topic = Topic(name="a, b", publishers=("n",), type=IMAGE)
+    with pytest.raises(GraphError, match=r"topics: given 'a, b'"):
+        build_cfg(Graph(nodes=(Node(name="n", placement=HW),), topics=(topic,)))
+    assert "ROSGateway" not in build_cfg(chain(SW, SW))

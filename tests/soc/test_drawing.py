@@ -1,0 +1,135 @@
+"""Pictures of graphs: nothing on top of anything else, crossing edges in colour, dashed parts in hardware."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from itertools import combinations
+
+import networkx as nx
+import numpy as np
+import pytest
+from graph_strategies import GRAPHS, chain, graphs
+from hypothesis import given, settings
+from matplotlib.colors import to_rgb
+from matplotlib.contour import ContourSet
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
+
+from sfglab.soc import (
+    Graph,
+    Node,
+    Placement,
+    Topic,
+    crossing_edges,
+    draw_graph,
+    draw_mapping,
+    load_graph,
+    map_communication,
+)
+from sfglab.soc.graph_drawing import CROSSING
+from sfglab.soc.layout import ends_of, layered_layout, node_vertex, topic_vertex
+from sfglab.soc.mapping import hardware_subgraphs
+
+HW, SW = Placement.HARDWARE, Placement.SOFTWARE
+
+
+def drawn(graph):
+    ax = Figure(layout="constrained").subplots()
+    draw_graph(ax, graph)
+    return ax
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs())
+def test_all_stand_apart_and_edges_lead_from_end_to_end(graph):
+    layout = layered_layout(graph)
+    assert len(layout.places) == len(graph.nodes) + len(graph.topics)
+    for one, other in combinations(layout.places.values(), 2):
+        assert one[0] != other[0] or abs(one[1] - other[1]) > 1 - 1e-9
+    for edge, route in layout.routes.items():
+        source, target = ends_of(edge)
+        assert (route[0], route[-1]) == (layout.places[source], layout.places[target])
+    assert set(layout.routes) == set(graph.edges())
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs())
+def test_a_graph_without_cycles_runs_from_left_to_right(graph):
+    directed = nx.DiGraph([ends_of(edge) for edge in graph.edges()])
+    layout = layered_layout(graph)
+    onward = [layout.places[target][0] > layout.places[source][0] for source, target in directed.edges]
+    assert all(onward) is nx.is_directed_acyclic_graph(directed)
+
+
+def test_a_chain_is_drawn_in_one_line():
+    layout = layered_layout(chain(SW, HW, SW))
+    assert [layout.places[node_vertex(name)] for name in "abc"] == [(0, 0), (2, 0), (4, 0)]
+    assert layout.places[topic_vertex("ab")] == (1, 0)
+
+
+def test_the_same_graph_is_laid_out_the_same_way():
+    graph = load_graph(GRAPHS / "driving.yaml")
+    assert layered_layout(graph) == layered_layout(load_graph(GRAPHS / "driving.yaml"))
+
+
+@pytest.mark.parametrize("name", ["figure_8", "driving"])
+def test_no_line_runs_through_a_frame_that_is_not_its_end(name):
+    graph = load_graph(GRAPHS / f"{name}.yaml")
+    ax = drawn(graph)
+    frames = [patch.get_extents() for patch in ax.patches if isinstance(patch, FancyBboxPatch)]
+    lines = [patch.get_path().vertices for patch in ax.patches if isinstance(patch, FancyArrowPatch)]
+    assert (len(frames), len(lines)) == (len(graph.nodes) + len(graph.topics), len(list(graph.edges())))
+    boxes = [ax.transData.inverted().transform_bbox(frame) for frame in frames]
+    for line in lines:
+        points = line[2:-12] if len(line) > 20 else line[:0]  # without the arrow's head
+        held = [sum(box.contains(x, y) for x, y in points) for box in boxes]
+        assert sum(held) == 0, held
+
+
+@settings(max_examples=15, deadline=None)
+@given(graphs(most_nodes=5, most_topics=4))
+def test_every_graph_can_be_drawn_with_as_many_coloured_edges_as_cross(graph):
+    ax = drawn(graph)
+    arrows = [patch for patch in ax.patches if isinstance(patch, FancyArrowPatch)]
+    count = sum(np.allclose(arrow.get_edgecolor()[:3], to_rgb(CROSSING)) for arrow in arrows)
+    assert count == len(crossing_edges(graph))
+
+
+def test_each_part_in_hardware_has_a_dashed_outline():
+    mapping = map_communication(load_graph(GRAPHS / "figure_8.yaml"))
+    for graph in mapping.stages:
+        outlines = [c for c in drawn(graph).collections if isinstance(c, ContourSet)]
+        assert len(outlines) == len(hardware_subgraphs(graph))
+        assert all(outline.get_linestyle()[0][1] is not None for outline in outlines)
+
+
+def test_three_pictures_say_ten_eight_and_three():
+    figure = Figure(layout="constrained")
+    draw_mapping(map_communication(load_graph(GRAPHS / "figure_8.yaml")), figure)
+    titles = [ax.get_title() for ax in figure.axes]
+    assert [int(title.split(": ")[1].split()[0]) for title in titles] == [10, 8, 3]
+    assert len(figure.legends) == 1
+    figure.savefig(BytesIO(), format="png")
+
+
+def test_frames_of_long_names_stand_apart():
+    names = ["publisher of /camera/depth_registered/image_raw", "participant " + "ab" * 16, "x" * 200, "n"]
+    topics = tuple(
+        Topic(name=f"/a_rather_long/name_of_a_topic_{i}", publishers=(names[0],), subscribers=tuple(names[1:]))
+        for i in range(3)
+    )
+    ax = drawn(Graph(nodes=tuple(Node(name=name) for name in names), topics=topics))
+    frames = [patch.get_extents() for patch in ax.patches if isinstance(patch, FancyBboxPatch)]
+    assert not any(one.overlaps(other) for one, other in combinations(frames, 2))
+    texts = [text.get_text() for text in ax.texts]
+    assert "n" in texts
+    assert any(text.endswith("\u2026") for text in texts)
+
+
+def test_names_in_dollars_are_drawn_as_they_are():
+    graph = Graph(
+        nodes=(Node(name="$x^{$"),), topics=(Topic(name="a$_b", publishers=("$x^{$",), subscribers=("$x^{$",)),)
+    )
+    figure = Figure(layout="constrained")
+    draw_graph(figure.subplots(), graph)
+    figure.savefig(BytesIO(), format="png")

@@ -1,0 +1,191 @@
+"""Computation graphs: what they refuse, and how they go into YAML and come back."""
+
+from __future__ import annotations
+
+import pickle
+from contextlib import suppress
+from dataclasses import replace
+
+import pytest
+import yaml
+from graph_strategies import GRAPHS, chain, graphs
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sfglab.errors import SfglabError
+from sfglab.soc import (
+    Graph,
+    GraphError,
+    Node,
+    Placement,
+    Topic,
+    TopicMapping,
+    graph_text,
+    load_graph,
+    read_graph,
+    save_graph,
+)
+
+HW, SW = Placement.HARDWARE, Placement.SOFTWARE
+
+
+def refusal(text):
+    with pytest.raises(GraphError) as raised:
+        read_graph(text, file="g.yaml")
+    return str(raised.value)
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs())
+def test_a_graph_is_read_back_as_it_was_written_and_written_again_byte_by_byte(graph):
+    text = graph_text(graph)
+    assert read_graph(text) == graph
+    assert graph_text(read_graph(text)) == text
+
+
+@pytest.mark.parametrize("path", sorted(GRAPHS.glob("*.yaml")), ids=lambda path: path.name)
+def test_the_graphs_of_this_repository_are_written_as_they_stand_in_their_files(path, tmp_path):
+    save_graph(load_graph(path), tmp_path / path.name)
+    assert (tmp_path / path.name).read_bytes() == path.read_bytes()
+
+
+def test_the_paper_s_example_has_its_nodes_topics_and_placements():
+    graph = load_graph(GRAPHS / "figure_8.yaml")
+    assert [node.name for node in graph.nodes] == [str(i) for i in range(1, 12)]
+    assert [topic.name for topic in graph.topics] == list("ABCDE")
+    assert graph.in_hardware == {"1", "2", "3", "4", "5", "7", "10", "11"}
+    assert len(list(graph.edges())) == 16
+
+
+def test_what_stands_in_a_file_once_has_its_default_elsewhere():
+    graph = read_graph("nodes: {a: {}}\ntopics: {t: {publishers: [a]}}")
+    assert graph == Graph(nodes=(Node(name="a"),), topics=(Topic(name="t", publishers=("a",)),))
+    assert graph.topics[0].mapping is TopicMapping.SOFTWARE
+    assert graph.nodes[0].placement is SW
+
+
+MISTAKES = [
+    (
+        "nodes: {camera: {}}\ntopics: {t: {publishers: [camera], subscribers: [camra]}}",
+        "g.yaml: topics.t.subscribers: given 'camra', allowed: one of camera; did you mean 'camera'?",
+    ),
+    (
+        "nodes: {a: {}}\ntopics: {t: {subscribers: [a]}}",
+        "g.yaml: topics.t.publishers: nothing is given, allowed: at least one node that publishes the topic",
+    ),
+    ("nodes: {a: {}}\ntopics: {t: {publishers: []}}", "topics.t.publishers: nothing is given"),
+    (
+        "nodes: {a: {}, b: {}, a: {}}",
+        "g.yaml: nodes.a: given 'a', allowed: each key once, and it is defined twice",
+    ),
+    (
+        "nodes: {a: {}}\ntopics: {t: {publishers: [a]}, t: {publishers: [a]}}",
+        "topics.t: given 't', allowed: each key once",
+    ),
+    (
+        "nodes: {a: {}}\ntopics: {t: {publishers: [a, a]}}",
+        "topics.t.publishers: given 'a', allowed: each node once, and it stands there 2 times",
+    ),
+    (
+        "nodes: {a: {placement: hardwear}}",
+        "nodes.a.placement: given 'hardwear', allowed: software or hardware; did you mean 'hardware'?",
+    ),
+    (
+        "nodes: {a: {placment: hardware}}",
+        "nodes.a.placment: given 'placment', allowed: hardware, placement, rate_hz, software_s; did you mean",
+    ),
+    ("nodes: {1: {}}", "nodes.1: given '1', allowed: a key that is a text (quote it)"),
+    (
+        "nodes: {'1': {}}\ntopics: {t: {publishers: [1]}}",
+        "topics.t.publishers: given 1, allowed: names that are texts (quote numbers)",
+    ),
+    ("nodes: {a: {rate_hz: -1}}", "nodes.a.rate_hz: given -1.0, allowed: a finite number from 0"),
+    ("nodes: {a: {rate_hz: .inf}}", "nodes.a.rate_hz: given inf"),
+    ("nodes: {a: {rate_hz: true}}", "nodes.a.rate_hz: given True"),
+    ("nodes: {a: {hardware: {lut: 1.5}}}", "nodes.a.hardware.lut: given 1.5, allowed: a whole number from 0"),
+    (
+        "nodes: {a: {}}\ntopics: {t: {publishers: a}}",
+        "topics.t.publishers: given 'a', allowed: a list of names",
+    ),
+    (
+        "nodes: {a: {}}\ntopics: {t: {publishers: [a], mapping: hardware}}",
+        "topics.t.mapping: given 'hardware', allowed: software or gateway, as 'a' is placed in software",
+    ),
+    ("topics: {}", "g.yaml: nodes: nothing is given, allowed: 'nodes' is needed here"),
+    ("nodes: [a]", "g.yaml: nodes: given ['a'], allowed: a mapping"),
+    ("nodes: {a: }", "g.yaml: nodes.a: nothing is given, allowed: a mapping"),
+    ("", "g.yaml: nothing is given, allowed: a mapping"),
+    ("nodes: {", "allowed: YAML"),
+    ("nodes: &n {a: *n}", "g.yaml"),
+    ("nodes: {'': {}}", "nodes: given '', allowed: names that are not empty"),
+]
+
+
+@pytest.mark.parametrize(("text", "said"), MISTAKES)
+def test_a_mistake_is_named_with_file_key_what_is_given_and_what_is_allowed(text, said):
+    assert said in refusal(text)
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs(), st.data())
+def test_no_change_of_a_word_makes_another_error_than_ours(graph, data):
+    text = graph_text(graph)
+    start = data.draw(st.integers(0, len(text)))
+    end = data.draw(st.integers(start, len(text)))
+    changed = (
+        text[:start] + data.draw(st.sampled_from(["", "x", "[", "{}", ": ", "\n", "null", "- "])) + text[end:]
+    )
+    with suppress(GraphError):
+        read_graph(changed)
+
+
+def test_a_file_that_cannot_be_read_or_written_is_named(tmp_path):
+    with pytest.raises(GraphError, match=r"absent\.yaml: .* allowed: a readable text file"):
+        load_graph(tmp_path / "absent.yaml")
+    with pytest.raises(GraphError, match="a file that can be written"):
+        save_graph(chain(SW), tmp_path / "none" / "g.yaml")
+
+
+def test_the_graph_itself_refuses_what_the_file_would():
+    with pytest.raises(GraphError, match=r"nodes\.a: given 'a', allowed: each name once, .* 2 times"):
+        Graph(nodes=(Node(name="a"), Node(name="a", placement=HW)))
+    with pytest.raises(GraphError, match=r"topics\.t: given 't', allowed: each name once"):
+        Graph(nodes=(Node(name="a"),), topics=(Topic(name="t", publishers=("a",)),) * 2)
+    with pytest.raises(GraphError, match="none at all"):
+        Graph(nodes=(), topics=(Topic(name="t", publishers=("a",)),))
+
+
+def test_what_is_looked_up_and_not_there_is_named_with_what_there_is():
+    graph = chain(SW, HW)
+    assert (graph.node("b").placement, graph.topic("ab").publishers) == (HW, ("a",))
+    with pytest.raises(GraphError, match=r"nodes: given 'z', allowed: one of a, b"):
+        graph.node("z")
+    with pytest.raises(GraphError, match=r"topics: given 'bb', allowed: one of ab"):
+        graph.with_mappings({"bb": TopicMapping.GATEWAY})
+    with pytest.raises(GraphError, match="nodes: given 'z'"):
+        graph.with_placements({"z": HW})
+
+
+def test_placing_nodes_anew_takes_all_topics_back_to_software():
+    graph = chain(HW, HW, topic_mapping=TopicMapping.HARDWARE)
+    placed = graph.with_placements({"b": SW})
+    assert placed.in_hardware == {"a"}
+    assert placed.mapped_to(TopicMapping.SOFTWARE) == ("ab",)
+    with pytest.raises(GraphError, match="'b' is placed in software"):
+        placed.with_mappings({"ab": TopicMapping.HARDWARE})
+
+
+def test_an_edge_reads_in_its_direction():
+    assert [str(edge) for edge in chain(SW, SW).edges()] == ["a -> ab", "ab -> b"]
+
+
+def test_an_error_is_ours_and_survives_pickling():
+    error = GraphError("topics.t", "x", "y", "g.yaml")
+    again = pickle.loads(pickle.dumps(error))  # noqa: S301 - our own
+    assert isinstance(error, SfglabError)
+    assert (str(again), again.key) == (str(error), "topics.t")
+
+
+def test_names_that_look_like_numbers_are_quoted():
+    graph = replace(chain(SW), nodes=(Node(name="1"), Node(name="no")))
+    assert list(yaml.safe_load(graph_text(graph))["nodes"]) == ["1", "no"]

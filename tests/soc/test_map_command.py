@@ -1,0 +1,119 @@
+"""`sfglab map`: what the command prints, draws and writes, and how it refuses."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import typer
+from graph_strategies import GRAPHS
+from typer.testing import CliRunner
+
+from sfglab.cli import mapping
+from sfglab.errors import SfglabError
+from sfglab.soc import TopicMapping, load_graph
+
+FIGURE_8, DRIVING = str(GRAPHS / "figure_8.yaml"), str(GRAPHS / "driving.yaml")
+
+
+@pytest.fixture
+def call():
+    """Call the command as a program of its own; return what it printed."""
+    app = typer.Typer()
+    mapping.add_to(app)
+    app.callback()(lambda: None)
+
+    def run(*arguments):
+        done = CliRunner().invoke(app, ["map", *arguments])
+        if done.exception is not None:
+            raise done.exception
+        assert done.exit_code == 0, done.output
+        return done.output
+
+    return run
+
+
+def test_the_paper_s_example_is_printed_with_its_mapping_and_its_edges(call):
+    text = call(FIGURE_8)
+    mapped = dict(re.findall(r"^([A-E]) +(software|hardware|gateway) ", text, re.MULTILINE))
+    assert mapped == {"A": "gateway", "B": "hardware", "C": "gateway", "D": "software", "E": "gateway"}
+    assert re.search(r"^nodes in software: 6, 8, 9$", text, re.MULTILINE)
+    rows = re.findall(r"^(?:all )?topics in .*?(\d+) +(\d+) +(\d+)$", text, re.MULTILINE)
+    assert rows == [("3", "7", "10"), ("2", "6", "8"), ("1", "2", "3")]
+    assert "left: 9 -> E, A -> 8, C -> 6\n" in text
+
+
+def test_a_gateway_carries_each_message_once(call):
+    found = re.search(r"^A +gateway +3 -> 1 +(\d+\.\d{3}) -> (\d+\.\d{3})$", call(FIGURE_8), re.MULTILINE)
+    assert float(found[2]) < float(found[1])
+
+
+def test_small_messages_get_no_gateway_by_the_rule_that_knows_sizes(call, tmp_path):
+    text = Path(FIGURE_8).read_text().replace("size_bytes: 1000000", "size_bytes: 100")
+    (tmp_path / "small.yaml").write_text(text)
+    assert "gateway " in call(str(tmp_path / "small.yaml"))
+    by_size = call(str(tmp_path / "small.yaml"), "--rule", "size")
+    assert not re.search(r"^\w +gateway ", by_size, re.MULTILINE)
+
+
+def test_of_a_topic_of_unknown_size_no_time_is_predicted(call, tmp_path):
+    text = Path(FIGURE_8).read_text().replace("    size_bytes: 1000000\n", "")
+    (tmp_path / "unsized.yaml").write_text(text)
+    assert re.search(
+        r"^A +gateway +3 -> 1 +unknown -> unknown$", call(str(tmp_path / "unsized.yaml")), re.MULTILINE
+    )
+    with pytest.raises(SfglabError, match=r"unsized\.yaml|topics\.A\.size_bytes"):
+        call(str(tmp_path / "unsized.yaml"), "--rule", "size")
+
+
+def test_nodes_are_placed_within_the_areas_that_are_given(call, tmp_path):
+    text = call(DRIVING, "--place", "--lut", "40000", "--out", str(tmp_path / "placed.yaml"))
+    assert "no mapping takes less" in text
+    taken = int(re.search(r"area: (\d+) of 40000 LUT", text)[1])
+    assert 0 < taken <= 40000
+    placed = load_graph(tmp_path / "placed.yaml")
+    assert 0 < len(placed.in_hardware) < len(load_graph(GRAPHS / "driving.yaml").in_hardware)
+    assert placed.node("camera").in_hardware is False
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg"])
+def test_the_mapping_is_drawn_into_a_file(call, tmp_path, suffix):
+    call(FIGURE_8, "--figure", str(tmp_path / f"map.{suffix}"))
+    begin = (tmp_path / f"map.{suffix}").read_bytes()[:5]
+    assert begin in (b"\x89PNG\r", b"<?xml")
+
+
+def test_what_is_written_is_mapped_the_same_way_again(call, tmp_path):
+    first = call(FIGURE_8, "--out", str(tmp_path / "mapped.yaml"))
+    assert load_graph(tmp_path / "mapped.yaml").mapped_to(TopicMapping.GATEWAY) == ("A", "C", "E")
+    assert call(str(tmp_path / "mapped.yaml")) == first
+
+
+def test_the_part_in_hardware_is_written_for_reconros(call, tmp_path):
+    call(DRIVING, "--build-cfg", str(tmp_path / "build.cfg"))
+    text = (tmp_path / "build.cfg").read_text()
+    assert text.count("[ReconosThread@") == 6
+    assert '[ROSGateway@gateway_A]\nSlot = Gateways(0)\nHWTopic = "A"\nSWTopic = "/A"' in text
+    with pytest.raises(SfglabError, match="a file that can be written"):
+        call(DRIVING, "--build-cfg", str(tmp_path / "none" / "build.cfg"))
+
+
+def test_what_cannot_be_done_is_refused_in_one_sentence(call, tmp_path):
+    with pytest.raises(SfglabError, match="given without --place"):
+        call(FIGURE_8, "--lut", "5")
+    with pytest.raises(SfglabError, match="given with --place"):
+        call(DRIVING, "--place", "--rule", "paper")
+    with pytest.raises(SfglabError, match=r"needed is a \.png, \.svg or \.pdf"):
+        call(FIGURE_8, "--figure", str(tmp_path / "map.words"))
+    with pytest.raises(SfglabError, match=r"needed is a \.png"):
+        call(FIGURE_8, "--figure", str(tmp_path / "none" / "map.png"))
+    with pytest.raises(SfglabError, match="a readable text file"):
+        call(str(tmp_path / "absent.yaml"))
+
+
+def test_a_graph_without_topics_is_mapped_too(call, tmp_path):
+    (tmp_path / "lone.yaml").write_text("nodes: {a: {}}\n")
+    text = call(str(tmp_path / "lone.yaml"), "--figure", str(tmp_path / "lone.png"))
+    assert "left: none" in text
+    assert (tmp_path / "lone.png").exists()

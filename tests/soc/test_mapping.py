@@ -1,0 +1,204 @@
+"""Communication mapping: paper C's three cases, its example, and what holds for every graph."""
+
+from __future__ import annotations
+
+import pytest
+from graph_strategies import GRAPHS, chain, graphs
+from hypothesis import given, settings
+
+from sfglab.soc import (
+    EdgeKind,
+    Graph,
+    Node,
+    Placement,
+    Topic,
+    TopicMapping,
+    crossing_edges,
+    load_graph,
+    map_communication,
+)
+from sfglab.soc.mapping import (
+    carriages_per_message,
+    hardware_subgraphs,
+    more_than_one_hardware_subscriber,
+)
+
+HW, SW = Placement.HARDWARE, Placement.SOFTWARE
+KINDS = tuple(TopicMapping)
+
+
+@pytest.fixture(scope="module")
+def example():
+    return map_communication(load_graph(GRAPHS / "figure_8.yaml"))
+
+
+def one_topic(publishers, subscribers):
+    """A graph with one topic; nodes in hardware are named h..., nodes in software s..."""
+    members = dict.fromkeys((*publishers, *subscribers))
+    nodes = tuple(Node(name=name, placement=HW if name[0] == "h" else SW) for name in members)
+    return Graph(nodes=nodes, topics=(Topic(name="t", publishers=publishers, subscribers=subscribers),))
+
+
+def mapped(publishers, subscribers):
+    return map_communication(one_topic(publishers, subscribers)).gateways.topics[0].mapping
+
+
+def test_the_paper_s_example_goes_from_ten_to_eight_to_three_edges(example):
+    assert example.crossing == (10, 8, 3)
+    found = [crossing_edges(graph) for graph in example.stages]
+    assert [(len(c.publications), len(c.subscriptions)) for c in found] == [(3, 7), (2, 6), (1, 2)]
+    assert {str(edge) for edge in (*found[2].publications, *found[2].subscriptions)} == {
+        "A -> 8",
+        "C -> 6",
+        "9 -> E",
+    }
+
+
+def test_the_paper_s_example_has_the_paper_s_sets(example):
+    assert [example.software.mapped_to(kind) for kind in KINDS] == [tuple("ABCDE"), (), ()]
+    assert [example.hardware.mapped_to(kind) for kind in KINDS] == [tuple("ACDE"), ("B",), ()]
+    assert [example.gateways.mapped_to(kind) for kind in KINDS] == [("D",), ("B",), tuple("ACE")]
+
+
+def test_the_dashed_parts_grow_as_topics_come_into_hardware(example):
+    assert len(hardware_subgraphs(example.software)) == 8
+    assert (frozenset("24"), frozenset("B")) in hardware_subgraphs(example.hardware)
+    parts = hardware_subgraphs(example.gateways)
+    assert set(parts) == {
+        (frozenset("123457"), frozenset("ABC")),
+        (frozenset({"10", "11"}), frozenset("E")),
+    }
+
+
+@pytest.mark.parametrize(
+    ("publishers", "subscribers", "mapping"),
+    [
+        (("s1",), ("s2",), TopicMapping.SOFTWARE),
+        (("s1",), (), TopicMapping.SOFTWARE),
+        (("h1",), ("h2",), TopicMapping.HARDWARE),
+        (("h1",), (), TopicMapping.HARDWARE),
+        (("h1",), ("s1",), TopicMapping.SOFTWARE),
+        (("s1",), ("h1",), TopicMapping.SOFTWARE),
+        (("h1",), ("h2", "s1"), TopicMapping.SOFTWARE),
+        (("h1", "h2"), ("s1",), TopicMapping.SOFTWARE),
+        (("s1",), ("h1", "h2"), TopicMapping.GATEWAY),
+        (("h1",), ("h2", "h3", "s1"), TopicMapping.GATEWAY),
+        (("h1", "s1"), ("h2", "h3"), TopicMapping.GATEWAY),
+        (("h1",), ("h1", "h2", "s1"), TopicMapping.GATEWAY),
+    ],
+)
+def test_each_topic_goes_where_section_5_says(publishers, subscribers, mapping):
+    assert mapped(publishers, subscribers) is mapping
+
+
+def test_another_rule_may_decide_between_software_and_gateway():
+    graph = one_topic(("h1",), ("s1", "h2"))
+    asked = []
+    done = map_communication(graph, gateway=lambda g, t: asked.append((g.in_hardware, t.name)) or True)
+    assert asked == [({"h1", "h2"}, "t")]
+    assert done.gateways.mapped_to(TopicMapping.GATEWAY) == ("t",)
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs())
+def test_every_topic_is_in_exactly_one_set(graph):
+    for stage in map_communication(graph).stages:
+        sets = [set(stage.mapped_to(kind)) for kind in KINDS]
+        assert set().union(*sets) == {topic.name for topic in graph.topics}
+        assert sum(map(len, sets)) == len(graph.topics)
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs())
+def test_the_three_cases_hold_for_every_topic(graph):
+    done = map_communication(graph).gateways
+    for topic in done.topics:
+        there = [graph.node(name).in_hardware for name in topic.members]
+        hardware_subscribers = sum(graph.node(name).in_hardware for name in topic.subscribers)
+        if not any(there):
+            assert topic.mapping is TopicMapping.SOFTWARE
+        elif all(there):
+            assert topic.mapping is TopicMapping.HARDWARE
+        else:
+            gateway = hardware_subscribers > 1
+            assert topic.mapping is (TopicMapping.GATEWAY if gateway else TopicMapping.SOFTWARE)
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs())
+def test_mapping_what_is_mapped_changes_nothing(graph):
+    done = map_communication(graph)
+    assert map_communication(done.gateways) == done
+    assert [(n.name, n.placement) for n in done.gateways.nodes] == [(n.name, n.placement) for n in graph.nodes]
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs())
+def test_topics_in_hardware_only_take_crossing_edges_away(graph):
+    done = map_communication(graph)
+    before, after = (crossing_edges(stage) for stage in (done.software, done.hardware))
+    gone = {edge for edge in graph.edges() if edge in before and edge not in after}
+    assert all(edge in before for edge in (*after.publications, *after.subscriptions))
+    assert {edge.topic for edge in gone} <= set(done.hardware.mapped_to(TopicMapping.HARDWARE))
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs())
+def test_a_gateway_s_crossing_edges_are_those_of_software_and_other_topics_keep_theirs(graph):
+    done = map_communication(graph)
+    at = set(done.gateways.mapped_to(TopicMapping.GATEWAY))
+    before, after = crossing_edges(done.hardware), crossing_edges(done.gateways)
+    for edge in graph.edges():
+        if edge.topic in at:
+            assert (edge in after) is not graph.node(edge.node).in_hardware
+            assert (edge in after) is not (edge in before)
+        else:
+            assert (edge in after) is (edge in before)
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs())
+def test_no_stage_carries_a_message_more_often_and_a_gateway_carries_it_less_often(graph):
+    done = map_communication(graph)
+    for topic in graph.topics:
+        counts = [carriages_per_message(stage, stage.topic(topic.name)) for stage in done.stages]
+        assert counts[0] >= counts[1] >= counts[2]
+        if done.gateways.topic(topic.name).mapping is TopicMapping.GATEWAY:
+            assert counts[1] >= 2
+            assert counts[2] == 1
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs())
+def test_the_sum_of_crossing_edges_is_that_of_its_kinds(graph):
+    crossing = crossing_edges(graph)
+    assert len(crossing) == sum(edge in crossing for edge in graph.edges())
+    assert all(edge.kind is EdgeKind.PUBLISH for edge in crossing.publications)
+    assert all(edge.kind is EdgeKind.SUBSCRIBE for edge in crossing.subscriptions)
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs())
+def test_parts_in_hardware_share_nothing_and_hold_every_hardware_node(graph):
+    parts = hardware_subgraphs(map_communication(graph).gateways)
+    held = [node for nodes, _ in parts for node in nodes]
+    assert sorted(held) == sorted(graph.in_hardware)
+    topics = [topic for _, inner in parts for topic in inner]
+    assert len(topics) == len(set(topics))
+
+
+def test_more_edges_may_cross_a_gateway_than_before_and_still_it_carries_less():
+    graph = one_topic(("h1",), ("h2", "h3", "s1", "s2", "s3", "s4"))
+    done = map_communication(graph)
+    assert done.crossing == (3, 3, 4)
+    assert [carriages_per_message(stage, stage.topics[0]) for stage in done.stages] == [3, 3, 1]
+
+
+def test_carriages_are_a_mean_over_publishers_of_both_sides():
+    graph = one_topic(("h1", "s1"), ("h2", "h3", "h4"))
+    assert carriages_per_message(graph, graph.topics[0]) == 3.5
+    assert more_than_one_hardware_subscriber(graph, graph.topics[0])
+
+
+def test_a_chain_across_the_boundary_gets_no_gateway():
+    assert map_communication(chain(SW, HW, HW, SW)).gateways.mapped_to(TopicMapping.GATEWAY) == ()

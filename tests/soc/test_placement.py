@@ -1,0 +1,240 @@
+"""Node mapping: HiGHS against brute force, against the paper's rule, and what it refuses."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from itertools import combinations, product
+
+import numpy as np
+import pytest
+from graph_strategies import GRAPHS, chain
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sfglab.soc import (
+    ZCU104,
+    Graph,
+    GraphError,
+    Implementation,
+    Node,
+    Placement,
+    PlacementError,
+    Platform,
+    Topic,
+    TopicMapping,
+    assess,
+    load_graph,
+    map_communication,
+    place_nodes,
+)
+from sfglab.soc.memory import STORED
+from sfglab.soc.placement import build_programme
+from sfglab.soc.platform import carriage_load, gateway_load
+
+HW, SW = Placement.HARDWARE, Placement.SOFTWARE
+TIMES = {"bytes_per_s": 388e6, "carriage_s": 80e-6, "gateway_s": 122e-6}
+SMALL = Platform(name="small", lut=1000, bram=10.0, gateway_lut=60, gateway_bram=0.5, **TIMES)
+
+
+def best_of_all(graph, platform, fixed):
+    """The least load, by trying every placement with every choice of gateways; without the programme."""
+    choices = [
+        [fixed[n.name]] if n.name in fixed else [SW] if n.hardware is None else [SW, HW] for n in graph.nodes
+    ]
+    best = math.inf
+    for sides in product(*choices):
+        placed = graph.with_placements({n.name: side for n, side in zip(graph.nodes, sides, strict=True)})
+        mixed = [
+            topic.name
+            for topic in graph.topics
+            if 0 < len(placed.in_hardware.intersection(topic.members)) < len(topic.members)
+        ]
+        for count in range(len(mixed) + 1):
+            for chosen in combinations(mixed, count):
+                mapped = map_communication(placed, gateway=lambda _, t, c=chosen: t.name in c).gateways
+                load = assess(mapped, platform)
+                if load.lut <= platform.lut and load.bram <= platform.bram:
+                    best = min(best, load.total_s)
+    return best
+
+
+def random_graph(rng, nodes, topics, *, most=4):
+    """Nodes with and without hardware, topics of all sizes; areas near those of the small platform."""
+    made = [
+        Node(
+            name=f"n{i}",
+            rate_hz=float(rng.choice([1, 10, 30])),
+            software_s=float(rng.uniform(0, 0.01)),
+            hardware=Implementation(
+                lut=int(rng.integers(0, 500)),
+                bram=float(rng.integers(0, 10)) / 2,
+                time_s=float(rng.uniform(0, 0.01)),
+            )
+            if rng.random() < 0.85
+            else None,
+        )
+        for i in range(nodes)
+    ]
+    names = [node.name for node in made]
+
+    def some(least, count):
+        return tuple(
+            str(n) for n in rng.choice(names, size=min(nodes, rng.integers(least, count)), replace=False)
+        )
+
+    return Graph(
+        nodes=tuple(made),
+        topics=tuple(
+            Topic(
+                name=f"t{i}",
+                publishers=some(1, 3),
+                subscribers=some(0, most + 1),
+                size_bytes=int(10 ** rng.uniform(1, 6.5)),
+                rate_hz=float(rng.choice([0, 1, 10, 30])),
+            )
+            for i in range(topics)
+        ),
+    )
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 6), st.integers(0, 4))
+def test_no_placement_with_any_gateways_is_better_than_the_one_found(seed, nodes, topics):
+    rng = np.random.default_rng(seed)
+    graph = random_graph(rng, nodes, topics)
+    fixed = {
+        n.name: HW if n.hardware and n.hardware.lut < 100 else SW for n in graph.nodes if rng.random() < 0.15
+    }
+    found = place_nodes(graph, SMALL, fixed=fixed)
+    assert found.load.total_s == pytest.approx(best_of_all(graph, SMALL, fixed), rel=1e-6, abs=1e-9)
+    assert found.optimal
+    assert found.load.fits(SMALL)
+    assert all(found.graph.node(name).placement is placement for name, placement in fixed.items())
+    assert all(node.hardware is not None for node in found.graph.nodes if node.in_hardware)
+    assert found.load == assess(found.graph, SMALL)
+
+
+def test_the_driving_graph_is_placed_as_brute_force_places_it():
+    graph = load_graph(GRAPHS / "driving.yaml")
+    tight = replace(ZCU104, lut=40_000)
+    found = place_nodes(graph, tight)
+    assert found.load.total_s == pytest.approx(best_of_all(graph, tight, {}), rel=1e-6)
+    assert 0 < len(found.graph.in_hardware) < 7
+
+
+def large_graph(nodes, seed=1):
+    """As many nodes as wanted, 0.6 topics for each, and a platform that holds 35 % of all their hardware."""
+    graph = random_graph(np.random.default_rng(seed), nodes, int(0.6 * nodes), most=6)
+    parts = [node.hardware for node in graph.nodes if node.hardware]
+    lut, bram = sum(part.lut for part in parts), sum(part.bram for part in parts)
+    return graph, Platform(name="large", lut=int(0.35 * lut), bram=0.35 * bram, gateway_lut=20, **TIMES)
+
+
+def test_fifty_nodes_are_placed_best_of_all_in_less_than_ten_seconds():
+    graph, platform = large_graph(50)
+    begin = time.perf_counter()
+    found = place_nodes(graph, platform, time_limit_s=10)
+    assert time.perf_counter() - begin < 10
+    assert found.optimal
+
+
+def test_knowing_gateways_and_communication_is_never_worse_than_not_knowing():
+    graph, platform = large_graph(40)
+    found = place_nodes(graph, platform)
+    silent = replace(graph, topics=())
+    blind = place_nodes(silent, platform).graph.in_hardware
+    placed = graph.with_placements(dict.fromkeys(blind, HW))
+    by_rule = map_communication(placed)
+    assert found.load.total_s < assess(by_rule.hardware, platform).total_s
+    assert found.load.total_s < assess(by_rule.gateways, platform).total_s
+
+
+def pair(size_bytes, *, gateway_lut=0, lut=1000):
+    """A publisher in software, three subscribers in hardware, and a platform."""
+    hardware = Implementation(lut=100, time_s=0.0)
+    nodes = [Node(name="s")] + [
+        Node(name=f"h{i}", rate_hz=10.0, software_s=1.0, hardware=hardware) for i in range(3)
+    ]
+    topic = Topic(
+        name="t", publishers=("s",), subscribers=("h0", "h1", "h2"), size_bytes=size_bytes, rate_hz=10.0
+    )
+    platform = Platform(
+        name="p", lut=lut, bram=0.0, gateway_lut=gateway_lut, bytes_per_s=1e8, carriage_s=1e-4, gateway_s=1e-3
+    )
+    return Graph(nodes=tuple(nodes), topics=(topic,)), platform
+
+
+@pytest.mark.parametrize(
+    ("size_bytes", "gateway"), [(100, False), (34_999, False), (35_001, True), (10**6, True)]
+)
+def test_a_gateway_is_taken_from_the_size_on_from_which_it_pays(size_bytes, gateway):
+    found = place_nodes(*pair(size_bytes))  # 3 (100 us + s / B) = 1 ms + s / B at s = 35 kB
+    assert found.graph.in_hardware == {"h0", "h1", "h2"}
+    assert bool(found.graph.mapped_to(TopicMapping.GATEWAY)) is gateway
+
+
+def test_a_gateway_for_which_there_is_no_room_is_not_taken():
+    found = place_nodes(*pair(10**6, gateway_lut=50, lut=349))
+    assert found.graph.mapped_to(TopicMapping.GATEWAY) == ()
+    assert place_nodes(*pair(10**6, gateway_lut=50, lut=350)).graph.mapped_to(TopicMapping.GATEWAY) == ("t",)
+
+
+def test_the_load_of_a_chain_is_the_sum_of_its_carriages():
+    platform = replace(ZCU104, bytes_per_s=1e8, carriage_s=1e-3, gateway_s=2e-3)
+    load = assess(chain(SW, HW, SW), platform)
+    assert load.communication_s == pytest.approx(2 * 10 * (1e-3 + 1e6 / 1e8))
+    assert assess(chain(HW, HW, topic_mapping=TopicMapping.HARDWARE), platform).communication_s == 0
+    gateway = assess(chain(SW, HW, topic_mapping=TopicMapping.GATEWAY), platform)
+    assert gateway.communication_s == pytest.approx(10 * (2e-3 + 1e6 / 1e8))
+    assert (gateway.lut, load.lut) == (platform.gateway_lut, 0)
+
+
+def test_a_topic_of_unknown_size_or_rate_is_refused_by_name():
+    graph = chain(SW, HW)
+    for key in ("size_bytes", "rate_hz"):
+        unknown = replace(graph, topics=(replace(graph.topics[0], **{key: None}),))
+        with pytest.raises(GraphError, match=rf"topics\.ab\.{key}: nothing is given"):
+            place_nodes(unknown, ZCU104)
+        with pytest.raises(GraphError, match=rf"topics\.ab\.{key}"):
+            assess(unknown, ZCU104)
+
+
+def test_fixed_nodes_that_are_not_there_or_do_not_fit_are_refused():
+    graph = Graph(nodes=(Node(name="a", hardware=Implementation(lut=2000)), Node(name="b")))
+    with pytest.raises(PlacementError, match="take 2000 LUT and 0 BRAM, small has 1000 and 10"):
+        place_nodes(graph, SMALL, fixed={"a": HW})
+    with pytest.raises(PlacementError, match="'b': fixed in hardware, where it has no implementation"):
+        place_nodes(graph, SMALL, fixed={"b": HW})
+    with pytest.raises(GraphError, match="nodes: given 'z'"):
+        place_nodes(graph, SMALL, fixed={"z": SW})
+    with pytest.raises(GraphError, match=r"platform\.bytes_per_s: given 0"):
+        replace(SMALL, bytes_per_s=0)
+    with pytest.raises(GraphError, match=r"platform\.lut: given -1"):
+        replace(SMALL, lut=-1)
+
+
+def test_the_programme_counts_what_the_assessment_counts():
+    graph, platform = pair(10**6)
+    programme = build_programme(graph, platform, fixed={n.name: HW for n in graph.nodes if n.hardware})
+    programme.problem.solve(solver="HIGHS")
+    assert programme.problem.is_mixed_integer()
+    assert programme.problem.value / 1e3 == pytest.approx(place_nodes(graph, platform).load.total_s)
+
+
+def test_a_search_that_a_limit_stops_leaves_a_mapping_with_its_gap():
+    graph, platform = large_graph(300)
+    found = place_nodes(graph, platform, time_limit_s=1e-3)  # what HiGHS's heuristics find at once
+    assert found.load.fits(platform)
+    assert 0 <= found.bound_s < found.load.total_s
+    assert 0 < found.gap <= 1
+    assert not found.optimal
+
+
+def test_the_board_s_times_are_those_of_the_fitted_memory_interface():
+    one, other = (replace(chain(SW, HW).topics[0], size_bytes=size, rate_hz=1.0) for size in (0, 256_000))
+    assert carriage_load(one, ZCU104) == pytest.approx(STORED.delegate_s + STORED.deliver_s)
+    added = carriage_load(other, ZCU104) - carriage_load(one, ZCU104)
+    assert added == pytest.approx(STORED.memory.read_s(256_000) + 256_000 * STORED.deliver_s_per_byte)
+    assert gateway_load(one, ZCU104) > carriage_load(one, ZCU104)
