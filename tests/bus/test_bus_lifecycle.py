@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import gc
 import logging
+import signal
 import socket
 import threading
+import time
 from contextlib import closing
 from pathlib import Path
 
@@ -256,5 +258,33 @@ def test_without_multicast_nodes_of_one_host_find_each_other(domain_id, child):
         async with node(domain_id, multicast="false") as here, child(talker):
             subscription = here.create_subscription(STRING, "/t", qos=LATCHED)
             assert (await subscription.take(10)).data == "unicast"
+
+    asyncio.run(scenario())
+
+
+DEAF = """
+async with Node("deaf", domain_id={domain_id}, interface="lo", lease_s=10.0) as node:
+    node.create_subscription("std_msgs/msg/String", "/t")
+    say(ready=True)
+    await hear()
+"""
+
+
+def test_closing_a_publisher_does_not_wait_for_a_reader_that_acknowledges_nothing(domain_id, child, until):
+    async def scenario():
+        async with node(domain_id) as here, child(DEAF.format(domain_id=domain_id)) as deaf:
+            publisher = here.create_publisher(STRING, "/t")
+            await deaf.hear()
+            await publisher.wait_for_subscriptions()
+            deaf.process.send_signal(signal.SIGSTOP)
+            publisher.publish(String(data="x"))
+            threads, start_s = set(threading.enumerate()), time.monotonic()
+            publisher.close()
+            assert time.monotonic() - start_s < 0.8, "Cyclone would wait a second for the acknowledgement"
+            (waiting,) = set(threading.enumerate()) - threads
+            assert waiting.daemon, "an interpreter that ends does not wait either"
+            await until(lambda: not waiting.is_alive())
+            await until(lambda: here.graph.publishers("/t") == ())
+            deaf.process.send_signal(signal.SIGCONT)
 
     asyncio.run(scenario())

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from sfglab.fleet.decoder.lifecycle import (
     TRANSITIONS,
     Action,
-    IllegalInputError,
     Input,
     Lifecycle,
     State,
     Timing,
 )
+from sfglab.fleet.machine import IllegalInputError
 
 TIMING = Timing(start_ns=100, linger_ns=10, backoff_ns=4, backoff_max_ns=20, stable_ns=1000)
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import signal
+import sys
 
 import numpy as np
 import psutil
@@ -223,3 +225,37 @@ def test_an_interface_that_does_not_exist_is_one_clear_error_and_leaves_no_proce
     assert "no network interface 'nowhere0'" in said
     assert "Traceback" not in said
     assert children() == before
+
+
+def test_as_a_process_it_reports_its_processes_and_a_wrong_interface_in_one_sentence(domains):
+    from dataclasses import replace
+
+    from sfglab.fleet.decoder.app import DecoderConfig
+
+    async def process(config, orders: bytes):
+        pipe = asyncio.subprocess.PIPE
+        module = ("-W", "error", "-m", "sfglab.fleet.decoder", config.to_json())
+        child = await asyncio.create_subprocess_exec(
+            sys.executable, *module, stdin=pipe, stdout=pipe, stderr=pipe
+        )
+        child.stdin.write(orders)
+        reports = []
+        while not reports or reports[-1]["is"] not in ("processes", "failed"):
+            reports.append(json.loads(await asyncio.wait_for(child.stdout.readline(), 30)))
+        child.stdin.close()
+        _, err = await asyncio.wait_for(child.communicate(), 30)
+        return child.returncode, reports, err.decode()
+
+    async def scenario():
+        remote, local = domains
+        config = DecoderConfig(remote=remote, local=local, streams=(STREAM,))
+        code, reports, err = await process(config, b'{"do": "list"}\n')
+        assert (code, err) == (0, "")
+        assert {"ready", "processes"} <= {report["is"] for report in reports}
+        assert reports[-1]["pids"]
+        code, (failed,), err = await process(replace(config, local=replace(local, interface="nowhere0")), b"")
+        assert (code, err) == (1, "")
+        assert "no network interface 'nowhere0'" in failed["why"]
+        assert "\n" not in failed["why"]
+
+    run(scenario())

@@ -344,7 +344,7 @@ def test_as_a_process_it_reports_events_moves_and_what_it_knows(address):
     asyncio.run(scenario())
 
 
-@pytest.mark.parametrize("values", [{"query_timeout_s": 0}, {"max_queries": 0}])
+@pytest.mark.parametrize("values", [{"find_timeout_s": 61}, {"query_timeout_s": 0}, {"max_queries": 0}])
 def test_settings_that_make_no_sense_are_refused(values):
     with pytest.raises(LimitsError):
         DiscoverySettings(agent="station", **values)

@@ -18,7 +18,16 @@ from sfglab.fleet.discovery.listener import (
 )
 from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
 from sfglab.fleet.status.description import AgentDescription
+from sfglab.fleet.status.heartbeat import (
+    AGENT_HEARTBEAT,
+    GET_METADATA,
+    Heartbeat,
+    heartbeat_topic,
+    metadata_service,
+)
 from sfglab.fleet.status.provider import StatusProvider, StatusSettings
+from sfglab.messages import default_message, service_type
+from sfglab.qos import LATCHED
 
 
 @asynccontextmanager
@@ -117,6 +126,29 @@ def test_everybody_in_a_fleet_finds_everybody_else_with_one_query_each(loss):
                     assert max(time_s for time_s, _, _ in events) < 0.5
 
     run_simulated(scenario, seed=3, link=LinkModel(loss=loss), limit_s=200)
+
+
+def test_an_agent_whose_service_is_found_late_is_asked_once():
+    async def scenario(world):
+        async with discoverer(world) as (found, events), world.node("status", host="go2") as node:
+            publisher = node.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), LATCHED)
+            beat = Heartbeat(agent="go2", incarnation=1, revision=0, phase=0, period_s=30.0, version="1")
+            publisher.publish(beat.to_message(0))
+            await sleep_until(4)
+            response = default_message(service_type(GET_METADATA).response)
+            response.success, response.metadata.agent, response.metadata.incarnation = True, "go2", 1
+
+            async def answer(_request):
+                await asyncio.sleep(1.5)
+                return response
+
+            node.create_service(GET_METADATA, metadata_service("go2"), answer)
+            await sleep_until(10)
+            assert [event for _, _, event in events] == ["DISCOVERED"]
+            counts = found.status().counts
+            assert (counts["asked"], counts.get("failed", 0)) == (1, 0)
+
+    run_simulated(scenario, limit_s=20)
 
 
 def test_an_agent_that_stays_away_is_forgotten_after_ten_minutes():

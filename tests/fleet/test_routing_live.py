@@ -18,14 +18,22 @@ import pytest
 
 from sfglab.bus import Node, ReceiveTimeoutError
 from sfglab.bus.dds.endpoints import RawReader, RawWriter
+from sfglab.bus.dds.wiretypes import wire_type
 from sfglab.fleet.address import BusAddress
 from sfglab.fleet.routing import Direction, ForwardRule, Policy
 from sfglab.fleet.routing.app import RouterConfig, RouterConfigError, serve_terminal
 from sfglab.fleet.routing.lock import PairLock, RouterRunningError
 from sfglab.fleet.routing.router import Router, RouterSettings
-from sfglab.messages import default_message, message_type
+from sfglab.messages import (
+    ServiceFrame,
+    default_message,
+    frame_service,
+    message_type,
+    serialize,
+    unframe_service,
+)
 from sfglab.messages.dds import opaque_idl_struct
-from sfglab.qos import LATCHED, SENSOR_DATA, Durability, QoSProfile, Reliability
+from sfglab.qos import LATCHED, SENSOR_DATA, SERVICES, Durability, QoSProfile, Reliability
 
 pytestmark = [pytest.mark.live, pytest.mark.timeout(60)]
 
@@ -208,6 +216,41 @@ def test_services_are_called_through_two_routers_both_ways_and_from_the_global_d
                 client = caller.create_client(METADATA, f"/global/{name}/get_metadata")
                 answers = [await client.call(request, 10) for _ in range(3)]
                 assert [answer.message for answer in answers] == [name] * 3
+
+    asyncio.run(scenario())
+
+
+def test_a_request_that_is_there_before_its_reply_reader_is_answered_when_that_is_known(ids, monkeypatch):
+    monkeypatch.setattr("sfglab.fleet.routing.replies.PATIENCE_NS", 60 * 10**9)
+    requests, replies = "rq/global/one/get_metadataRequest", "rr/global/one/get_metadataReply"
+
+    async def scenario():
+        async with fleet(ids) as (one, _, everybody):
+            asked, got = [], []
+            request, response = (default_message(f"{METADATA}_{half}") for half in ("Request", "Response"))
+            one.create_service(METADATA, "/global/one/get_metadata", lambda r: asked.append(r) or response)
+            one.create_service(METADATA, "/global/one/barrier", lambda _: response)
+            side = everybody._core.participant
+            writer = RawWriter(
+                side.create_writer(requests, wire_type(requests, f"{METADATA}_Request"), SERVICES),
+                requests,
+                type_=METADATA,
+                waiter=side.waiter,
+                on_matched=lambda: None,
+            )
+            await until(lambda: writer.matched)
+            writer.write(frame_service(ServiceFrame(7, 1, serialize(request))))
+            await everybody.create_client(METADATA, "/global/one/barrier").call(request, 10)
+            assert asked == [], "nobody could hear the answer yet"
+            RawReader(
+                side.create_reader(replies, wire_type(replies, f"{METADATA}_Response"), SERVICES),
+                waiter=side.waiter,
+                on_samples=got.extend,
+                on_matched=lambda: None,
+            )
+            await until(lambda: got)
+            assert [unframe_service(sample[0])[:2] for sample in got] == [(7, 1)]
+            assert len(asked) == 1
 
     asyncio.run(scenario())
 

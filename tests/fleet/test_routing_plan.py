@@ -6,6 +6,7 @@ import itertools
 from collections import deque
 from dataclasses import replace
 
+import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
@@ -15,11 +16,13 @@ from sfglab.bus.userdata import user_data
 from sfglab.fleet.routing import Direction, Policy, Side
 from sfglab.fleet.routing.paths import ReaderSpec, WriterSpec
 from sfglab.fleet.routing.plan import ROUTER_KEY, Close, Forget, Judge, Open, Plan
+from sfglab.fleet.routing.replies import PATIENCE_NS
 from sfglab.qos import DEFAULT, LATCHED, SENSOR_DATA, Durability, incompatibilities
 
 SECOND = 10**9
 POLICY = Policy()
-TOPICS = ("rt/tf_static", "rt/local/go2/scan", "rq/global/x/get_metadataRequest")
+REQUESTS, REPLIES = "rq/global/x/get_metadataRequest", "rr/global/x/get_metadataReply"
+TOPICS = ("rt/tf_static", "rt/local/go2/scan", REQUESTS, REPLIES)
 PROFILES = (DEFAULT, SENSOR_DATA, LATCHED, replace(LATCHED, depth=1000))
 TYPES = ("std_msgs/msg/String", "std_msgs/msg/Header")
 PUB, SUB = EndpointKind.PUBLISHER, EndpointKind.SUBSCRIPTION
@@ -142,7 +145,7 @@ class Router:
                 case Judge(reader=reader, source=source, writer=writer):
                     self.judged[self.open[reader], source.gid] = self.open[writer] if writer else None
                 case Forget(reader=reader, source=gid):
-                    del self.judged[self.open[reader], gid]
+                    self.judged.pop((self.open[reader], gid), None)  # one that was held was never judged
         assert all(w is None or w in self.open.values() for w in self.judged.values())
 
     def restart(self) -> None:
@@ -458,3 +461,113 @@ def test_shared_memory_shows_itself_in_dds_but_is_no_business_of_the_router():
     world.add(1, replace(plain(world, SUB, "rt/tf"), transport="shm"))
     world.settle()
     assert one.open == {}
+
+
+class Client:
+    """A client's two halves, which discovery tells of one by one."""
+
+    def __init__(self, world, domain, participant=b"", name="") -> None:
+        self.world, self.domain = world, domain
+        self.participant = participant or world.gid()
+        self.user_data = user_data({"clientid": name}) if name else b""
+
+    def half(self, kind, topic) -> EndpointInfo:
+        made = replace(plain(self.world, kind, topic), user_data=self.user_data, participant=self.participant)
+        return self.world.add(self.domain, made)
+
+    def request_writer(self) -> EndpointInfo:
+        return self.half(PUB, REQUESTS)
+
+    def reply_reader(self) -> EndpointInfo:
+        return self.half(SUB, REPLIES)
+
+
+def serving(world, domain) -> None:
+    world.add(domain, plain(world, SUB, REQUESTS))
+    world.add(domain, plain(world, PUB, REPLIES))
+
+
+def hear_all(*routers) -> None:
+    for router in routers * 2:
+        for side in Side:
+            while router.heard[side]:
+                router.hear(side)
+
+
+def passing(router, writer) -> bool:
+    """Return whether a publisher's samples go somewhere."""
+    return any(to for (_, source), to in router.judged.items() if source == writer.gid)
+
+
+def held(router, writer) -> bool:
+    return all(source != writer.gid for _, source in router.judged)
+
+
+@pytest.mark.parametrize(("server", "client"), [(1, GLOBAL), (GLOBAL, 1)])
+def test_a_request_waits_until_the_reader_of_its_reply_is_known(server, client):
+    world, one, _ = two_agents()
+    serving(world, server)
+    asking = Client(world, client)
+    writer = asking.request_writer()
+    hear_all(one)
+    assert held(one, writer)
+    asking.reply_reader()
+    hear_all(one)
+    assert passing(one, writer)
+    assert {s.path.dds_topic for s in one.open if isinstance(s, WriterSpec)} == {REQUESTS, REPLIES}
+
+
+def test_a_request_does_not_wait_for_a_reader_that_was_known_before():
+    world, one, _ = two_agents()
+    serving(world, 1)
+    asking = Client(world, GLOBAL)
+    asking.reply_reader()
+    writer = asking.request_writer()
+    hear_all(one)
+    assert passing(one, writer)
+    assert one.plan.deadline_ns is None
+
+
+def test_a_request_does_not_wait_for_ever_and_a_client_that_left_is_forgotten():
+    world, one, _ = two_agents()
+    serving(world, 1)
+    silent, gone = (Client(world, GLOBAL).request_writer() for _ in range(2))
+    hear_all(one)
+    assert one.plan.deadline_ns == PATIENCE_NS
+    world.remove(GLOBAL, gone.gid)
+    hear_all(one)
+    world.now_ns = SECOND
+    one.tick()
+    assert held(one, gone)
+    assert [a.source for a in one.done if isinstance(a, Forget)] == [gone.gid]
+    world.now_ns = PATIENCE_NS
+    one.tick()
+    assert passing(one, silent)
+    assert one.plan.deadline_ns is None
+
+
+def test_another_clients_reader_does_not_let_a_request_pass():
+    world, one, _ = two_agents()
+    serving(world, 1)
+    shared = world.gid()
+    for known, new in (
+        (Client(world, GLOBAL), Client(world, GLOBAL)),
+        (Client(world, GLOBAL, shared, "1"), Client(world, GLOBAL, shared, "2")),
+    ):
+        known.reply_reader()
+        writer = new.request_writer()
+        hear_all(one)
+        assert held(one, writer)
+        new.reply_reader()
+        hear_all(one)
+        assert passing(one, writer)
+
+
+def test_a_reader_that_left_does_not_let_a_request_pass():
+    world, one, _ = two_agents()
+    serving(world, 1)
+    asking = Client(world, GLOBAL)
+    world.remove(GLOBAL, asking.reply_reader().gid)
+    writer = asking.request_writer()
+    hear_all(one)
+    assert held(one, writer), "it lingers, and hears nothing"

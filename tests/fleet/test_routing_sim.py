@@ -93,6 +93,26 @@ def test_a_service_answers_through_two_routers():
     assert run_simulated(main, limit_s=1000) == "I am b"
 
 
+def test_nobody_loses_an_answer_because_its_router_was_heard_of_in_another_order():
+    async def main(world):
+        async with fleet(world) as (nodes, _):
+            response = default_message(f"{METADATA}_Response")
+            for agent, node in nodes.items():
+                node.create_service(METADATA, f"/global/{agent}/get_metadata", lambda _: response)
+
+            async def ask(node, agent):
+                client = node.create_client(METADATA, f"/global/{agent}/get_metadata")
+                await client.wait_for_service(60)
+                return await client.call(default_message(f"{METADATA}_Request"), 60)
+
+            asking = [ask(n, other) for a, n in nodes.items() for other in AGENTS if other != a]
+            return len(await asyncio.gather(*asking))
+
+    lossy = LinkModel(latency_s=0.005, loss=0.1)
+    answered = [run_simulated(main, seed=seed, link=lossy, limit_s=1000) for seed in range(20)]
+    assert answered == [12] * 20
+
+
 def test_nothing_local_is_seen_on_the_network():
     async def main(world):
         async with fleet(world) as (nodes, _):

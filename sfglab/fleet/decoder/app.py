@@ -1,7 +1,8 @@
-"""The decoder as a process: `sfglab decoder`, or ``python -m sfglab.fleet.decoder CONFIG`` with JSON reports.
+"""The decoder as a process: `sfglab decoder`, or ``python -m sfglab.fleet.decoder CONFIG``; see `component`.
 
-Puts node, pool and bus together and ends them in order. With a JSON configuration it reports one line for
-every change of a stream and ends when its standard input ends, as experiments need it.
+Puts node, pool and bus together and ends them in order. Beside ``ready`` it reports every change of a stream,
+``{"is": "status", ...}`` with a `PipelineStatus`. Any order, a JSON object, is answered with ``{"is":
+"processes", "pids", "warm"}``: what belongs to the decoder, and whether a spare pipeline process is warm.
 """
 
 from __future__ import annotations
@@ -11,9 +12,10 @@ import contextlib
 import json
 import signal
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sfglab.fleet.address import BusAddress
+from sfglab.fleet.component import run_component
 from sfglab.fleet.decoder.lifecycle import Timing
 from sfglab.fleet.decoder.node import AgentDecoder
 from sfglab.fleet.decoder.pool import WorkerPool
@@ -21,11 +23,12 @@ from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.fleet.decoder.worker import WorkerConfig
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable
+    from collections.abc import Callable
 
+    from sfglab.fleet.component import Report
     from sfglab.fleet.decoder.node import PipelineStatus
 
-__all__ = ["DecoderConfig", "run_decoder", "serve_reports", "serve_terminal"]
+__all__ = ["DecoderConfig", "main", "run_decoder", "serve_terminal"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,35 +103,37 @@ async def run_decoder(
             await pool.close()
 
 
-async def serve_reports(
-    config: DecoderConfig, orders: AsyncIterator[bytes], report: Callable[[dict[str, Any]], None]
-) -> None:
-    """Run a decoder that reports JSON values, until its orders end or it is told to terminate.
+def main(argument: str) -> None:
+    """Be the process: serve until standard input ends or until told to terminate."""
+    orders: asyncio.Queue[Report] = asyncio.Queue()
 
-    An order is any line; it is answered with the process ids that belong to the decoder and whether a spare
-    pipeline process is warm.
-    """
-    pools: list[WorkerPool] = []
+    async def body(report: Callable[[Report], None]) -> None:
+        await _serve(DecoderConfig.from_json(argument), report, orders)
+
+    run_component(body, on_order=orders.put_nowait)
+
+
+async def _serve(
+    config: DecoderConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]
+) -> None:
+    """Run a decoder that reports, and answer orders once it serves."""
+    answering: list[asyncio.Task[None]] = []
+
+    async def answer(pool: WorkerPool) -> None:
+        while True:
+            await orders.get()
+            report({"is": "processes", "pids": pool.pids, "warm": pool.warm})
 
     def ready(pool: WorkerPool) -> None:
-        pools.append(pool)
+        answering.append(asyncio.create_task(answer(pool)))
         report({"is": "ready"})
 
-    running = asyncio.create_task(
-        run_decoder(config, on_status=lambda s: report({"is": "status", **asdict(s)}), on_ready=ready)
-    )
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, running.cancel)
-
-    async def answer() -> None:
-        async for _ in orders:
-            report({"is": "processes", "pids": pools[0].pids, "warm": pools[0].warm})
-
-    answering = asyncio.create_task(answer())
-    await asyncio.wait({running, answering}, return_when=asyncio.FIRST_COMPLETED)
-    answering.cancel()
-    running.cancel()
-    with contextlib.suppress(asyncio.CancelledError):
-        await running
+    try:
+        await run_decoder(config, on_status=lambda s: report({"is": "status", **asdict(s)}), on_ready=ready)
+    finally:
+        for task in answering:
+            task.cancel()
+        await asyncio.gather(*answering, return_exceptions=True)
 
 
 async def serve_terminal(config: DecoderConfig, say: Callable[[str], None]) -> None:

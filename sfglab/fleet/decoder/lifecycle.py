@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum, auto
 
-from sfglab.errors import SfglabError
+from sfglab.fleet.machine import BackOff, Machine
 
-__all__ = ["TRANSITIONS", "Action", "IllegalInputError", "Input", "Lifecycle", "State", "Timing"]
+__all__ = ["TRANSITIONS", "Action", "Input", "Lifecycle", "State", "Timing"]
 
 
 class State(Enum):
@@ -114,23 +114,6 @@ TRANSITIONS: dict[tuple[State, Input], tuple[State, Action | None]] = {
 """(state, input) -> (next state, action). What is not listed is illegal and changes nothing."""
 
 
-class IllegalInputError(SfglabError, RuntimeError):
-    """An input that cannot happen in this state; the state stays as it was.
-
-    Attributes:
-        state: The state, unchanged.
-        given: The input that does not fit.
-    """
-
-    def __init__(self, state: State, given: Input) -> None:
-        self.state = state
-        self.given = given
-        allowed = sorted(i.name for s, i in TRANSITIONS if s is state)
-        super().__init__(
-            f"pipeline in {state.name}: given {given.name}, allowed are {', '.join(allowed) or 'none'}"
-        )
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timing:
     """How long a pipeline waits for what, in nanoseconds.
@@ -152,25 +135,25 @@ class Timing:
     stable_ns: int = 10_000_000_000
 
 
-class Lifecycle:
+class Lifecycle(Machine[State, Input, Action]):
     """One pipeline's state, its timer and its count of crashes.
 
     Args:
         timing: The waits.
-
-    Attributes:
-        state: Where the pipeline stands.
-        crashes: How often it ended although it was wanted.
-        deadline_ns: When `Input.TIMER` is due, on the caller's clock; None while nothing is waited for.
     """
 
     def __init__(self, timing: Timing) -> None:
-        self.state = State.IDLE
-        self.crashes = 0
-        self.deadline_ns: int | None = None
+        super().__init__("pipeline", TRANSITIONS, State.IDLE, wait_ns=self._timer_ns)
         self._timing = timing
-        self._backoff_ns = timing.backoff_ns
-        self._running_since_ns = 0
+        self._running_since_ns: int | None = None
+        self._backoff = BackOff(
+            first_ns=timing.backoff_ns, limit_ns=timing.backoff_max_ns, stable_ns=timing.stable_ns
+        )
+
+    @property
+    def crashes(self) -> int:
+        """How often the pipeline ended although it was wanted."""
+        return self._backoff.failures
 
     def feed(self, given: Input, *, now_ns: int) -> Action | None:
         """Take one input and return what the caller has to do.
@@ -182,35 +165,20 @@ class Lifecycle:
         Raises:
             IllegalInputError: The input cannot happen in this state.
         """
-        before = self.state
-        if (before, given) not in TRANSITIONS:
-            raise IllegalInputError(before, given)
-        self.state, action = TRANSITIONS[before, given]
-        if action is not None:
-            self.deadline_ns = self._deadline(action, now_ns)
+        action = super().feed(given, now_ns=now_ns)
         if given is Input.STARTED and self.state is State.RUNNING:
             self._running_since_ns = now_ns
         return action
 
-    def due(self, now_ns: int) -> bool:
-        """Return whether the timer has run out: the caller then feeds `Input.TIMER`."""
-        return self.deadline_ns is not None and now_ns >= self.deadline_ns
-
-    def _deadline(self, action: Action, now_ns: int) -> int | None:
-        if action is Action.START:
-            return now_ns + self._timing.start_ns
-        if action is Action.STOP:
-            return now_ns + self._timing.stop_ns
-        if action is Action.LINGER:
-            return now_ns + self._timing.linger_ns
+    def _timer_ns(self, action: Action, now_ns: int) -> int | None:
+        timing = self._timing
         if action is Action.BACK_OFF:
-            return now_ns + self._next_backoff_ns(now_ns)
-        return None
-
-    def _next_backoff_ns(self, now_ns: int) -> int:
-        proved = self._running_since_ns and now_ns - self._running_since_ns >= self._timing.stable_ns
-        wait_ns = self._timing.backoff_ns if proved else self._backoff_ns
-        self._backoff_ns = min(2 * wait_ns, self._timing.backoff_max_ns)
-        self._running_since_ns = 0
-        self.crashes += 1
-        return wait_ns
+            lasted_ns = 0 if self._running_since_ns is None else now_ns - self._running_since_ns
+            self._running_since_ns = None
+            return self._backoff.next_ns(lasted_ns)
+        waits = {
+            Action.START: timing.start_ns,
+            Action.STOP: timing.stop_ns,
+            Action.LINGER: timing.linger_ns,
+        }
+        return waits.get(action)

@@ -53,20 +53,24 @@ class DiscoverySettings:
         agent: Its own agent, whose heartbeats it ignores.
         timing: The waits.
         limits: The bounds.
-        query_timeout_s: How long an agent may take to answer, seconds, finding its service included.
+        find_timeout_s: How long an agent's service may take to be found, seconds. In a fleet that
+            starts together this takes long, and longer when those who look for it give up and begin anew.
+        query_timeout_s: How long an agent may take to answer then, seconds.
         max_queries: Queries that may be under way at once, to different agents; others wait in order.
     """
 
     agent: str
     timing: Timing = field(default_factory=Timing)
     limits: Limits = field(default_factory=Limits)
+    find_timeout_s: float = 5.0
     query_timeout_s: float = 2.0
     max_queries: int = 8
 
     def __post_init__(self) -> None:
         validate_agent(self.agent)
-        if not 0 < self.query_timeout_s <= 60:
-            raise LimitsError("query_timeout_s", self.query_timeout_s, "seconds above 0, at most 60")
+        for name in ("find_timeout_s", "query_timeout_s"):
+            if not 0 < (given := getattr(self, name)) <= 60:
+                raise LimitsError(name, given, "seconds above 0, at most 60")
         if self.max_queries < 1:
             raise LimitsError("max_queries", self.max_queries, "whole numbers from 1")
 
@@ -208,6 +212,7 @@ class AgentDiscoverer:
             client = self._node.create_client(GET_METADATA, metadata_service(agent))
             try:
                 request = service_type(GET_METADATA).request()
+                await client.wait_for_service(self._settings.find_timeout_s)
                 response = await client.call(request, timeout_s=self._settings.query_timeout_s)
             except SfglabError as error:
                 _LOG.info("discoverer: %s", error)

@@ -1,8 +1,8 @@
 """Schema-driven traffic routing: paper A, section 4.1, Eq. 1 and Table 1.
 
-Bottom up: `policy` (what crosses), `merge` (with which QoS), `paths` (what has to be open), `plan` (what to
-open and close when), `frames` and `transforms` (prefixes), `carrier` (does it), `router` (the node), `lock` and
-`app` (the router as a process).
+Bottom up: `policy` (what crosses), `merge` (with which QoS), `paths` (what has to be open), `replies` (which
+requests have to wait), `plan` (what to open and close when), `frames` and `transforms` (prefixes), `carrier`
+(does it), `router` (the node), `lock` and `app` (the router as a process).
 """
 
 from __future__ import annotations

@@ -5,12 +5,14 @@ Pure. Knows the endpoints on both sides of one path; refuses to know which of th
 A reader is opened in the source's domain when somebody subscribes in the target's; outward only if there is a
 source too, so that nothing but what is in use is announced in the global domain. Inward the reader is opened at
 once: it is how another agent's router learns that somebody here wants the topic, and if all routers waited for
-each other nothing would ever flow. A writer is opened when there is a source as well.
+each other nothing would ever flow. A writer is opened when there is a source as well, also for one whose
+samples have to wait.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import TYPE_CHECKING
 
 from sfglab.fleet.routing.merge import announced_qos, offered_qos, requested_qos
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 
     from sfglab.bus.api import EndpointInfo
 
-__all__ = ["Path", "PathState", "ReaderSpec", "Setup", "WriterSpec", "wanted"]
+__all__ = ["Held", "Path", "PathState", "ReaderSpec", "Setup", "Verdict", "WriterSpec", "wanted"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
@@ -75,13 +77,23 @@ class WriterSpec:
     source: bytes = b""
 
 
+class Held(Enum):
+    """What is said of a source whose samples must neither pass yet nor be lost."""
+
+    HELD = "held"
+
+
+Verdict = WriterSpec | Held | None
+"""Where a source's samples go; None: nowhere."""
+
+
 @dataclass(frozen=True, slots=True)
 class Setup:
     """What of a path is to be open: readers, writers, and which source of a reader goes to which writer."""
 
     readers: tuple[ReaderSpec, ...] = ()
     writers: tuple[WriterSpec, ...] = ()
-    judged: Mapping[tuple[ReaderSpec, bytes], WriterSpec | None] = field(default_factory=dict)
+    judged: Mapping[tuple[ReaderSpec, bytes], Verdict] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -92,12 +104,14 @@ class PathState:
         sources: Publishers in the source's domain whose samples may cross, by gid.
         sinks: Subscriptions in the target's domain that count, by gid.
         barred: Publishers in the source's domain whose samples may not cross, by gid.
+        held: Those of `sources` whose samples have to wait.
         setup: What is open now.
     """
 
     sources: dict[bytes, EndpointInfo] = field(default_factory=dict)
     sinks: dict[bytes, EndpointInfo] = field(default_factory=dict)
     barred: dict[bytes, EndpointInfo] = field(default_factory=dict)
+    held: set[bytes] = field(default_factory=set)
     setup: Setup = field(default_factory=Setup)
 
     def __contains__(self, gid: bytes) -> bool:
@@ -110,6 +124,7 @@ class PathState:
         """Forget an endpoint; harmless for one that is not known."""
         for part in (self.sources, self.sinks, self.barred):
             part.pop(gid, None)
+        self.held.discard(gid)
 
 
 def wanted(path: Path, state: PathState) -> Setup:
@@ -134,10 +149,12 @@ def _way(path: Path, source: EndpointInfo, sinks: list[QoSProfile]) -> tuple[Rea
 
 def _judged(
     readers: Iterable[ReaderSpec], ways: Mapping[bytes, tuple[ReaderSpec, WriterSpec]], state: PathState
-) -> dict[tuple[ReaderSpec, bytes], WriterSpec | None]:
+) -> dict[tuple[ReaderSpec, bytes], Verdict]:
     """Say for every reader where each publisher's samples go: each source is heard by one reader alone."""
-    judged: dict[tuple[ReaderSpec, bytes], WriterSpec | None] = {}
+    judged: dict[tuple[ReaderSpec, bytes], Verdict] = {}
     for reader in readers:
         judged |= {(reader, gid): None for gid in state.barred}
-        judged |= {(reader, gid): writer if own == reader else None for gid, (own, writer) in ways.items()}
+        for gid, (own, writer) in ways.items():
+            here = Held.HELD if gid in state.held else writer
+            judged[reader, gid] = here if own == reader else None
     return judged

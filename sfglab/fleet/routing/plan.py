@@ -5,7 +5,7 @@ router; refuses to know nodes, sockets and clocks. What has to be open stands in
 
 What goes away counts for a while longer (it lingers), so that a restart does not tear its path down. Routers
 that meet do not loop: in the local domain no router's endpoint counts, and in the global domain none that
-serves our own pair of domains does.
+serves our own pair of domains does. A client's requests wait for the way of their replies (`replies`).
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 
 from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind
 from sfglab.bus.userdata import entries
-from sfglab.fleet.routing.paths import Path, PathState, ReaderSpec, Setup, WriterSpec, wanted
+from sfglab.fleet.routing.paths import Held, Path, PathState, ReaderSpec, Setup, WriterSpec, wanted
 from sfglab.fleet.routing.policy import Policy, Side
+from sfglab.fleet.routing.replies import Replies
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -102,11 +103,13 @@ class Plan:
         self._pair = pair
         self._linger_ns = linger_ns
         self._leaving: dict[tuple[Path, bytes], int] = {}
+        self._replies = Replies()
 
     @property
     def deadline_ns(self) -> int | None:
-        """When `tick` is due, on the caller's clock; None while nothing lingers."""
-        return next(iter(self._leaving.values()), None)
+        """When `tick` is due, on the caller's clock; None while nothing lingers or waits."""
+        deadlines = (next(iter(self._leaving.values()), None), self._replies.deadline_ns)
+        return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
     def feed(self, side: Side, event: EndpointEvent, *, now_ns: int) -> list[Action]:
         """Take one event of a domain's graph.
@@ -128,30 +131,29 @@ class Plan:
         """
         touched: dict[Path, None] = {}
         for side, event in events:
-            path = self._note(side, event, now_ns)
-            if path is not None:
-                touched[path] = None
+            touched |= dict.fromkeys(self._note(side, event, now_ns))
+        touched |= dict.fromkeys(self._released(self._replies.overdue(now_ns)))
         touched |= self._let_go(now_ns)
         return [action for path in touched for action in self._refresh(path)]
 
     def tick(self, now_ns: int) -> list[Action]:
-        """Let go of what has lingered long enough; return what to do, in this order."""
+        """Let go of what has lingered or waited long enough; return what to do, in this order."""
         return self.feed_all((), now_ns=now_ns)
 
-    def _note(self, side: Side, event: EndpointEvent, now_ns: int) -> Path | None:
-        """Take note of an event; return the path that it changes."""
+    def _note(self, side: Side, event: EndpointEvent, now_ns: int) -> list[Path]:
+        """Take note of an event; return the paths that it changes."""
         endpoint = event.endpoint
         path = self._path_of(side, endpoint)
         if path is None:
-            return None
+            return []
         self._leaving.pop((path, endpoint.gid), None)
         if isinstance(event, EndpointAdded):
-            self._add(path, side, endpoint)
-            return path
+            return [path, *self._add(path, side, endpoint, now_ns)]
         if endpoint.gid in self.paths.get(path, PathState()):
             # In the order of their deadlines, since all linger equally long.
             self._leaving[path, endpoint.gid] = now_ns + self._linger_ns
-        return None
+            self._replies.closed(path, endpoint)
+        return []
 
     def _let_go(self, now_ns: int) -> dict[Path, None]:
         """Forget what has lingered long enough; return the paths that this changes."""
@@ -170,14 +172,25 @@ class Plan:
         path = Path(dds_topic=endpoint.dds_topic, type=endpoint.type, outward=outward)
         return path if self._policy.crosses(path.dds_topic, path.direction) else None
 
-    def _add(self, path: Path, side: Side, endpoint: EndpointInfo) -> None:
+    def _add(self, path: Path, side: Side, endpoint: EndpointInfo, now_ns: int) -> list[Path]:
+        """Take an endpoint in; return the paths on which others need not wait for it any more."""
         state = self.paths.setdefault(path, PathState())
         state.discard(endpoint.gid)
         counts = self._counts(side, endpoint)
         if endpoint.kind is EndpointKind.PUBLISHER:
             (state.sources if counts else state.barred)[endpoint.gid] = endpoint
+            if counts and self._replies.holds(path, endpoint, now_ns=now_ns):
+                state.held.add(endpoint.gid)
         elif counts:
             state.sinks[endpoint.gid] = endpoint
+            return self._released(self._replies.opened(path, endpoint))
+        return []
+
+    def _released(self, sources: list[tuple[Path, bytes]]) -> list[Path]:
+        """Let samples pass that had to wait; return their paths."""
+        for path, gid in sources:
+            self.paths[path].held.discard(gid)
+        return [path for path, _ in sources]
 
     def _counts(self, side: Side, endpoint: EndpointInfo) -> bool:
         """Return whether an endpoint is a source or sink, and not another router's that would make a loop."""
@@ -205,9 +218,10 @@ def _actions(before: Setup, state: PathState) -> list[Action]:
     actions += [Open(what=writer) for writer in after.writers if writer not in before.writers]
     actions += [Open(what=reader) for reader in after.readers if reader not in kept]
     actions += [
-        Judge(reader=reader, source=publishers[gid], writer=writer)
-        for (reader, gid), writer in after.judged.items()
-        if reader not in kept or (reader, gid) not in before.judged or before.judged[reader, gid] != writer
+        Judge(reader=reader, source=publishers[gid], writer=verdict)
+        for (reader, gid), verdict in after.judged.items()
+        if not isinstance(verdict, Held)
+        and (reader not in kept or before.judged.get((reader, gid), Held.HELD) != verdict)
     ]
     actions += [
         Forget(reader=reader, source=gid)
