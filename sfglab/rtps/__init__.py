@@ -1,6 +1,6 @@
 """RELIABLE and KEEP_LAST over a lossy medium: one model of writer, reader and medium, with vendors' timing.
 
-Bottom up: `presets` (vendors' constants with their sources), `heap`, `state`, `world`, `medium` and `engine`
+Bottom up: `presets` (vendors' constants with their sources), `world`, `heap`, `state`, `medium` and `engine`
 (compiled), `outcome` (fates and latencies), `model` (flows and scenarios in, an outcome out), `session` (the
 same in steps).
 """

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba as nb
 import numpy as np
 
 from sfglab.rtps.medium import BURST_ROOM, burst_most, claim, send_next
@@ -33,6 +32,7 @@ from sfglab.rtps.state import (
     Frame,
     TimingColumn,
 )
+from sfglab.rtps.world import compiled
 
 __all__ = ["answer", "drop_overflow", "make_room_behind_gap", "repair_in_bursts", "request"]
 
@@ -57,7 +57,7 @@ _T_NACK, _T_ACK, _T_MOST, _T_REORDER, _T_BURST = (
 )
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def request(world: Any, now: int, flow: int) -> None:
     """Acknowledge everything before the next sample, and ask for what is known to exist and is not here."""
     reader = world.reader
@@ -79,7 +79,7 @@ def request(world: Any, now: int, flow: int) -> None:
     send_next(world, now, 0 if world.timing[_SHARED] else host)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def answer(world: Any, now: int, flow: int) -> None:
     """Answer a heartbeat as a prompt reader does, or not at all.
 
@@ -109,20 +109,21 @@ def answer(world: Any, now: int, flow: int) -> None:
         base > reader[flow, R_ACKED] or now >= reader[flow, R_ACKED_AT] + timing[_T_ACK]
     ):
         _note_answer(world, now, flow)
-        frame = np.zeros(8, np.int64)
+        frame = world.scratch[1]
+        frame[:] = 0
         frame[0], frame[1], frame[2] = _ACK, flow, base
         world.counts[_ACK] += 1
         _put(world, now, world.flows[flow, _TARGET], frame)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _note_answer(world: Any, now: int, flow: int) -> None:
     reader = world.reader
     reader[flow, R_ASKED] = reader[flow, R_REPAIRED] = 0
     reader[flow, R_ACKED], reader[flow, R_ACKED_AT] = reader[flow, R_NEXT], now
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def make_room_behind_gap(world: Any, flow: int, sample: int) -> bool:
     """Return whether a sample can be kept; where too many wait behind a gap, the newest of all is dropped.
 
@@ -145,7 +146,7 @@ def make_room_behind_gap(world: Any, flow: int, sample: int) -> bool:
     return True
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def drop_overflow(world: Any, flow: int) -> None:
     """Push the oldest samples out of a reader's history: what waited behind a gap comes all at once."""
     reader, depth = world.reader, world.flows[flow, _READER_DEPTH]
@@ -155,7 +156,7 @@ def drop_overflow(world: Any, flow: int) -> None:
         world.server[world.flows[flow, _SERVER], S_WAITING] -= 1
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def repair_in_bursts(world: Any, now: int, flow: int, base: int, kept: int) -> None:
     """Send what was asked for, many samples a frame, and a heartbeat with the last one.
 
@@ -170,7 +171,8 @@ def repair_in_bursts(world: Any, now: int, flow: int, base: int, kept: int) -> N
     left = 0
     for i in range(256):
         left += _asked(world, flow, i) and kept <= base + i <= last
-    frame = np.zeros(8, np.int64)
+    frame = world.scratch[1]
+    frame[:] = 0
     if base < kept:
         frame[0], frame[1], frame[2], frame[3] = _GAP, flow, base, kept
         frame[4], frame[5] = kept, last if left == 0 else 0
@@ -193,7 +195,7 @@ def repair_in_bursts(world: Any, now: int, flow: int, base: int, kept: int) -> N
             inside = 0
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _put(world: Any, now: int, host: int, frame: Any) -> None:
     place = claim(world, host, frame[0], frame[1], frame[2])
     if place >= 0:
@@ -202,6 +204,6 @@ def _put(world: Any, now: int, host: int, frame: Any) -> None:
         send_next(world, now, 0 if world.timing[_SHARED] else host)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _asked(world: Any, flow: int, place: int) -> bool:
     return bool((world.repair[flow, 1 + place // 64] >> (place % 64)) & 1)

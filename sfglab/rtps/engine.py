@@ -7,10 +7,7 @@ samples from readers. `simulate` runs to the end of time; everything that happen
 from __future__ import annotations
 
 import math
-from typing import Any
-
-import numba as nb
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from sfglab.rtps.answers import answer, drop_overflow, make_room_behind_gap, repair_in_bursts, request
 from sfglab.rtps.heap import pop, push
@@ -57,9 +54,12 @@ from sfglab.rtps.state import (
     Frame,
     TimingColumn,
 )
-from sfglab.rtps.world import World, unowned
+from sfglab.rtps.world import World, compiled
 
-__all__ = ["advance", "new_world", "publish", "simulate"]
+if TYPE_CHECKING:
+    from sfglab.rtps.state import Params, State
+
+__all__ = ["advance", "publish", "simulate"]
 
 # Compiled code takes plain integers.
 _PUBLISH, _SENT, _ARRIVED, _HEARTBEAT, _ACKNACK, _REPAIR, _SERVED = (int(e) for e in Event)
@@ -109,7 +109,7 @@ _T_DURATION, _T_UNACKED, _T_DRAIN = (
 )
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _send(world: Any, now: int, what: Any, arguments: Any, kept: Any) -> None:
     kind, flow = what
     world.counts[kind] += 1
@@ -125,7 +125,7 @@ def _send(world: Any, now: int, what: Any, arguments: Any, kept: Any) -> None:
     send_next(world, now, 0 if world.timing[_SHARED] else host)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _first_kept(world: Any, flow: int) -> int:
     """Return the oldest sample in the writer's history."""
     depth, last = world.flows[flow, _DEPTH], world.writer[flow, W_LAST]
@@ -137,7 +137,7 @@ def _first_kept(world: Any, flow: int) -> int:
 # --- The writer ---------------------------------------------------------------------------------------------
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _sample_value(world: Any, now: int, flow: int) -> int:
     """Return the number of the value that the sensor has now; it changes at random times."""
     mean = world.flows[flow, _CHANGE]
@@ -152,7 +152,7 @@ def _sample_value(world: Any, now: int, flow: int) -> int:
     return int(writer[flow, W_VALUE])
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _held_back(world: Any, now: int, flow: int, value: int) -> bool:
     """Return whether the local cache holds a value back (paper B, section 2.2)."""
     if not world.flows[flow, _CACHED] or value != world.writer[flow, W_SENT]:
@@ -161,7 +161,7 @@ def _held_back(world: Any, now: int, flow: int, value: int) -> bool:
     return bool(silence == 0 or now - world.writer[flow, W_SENT_AT] < silence)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _piggybacks(world: Any, now: int, flow: int) -> bool:
     timing, depth, last = world.timing, world.flows[flow, _DEPTH], world.writer[flow, W_LAST]
     if timing[_T_FULL]:
@@ -177,7 +177,7 @@ def _piggybacks(world: Any, now: int, flow: int) -> bool:
     return bool(after >= 0 and now - world.writer[flow, W_LAST_HB] >= after)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _send_data(world: Any, now: int, flow: int, sample: int) -> None:
     reliable = world.flows[flow, _RELIABLE]
     rides = 1 if reliable and _piggybacks(world, now, flow) else 0
@@ -190,7 +190,7 @@ def _send_data(world: Any, now: int, flow: int, sample: int) -> None:
     _send(world, now, (_DATA, flow), (sample, rides), (_first_kept(world, flow), last))
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _publish(world: Any, now: int, flow: int) -> None:
     writer = world.writer
     value = _sample_value(world, now, flow)
@@ -215,7 +215,7 @@ def _publish(world: Any, now: int, flow: int) -> None:
         push(world.heap, world.heap_sizes, now + writer[flow, W_INTERVAL], _HEARTBEAT, flow)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _heartbeat(world: Any, now: int, flow: int) -> None:
     writer = world.writer
     writer[flow, W_ARMED] = 0
@@ -237,7 +237,7 @@ def _heartbeat(world: Any, now: int, flow: int) -> None:
     push(world.heap, world.heap_sizes, now + writer[flow, W_INTERVAL], _HEARTBEAT, flow)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _hear_acknack(world: Any, now: int, frame: Any) -> None:
     flow, base = frame[1], frame[2]
     writer, repair = world.writer, world.repair
@@ -253,7 +253,7 @@ def _hear_acknack(world: Any, now: int, frame: Any) -> None:
         push(world.heap, world.heap_sizes, now + world.timing[_T_RESPONSE], _REPAIR, flow)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _repair(world: Any, now: int, flow: int) -> None:
     base = world.repair[flow, 0]
     world.repair[flow, 0] = 0
@@ -278,7 +278,7 @@ def _repair(world: Any, now: int, flow: int) -> None:
 # --- The reader ---------------------------------------------------------------------------------------------
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _make_room(world: Any, flow: int) -> None:
     """Push the oldest sample out of a reader's history that is over its bound, in order or behind a gap."""
     reader = world.reader
@@ -300,7 +300,7 @@ def _make_room(world: Any, flow: int) -> None:
     world.fate[flow, oldest] = _LATE
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _keep(world: Any, flow: int, sample: int) -> None:
     """Hand a sample to the reader's history, from which the executor takes it."""
     reader = world.reader
@@ -309,7 +309,7 @@ def _keep(world: Any, flow: int, sample: int) -> None:
     world.server[world.flows[flow, _SERVER], S_WAITING] += 1
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _advance(world: Any, flow: int) -> None:
     """Deliver in order what is there, and give up what the writer no longer has."""
     reader = world.reader
@@ -328,7 +328,7 @@ def _advance(world: Any, flow: int) -> None:
     reader[flow, R_NEXT] = sample
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _hear_sample(world: Any, flow: int, sample: int) -> None:
     apart = world.timing[_T_REORDER] != 0
     if world.arrived[flow, sample] or sample < world.reader[flow, R_NEXT]:
@@ -347,7 +347,7 @@ def _hear_sample(world: Any, flow: int, sample: int) -> None:
             _make_room(world, flow)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _hear_samples(world: Any, frame: Any) -> None:
     """Take the one sample of a DATA frame, or the several of a BURST."""
     alone = frame[0] == _DATA
@@ -356,7 +356,7 @@ def _hear_samples(world: Any, frame: Any) -> None:
             _hear_sample(world, frame[1], frame[2] + i)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _hear_heartbeat(world: Any, now: int, flow: int, first: int, last: int) -> None:
     reader = world.reader
     reader[flow, R_FIRST] = max(reader[flow, R_FIRST], first)
@@ -371,7 +371,7 @@ def _hear_heartbeat(world: Any, now: int, flow: int, first: int, last: int) -> N
         push(world.heap, world.heap_sizes, now + delay, _ACKNACK, flow)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _hear_gap(world: Any, frame: Any) -> None:
     flow = frame[1]
     for sample in range(max(frame[2], world.reader[flow, R_NEXT]), frame[3]):
@@ -383,7 +383,7 @@ def _hear_gap(world: Any, frame: Any) -> None:
 # --- The executor -------------------------------------------------------------------------------------------
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _serve(world: Any, now: int, server: int) -> None:
     """Take one sample of the next flow that has any, in turn as an executor does."""
     if world.server[server, S_BUSY] or world.server[server, S_WAITING] == 0:
@@ -414,7 +414,7 @@ def _serve(world: Any, now: int, server: int) -> None:
         return
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _served(world: Any, now: int, server: int) -> None:
     flow, sample = world.server[server, S_FLOW], world.server[server, S_SAMPLE]
     world.server[server, S_BUSY] = 0
@@ -433,7 +433,7 @@ def _served(world: Any, now: int, server: int) -> None:
 # --- The world ----------------------------------------------------------------------------------------------
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _heartbeat_of(world: Any, frame: Any) -> tuple[int, int]:
     """Return a frame's heartbeat, first and last sample, zeros if there is none, and note what it asks."""
     kind, flow, riding = frame[0], frame[1], frame[3]
@@ -453,7 +453,7 @@ def _heartbeat_of(world: Any, frame: Any) -> tuple[int, int]:
     return (max(1, last - depth + 1) if depth else 1), last
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _hear(world: Any, now: int, frame: Any) -> None:
     kind, flow = frame[0], frame[1]
     if kind == _ACK:
@@ -471,7 +471,7 @@ def _hear(world: Any, now: int, frame: Any) -> None:
     _serve(world, now, world.flows[flow, _SERVER])
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _step(world: Any, now: int, kind: int, argument: int, frame: Any) -> None:
     if kind == _SENT:
         if sent_frame(world, now, argument, frame):
@@ -493,57 +493,17 @@ def _step(world: Any, now: int, kind: int, argument: int, frame: Any) -> None:
         _repair(world, now, argument)
 
 
-@nb.njit(cache=True, nogil=True)
-def new_world(params: Any, state: Any) -> Any:
-    """Return parameters and state as the one value that `advance` and `publish` take.
-
-    It owns none of the arrays: the caller holds `params` and `state` for as long.
-
-    Args:
-        params: The run's parameters.
-        state: At time 0.
-    """
-    return World(  # type: ignore[no-untyped-call]
-        unowned(params.flows),
-        unowned(params.timing),
-        unowned(params.rates),
-        unowned(state.heap),
-        unowned(state.heap_sizes),
-        unowned(state.random),
-        unowned(state.counts),
-        unowned(state.published_ns),
-        unowned(state.received_ns),
-        unowned(state.value),
-        unowned(state.fate),
-        unowned(state.dropped),
-        unowned(state.arrived),
-        unowned(state.order),
-        unowned(state.writer),
-        unowned(state.reader),
-        unowned(state.repair),
-        unowned(state.queue),
-        unowned(state.queue_ends),
-        unowned(state.on_air),
-        unowned(state.next_host),
-        unowned(state.flight),
-        unowned(state.flight_ends),
-        unowned(state.server),
-        unowned(state.watched),
-        unowned(state.delivery),
-    )
-
-
-@nb.njit(cache=True, nogil=True)
+@compiled
 def advance(world: Any, until: int) -> int:
     """Run to the next watched delivery, and return its time; to `until` without any, and return -1.
 
     Publications end with the run's duration, so that what is under way can arrive.
 
     Args:
-        world: From `new_world`.
+        world: A `World`.
         until: Nanoseconds; events at this time are left for the next call.
     """
-    frame = np.zeros(8, np.int64)
+    frame = world.scratch[0]
     end = world.timing[_T_DURATION]
     while world.heap_sizes[0] > 0 and world.heap[0, 0] < until:
         now, kind, argument = pop(world.heap, world.heap_sizes)
@@ -557,12 +517,12 @@ def advance(world: Any, until: int) -> int:
     return -1
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def publish(world: Any, now: int, flow: int, value: int) -> bool:
     """Publish a value from outside, and return whether the local cache let it pass.
 
     Args:
-        world: From `new_world`.
+        world: A `World`.
         now: Nanoseconds, not before what was run so far.
         flow: Whose.
         value: Its number.
@@ -573,13 +533,11 @@ def publish(world: Any, now: int, flow: int, value: int) -> bool:
     return bool(world.counts[_C_HELD] == held)
 
 
-@nb.njit(cache=True, nogil=True)
-def simulate(params: Any, state: Any) -> None:
+def simulate(params: Params, state: State) -> None:
     """Run until time is over.
 
     Args:
         params: The run's parameters.
         state: At time 0; afterwards, everything that happened.
     """
-    world = new_world(params, state)
-    advance(world, world.timing[_T_DURATION] + world.timing[_T_DRAIN])
+    advance(World(params, state), int(params.timing[_T_DURATION] + params.timing[_T_DRAIN]))

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numba as nb
 import numpy as np
+
+from sfglab.rtps.world import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,7 +27,7 @@ def new_heap(capacity: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return np.zeros((capacity, _FIELDS), np.int64), np.zeros(2, np.int64)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def push(slots: Any, sizes: Any, time_ns: int, kind: int, argument: int) -> None:
     """Insert an event.
 
@@ -50,7 +51,7 @@ def push(slots: Any, sizes: Any, time_ns: int, kind: int, argument: int) -> None
     slots[i, 1] = key
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def pop(slots: Any, sizes: Any) -> tuple[int, int, int]:
     """Remove the earliest event and return its time, kind and argument; the heap must not be empty."""
     time_ns, key = slots[0, 0], slots[0, 1]

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba as nb
 import numpy as np
 
 from sfglab.rtps.heap import push
 from sfglab.rtps.state import Count, Drop, Event, FlowColumn, Frame, TimingColumn
+from sfglab.rtps.world import compiled
 
 __all__ = ["BURST_ROOM", "arrived_frame", "burst_most", "claim", "send_next", "sent_frame", "uniform"]
 
@@ -45,7 +45,7 @@ _SHARED, _LATENCY, _OVERHEAD = (
 )
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def uniform(random: Any) -> float:
     """Return the next number of [0, 1): SplitMix64, so that a seed gives the same run on every machine."""
     random[0] += np.uint64(0x9E3779B97F4A7C15)
@@ -56,19 +56,19 @@ def uniform(random: Any) -> float:
     return float(z >> np.uint64(11)) / 9007199254740992.0
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _sample_bytes(size: int) -> int:
     """Return what one sample adds to a message: INFO_TS, DATA and the payload, padded as CDR is."""
     return int(_DATA - _BASE + (size + 3) // 4 * 4)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def burst_most(size: int, message_bytes: int) -> int:
     """Return how many samples of a size fit into a message of repairs with a heartbeat."""
     return max(1, (message_bytes - 20 - _INFO_DST - _HEARTBEAT) // _sample_bytes(size))
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _size_bytes(world: Any, kind: int, flow: int, riding: int) -> int:
     """Return the size of a frame; `riding` is its second argument, see `claim`."""
     size = world.flows[flow, _SIZE]
@@ -82,13 +82,13 @@ def _size_bytes(world: Any, kind: int, flow: int, riding: int) -> int:
     return _ACKNACK if kind == _F_ACK else _GAP
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _note_drop(world: Any, kind: int, flow: int, sample: int, where: int) -> None:
     if kind == _F_DATA and world.dropped[flow, sample] == 0 and world.arrived[flow, sample] == 0:
         world.dropped[flow, sample] = where
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def claim(world: Any, host: int, kind: int, flow: int, sample: int) -> int:
     """Return the place for a frame at the end of a host's queue, -1 when the queue is full.
 
@@ -115,7 +115,7 @@ def claim(world: Any, host: int, kind: int, flow: int, sample: int) -> int:
     return int(place - capacity if place >= capacity else place)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _choose_host(world: Any, transmitter: int) -> tuple[int, int]:
     """Return whose turn it is, -1 for nobody's, and how many have something to send."""
     if not world.timing[_SHARED]:
@@ -137,7 +137,7 @@ def _choose_host(world: Any, transmitter: int) -> tuple[int, int]:
     return chosen, contenders
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def send_next(world: Any, now: int, transmitter: int) -> None:
     """Send the next host's oldest frame, if the medium is free.
 
@@ -166,7 +166,7 @@ def send_next(world: Any, now: int, transmitter: int) -> None:
     push(world.heap, world.heap_sizes, now + airtime, _SENT, transmitter)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def sent_frame(world: Any, now: int, transmitter: int, frame: Any) -> bool:
     """Take a frame off the air into `frame`, and return whether it is there: neither lost nor under way."""
     air = world.on_air
@@ -193,7 +193,7 @@ def sent_frame(world: Any, now: int, transmitter: int, frame: Any) -> bool:
     return there
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def arrived_frame(world: Any, transmitter: int, frame: Any) -> None:
     """Take the oldest frame under way into `frame`; latency is constant, so none overtakes another."""
     ends = world.flight_ends

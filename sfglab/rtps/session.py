@@ -57,7 +57,7 @@ class Session:
     """
 
     def __init__(self, scenario: Scenario, *, seed: int, watched: Sequence[str] | None = None) -> None:
-        from sfglab.rtps.engine import new_world
+        from sfglab.rtps.world import World
 
         self._scenario = scenario
         self._names = [flow.name for flow in scenario.flows]
@@ -69,7 +69,7 @@ class Session:
                 self._params.flows[number, FlowColumn.CHANGE_NS] = SET
         for name in self._names if watched is None else watched:
             self._state.watched[self._number(name)] = 1
-        self._world = new_world(self._params, self._state)
+        self._world = World(self._params, self._state)
         self._now_ns = 0
 
     @property

@@ -189,6 +189,7 @@ class State(NamedTuple):
     server: Any  # (S, 6) see S_*
     watched: Any  # (F,) 1: `advance` returns at each delivery of the flow
     delivery: Any  # (4,) see D_*; the last one
+    scratch: Any  # (2, 8) the frame that is heard, and one that is made
 
 
 # Columns of State.writer.
@@ -279,4 +280,5 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
         server=np.zeros((sizes.servers, 6), np.int64),
         watched=np.zeros(flows, np.int8),
         delivery=np.zeros(4, np.int64),
+        scratch=np.zeros((2, _FRAME_FIELDS), np.int64),
     )
