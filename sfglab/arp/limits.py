@@ -47,7 +47,8 @@ class Limits:
 
     Attributes:
         utilisation_max: The most of each sender's time that may be taken, below 1.
-        residual_loss: Share of samples that may stay lost after repairs.
+        residual_loss: Share of samples that may stay lost after repairs, where a history can keep it; a plan
+            says what it expects (`TopicPlan.loss`).
     """
 
     utilisation_max: float = 0.9

@@ -1,21 +1,24 @@
 """What topics cost on a link, and how long repairs hold them up: the arithmetic behind the planned QoS.
 
 The same frames, delays and heartbeats as the simulation in `sfglab.rtps`, in closed form: airtime of each
-sample and of its acknowledgement, mean wait in the queue, mean delay by repairs. Every formula is convex in
-the rates and is written once, for numbers and for CVXPY's expressions alike. Refuses to know what is optimal.
+sample and of its acknowledgements, mean wait in the queue, mean delay by repairs (`repairs`). Given the depths,
+every formula is convex in the rates; it is written once, for numbers and for CVXPY's expressions alike. Refuses
+to know what is optimal.
 
-First-order in losses: gaps that overlap are counted one by one. The airtime of heartbeats that travel alone
-and of GAPs is left out; they are rare where heartbeats ride with samples.
+First-order in losses. The airtime of heartbeats that travel alone and of GAPs is left out; they are rare where
+heartbeats ride with samples.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.arp.repairs import alone_held, batch_held, steady_held
+from sfglab.qos import Durability
 from sfglab.rtps.sizes import ACKNACK_BYTES, data_bytes
 
 if TYPE_CHECKING:
@@ -26,7 +29,10 @@ if TYPE_CHECKING:
     from sfglab.arp.topics import Topic
     from sfglab.rtps import Medium, Vendor
 
-__all__ = ["Link", "link_of", "queue_wait_s", "repair_delay_s", "rounds_needed"]
+__all__ = ["Link", "at_depths", "link_of", "queue_wait_s", "repair_delay_s", "waits_s"]
+
+
+_LEAST = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,44 +44,59 @@ class Link:
         sender: Which of them carries a topic's samples, shape (n,).
         data_s: Time of a sender that one sample costs with all hosts contending, with repeats, shape (S, n).
         acknack_s: Time of a sender that one acknowledgement costs alike, shape (S, n).
-        acknack_most_hz: Acknowledgements of one topic, at most: the reader's delay bundles heartbeats.
+        acknack_share: Acknowledgements for each sample, shape (n,).
+        acknack_most_hz: Acknowledgements at most, as the reader's delay bundles heartbeats, shape (n,).
         change_most_hz: Changes of a topic's value where a local cache lets only those pass, else infinite,
             shape (n,).
         frame_s: Mean time on the air of one frame without contention, shape (S,).
         contention: By which share all hosts together stretch a frame.
         way_s: From being sent to arrival without queue and contention, shape (n,).
         round_s: From the heartbeat that shows a gap to the repair's arrival, shape (n,).
-        rides: 1 where heartbeats ride with samples, 0 where they come alone: where the vendor lets none ride,
-            or where the topic is never faster than the periodic ones, shape (n,).
-        heartbeat_s: Least time between heartbeats that ride, or the period of those that do not, shape (n,).
+        again_s: What a reader waits besides before it asks for the same again.
+        period_s: Between heartbeats that travel alone.
+        final_within_s: A heartbeat that follows a sample sooner than this asks for no answer.
+        nack_most: Samples that one request can ask for.
         loss: Share of frames that the medium loses.
         reliable: Whether a topic is repaired, shape (n,).
+        batching: Whether heartbeats come once in `depth` samples, shape (n,).
+        held: `repairs.Held` of each topic, zeros of those that are not repaired, shape (3, n).
     """
 
     senders: tuple[str, ...]
     sender: NDArray[np.intp]
     data_s: NDArray[np.float64]
     acknack_s: NDArray[np.float64]
-    acknack_most_hz: float
+    acknack_share: NDArray[np.float64]
+    acknack_most_hz: NDArray[np.float64]
     change_most_hz: NDArray[np.float64]
     frame_s: NDArray[np.float64]
     contention: float
     way_s: NDArray[np.float64]
     round_s: NDArray[np.float64]
-    rides: NDArray[np.float64]
-    heartbeat_s: NDArray[np.float64]
+    again_s: float
+    period_s: float
+    final_within_s: float
+    nack_most: int
     loss: float
     reliable: NDArray[np.bool_]
+    batching: NDArray[np.bool_]
+    held: NDArray[np.float64]
 
     @property
     def arriving(self) -> NDArray[np.float64]:
         """Share of samples that arrive at all: what the medium loses of a best-effort topic does not."""
         return np.where(self.reliable, 1.0, 1 - self.loss)
 
-    @property
-    def round_failure(self) -> float:
-        """Probability that a repair fails: its request or the repeated sample is lost."""
-        return 1 - (1 - self.loss) ** 2
+    def unasked(self, sent_hz: float, *, at_random: bool) -> float:
+        """Return the share of a topic's samples that follow too soon for their heartbeat to ask for an answer.
+
+        Args:
+            sent_hz: Samples a second.
+            at_random: Whether they come at random times, not at even ones.
+        """
+        if at_random:
+            return -math.expm1(-sent_hz * self.final_within_s)
+        return float(sent_hz * self.final_within_s > 1)
 
     def utilisation(self, rates_hz: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the share of each sender's time that rates take, shape (S,)."""
@@ -83,7 +104,7 @@ class Link:
 
     def load(self, sent_hz: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the share of each sender's time that samples take, of which so many are sent, shape (S,)."""
-        acknacks = np.minimum(sent_hz, self.acknack_most_hz)
+        acknacks = np.minimum(self.acknack_share * sent_hz, self.acknack_most_hz)
         return np.asarray(self.data_s @ sent_hz + self.acknack_s @ acknacks)
 
     def sent_hz(self, rates_hz: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -97,7 +118,9 @@ class Link:
 
 
 def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
-    """Return what topics cost on a medium with a vendor's timing.
+    """Return what topics cost on a medium with a vendor's timing, with histories of one sample.
+
+    `at_depths` reckons with others.
 
     On a shared medium every further host that contends stretches each frame (`Medium.contention`). Capacity is
     reckoned with all hosts contending, as they do when the medium is nearly full, which is when it decides.
@@ -115,25 +138,73 @@ def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
     acknack_way_s = _air_s(medium, ACKNACK_BYTES) + medium.latency_s
     reliable = np.array([t.reliable for t in topics])
     change_most_hz = np.array([1 / t.change_s if t.cached else np.inf for t in topics])
-    most_hz = np.minimum([t.rate_max_hz for t in topics], change_most_hz)
-    period_s, spacing_s = vendor.heartbeat_ns / 1e9, _spacing_s(vendor)
-    rides = ((spacing_s < period_s) & (most_hz * period_s > 1)).astype(float)
-    return Link(
+    spacing_s = _spacing_s(vendor)
+    bundled_s = 0.0 if vendor.prompt else max(vendor.ack_delay_ns / 1e9, spacing_s)
+    volatile = np.array([t.durability is Durability.VOLATILE for t in topics])
+    link = Link(
         senders=senders,
         sender=data_s.argmax(axis=0),
         data_s=data_s * (1 + contention) * np.where(reliable, 1 / (1 - medium.loss), 1.0),
         acknack_s=acknack_s * (1 + contention),
-        acknack_most_hz=_acknack_most_hz(vendor, spacing_s),
+        acknack_share=np.ones(len(topics)),
+        acknack_most_hz=np.full(len(topics), 1 / max(bundled_s, _LEAST)),
         change_most_hz=change_most_hz,
         frame_s=_mean_frame_s(data_s, acknack_s),
         contention=contention,
         way_s=way_s,
-        round_s=_answer_s(vendor) + acknack_way_s + way_s,
-        rides=rides,
-        heartbeat_s=np.where(rides > 0, spacing_s, period_s),
+        round_s=_answer_s(vendor) + spacing_s + acknack_way_s + way_s,
+        again_s=vendor.nack_delay_ns / 1e9 if vendor.prompt else 0.0,
+        period_s=vendor.heartbeat_ns / 1e9,
+        final_within_s=vendor.final_within_ns / 1e9,
+        nack_most=vendor.nack_most,
         loss=medium.loss,
         reliable=reliable,
+        batching=reliable & volatile & vendor.piggyback_when_full,
+        held=np.zeros((3, len(topics))),
     )
+    ones = np.ones(len(topics), np.int64)
+    return at_depths(link, ones, np.array([t.rate_max_hz for t in topics]))
+
+
+def at_depths(link: Link, depths: NDArray[np.int64], rates_hz: NDArray[np.float64]) -> Link:
+    """Return a link with the acknowledgements and delays that depths bring.
+
+    Where heartbeats come in batches, a history of d samples that fills within the period costs an
+    acknowledgement for every d samples; one that does not, one for each period. Where heartbeats that follow
+    soon ask for no answer, only those after a pause cost one. A request for each lost sample comes on top.
+
+    Args:
+        link: From `link_of`.
+        depths: Of each topic, shape (n,).
+        rates_hz: Of each topic; decide only what follows soon, and whether histories fill within a period,
+            shape (n,).
+    """
+    sent_hz = link.sent_hz(rates_hz)
+    share, most_hz, held = np.ones_like(sent_hz), link.acknack_most_hz.copy(), np.zeros_like(link.held)
+    for i in np.flatnonzero(link.reliable):
+        sent, round_s = float(sent_hz[i]), float(link.round_s[i])
+        batch = int(depths[i]) if link.batching[i] else 1
+        alone = batch > sent * link.period_s
+        if alone:
+            held[:, i] = alone_held(sent, link.period_s, round_s, link.loss)
+        elif link.batching[i]:
+            held[:, i] = batch_held(batch, round_s, link.loss)
+        else:
+            held[:, i] = steady_held(round_s, link.again_s, link.loss)
+        if alone and batch > 1:
+            most_hz[i] = 1 / link.period_s
+        else:
+            unasked = link.unasked(sent, at_random=bool(np.isfinite(link.change_most_hz[i])))
+            share[i] = min(1.0, (1 - unasked) / batch + max(link.loss, _LEAST))
+    return replace(link, acknack_share=share, acknack_most_hz=most_hz, held=held)
+
+
+def waits_s(link: Link, rates_hz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how long each topic's samples wait, infinite where the sender is overloaded, shape (n,)."""
+    utilisation = link.utilisation(rates_hz)
+    # Up to 1 the formula holds; beyond, there is no mean.
+    waits = queue_wait_s(np.minimum(utilisation, 1 - 1e-9), link, inverse=np.reciprocal)
+    return np.where(utilisation < 1, waits, math.inf)[link.sender]
 
 
 def queue_wait_s(utilisation: Any, link: Link, *, inverse: Callable[[Any], Any]) -> Any:
@@ -152,30 +223,19 @@ def queue_wait_s(utilisation: Any, link: Link, *, inverse: Callable[[Any], Any])
     return _times(0.5 * link.frame_s, shares)
 
 
-def repair_delay_s(
-    link: Link, sent_hz: Any, *, inverse: Callable[[Any], Any], larger: Callable[[Any, Any], Any]
-) -> Any:
+def repair_delay_s(link: Link, sent_hz: Any, *, inverse: Callable[[Any], Any]) -> Any:
     """Return by how much losses hold up a topic's samples on average, shape (n,); convex in the rates.
 
-    A lost sample holds up all that follow it until it is repaired, T later: p (T / 2 + r T^2 / 2) a sample. One
-    round takes w + c, where w = max(1 / r, h) is the wait for the heartbeat that rides with a later sample
-    (w = h where heartbeats come alone) and c the reader's and writer's delays; a round fails with probability
-    f, so T is geometric in rounds.
+    A lost sample holds up all that follow it until it is repaired, T later: p (T / 2 + r T^2 / 2) a sample. Of
+    what T consists stands in `repairs`; T + r T^2 is a / r + b + c r.
 
     Args:
-        link: The link.
+        link: The link, at the topics' depths.
         sent_hz: Samples a second that travel, r, shape (n,).
         inverse: 1 / x for positive x, of the kind of `sent_hz`.
-        larger: The larger of two, of the same kind.
     """
-    h, c, q = link.heartbeat_s, link.round_s, 1 - link.round_failure
-    period = _times(link.rides, inverse(sent_hz))
-    wait = larger(period, h)
-    # r (w + c)^2, written out so that each term is seen to be convex: r w^2 = max(1 / r, h^2 r).
-    r_squares = larger(period, _times(h**2, sent_hz)) + _times(2 * c, larger(link.rides, _times(h, sent_hz)))
-    r_squares = r_squares + _times(c**2, sent_hz)
-    share = link.loss * link.reliable
-    return _times(share / (2 * q), wait + c) + _times(share * (2 - q) / (2 * q**2), r_squares)
+    spread, fixed, growing = 0.5 * link.loss * link.held
+    return _times(spread, inverse(sent_hz)) + fixed + _times(growing, sent_hz)
 
 
 def _times(factor: NDArray[Any], value: Any) -> Any:
@@ -205,12 +265,6 @@ def _air_s(medium: Medium, size_bytes: int) -> float:
     return medium.overhead_s + size_bytes * 8 / medium.rate_bps
 
 
-def _acknack_most_hz(vendor: Vendor, spacing_s: float) -> float:
-    if vendor.prompt:
-        return 1e9 / vendor.final_within_ns  # more often, nothing is asked for but what was lost
-    return 1 / max(vendor.ack_delay_ns / 1e9, spacing_s, 1e-9)
-
-
 def _answer_s(vendor: Vendor) -> float:
     """Return what a repair costs beside its way: a prompt reader waits only before it asks a second time."""
     delay_ns = 0 if vendor.prompt else vendor.nack_delay_ns
@@ -218,20 +272,11 @@ def _answer_s(vendor: Vendor) -> float:
 
 
 def _spacing_s(vendor: Vendor) -> float:
-    if vendor.prompt:
+    if vendor.prompt or vendor.piggyback_when_full:
         return 0.0
-    if vendor.piggyback_when_full:
-        return 0.0  # the planned depth is small, so the history is full after a moment
     return (vendor.piggyback_after_ns if vendor.piggyback_after_ns >= 0 else vendor.heartbeat_ns) / 1e9
 
 
 def _mean_frame_s(data_s: NDArray[np.float64], acknack_s: NDArray[np.float64]) -> NDArray[np.float64]:
     frames = np.concatenate([data_s, acknack_s], axis=1)
     return np.asarray(frames.sum(axis=1) / np.maximum((frames > 0).sum(axis=1), 1))
-
-
-def rounds_needed(link: Link, residual_loss: float) -> int:
-    """Return how many repairs a sample must be able to wait for: p f^k <= residual loss, at least one."""
-    if link.loss <= residual_loss:
-        return 1
-    return max(1, math.ceil(math.log(residual_loss / link.loss) / math.log(link.round_failure)))

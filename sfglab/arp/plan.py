@@ -6,16 +6,16 @@ which the reader holds a value that is still true. Refuses to know how rates are
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sfglab.arp.balancing import BalanceInput, balance
-from sfglab.arp.link import link_of, queue_wait_s, repair_delay_s, rounds_needed
+from sfglab.arp.depths import expected_losses
+from sfglab.arp.link import at_depths, link_of, repair_delay_s, waits_s
 from sfglab.errors import SfglabError
-from sfglab.qos import SENSOR_DATA, QoSProfile
+from sfglab.qos import QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from sfglab.arp.topics import Topic, TopicFile
     from sfglab.rtps import Medium, Vendor
 
-__all__ = ["Plan", "TopicPlan", "UnknownTopicError", "assess", "depths_for", "plan_as_printed"]
+__all__ = ["Plan", "TopicPlan", "UnknownTopicError", "assess", "plan_as_printed"]
 
 
 class UnknownTopicError(SfglabError, LookupError):
@@ -43,6 +43,7 @@ class TopicPlan:
         depth: History of its writer and of its reader.
         latency_s: Mean time from publication to delivery, expected; infinite where the medium is overloaded.
         up_to_date: Share of time in which the reader holds the value that the sensor has, expected.
+        loss: Share of samples that never come because the medium loses frames, expected.
     """
 
     topic: Topic
@@ -50,6 +51,7 @@ class TopicPlan:
     depth: int
     latency_s: float
     up_to_date: float
+    loss: float
 
     @property
     def deadline_ns(self) -> int | None:
@@ -146,16 +148,20 @@ def assess(  # noqa: PLR0913 - a plan's parts, by keyword
         depths: Of each topic, shape (n,).
         method: Who found them.
     """
-    link = link_of(topics, medium, vendor)
-    latency_s = _latency_s(link, rates_hz)
+    rates_hz = np.asarray(rates_hz, float)
+    link = at_depths(link_of(topics, medium, vendor), depths, rates_hz)
+    latency_s = _latency_s(link, depths, rates_hz)
+    losses = expected_losses(link, depths, rates_hz)
     per_change = rates_hz * link.arriving * np.array([t.change_s for t in topics])
     true_when_sent = per_change * -np.expm1(-1 / per_change)  # periodic samples, changes at random times
     up_to_date = true_when_sent * np.exp(-latency_s / np.array([t.change_s for t in topics]))
     weights = np.array([t.weight for t in topics])
     return Plan(
         topics=tuple(
-            TopicPlan(topic=t, rate_hz=float(r), depth=int(d), latency_s=float(s), up_to_date=float(u))
-            for t, r, d, s, u in zip(topics, rates_hz, depths, latency_s, up_to_date, strict=True)
+            TopicPlan(
+                topic=t, rate_hz=float(r), depth=int(d), latency_s=float(s), up_to_date=float(u), loss=float(p)
+            )
+            for t, r, d, s, u, p in zip(topics, rates_hz, depths, latency_s, up_to_date, losses, strict=True)
         ),
         method=method,
         medium=medium,
@@ -165,29 +171,6 @@ def assess(  # noqa: PLR0913 - a plan's parts, by keyword
         latency_s=float(np.average(latency_s, weights=weights)),
         up_to_date=float(np.average(up_to_date, weights=weights)),
     )
-
-
-def depths_for(link: Link, rates_hz: NDArray[np.float64], *, residual_loss: float) -> NDArray[np.int64]:
-    """Return how deep histories must be for repairs to come in time, shape (n,).
-
-    What is published while a sample waits for k repairs must fit beside it: ceil(r k (w + c)) + 1, where one
-    repair takes w + c (`repair_delay_s`) and twice the queue's wait, and k follows from the losses
-    (`rounds_needed`). No deeper: with Fast DDS heartbeats ride with samples only while the history is full, so
-    until a deep one has filled, repairs wait for the periodic heartbeat, 3 s by default; and with either
-    implementation a deep history repairs samples that nobody wants any more, which hold up newer ones.
-    Best-effort topics get the depth of rmw's profile for sensors.
-
-    Args:
-        link: The link.
-        rates_hz: Of each topic, shape (n,).
-        residual_loss: Share of samples that may stay lost.
-    """
-    rounds = rounds_needed(link, residual_loss)
-    sent_hz = link.sent_hz(rates_hz)
-    wait = np.maximum(link.rides / sent_hz, link.heartbeat_s)
-    repair_s = wait + link.round_s + 2 * _waits_s(link, rates_hz)
-    depths = np.ceil(np.minimum(sent_hz * rounds * repair_s, 1e6)) + 1
-    return np.where(link.reliable, depths, SENSOR_DATA.depth).astype(np.int64)
 
 
 def plan_as_printed(given: TopicFile) -> Plan:
@@ -213,13 +196,13 @@ def plan_as_printed(given: TopicFile) -> Plan:
     )
 
 
-def _waits_s(link: Link, rates_hz: NDArray[np.float64]) -> NDArray[np.float64]:
-    utilisation = link.utilisation(rates_hz)
-    # Up to 1 the formula holds; beyond, there is no mean.
-    waits = queue_wait_s(np.minimum(utilisation, 1 - 1e-9), link, inverse=np.reciprocal)
-    return np.where(utilisation < 1, waits, math.inf)[link.sender]
-
-
-def _latency_s(link: Link, rates_hz: NDArray[np.float64]) -> NDArray[np.float64]:
-    repairs = repair_delay_s(link, link.sent_hz(rates_hz), inverse=np.reciprocal, larger=np.maximum)
-    return np.asarray(link.way_s + repairs + _waits_s(link, rates_hz))
+def _latency_s(link: Link, depths: NDArray[np.int64], rates_hz: NDArray[np.float64]) -> NDArray[np.float64]:
+    sent_hz = link.sent_hz(rates_hz)
+    repairs = repair_delay_s(link, sent_hz, inverse=np.reciprocal)
+    # A request names only so many samples; where a period brings more, the reader falls behind until what it
+    # asks for is overwritten. Nothing waits longer than that.
+    within = sent_hz * link.period_s
+    behind = (depths > within) & (within > link.nack_most) & (link.loss > 0)
+    gone_s = depths / sent_hz
+    bounded = np.where(behind, gone_s, np.minimum(repairs, gone_s))
+    return np.asarray(link.way_s + np.where(link.batching, bounded, repairs) + waits_s(link, rates_hz))

@@ -7,34 +7,40 @@ topics:
 
     maximise    sum_i w_i [ 1 - 1 / (1 + r_i t_i) - price * latency_i(r, u) ] / sum_i w_i
     subject to  airtime_s(r) <= u_s <= utilisation_max     for every sender s
-                rate_min_i <= r_i <= rate_max_i
+                rate_min_i <= r_i <= rate_max_i, and <= what the allowed loss lets through
 
 The utility r t / (1 + r t) is the share of time in which the value sent last is still true when changes and
 samples come at random: it saturates for what changes slowly, so such topics leave the air to others; samples
 at even times do a little better, which a finished plan says (`Plan.up_to_date`). Latency (`link`) is the way,
-the queue's wait, convex in u, and the hold-up by repairs, convex in r. Depths follow from the rates and the
-time that repairs take (`plan.depths_for`); they are no variables because more than that depth never helps.
+the queue's wait, convex in u, and the hold-up by repairs, convex in r at given depths.
 
-Airtime counts acknowledgements, which a reader bundles: min(r, 1 / delay) a second; of a topic behind a local
-cache only changes travel, min(r, 1 / t) at most. Both are concave. Each is bounded by one of its two branches,
-and a topic changes its branch when the solution shows that the other one is smaller (the convex-concave
-procedure), so that every solution is feasible and none is worse than the one before.
+Depths and rates depend on each other where heartbeats come once in `depth` samples, as with a VOLATILE writer
+of Fast DDS: a deeper history loses less and acknowledges less, but repairs later. So the two alternate: rates
+by the convex programme, then depths by trying a few (`depths_for`), and again, until nothing gets better. Each
+programme is solved to its optimum; of the rounds, the best is kept. That need not be the best of all pairs.
+
+There, samples that are published during a repair are lost for good, so the allowed loss bounds the rates; by
+how much depends on how long repairs queue (`rates_most_hz`). So a few bounds of u are tried, each with the
+rates that it permits: emptier air lets single topics be faster. Where losses bound no rate there is one, the
+given.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sfglab.arp.convex import Programme, build_programme, solve
+from sfglab.arp.depths import depths_for, rates_most_hz
 from sfglab.arp.limits import InfeasiblePlanError, Limits, ProgrammeError
-from sfglab.arp.link import link_of, queue_wait_s, repair_delay_s
-from sfglab.arp.plan import assess, depths_for
+from sfglab.arp.link import at_depths, link_of
+from sfglab.arp.plan import assess
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -57,104 +63,10 @@ PRICES_HZ = tuple(float(price) for price in np.geomspace(0.1, 1000, 13))
 """Prices of latency that the front is drawn with: from a second costing a tenth of the freshness to a
 millisecond costing all of it."""
 
-_ROUNDS_MOST = 12
-
-_TOLERANCES = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-7)
-"""Ten times the solver's own: where a topic is worth next to nothing more, it would not come closer."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Programme:
-    """The convex programme with its handles; parameters change between solutions, the problem does not.
-
-    Attributes:
-        problem: CVXPY's problem; DCP, and DPP in its parameters.
-        rates: Expression, shape (n,), Hz.
-        bounds_hz: Least and largest rates, each of shape (n,); a solver keeps to them within its tolerance.
-        price: Parameter: what a second of mean latency costs.
-        branches: Parameters, each of shape (n,): of samples that travel, how many a reading and how many a
-            second, in the branch that bounds them; then the same of acknowledgements.
-        capacity: The constraint whose dual value is the price of airtime.
-    """
-
-    problem: Any
-    rates: Any
-    bounds_hz: tuple[NDArray[np.float64], NDArray[np.float64]]
-    price: Any
-    branches: tuple[Any, ...]
-    capacity: Any
-
-
-def build_programme(topics: Sequence[Topic], link: Link, limits: Limits) -> Programme:
-    """Return the programme, unsolved.
-
-    Args:
-        topics: The topics.
-        link: What they cost, from `link_of`.
-        limits: What must be kept.
-    """
-    import cvxpy as cp
-    from cvxpy.atoms.affine.binary_operators import multiply
-
-    n = len(topics)
-    lowest, highest, change_s, weights = (
-        np.array([getattr(t, key) for t in topics])
-        for key in ("rate_min_hz", "rate_max_hz", "change_s", "weight")
-    )
-    weights = weights / weights.sum()
-    middle, sent_most = np.sqrt(lowest * highest), np.minimum(highest, link.change_most_hz)
-    shares, busy = cp.Variable(n, name="rate_share"), cp.Variable(len(link.senders), name="utilisation")
-    rates = multiply(highest, shares)  # of the largest rates: numbers of one size suit the solver
-    price, branches = cp.Parameter(nonneg=True), [cp.Parameter(n, nonneg=True) for _ in range(4)]
-    # A variable of its own, as a product of parameters would not do (DPP).
-    sent_shares = cp.Variable(n, name="sent_share")
-    sent = multiply(sent_most, sent_shares)
-    acknacks = multiply(branches[2], rates) + branches[3]
-    stale = _inverse_at(1 + change_s * middle)(1 + multiply(change_s * link.arriving, rates))
-    capacity = link.data_s @ sent + link.acknack_s @ acknacks <= busy
-    problem = cp.Problem(
-        cp.Maximize(
-            1
-            - weights @ stale
-            - price * _mean_latency_s(link, sent, busy, weights, np.minimum(middle, sent_most))
-        ),
-        [
-            capacity,
-            busy <= limits.utilisation_max,
-            shares >= lowest / highest,
-            shares <= 1,
-            sent_shares
-            == multiply(branches[0], multiply(highest / sent_most, shares))
-            + multiply(1 / sent_most, branches[1]),
-        ],
-    )
-    return Programme(
-        problem=problem,
-        rates=rates,
-        bounds_hz=(lowest, highest),
-        price=price,
-        branches=tuple(branches),
-        capacity=capacity,
-    )
-
-
-def _mean_latency_s(
-    link: Link, sent: Any, busy: Any, weights: NDArray[np.float64], usual: NDArray[np.float64]
-) -> Any:
-    from cvxpy.atoms.elementwise.maximum import maximum
-
-    carried = np.bincount(link.sender, weights, minlength=len(link.senders))
-    waits = carried @ queue_wait_s(busy, link, inverse=_inverse_at(np.ones(len(link.senders))))
-    repairs = weights @ repair_delay_s(link, sent, inverse=_inverse_at(usual), larger=maximum)
-    return waits + repairs + weights @ link.way_s
-
-
-def _inverse_at(usual: NDArray[np.float64]) -> Callable[[Any], Any]:
-    """Return 1 / x, written so that the solver sees numbers near 1 where x is near its usual value."""
-    from cvxpy.atoms.affine.binary_operators import multiply
-    from cvxpy.atoms.elementwise.inv_pos import inv_pos
-
-    return lambda x: multiply(1 / usual, inv_pos(multiply(1 / usual, x)))  # type: ignore[no-untyped-call]
+_ALTERNATIONS_MOST = 4
+_GAIN_LEAST = 1e-6
+_LEVELS = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3)
+_TAKEN_MORE = 1e-6  # a solver's tolerance
 
 
 def plan(
@@ -212,16 +124,8 @@ def pareto_front(
             f"topics, prices: given {len(topics)} topics and prices {tuple(prices_hz)}; "
             "needed is at least one of each, allowed are prices from 0"
         )
-    link = link_of(topics, medium, vendor)
-    _check_feasible(topics, link, limits)
-    programme = build_programme(topics, link, limits)
-    points = []
-    for price in prices_hz:
-        rates_hz, airtime_price = _solve(programme, link, float(price))
-        depths = depths_for(link, rates_hz, residual_loss=limits.residual_loss)
-        point = assess(topics, medium, vendor, rates_hz=rates_hz, depths=depths, method="ours")
-        points.append(replace(point, latency_price_hz=float(price), airtime_price=airtime_price))
-    return tuple(points)
+    planner = _Planner(tuple(topics), medium, vendor, limits)
+    return tuple(planner.plan(float(price)) for price in prices_hz)
 
 
 def plan_file(given: TopicFile, *, latency_price_hz: float | None = None) -> Plan:
@@ -230,38 +134,95 @@ def plan_file(given: TopicFile, *, latency_price_hz: float | None = None) -> Pla
     return plan(given.topics, given.medium, given.vendor, latency_price_hz=latency_price_hz, limits=limits)
 
 
-def _check_feasible(topics: Sequence[Topic], link: Link, limits: Limits) -> None:
+class _Planner:
+    """Finds the plans of one front; keeps its programmes, as prices share them where depths are the same."""
+
+    def __init__(self, topics: tuple[Topic, ...], medium: Medium, vendor: Vendor, limits: Limits) -> None:
+        self._topics, self._medium, self._vendor, self._limits = topics, medium, vendor, limits
+        self._bare = link_of(topics, medium, vendor)
+        self._lowest = np.array([t.rate_min_hz for t in topics])
+        self._highest = np.array([t.rate_max_hz for t in topics])
+        self._programmes: dict[bytes, Programme] = {}
+        middle_hz = np.sqrt(self._lowest * self._ceiling_hz(0.0))
+        self._first = at_depths(self._bare, self._depths(self._bare, middle_hz), middle_hz)
+        needed = _check_feasible(topics, self._first, limits)
+        bounded = bool(np.isfinite(rates_most_hz(self._bare, utilisation=0.0)).any())
+        shares = np.array(_LEVELS if bounded else (1.0,))
+        self._levels = (
+            limits.utilisation_max * shares[(shares == 1) | (shares * limits.utilisation_max > needed)]
+        )
+
+    def plan(self, price: float) -> Plan:
+        """Return the plan at a price of latency: the best of those with the air as full as each level."""
+        best = self._plan_at(price, float(self._levels[0]))
+        for level in self._levels[1:]:
+            found = self._plan_at(price, float(level))
+            if _worth(found) < _worth(best):
+                break
+            best = found
+        return best
+
+    def _plan_at(self, price: float, level: float) -> Plan:
+        """Return the best plan of the rounds, in which rates and depths alternate."""
+        link, best = self._first, None
+        for _ in range(_ALTERNATIONS_MOST):
+            programme = self._programme(link)
+            programme.ceiling.value = self._ceiling_hz(level) / self._highest
+            programme.level.value = level
+            rates_hz, airtime_price = solve(programme, link, price)
+            rates_hz, depths = self._within_capacity(link, np.minimum(rates_hz, self._ceiling_hz(level)))
+            found = assess(
+                self._topics, self._medium, self._vendor, rates_hz=rates_hz, depths=depths, method="ours"
+            )
+            found = replace(found, latency_price_hz=price, airtime_price=airtime_price)
+            if best is None or _worth(found) > _worth(best) + _GAIN_LEAST:
+                best = found
+            else:
+                break
+            link = at_depths(self._bare, depths, rates_hz)
+            if self._programme(link) is programme:
+                break
+        assert best is not None
+        return best
+
+    def _within_capacity(
+        self, link: Link, rates_hz: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return rates with their depths, lowered where they take more than was reckoned with."""
+        for share in np.linspace(1, 0, 51):
+            lowered_hz = self._lowest + share * (rates_hz - self._lowest)
+            depths = self._depths(link, lowered_hz)
+            taken = at_depths(self._bare, depths, lowered_hz).utilisation(lowered_hz)
+            if taken.max() <= self._limits.utilisation_max + _TAKEN_MORE:
+                break
+        return lowered_hz, depths
+
+    def _depths(self, link: Link, rates_hz: NDArray[np.float64]) -> NDArray[np.int64]:
+        return depths_for(link, rates_hz, residual_loss=self._limits.residual_loss)
+
+    def _programme(self, link: Link) -> Programme:
+        key = link.held.round(9).tobytes() + link.acknack_share.tobytes() + link.acknack_most_hz.tobytes()
+        if key not in self._programmes:
+            self._programmes[key] = build_programme(self._topics, link, self._limits)
+        return self._programmes[key]
+
+    def _ceiling_hz(self, level: float) -> NDArray[np.float64]:
+        return np.clip(rates_most_hz(self._bare, utilisation=level), self._lowest, self._highest)
+
+
+def _worth(found: Plan) -> float:
+    return found.freshness - (found.latency_price_hz or 0.0) * found.latency_s
+
+
+def _check_feasible(topics: Sequence[Topic], link: Link, limits: Limits) -> float:
+    """Return which share of a sender's time the minimal rates take."""
     lowest = np.array([t.rate_min_hz for t in topics])
     sent_hz = np.minimum(lowest, link.change_most_hz)
     needed = link.load(sent_hz)
     worst = int(needed.argmax())
     if needed[worst] <= limits.utilisation_max:
-        return
-    taken = link.data_s[worst] * sent_hz + link.acknack_s[worst] * np.minimum(sent_hz, link.acknack_most_hz)
+        return float(needed[worst])
+    acknacks = np.minimum(link.acknack_share * sent_hz, link.acknack_most_hz)
+    taken = link.data_s[worst] * sent_hz + link.acknack_s[worst] * acknacks
     largest = tuple(topics[i].name for i in np.argsort(-taken, kind="stable")[:3])
     raise InfeasiblePlanError(link.senders[worst], float(needed[worst]), limits.utilisation_max, largest)
-
-
-def _solve(programme: Programme, link: Link, price: float) -> tuple[NDArray[np.float64], float]:
-    """Return rates and the capacity's dual value, after the branches have settled."""
-    programme.price.value = price
-    rates_hz, chosen = programme.bounds_hz[0], None
-    # At most so many samples travel, and are acknowledged, however often is read.
-    ceilings = link.change_most_hz, np.minimum(link.change_most_hz, link.acknack_most_hz)
-    for _ in range(_ROUNDS_MOST):
-        flat = [rates_hz > ceiling for ceiling in ceilings]
-        if chosen is not None and np.array_equal(flat, chosen):
-            break
-        chosen = flat
-        for i, (there, ceiling) in enumerate(zip(flat, ceilings, strict=True)):
-            programme.branches[2 * i].value = (~there).astype(float)
-            programme.branches[2 * i + 1].value = np.where(there, ceiling, 0.0)
-        _run_solver(programme.problem)
-        rates_hz = np.clip(programme.rates.value, *programme.bounds_hz)
-    return rates_hz, float(np.max(programme.capacity.dual_value))
-
-
-def _run_solver(problem: Any) -> None:
-    problem.solve(solver="CLARABEL", **_TOLERANCES)
-    if problem.status != "optimal":
-        raise ProgrammeError(f"QoS plan: solver CLARABEL ended with status {problem.status!r}")

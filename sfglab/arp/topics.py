@@ -37,7 +37,7 @@ class Topic:
         cached: Whether a local cache holds repeated values back (paper B, section 2.2): then only changes
             travel, and the rate is that of the readings.
         reliability: BEST_EFFORT topics cost no acknowledgements, and lose what the medium loses.
-        durability: For the exported profiles; the plan does not depend on it.
+        durability: With Fast DDS it decides when heartbeats come (`repairs`), and so rates and depths.
     """
 
     name: str

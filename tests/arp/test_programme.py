@@ -20,10 +20,10 @@ from sfglab.arp import (
     pareto_front,
     plan_as_printed,
 )
-from sfglab.arp.link import link_of, repair_delay_s, rounds_needed
-from sfglab.arp.plan import depths_for
+from sfglab.arp.depths import depths_for, rounds_needed
+from sfglab.arp.link import at_depths, link_of, repair_delay_s, waits_s
 from sfglab.arp.programme import ProgrammeError, build_programme, plan
-from sfglab.qos import Reliability, incompatibilities
+from sfglab.qos import Durability, Reliability, incompatibilities
 from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Fate, Flow, Medium, Scenario, run
 from sfglab.rtps.medium import _ACKNACK, _size_bytes
 from sfglab.rtps.model import compile_scenario
@@ -36,6 +36,16 @@ VENDORS = pytest.mark.parametrize("vendor", [FAST_DDS, CYCLONE_DDS], ids=lambda 
 
 def topic(name: str = "/a", **values) -> Topic:
     return Topic(**{"name": name, "source": "robot", "target": "station", "size_bytes": 24, **values})
+
+
+def depths_of(planned) -> np.ndarray:
+    return np.array([part.depth for part in planned.topics])
+
+
+def reckoned(planned):
+    """Return the link at a plan's depths and rates."""
+    bare = link_of([part.topic for part in planned.topics], planned.medium, planned.vendor)
+    return at_depths(bare, depths_of(planned), planned.rates_hz)
 
 
 def equal_topics(count: int, **values) -> list[Topic]:
@@ -53,18 +63,18 @@ def test_the_programme_is_convex_and_keeps_to_the_rules_for_parameters(vendor):
 
 
 def test_equal_topics_share_the_capacity_equally_where_latency_is_free():
-    topics = equal_topics(6, rate_max_hz=150)
+    topics = equal_topics(12, rate_max_hz=150)
     limits = Limits(utilisation_max=0.4)
     found = plan(topics, Medium(), FAST_DDS, latency_price_hz=0.0, limits=limits)
-    link = link_of(topics, Medium(), FAST_DDS)
-    closed_form = 0.4 / float((link.data_s + link.acknack_s).sum())
-    assert found.rates_hz == pytest.approx(np.full(6, closed_form), rel=1e-4)
+    link = reckoned(found)
+    closed_form = 0.4 / float((link.data_s + link.acknack_share * link.acknack_s).sum())
+    assert found.rates_hz == pytest.approx(np.full(12, closed_form), rel=1e-4)
     assert found.utilisation == pytest.approx(0.4, rel=1e-5)
 
 
 def test_the_price_of_airtime_is_what_more_of_it_brings():
     """The dual value against the difference quotient of the optimum itself."""
-    topics, step = [*equal_topics(4, change_s=0.1), topic("/slow", change_s=10)], 1e-3
+    topics, step = [*equal_topics(8, change_s=0.1), topic("/slow", change_s=10)], 1e-3
 
     def solve(share):
         return plan(topics, Medium(), FAST_DDS, latency_price_hz=0.0, limits=Limits(utilisation_max=share))
@@ -77,41 +87,42 @@ def test_the_price_of_airtime_is_what_more_of_it_brings():
 @VENDORS
 def test_no_neighbour_of_the_optimum_is_better(vendor, price):
     found = plan(PAPER_B.topics, Medium(), vendor, latency_price_hz=price)
-    rng = np.random.default_rng(1)
+    rng, link = np.random.default_rng(1), reckoned(found)
+    change_s = np.array([part.topic.change_s for part in found.topics])
 
     def worth(rates_hz):
-        if (rates_hz < 1).any() or (rates_hz > 1000).any():
+        # No more than the losses let through, and no more of the air than they need.
+        if (rates_hz < 1).any() or (rates_hz > found.rates_hz.max()).any():
             return -np.inf
-        judged = assess(
-            PAPER_B.topics,
-            Medium(),
-            vendor,
-            rates_hz=rates_hz,
-            depths=np.ones(len(rates_hz), np.int64),
-            method="neighbour",
-        )
-        return judged.freshness - price * judged.latency_s if judged.utilisation <= 0.9 else -np.inf
+        if link.utilisation(rates_hz)[0] > found.utilisation:
+            return -np.inf
+        held_s = repair_delay_s(link, rates_hz, inverse=np.reciprocal)
+        latency_s = np.mean(link.way_s + held_s + waits_s(link, rates_hz))
+        return np.mean(1 - 1 / (1 + rates_hz * change_s)) - price * latency_s
 
     best = worth(found.rates_hz * (1 - 1e-6))
     for size in (1e-3, 1e-2, 0.05):
         for _ in range(40):
-            assert worth(found.rates_hz * (1 + size * rng.standard_normal(18))) <= best + 1e-6
+            assert worth(found.rates_hz * (1 + size * rng.standard_normal(18))) <= best + 1e-5
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     changes=st.lists(st.floats(0.01, 30), min_size=1, max_size=6),
     size_bytes=st.integers(0, 1400),
     loss=st.floats(0, 0.2),
     price=st.floats(0, 500),
     shared=st.booleans(),
+    vendor=st.sampled_from([FAST_DDS, CYCLONE_DDS]),
+    durability=st.sampled_from(Durability),
+    cached=st.booleans(),
 )
-def test_every_plan_keeps_to_its_bounds(changes, size_bytes, loss, price, shared):
+def test_every_plan_keeps_to_its_bounds(changes, size_bytes, loss, price, shared, vendor, durability, cached):
+    given = {"size_bytes": size_bytes, "durability": durability, "cached": cached}
     topics = [
-        topic(f"/t{i}", source=f"robot{i % 2}", size_bytes=size_bytes, change_s=change)
-        for i, change in enumerate(changes)
+        topic(f"/t{i}", source=f"robot{i % 2}", change_s=change, **given) for i, change in enumerate(changes)
     ]
-    found = plan(topics, Medium(loss=loss, shared=shared), CYCLONE_DDS, latency_price_hz=price)
+    found = plan(topics, Medium(loss=loss, shared=shared), vendor, latency_price_hz=price)
     assert (found.rates_hz >= 1).all()
     assert (found.rates_hz <= 1000).all()
     assert found.utilisation <= 0.9 + 1e-5
@@ -125,24 +136,25 @@ def test_along_the_front_freshness_is_paid_for_with_latency(vendor):
     assert (np.diff([point.freshness for point in front]) < 1e-6).all()
     assert (np.diff([point.latency_s for point in front]) < 1e-8).all()
     assert front[0].freshness > front[-1].freshness + 0.01
-    assert front[0].latency_s > 2 * front[-1].latency_s
+    # Where losses bound the rates, there is less to choose from.
+    assert front[0].latency_s > (1.15 if vendor is FAST_DDS else 2) * front[-1].latency_s
 
 
 def test_without_a_price_the_plan_is_the_fronts_most_up_to_date_point():
-    front = pareto_front(PAPER_B.topics, PAPER_B.medium, PAPER_B.vendor)
-    chosen = plan(PAPER_B.topics, PAPER_B.medium, PAPER_B.vendor)
+    front = pareto_front(PAPER_B.topics, PAPER_B.medium, CYCLONE_DDS)
+    chosen = plan(PAPER_B.topics, PAPER_B.medium, CYCLONE_DDS)
     assert chosen.up_to_date == max(point.up_to_date for point in front)
     assert front[0].up_to_date < chosen.up_to_date > front[-1].up_to_date, "the best point lies inside"
 
 
 def test_what_changes_slowly_leaves_the_air_to_what_does_not():
-    found = plan([topic("/fast", change_s=0.1), topic("/slow", change_s=10)], Medium(rate_bps=2e6), FAST_DDS)
+    found = plan([topic("/fast", change_s=0.1), topic("/slow", change_s=10)], Medium(rate_bps=2e6), CYCLONE_DDS)
     assert found["/fast"].rate_hz > 3 * found["/slow"].rate_hz
 
 
 def test_weight_buys_rate():
     topics = [topic("/plain"), topic("/dear", weight=5)]
-    found = plan(topics, Medium(rate_bps=1e6), FAST_DDS, latency_price_hz=1.0)
+    found = plan(topics, Medium(rate_bps=1e6), CYCLONE_DDS, latency_price_hz=1.0)
     assert found["/dear"].rate_hz > 1.5 * found["/plain"].rate_hz
 
 
@@ -150,14 +162,14 @@ def test_a_host_with_an_air_of_its_own_pays_only_for_what_it_sends():
     crowded = [topic(f"/crowd{i}", source="crowd", size_bytes=1400, change_s=0.02) for i in range(30)]
     alone = topic("/alone", source="other", target="robot9", change_s=0.02)
     medium = Medium(shared=False, rate_bps=10e6)
-    found = plan([*crowded, alone], medium, FAST_DDS, latency_price_hz=1.0)
+    found = plan([*crowded, alone], medium, CYCLONE_DDS, latency_price_hz=1.0)
     assert found["/alone"].rate_hz > 5 * found["/crowd0"].rate_hz
 
 
 def test_behind_a_local_cache_slow_values_are_read_often_and_sent_seldom():
     plain = plan(PAPER_B.topics, PAPER_B.medium, FAST_DDS)
     cached = plan([replace(t, cached=True) for t in PAPER_B.topics], PAPER_B.medium, FAST_DDS)
-    assert cached["/robot1/dht11"].rate_hz > 50 * plain["/robot1/dht11"].rate_hz
+    assert cached["/robot1/dht11"].rate_hz > 20 * plain["/robot1/dht11"].rate_hz
     assert cached.utilisation < plain.utilisation
     assert cached.up_to_date > plain.up_to_date + 0.01
     assert cached["/robot1/dht11"].deadline_ns is None, "silence is no fault there"
@@ -181,7 +193,7 @@ def test_infeasible_rates_are_named_with_what_they_lack():
     with pytest.raises(InfeasiblePlanError, match=r"time of the medium.*lacking.*/big, /small") as caught:
         plan(topics, Medium(), FAST_DDS)
     needed = link_of(topics, Medium(), FAST_DDS).utilisation(np.array([1.0, 900.0]))[0]
-    assert caught.value.lacking == pytest.approx(needed - 0.9)
+    assert caught.value.lacking == pytest.approx(needed - 0.9, rel=0.01)
     assert caught.value.largest == ("/big", "/small")
 
 
@@ -223,13 +235,12 @@ def test_frames_have_the_sizes_of_the_compiled_medium(size_bytes, with_heartbeat
 def test_repairs_cost_the_same_in_numbers_and_in_the_programme():
     from cvxpy import Variable
     from cvxpy.atoms.elementwise.inv_pos import inv_pos
-    from cvxpy.atoms.elementwise.maximum import maximum
 
     topics = [topic(), topic("/b", rate_max_hz=2), topic("/c", reliability=Reliability.BEST_EFFORT)]
     link, rates_hz = link_of(topics, Medium(loss=0.1), CYCLONE_DDS), np.array([300.0, 1.5, 20.0])
     variable = Variable(3, value=rates_hz)
-    expression = repair_delay_s(link, variable, inverse=inv_pos, larger=maximum)
-    numbers = repair_delay_s(link, rates_hz, inverse=np.reciprocal, larger=np.maximum)
+    expression = repair_delay_s(link, variable, inverse=inv_pos)
+    numbers = repair_delay_s(link, rates_hz, inverse=np.reciprocal)
     assert expression.is_convex()
     assert expression.value == pytest.approx(numbers)
     assert numbers[2] == 0, "what is not repaired holds nothing up"
@@ -237,9 +248,9 @@ def test_repairs_cost_the_same_in_numbers_and_in_the_programme():
 
 def test_depth_holds_what_is_published_during_the_repairs():
     """By hand: 2 rounds of 1/50 + 0.01 s and the frames' time are 3.08 samples, so 4, and the lost one."""
-    topics = [topic(rate_max_hz=50)]
+    topics = [topic(rate_max_hz=50, durability=Durability.TRANSIENT_LOCAL)]
     link = link_of(topics, Medium(contention=0), FAST_DDS)
-    assert rounds_needed(link, 1e-4) == 2
+    assert rounds_needed(0.01, 1e-4) == 2
     assert link.round_s[0] == pytest.approx(0.010 + 2 * 300e-6 + (154 + 138) * 8 / 20e6)
     assert depths_for(link, np.array([50.0]), residual_loss=1e-4).tolist() == [5]
 
@@ -286,16 +297,18 @@ def simulate(planned, *, seed: int, duration_s: float = 12.0):
 
 
 @pytest.mark.parametrize("rate_max_hz", [100, 200, 500, 1000])
-def test_with_fast_dds_ours_loses_less_and_is_sooner_than_the_printed_optimum(rate_max_hz):
-    """At the same Rmax, topics, medium and seeds: loss and 95th percentile of latency over all samples."""
+def test_with_fast_dds_ours_is_sooner_than_the_printed_optimum_and_loses_no_more_than_allowed(rate_max_hz):
+    """At the same Rmax, topics, medium and seeds: loss and 95th percentile of latency over all samples.
+
+    The printed depths lose nothing where the air is not overloaded: they wait for seconds instead.
+    """
     demand = PAPER_B.limited_to(rate_max_hz)
     ours, printed = plan(demand.topics, demand.medium, demand.vendor), plan_as_printed(demand)
     for seed in (1, 2):
         our_loss, our_latency_ms, _ = simulate(ours, seed=seed)
         loss, latency_ms, _ = simulate(printed, seed=seed)
-        assert our_loss <= loss
-        assert our_loss <= 2e-4, "the residual loss that was planned is 1e-4"
-        assert np.percentile(our_latency_ms, 95) <= np.percentile(latency_ms, 95)
+        assert our_loss <= max(loss, 3e-4), "the residual loss that was planned is 1e-4"
+        assert 20 * np.percentile(our_latency_ms, 95) <= np.percentile(latency_ms, 95)
 
 
 @VENDORS
@@ -326,18 +339,92 @@ def test_readers_are_up_to_date_as_expected(vendor):
 def test_the_planned_depth_repairs_and_a_single_sample_does_not():
     """10 % loss: the depth that the plan chose keeps its promise; one sample alone repairs nothing."""
     medium = Medium(loss=0.1)
-    planned = plan(equal_topics(4, rate_max_hz=50), medium, FAST_DDS)
+    topics = equal_topics(4, rate_max_hz=50, durability=Durability.TRANSIENT_LOCAL)
+    planned = plan(topics, medium, FAST_DDS)
     shallow = replace(planned, topics=tuple(replace(part, depth=1) for part in planned.topics))
     assert simulate(planned, seed=1)[0] < 2e-3
     assert simulate(shallow, seed=1)[0] > 0.05
 
 
+def test_what_no_depth_can_keep_is_said():
+    """10 % loss and a volatile history of Fast DDS: one repair of each loss, and the plan says what stays."""
+    planned = plan(equal_topics(4, rate_max_hz=50), Medium(loss=0.1), FAST_DDS)
+    assert planned.topics[0].loss == pytest.approx(0.1 * (1 - 0.9**3), rel=0.01)
+    assert simulate(planned, seed=1, duration_s=60)[0] == pytest.approx(planned.topics[0].loss, rel=0.15)
+
+
+def test_the_allowed_loss_is_kept_and_the_air_is_the_expected_one():
+    planned = plan(PAPER_B.topics, PAPER_B.medium, FAST_DDS)
+    losses = [simulate(planned, seed=seed, duration_s=40.0)[0] for seed in (1, 2, 3)]
+    assert all(part.loss <= 1e-4 for part in planned.topics)
+    assert np.mean(losses) < 3e-4
+    air = run_plan(planned, seed=4, duration_s=40.0).counts["airtime_ns"] / 40e9
+    assert 0.9 < air * (1 + reckoned(planned).contention) / planned.utilisation < 1.2
+
+
+def alone_on_the_air(vendor, *, rate_hz: float, depth: int, loss: float, **values):
+    """Return one topic judged, and simulated: mean hold-up in ms, loss, acknowledgements a sample."""
+    one, samples = topic(rate_max_hz=1000, **values), 40_000
+    medium, rates_hz = Medium(loss=loss, contention=0), np.array([float(rate_hz)])
+    judged = assess([one], medium, vendor, rates_hz=rates_hz, depths=np.array([depth]), method="by hand")
+    link = reckoned(judged)
+    flow = Flow(name="/a", source="robot", target="station", rate_hz=rate_hz, qos=judged.qos("/a"))
+    scenario = Scenario(flows=(flow,), medium=medium, vendor=vendor, duration_s=samples / rate_hz)
+    outcome = run(scenario, seed=5)
+    held_ms = 1e3 * float(repair_delay_s(link, rates_hz, inverse=np.reciprocal)[0])
+    simulated_ms = outcome.flows["/a"].latency_ns.mean() / 1e6 - 1e3 * link.way_s[0]
+    acknacks = outcome.counts["acknack"] / samples
+    expected = held_ms, judged.topics[0].loss, float(link.acknack_share[0])
+    return expected, (simulated_ms, outcome.flows["/a"].loss, acknacks)
+
+
+@pytest.mark.parametrize("rate_hz", [5, 20, 80])
+@pytest.mark.parametrize("depth", [2, 4, 8, 12])
+def test_where_heartbeats_come_in_batches_delays_losses_and_acknowledgements_are_the_simulated_ones(
+    depth, rate_hz
+):
+    expected, simulated = alone_on_the_air(FAST_DDS, rate_hz=rate_hz, depth=depth, loss=0.01)
+    assert expected[0] == pytest.approx(simulated[0], rel=0.2)
+    assert abs(expected[1] - simulated[1]) < 1.5e-4, "a handful of samples"
+    assert expected[2] == pytest.approx(simulated[2], abs=0.05), "periodic heartbeats come on top"
+
+
+@pytest.mark.parametrize(("depth", "rate_hz"), [(2, 80), (4, 20), (4, 120), (8, 50), (8, 500)])
+def test_at_a_tenth_lost_the_expected_delays_and_losses_of_batches_lie_above(depth, rate_hz):
+    """Gaps overlap there, and are counted one by one; what is published during a repair is lost either way."""
+    expected, simulated = alone_on_the_air(FAST_DDS, rate_hz=rate_hz, depth=depth, loss=0.1)
+    assert 1 < expected[0] / simulated[0] < 4
+    assert 0.95 < expected[1] / simulated[1] < 1.7
+
+
+@pytest.mark.parametrize("values", [{"durability": Durability.TRANSIENT_LOCAL}, {"vendor": CYCLONE_DDS}])
+@pytest.mark.parametrize("rate_hz", [20, 80, 150])
+def test_where_the_next_sample_shows_a_loss_depth_delays_nothing(values, rate_hz):
+    vendor = values.get("vendor", FAST_DDS)
+    values = {key: value for key, value in values.items() if key != "vendor"}
+    expected, simulated = alone_on_the_air(vendor, rate_hz=rate_hz, depth=30, loss=0.01, **values)
+    assert expected[0] == pytest.approx(simulated[0], rel=0.25)
+    assert simulated[1] < 1e-4
+    assert expected[2] == pytest.approx(simulated[2], abs=0.03)
+
+
+@pytest.mark.parametrize("rate_max_hz", [100, 200, 500])
+def test_the_printed_depths_never_fill_so_that_repairs_wait_for_the_periodic_heartbeat(rate_max_hz):
+    """Seconds: expected from above, by less than twofold."""
+    printed = plan_as_printed(PAPER_B.limited_to(rate_max_hz))
+    _, latency_ms, mean_ms = simulate(printed, seed=1, duration_s=20.0)
+    assert 0.5 < mean_ms / (1e3 * printed.latency_s) < 1
+    assert printed.latency_s > 0.25
+    assert np.percentile(latency_ms, 95) > 1000
+
+
 def test_the_printed_plan_counts_topics_of_agents_and_rounds_the_depth_down():
     printed = plan_as_printed(PAPER_B.limited_to(500))
+    overloaded = plan_as_printed(PAPER_B.limited_to(1000))
     assert PAPER_B.topics_of_agents() == (7, 5, 6)
     assert printed.rates_hz == pytest.approx(np.full(18, 500 / 6 - 1), rel=1e-6)
     assert {part.depth for part in printed.topics} == {822}
-    assert printed.utilisation > 1
+    assert printed.utilisation < 1 < overloaded.utilisation
 
 
 def test_an_overloaded_plan_has_no_finite_latency():

@@ -147,7 +147,9 @@ def up_to_date(flow: Flow, outcome: FlowOutcome, *, duration_s: float) -> float:
         outcome: What became of its samples.
         duration_s: Over which time, seconds.
     """
-    readings = np.arange(flow.phase_s, duration_s, 1 / flow.rate_hz)
+    # In whole nanoseconds, as the model schedules: rounding adds up, and a reading must not precede its sample.
+    first_ns, period_ns = round(flow.phase_s * 1e9), round(1e9 / flow.rate_hz)
+    readings = np.arange(first_ns, round(duration_s * 1e9), period_ns) / 1e9
     received = outcome.received_ns[outcome.delivered] / 1e9
     times = np.unique(np.concatenate([readings, received[received < duration_s], [duration_s]]))
     starts, ends = times[:-1], times[1:]
