@@ -119,10 +119,10 @@ def _put(text: str, name: str, folder: Path | None) -> None:
 
 def _plan_table(plan: Plan) -> str:
     width = max(len("topic"), *(len(part.topic.name) for part in plan.topics))
-    lines = [f"{'topic':{width}}  rate Hz  depth  deadline ms  latency ms  up to date %"]
+    lines = [f"{'topic':{width}}  rate Hz  depth  deadline ms  latency ms  lost %  up to date %"]
     lines += [
         f"{part.topic.name:{width}}  {part.rate_hz:7.2f}  {part.depth:5d}  {_deadline_ms(part):>11}  "
-        f"{1e3 * part.latency_s:10.2f}  {100 * part.up_to_date:12.1f}"
+        f"{1e3 * part.latency_s:10.2f}  {100 * part.loss:6.3f}  {100 * part.up_to_date:12.1f}"
         for part in plan.topics
     ]
     lines += [

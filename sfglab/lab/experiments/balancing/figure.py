@@ -174,8 +174,10 @@ def draw_front(axes: Axes, results: Results) -> None:
     axes.plot(fits["freshness"], fits["latency_ms"], "s", color=COLORS["proxy"], label="printed, Eq. 6")
     for row in fits.itertuples():
         axes.annotate(f"  Rmax {row.rate_max_hz} Hz", (row.freshness, row.latency_ms), fontsize=8, va="center")
-    _overloaded(axes, printed[printed["utilisation"] >= 1])
     axes.set_yscale("log")
+    # Room at the top for what has no finite latency.
+    axes.set_ylim(top=5 * max(fits["latency_ms"].max(), ours["latency_ms"].max()))
+    _overloaded(axes, printed[printed["utilisation"] >= 1])
     axes.set_xlabel("freshness: time in which what was sent last is true (share)")
     axes.set_ylabel("mean latency, expected (ms)")
     axes.set_title("to the right and down is better", fontsize=9)

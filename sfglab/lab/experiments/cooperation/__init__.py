@@ -23,6 +23,7 @@ from sfglab.lab.experiments.cooperation.config import Config, ConfigError
 from sfglab.lab.experiments.cooperation.figure import (
     figure_16,
     figure_17_18,
+    figure_contrasts,
     figure_live,
     figure_staleness,
 )
@@ -43,6 +44,7 @@ __all__ = [
     "failures",
     "figure_16",
     "figure_17_18",
+    "figure_contrasts",
     "figure_live",
     "figure_staleness",
     "figures",
@@ -74,5 +76,5 @@ def figures(log: Path) -> dict[str, tuple[Figure, dict[str, Any]]]:
         "cooperation_tracks": figure_17_18(results),
         "cooperation_staleness": figure_staleness(results),
     }
-    live = figure_live(results)
-    return drawn if live is None else {**drawn, "cooperation_live": live}
+    more = {"cooperation_contrasts": figure_contrasts(results), "cooperation_live": figure_live(results)}
+    return drawn | {name: figure for name, figure in more.items() if figure is not None}

@@ -206,7 +206,7 @@ def measure_claims(log: Path) -> dict[str, Measured]:
     estimate = difference(courses)
     return {
         "B-COOP": Measured(
-            estimate=estimate, how=How.SIMULATED, details=_details(results), reason=_reason(courses)
+            estimate=estimate, how=How.SIMULATED, details=_details(results), reason=_reason(results)
         )
     }
 
@@ -234,8 +234,9 @@ def _details(results: Results) -> dict[str, str]:
     return details
 
 
-def _reason(courses: pd.DataFrame) -> str:
-    """Say why OPT+LC is not always successful, from the runs that were not."""
+def _reason(results: Results) -> str:
+    """Say why OPT+LC is not always successful, from the runs that were not, and when it would be."""
+    courses = results.courses
     failed = courses[(courses["method"] == "OPT+LC") & ~courses["success"]]
     if failed.empty:
         return ""
@@ -243,4 +244,13 @@ def _reason(courses: pd.DataFrame) -> str:
         f"in the runs that OPT+LC lost, something was out of date for up to {failed['stale_s'].median():.1f} s "
         f"(median): at a depth of {int(failed['depth_used'].median())} the history is seldom full, so a lost "
         "message is missed only with the next heartbeat, every 3 s, and RELIABLE holds back all that follow it"
+        + _were_it_else(results)
     )
+
+
+def _were_it_else(results: Results) -> str:
+    table = contrasts(results)
+    if table is None or "OPT+LC" not in table.index:
+        return ""
+    others = table.loc["OPT+LC"].drop(AS_IS).dropna()
+    return "; success of OPT+LC else: " + ", ".join(f"{kind} {share:.2f}" for kind, share in others.items())

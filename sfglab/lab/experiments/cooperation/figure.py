@@ -8,7 +8,13 @@ import numpy as np
 
 from sfglab.arp.hallway import AREAS, HALF_WIDTH_M, HOME, RADIUS_M, WAYPOINTS, course_length_m
 from sfglab.arp.methods import METHODS
-from sfglab.lab.experiments.cooperation.analysis import Results, difference, lines_of, rates
+from sfglab.lab.experiments.cooperation.analysis import (
+    Results,
+    contrasts,
+    difference,
+    lines_of,
+    rates,
+)
 from sfglab.lab.figures import COLORS, MARKERS, house_style
 
 if TYPE_CHECKING:
@@ -25,6 +31,7 @@ __all__ = [
     "draw_track",
     "figure_16",
     "figure_17_18",
+    "figure_contrasts",
     "figure_live",
     "figure_staleness",
 ]
@@ -59,11 +66,9 @@ def figure_16(results: Results) -> tuple[Figure, dict[str, Any]]:
         for axes, rate_hz in zip(panels, shown, strict=False):
             draw_rates(axes, courses[courses["rate_max_hz"] == rate_hz])
             axes.set_title(f"Rmax = {rate_hz} Hz", fontsize=9)
-        more = difference(courses)
-        figure.suptitle(
-            "Cooperation: with OPT+LC three robots come home "
-            f"{more.value:+.2f} [{more.low:+.2f}, {more.high:+.2f}] more often than with none"
-        )
+        home = rates(courses, "method").set_index("method")["rate"]
+        said = ", ".join(f"{name} {home[name]:.0%}" for name in ("none", "LC", "OPT", "OPT+LC") if name in home)
+        figure.suptitle(f"Cooperation: rounds that three robots complete: {said}")
     return figure, _rates_twin(results)
 
 
@@ -87,6 +92,38 @@ def draw_rates(axes: Axes, courses: pd.DataFrame) -> None:
     axes.set_ylabel("runs that succeeded")
     if not deep.empty:
         _depth_legend(axes)
+
+
+def figure_contrasts(results: Results) -> tuple[Figure, dict[str, Any]] | None:
+    """Draw the success rates as they are beside those of each contrast; None where nothing was contrasted."""
+    from matplotlib.figure import Figure
+
+    table = contrasts(results)
+    if table is None:
+        return None
+    with house_style():
+        figure = Figure(figsize=(8.6, 3.4))
+        axes = figure.subplots()
+        width = 0.8 / len(table.columns)
+        for place, (kind, color) in enumerate(zip(table.columns, COLORS.values(), strict=False)):
+            spots = np.arange(len(table)) + (place - (len(table.columns) - 1) / 2) * width
+            axes.bar(spots, table[kind], width, color=color, label=kind)
+            for spot, rate in zip(spots, table[kind], strict=True):
+                _say_rate(axes, float(spot), float(rate))
+        axes.set_xticks(range(len(table)), list(table.index))
+        axes.set_ylabel("runs that succeeded")
+        axes.set_ylim(0, 1.12)
+        axes.grid(visible=False, axis="x")
+        figure.legend(loc="outside lower center", ncols=len(table.columns))
+        figure.suptitle("What keeps OPT+LC from completing the round, asked from the other side")
+    return figure, {str(kind): table[kind].dropna().to_dict() for kind in table.columns}
+
+
+def _say_rate(axes: Axes, spot: float, rate: float) -> None:
+    if np.isnan(rate):
+        axes.annotate("not run", (spot, 0), ha="center", va="bottom", fontsize=7, rotation=90)
+    else:
+        axes.annotate(f"{rate:.2f}", (spot, rate), ha="center", va="bottom", fontsize=7)
 
 
 def _depth_legend(axes: Axes) -> None:
