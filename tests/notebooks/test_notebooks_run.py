@@ -21,7 +21,7 @@ def test_all_notebooks_run_through_and_leave_logs_and_figures(tmp_path, monkeypa
     shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks", ignore=shutil.ignore_patterns(".*"))
     (tmp_path / "data").mkdir()
     shutil.copy(ROOT / "data" / "claims.yaml", tmp_path / "data" / "claims.yaml")
-    for folder in ("fleets", "qos"):
+    for folder in ("fleets", "graphs", "qos"):
         shutil.copytree(ROOT / "data" / folder, tmp_path / "data" / folder)
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
     project = Project(root=tmp_path)
@@ -40,6 +40,7 @@ def test_all_notebooks_run_through_and_leave_logs_and_figures(tmp_path, monkeypa
         "balancing",
         "transmission",
         "cooperation",
+        "gateways",
     }
     assert not project.figures.exists(), "a smoke test replaces no figure"
     assert {p.stem for p in (project.runs / "figures").glob("*.svg")} == {
@@ -59,6 +60,8 @@ def test_all_notebooks_run_through_and_leave_logs_and_figures(tmp_path, monkeypa
         "cooperation_live",
         "cooperation_staleness",
         "cooperation_tracks",
+        "gateway_core",
+        "graph_mapping",
         "transmission_beyond",
         "transmission_fates",
         "transmission_latency",

@@ -25,6 +25,7 @@ EXPERIMENTS = (
     "balancing",
     "transmission",
     "cooperation",
+    "gateways",
 )
 
 
