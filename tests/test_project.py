@@ -164,3 +164,14 @@ def test_no_file_is_big_and_none_holds_a_path_of_a_machine():
         text = path.read_bytes()
         assert not re.search(rb"/(?:home|root|work)/[a-z]", text), path
     assert total_logs < 6_000_000
+
+
+def test_classes_of_rows_have_names_of_their_own():
+    """A row's class becomes a type in logs, and types of one process must not share a name."""
+    places: dict[str, list[str]] = {}
+    for path in sorted((ROOT / "sfglab").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef) and node.name.endswith("Row"):
+                places.setdefault(node.name, []).append(path.name)
+    shared = {name: where for name, where in places.items() if len(where) > 1}
+    assert shared == {}

@@ -14,7 +14,9 @@ def _scalar(rng, base):
         return bool(rng.integers(2))
     if base.startswith("float"):
         return float(np.float32(rng.normal()))
-    limits = np.iinfo("int8" if base == "byte" else numpy_dtype(base))
+    if base == "byte":
+        return int(rng.integers(128))  # rosbags reads a byte as 0 to 255 and writes -128 to 127
+    limits = np.iinfo(numpy_dtype(base))
     return int(rng.integers(limits.min, limits.max, endpoint=True, dtype=limits.dtype))
 
 

@@ -56,7 +56,7 @@ class Results:
     """The tables of one run.
 
     Attributes:
-        cells: One line for each cell and seed, as `CellRow`, and ``loss``.
+        cells: One line for each cell and seed, as `TransmissionRow`, and ``loss``.
         lossless: The same cells with one seed, over an air that loses nothing.
         beyond: One line for each way, Rmax and seed, as `BeyondRow`.
         live: One line for each live cell and group of flows, as `LiveRow`; empty where nothing ran live.

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.lab.experiments.transmission.rows import CellRow
+from sfglab.lab.experiments.transmission.rows import TransmissionRow
 from sfglab.lab.experiments.transmission.scenario import HELLO_DOWN, HELLO_UP, rate_and_depth, scenario_of
 from sfglab.rtps import Drop, Fate, run
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["hello_latency_ms", "hello_losses", "row_of", "simulate_cell"]
 
 
-def simulate_cell(point: Point, seed: int) -> CellRow:
+def simulate_cell(point: Point, seed: int) -> TransmissionRow:
     """Run one cell with one seed."""
     scenario = scenario_of(point, seed=seed)
     return row_of(point, seed, scenario, run(scenario, seed=seed))
@@ -34,7 +34,7 @@ def hello_latency_ms(outcome: Outcome) -> NDArray[np.float64]:
 
 
 def hello_losses(outcome: Outcome) -> dict[str, int]:
-    """Return where "Hello"s were lost, up and down together, by `CellRow`'s names."""
+    """Return where "Hello"s were lost, up and down together, by `TransmissionRow`'s names."""
     totals = dict.fromkeys(("lost_medium", "lost_queue", "lost_late", "lost_underway"), 0)
     for flow in (outcome.flows[HELLO_UP], outcome.flows[HELLO_DOWN]):
         for name, lost in _losses(flow).items():
@@ -52,7 +52,7 @@ def _losses(flow: FlowOutcome) -> dict[str, NDArray[np.bool_]]:
     }
 
 
-def row_of(point: Point, seed: int, scenario: Scenario, outcome: Outcome) -> CellRow:
+def row_of(point: Point, seed: int, scenario: Scenario, outcome: Outcome) -> TransmissionRow:
     """Return what a finished run came to.
 
     Args:
@@ -67,7 +67,7 @@ def row_of(point: Point, seed: int, scenario: Scenario, outcome: Outcome) -> Cel
     sensors = [f for name, f in outcome.flows.items() if name not in (HELLO_UP, HELLO_DOWN)]
     published = sum(len(f.fate) for f in sensors)
     counts = outcome.counts
-    return CellRow(
+    return TransmissionRow(
         rate_max_hz=point.rate_max_hz,
         depth=point.depth,
         method=point.method,

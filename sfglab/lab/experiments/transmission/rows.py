@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["BeyondRow", "CellRow"]
+__all__ = ["BeyondRow", "TransmissionRow"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CellRow:
+class TransmissionRow:
     """One cell of the grid with one seed, simulated.
 
     "Hello" goes up to the station and down to the robot; what is lost is counted where it was lost.
