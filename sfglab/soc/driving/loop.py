@@ -1,0 +1,211 @@
+"""The closed loop: town, camera, nodes, car, round and round; the only place where all of them meet.
+
+`Stack` is the nodes wired as in the graph, from an image to a command; it gets pixels and nothing else.
+`run_lap` drives it round a town and has it judged. Refuses to know a bus: nodes are called one after the
+other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.soc.driving.blur import blur
+from sfglab.soc.driving.car import CarState, Chassis, Drive, drive
+from sfglab.soc.driving.compensation import compensate
+from sfglab.soc.driving.control import LaneControl
+from sfglab.soc.driving.judge import Judge, Rules, Verdict
+from sfglab.soc.driving.lanes import BirdView, lane_mask
+from sfglab.soc.driving.lights import Colour, LightDetector
+from sfglab.soc.driving.odometry import Pose, VisualOdometry
+from sfglab.soc.driving.optics import Camera
+from sfglab.soc.driving.polyfit import Lane, fit_lane
+from sfglab.soc.driving.scene import Scene
+from sfglab.soc.driving.town import LANE_M, Signals, make_town
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from sfglab.soc.driving.town import Town
+
+__all__ = ["Frame", "Lap", "Stack", "run_lap"]
+
+_BIAS_RAD = 0.02
+"""Largest error of a car's steering, drawn for each run; the nodes are not told."""
+
+_STEPS = 4
+"""Steps of the car's model a frame."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Frame:
+    """Everything that the nodes said about one image."""
+
+    image: NDArray[np.uint8]
+    compensated: NDArray[np.uint8]
+    blurred: NDArray[np.uint8]
+    mask: NDArray[np.uint8]
+    lane: Lane | None
+    red: bool
+    green: bool
+    pose: Pose
+    command: Drive
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lap:
+    """A run's record.
+
+    Attributes:
+        seed: Of the town.
+        verdict: The judge's.
+        frames: Images seen.
+        lanes_missed: Of them, those in which no lane was found.
+        odometry_error_m: Distance between where the odometry ends and where the car is.
+        odometry_lost: Frames that the odometry could not match.
+        node_s: Mean seconds a frame by node; empty without a clock. `camera` is the renderer.
+    """
+
+    seed: int
+    verdict: Verdict
+    frames: int
+    lanes_missed: int
+    odometry_error_m: float
+    odometry_lost: int
+    node_s: dict[str, float] = field(default_factory=dict)
+
+
+class _Stopwatch:
+    """Nanoseconds by node, where there is a clock."""
+
+    def __init__(self, clock: Callable[[], int] | None) -> None:
+        self._clock = clock
+        self.total_ns: dict[str, int] = {}
+
+    def __call__(self, node: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+        if self._clock is None:
+            return function(*args, **kwargs)
+        start_ns = self._clock()
+        value = function(*args, **kwargs)
+        self.total_ns[node] = self.total_ns.get(node, 0) + self._clock() - start_ns
+        return value
+
+
+class Stack:
+    """The nodes, wired as in the graph.
+
+    Args:
+        camera: Whose images come.
+        clock: Nanoseconds, to time nodes by; None to leave it.
+    """
+
+    def __init__(self, camera: Camera, clock: Callable[[], int] | None = None) -> None:
+        self.view = BirdView(camera=camera)
+        self.red, self.green = LightDetector(Colour.RED), LightDetector(Colour.GREEN)
+        self.control = LaneControl()
+        self.odometry = VisualOdometry(camera)
+        self.timed = _Stopwatch(clock)
+
+    def step(self, image: NDArray[np.uint8]) -> Frame:
+        """Return what all nodes say to an image."""
+        timed = self.timed
+        compensated = timed("compensation", compensate, image)
+        blurred = timed("gaussian_blur", blur, compensated)
+        mask = timed("lane_planner", lane_mask, blurred, self.view)
+        lane = timed("polyfit", fit_lane, mask, self.view, lane_m=LANE_M)
+        red, green = self._lights(compensated)
+        pose = timed("visual_odometry", self.odometry.see, compensated)
+        command = timed("lane_control", self.control.step, lane, pose)
+        return Frame(
+            image=image,
+            compensated=compensated,
+            blurred=blurred,
+            mask=mask,
+            lane=lane,
+            red=red,
+            green=green,
+            pose=pose,
+            command=command,
+        )
+
+    def _lights(self, compensated: NDArray[np.uint8]) -> tuple[bool, bool]:
+        """Run both detectors on an image, then deliver what they published; whoever wakes looks at the next."""
+        red = self.timed("red_light_detection", self.red.see, compensated)
+        green = self.timed("green_light_detection", self.green.see, compensated)
+        if red:
+            self.green.hear_other()
+            self.control.hear_red()
+        if green:
+            self.red.hear_other()
+            self.control.hear_green()
+        return red, green
+
+
+def run_lap(
+    seed: int,
+    *,
+    stack: Stack | None = None,
+    rules: Rules | None = None,
+    rate_hz: float = 15.0,
+    watch: Callable[[float, CarState, Frame], None] | None = None,
+) -> Lap:
+    """Drive one lap and have it judged.
+
+    A command takes effect one frame after its image, as long as a real chain takes. 15 Hz: the car moves 6 cm a
+    frame, a fifteenth of its lookahead.
+
+    Args:
+        seed: Of town, textures and noise.
+        stack: The nodes; those of a default camera without a clock if None.
+        rules: The judge's.
+        rate_hz: Images a second.
+        watch: Called with time, the car's true state and what the nodes said, after each frame.
+    """
+    stack = stack or Stack(Camera())
+    rng = np.random.default_rng(seed)
+    town = make_town(rng)
+    car = seen_from = start = _start(town, rng)
+    chassis = Chassis(steer_bias_rad=rng.uniform(-_BIAS_RAD, _BIAS_RAD))
+    scene, signals, judge = Scene(town, stack.view.camera, rng), Signals(town), Judge(town, rules)
+    frames, missed, command = 0, 0, Drive()
+    while not judge.over:
+        now_s = frames / rate_hz
+        place = town.lane.place(car.x_m, car.y_m)
+        red_since_s = signals.red_since_s(now_s, place)
+        judge.watch(now_s, place, car.speed_mps, red_since_s)
+        red = [since is not None for since in red_since_s]
+        image = stack.timed("camera", scene.render, car, red, now_s=now_s)
+        frame = stack.step(image)
+        frames, missed = frames + 1, missed + (frame.lane is None)
+        if watch is not None:
+            watch(now_s, car, frame)
+        seen_from = car
+        for _ in range(_STEPS):
+            car = drive(car, command, dt_s=1 / rate_hz / _STEPS, chassis=chassis)
+        command = frame.command
+    return Lap(
+        seed=seed,
+        verdict=judge.verdict(),
+        frames=frames,
+        lanes_missed=missed,
+        odometry_error_m=_error_m(start, seen_from, stack.odometry.pose),
+        odometry_lost=stack.odometry.lost,
+        node_s={node: ns / 1e9 / frames for node, ns in stack.timed.total_ns.items()},
+    )
+
+
+def _start(town: Town, rng: np.random.Generator) -> CarState:
+    """Return a car at the lane's first point, put down carelessly: a few centimetres and degrees off."""
+    x_m, y_m, yaw_rad = town.lane.at(0.0, float(rng.uniform(-0.06, 0.06)))
+    return CarState(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad + float(rng.uniform(-0.06, 0.06)))
+
+
+def _error_m(start: CarState, end: CarState, pose: Pose) -> float:
+    """Return how far from the car the odometry, begun at its start, believes it to be."""
+    origin = Pose(x_m=start.x_m, y_m=start.y_m, yaw_rad=start.yaw_rad)
+    x_m, y_m = origin.outwards(pose.x_m, pose.y_m)
+    return float(np.hypot(x_m - end.x_m, y_m - end.y_m))
