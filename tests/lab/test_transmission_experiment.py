@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -27,7 +28,8 @@ from sfglab.rtps import Drop, Fate, Flow, FlowOutcome, Medium, run
 
 S = 1_000_000_000
 SMALL = replace(
-    Config.of_profile("smoke", live=False),
+    Config.of_profile("smoke"),
+    live_s=0.0,
     seeds=2,
     duration_s=1.0,
     rates_hz=(100, 1000),
@@ -177,6 +179,23 @@ def test_a_run_repeats_to_the_byte_and_goes_on_from_its_journal(tmp_path):
     assert set(measured) == {"B-TAB2", "B-LAT", "B-LOSS"}
     assert measured["B-TAB2"].estimate.value == pytest.approx(len(grid(SMALL)) / 196)
     assert {f.split("_")[0] for f in transmission.figures(logs[0])} == {"transmission"}
+
+
+def test_an_interrupted_run_goes_on_in_another_log_and_leaves_no_journal(tmp_path, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        # The package's `run` is the function, not the module.
+        patch.setattr(sys.modules[transmission.run.__module__], "_run_live", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            asyncio.run(transmission.run(SMALL, tmp_path / "20260101-smoke.mcap"))
+    assert len(list(tmp_path.glob("*.journal"))) == 3
+    # Whoever has nothing left to do asks for no workers.
+    monkeypatch.setattr("sfglab.lab.sweep.run.connected", interrupt)
+    log = asyncio.run(transmission.run(SMALL, tmp_path / "20260102-smoke.mcap"))
+    assert len(transmission.load_results(log).cells) == len(grid(SMALL)) * SMALL.seeds
+    assert [path.name for path in tmp_path.iterdir()] == [log.name]
 
 
 def test_bad_points_are_refused_with_the_place():

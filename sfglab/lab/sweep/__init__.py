@@ -8,7 +8,8 @@ Bottom up: `errors`, `rows` (rows as text and back), `identity` (which task, whi
 from __future__ import annotations
 
 from sfglab.lab.sweep.errors import JournalError, SweepError
+from sfglab.lab.sweep.journal import journals
 from sfglab.lab.sweep.run import sweep
 from sfglab.lab.sweep.workers import Workers
 
-__all__ = ["JournalError", "SweepError", "Workers", "sweep"]
+__all__ = ["JournalError", "SweepError", "Workers", "journals", "sweep"]

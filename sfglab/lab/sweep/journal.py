@@ -12,18 +12,19 @@ from __future__ import annotations
 import fcntl
 import json
 import logging
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from sfglab.lab.sweep.errors import JournalError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
     from types import TracebackType
     from typing import Self
 
-__all__ = ["Finished", "Journal"]
+__all__ = ["Finished", "Journal", "journals"]
 
 _log = logging.getLogger(__name__)
 
@@ -44,6 +45,31 @@ class Finished:
     point: int
     seed: int
     text: str
+
+
+@contextmanager
+def journals(log: Path, name: str) -> Iterator[Callable[[str], Path]]:
+    """Give each sweep of a run its journal, and remove them when the run has written its log.
+
+    They stand beside the log and are named for the run, not for the log, whose name may hold when it began: so
+    the same run, started again after an interruption, finds them.
+
+    Args:
+        log: The run's log.
+        name: Of the run: the experiment and its profile.
+
+    Yields:
+        The journal of a part of the run, by the part's name.
+    """
+    used: list[Path] = []
+
+    def journal(part: str) -> Path:
+        used.append(log.with_name(f"{name}-{part}.journal"))
+        return used[-1]
+
+    yield journal
+    for path in used:
+        path.unlink(missing_ok=True)
 
 
 class Journal:

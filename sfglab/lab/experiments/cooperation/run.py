@@ -12,7 +12,7 @@ from sfglab.lab.experiments.cooperation.replay import write_messages
 from sfglab.lab.experiments.cooperation.simulated import SimulatedRun, run_point
 from sfglab.lab.hosts import Network
 from sfglab.lab.progress import progress_bar
-from sfglab.lab.sweep import sweep
+from sfglab.lab.sweep import journals, sweep
 from sfglab.qos import DEFAULT
 from sfglab.record import LogWriter, run_context
 from sfglab.rtps import Medium
@@ -86,8 +86,17 @@ async def run(config: Config, path: Path, *, separate: bool | None = None) -> Pa
         WorkerError: A process of the live drive failed; everything simulated is in the log.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    rows = _swept(config, points_of(config), config.seeds, path, "")
-    more = _swept(config, contrasts_of(config), config.contrast_seeds, path, "-contrasts")
+    with journals(path, f"cooperation-{config.profile}") as journal:
+        rows = _swept(config, points_of(config), config.seeds, journal("courses"))
+        more = _swept(config, contrasts_of(config), config.contrast_seeds, journal("contrasts"))
+        await _write(config, path, rows, more, separate=separate)
+    return path
+
+
+async def _write(
+    config: Config, path: Path, rows: list[CourseRow], more: list[CourseRow], *, separate: bool | None
+) -> None:
+    """Write what was swept, drive again what is drawn, and drive live."""
     with LogWriter(path) as log:
         log.write_metadata("run", run_context())
         log.write_metadata("config", {"experiment": "cooperation", **asdict(config)})
@@ -104,13 +113,11 @@ async def run(config: Config, path: Path, *, separate: bool | None = None) -> Pa
             _write_tracks(log, tracked.tracks)
             write_messages(log, tracked.tracks)
         log.write_metadata("live", await _live(config, log, separate=separate))
-    return path
 
 
-def _swept(config: Config, points: Sequence[Point], seeds: int, path: Path, suffix: str) -> list[CourseRow]:
+def _swept(config: Config, points: Sequence[Point], seeds: int, journal: Path) -> list[CourseRow]:
     if not seeds:
         return []
-    journal = path.with_name(f"cooperation-{config.profile}{suffix}.sweep.jsonl")
     return sweep(run_point, points, range(config.seed, config.seed + seeds), journal=journal)
 
 

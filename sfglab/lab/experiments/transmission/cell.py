@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from sfglab.lab.experiments.transmission.scenario import HELLO_DOWN, HELLO_UP, r
 from sfglab.rtps import Drop, Fate, run
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from sfglab.lab.experiments.transmission.config import Point
@@ -96,6 +98,5 @@ def row_of(point: Point, seed: int, scenario: Scenario, outcome: Outcome) -> Tra
     )
 
 
-def _over(statistic: object, values: NDArray[np.float64]) -> float:
-    assert callable(statistic)
+def _over(statistic: Callable[[NDArray[np.float64]], Any], values: NDArray[np.float64]) -> float:
     return float(statistic(values)) if len(values) else float("nan")

@@ -76,12 +76,11 @@ class Config:
     seed: int = 0
 
     @classmethod
-    def of_profile(cls, profile: str, *, live: bool = True, seed: int = 0) -> Config:
+    def of_profile(cls, profile: str, *, seed: int = 0) -> Config:
         """Return the configuration of a profile.
 
         Args:
             profile: ``smoke`` (seconds), ``quick`` (minutes) or ``paper`` (30 seeds).
-            live: Whether the live cells are run.
             seed: Seed of everything that is drawn.
 
         Raises:
@@ -89,8 +88,7 @@ class Config:
         """
         if profile not in _PROFILES:
             raise ConfigError(f"profile: given {profile!r}, allowed are {', '.join(_PROFILES)}")
-        chosen = _PROFILES[profile]
-        return replace(chosen, live_s=chosen.live_s if live else 0.0, seed=seed)
+        return replace(_PROFILES[profile], seed=seed)
 
 
 _PROFILES = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.lab.experiments.transmission.beyond import simulate_way, ways
 from sfglab.lab.experiments.transmission.cell import simulate_cell
@@ -13,13 +13,13 @@ from sfglab.lab.experiments.transmission.live_rows import LiveRow, compare
 from sfglab.lab.experiments.transmission.scenario import scenario_of
 from sfglab.lab.hosts import HostsUnavailableError
 from sfglab.lab.progress import progress_bar
-from sfglab.lab.sweep import Workers, sweep
+from sfglab.lab.sweep import Workers, journals, sweep
 from sfglab.record import LogWriter, run_context
 from sfglab.rtps import CYCLONE_DDS
 from sfglab.rtps import run as simulate
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from sfglab.lab.experiments.transmission.config import Point
@@ -27,42 +27,46 @@ if TYPE_CHECKING:
 
 __all__ = ["run"]
 
+P = TypeVar("P")
 
-async def run(config: Config, path: Path, *, scheduler: str | None = None) -> Path:
+
+async def run(config: Config, path: Path) -> Path:
     """Run the experiment.
 
-    The simulated parts are sweeps: interrupted, they go on where they were, from journals beside the log.
+    The simulated parts are sweeps: interrupted, the same run goes on where it was, from journals beside the
+    log.
 
     Args:
         config: What to run.
         path: The log.
-        scheduler: Address of a cluster's scheduler for the simulated parts; None: threads of this process.
 
     Raises:
+        SweepError: A cell failed.
         WorkerError: A process of the live part failed.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     seeds = range(config.seed, config.seed + config.seeds)
-    workers = Workers(threads=True, scheduler=scheduler)
-    journals = {part: path.with_suffix(f".{part}.journal") for part in ("grid", "lossless", "ways")}
-    cells = sweep(simulate_cell, grid(config), seeds, journal=journals["grid"], workers=workers)
-    lossless = sweep(
-        simulate_cell, grid(config, loss=0.0), seeds[:1], journal=journals["lossless"], workers=workers
-    )
-    beyond = sweep(simulate_way, ways(config), seeds, journal=journals["ways"], workers=workers)
-    hindrance, live = await _run_live(config, seeds)
-    with LogWriter(path) as log:
-        log.write_metadata("run", run_context())
-        log.write_metadata("config", {"experiment": "transmission", **asdict(config)})
-        log.write_metadata("live", {"hindrance": hindrance})
-        _write(log, "cell", cells)
-        _write(log, "lossless", lossless)
-        _write(log, "beyond", beyond)
-        _write(log, "live", live)
-    # The log has it all.
-    for journal in journals.values():
-        journal.unlink(missing_ok=True)
+    with journals(path, f"transmission-{config.profile}") as journal:
+        tables = {
+            "cell": _swept(simulate_cell, grid(config), seeds, journal("grid")),
+            "lossless": _swept(simulate_cell, grid(config, loss=0.0), seeds[:1], journal("lossless")),
+            "beyond": _swept(simulate_way, ways(config), seeds, journal("ways")),
+        }
+        hindrance, tables["live"] = await _run_live(config, seeds)
+        with LogWriter(path) as log:
+            log.write_metadata("run", run_context())
+            log.write_metadata("config", {"experiment": "transmission", **asdict(config)})
+            log.write_metadata("live", {"hindrance": hindrance})
+            for table, rows in tables.items():
+                _write(log, table, rows)
     return path
+
+
+def _swept(
+    task: Callable[[P, int], Any], points: Sequence[P], seeds: Sequence[int], journal: Path
+) -> list[Any]:
+    """Sweep in threads: the time is spent in compiled code."""
+    return sweep(task, points, seeds, journal=journal, workers=Workers(threads=True))
 
 
 def _write(log: LogWriter, table: str, rows: Sequence[Any]) -> None:
