@@ -19,7 +19,6 @@ from sfglab.arp.equality import Equality, exactly_equal, nearly_equal
 from sfglab.arp.limits import InfeasiblePlanError, Limits
 from sfglab.arp.plan import Plan, TopicPlan, assess, plan_as_printed
 from sfglab.arp.programme import pareto_front, plan_file
-from sfglab.arp.section import TopicFileError
 from sfglab.arp.topics import Topic, TopicFile, load_topics, read_topics
 
 __all__ = [
@@ -36,7 +35,6 @@ __all__ = [
     "Plan",
     "Topic",
     "TopicFile",
-    "TopicFileError",
     "TopicPlan",
     "assess",
     "average_topics",

@@ -9,14 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from sfglab.arp.section import Section, TopicFileError, parse
+from sfglab.documents import Document, DocumentError
 from sfglab.qos import Durability, Reliability
 from sfglab.rtps import FAST_DDS, PRESETS, Medium, Vendor
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["Topic", "TopicFile", "TopicFileError", "load_topics", "read_topics"]
+    from sfglab.documents import Section
+
+__all__ = ["Topic", "TopicFile", "load_topics", "read_topics"]
 
 _MS = 1_000_000
 
@@ -104,13 +106,9 @@ def load_topics(path: Path) -> TopicFile:
         path: A YAML file, such as ``data/qos/paper_b.yaml``.
 
     Raises:
-        TopicFileError: It cannot be read, or does not say what it must.
+        DocumentError: It cannot be read, or does not say what it must.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise TopicFileError(path.name, "", str(path), f"a readable text file ({error})") from error
-    return read_topics(text, file=path.name)
+    return _read(Document.of_file(path))
 
 
 def read_topics(text: str, *, file: str = "topics.yaml") -> TopicFile:
@@ -121,14 +119,17 @@ def read_topics(text: str, *, file: str = "topics.yaml") -> TopicFile:
         file: Its name, for messages.
 
     Raises:
-        TopicFileError: It does not say what it must; says where.
+        DocumentError: It does not say what it must; says where.
     """
-    top = Section(file, "", parse(text, file))
+    return _read(Document(text, file))
+
+
+def _read(document: Document) -> TopicFile:
+    top = document.section()
     ceiling_hz = top.positive("rate_max_hz", 1000.0)
-    listed = top.section("topics")
-    topics = tuple(_read_topic(listed, name, ceiling_hz) for name in listed.values)
+    topics = tuple(_read_topic(name, section, ceiling_hz) for name, section in top.members("topics"))
     if not topics:
-        raise top.refusal("topics", "one topic at least")
+        raise top.refusal("topics", top.get("topics", None), "one topic at least")
     found = TopicFile(
         topics=topics,
         medium=_read_link(top.section("link")),
@@ -141,32 +142,31 @@ def read_topics(text: str, *, file: str = "topics.yaml") -> TopicFile:
     return found
 
 
-def _read_topic(listed: Section, name: Any, ceiling_hz: float) -> Topic:
-    if not isinstance(name, str) or not name.startswith("/") or name.endswith("/"):
-        raise TopicFileError(listed.file, f"topics.{name}", name, "a full topic name, such as '/robot1/lidar'")
-    section = listed.section(name)
+def _read_topic(name: str, section: Section, ceiling_hz: float) -> Topic:
+    if not name.startswith("/") or name.endswith("/"):
+        raise DocumentError(section.here, name, "a full topic name, such as '/robot1/lidar'")
     rate_max_hz = min(section.positive("rate_max_hz", ceiling_hz), ceiling_hz)
     topic = Topic(
         name=name,
         source=section.text("from"),
         target=section.text("to"),
-        size_bytes=int(section.number("size_bytes", low=0, high=64_000)),
+        size_bytes=section.whole("size_bytes", low=0, high=64_000),
         rate_min_hz=section.positive("rate_min_hz", min(1.0, rate_max_hz)),
         rate_max_hz=rate_max_hz,
         change_s=section.positive("change_s", 1.0),
         weight=section.positive("weight", 1.0),
         cached=section.flag("cached", default=False),
-        reliability=Reliability(
-            section.text("reliability", "reliable", choices=tuple(r.value for r in Reliability))
-        ),
-        durability=Durability(
-            section.text("durability", "volatile", choices=tuple(d.value for d in Durability))
-        ),
+        reliability=section.choice("reliability", Reliability.RELIABLE),
+        durability=section.choice("durability", Durability.VOLATILE),
     )
     if topic.rate_min_hz > topic.rate_max_hz:
-        raise section.refusal("rate_min_hz", f"up to the topic's rate_max_hz, {topic.rate_max_hz:g}")
+        raise section.refusal(
+            "rate_min_hz",
+            section.get("rate_min_hz", None),
+            f"up to the topic's rate_max_hz, {topic.rate_max_hz:g}",
+        )
     if topic.source == topic.target:
-        raise section.refusal("to", f"another host than 'from', {topic.source}")
+        raise section.refusal("to", topic.target, f"another host than 'from', {topic.source}")
     section.close()
     return topic
 
@@ -180,7 +180,7 @@ def _read_link(section: Section) -> Medium:
         overhead_s=section.number("overhead_us", usual.overhead_s * 1e6) / 1e6,
         contention=section.number("contention", usual.contention),
         latency_s=section.number("latency_ms", usual.latency_s * 1e3) / 1e3,
-        queue_frames=int(section.number("queue_frames", usual.queue_frames, low=1)),
+        queue_frames=section.whole("queue_frames", usual.queue_frames, low=1),
     )
     section.close()
     return medium
@@ -190,16 +190,13 @@ def _read_vendor(top: Section) -> Vendor:
     vendor = PRESETS[top.text("vendor", "fast_dds", choices=tuple(PRESETS))]
     section = top.section("timing")
     keys = {"heartbeat_ms": "heartbeat_ns", "nack_delay_ms": "nack_delay_ns", "ack_delay_ms": "ack_delay_ns"}
-    changes: dict[str, Any] = {
-        field: round(section.positive(key) * _MS) for key, field in keys.items() if key in section.values
-    }
+    given = {field: section.positive(key, None) for key, field in keys.items()}
+    changes: dict[str, Any] = {field: round(ms * _MS) for field, ms in given.items() if ms is not None}
     if "heartbeat_ns" in changes:
         # A vendor whose heartbeats never back off keeps that.
         steady = vendor.heartbeat_ns == vendor.heartbeat_max_ns
         longest = changes["heartbeat_ns"] if steady else max(vendor.heartbeat_max_ns, changes["heartbeat_ns"])
         changes["heartbeat_max_ns"] = longest
-    for key in keys:
-        section.get(key, None)
     section.close()
     return replace(vendor, **changes)
 
@@ -208,5 +205,5 @@ def _read_agents(top: Section, topics: tuple[Topic, ...]) -> tuple[str, ...]:
     hosts = sorted({t.source for t in topics} | {t.target for t in topics})
     given = top.get("agents", sorted({t.source for t in topics}))
     if not isinstance(given, list) or not given or not all(agent in hosts for agent in given):
-        raise top.refusal("agents", f"a list of hosts among {', '.join(hosts)}")
+        raise top.refusal("agents", given, f"a list of hosts among {', '.join(hosts)}")
     return tuple(given)

@@ -10,11 +10,10 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from sfglab.errors import SfglabError
+from sfglab.documents import DocumentError, Place, suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -29,7 +28,6 @@ __all__ = [
     "Placement",
     "Topic",
     "TopicMapping",
-    "suggestion",
 ]
 
 
@@ -59,24 +57,28 @@ class EdgeKind(Enum):
     SUBSCRIBE = "subscribe"
 
 
-class GraphError(SfglabError, ValueError):
+class GraphError(DocumentError):
     """A graph, or a file of one, does not say what it must say.
 
-    Attributes:
+    Args:
         key: Where, from the top, as in ``topics./image.publishers``; empty for the whole graph.
         given: What stands there; None where nothing does.
         allowed: What is allowed in its place.
         file: Name of the file, empty where there is none.
+        line: Line of the file, 0 where it is not known.
     """
 
-    def __init__(self, key: str, given: object, allowed: str, file: str = "") -> None:
-        self.key, self.given, self.allowed, self.file = key, given, allowed, file
-        super().__init__(key, given, allowed, file)  # all arguments, so that the error survives pickling
+    def __init__(self, key: str, given: object, allowed: str, file: str = "", line: int = 0) -> None:
+        super().__init__(Place(file=file, key=key, line=line), given, allowed)
+        self.args = key, given, allowed, file, line  # all arguments, so that the error survives pickling
+
+    @property
+    def key(self) -> str:
+        """Where, from the top."""
+        return self.place.key
 
     def __str__(self) -> str:
-        given = "nothing is given" if self.given is None else f"given {self.given!r}"
-        place = ": ".join(part for part in (self.file, self.key) if part) or "graph"
-        return f"{place}: {given}, allowed: {self.allowed}"
+        return super().__str__() if str(self.place) else f"graph{super().__str__()}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -255,12 +257,6 @@ class Graph:
         nodes = tuple(replace(n, placement=placements.get(n.name, n.placement)) for n in self.nodes)
         topics = tuple(replace(t, mapping=TopicMapping.SOFTWARE) for t in self.topics)
         return replace(self, nodes=nodes, topics=topics)
-
-
-def suggestion(word: object, known: Iterable[str]) -> str:
-    """Return ``; did you mean 'x'?`` for the closest known word, or nothing when none is close."""
-    near = get_close_matches(str(word), list(known), n=1)
-    return f"; did you mean {near[0]!r}?" if near else ""
 
 
 def _unknown(key: str, name: str, known: Iterable[str]) -> GraphError:

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from sfglab.arp import TopicFileError, load_topics, read_topics
+from sfglab.arp import load_topics, read_topics
 from sfglab.arp.sensors import ROBOTS, SENSORS
+from sfglab.documents import DocumentError, Place
 from sfglab.qos import Durability, Reliability
 from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Medium
 
@@ -68,15 +69,18 @@ def line(text: str) -> str:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", r"^t\.yaml: nothing is given, allowed: a mapping"),
-        ("topics: [", r"^t\.yaml: given .*, allowed: YAML"),
+        ("", r"^t\.yaml:1: nothing is given, allowed: a mapping"),
+        ("topics: [", r"^t\.yaml:1: given .*, allowed: YAML"),
         ("topics: {}", r"topics: given \{\}, allowed: one topic at least"),
         ("topics: 3", r"topics: given 3, allowed: a mapping"),
         ("topics: {a: {}}", r"topics\.a: given 'a', allowed: a full topic name"),
         (line("to: s, size_bytes: 8"), r"topics\./a\.from: nothing is given, allowed: 'from' is needed here"),
         (line("from: r, to: s"), r"topics\./a\.size_bytes: nothing is given"),
         (line("from: r, to: r, size_bytes: 8"), r"topics\./a\.to: given 'r', allowed: another host"),
-        (line("from: r, to: s, size_bytes: -1"), r"/a\.size_bytes: given -1, allowed: a number from 0"),
+        (
+            line("from: r, to: s, size_bytes: -1"),
+            r"/a\.size_bytes: given -1, allowed: a whole number from 0 to 64000",
+        ),
         (line("from: r, to: s, size_bytes: x"), r"/a\.size_bytes: given 'x'"),
         (line("from: r, to: s, size_bytes: 8, weight: 0"), r"/a\.weight: given 0, allowed: a number above"),
         (line("from: r, to: s, size_bytes: 8, weight: .nan"), r"/a\.weight: given nan"),
@@ -91,7 +95,7 @@ def line(text: str) -> str:
             r"/a\.rate_min_hz: given 9, allowed: up to the topic's rate_max_hz, 5",
         ),
         (f"vendor: rti\n{ONE}", r"vendor: given 'rti', allowed: fast_dds or cyclone_dds"),
-        (f"link: {{loss: 1}}\n{ONE}", r"link\.loss: given 1, allowed: a number from 0, below 1"),
+        (f"link: {{loss: 1}}\n{ONE}", r"link\.loss: given 1, allowed: a finite number from 0, below 1"),
         (f"link: {{shared: 1}}\n{ONE}", r"link\.shared: given 1, allowed: true or false"),
         (f"link: {{rate: 1}}\n{ONE}", r"link\.rate: given 'rate', allowed: contention, .*rate_mbps"),
         (f"agents: [moon]\n{ONE}", r"agents: given \['moon'\], allowed: a list of hosts among robot, station"),
@@ -103,15 +107,15 @@ def line(text: str) -> str:
     ],
 )
 def test_each_mistake_is_named_by_file_topic_and_key(text, message):
-    with pytest.raises(TopicFileError, match=message):
+    with pytest.raises(DocumentError, match=message):
         read_topics(text, file="t.yaml")
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(TopicFileError, match=r"^none\.yaml: .*readable text file"):
+    with pytest.raises(DocumentError, match=r"none\.yaml: .*readable text file"):
         load_topics(tmp_path / "none.yaml")
 
 
 def test_refusals_survive_pickling():
-    error = TopicFileError("t.yaml", "topics./a", 3, "a text")
+    error = DocumentError(Place(file="t.yaml", key="topics./a", line=2), 3, "a text")
     assert str(pickle.loads(pickle.dumps(error))) == str(error)  # noqa: S301 - our own bytes

@@ -20,8 +20,9 @@ from sfglab.deploy.routers import (
     render_router,
 )
 from sfglab.deploy.routers.dds_router import accepts
+from sfglab.documents import DocumentError
 from sfglab.fleet.border import Severity
-from sfglab.fleet.fleet_file import AgentSpec, DocumentError, Fleet, UnknownAgentError, load_fleet
+from sfglab.fleet.fleet_file import AgentSpec, Fleet, UnknownAgentError, load_fleet
 from sfglab.fleet.routing import TABLE_1, Direction, ForwardRule, Policy
 
 LAB = load_fleet(Path(__file__).parents[2] / "data" / "fleets" / "lab.yaml")

@@ -21,8 +21,9 @@ from sfglab.deploy.routers.json5 import read_json5
 from sfglab.deploy.routers.zenoh import KINDS
 from sfglab.deploy.routers.zenoh_acl_check import includes, permits
 from sfglab.deploy.routers.zenoh_meaning import bridges, policy_bridges
+from sfglab.documents import DocumentError
 from sfglab.fleet.border import Severity
-from sfglab.fleet.fleet_file import AgentSpec, DocumentError, Fleet, load_fleet
+from sfglab.fleet.fleet_file import AgentSpec, Fleet, load_fleet
 from sfglab.fleet.routing import TABLE_1, Direction, ForwardRule, Policy
 from sfglab.names import FqnError
 

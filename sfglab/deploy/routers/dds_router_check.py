@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 from sfglab.deploy.routers.dds_router import VERSION
 from sfglab.deploy.routers.dds_router_meaning import MEANINGS, check_policy
 from sfglab.deploy.routers.shapes import Check, anything, fault, flag, listing, mapping, number, text, whole
+from sfglab.documents import Document
 from sfglab.fleet.border import Finding, Severity
-from sfglab.fleet.fleet_file import MAX_DOMAIN, Document
+from sfglab.fleet.fleet_file import MAX_DOMAIN
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sfglab.fleet.fleet_file.document import Path
+    from sfglab.documents import KeyPath
     from sfglab.fleet.routing import Policy
 
 __all__ = ["check_dds_router"]
@@ -50,7 +51,7 @@ def check_dds_router(
     return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
 
 
-def _version(document: Document, path: Path, value: Any) -> Iterator[Finding]:
+def _version(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
     yield from text(*VERSIONS)(document, path, value)
     if value in VERSIONS and value not in {VERSION, "v4.0"}:
         yield fault(
@@ -63,7 +64,7 @@ def _version(document: Document, path: Path, value: Any) -> Iterator[Finding]:
         )
 
 
-def _ip(document: Document, path: Path, value: Any, *, version: int | None = None) -> Iterator[Finding]:
+def _ip(document: Document, path: KeyPath, value: Any, *, version: int | None = None) -> Iterator[Finding]:
     try:
         found = ipaddress.ip_address(value if isinstance(value, str) else "")
     except ValueError:
@@ -79,18 +80,18 @@ def _ip(document: Document, path: Path, value: Any, *, version: int | None = Non
         )
 
 
-def _ipv4(document: Document, path: Path, value: Any) -> Iterator[Finding]:
+def _ipv4(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
     return _ip(document, path, value, version=4)
 
 
-def _address(document: Document, path: Path, value: Any) -> Iterator[Finding]:
+def _address(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
     yield from _ADDRESS(document, path, value)
     if isinstance(value, dict) and "ip" in value:
         version = {"v4": 4, "v6": 6}.get(value.get("ip-version", ""))
         yield from _ip(document, (*path, "ip"), value["ip"], version=version)
 
 
-def _tls(document: Document, path: Path, value: Any) -> Iterator[Finding]:
+def _tls(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
     yield from _TLS(document, path, value)
     trio = ("password", "private_key", "cert")
     given = [key for key in trio if isinstance(value, dict) and key in value]
@@ -129,7 +130,7 @@ KIND_KEYS: dict[str, tuple[str, ...]] = {
 """What a participant of each kind may have beside name and kind."""
 
 
-def _participant(document: Document, path: Path, value: Any) -> Iterator[Finding]:
+def _participant(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
     yield from _PARTICIPANT(document, path, value)
     kind = value.get("kind") if isinstance(value, dict) else None
     if not isinstance(kind, str) or kind not in KIND_KEYS:

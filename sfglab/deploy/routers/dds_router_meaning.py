@@ -15,7 +15,7 @@ from sfglab.names import TF_STATIC, dds_topic
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from sfglab.fleet.fleet_file import Document
+    from sfglab.documents import Document
     from sfglab.fleet.routing import Policy
 
 __all__ = ["MEANINGS", "check_policy"]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 
-from sfglab.fleet.fleet_file import Document
+from sfglab.documents import Document
 
 __all__ = ["read_json5"]
 

@@ -9,18 +9,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeAlias
 
+from sfglab.documents import Document, KeyPath, suggestion
 from sfglab.fleet.border import Finding, Severity
-from sfglab.fleet.fleet_file import Document, suggestion
-from sfglab.fleet.fleet_file.document import Path
 
 __all__ = ["Check", "anything", "fault", "flag", "listing", "mapping", "number", "text", "whole"]
 
-Check: TypeAlias = Callable[[Document, Path, Any], Iterator[Finding]]
+Check: TypeAlias = Callable[[Document, KeyPath, Any], Iterator[Finding]]
 
 
 def fault(  # noqa: PLR0913 - a finding has as many parts
     document: Document,
-    path: Path,
+    path: KeyPath,
     what: str,
     *,
     why: str,
@@ -32,17 +31,17 @@ def fault(  # noqa: PLR0913 - a finding has as many parts
     return Finding(severity=severity, code=code, place=document.place(path), what=what, why=why, remedy=remedy)
 
 
-def _wrong(document: Document, path: Path, value: Any, allowed: str) -> Finding:
+def _wrong(document: Document, path: KeyPath, value: Any, allowed: str) -> Finding:
     what = f"given {value!r}, allowed: {allowed}"
     return fault(document, path, what, why="the configuration is refused when it is loaded")
 
 
-def anything(_document: Document, _path: Path, _value: Any) -> Iterator[Finding]:
+def anything(_document: Document, _path: KeyPath, _value: Any) -> Iterator[Finding]:
     """Accept every value."""
     return iter(())
 
 
-def flag(document: Document, path: Path, value: Any) -> Iterator[Finding]:
+def flag(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
     """Accept true and false."""
     if not isinstance(value, bool):
         yield _wrong(document, path, value, "true or false")
@@ -51,7 +50,7 @@ def flag(document: Document, path: Path, value: Any) -> Iterator[Finding]:
 def whole(low: int, high: int | None = None) -> Check:
     """Return a check for whole numbers of a range."""
 
-    def check(document: Document, path: Path, value: Any) -> Iterator[Finding]:
+    def check(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
         if isinstance(value, bool) or not isinstance(value, int):
             yield _wrong(document, path, value, "a whole number")
         elif value < low or (high is not None and value > high):
@@ -63,7 +62,7 @@ def whole(low: int, high: int | None = None) -> Check:
 def number(*, low: float = 0.0, above: bool = False) -> Check:
     """Return a check for numbers from `low`, or above it."""
 
-    def check(document: Document, path: Path, value: Any) -> Iterator[Finding]:
+    def check(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
         if isinstance(value, bool) or not isinstance(value, int | float):
             yield _wrong(document, path, value, "a number")
         elif value < low or (above and value == low):
@@ -75,7 +74,7 @@ def number(*, low: float = 0.0, above: bool = False) -> Check:
 def text(*choices: str, ignore_case: bool = False) -> Check:
     """Return a check for texts, for those among the choices if there are any."""
 
-    def check(document: Document, path: Path, value: Any) -> Iterator[Finding]:
+    def check(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
         if not isinstance(value, str):
             yield _wrong(document, path, value, "a text")
         elif choices and (value.lower() if ignore_case else value) not in choices:
@@ -87,7 +86,7 @@ def text(*choices: str, ignore_case: bool = False) -> Check:
 def listing(item: Check, *, least: int = 0) -> Check:
     """Return a check for lists of items of a shape."""
 
-    def check(document: Document, path: Path, value: Any) -> Iterator[Finding]:
+    def check(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
         if not isinstance(value, list):
             yield _wrong(document, path, value, "a list")
             return
@@ -108,7 +107,7 @@ def mapping(keys: Mapping[str, Check], *, needed: tuple[str, ...] = (), one_of: 
         one_of: Keys of which at least one must be there.
     """
 
-    def check(document: Document, path: Path, value: Any) -> Iterator[Finding]:
+    def check(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
         if not isinstance(value, dict):
             yield _wrong(document, path, value, f"a mapping with {', '.join(keys)}")
             return
@@ -127,7 +126,7 @@ def mapping(keys: Mapping[str, Check], *, needed: tuple[str, ...] = (), one_of: 
     return check
 
 
-def _unknown(document: Document, path: Path, key: str, known: tuple[str, ...]) -> Finding:
+def _unknown(document: Document, path: KeyPath, key: str, known: tuple[str, ...]) -> Finding:
     return fault(
         document,
         path,
@@ -138,7 +137,7 @@ def _unknown(document: Document, path: Path, key: str, known: tuple[str, ...]) -
     )
 
 
-def _missing(document: Document, path: Path, key: str) -> Finding:
+def _missing(document: Document, path: KeyPath, key: str) -> Finding:
     return fault(
         document,
         path,

@@ -11,7 +11,7 @@ from sfglab.deploy.routers.domain_bridge import render_domain_bridge
 from sfglab.deploy.routers.errors import RouterFileError
 from sfglab.deploy.routers.zenoh import render_zenoh_acl, render_zenoh_bridge
 from sfglab.deploy.routers.zenoh_check import check_zenoh
-from sfglab.fleet.fleet_file import suggestion
+from sfglab.documents import suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Callable

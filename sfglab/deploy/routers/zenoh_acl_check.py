@@ -15,8 +15,7 @@ from sfglab.fleet.routing import Direction
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sfglab.fleet.fleet_file import Document
-    from sfglab.fleet.fleet_file.document import Path
+    from sfglab.documents import Document, KeyPath
     from sfglab.fleet.routing import Policy
 
 __all__ = ["check_access_control", "includes", "permits"]
@@ -193,7 +192,7 @@ def _check_policy(document: Document, control: Control, policy: Policy) -> Itera
                 )
 
 
-def _key_expression(document: Document, path: Path, value: Any) -> Iterator[Finding]:
+def _key_expression(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
     bad = not isinstance(value, str) or not value or any(_bad_segment(s) for s in str(value).split("/"))
     if bad:
         yield fault(

@@ -20,8 +20,7 @@ from sfglab.fleet.fleet_file import MAX_DOMAIN
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sfglab.fleet.fleet_file import Document
-    from sfglab.fleet.fleet_file.document import Path
+    from sfglab.documents import Document, KeyPath
     from sfglab.fleet.routing import Policy
 
 __all__ = ["check_zenoh"]
@@ -80,7 +79,7 @@ def _check_bridge(document: Document, bridge: Any, policy: Policy | None) -> Ite
     yield from found
 
 
-def _regex(document: Document, path: Path, value: Any) -> Iterator[Finding]:
+def _regex(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
     """Check one regular expression of a list; Rust's know neither look-around nor back references."""
     if not isinstance(value, str):
         yield fault(document, path, f"given {value!r}, allowed: a regular expression", why="it is refused")
@@ -119,7 +118,7 @@ def _bare_alternative(regex: str) -> bool:
     return False
 
 
-def _regexes(document: Document, path: Path, value: Any) -> Iterator[Finding]:
+def _regexes(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
     if isinstance(value, str):
         yield from _regex(document, path, value)
     else:
@@ -130,7 +129,7 @@ def _assignment(form: str, meaning: str) -> Any:
     """Return a check for texts of the form ``<regex>=<value>``."""
     pattern = re.compile(rf"(?P<regex>.+?)=(?:{form})", re.DOTALL)
 
-    def check(document: Document, path: Path, value: Any) -> Iterator[Finding]:
+    def check(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
         found = pattern.fullmatch(value) if isinstance(value, str) else None
         if found is None:
             yield fault(document, path, f"given {value!r}, allowed: <regex>={meaning}", why="it is refused")
@@ -140,7 +139,7 @@ def _assignment(form: str, meaning: str) -> Any:
     return check
 
 
-def _unanchored(document: Document, path: Path, regex: str) -> Finding:
+def _unanchored(document: Document, path: KeyPath, regex: str) -> Finding:
     hit = "/tf also finds /tf_static" if regex == "/tf" else "/a also finds /a_b and /x/a"
     return fault(
         document,
@@ -153,7 +152,7 @@ def _unanchored(document: Document, path: Path, regex: str) -> Finding:
     )
 
 
-def _seconds(document: Document, path: Path, value: Any) -> Iterator[Finding]:
+def _seconds(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
     if isinstance(value, list):
         yield from listing(_assignment(r"[0-9.]+", "<seconds>"))(document, path, value)
     else:

@@ -15,7 +15,7 @@ from sfglab.names import FqnError, ResourceKind, dds_names, ros_name_from_dds
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from sfglab.fleet.fleet_file import Document
+    from sfglab.documents import Document
     from sfglab.fleet.routing import Policy
 
 __all__ = ["BRIDGE_MEANINGS", "bridges", "check_bridge_policy", "policy_bridges"]

@@ -18,8 +18,9 @@ from sfglab.names import TF, TF_STATIC, ResourceKind
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
+    from sfglab.documents import Place
     from sfglab.fleet.border.uses import View
-    from sfglab.fleet.fleet_file import AgentSpec, FrameSpec, Place
+    from sfglab.fleet.fleet_file import AgentSpec, FrameSpec
 
 __all__ = ["Edge", "check_frames", "edges_of", "roots_of"]
 

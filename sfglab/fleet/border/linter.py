@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from sfglab.documents import DocumentError
 from sfglab.fleet.border.frames import check_frames
 from sfglab.fleet.border.load import discovery, loads
 from sfglab.fleet.border.matching import check_qos, check_static_transforms, check_types
@@ -19,7 +20,7 @@ from sfglab.fleet.border.render import render
 from sfglab.fleet.border.report import Report, Severity
 from sfglab.fleet.border.services import check_hazards, check_rule_pairs, check_servers
 from sfglab.fleet.border.uses import View
-from sfglab.fleet.fleet_file import DocumentError, load_fleet
+from sfglab.fleet.fleet_file import load_fleet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

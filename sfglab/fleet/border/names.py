@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from sfglab.documents import suggestion
 from sfglab.fleet.border.report import Finding, Severity
-from sfglab.fleet.fleet_file import suggestion
 from sfglab.fleet.fleet_file.describing import description_of
 from sfglab.fleet.routing import Crossing
 from sfglab.fleet.status.description import DescriptionError

@@ -7,7 +7,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from sfglab.fleet.fleet_file import Place
+    from sfglab.documents import Place
     from sfglab.names import ResourceKind
 
 __all__ = ["AgentLoad", "Announcements", "Discovery", "Finding", "Hearing", "Report", "Severity"]

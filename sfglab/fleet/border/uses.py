@@ -11,14 +11,16 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+from sfglab.documents import NOWHERE, Place
 from sfglab.fleet.border.report import Hearing
-from sfglab.fleet.fleet_file import NOWHERE, AgentSpec, Fleet, Place
 from sfglab.fleet.routing import Crossing, Direction
 from sfglab.names import TF, TF_STATIC, Resource, ResourceKind, RosFqnBuilder, Scope, dds_names
 from sfglab.qos import COMPRESSED_STREAM, LATCHED, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from sfglab.fleet.fleet_file import AgentSpec, Fleet
 
 __all__ = ["Meeting", "Use", "View", "get_metadata_name", "heartbeat_name"]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from sfglab.fleet.fleet_file.document import NOWHERE, Document, DocumentError, Place, Section, suggestion
 from sfglab.fleet.fleet_file.model import (
     AgentSpec,
     Fleet,
@@ -18,21 +17,15 @@ from sfglab.fleet.fleet_file.reading import MAX_DOMAIN, load_fleet, read_fleet
 
 __all__ = [
     "MAX_DOMAIN",
-    "NOWHERE",
     "AgentSpec",
-    "Document",
-    "DocumentError",
     "Fleet",
     "FrameSpec",
     "FrameTree",
     "NameUse",
-    "Place",
-    "Section",
     "SensorSpec",
     "StreamSpec",
     "TopicUse",
     "UnknownAgentError",
     "load_fleet",
     "read_fleet",
-    "suggestion",
 ]

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from sfglab.documents import NOWHERE, Place, suggestion
 from sfglab.errors import SfglabError
 from sfglab.fleet.address import BusAddress
-from sfglab.fleet.fleet_file.document import NOWHERE, Place, suggestion
 from sfglab.fleet.routing import Policy
 from sfglab.fleet.routing.frames import SHARED_FRAMES
 

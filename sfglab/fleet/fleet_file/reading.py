@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sfglab.fleet.fleet_file.document import Document, DocumentError, Place, Section, suggestion
+from sfglab.documents import Document, DocumentError, Place, Section, suggestion
 from sfglab.fleet.fleet_file.model import (
     AgentSpec,
     Fleet,
@@ -60,12 +60,7 @@ def load_fleet(path: Path | str) -> Fleet:
     Raises:
         DocumentError: The file cannot be read or is not a fleet; says where, what is given and allowed.
     """
-    path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DocumentError(Place(file=str(path)), str(error), "a fleet file in UTF-8") from error
-    return read_fleet(text, str(path))
+    return _read(Document.of_file(Path(path), "a fleet file in UTF-8"))
 
 
 def read_fleet(text: str, file: str = "fleet.yaml") -> Fleet:
@@ -78,7 +73,11 @@ def read_fleet(text: str, file: str = "fleet.yaml") -> Fleet:
     Raises:
         DocumentError: It is not a fleet; says where, what is given and what is allowed.
     """
-    top = Document(text, file).section()
+    return _read(Document(text, file))
+
+
+def _read(document: Document) -> Fleet:
+    top = document.section()
     border = top.section("global")
     interface = border.text("interface", None)
     policy, places = _policy(top)

@@ -1,27 +1,30 @@
-"""YAML that remembers where everything stands, read key by key.
+"""YAML files that people write, read key by key and strictly, with the line of every mistake.
 
 Knows files, lines and key paths, and says for every refusal what was given and what is allowed. Refuses to
-know what a fleet is.
+know what a file is about: fleets, topics, graphs.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any
+from enum import Enum
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    import pathlib
+    from collections.abc import Iterable, Iterator
 
     import yaml
 
-__all__ = ["NOWHERE", "Document", "DocumentError", "Path", "Place", "Section", "suggestion"]
+__all__ = ["NOWHERE", "Document", "DocumentError", "KeyPath", "Place", "Section", "suggestion"]
 
-Path = tuple[str | int, ...]
+KeyPath = tuple[str | int, ...]
 """Keys and list positions from the top of a document."""
 
+_Choice = TypeVar("_Choice", bound=Enum)
 _REQUIRED: Any = object()
 
 
@@ -67,9 +70,9 @@ class DocumentError(SfglabError, ValueError):
         return f"{self.place}: {given}, allowed: {self.allowed}"
 
 
-def suggestion(word: str, known: Mapping[str, Any] | set[str] | tuple[str, ...]) -> str:
+def suggestion(word: object, known: Iterable[str]) -> str:
     """Return ``; did you mean 'x'?`` for the closest known word, or nothing when none is close."""
-    close = get_close_matches(word, list(known), n=1, cutoff=0.6)
+    close = get_close_matches(str(word), list(known), n=1, cutoff=0.6)
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
@@ -92,12 +95,15 @@ class Document:
         import yaml
 
         self.file = file
-        self._lines: dict[Path, int] = {(): 1}
+        self._lines: dict[KeyPath, int] = {(): 1}
         loader = yaml.SafeLoader(text)
         try:
             node = loader.get_single_node()
             self.value = None if node is None else self._read(loader, node, ())
-        except yaml.YAMLError as error:
+        except DocumentError:
+            raise
+        # A scalar that looks like a date and is none is a ValueError.
+        except (yaml.YAMLError, ValueError, RecursionError) as error:
             mark = getattr(error, "problem_mark", None)
             place = Place(file=file, line=mark.line + 1 if mark else 0)
             problem = getattr(error, "problem", None) or str(error)
@@ -105,7 +111,24 @@ class Document:
         finally:
             loader.dispose()
 
-    def place(self, path: Path) -> Place:
+    @classmethod
+    def of_file(cls, path: pathlib.Path, what: str = "a readable text file") -> Document:
+        """Read a file.
+
+        Args:
+            path: Where it is.
+            what: What it should be, for messages.
+
+        Raises:
+            DocumentError: It cannot be read, or is not YAML.
+        """
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise DocumentError(Place(file=str(path)), str(error), what) from error
+        return cls(text, str(path))
+
+    def place(self, path: KeyPath) -> Place:
         """Return where a value stands; of what is missing, where its nearest holder does."""
         known = path
         while known not in self._lines:
@@ -120,7 +143,7 @@ class Document:
         """
         return Section(self, (), self.value)
 
-    def _read(self, loader: yaml.SafeLoader, node: yaml.Node, path: Path) -> Any:
+    def _read(self, loader: yaml.SafeLoader, node: yaml.Node, path: KeyPath) -> Any:
         import yaml
 
         self._lines[path] = node.start_mark.line + 1
@@ -131,7 +154,7 @@ class Document:
         return loader.construct_object(node)
 
     def _read_pairs(
-        self, loader: yaml.SafeLoader, node: yaml.MappingNode, path: Path
+        self, loader: yaml.SafeLoader, node: yaml.MappingNode, path: KeyPath
     ) -> Iterator[tuple[str, Any]]:
         seen: set[str] = set()
         for key, value in node.value:
@@ -147,7 +170,7 @@ class Document:
             yield key.value, content
 
 
-def _key_text(path: Path) -> str:
+def _key_text(path: KeyPath) -> str:
     text = ""
     for part in path:
         if isinstance(part, int):
@@ -169,7 +192,7 @@ class Section:
         DocumentError: It is not a mapping.
     """
 
-    def __init__(self, document: Document, path: Path, value: Any) -> None:
+    def __init__(self, document: Document, path: KeyPath, value: Any) -> None:
         self._document = document
         self._path = path
         self._known: set[str] = set()
@@ -242,6 +265,31 @@ class Section:
             raise self.refusal(key, value, "a number above zero")
         return float(value)
 
+    def number(
+        self, key: str, default: Any = _REQUIRED, *, low: float = 0.0, high: float = float("inf")
+    ) -> Any:
+        """Return a finite number from one bound, included, to another, excluded, or the default.
+
+        Raises:
+            DocumentError: It is no number, or is out of range.
+        """
+        value = self.get(key, default)
+        if key not in self._values:
+            return value
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value < high:
+            upper = "" if high == float("inf") else f", below {high:g}"
+            raise self.refusal(key, value, f"a finite number from {low:g}{upper}")
+        return float(value)
+
+    def choice(self, key: str, default: _Choice) -> _Choice:
+        """Return the member of an enumeration whose value stands there, or the default.
+
+        Raises:
+            DocumentError: It has no such member.
+        """
+        value = self.text(key, default.value, choices=tuple(member.value for member in type(default)))
+        return type(default)(value)
+
     def flag(self, key: str, default: Any = _REQUIRED) -> Any:
         """Return true or false, or the default where there is neither.
 
@@ -261,7 +309,7 @@ class Section:
         """
         value = self.get(key, list(default))
         if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
-            raise self.refusal(key, value, "a list of texts")
+            raise self.refusal(key, value, "a list of texts (quote numbers)")
         return tuple(value)
 
     def section(self, key: str) -> Section:
