@@ -95,7 +95,7 @@ def test_a_mistake_in_the_file_is_one_line_and_status_1(tmp_path, monkeypatch, c
     assert caught.value.code == 1
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert "bad.yaml: topics./a.size_bytes: given 'big'" in error
+    assert "bad.yaml:2: topics./a.size_bytes: given 'big'" in error
 
 
 def test_help_has_examples_and_every_option():
