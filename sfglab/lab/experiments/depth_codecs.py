@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.lab.claims import How, Measured
+from sfglab.lab.experiments.profiles import ConfigError, of_profile
 from sfglab.lab.figures import COLORS, house_style
 from sfglab.lab.progress import progress_bar
 from sfglab.lab.sources import open_source
@@ -28,7 +29,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["NAME", "CodingRow", "Config", "figures", "load_codings", "measure_claims", "run", "summary"]
+__all__ = [
+    "NAME",
+    "CodingRow",
+    "Config",
+    "ConfigError",
+    "figures",
+    "load_codings",
+    "measure_claims",
+    "run",
+    "summary",
+]
 
 NAME = "depth_codecs"
 CODECS: dict[str, dict[str, Any]] = {
@@ -57,8 +68,24 @@ class Config:
 
     @classmethod
     def of_profile(cls, profile: str, *, source: str = "stereo", seed: int = 0) -> Config:
-        """Return the configuration of a profile."""
-        return cls(frames={"smoke": 6, "quick": 40, "paper": 1200}[profile], source=source, seed=seed)
+        """Return the configuration of a profile.
+
+        Args:
+            profile: ``smoke``, ``quick`` or ``paper``.
+            source: Source of frames with depth.
+            seed: Seed of everything that is drawn.
+
+        Raises:
+            ConfigError: There is no such profile.
+        """
+        return of_profile(_PROFILES, profile, source=source, seed=seed)
+
+
+_PROFILES = {
+    "smoke": Config(frames=6),
+    "quick": Config(frames=40),
+    "paper": Config(frames=1200),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

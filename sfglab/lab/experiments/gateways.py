@@ -6,12 +6,12 @@ bent, and the edges across the boundary of the paper's example in its three stag
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import SfglabError
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.claims import How, Measured
+from sfglab.lab.experiments.profiles import ConfigError, of_profile
 from sfglab.lab.figures import house_style
 from sfglab.lab.paths import find_project
 from sfglab.lab.progress import progress_bar
@@ -50,10 +50,6 @@ STAGES = ("all topics in software", "topics in hardware", "topics in hardware, g
 """Fig. 8 b, c and d."""
 
 
-class ConfigError(SfglabError, ValueError):
-    """A configuration that cannot be run."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
     """How much is explored.
@@ -83,9 +79,7 @@ class Config:
         Raises:
             ConfigError: There is no such profile.
         """
-        if profile not in _PROFILES:
-            raise ConfigError(f"profile: given {profile!r}, allowed are {', '.join(_PROFILES)}")
-        return replace(_PROFILES[profile], seed=seed)
+        return of_profile(_PROFILES, profile, seed=seed)
 
 
 _SMALL = (Bound(), Bound(subscribers=2), Bound(calls=2), Bound(port_messages=1), Bound(echoes=False))

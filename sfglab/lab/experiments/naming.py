@@ -15,6 +15,7 @@ import numpy as np
 
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.claims import How, Measured
+from sfglab.lab.experiments.profiles import ConfigError, of_profile
 from sfglab.lab.figures import COLORS, house_style
 from sfglab.lab.stats import Estimate
 from sfglab.names import (
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
 
     from sfglab.names import SchemaNode
 
-__all__ = ["NAME", "Config", "draw_schema", "figures", "load_checks", "measure_claims", "run"]
+__all__ = ["NAME", "Config", "ConfigError", "draw_schema", "figures", "load_checks", "measure_claims", "run"]
 
 NAME = "naming"
 AGENT = "go2"
@@ -76,8 +77,23 @@ class Config:
 
     @classmethod
     def of_profile(cls, profile: str, *, seed: int = 0) -> Config:
-        """Return the configuration of a profile."""
-        return cls(samples={"smoke": 200, "quick": 2000, "paper": 20000}[profile], seed=seed)
+        """Return the configuration of a profile.
+
+        Args:
+            profile: ``smoke``, ``quick`` or ``paper``.
+            seed: Seed of the sample.
+
+        Raises:
+            ConfigError: There is no such profile.
+        """
+        return of_profile(_PROFILES, profile, seed=seed)
+
+
+_PROFILES = {
+    "smoke": Config(samples=200),
+    "quick": Config(samples=2000),
+    "paper": Config(samples=20000),
+}
 
 
 def _random_word(rng: np.random.Generator) -> str:

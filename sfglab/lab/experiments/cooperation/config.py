@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from sfglab.arp.balancing import BalanceInput, balance
 from sfglab.arp.hallway import AREAS, BEAMS_DEG
 from sfglab.arp.methods import METHODS, RATES_HZ
-from sfglab.errors import SfglabError
+from sfglab.lab.experiments.profiles import ConfigError, of_profile
 from sfglab.rtps import Medium
 
 __all__ = ["DEPTHS", "OPTIMUM", "Config", "ConfigError", "Point", "Setting", "points_of", "setting_of"]
@@ -23,10 +23,6 @@ _TOPICS = (len(BEAMS_DEG) + 1,) * len(AREAS)  # eight beams and one result each
 
 
 _MEDIUM = Medium()
-
-
-class ConfigError(SfglabError, ValueError):
-    """A configuration that cannot be run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,9 +99,7 @@ class Config:
         Raises:
             ConfigError: There is no such profile.
         """
-        if profile not in _PROFILES:
-            raise ConfigError(f"profile: given {profile!r}, allowed are {', '.join(_PROFILES)}")
-        return replace(_PROFILES[profile], seed=seed)
+        return of_profile(_PROFILES, profile, seed=seed)
 
 
 def points_of(config: Config) -> list[Point]:

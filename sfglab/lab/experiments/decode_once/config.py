@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from sfglab.errors import SfglabError
+from sfglab.lab.experiments.profiles import ConfigError, of_profile
 
 __all__ = ["Config", "ConfigError", "Stage"]
-
-
-class ConfigError(SfglabError, ValueError):
-    """A configuration that cannot be run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,9 +69,7 @@ class Config:
         Raises:
             ConfigError: There is no such profile.
         """
-        if profile not in _PROFILES:
-            raise ConfigError(f"profile: given {profile!r}, allowed are {', '.join(_PROFILES)}")
-        config = replace(_PROFILES[profile], seed=seed)
+        config = of_profile(_PROFILES, profile, seed=seed)
         stages = tuple(replace(s, source=source) if s.codec == "h264" else s for s in config.stages)
         return replace(config, stages=stages)
 

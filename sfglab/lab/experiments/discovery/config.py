@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-from sfglab.errors import SfglabError
+from sfglab.lab.experiments.profiles import ConfigError, of_profile
 
 __all__ = ["PROFILES", "ROUTED", "STANDARD", "Config", "ConfigError", "Scale", "Stage"]
 
 STANDARD, ROUTED = "standard", "routed"
-
-
-class ConfigError(SfglabError, ValueError):
-    """A configuration that cannot be run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,9 +90,7 @@ class Config:
         Raises:
             ConfigError: There is no such profile.
         """
-        if profile not in PROFILES:
-            raise ConfigError(f"profile: given {profile!r}, allowed are {', '.join(PROFILES)}")
-        return replace(PROFILES[profile], seed=seed)
+        return of_profile(PROFILES, profile, seed=seed)
 
 
 _FLEETS = (2, 3, 4, 5, 6)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from sfglab.errors import SfglabError
+from sfglab.lab.experiments.profiles import ConfigError, of_profile
 
 __all__ = ["GLASS_PATHS", "PATHS", "Config", "ConfigError"]
 
@@ -13,10 +13,6 @@ PATHS = ("standard", "decoder", "agent", "on_demand")
 
 GLASS_PATHS = ("standard", "decoder", "agent")
 """Those whose steady state is measured as well; the fourth differs from the third in its beginning only."""
-
-
-class ConfigError(SfglabError, ValueError):
-    """A configuration that cannot be run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,9 +54,7 @@ class Config:
         Raises:
             ConfigError: There is no such profile.
         """
-        if profile not in _PROFILES:
-            raise ConfigError(f"profile: given {profile!r}, allowed are {', '.join(_PROFILES)}")
-        return replace(_PROFILES[profile], source=source, seed=seed)
+        return of_profile(_PROFILES, profile, source=source, seed=seed)
 
 
 _PROFILES = {

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-from sfglab.errors import SfglabError
 from sfglab.fleet.discovery.orders import Timing
 from sfglab.fleet.status.schedule import Schedule
+from sfglab.lab.experiments.profiles import ConfigError, of_profile
 
 __all__ = ["Config", "ConfigError"]
-
-
-class ConfigError(SfglabError, ValueError):
-    """A configuration that cannot be run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,9 +64,7 @@ class Config:
         Raises:
             ConfigError: There is no such profile.
         """
-        if profile not in _PROFILES:
-            raise ConfigError(f"profile: given {profile!r}, allowed are {', '.join(_PROFILES)}")
-        return replace(_PROFILES[profile], seed=seed)
+        return of_profile(_PROFILES, profile, seed=seed)
 
 
 def _timing(backoff_s: float) -> Timing:

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from sfglab.errors import SfglabError
+from sfglab.lab.experiments.profiles import ConfigError, of_profile
 
 __all__ = ["Config", "ConfigError"]
-
-
-class ConfigError(SfglabError, ValueError):
-    """A configuration that cannot be run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,9 +44,7 @@ class Config:
         Raises:
             ConfigError: There is no such profile.
         """
-        if profile not in _PROFILES:
-            raise ConfigError(f"profile: given {profile!r}, allowed are {', '.join(_PROFILES)}")
-        return replace(_PROFILES[profile], seed=seed)
+        return of_profile(_PROFILES, profile, seed=seed)
 
 
 _PROFILES = {

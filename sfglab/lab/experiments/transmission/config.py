@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from sfglab.arp.methods import DEPTHS, METHODS, RATES_HZ
-from sfglab.errors import SfglabError
+from sfglab.lab.experiments.profiles import ConfigError, of_profile
 from sfglab.rtps import Medium
 
 __all__ = ["OPT_DEPTH", "Config", "ConfigError", "Point", "grid", "live_cells"]
 
 OPT_DEPTH = "opt"
 """The depth that Eq. 6 gives."""
-
-
-class ConfigError(SfglabError, ValueError):
-    """A configuration that cannot be run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,9 +82,7 @@ class Config:
         Raises:
             ConfigError: There is no such profile.
         """
-        if profile not in _PROFILES:
-            raise ConfigError(f"profile: given {profile!r}, allowed are {', '.join(_PROFILES)}")
-        return replace(_PROFILES[profile], seed=seed)
+        return of_profile(_PROFILES, profile, seed=seed)
 
 
 _PROFILES = {

@@ -1,0 +1,22 @@
+"""Every experiment's profiles: one way to ask for them, one error where there is none."""
+
+from __future__ import annotations
+
+import pytest
+
+from sfglab.lab.experiments import EXPERIMENTS, experiment
+from sfglab.lab.experiments.profiles import ConfigError
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_experiment_has_the_three_profiles_with_the_seed_that_is_asked_for(name):
+    config = experiment(name).Config
+    shortest, *longer = (config.of_profile(profile, seed=7) for profile in ("smoke", "quick", "paper"))
+    assert shortest.seed == 7
+    assert all(other.seed == 7 and other != shortest for other in longer)
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_experiment_refuses_an_unknown_profile_and_names_those_there_are(name):
+    with pytest.raises(ConfigError, match="profile: given 'long', allowed are smoke, quick, paper"):
+        experiment(name).Config.of_profile("long")
