@@ -11,6 +11,7 @@ import pytest
 
 from sfglab.bus.api import MessageInfo
 from sfglab.fleet.routing import Direction, Policy
+from sfglab.lab.checks import CheckRow
 from sfglab.lab.experiments import routing
 from sfglab.lab.experiments.routing.analysis import checks, latencies, load_results, measure_claims
 from sfglab.lab.experiments.routing.config import Config, ConfigError
@@ -28,7 +29,6 @@ from sfglab.lab.experiments.routing.rows import (
     HeardRow,
     LatchedRow,
     PartyRow,
-    PolicyRow,
 )
 from sfglab.lab.experiments.routing.stage import parties_of
 from sfglab.lab.workers.tally import Tally
@@ -94,7 +94,7 @@ def made(path, *, heard=lambda r: r, call=lambda r: r, latched=1, endpoints=(("r
         "endpoint": [
             EndpointRow(seen_by="ground_1", dds_topic=t, kind="publisher", router=r) for t, r in endpoints
         ],
-        "policy": [PolicyRow(check="exact", checked=9, held=policy_held, example="rt/tf")],
+        "policy": [CheckRow(check="exact", checked=9, held=policy_held, example="rt/tf")],
     }
     with LogWriter(path) as log:
         log.write_metadata("config", {"experiment": "routing", "agents": 2})

@@ -1,10 +1,10 @@
-"""The rows that the routing experiment writes into its log, one class a table."""
+"""The rows that the routing experiment writes into its log, one class a table; the policy's are `CheckRow`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["CallRow", "EndpointRow", "HeardRow", "LatchedRow", "PartyRow", "PolicyRow"]
+__all__ = ["CallRow", "EndpointRow", "HeardRow", "LatchedRow", "PartyRow"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,20 +110,3 @@ class LatchedRow:
     source: str
     hearer: str
     received: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PolicyRow:
-    """How often a property of the policy was checked, and how often it held.
-
-    Attributes:
-        check: The property.
-        checked: Names it was checked on.
-        held: Names on which it held.
-        example: A name on which it did not; else one on which it did.
-    """
-
-    check: str
-    checked: int
-    held: int
-    example: str

@@ -11,13 +11,14 @@ import numpy as np
 from sfglab.bus.userdata import entries
 from sfglab.fleet.routing import Crossing, Direction, Policy, Side
 from sfglab.fleet.routing.plan import ROUTER_KEY
+from sfglab.lab.checks import CheckRow
 from sfglab.lab.experiments.routing.probes import (
     in_table_1,
     near_miss_dds_names,
     random_dds_names,
     service_names,
 )
-from sfglab.lab.experiments.routing.rows import CallRow, EndpointRow, HeardRow, LatchedRow, PolicyRow
+from sfglab.lab.experiments.routing.rows import CallRow, EndpointRow, HeardRow, LatchedRow
 from sfglab.lab.experiments.routing.stage import GLOBAL_DOMAIN, Stage, parties_of
 from sfglab.lab.progress import progress_bar
 from sfglab.lab.testbed import Testbed
@@ -159,7 +160,7 @@ def _endpoint_rows(stage: Stage, told: dict[str, dict[str, Any]]) -> Iterator[En
                 yield EndpointRow(seen_by=party, dds_topic=dds, kind=kind, router=router)
 
 
-def policy_rows(config: Config) -> list[PolicyRow]:
+def policy_rows(config: Config) -> list[CheckRow]:
     """Return the policy's own checks, exact and without anything running."""
     rng = np.random.default_rng(config.seed)
     fqns = list(all_standard_fqns(AGENT))
@@ -167,17 +168,17 @@ def policy_rows(config: Config) -> list[PolicyRow]:
     drawn = list(random_dds_names(config.random_names, rng=rng))
     every = [*standard, *near_miss_dds_names(), *drawn]
     return [
-        _policy_row("a name crosses exactly if Table 1 names it, both ways", every, _as_table_1),
-        _policy_row("a message is heard in the domains that Eq. 1 says", every, _as_eq_1),
-        _policy_row("near misses of Table 1 stay", list(near_miss_dds_names()), _stays),
-        _policy_row("a standard name crosses whole if it is global, else not at all", fqns, _crosses_by_scope),
+        _check_row("a name crosses exactly if Table 1 names it, both ways", every, _as_table_1),
+        _check_row("a message is heard in the domains that Eq. 1 says", every, _as_eq_1),
+        _check_row("near misses of Table 1 stay", list(near_miss_dds_names()), _stays),
+        _check_row("a standard name crosses whole if it is global, else not at all", fqns, _crosses_by_scope),
     ]
 
 
-def _policy_row(check: str, names: list[_Name], holds: Callable[[_Name], bool]) -> PolicyRow:
+def _check_row(check: str, names: list[_Name], holds: Callable[[_Name], bool]) -> CheckRow:
     failed = [name for name in names if not holds(name)]
     example = str((failed or names)[0])
-    return PolicyRow(check=check, checked=len(names), held=len(names) - len(failed), example=example)
+    return CheckRow(check=check, checked=len(names), held=len(names) - len(failed), example=example)
 
 
 def _as_table_1(name: str) -> bool:
