@@ -8,13 +8,13 @@ from __future__ import annotations
 import asyncio
 import sys
 import time
-from contextlib import AsyncExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from sfglab.fleet.address import BusAddress
 from sfglab.fleet.decoder.app import DecoderConfig
 from sfglab.fleet.decoder.streams import routes_of_topic
+from sfglab.lab.staging import Staged
 from sfglab.lab.workers.camera import CameraConfig
 from sfglab.lab.workers.process import LineProcess, WorkerError
 from sfglab.lab.workers.viewer import ViewerConfig
@@ -22,7 +22,6 @@ from sfglab.names import Component, Resource, RosFqnBuilder, Scope, Stream
 
 if TYPE_CHECKING:
     from pathlib import Path
-    from types import TracebackType
 
     from sfglab.lab.experiments.decode_once.config import Config, Stage
     from sfglab.lab.testbed import Testbed
@@ -60,7 +59,7 @@ class View:
     report: dict[str, Any]
 
 
-class Running:
+class Running(Staged):
     """A stage whose processes run; an async context manager that ends them.
 
     Args:
@@ -76,10 +75,10 @@ class Running:
     """
 
     def __init__(self, config: Config, stage: Stage, testbed: Testbed) -> None:
+        super().__init__()
         self._config = config
         self._stage = stage
         self._testbed = testbed
-        self._stack = AsyncExitStack()
         self._viewers: list[LineProcess] = []
         self._decoder: LineProcess
         self._camera: LineProcess
@@ -98,19 +97,6 @@ class Running:
         """Process ids that a mode needs on the consumer host."""
         viewers = tuple(v.pid for v in self._viewers)
         return viewers + self._decoder_pids if mode == "proxy" else viewers
-
-    async def __aenter__(self) -> Self:
-        try:
-            await self._start()
-        except BaseException:
-            await self._stack.aclose()
-            raise
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        await self._stack.aclose()
 
     async def _start(self) -> None:
         count = max(self._stage.counts + self._stage.network_counts)

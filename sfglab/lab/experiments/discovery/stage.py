@@ -11,7 +11,7 @@ import asyncio
 import sys
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from sfglab.fleet.address import BusAddress
 from sfglab.fleet.discovery.app import DiscoveryConfig
@@ -20,12 +20,12 @@ from sfglab.fleet.routing.app import RouterConfig
 from sfglab.fleet.status.app import StatusConfig
 from sfglab.fleet.status.provider import StatusSettings
 from sfglab.lab.experiments.discovery.config import ROUTED
+from sfglab.lab.staging import Staged
 from sfglab.lab.workers.process import LineProcess
 from sfglab.lab.workers.rosnodes import RosNodesConfig
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable
-    from types import TracebackType
 
     from sfglab.lab.experiments.discovery.config import Config
     from sfglab.lab.testbed import Testbed
@@ -63,7 +63,7 @@ class Cell:
     repeat: int
 
 
-class Fleet:
+class Fleet(Staged):
     """A fleet whose processes are loaded and idle; an async context manager that ends them.
 
     Args:
@@ -76,6 +76,7 @@ class Fleet:
     """
 
     def __init__(self, cell: Cell, config: Config, testbed: Testbed) -> None:
+        super().__init__()
         self.hosts = host_names(cell.agents)
         self._cell = cell
         self._config = config
@@ -93,22 +94,6 @@ class Fleet:
     def component_pids(self) -> tuple[int, ...]:
         """Process ids of routers, status providers and discoverers."""
         return tuple(process.pid for processes in self._components for process in processes)
-
-    async def __aenter__(self) -> Self:
-        try:
-            await self._load()
-        except BaseException:
-            await self._close()
-            raise
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        await self._close()
-
-    async def _close(self) -> None:
-        await asyncio.gather(*(process.close() for process in self._started))
 
     def signal(self) -> tuple[int, int]:
         """Start everything; return when the signal began and when all had been given it (Unix time, ns)."""
@@ -149,7 +134,8 @@ class Fleet:
             if len(found) == len(self.hosts) - 1:
                 return int(event["t_ns"])
 
-    async def _load(self) -> None:
+    async def _start(self) -> None:
+        self._stack.push_async_callback(self._close)
         for number, host in enumerate(self.hosts, start=1):
             nodes, components = await self._launch_host(number, host)
             self._nodes.append(nodes)
@@ -158,6 +144,9 @@ class Fleet:
             await nodes.expect("ready", timeout_s=_LOAD_S)
             for component in components:
                 await component.expect("idle", timeout_s=_LOAD_S)
+
+    async def _close(self) -> None:
+        await asyncio.gather(*(process.close() for process in self._started))
 
     async def _launch_host(self, number: int, host: str) -> tuple[LineProcess, list[LineProcess]]:
         nodes = await self._launch(host, "nodes", ["sfglab.lab.workers.rosnodes", self._nodes_config(number)])

@@ -18,9 +18,9 @@ from __future__ import annotations
 import asyncio
 import sys
 import time
-from contextlib import AsyncExitStack, suppress
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from sfglab.fleet.address import BusAddress
 from sfglab.fleet.decoder.app import DecoderConfig
@@ -28,14 +28,13 @@ from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.fleet.keeper.app import KeeperConfig
 from sfglab.fleet.routing.app import RouterConfig
 from sfglab.lab.hosts.host import interface_bytes
+from sfglab.lab.staging import Staged
 from sfglab.lab.workers.camera import CameraConfig
 from sfglab.lab.workers.process import LineProcess, WorkerError
 from sfglab.lab.workers.viewer import ViewerConfig
 from sfglab.names import Component, Resource, RosFqnBuilder, Scope, Stream
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from sfglab.lab.experiments.latency.config import Config
     from sfglab.lab.testbed import Testbed
 
@@ -57,7 +56,7 @@ def stream_topic(path: str) -> str:
     return str(builder.stream(Stream.COLOR).resource(Resource.FFMPEG).build())
 
 
-class Running:
+class Running(Staged):
     """The experiment's processes; an async context manager that ends them.
 
     Args:
@@ -72,9 +71,9 @@ class Running:
     """
 
     def __init__(self, config: Config, testbed: Testbed) -> None:
+        super().__init__()
         self._config = config
         self._testbed = testbed
-        self._stack = AsyncExitStack()
         self._processes: dict[str, LineProcess] = {}
         self._hearings: list[asyncio.Task[Any]] = []
         self._open_paths: dict[str, int] = {}
@@ -83,19 +82,6 @@ class Running:
         self._gop = 0
         self.sent: list[tuple[int, int, int]] = []
         self.replays: list[tuple[int, int]] = []
-
-    async def __aenter__(self) -> Self:
-        try:
-            await self._start()
-        except BaseException:
-            await self._stack.aclose()
-            raise
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        await self._stack.aclose()
 
     async def _start(self) -> None:
         for name, (host, module, config) in self._modules().items():

@@ -11,16 +11,16 @@ import contextlib
 import os
 import sys
 import time
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.fleet.address import BusAddress
 from sfglab.lab.experiments.lifecycle.rows import BeatRow, FaultRow, MoveRow, QueryRow
+from sfglab.lab.staging import Staged
 from sfglab.lab.workers.process import LineProcess, WorkerError
 
 if TYPE_CHECKING:
     import signal
     from collections.abc import Awaitable, Callable
-    from types import TracebackType
 
     from sfglab.lab.testbed import Testbed
     from sfglab.record import LogWriter
@@ -86,7 +86,7 @@ class Member:
             await self.process.expect("", timeout_s=1e6)
 
 
-class Crew:
+class Crew(Staged):
     """The processes of a run on the hosts of a testbed; an async context manager that ends them.
 
     Args:
@@ -94,15 +94,14 @@ class Crew:
     """
 
     def __init__(self, testbed: Testbed) -> None:
+        super().__init__()
         self._testbed = testbed
         self._members: list[Member] = []
 
-    async def __aenter__(self) -> Self:
-        return self
+    async def _start(self) -> None:
+        self._stack.push_async_callback(self._close)
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def _close(self) -> None:
         await asyncio.gather(*(member.close() for member in self._members))
 
     def address(self, host: str) -> BusAddress:

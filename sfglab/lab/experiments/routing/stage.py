@@ -7,20 +7,18 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from contextlib import AsyncExitStack
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from sfglab.fleet.address import BusAddress
 from sfglab.fleet.routing.app import RouterConfig
 from sfglab.lab.experiments.routing.probes import in_table_1, service_names, topics
 from sfglab.lab.experiments.routing.rows import PartyRow
+from sfglab.lab.staging import Staged
 from sfglab.lab.workers.party import PartyConfig, TopicUse
 from sfglab.lab.workers.process import LineProcess
 from sfglab.names import dds_topic
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from sfglab.lab.experiments.routing.config import Config
     from sfglab.lab.experiments.routing.probes import Topic
     from sfglab.lab.testbed import Testbed
@@ -40,7 +38,7 @@ def parties_of(config: Config) -> tuple[PartyRow, ...]:
     return (*agents, *(PartyRow(party=name, domain=GLOBAL_DOMAIN, host=name) for name in OTHERS))
 
 
-class Stage:
+class Stage(Staged):
     """Everybody's processes; an async context manager that starts and ends them.
 
     Args:
@@ -53,26 +51,13 @@ class Stage:
     """
 
     def __init__(self, config: Config, testbed: Testbed) -> None:
+        super().__init__()
         self.parties = parties_of(config)
         agents = [p.party for p in self.parties if p.domain != GLOBAL_DOMAIN]
         self.topics: tuple[Topic, ...] = tuple(topics(agents, OTHERS, busy=config.busy))
         self._config = config
         self._testbed = testbed
-        self._stack = AsyncExitStack()
         self._talkers: dict[str, LineProcess] = {}
-
-    async def __aenter__(self) -> Self:
-        try:
-            await self._start()
-        except BaseException:
-            await self._stack.aclose()
-            raise
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        await self._stack.aclose()
 
     async def talk(self, seconds: float) -> dict[str, int]:
         """Let everybody talk, and return how many rounds of messages each has sent when all is quiet.

@@ -12,14 +12,14 @@ import os
 import sys
 import tempfile
 import time
-from contextlib import AsyncExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfglab.lab.hosts import Network
+from sfglab.lab.staging import Staged
 from sfglab.lab.workers.flowplay import PartFlow
 from sfglab.lab.workers.process import LineProcess
 from sfglab.lab.workers.robotparts import PartsConfig
@@ -28,8 +28,6 @@ from sfglab.rtps import Fate, Flow, FlowOutcome, Medium, Outcome
 from sfglab.rtps.sizes import data_bytes
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from numpy.typing import NDArray
 
     from sfglab.lab.hosts import RadioCounters
@@ -93,7 +91,7 @@ def hosts_of(scenario: Scenario) -> tuple[str, ...]:
     return tuple(dict.fromkeys(host for flow in scenario.flows for host in (flow.source, flow.target)))
 
 
-class LiveStage:
+class LiveStage(Staged):
     """Hosts on a radio with a process each, for one scenario after the other; an async context manager.
 
     Args:
@@ -104,30 +102,11 @@ class LiveStage:
     """
 
     def __init__(self, *hosts: str) -> None:
+        super().__init__()
         self._names = hosts
-        self._stack = AsyncExitStack()
         self._network = Network()
         self._parts: dict[str, LineProcess] = {}
         self._delay_s: float | None = None
-
-    async def __aenter__(self) -> Self:
-        try:
-            self._stack.enter_context(self._network)
-            for name in self._names:
-                self._network.add_host(name)
-            self._network.set_radio(QUIET)
-            for name in self._names:
-                await self._start(name)
-            await self._all("ready", timeout_s=START_S)
-        except BaseException:
-            await self._stack.aclose()
-            raise
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        await self._stack.aclose()
 
     async def play(self, scenario: Scenario, *, seed: int) -> Played:
         """Play a scenario, in real time; before the first one, the hosts' own delay is measured.
@@ -174,7 +153,16 @@ class LiveStage:
             refused=sum(report["refused"] for report in reports.values()),
         )
 
-    async def _start(self, name: str) -> None:
+    async def _start(self) -> None:
+        self._stack.enter_context(self._network)
+        for name in self._names:
+            self._network.add_host(name)
+        self._network.set_radio(QUIET)
+        for name in self._names:
+            await self._launch(name)
+        await self._all("ready", timeout_s=START_S)
+
+    async def _launch(self, name: str) -> None:
         host = self._network.hosts[name]
         config = PartsConfig(host=name, interface=host.interface, domain_id=0)
         command = (sys.executable, "-m", "sfglab.lab.workers.robotparts", config.to_json())
