@@ -80,7 +80,6 @@ class Channel:
     acked_at_heartbeat: int = 0
     armed: bool = False
     interval: int = 0
-    last_heartbeat: float = 0
     value: int = 0
     change_at: float = 0
     sent_value: int = -1
@@ -188,12 +187,7 @@ class SimpyModel:
 
     def send_data(self, channel: Channel, sample: int) -> None:
         """Send a sample, with a heartbeat where the vendor does that."""
-        after = self.vendor.piggyback_after_ns
-        rides = (self.vendor.piggyback_when_full and channel.last - channel.acked >= channel.depth) or (
-            after >= 0 and self.env.now - channel.last_heartbeat >= after
-        )
-        if rides:
-            channel.last_heartbeat = self.env.now
+        rides = self.vendor.piggyback_when_full and channel.last - channel.acked >= channel.depth
         self.counts["data"] += 1
         self.enqueue(channel.flow.source, (DATA, channel, sample, rides, channel.first_kept, channel.last))
 
@@ -203,7 +197,6 @@ class SimpyModel:
         channel.armed = False
         if channel.acked >= channel.last:
             return
-        channel.last_heartbeat = self.env.now
         self.enqueue(channel.flow.source, (HEARTBEAT, channel, 0, False, channel.first_kept, channel.last))
         stuck = channel.acked == channel.acked_at_heartbeat
         longer = min(2 * channel.interval, self.vendor.heartbeat_max_ns)

@@ -274,7 +274,7 @@ def _answer_s(vendor: Vendor) -> float:
 def _spacing_s(vendor: Vendor) -> float:
     if vendor.prompt or vendor.piggyback_when_full:
         return 0.0
-    return (vendor.piggyback_after_ns if vendor.piggyback_after_ns >= 0 else vendor.heartbeat_ns) / 1e9
+    return vendor.heartbeat_ns / 1e9
 
 
 def _mean_frame_s(data_s: NDArray[np.float64], acknack_s: NDArray[np.float64]) -> NDArray[np.float64]:

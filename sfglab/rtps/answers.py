@@ -48,12 +48,12 @@ _SOURCE, _TARGET, _SERVER, _READER_DEPTH, _SIZE = (
     int(FlowColumn.SIZE_BYTES),
 )
 _C_DATA, _C_REPEATED = int(Count.DATA), int(Count.REPEATED)
-_T_NACK, _T_ACK, _T_MOST, _T_REORDER, _T_BURST = (
+_T_BURST, _T_NACK, _T_ACK, _T_MOST, _T_REORDER = (
+    int(TimingColumn.BURST_BYTES),
     int(TimingColumn.NACK_DELAY_NS),
     int(TimingColumn.ACK_DELAY_NS),
     int(TimingColumn.NACK_MOST),
     int(TimingColumn.REORDER_MOST),
-    int(TimingColumn.BURST_BYTES),
 )
 
 

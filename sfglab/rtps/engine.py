@@ -84,11 +84,10 @@ _CHANGE, _CACHED, _SILENCE, _SERVICE, _COMPARE, _KEEPS_ACKED = (
     int(FlowColumn.COMPARE_NS),
     int(FlowColumn.KEEPS_ACKED),
 )
-_T_HB, _T_HB_MAX, _T_FULL, _T_AFTER = (
+_T_HB, _T_HB_MAX, _T_FULL = (
     int(TimingColumn.HEARTBEAT_NS),
     int(TimingColumn.HEARTBEAT_MAX_NS),
     int(TimingColumn.PIGGYBACK_WHEN_FULL),
-    int(TimingColumn.PIGGYBACK_AFTER_NS),
 )
 _T_NACK, _T_ACK, _T_RESPONSE = (
     int(TimingColumn.NACK_DELAY_NS),
@@ -162,7 +161,7 @@ def _held_back(world: Any, now: int, flow: int, value: int) -> bool:
 
 
 @compiled
-def _piggybacks(world: Any, now: int, flow: int) -> bool:
+def _piggybacks(world: Any, flow: int) -> bool:
     timing, depth, last = world.timing, world.flows[flow, _DEPTH], world.writer[flow, W_LAST]
     if timing[_T_FULL]:
         # Without late joiners to keep it for, what is acknowledged leaves the history.
@@ -171,16 +170,13 @@ def _piggybacks(world: Any, now: int, flow: int) -> bool:
             return True
         if depth == 0 and last - world.writer[flow, W_ACKED] >= timing[_T_UNACKED]:
             return True
-    after = timing[_T_AFTER]
-    if timing[_T_PROMPT]:
-        return True
-    return bool(after >= 0 and now - world.writer[flow, W_LAST_HB] >= after)
+    return bool(timing[_T_PROMPT])
 
 
 @compiled
 def _send_data(world: Any, now: int, flow: int, sample: int) -> None:
     reliable = world.flows[flow, _RELIABLE]
-    rides = 1 if reliable and _piggybacks(world, now, flow) else 0
+    rides = 1 if reliable and _piggybacks(world, flow) else 0
     if rides:
         world.writer[flow, W_LAST_HB] = now
         if now - world.writer[flow, W_WROTE_AT] < world.timing[_T_FINAL]:

@@ -222,7 +222,6 @@ def _timing(scenario: Scenario) -> np.ndarray:
         TimingColumn.HEARTBEAT_NS: vendor.heartbeat_ns,
         TimingColumn.HEARTBEAT_MAX_NS: vendor.heartbeat_max_ns,
         TimingColumn.PIGGYBACK_WHEN_FULL: int(vendor.piggyback_when_full),
-        TimingColumn.PIGGYBACK_AFTER_NS: vendor.piggyback_after_ns,
         TimingColumn.NACK_DELAY_NS: vendor.nack_delay_ns,
         TimingColumn.ACK_DELAY_NS: vendor.ack_delay_ns,
         TimingColumn.NACK_RESPONSE_NS: vendor.nack_response_ns,

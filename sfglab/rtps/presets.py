@@ -13,7 +13,6 @@ __all__ = ["CYCLONE_DDS", "FAST_DDS", "PRESETS", "Vendor", "VendorError"]
 
 MS = 1_000_000
 S = 1_000_000_000
-NEVER_NS = -1
 
 
 class VendorError(SfglabError, ValueError):
@@ -31,7 +30,6 @@ class Vendor:
             `heartbeat_ns` where it does not.
         piggyback_when_full: A heartbeat travels with each sample while the writer's history is full: of samples
             that are unacknowledged, and with TRANSIENT_LOCAL durability of any.
-        piggyback_after_ns: A heartbeat travels with a sample when the last one is this old; -1: never.
         nack_delay_ns: From the first heartbeat that shows a gap to the reader's request.
         ack_delay_ns: From a heartbeat that shows no gap to the reader's acknowledgement.
         nack_response_ns: From a request to the writer's repair.
@@ -53,7 +51,6 @@ class Vendor:
     heartbeat_ns: int
     heartbeat_max_ns: int
     piggyback_when_full: bool
-    piggyback_after_ns: int
     nack_delay_ns: int
     ack_delay_ns: int
     nack_response_ns: int
@@ -84,7 +81,6 @@ FAST_DDS = Vendor(
     heartbeat_ns=3 * S,
     heartbeat_max_ns=3 * S,
     piggyback_when_full=True,
-    piggyback_after_ns=NEVER_NS,
     nack_delay_ns=5 * MS,
     ack_delay_ns=5 * MS,
     nack_response_ns=5 * MS,
@@ -100,7 +96,6 @@ CYCLONE_DDS = Vendor(
     heartbeat_ns=100 * MS,
     heartbeat_max_ns=8 * S,
     piggyback_when_full=False,
-    piggyback_after_ns=5 * MS,
     nack_delay_ns=100 * MS,
     ack_delay_ns=10 * MS,
     nack_response_ns=0,

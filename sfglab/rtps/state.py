@@ -136,7 +136,7 @@ class TimingColumn(IntEnum):
     HEARTBEAT_NS = 0
     HEARTBEAT_MAX_NS = 1
     PIGGYBACK_WHEN_FULL = 2
-    PIGGYBACK_AFTER_NS = 3
+    BURST_BYTES = 3
     NACK_DELAY_NS = 4
     ACK_DELAY_NS = 5
     NACK_RESPONSE_NS = 6
@@ -152,7 +152,6 @@ class TimingColumn(IntEnum):
     PROMPT = 14
     FINAL_NS = 15
     REORDER_MOST = 16
-    BURST_BYTES = 17
 
 
 class Params(NamedTuple):

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 __all__ = ["cyclone_xml"]
 
 _NAMESPACE = "https://cdds.io/config"
+_LEAST_NS = 5_000_000
+"""HeartbeatInterval's `min`, Cyclone's default; the model does not reckon with it."""
+
 _SCHEDULED_LEAST_NS = 20_000_000
 """HeartbeatInterval's `minsched`, Cyclone's default."""
 
@@ -47,7 +50,7 @@ def cyclone_xml(plan: Plan) -> str:
         root,
         "Domain/Internal/HeartbeatInterval",
         _duration(vendor.heartbeat_ns),
-        min=_duration(max(vendor.piggyback_after_ns, 0)),
+        min=_duration(_LEAST_NS),
         minsched=_duration(min(_SCHEDULED_LEAST_NS, vendor.heartbeat_ns)),
         max=_duration(vendor.heartbeat_max_ns),
     )
