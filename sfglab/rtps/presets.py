@@ -1,6 +1,7 @@
 """What a vendor's RELIABLE writer and reader do when: the model's constants, with their sources.
 
-Times are the vendors' defaults. What a default does in the protocol stands in `engine`.
+Times are the vendors' defaults. What a default does in the protocol stands in `writer`, `reader` and
+`answers`.
 """
 
 from __future__ import annotations
