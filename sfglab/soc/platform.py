@@ -42,7 +42,8 @@ class Platform:
         bytes_per_s: Rate at which a message is carried, bytes/s.
         carriage_s: Fixed time of one carriage of a software-mapped topic, s.
         gateway_s: Fixed time of one carriage through a gateway, s.
-        gateway_lut: Look-up tables of one gateway.
+        gateway_lut: Look-up tables of one gateway; ours takes 654, 702 and 688 with 2, 4 and 8 subscribers
+            (`sfglab.soc.rtl.gateway_area`, in the log of the experiment `transfer`).
         gateway_bram: Block memories of one gateway.
     """
 
@@ -52,7 +53,7 @@ class Platform:
     bytes_per_s: float
     carriage_s: float
     gateway_s: float
-    gateway_lut: int = 285
+    gateway_lut: int = 690
     gateway_bram: float = 0.0
 
     def __post_init__(self) -> None:

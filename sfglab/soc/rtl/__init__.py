@@ -2,13 +2,17 @@
 
 Bottom up: `control` (generated from the core's table), `memif` (master of the memory interface), `topic` (turns
 and broadcast), `mover` (chunk buffer and data path), `core` (the gateway); around it `bench` (clocked
-surroundings), `law` (cycles of messages), `synthesis` (Verilog, LUT and FF), `proof` (properties).
+surroundings), `law` (cycles of messages), `synthesis` (Verilog, LUT and FF), `proof` (properties). Beside it
+what it spares: `arbiter` (turns at the memory interface), `readers` (nodes that all read), `shared` (their
+cycles); `check` has the laws of both beside the memory model, as rows.
 Needs the extra `rtl`; nothing else of sfglab imports it.
 """
 
 from __future__ import annotations
 
+from sfglab.soc.rtl.arbiter import Arbiter
 from sfglab.soc.rtl.bench import Bench, Delays
+from sfglab.soc.rtl.check import LawCheck, MemoryPath, PathCycles, check_law, path_cycles, path_law
 from sfglab.soc.rtl.control import Control, drive_code, input_code, state_code
 from sfglab.soc.rtl.core import Answer, Call, Gateway
 from sfglab.soc.rtl.law import (
@@ -20,12 +24,32 @@ from sfglab.soc.rtl.law import (
     model_cycles,
     simulate_transfer,
 )
-from sfglab.soc.rtl.proof import PROPERTIES, control_is_safe
-from sfglab.soc.rtl.synthesis import GatewayArea, YosysError, gateway_area, gateway_verilog, yosys_is_there
+from sfglab.soc.rtl.memif import MemoryPort
+from sfglab.soc.rtl.proof import ARBITER_PROPERTIES, PROPERTIES, arbiter_is_fair, control_is_safe
+from sfglab.soc.rtl.shared import (
+    Reading,
+    ReadingCycles,
+    measured_readers_law,
+    measured_writer_law,
+    model_reading_cycles,
+    simulate_readers,
+)
+from sfglab.soc.rtl.synthesis import (
+    ArbiterArea,
+    GatewayArea,
+    YosysError,
+    arbiter_area,
+    gateway_area,
+    gateway_verilog,
+    yosys_is_there,
+)
 
 __all__ = [
+    "ARBITER_PROPERTIES",
     "PROPERTIES",
     "Answer",
+    "Arbiter",
+    "ArbiterArea",
     "Bench",
     "Call",
     "Control",
@@ -34,16 +58,31 @@ __all__ = [
     "Gateway",
     "GatewayArea",
     "HardwareError",
+    "LawCheck",
+    "MemoryPath",
+    "MemoryPort",
+    "PathCycles",
+    "Reading",
+    "ReadingCycles",
     "Transfer",
     "TransferCycles",
     "YosysError",
+    "arbiter_area",
+    "arbiter_is_fair",
+    "check_law",
     "control_is_safe",
     "drive_code",
     "gateway_area",
     "gateway_verilog",
     "input_code",
     "measured_law",
+    "measured_readers_law",
+    "measured_writer_law",
     "model_cycles",
+    "model_reading_cycles",
+    "path_cycles",
+    "path_law",
+    "simulate_readers",
     "simulate_transfer",
     "state_code",
     "yosys_is_there",

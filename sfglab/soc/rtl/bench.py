@@ -23,12 +23,14 @@ if TYPE_CHECKING:
     from sfglab.soc.rtl.memif import MemoryPort
     from sfglab.soc.rtl.topic import Stream
 
-__all__ = ["OUTPUT_WORD", "OWN_HMT", "OWN_SMT", "Bench", "Delays", "SlowMemory"]
+__all__ = ["OUTPUT_WORD", "OWN_HMT", "OWN_SMT", "WORD_FACTOR", "Bench", "Delays", "SlowMemory"]
 
 OWN_SMT, OWN_HMT = 0x5_0001, 0x4_0001
 """Ids of the core on both topics."""
 OUTPUT_WORD = 0
 """Word of the memory at which the output message begins; the message to forward follows it."""
+WORD_FACTOR = 0x9E37_79B9_7F4A_7C15
+"""Word i of a message in memory is i times this: all differ, in every part."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,7 +134,7 @@ class Bench(Elaboratable):
     ) -> None:
         self.gateway = Gateway(subscribers)
         size = 1 << (2 * words - 1).bit_length()
-        content = [word * 0x9E37_79B9_7F4A_7C15 % (1 << ADDRESS_BITS) for word in range(size)]
+        content = [WORD_FACTOR * word % (1 << ADDRESS_BITS) for word in range(size)]
         self.memory = SlowMemory(self.gateway.mover.master.port, content, delays)
         self.received = [Memory(shape=ADDRESS_BITS, depth=size, init=[]) for _ in range(subscribers)]
         self.cycles = Signal(32)

@@ -20,11 +20,17 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 __all__ = [
+    "CHUNK_BYTES",
     "LAW_CHUNKS",
+    "PERIOD_S",
+    "STEP_CYCLES",
+    "WORD_BYTES",
     "CycleLaw",
     "HardwareError",
     "Transfer",
     "TransferCycles",
+    "compare_words",
+    "law_through",
     "measured_law",
     "model_cycles",
     "simulate_transfer",
@@ -32,10 +38,14 @@ __all__ = [
 
 LAW_CHUNKS = (2, 8)
 """Sizes from which a law is made."""
-_WORD_BYTES = ADDRESS_BITS // 8
-_CHUNK_BYTES = CHUNK_WORDS * _WORD_BYTES
-_STEP_CYCLES = 64
-_PERIOD_S = 10e-9
+WORD_BYTES = ADDRESS_BITS // 8
+"""Of a word."""
+CHUNK_BYTES = CHUNK_WORDS * WORD_BYTES
+"""Of the longest request."""
+STEP_CYCLES = 64
+"""How often a simulation looks whether it is through."""
+PERIOD_S = 10e-9
+"""Of the simulated clock."""
 
 
 class HardwareError(SfglabError, RuntimeError):
@@ -62,9 +72,9 @@ class Transfer:
 
     def __post_init__(self) -> None:
         """Refuse what the gateway cannot carry."""
-        if self.message_bytes <= 0 or self.message_bytes % _WORD_BYTES:
+        if self.message_bytes <= 0 or self.message_bytes % WORD_BYTES:
             raise HardwareError(
-                f"transfer of {self.message_bytes} B: must be a multiple of {_WORD_BYTES} above 0"
+                f"transfer of {self.message_bytes} B: must be a multiple of {WORD_BYTES} above 0"
             )
         if self.subscribers < 0 or not 0 <= self.stalled < 8 or self.delays.read < 0 or self.delays.write < 1:
             raise HardwareError(
@@ -99,7 +109,7 @@ class CycleLaw:
 
     def cycles(self, message_bytes: int) -> float:
         """Return the cycles of a message; a last chunk that is not full counts as if it were."""
-        return self.fixed_cycles + self.chunk_cycles * -(-message_bytes // _CHUNK_BYTES)
+        return self.fixed_cycles + self.chunk_cycles * -(-message_bytes // CHUNK_BYTES)
 
     def seconds(self, message_bytes: int, clock_hz: float = 100e6) -> float:
         """Return the seconds of a message."""
@@ -119,7 +129,7 @@ def simulate_transfer(transfer: Transfer) -> TransferCycles:
     """
     from amaranth.sim import Simulator
 
-    words = transfer.message_bytes // _WORD_BYTES
+    words = transfer.message_bytes // WORD_BYTES
     bench = Bench(
         transfer.subscribers,
         words,
@@ -128,14 +138,14 @@ def simulate_transfer(transfer: Transfer) -> TransferCycles:
         stalled=transfer.stalled,
     )
     simulator = Simulator(bench)
-    simulator.add_clock(_PERIOD_S)
+    simulator.add_clock(PERIOD_S)
     found: list[int] = []
     slack = 8 * (words + CHUNK_WORDS) * (2 + transfer.stalled + transfer.subscribers)
     limit = slack + (words // CHUNK_WORDS + 2) * (transfer.delays.read + transfer.delays.write)
 
     async def watch(ctx: Any) -> None:
-        for _ in range(limit // _STEP_CYCLES):
-            await ctx.delay(_STEP_CYCLES * _PERIOD_S)
+        for _ in range(limit // STEP_CYCLES):
+            await ctx.delay(STEP_CYCLES * PERIOD_S)
             if ctx.get(bench.through):
                 found.append(_checked(ctx, bench, transfer))
                 return
@@ -155,17 +165,24 @@ def measured_law(subscribers: int, *, from_software: bool, delays: Delays | None
         from_software: From memory to the stream, else from the stream to memory.
         delays: Of the memory.
     """
-    few, many = (
-        simulate_transfer(
-            Transfer(
-                message_bytes=chunks * _CHUNK_BYTES,
-                subscribers=subscribers,
-                from_software=from_software,
-                delays=delays or Delays(),
-            )
-        ).cycles
-        for chunks in LAW_CHUNKS
+    return law_through(
+        [
+            simulate_transfer(
+                Transfer(
+                    message_bytes=chunks * CHUNK_BYTES,
+                    subscribers=subscribers,
+                    from_software=from_software,
+                    delays=delays or Delays(),
+                )
+            ).cycles
+            for chunks in LAW_CHUNKS
+        ]
     )
+
+
+def law_through(cycles: Sequence[int]) -> CycleLaw:
+    """Return the law through the cycles of messages of `LAW_CHUNKS` chunks."""
+    few, many = cycles
     chunk_cycles = (many - few) / (LAW_CHUNKS[1] - LAW_CHUNKS[0])
     return CycleLaw(fixed_cycles=few - LAW_CHUNKS[0] * chunk_cycles, chunk_cycles=chunk_cycles)
 
@@ -185,19 +202,29 @@ def model_cycles(message_bytes: int, *, from_software: bool, memory: MemoryInter
 
 def _checked(ctx: Any, bench: Bench, transfer: Transfer) -> int:
     """Return the cycles of a transfer whose words all arrived."""
-    words = transfer.message_bytes // _WORD_BYTES
+    words = transfer.message_bytes // WORD_BYTES
     memory = bench.memory.content.data
     if transfer.from_software:
         wanted = [ctx.get(memory[words + i]) for i in range(words)]
     else:
         wanted = [0x1001 + i for i in range(words)]
-        _compare([ctx.get(memory[OUTPUT_WORD + i]) for i in range(words)], wanted, "output message")
+        compare_words([ctx.get(memory[OUTPUT_WORD + i]) for i in range(words)], wanted, "output message")
     for place, received in enumerate(bench.received):
-        _compare([ctx.get(received.data[i]) for i in range(words)], wanted, f"subscriber {place}")
+        compare_words([ctx.get(received.data[i]) for i in range(words)], wanted, f"subscriber {place}")
     return int(ctx.get(bench.cycles))
 
 
-def _compare(given: Sequence[int], wanted: Sequence[int], place: str) -> None:
+def compare_words(given: Sequence[int], wanted: Sequence[int], place: str) -> None:
+    """Compare words that arrived.
+
+    Args:
+        given: The words.
+        wanted: What they must be.
+        place: Where they arrived.
+
+    Raises:
+        HardwareError: One is wrong.
+    """
     if given != wanted:
         wrong = next(i for i, pair in enumerate(zip(given, wanted, strict=True)) if pair[0] != pair[1])
         raise HardwareError(f"{place}, word {wrong}: {given[wrong]:#x}, must be {wanted[wrong]:#x}")

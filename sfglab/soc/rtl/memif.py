@@ -23,6 +23,7 @@ class MemoryPort:
     """The wires between a master and the memory; (m) the master drives, (s) the memory.
 
     Attributes:
+        request: (m) The master waits for its turn.
         grant: (s) The interface is this master's turn.
         command: (m) A command stands here: `write` and `words` count.
         write: (m) The request writes.
@@ -35,9 +36,11 @@ class MemoryPort:
         write_ready: (s) The memory takes it.
         write_data: (m) The word.
         response: (s) All words of a write have arrived.
+        complete: (m) The request is through, the interface free from the next cycle on.
     """
 
     def __init__(self) -> None:
+        self.request = Signal()
         self.grant = Signal()
         self.command = Signal()
         self.write = Signal()
@@ -50,6 +53,7 @@ class MemoryPort:
         self.write_ready = Signal()
         self.write_data = Signal(ADDRESS_BITS)
         self.response = Signal()
+        self.complete = Signal()
 
 
 class MemoryMaster(Elaboratable):
@@ -92,6 +96,7 @@ class MemoryMaster(Elaboratable):
         ]
         with m.FSM():
             with m.State("TURN"):
+                m.d.comb += port.request.eq(self.start)
                 m.d.sync += self.index.eq(0)
                 with m.If(self.start & port.grant):
                     m.next = "COMMAND"
@@ -113,7 +118,7 @@ class MemoryMaster(Elaboratable):
             with m.State("RESPONSE"), m.If(port.response):
                 m.next = "COMPLETE"
             with m.State("COMPLETE"):
-                m.d.comb += self.done.eq(1)
+                m.d.comb += [port.complete.eq(1), self.done.eq(1)]
                 m.next = "TURN"
         return m
 

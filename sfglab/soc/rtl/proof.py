@@ -1,26 +1,31 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""Properties of the core's control that hold for ever, by k-induction over the hardware itself.
+"""Properties of the core's control and of the arbiter that hold for ever, by k-induction over the hardware.
 
-The watcher stands beside the control and counts what the delegate owes. Assumed of the surroundings: the
-delegate answers only what it was asked. Knows safety of the control; refuses to know liveness (that is the
-exploration's: `sfglab.soc.gateway.explore`) and the data path.
+A watcher stands beside the control and counts what the delegate owes, another beside the arbiter and remembers
+who was served while one waits. Assumed of the surroundings: the delegate answers only what it was asked; a
+master waits until it is served. Knows safety; refuses to know liveness (the control's is the exploration's:
+`sfglab.soc.gateway.explore`) and the data path.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from amaranth import Elaboratable, Module, Signal
+from amaranth import Cat, Elaboratable, Module, Signal
 from amaranth.hdl import Assert, Assume
 
 from sfglab.soc.gateway import TABLE, Drive, Input, State
+from sfglab.soc.rtl.arbiter import Arbiter
 from sfglab.soc.rtl.control import Control, input_code, state_code
+from sfglab.soc.rtl.memif import MemoryPort
 from sfglab.soc.rtl.synthesis import run_yosys
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sfglab.soc.gateway.core import Table
 
-__all__ = ["PROPERTIES", "control_is_safe"]
+__all__ = ["ARBITER_PROPERTIES", "PROPERTIES", "arbiter_is_fair", "control_is_safe"]
 
 PROPERTIES = (
     "the state register holds a state",
@@ -29,7 +34,14 @@ PROPERTIES = (
     "the core stores a message only if the last one is published",
     "the core sends only a message that it holds",
 )
-"""What is proved, as text."""
+"""What is proved of the control, as text."""
+ARBITER_PROPERTIES = (
+    "only a master that waits is granted, and one at a time",
+    "nothing is granted while a request is under way",
+    "whenever the interface is free and a master waits, one is granted",
+    "while a master waits, no other is granted twice",
+)
+"""What is proved of the arbiter, as text."""
 _REQUESTED = (
     State.POLL_OSIF,
     State.POLL_HMT,
@@ -131,10 +143,83 @@ def control_is_safe(table: Table = TABLE, depth: int = 4) -> bool:
     Raises:
         YosysError: Yosys is missing or failed.
     """
+    watched = _Watched(table)
+    return _proved(watched, [watched.control.given, watched.control.value, watched.control.state], depth)
+
+
+class _WatchedArbiter(Elaboratable):
+    """The arbiter with a watcher, and what is assumed and asserted of them."""
+
+    def __init__(self, arbiter: Arbiter) -> None:
+        self.arbiter = arbiter
+        count = len(arbiter.masters)
+        self._waited, self._under = Signal(count), Signal(count)
+        self._passed = [Signal(count, name=f"passed{place}") for place in range(count)]
+
+    def elaborate(self, _platform: object) -> Any:
+        """Return the logic."""
+        m = Module()
+        m.submodules.arbiter = arbiter = self.arbiter
+        request, grant, complete = (
+            Cat(getattr(port, name) for port in arbiter.masters) for name in ("request", "grant", "complete")
+        )
+        m.d.comb += Assume((self._waited & ~request) == 0)
+        m.d.sync += [
+            self._waited.eq(request & ~grant),
+            self._under.eq((self._under & ~complete) | grant),
+        ]
+        for place, passed in enumerate(self._passed):
+            waits = (request & ~grant)[place]
+            m.d.sync += passed.eq((passed | grant) & waits.replicate(len(grant)))
+            m.d.comb += Assert((passed & grant) == 0)
+        free = ~self._under.any() & arbiter.memory.grant
+        m.d.comb += [
+            Assert((grant & ~request) == 0),
+            Assert((grant & (grant - 1)) == 0),
+            Assert(grant.any() == (free & request.any())),
+        ]
+        self._claims(m)
+        return m
+
+    def _claims(self, m: Any) -> None:
+        """Assert for induction what the turn says: those served stand between who waits and the turn."""
+        count, arbiter = len(self._passed), self.arbiter
+        m.d.comb += Assert(self._under == arbiter.turn & arbiter.busy.replicate(count))
+        with m.Switch(arbiter.turn):
+            for turn in range(count):
+                with m.Case(1 << turn):
+                    for place, passed in enumerate(self._passed):
+                        beyond = [
+                            j
+                            for j in range(count)
+                            if (j - place) % count > (turn - place) % count or j == place
+                        ]
+                        m.d.comb += Assert(~Cat(passed[j] for j in beyond).any())
+                        m.d.comb += Assert(self._waited[place] | ~passed.any())
+            with m.Default():
+                m.d.comb += Assert(0)
+
+
+def arbiter_is_fair(masters: int, depth: int = 4) -> bool:
+    """Prove `ARBITER_PROPERTIES` for every sequence of requests, however long.
+
+    Args:
+        masters: How many share the interface.
+        depth: At most this many steps of induction.
+
+    Returns:
+        Whether all hold; False: a sequence of requests breaks one, or induction needs more steps.
+
+    Raises:
+        YosysError: Yosys is missing or failed.
+    """
+    arbiter = Arbiter([MemoryPort() for _ in range(masters)])
+    return _proved(_WatchedArbiter(arbiter), arbiter.wires, depth)
+
+
+def _proved(watched: Any, ports: Sequence[Any], depth: int) -> bool:
     from amaranth.back import rtlil
 
-    watched = _Watched(table)
-    ports = [watched.control.given, watched.control.value, watched.control.state]
     design = str(rtlil.convert(watched, ports=ports, emit_src=False))
     script = ["prep -flatten -top top", "async2sync", "chformal -lower", "opt -full"]
     prove = f"sat -prove-asserts -set-assumes -set-init-zero -set rst 0 -tempinduct -maxsteps {depth}"

