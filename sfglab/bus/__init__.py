@@ -6,6 +6,21 @@ against the protocols in `sfglab.bus.api`.
 
 from __future__ import annotations
 
+from sfglab.bus.actions import (
+    ActionClient,
+    ActionServer,
+    ActionServerGoneError,
+    CancelCode,
+    CancelResponse,
+    ClientGoalHandle,
+    GoalRejectedError,
+    GoalResponse,
+    GoalResult,
+    GoalStatus,
+    GoalTransitionError,
+    ServerGoalHandle,
+    UnknownGoalError,
+)
 from sfglab.bus.api import (
     EndpointAdded,
     EndpointEvent,
@@ -34,8 +49,14 @@ from sfglab.bus.service import Client, Service
 from sfglab.bus.subscription import Subscription
 
 __all__ = [
+    "ActionClient",
+    "ActionServer",
+    "ActionServerGoneError",
     "BusError",
+    "CancelCode",
+    "CancelResponse",
     "Client",
+    "ClientGoalHandle",
     "ClosedError",
     "DiscoveryTimeoutError",
     "DomainConfig",
@@ -45,6 +66,11 @@ __all__ = [
     "EndpointInfo",
     "EndpointKind",
     "EndpointRemoved",
+    "GoalRejectedError",
+    "GoalResponse",
+    "GoalResult",
+    "GoalStatus",
+    "GoalTransitionError",
     "Graph",
     "InvalidMessageError",
     "MessageInfo",
@@ -53,8 +79,10 @@ __all__ = [
     "PublishError",
     "Publisher",
     "ReceiveTimeoutError",
+    "ServerGoalHandle",
     "Service",
     "ServiceTimeoutError",
     "Subscription",
+    "UnknownGoalError",
     "WrongTypeError",
 ]

@@ -10,9 +10,15 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from sfglab.qos import DEFAULT, QoSProfile
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from sfglab.bus.actions import ActionClient, ActionServer, ActionServerOptions
+    from sfglab.bus.actions.engine import ExecuteCallback
 
 __all__ = [
     "Callback",
@@ -309,6 +315,18 @@ class Node(Protocol):
 
     def create_client(self, type_: str, name: str) -> Client:
         """Create a client."""
+
+    def create_action_server(
+        self,
+        type_: str,
+        name: str,
+        execute_callback: ExecuteCallback,
+        **options: Unpack[ActionServerOptions],
+    ) -> ActionServer:
+        """Create an action's server."""
+
+    def create_action_client(self, type_: str, name: str) -> ActionClient:
+        """Create an action's client."""
 
     def create_timer(self, period_s: float, callback: Callable[[], Awaitable[None] | None]) -> Timer:
         """Create a timer."""

@@ -93,8 +93,8 @@ class Signal:
         finally:
             self._waiters.pop(waiter, None)
 
-    async def wait_until(self, predicate: Callable[[], bool], timeout_s: float) -> bool:
-        """Return True once the predicate holds, False when it did not within `timeout_s`."""
+    async def wait_until(self, predicate: Callable[[], bool], timeout_s: float | None) -> bool:
+        """Return True once the predicate holds, False when it did not within `timeout_s`; None: no limit."""
         try:
             async with asyncio.timeout(timeout_s):
                 while not predicate():

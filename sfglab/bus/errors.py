@@ -12,6 +12,8 @@ BusError
 ├── ServiceTimeoutError        a service did not answer in time
 └── WrongTypeError             a message of another type than the topic's
 ```
+
+Actions have more of them, in `sfglab.bus.actions`.
 """
 
 from __future__ import annotations

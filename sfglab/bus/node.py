@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
 from sfglab import names
+from sfglab.bus.actions import ActionClient, ActionServer
 from sfglab.bus.bridge import Signal
 from sfglab.bus.clock import SystemClock, Timer
 from sfglab.bus.core import Core
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
     from typing import Unpack
 
+    from sfglab.bus.actions import ActionServerOptions
+    from sfglab.bus.actions.engine import ExecuteCallback
     from sfglab.bus.api import Callback, Handler, MessageType, Transport
     from sfglab.bus.calls import OnError
     from sfglab.bus.graph import Graph
@@ -198,6 +201,34 @@ class Node:
             name: Absolute, relative or private.
         """
         return Client(self, self._core, type_, name=self._resolve(name))
+
+    def create_action_server(
+        self,
+        type_: str,
+        name: str,
+        execute_callback: ExecuteCallback,
+        **options: Unpack[ActionServerOptions],
+    ) -> ActionServer:
+        """Create an action's server.
+
+        Args:
+            type_: The action's name, e.g. "sfglab_interfaces/action/FollowTrajectory".
+            name: Absolute, relative or private.
+            execute_callback: Plain or async: given a `ServerGoalHandle`, does what is asked and returns a
+                result; see `ActionServer`.
+            options: See `ActionServerOptions`; without a `cancel_callback` goals cannot be canceled.
+        """
+        name = self._resolve(name)
+        return ActionServer(self, self._core, type_, name=name, execute=execute_callback, **options)
+
+    def create_action_client(self, type_: str, name: str) -> ActionClient:
+        """Create an action's client.
+
+        Args:
+            type_: The action's name, e.g. "sfglab_interfaces/action/FollowTrajectory".
+            name: Absolute, relative or private.
+        """
+        return ActionClient(self, self._core, type_, name=self._resolve(name))
 
     def create_timer(self, period_s: float, callback: Callable[[], Awaitable[None] | None]) -> Timer:
         """Create a timer.

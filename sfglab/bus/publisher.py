@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import copy
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sfglab.bus.errors import ClosedError, DiscoveryTimeoutError, WrongTypeError
@@ -66,6 +67,12 @@ class Publisher:
         self._topic, self._type = topic
         self._changed = changed
         self._closed = False
+
+    def without_node(self) -> Publisher:
+        """Return this publisher as something that the node itself may run with: it keeps no node alive."""
+        twin = copy.copy(self)
+        vars(twin)["_node"] = None
+        return twin
 
     @property
     def topic_name(self) -> str:

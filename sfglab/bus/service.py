@@ -99,8 +99,11 @@ def _dotted(data: bytes) -> str:
 class _Server:
     """Answers requests, each in a task of its own; apart from `Service` so that it never holds the node."""
 
-    def __init__(self, handler: Handler, request: type[Any], response: str) -> None:
+    def __init__(
+        self, handler: Handler, request: type[Any], response: str, answered: Callable[[Any], None] | None
+    ) -> None:
         self.pair: _Pair | None = None
+        self._answered = answered
         self._handler = handler
         self._request = request
         self._response = response
@@ -110,7 +113,8 @@ class _Server:
         self.pair.calls.spawn(self._answer(self.pair, frame, publisher_gid))
 
     async def _answer(self, pair: _Pair, frame: ServiceFrame, publisher_gid: bytes) -> None:
-        response = self._handler(deserialize(frame.cdr, self._request))
+        request = deserialize(frame.cdr, self._request)
+        response = self._handler(request)
         if inspect.isawaitable(response):
             response = await response
         checked_type(response, type_=self._response, where=pair.name)
@@ -118,18 +122,30 @@ class _Server:
         # A client can know the server before the server knows it; an answer sent then is lost.
         await pair.changed.wait_until(lambda: prefix in pair.writer.matched_prefixes, _CLIENT_TIMEOUT_S)
         pair.send(frame._replace(cdr=serialize(response)))
+        if self._answered is not None:
+            self._answered(request)
 
 
 class Service:
     """A service's server; made by `Node.create_service`.
 
     Requests are handled concurrently, in the order of their arrival. A handler that raises is reported and
-    answers nothing, so its client runs into its timeout.
+    answers nothing, so its client runs into its timeout. `answered`, for actions, is given each request once
+    its response is sent.
     """
 
-    def __init__(self, node: Any, core: Core, type_: str, *, name: str, handler: Handler) -> None:
+    def __init__(  # noqa: PLR0913 - what makes a service, and one thing that only actions need
+        self,
+        node: Any,
+        core: Core,
+        type_: str,
+        *,
+        name: str,
+        handler: Handler,
+        answered: Callable[[Any], None] | None = None,
+    ) -> None:
         service = service_type(type_)
-        server = _Server(handler, service.request, type_name(service.response))
+        server = _Server(handler, service.request, type_name(service.response), answered)
         server.pair = self._pair = _Pair(core, type_, name, server=True, on_frame=server.on_frame)
         self._node = node  # keeps the node alive for as long as its service is held
         core.own(self._pair)
@@ -184,12 +200,16 @@ class Client:
         if not await self._pair.changed.wait_until(self.service_is_ready, timeout_s):
             raise DiscoveryTimeoutError(f"service {self._pair.name!r}: a server", timeout_s=timeout_s)
 
-    async def call(self, request: Any, timeout_s: float = 5.0) -> Any:
+    async def wait_until_gone(self) -> None:
+        """Return once no server can be called, at once if there is none now."""
+        await self._pair.changed.wait_until(lambda: not self.service_is_ready(), None)
+
+    async def call(self, request: Any, timeout_s: float | None = 5.0) -> Any:
         """Return the server's response, waiting first for a server if there is none yet.
 
         Args:
             request: A message of the service's request type.
-            timeout_s: For server and response together, in seconds.
+            timeout_s: For server and response together, in seconds; None waits for ever.
 
         Raises:
             ServiceTimeoutError: No server, or no response in time: it is gone, slow, or its handler failed.
@@ -202,14 +222,14 @@ class Client:
         checked_type(request, type_=self._request_type, where=name)
         start_s = self._core.loop.time()
         if not await self._pair.changed.wait_until(self.service_is_ready, timeout_s):
-            raise ServiceTimeoutError(name, timeout_s=timeout_s, reason="no server was found")
-        remaining_s = timeout_s - (self._core.loop.time() - start_s)
+            raise ServiceTimeoutError(name, timeout_s=timeout_s or 0.0, reason="no server was found")
+        remaining_s = timeout_s and timeout_s - (self._core.loop.time() - start_s)
         try:
             async with asyncio.timeout(remaining_s):
                 frame = await self._exchange(serialize(request))
         except TimeoutError as error:
             reason = "the server did not respond" if self.service_is_ready() else "the server has gone"
-            raise ServiceTimeoutError(name, timeout_s=timeout_s, reason=reason) from error
+            raise ServiceTimeoutError(name, timeout_s=timeout_s or 0.0, reason=reason) from error
         return deserialize(frame.cdr, self._response)
 
     def close(self) -> None:

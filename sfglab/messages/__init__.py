@@ -6,6 +6,8 @@ files under `interfaces/`). `sfglab.messages.dds` makes the types for Cyclone DD
 
 from __future__ import annotations
 
+from sfglab.messages.action_text import ActionTextError
+from sfglab.messages.actions import ActionType, action_type, register_action
 from sfglab.messages.cdr import (
     CdrError,
     decoder,
@@ -32,6 +34,8 @@ from sfglab.messages.store import (
 from sfglab.messages.typenames import TypeNameError, dds_type_name, ros_type_name
 
 __all__ = [
+    "ActionTextError",
+    "ActionType",
     "CdrError",
     "RowTypeError",
     "ServiceFrame",
@@ -41,6 +45,7 @@ __all__ = [
     "TypeConflictError",
     "TypeNameError",
     "UnknownTypeError",
+    "action_type",
     "dds_type_name",
     "decoder",
     "decoder_from_definition",
@@ -51,6 +56,7 @@ __all__ = [
     "message_type",
     "message_types",
     "ns_from_stamp",
+    "register_action",
     "ros_type_name",
     "row_message",
     "row_type",

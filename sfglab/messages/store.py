@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import difflib
 import functools
+import itertools
+import re
 import threading
 from dataclasses import dataclass
 from importlib import resources
@@ -15,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.errors import SfglabError
+from sfglab.messages.action_text import action_texts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -35,6 +38,7 @@ __all__ = [
 ]
 
 _RULE = "=" * 80
+_FOLDER = re.compile("/(?:srv|action)/")
 _sources: dict[str, str] = {}
 _lock = threading.RLock()
 
@@ -71,7 +75,7 @@ class ServiceType:
     """A service as a pair of message types.
 
     Attributes:
-        name: Such as `std_srvs/srv/Empty`.
+        name: Such as `std_srvs/srv/Empty`, or one of an action's, such as `pkg/action/Name_SendGoal`.
         request: The type of requests; a dataclass with `__msgtype__`.
         response: The type of responses; a dataclass with `__msgtype__`.
     """
@@ -93,19 +97,22 @@ def parse_definition(name: str, text: str) -> Typesdict:
     """
     from rosbags.typesys import get_types_from_msg
 
-    # rosbags files everything under /msg/ and wants the last line to end.
-    (_, first), *rest = get_types_from_msg(text.rstrip() + "\n", name).items()
+    # rosbags files everything under /msg/, where short names are looked for, and wants the last line to end.
+    filed = _FOLDER.sub("/msg/", name)
+    (_, first), *rest = get_types_from_msg(text.rstrip() + "\n", filed).items()
     return {name: first, **dict(rest)}
 
 
 def _parts_of_interface(name: str, text: str) -> Iterator[tuple[str, str]]:
-    """Yield the message texts of one `.msg` or `.srv` file, with their full names."""
-    if "/srv/" not in name:
+    """Yield the message texts of one `.msg`, `.srv` or `.action` file, with their full names."""
+    if "/action/" in name:
+        yield from action_texts(name, text).items()
+    elif "/srv/" in name:
+        request, response = text.split("\n---\n")
+        yield f"{name}_Request", request
+        yield f"{name}_Response", response
+    else:
         yield name, text
-        return
-    request, response = text.split("\n---\n")
-    yield f"{name}_Request", request
-    yield f"{name}_Response", response
 
 
 def _shipped_texts() -> Iterator[tuple[str, str]]:
@@ -241,6 +248,8 @@ def definition(type_or_name: type[Any] | str) -> str:
     """
     name = type_name(type_or_name)
     message_type(name)
+    if inner := _action_fields(name):
+        return _wrapped(name, inner)
     dependencies: dict[str, tuple[str, str]] = {}
     text, _ = type_store().gendefhash(name, dependencies, ros_version=2)
     parts = [_sources.get(name, text)]
@@ -248,6 +257,20 @@ def definition(type_or_name: type[Any] | str) -> str:
         short = dependency.replace("/msg/", "/")
         parts.append(f"{_RULE}\nMSG: {short}\n{_sources.get(dependency, generated)}")
     return "".join(part.rstrip("\n") + "\n" for part in parts)
+
+
+def _action_fields(name: str) -> list[str]:
+    """Return the types of a type's message fields if an action's part is among them, else nothing."""
+    fields = type_store().fielddefs[name][1] if "/action/" in name else []
+    inner = [str(desc[1]) for _, desc in fields if isinstance(desc[1], str)]
+    return inner if any("/action/" in type_ for type_ in inner) else []
+
+
+def _wrapped(name: str, inner: list[str]) -> str:
+    """Return the definition of what carries an action's part; rosbags refuses to write the part's name."""
+    rule = f"{_RULE}\n"
+    blocks = [f"MSG: {type_.replace('/msg/', '/')}\n{definition(type_)}".split(rule) for type_ in inner]
+    return rule.join([_sources[name], *dict.fromkeys(itertools.chain.from_iterable(blocks))])
 
 
 def numpy_dtype(base: str) -> np.dtype[Any]:

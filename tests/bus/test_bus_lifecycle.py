@@ -277,6 +277,8 @@ def test_closing_a_publisher_does_not_wait_for_a_reader_that_acknowledges_nothin
             await deaf.hear()
             await publisher.wait_for_subscriptions()
             deaf.process.send_signal(signal.SIGSTOP)
+            # Until it has stopped, it may acknowledge.
+            await until(lambda: psutil.Process(deaf.process.pid).status() == psutil.STATUS_STOPPED)
             publisher.publish(String(data="x"))
             threads, start_s = set(threading.enumerate()), time.monotonic()
             publisher.close()

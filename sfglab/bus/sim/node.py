@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Self, cast
 
 from sfglab import names
+from sfglab.bus.actions import ActionClient, ActionServer
 from sfglab.bus.bridge import Signal
 from sfglab.bus.clock import Timer
 from sfglab.bus.errors import ClosedError
@@ -22,7 +23,10 @@ from sfglab.qos import DEFAULT, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
+    from typing import Unpack
 
+    from sfglab.bus.actions import ActionServerOptions
+    from sfglab.bus.actions.engine import ExecuteCallback
     from sfglab.bus.api import Callback, Handler, MessageType, Transport
     from sfglab.bus.calls import OnError
     from sfglab.bus.core import Core
@@ -156,6 +160,23 @@ class SimNode:
     def create_client(self, type_: str, name: str) -> Client:
         """Create a client; see `sfglab.bus.Node.create_client`."""
         return Client(self, cast("Core", self._core), type_, name=self._resolve(name))
+
+    def create_action_server(
+        self,
+        type_: str,
+        name: str,
+        execute_callback: ExecuteCallback,
+        **options: Unpack[ActionServerOptions],
+    ) -> ActionServer:
+        """Create an action's server; see `sfglab.bus.Node.create_action_server`."""
+        name = self._resolve(name)
+        return ActionServer(
+            self, cast("Core", self._core), type_, name=name, execute=execute_callback, **options
+        )
+
+    def create_action_client(self, type_: str, name: str) -> ActionClient:
+        """Create an action's client; see `sfglab.bus.Node.create_action_client`."""
+        return ActionClient(self, cast("Core", self._core), type_, name=self._resolve(name))
 
     def create_timer(self, period_s: float, callback: Callable[[], Awaitable[None] | None]) -> Timer:
         """Create a timer; see `sfglab.bus.Node.create_timer`."""

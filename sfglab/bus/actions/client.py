@@ -1,0 +1,257 @@
+"""An action's client: asks for goals, listens to what becomes of them, and fetches their results.
+
+Knows requests and answers; how news find their goal is `routing`'s. Refuses to know how long a goal may
+take: whoever waits is woken by its end, by its server's end, or by a timeout of one's own.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import uuid
+from typing import TYPE_CHECKING, Any
+
+from sfglab.bus.actions.errors import ActionServerGoneError, GoalRejectedError, UnknownGoalError
+from sfglab.bus.actions.goals import NO_GOAL_ID, TERMINAL, CancelCode, GoalStatus
+from sfglab.bus.actions.routing import CancelReply, GoalResult, Router, Sent
+from sfglab.bus.actions.wire import (
+    CANCEL_GOAL,
+    FEEDBACK_QOS,
+    STATUS,
+    STATUS_QOS,
+    action_topics,
+    goal_info,
+    read_goal_info,
+    uuid_message,
+)
+from sfglab.bus.errors import BusError, DiscoveryTimeoutError
+from sfglab.bus.publisher import checked_type
+from sfglab.messages import action_type, ns_from_stamp, service_type, type_name
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Coroutine
+
+    from sfglab.bus.actions.routing import FeedbackCallback
+    from sfglab.bus.core import Core
+    from sfglab.bus.service import Client
+    from sfglab.bus.subscription import Subscription
+
+__all__ = ["ActionClient", "ClientGoalHandle"]
+
+
+class ClientGoalHandle:
+    """One accepted goal, at the client that sent it; made by `ActionClient.send_goal`.
+
+    Attributes:
+        goal_id: The goal's 16 bytes.
+        accepted_ns: When the server accepted it, by the server's clock (Unix time, nanoseconds).
+    """
+
+    def __init__(self, client: ActionClient, goal_id: bytes, sent: Sent, accepted_ns: int) -> None:
+        self.goal_id = goal_id
+        self.accepted_ns = accepted_ns
+        self._client = client
+        self._sent = sent
+
+    @property
+    def status(self) -> GoalStatus:
+        """The latest status that is known here; ACCEPTED at least."""
+        return max(self._sent.status, GoalStatus.ACCEPTED)
+
+    async def feedback(self) -> AsyncIterator[Any]:
+        """Yield the feedback until the goal or this client ends; of what waits to be read the newest 100.
+
+        Raises:
+            ActionServerGoneError: The server went away before the end.
+        """
+        sent = self._sent
+        while True:
+            while sent.feedback:
+                yield sent.feedback.popleft()
+            if sent.ended or self._client.closed:
+                return
+            if sent.status in TERMINAL:
+                await self._settle()
+            else:
+                await self._client.unless_gone(self.goal_id, sent.changed.wait_until(self._has_news, None))
+
+    def _has_news(self) -> bool:
+        return bool(self._sent.feedback) or self._sent.status in TERMINAL or self._client.closed
+
+    async def _settle(self) -> None:
+        """Let feedback that is on its way arrive: it and the status are two topics, which have no common order.
+
+        Whoever answers a request has sent the feedback before; only what gets lost and is repaired comes later.
+        """
+        with contextlib.suppress(BusError):
+            await self.result()
+        self._sent.ended = True
+
+    async def result(self, timeout_s: float | None = None) -> GoalResult:
+        """Return how the goal ended, waiting for its end; may be asked more than once.
+
+        Args:
+            timeout_s: How long to wait, in seconds; None: for as long as there is a server.
+
+        Raises:
+            ServiceTimeoutError: The goal did not end in time.
+            ActionServerGoneError: The server went away; asking again may find it back.
+            UnknownGoalError: The server has forgotten the goal.
+        """
+        if self._sent.result is None:
+            self._sent.result = await self._client.result_of(self.goal_id, timeout_s)
+        return self._sent.result
+
+    async def cancel_goal(self, timeout_s: float = 5.0) -> CancelCode:
+        """Ask the server to cancel the goal, and return what it says: NONE means that the goal is CANCELING.
+
+        Args:
+            timeout_s: How long to wait for the answer, in seconds.
+
+        Raises:
+            ServiceTimeoutError: No answer in time.
+        """
+        return (await self._client.cancel_goals(self.goal_id, timeout_s=timeout_s)).code
+
+
+class ActionClient:
+    """An action's client; made by `Node.create_action_client`. Goals may run beside each other."""
+
+    def __init__(self, node: Any, core: Core, type_: str, *, name: str) -> None:
+        action, topics = action_type(type_), action_topics(name)
+        self._name = name
+        self._core = core
+        self._action = action
+        self._router = router = Router(core.calls(f"action client {name!r}"))
+        # In this order: discovery tells a server of readers one after another, and it answers only to whom it
+        # knows to listen for the answer, and begins after that. So by then it knows who listens for feedback.
+        self._topics: tuple[Subscription, ...] = (
+            node.create_subscription(STATUS, topics.status, router.on_status, STATUS_QOS),
+            node.create_subscription(
+                action.feedback_message, topics.feedback, router.on_feedback, FEEDBACK_QOS
+            ),
+        )
+        self._cancel: Client = node.create_client(CANCEL_GOAL, topics.cancel_goal)
+        self._result: Client = node.create_client(action.get_result.name, topics.get_result)
+        self._send: Client = node.create_client(action.send_goal.name, topics.send_goal)
+        core.own(router)
+
+    @property
+    def action_name(self) -> str:
+        """The fully resolved ROS action."""
+        return self._name
+
+    @property
+    def closed(self) -> bool:
+        """Whether the client, or its node, has ended."""
+        return self._router.closed
+
+    def server_is_ready(self) -> bool:
+        """Return whether a server can be asked for goals, and its feedback and statuses heard, now."""
+        services = (self._cancel, self._result, self._send)
+        return all(s.service_is_ready() for s in services) and all(
+            t.get_publisher_count() for t in self._topics
+        )
+
+    async def wait_for_server(self, timeout_s: float = 5.0) -> None:
+        """Return once a server is ready.
+
+        Raises:
+            DiscoveryTimeoutError: There was none within `timeout_s`.
+        """
+        try:
+            async with asyncio.timeout(timeout_s):
+                for service in (self._cancel, self._result, self._send):
+                    await service.wait_for_service(timeout_s)
+                for topic in self._topics:
+                    await topic.wait_for_publishers(timeout_s=timeout_s)
+        except TimeoutError as error:
+            raise DiscoveryTimeoutError(f"action {self._name!r}: a server", timeout_s=timeout_s) from error
+
+    async def send_goal(
+        self, goal: Any, feedback_callback: FeedbackCallback | None = None, timeout_s: float = 5.0
+    ) -> ClientGoalHandle:
+        """Send a goal and return its handle once the server has accepted it.
+
+        Args:
+            goal: A message of the action's goal type.
+            feedback_callback: Plain or async: given each feedback message of this goal.
+            timeout_s: For finding the server, and again for its answer, in seconds.
+
+        Raises:
+            GoalRejectedError: The server does not take it.
+            DiscoveryTimeoutError: There is no server.
+            ServiceTimeoutError: No answer in time. The goal may run all the same; `cancel_goals` ends it.
+            WrongTypeError: The goal is of another type.
+        """
+        checked_type(goal, type_=type_name(self._action.goal), where=self._name)
+        await self.wait_for_server(timeout_s)
+        goal_id = uuid.UUID(bytes=self._core.random_bytes(16), version=4).bytes
+        sent = Sent(self._core.loop, feedback_callback)
+        self._router.open(goal_id, sent)
+        response = None
+        try:
+            request = self._action.send_goal.request(goal_id=uuid_message(goal_id), goal=goal)
+            response = await self._send.call(request, timeout_s)
+        finally:
+            if response is None or not response.accepted:
+                self._router.sent.pop(goal_id, None)
+        if not response.accepted:
+            raise GoalRejectedError(self._name)
+        return ClientGoalHandle(self, goal_id, sent, ns_from_stamp(response.stamp))
+
+    async def cancel_goals(
+        self, goal_id: bytes = NO_GOAL_ID, *, until_ns: int = 0, timeout_s: float = 5.0
+    ) -> CancelReply:
+        """Ask the server to cancel goals, whoever sent them.
+
+        Args:
+            goal_id: One goal; `NO_GOAL_ID`: none in particular.
+            until_ns: All goals that the server accepted until then, by its clock (Unix time, nanoseconds); 0:
+                none for that reason. Without id and time, all goals.
+            timeout_s: How long to wait for the answer, in seconds.
+
+        Raises:
+            ServiceTimeoutError: No answer in time.
+        """
+        request = service_type(CANCEL_GOAL).request(goal_info=goal_info(goal_id, until_ns))
+        response = await self._cancel.call(request, timeout_s)
+        ids = tuple(read_goal_info(info)[0] for info in response.goals_canceling)
+        return CancelReply(code=CancelCode(response.return_code), goal_ids=ids)
+
+    async def result_of(self, goal_id: bytes, timeout_s: float | None = None) -> GoalResult:
+        """Return how a goal ended, whoever sent it; see `ClientGoalHandle.result`."""
+        request = self._action.get_result.request(goal_id=uuid_message(goal_id))
+        response = await self.unless_gone(goal_id, self._result.call(request, timeout_s))
+        status = GoalStatus(response.status)
+        if status is GoalStatus.UNKNOWN:
+            raise UnknownGoalError(self._name, goal_id)
+        self._router.note(goal_id, status)
+        return GoalResult(status=status, result=response.result)
+
+    async def unless_gone(self, goal_id: bytes, what: Coroutine[Any, Any, Any]) -> Any:
+        """Return what a coroutine about a goal returns, unless the server goes away before that.
+
+        Raises:
+            ActionServerGoneError: It did, or there was none.
+        """
+        tasks = asyncio.create_task(what), asyncio.create_task(self._result.wait_until_gone())
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            if not tasks[0].done():
+                raise ActionServerGoneError(self._name, goal_id)
+            return tasks[0].result()
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    def close(self) -> None:
+        """End the client and its pending calls; its goals go on. Again is harmless."""
+        if self.closed:
+            return
+        self._core.disown(self._router)
+        self._router.close()
+        endpoints: tuple[Client | Subscription, ...] = (self._send, self._result, self._cancel, *self._topics)
+        for endpoint in endpoints:
+            endpoint.close()

@@ -1,0 +1,212 @@
+"""The life of goals: which status follows which, and what a server remembers of them.
+
+Knows statuses, events and policies (design.ros2.org, "Actions", goal states; `rcl_action`). Refuses to know
+messages, callbacks, clocks and who asks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum, IntEnum
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from sfglab.bus.actions.errors import GoalTransitionError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = [
+    "NO_GOAL_ID",
+    "TERMINAL",
+    "TRANSITIONS",
+    "CancelCode",
+    "CancelPlan",
+    "Goal",
+    "GoalBook",
+    "GoalEvent",
+    "GoalStatus",
+    "is_allowed",
+    "next_status",
+]
+
+NO_GOAL_ID = bytes(16)
+
+
+class GoalStatus(IntEnum):
+    """Where a goal is in its life; the numbers of `action_msgs/msg/GoalStatus`."""
+
+    UNKNOWN = 0
+    ACCEPTED = 1
+    EXECUTING = 2
+    CANCELING = 3
+    SUCCEEDED = 4
+    CANCELED = 5
+    ABORTED = 6
+
+
+class GoalEvent(Enum):
+    """What happens to a goal on its server."""
+
+    EXECUTE = "execute"
+    CANCEL_GOAL = "cancel_goal"
+    SUCCEED = "succeed"
+    ABORT = "abort"
+    CANCELED = "canceled"
+
+
+class CancelCode(IntEnum):
+    """What came of a request to cancel; the numbers of `action_msgs/srv/CancelGoal`."""
+
+    NONE = 0
+    REJECTED = 1
+    UNKNOWN_GOAL_ID = 2
+    GOAL_TERMINATED = 3
+
+
+# design.ros2.org, "Actions", "Goal States".
+TRANSITIONS: Mapping[tuple[GoalStatus, GoalEvent], GoalStatus] = MappingProxyType(
+    {
+        (GoalStatus.ACCEPTED, GoalEvent.EXECUTE): GoalStatus.EXECUTING,
+        (GoalStatus.ACCEPTED, GoalEvent.CANCEL_GOAL): GoalStatus.CANCELING,
+        (GoalStatus.EXECUTING, GoalEvent.CANCEL_GOAL): GoalStatus.CANCELING,
+        (GoalStatus.EXECUTING, GoalEvent.SUCCEED): GoalStatus.SUCCEEDED,
+        (GoalStatus.EXECUTING, GoalEvent.ABORT): GoalStatus.ABORTED,
+        (GoalStatus.CANCELING, GoalEvent.SUCCEED): GoalStatus.SUCCEEDED,
+        (GoalStatus.CANCELING, GoalEvent.ABORT): GoalStatus.ABORTED,
+        (GoalStatus.CANCELING, GoalEvent.CANCELED): GoalStatus.CANCELED,
+    }
+)
+TERMINAL = frozenset({GoalStatus.SUCCEEDED, GoalStatus.CANCELED, GoalStatus.ABORTED})
+
+
+def is_allowed(status: GoalStatus, event: GoalEvent) -> bool:
+    """Return whether an event may happen to a goal of this status."""
+    return (status, event) in TRANSITIONS
+
+
+def next_status(goal_id: bytes, status: GoalStatus, event: GoalEvent) -> GoalStatus:
+    """Return the status that follows.
+
+    Args:
+        goal_id: Whose, for the error.
+        status: The status before.
+        event: What happens.
+
+    Raises:
+        GoalTransitionError: It may not happen now.
+    """
+    if not is_allowed(status, event):
+        allowed = tuple(e.name for s, e in TRANSITIONS if s is status)
+        raise GoalTransitionError(goal_id, status=status.name, event=event.name, allowed=allowed)
+    return TRANSITIONS[status, event]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Goal:
+    """What a server remembers of a goal.
+
+    Attributes:
+        goal_id: 16 bytes, chosen by the client.
+        accepted_ns: When it was accepted, by the server's clock (Unix time, nanoseconds).
+        status: Its status.
+        ended_ns: When it ended, by a clock of the server that never jumps (nanoseconds); None while it runs.
+    """
+
+    goal_id: bytes
+    accepted_ns: int
+    status: GoalStatus = GoalStatus.ACCEPTED
+    ended_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CancelPlan:
+    """Which goals a request to cancel is about.
+
+    Attributes:
+        code: NONE, or why there are none.
+        goal_ids: The goals that may go to CANCELING, oldest first.
+    """
+
+    code: CancelCode
+    goal_ids: tuple[bytes, ...] = ()
+
+
+class GoalBook:
+    """All goals of one server.
+
+    Args:
+        result_timeout_ns: How long a goal is remembered after its end.
+    """
+
+    def __init__(self, result_timeout_ns: int) -> None:
+        self._timeout_ns = result_timeout_ns
+        self._goals: dict[bytes, Goal] = {}
+
+    def __contains__(self, goal_id: bytes) -> bool:
+        return goal_id in self._goals
+
+    def goals(self) -> tuple[Goal, ...]:
+        """Return all that are remembered, in the order of their acceptance."""
+        return tuple(self._goals.values())
+
+    def status(self, goal_id: bytes) -> GoalStatus:
+        """Return a goal's status; UNKNOWN if it is not remembered."""
+        goal = self._goals.get(goal_id)
+        return GoalStatus.UNKNOWN if goal is None else goal.status
+
+    def accept(self, goal_id: bytes, now_ns: int) -> bool:
+        """Remember a goal from now on; False, and nothing else, if its id is taken already."""
+        if goal_id in self._goals:
+            return False
+        self._goals[goal_id] = Goal(goal_id=goal_id, accepted_ns=now_ns)
+        return True
+
+    def apply(self, goal_id: bytes, event: GoalEvent, now_ns: int) -> GoalStatus:
+        """Return a goal's new status.
+
+        Args:
+            goal_id: Whose.
+            event: What happens to it.
+            now_ns: When, by the clock that never jumps.
+
+        Raises:
+            GoalTransitionError: It may not happen now.
+        """
+        status = next_status(goal_id, self.status(goal_id), event)
+        ended_ns = now_ns if status in TERMINAL else None
+        self._goals[goal_id] = replace(self._goals[goal_id], status=status, ended_ns=ended_ns)
+        return status
+
+    def to_cancel(self, goal_id: bytes, until_ns: int) -> CancelPlan:
+        """Return which goals a request is about (`action_msgs/srv/CancelGoal`).
+
+        Args:
+            goal_id: One goal; `NO_GOAL_ID`: none in particular.
+            until_ns: All goals that were accepted until then; 0: none for that reason. Without both, all goals.
+        """
+        single = goal_id != NO_GOAL_ID
+        if single and not until_ns and not self._cancelable(goal_id):  # CANCELING too, as in rcl_action
+            known = goal_id in self._goals
+            return CancelPlan(code=CancelCode.GOAL_TERMINATED if known else CancelCode.UNKNOWN_GOAL_ID)
+        everything = not single and not until_ns
+        chosen = tuple(
+            goal.goal_id
+            for goal in self._goals.values()
+            if everything or goal.goal_id == goal_id or goal.accepted_ns <= until_ns
+        )
+        return CancelPlan(code=CancelCode.NONE, goal_ids=tuple(filter(self._cancelable, chosen)))
+
+    def expire(self, now_ns: int) -> tuple[bytes, ...]:
+        """Forget the goals that ended too long ago, by the clock that never jumps, and return which."""
+        old = tuple(
+            goal.goal_id
+            for goal in self._goals.values()
+            if goal.ended_ns is not None and now_ns - goal.ended_ns >= self._timeout_ns
+        )
+        for goal_id in old:
+            del self._goals[goal_id]
+        return old
+
+    def _cancelable(self, goal_id: bytes) -> bool:
+        return is_allowed(self.status(goal_id), GoalEvent.CANCEL_GOAL)
