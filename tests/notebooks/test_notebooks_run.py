@@ -41,6 +41,8 @@ def test_all_notebooks_run_through_and_leave_logs_and_figures(tmp_path, monkeypa
         "transmission",
         "cooperation",
         "gateways",
+        "driving",
+        "transfer",
     }
     assert not project.figures.exists(), "a smoke test replaces no figure"
     assert {p.stem for p in (project.runs / "figures").glob("*.svg")} == {
@@ -59,8 +61,16 @@ def test_all_notebooks_run_through_and_leave_logs_and_figures(tmp_path, monkeypa
         "cooperation",
         "cooperation_staleness",
         "cooperation_tracks",
+        "driving_chain",
+        "driving_lap",
+        "driving_laps",
         "gateway_core",
         "graph_mapping",
+        "node_mapping",
+        "transfer",
+        "transfer_break_even",
+        "transfer_live",
+        "transfer_residuals",
         "transmission_beyond",
         "transmission_fates",
         "transmission_latency",

@@ -26,6 +26,8 @@ EXPERIMENTS = (
     "transmission",
     "cooperation",
     "gateways",
+    "transfer",
+    "driving",
 )
 
 

@@ -2,7 +2,7 @@
 
 What the nodes live in: `town`, `ground`, `scene` (the camera's images), `optics`, `car`. The nodes:
 `compensation`, `blur`, `lanes`, `polyfit`, `lights`, `odometry`, `control`; each has its `Ports`. Over them
-`judge` and `loop`.
+`judge` and `loop`; beside them `chain`, the chain's transfers on a system-on-chip.
 """
 
 from __future__ import annotations
@@ -16,24 +16,31 @@ from sfglab.soc.driving import lights as _lights
 from sfglab.soc.driving import odometry as _odometry
 from sfglab.soc.driving import polyfit as _polyfit
 from sfglab.soc.driving import scene as _scene
+from sfglab.soc.driving.chain import CHAIN, SHARED_TOPIC, Chain, ChainError, Order
 from sfglab.soc.driving.judge import Judge, Rules, Verdict
-from sfglab.soc.driving.loop import Frame, Lap, Stack, run_lap
+from sfglab.soc.driving.loop import Frame, Lap, Stack, Stopwatch, run_lap
 from sfglab.soc.driving.optics import Camera, CameraError
 from sfglab.soc.driving.ports import Ports
 from sfglab.soc.driving.scene import Scene
 from sfglab.soc.driving.town import Town, make_town
 
 __all__ = [
+    "CHAIN",
     "NODES",
+    "SHARED_TOPIC",
     "Camera",
     "CameraError",
+    "Chain",
+    "ChainError",
     "Frame",
     "Judge",
     "Lap",
+    "Order",
     "Ports",
     "Rules",
     "Scene",
     "Stack",
+    "Stopwatch",
     "Town",
     "Verdict",
     "make_town",

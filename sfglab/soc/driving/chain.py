@@ -1,0 +1,149 @@
+"""The node chain alpha of paper C, section 6: from an image to a command, over topic A.
+
+What of a chain's time the memory model says: how long its messages travel, with topic A mapped to software or
+to a gateway, everything else alike. The text does not list the chain's members (they are a red dotted line in
+Fig. 9): `CHAIN` is our reading, and it begins when the compensation has its image. Knows transfers; refuses to
+know what a node takes, which is measured or stated elsewhere, and draws nothing by itself.
+
+What differs from frame to frame is only what the model leaves open: in which order a software-mapped topic
+serves its readers. By that order the readers meet at the memory interface, chunk by chunk in turn. Through a
+gateway nobody waits for anybody.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise, permutations
+from typing import TYPE_CHECKING
+
+from sfglab.errors import SfglabError
+from sfglab.soc.memory import STORED, Costs, Setup, Side, Transport, round_robin_s, transfer_times
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from sfglab.soc.graph import Graph, Topic
+
+__all__ = ["CHAIN", "SHARED_TOPIC", "Chain", "ChainError", "Order"]
+
+CHAIN = ("compensation", "gaussian_blur", "lane_planner", "polyfit", "lane_control")
+"""The chain's nodes, in order: our reading of Fig. 9."""
+
+SHARED_TOPIC = "/A"
+"""What is mapped to software in the paper's one version and to a gateway in the other."""
+
+Order = tuple[str, ...]
+"""Readers of a software-mapped topic, as they are served."""
+
+
+class ChainError(SfglabError, ValueError):
+    """A graph in which there is no such chain."""
+
+
+@dataclass(frozen=True)  # without slots: what is computed stays
+class Chain:
+    """The chain's transfers in a graph.
+
+    Attributes:
+        graph: With the chain's nodes placed; topics between two hardware nodes alone are hardware-mapped, the
+            others software-mapped, whatever the graph says.
+        costs: The memory model's constants.
+    """
+
+    graph: Graph
+    costs: Costs = STORED
+
+    def __post_init__(self) -> None:
+        """Refuse a graph that has no chain, or one that the model cannot time."""
+        if self._topics[0].name != SHARED_TOPIC:
+            raise ChainError(f"graph {self.graph.name}: {CHAIN[0]} must reach {CHAIN[1]} over {SHARED_TOPIC}")
+        if {CHAIN[0], CHAIN[1]} - self.graph.in_hardware:
+            raise ChainError(f"graph {self.graph.name}: {CHAIN[0]} and {CHAIN[1]} must be in hardware")
+
+    @cached_property
+    def _topics(self) -> list[Topic]:
+        return [self._between(before, after) for before, after in pairwise(CHAIN)]
+
+    def _between(self, before: str, after: str) -> Topic:
+        for topic in self.graph.topics:
+            if before in topic.publishers and after in topic.subscribers and topic.size_bytes:
+                return topic
+        raise ChainError(f"graph {self.graph.name}: no topic with a size goes from {before} to {after}")
+
+    @cached_property
+    def orders(self) -> tuple[Order, ...]:
+        """Every order in which topic A's readers can be served; each is as likely as the others."""
+        return tuple(permutations(self._topics[0].subscribers))
+
+    @cached_property
+    def fixed_s(self) -> dict[str, float]:
+        """Seconds on the chain's other topics, the same in both versions, by topic."""
+        return {topic.name: self._fixed_s(topic) for topic in self._topics[1:]}
+
+    def _fixed_s(self, topic: Topic) -> float:
+        """Return the transfer of a topic that has no gateway: a stream in hardware, else main memory."""
+        hardware = len(self.graph.in_hardware.intersection(topic.subscribers))
+        software = len(topic.subscribers) - hardware
+        times = transfer_times(
+            Setup(
+                publisher=Side.HARDWARE,
+                transport=Transport.SMT if software else Transport.HMT,
+                message_bytes=topic.size_bytes or 0,
+                hardware=hardware,
+                software=software,
+            ),
+            self.costs,
+        )
+        found = times.software_s if software else times.hardware_s
+        assert found is not None, "the topic has a subscriber of that side"
+        return found
+
+    @cached_property
+    def gateway_s(self) -> float:
+        """Seconds from the compensation to the blur through a gateway, where no order is left to chance."""
+        readers = self._topics[0].subscribers
+        hardware = len(self.graph.in_hardware.intersection(readers))
+        setup = Setup(
+            publisher=Side.HARDWARE,
+            transport=Transport.GATEWAY,
+            message_bytes=self._topics[0].size_bytes or 0,
+            hardware=hardware,
+            software=len(readers) - hardware,
+        )
+        found = transfer_times(setup, self.costs).hardware_s
+        assert found is not None, "the blur is in hardware"
+        return found
+
+    @cached_property
+    def smt_s(self) -> dict[Order, float]:
+        """Seconds from the compensation to the blur over main memory, by the order of deliveries."""
+        return {order: self.read_s(order)[CHAIN[1]] for order in self.orders}
+
+    def read_s(self, order: Order) -> dict[str, float]:
+        """Return when each hardware reader of topic A has its message, from the start of its publication, s.
+
+        Args:
+            order: In which readers are served, one after the other.
+        """
+        costs, memory = self.costs, self.costs.memory
+        size_bytes = self._topics[0].size_bytes or 0
+        published_s = costs.publish_s + costs.publish_s_per_byte * size_bytes
+        start_s = costs.endpoint_s + memory.write_s(size_bytes) + costs.delegate_s + published_s
+        deliver_s = costs.deliver_s + costs.deliver_s_per_byte * size_bytes
+        # Ports of the memory interface in the graph's order; it decides turns of one chunk, 0.7 us.
+        readers = [name for name in self._topics[0].subscribers if name in self.graph.in_hardware]
+        releases_s = [start_s + (order.index(name) + 1) * deliver_s + costs.delegate_s for name in readers]
+        chunks = memory.chunks(size_bytes)
+        ends_s = round_robin_s(releases_s, chunks, memory.read_s(size_bytes) / chunks)
+        return {name: end_s + costs.endpoint_s for name, end_s in zip(readers, ends_s, strict=True)}
+
+    def draw(self, frames: int, rng: np.random.Generator) -> NDArray[np.int64]:
+        """Draw the order of deliveries of each frame, as places in `orders`.
+
+        Args:
+            frames: How many.
+            rng: Where chance comes from.
+        """
+        return rng.integers(0, len(self.orders), frames)

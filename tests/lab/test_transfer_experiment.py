@@ -1,0 +1,264 @@
+"""The transfer experiment: its rows are the model's, its claims stand, and parts that are missing are said."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from sfglab.lab.claims import How, Verdict, judge, load_claims
+from sfglab.lab.experiments import transfer
+from sfglab.lab.experiments.transfer import hardware
+from sfglab.lab.experiments.transfer.analysis import bars_of, live_speed_up, rtl_residual
+from sfglab.lab.experiments.transfer.hardware import IN, OUT, READS, WRITE, bars_with_laws
+from sfglab.lab.experiments.transfer.modelled import MODELS
+from sfglab.lab.experiments.transfer.placing import (
+    _cost_s,
+    _platform,
+    greedy_placement,
+    placed_rows,
+    random_graph,
+)
+from sfglab.lab.experiments.transfer.rows import CrossingRow, CycleLawRow
+from sfglab.lab.experiments.transfer.run import _computed
+from sfglab.lab.experiments.transfer.worth import JUDGES
+from sfglab.record import LogReader
+from sfglab.soc import TopicMapping, place_nodes
+from sfglab.soc.memory import (
+    STORED,
+    SUBSCRIBERS,
+    Panel,
+    Setup,
+    Side,
+    Transport,
+    constants,
+    faster_transport,
+    residuals,
+    speed_ups,
+    tendencies,
+)
+
+ROOT = Path(__file__).parents[2]
+SMOKE = transfer.Config.of_profile("smoke")
+CLAIMS = {"C-HWHW", "C-HWSW", "C-SWHW", "C-SWSW"}
+SIMULATED = replace(SMOKE, live_rounds=0)
+
+
+@pytest.fixture(autouse=True)
+def _project(monkeypatch):
+    monkeypatch.setenv("SFGLAB_ROOT", str(ROOT))
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    """One whole run, live part and all."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SFGLAB_ROOT", str(ROOT))
+        return asyncio.run(transfer.run(SMOKE, tmp_path_factory.mktemp("transfer") / "a.mcap"))
+
+
+@pytest.fixture(scope="module")
+def results(log):
+    return transfer.load_results(log)
+
+
+def test_a_run_reproduces_its_claims(log):
+    measured = transfer.measure_claims(log)
+    claims = {claim.id: claim for claim in load_claims(ROOT / "data/claims.yaml")}
+    assert set(measured) == CLAIMS
+    assert {judge(claims[name], found) for name, found in measured.items()} == {Verdict.REPRODUCED}
+    assert {found.how for found in measured.values()} == {How.SIMULATED}
+    assert all(claims[name].unit == found.estimate.unit for name, found in measured.items())
+    details = measured["C-HWSW"].details
+    assert details["fit"].startswith("6 constants to 7 stated numbers")
+    assert "2 readers, 10000 B" in details["live"]
+
+
+def test_a_run_draws_its_figures(log):
+    drawn = transfer.figures(log)
+    names = {"transfer", "transfer_live", "transfer_residuals", "transfer_break_even", "node_mapping"}
+    assert set(drawn) == names
+    assert all(json.dumps(twin, allow_nan=False) for _, twin in drawn.values())
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_bars_residuals_and_tendencies_are_the_model_s(results, model):
+    costs = MODELS[model]
+    bars = results.bars[results.bars["model"] == model]
+    assert list(bars["ratio"]) == [bar.ratio for bar in speed_ups(costs)]
+    stated = results.stated[results.stated["model"] == model]
+    assert list(stated["residual"]) == [item.relative for item in residuals(costs)]
+    told = results.tendencies[results.tendencies["model"] == model]
+    assert list(told["holds"]) == [holds for _, holds in tendencies(costs)]
+    table = results.constants[results.constants["model"] == model]
+    assert list(table["value"]) == [item.value for item in constants(costs)]
+
+
+def test_the_committed_constants_are_what_the_run_s_own_fits_find(results):
+    assert (results.refits["farthest"] > 1.5).all()
+    best = results.refits.groupby("model")["shift"].min()
+    assert (best < 0.001).all()
+    fitted = results.constants
+    assert np.allclose(fitted["refitted"], fitted["value"], rtol=0.001)
+
+
+def test_the_simulated_hardware_takes_the_model_s_cycles(results):
+    pytest.importorskip("amaranth", reason="the extra rtl is not installed")
+    assert set(results.cycles["path"]) == {OUT, IN, READS, WRITE}
+    ran = results.cycles[results.cycles["simulated"]]
+    assert (ran["law_cycles"] / ran["rtl_cycles"] - 1).abs().max() < 0.002
+    assert rtl_residual(results) < 0.05
+    rtl, model = (
+        bars_of(results, Panel.HARDWARE_TO_HARDWARE, model=m, subscribers=2) for m in ("rtl", "stored")
+    )
+    assert np.allclose(rtl["ratio"], model["ratio"], rtol=0.05)
+
+
+def test_areas_are_those_of_the_synthesis(monkeypatch):
+    rtl = pytest.importorskip("sfglab.soc.rtl", reason="the extra rtl is not installed")
+
+    def area(subscribers):
+        return rtl.GatewayArea(
+            subscribers=subscribers, luts=285, ram_cells=10, flip_flops=300, carries=12, block_rams=0
+        )
+
+    monkeypatch.setattr(rtl, "gateway_area", area)
+    rows = list(hardware.area_rows(SMOKE))
+    assert [(row.subscribers, row.luts, row.flip_flops) for row in rows] == [(2, 285, 300)]
+
+
+def test_laws_that_are_the_model_s_give_the_model_s_bars():
+    memory = STORED.memory
+    chunk = {
+        OUT: memory.read_cycles + memory.data_cycles,
+        IN: memory.write_cycles + memory.data_cycles,
+        READS: 4 * memory.read_cycles,
+        WRITE: memory.write_cycles,
+    }
+    laws = {
+        path: CycleLawRow(path=path, subscribers=4, fixed_cycles=0.0, chunk_cycles=cycles)
+        for path, cycles in chunk.items()
+    }
+    wanted = [bar for bar in speed_ups() if bar.subscribers == 4]
+    found = bars_with_laws(laws)
+    assert [bar.smt_s for bar in found] == pytest.approx([bar.smt_s for bar in wanted])
+    assert [bar.gateway_s for bar in found] == pytest.approx([bar.gateway_s for bar in wanted])
+
+
+def test_without_amaranth_the_log_says_why_and_the_rest_stands(tmp_path, monkeypatch):
+    monkeypatch.setattr(hardware, "find_spec", lambda _name: None)
+    log = asyncio.run(transfer.run(SIMULATED, tmp_path / "a.mcap"))
+    with LogReader(log) as reader:
+        assert set(reader.metadata("missing")) == {"rtl", "synthesis"}
+    measured = transfer.measure_claims(log)
+    assert measured["C-HWHW"].details["RTL"].startswith("left out: amaranth is not installed")
+    assert measured["C-HWHW"].details["live"] == "this bar was not measured"
+    assert "transfer_live" not in transfer.figures(log)
+
+
+def test_the_break_even_size_is_where_the_faster_one_changes(results):
+    assert results.break_even["changes"].max() <= 1
+    chunk_bytes = STORED.memory.chunk_bytes
+    for row in results.break_even.itertuples():
+        if row.worth and row.from_bytes > chunk_bytes:
+            below, at = (
+                faster_transport(
+                    Setup(
+                        publisher=Side(row.publisher),
+                        transport=Transport.SMT,
+                        message_bytes=size,
+                        hardware=row.subscribers,
+                    ),
+                    JUDGES[row.judge],
+                )
+                for size in (row.from_bytes - chunk_bytes, row.from_bytes)
+            )
+            assert (below, at) == (Transport.SMT, Transport.GATEWAY)
+
+
+def test_a_rule_that_knows_sizes_is_never_predicted_slower_than_another(results):
+    times = results.sized.pivot_table(index="message_bytes", columns="rule", values="predicted_s")
+    assert (times["size-aware"] <= times[["paper", "none"]].min(axis=1) + 1e-12).all()
+    assert (times["size-aware"] < times["paper"] - 1e-6).any()
+
+
+def test_placements_are_the_best_of_all_and_not_worse_than_simpler_ones(results):
+    placed = results.placed
+    small = placed[placed["kind"] == "small"]
+    assert np.allclose(small["placed"], small["brute_force"], rtol=1e-6)
+    for name in ("greedy", "greedy_with_gateways", "same_without_gateways", "software"):
+        assert (placed[name] >= placed["placed"] * (1 - 1e-6)).all()
+
+
+def test_a_greedy_placement_fits_and_ignores_topics():
+    graph = random_graph(np.random.default_rng(3), 30)
+    platform = _platform(graph)
+    chosen = greedy_placement(graph, platform)
+    assert chosen
+    assert chosen == greedy_placement(replace(graph, topics=()), platform)
+    assert math.isfinite(_cost_s(graph, chosen, (), platform))
+
+
+def test_what_a_placed_graph_costs_is_what_the_programme_says():
+    graph = random_graph(np.random.default_rng(1), 12)
+    platform = _platform(graph)
+    found = place_nodes(graph, platform)
+    gateways = tuple(found.graph.mapped_to(TopicMapping.GATEWAY))
+    assert _cost_s(graph, found.graph.in_hardware, gateways, platform) == pytest.approx(found.load.total_s)
+
+
+def test_the_same_seed_gives_the_same_simulated_rows():
+    without = {"rtl": "not asked here"}
+    few = replace(SIMULATED, refits=1, most_subscribers=1, sizes=2, large_graphs=0)
+    first, again, other = (
+        [
+            replace(row, seconds=0.0) if table == "placed" else row
+            for table, row in _computed(replace(few, seed=seed), without)
+        ]
+        for seed in (1, 1, 2)
+    )
+    assert list(map(str, first)) == list(map(str, again))
+    assert list(map(str, first)) != list(map(str, other))
+
+
+def test_small_graphs_stay_within_their_number_of_nodes():
+    rows = list(placed_rows({"small": (5, 6)}, np.random.default_rng(0)))
+    assert {row.nodes for row in rows} <= {5, 6}
+    assert len(rows) == 5
+
+
+def test_known_live_times_are_found_again(results):
+    rows = [
+        CrossingRow(
+            repeat=repeat,
+            publisher="hardware",
+            transport=transport,
+            message_bytes=1000,
+            subscribers=4,
+            place=0,
+            hardware_ns=(6000 if transport == "smt" else 2000) + repeat,
+            software_ns=1000,
+            load=1.0,
+        )
+        for repeat in range(11)
+        for transport in ("gateway", "smt")
+    ]
+    made = replace(results, live=pd.DataFrame(rows))
+    found = live_speed_up(made, Panel.HARDWARE_TO_HARDWARE, 4, 1000)
+    assert found.value == pytest.approx(6005 / 2005)
+    assert found.low < found.value < found.high
+    assert live_speed_up(made, Panel.HARDWARE_TO_SOFTWARE, 4, 1000).value == 1
+    assert live_speed_up(made, Panel.SOFTWARE_TO_HARDWARE, 4, 1000) is None
+
+
+def test_profiles_cover_the_paper_s_twelve_configurations():
+    for profile in ("quick", "paper"):
+        config = transfer.Config.of_profile(profile)
+        assert len(config.live_bytes) * len(config.live_subscribers) == 12
+        assert config.rtl_subscribers == SUBSCRIBERS

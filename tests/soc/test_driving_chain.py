@@ -1,0 +1,97 @@
+"""The chain's transfers: what the memory model says for one frame, and what is left to chance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sfglab.soc import Placement, load_graph
+from sfglab.soc.driving import CHAIN, NODES, Camera, Chain, ChainError, Rules, Stack, Stopwatch, run_lap
+from sfglab.soc.memory import STORED, Setup, Side, Transport, transfer_times
+
+GRAPH = load_graph(Path(__file__).parents[2] / "data" / "graphs" / "driving.yaml")
+READERS = ("gaussian_blur", "red_light_detection", "green_light_detection", "visual_odometry")
+FRAME_BYTES = 640 * 480 * 3
+
+
+@pytest.fixture(scope="module")
+def chain():
+    return Chain(GRAPH)
+
+
+def test_every_member_of_the_chain_is_a_node_that_drives():
+    assert set(CHAIN) <= {ports.node for ports in NODES}
+
+
+def test_over_all_orders_the_last_reader_is_as_late_as_the_transfer_model_says(chain):
+    """The model has the mean in closed form; the orders are enumerated here."""
+    setup = Setup(publisher=Side.HARDWARE, transport=Transport.SMT, message_bytes=FRAME_BYTES, hardware=3)
+    lasts_s = [max(chain.read_s(order).values()) for order in chain.orders]
+    assert len(lasts_s) == 24
+    assert np.mean(lasts_s) == pytest.approx(transfer_times(setup, STORED).hardware_s, rel=1e-6)
+
+
+def test_the_blur_is_early_when_served_first_and_late_when_served_last(chain):
+    """Earliest of all where the odometry is next: its delivery keeps the detectors from the interface."""
+    times = chain.smt_s
+    assert min(times, key=times.__getitem__)[:2] == ("gaussian_blur", "visual_odometry")
+    assert max(times, key=times.__getitem__)[-1] == "gaussian_blur"
+    first, last = ([s for order, s in times.items() if order[place] == "gaussian_blur"] for place in (0, -1))
+    assert max(first) < min(last)
+
+
+def test_software_alone_before_the_blur_costs_it_one_delivery_and_no_turn(chain):
+    """The odometry takes no turn at the memory interface."""
+    rest = ("red_light_detection", "green_light_detection")
+    first = chain.read_s(("gaussian_blur", *rest, "visual_odometry"))["gaussian_blur"]
+    second = chain.read_s(("visual_odometry", "gaussian_blur", *rest))["gaussian_blur"]
+    delivery_s = STORED.deliver_s + STORED.deliver_s_per_byte * FRAME_BYTES
+    assert second - first == pytest.approx(delivery_s, rel=1e-6)
+
+
+def test_a_gateway_is_as_fast_as_the_transfer_model_says_whatever_the_order(chain):
+    setup = Setup(publisher=Side.HARDWARE, transport=Transport.GATEWAY, message_bytes=FRAME_BYTES, hardware=3)
+    assert chain.gateway_s == transfer_times(setup, STORED).hardware_s
+    assert chain.gateway_s < min(chain.smt_s.values())
+
+
+def test_the_other_topics_are_streams_where_both_ends_are_in_hardware(chain):
+    assert set(chain.fixed_s) == {"/blurred", "/lane_mask", "/lane"}
+    stream_s = 2 * STORED.endpoint_s + STORED.memory.stream_s(FRAME_BYTES)
+    assert chain.fixed_s["/blurred"] == pytest.approx(stream_s)
+    assert chain.fixed_s["/lane"] > STORED.endpoint_s + STORED.publish_s + STORED.delegate_s
+
+
+def test_a_drawn_order_comes_from_the_generator_and_every_order_comes(chain):
+    first, again = (chain.draw(1000, np.random.default_rng(3)) for _ in range(2))
+    assert (first == again).all()
+    assert set(first.tolist()) == set(range(24))
+
+
+@pytest.mark.parametrize("name", ["compensation", "gaussian_blur"])
+def test_a_chain_that_is_not_in_hardware_is_refused(name):
+    with pytest.raises(ChainError, match="must be in hardware"):
+        Chain(GRAPH.with_placements({name: Placement.SOFTWARE}))
+
+
+def test_a_graph_without_the_chain_is_refused():
+    topics = tuple(topic for topic in GRAPH.topics if topic.name != "/lane_mask")
+    with pytest.raises(ChainError, match="from lane_planner to polyfit"):
+        Chain(replace(GRAPH, topics=topics))
+
+
+def test_a_stopwatch_keeps_every_frame_of_every_node():
+    ticks = iter(range(0, 10**9, 1000))
+    stack = Stack(Camera(), lambda: next(ticks))
+    lap = run_lap(1, stack=stack, rules=Rules(timeout_s=0.4))
+    assert set(CHAIN) < set(stack.timed.frames_ns)
+    assert {len(times) for times in stack.timed.frames_ns.values()} == {lap.frames}
+
+
+def test_a_stopwatch_without_a_clock_only_calls():
+    stopwatch = Stopwatch()
+    assert stopwatch("node", max, 1, 2) == 2
+    assert stopwatch.frames_ns == {}
