@@ -1,0 +1,206 @@
+"""What is wrong with a tree of frames, said before anybody stumbles over it.
+
+tf2 takes what comes: with two parents the frame jumps between them, with two roots a look-up fails much later
+and elsewhere. Pure: judges edges that were observed; refuses to know how they came.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from sfglab.spatial.frames.buffer import Edge
+    from sfglab.spatial.frames.naming import FrameRule
+
+__all__ = ["FrameFinding", "lint_frames", "roots_of"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameFinding:
+    """One fault of a tree.
+
+    Attributes:
+        code: "two-parents", "two-publishers", "static-and-dynamic", "loop", "second-root", "unreachable",
+            "name" or "backwards".
+        frames: The frames that it is about.
+        what: What was found.
+        why: What comes of it.
+    """
+
+    code: str
+    frames: tuple[str, ...]
+    what: str
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.code}: {self.what} ({self.why})"
+
+
+def lint_frames(
+    edges: Iterable[Edge], *, rule: FrameRule | None = None, root: str | None = None, slack_ns: int = 0
+) -> tuple[FrameFinding, ...]:
+    """Judge a tree.
+
+    Args:
+        edges: As `FrameBuffer.edges` has them.
+        rule: Which names are allowed; None allows all.
+        root: The one root that there should be; None allows any one.
+        slack_ns: How far stamps may step back before it is a finding: senders on several paths overtake.
+
+    Returns:
+        Findings: parents, loops, roots, names, time.
+    """
+    edges = tuple(edges)
+    by_child: dict[str, list[Edge]] = defaultdict(list)
+    for edge in edges:
+        by_child[edge.child].append(edge)
+    parents = {child: tuple(dict.fromkeys(e.parent for e in group)) for child, group in by_child.items()}
+    return (
+        *_parents(by_child),
+        *_loops(parents),
+        *_roots(parents, root),
+        *_names(edges, rule),
+        *_backwards(edges, slack_ns),
+    )
+
+
+def roots_of(edges: Iterable[Edge]) -> tuple[str, ...]:
+    """Return all frames that have children but no parent, sorted; a good tree has one."""
+    edges = tuple(edges)
+    return tuple(sorted({e.parent for e in edges} - {e.child for e in edges}))
+
+
+def _parents(by_child: Mapping[str, Sequence[Edge]]) -> Iterator[FrameFinding]:
+    for child, group in by_child.items():
+        parents = sorted({e.parent for e in group})
+        authorities = _rivals(group)
+        if len(parents) > 1:
+            yield FrameFinding(
+                code="two-parents",
+                frames=(child, *parents),
+                what=f"{child!r} is placed in {_listed(parents)}",
+                why="a frame has one parent: it jumps between them, as whichever came last counts",
+            )
+        elif len({e.static for e in group}) > 1:
+            yield FrameFinding(
+                code="static-and-dynamic",
+                frames=(child,),
+                what=f"{child!r} comes on /tf and on /tf_static",
+                why="each of them makes listeners forget the other",
+            )
+        elif authorities:
+            yield FrameFinding(
+                code="two-publishers",
+                frames=(child,),
+                what=f"{child!r} is published by {_listed(authorities)}",
+                why="the frame jumps between what they say",
+            )
+
+
+def _rivals(group: Sequence[Edge]) -> list[str]:
+    """Return who publishes an edge while others do; one that took over, as after a restart, is no rival."""
+    moving = sorted((e for e in group if not e.static), key=lambda e: (e.first_ns, e.last_ns))
+    rivals = set()
+    for before, after in combinations(moving, 2):
+        if before.authority != after.authority and after.first_ns <= before.last_ns:
+            rivals |= {before.authority, after.authority}
+    return sorted(rivals)
+
+
+def _loops(parents: Mapping[str, Sequence[str]]) -> Iterator[FrameFinding]:
+    """Find circles; each is told once, beginning with its first frame by name."""
+    told: set[frozenset[str]] = set()
+    for start in sorted(parents):
+        loop = _loop_from(start, parents)
+        if loop and frozenset(loop) not in told:
+            told.add(frozenset(loop))
+            yield FrameFinding(
+                code="loop",
+                frames=tuple(loop),
+                what=f"{' -> '.join((*loop, loop[0]))} (child -> parent)",
+                why="no root is above them, so no look-up ends",
+            )
+
+
+def _loop_from(start: str, parents: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the shortest way from a frame up to itself; empty when there is none."""
+    ways = [[start]]
+    seen = {start}
+    for way in ways:
+        for parent in parents.get(way[-1], ()):
+            if parent == start:
+                return way
+            if parent not in seen:
+                seen.add(parent)
+                ways.append([*way, parent])
+    return []
+
+
+def _roots(parents: Mapping[str, Sequence[str]], root: str | None) -> Iterator[FrameFinding]:
+    frames = {*parents, *(p for group in parents.values() for p in group)}
+    roots = sorted(frames - set(parents))
+    others = [r for r in roots if r != root]
+    if root is not None and frames:
+        lost = sorted(frames - _below(root, parents) - set(others))
+        if others or lost:
+            yield FrameFinding(
+                code="second-root" if root in frames and others else "unreachable",
+                frames=(*others, *lost),
+                what=f"{_listed([*others, *lost])} cannot be reached from {root!r}",
+                why="no look-up leads from one tree to the other",
+            )
+    elif len(roots) > 1:
+        yield FrameFinding(
+            code="second-root",
+            frames=tuple(roots),
+            what=f"there are {len(roots)} trees, with the roots {_listed(roots)}",
+            why="no look-up leads from one tree to the other",
+        )
+
+
+def _below(root: str, parents: Mapping[str, Sequence[str]]) -> set[str]:
+    children: dict[str, list[str]] = defaultdict(list)
+    for child, group in parents.items():
+        for parent in group:
+            children[parent].append(child)
+    below, rest = {root}, [root]
+    while rest:
+        new = [child for child in children[rest.pop()] if child not in below]
+        below.update(new)
+        rest += new
+    return below
+
+
+def _names(edges: Sequence[Edge], rule: FrameRule | None) -> Iterator[FrameFinding]:
+    if rule is None:
+        return
+    frames = frozenset(name for e in edges for name in (e.child, e.parent))
+    for frame in sorted(frames):
+        if problem := rule.problem(frame, frames):
+            yield FrameFinding(
+                code="name",
+                frames=(frame,),
+                what=problem,
+                why="who looks for it by its right name finds nothing",
+            )
+
+
+def _backwards(edges: Sequence[Edge], slack_ns: int) -> Iterator[FrameFinding]:
+    for edge in edges:
+        if edge.backwards and edge.back_ns > slack_ns:
+            yield FrameFinding(
+                code="backwards",
+                frames=(edge.child,),
+                what=f"stamps of {edge.child!r} step back {edge.backwards} times, by up to {edge.back_ns} ns",
+                why="a clock was set, a log plays again, or transforms overtake each other",
+            )
+
+
+def _listed(names: Sequence[str]) -> str:
+    quoted = [repr(name) for name in names]
+    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}"

@@ -1,0 +1,177 @@
+"""Transforms from the bus or from a log into a buffer.
+
+Knows topics, QoS and messages. Decides nothing: what is refused is counted and said once, and the rest goes on,
+because one node's broken transform must not blind all listeners.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import Counter
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Self
+
+from sfglab.errors import SfglabError
+from sfglab.names import TF, TF_STATIC
+from sfglab.qos import Durability, QoSProfile
+from sfglab.spatial.frames.errors import ExtrapolationError, NotConnectedError, UnknownFrameError
+from sfglab.spatial.frames.naming import SHARED_FRAMES, prefixed
+from sfglab.spatial.poses import StampedTransform
+
+if TYPE_CHECKING:
+    from sfglab.bus.api import Node, Subscription
+    from sfglab.record import LogReader
+    from sfglab.spatial.frames.buffer import FrameBuffer
+    from sfglab.spatial.poses import Pose
+
+__all__ = ["TF_QOS", "TF_STATIC_QOS", "TRANSFORMS", "FramesListener", "TransformIntake", "fill_from_log"]
+
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+TF_QOS = QoSProfile(depth=100)
+"""tf2_ros: DynamicListenerQoS and DynamicBroadcasterQoS (tf2_ros/qos.hpp, Humble)."""
+TF_STATIC_QOS = QoSProfile(depth=100, durability=Durability.TRANSIENT_LOCAL)
+"""tf2_ros: StaticListenerQoS; a broadcaster offers depth 1, or more if it splits its transforms."""
+
+_log = logging.getLogger(__name__)
+
+
+class TransformIntake:
+    """Takes whole messages into a buffer, with prefixes, and counts what was refused.
+
+    Args:
+        buffer: Where transforms go.
+        agent: Whose frames those without prefix are; empty leaves names as they are.
+        shared: Frames that are never prefixed.
+
+    Attributes:
+        taken: How many transforms ended in each way (`Insertion.value`).
+        refused: How many were refused, by the error's name.
+    """
+
+    def __init__(self, buffer: FrameBuffer, *, agent: str = "", shared: frozenset[str] = SHARED_FRAMES) -> None:
+        self._buffer = buffer
+        self._agent = agent
+        self._shared = shared
+        self._said: set[tuple[str, str]] = set()
+        self.taken: Counter[str] = Counter()
+        self.refused: Counter[str] = Counter()
+
+    def take(self, message: Any, *, static: bool, authority: str = "") -> None:
+        """Take all transforms of a `tf2_msgs/msg/TFMessage`."""
+        for transform in message.transforms:
+            try:
+                value = self._renamed(StampedTransform.from_msg(transform, place="tf"))
+                insertion = self._buffer.insert(value, static=static, authority=authority)
+            except SfglabError as error:
+                self._refuse(str(transform.child_frame_id), error)
+            else:
+                self.taken[insertion.value] += 1
+
+    def _renamed(self, value: StampedTransform) -> StampedTransform:
+        if not self._agent:
+            return value
+        parent, child = (prefixed(f, self._agent, shared=self._shared) for f in (value.parent, value.child))
+        return StampedTransform(parent=parent, child=child, stamp_ns=value.stamp_ns, pose=value.pose)
+
+    def _refuse(self, child: str, error: SfglabError) -> None:
+        kind = type(error).__name__
+        self.refused[kind] += 1
+        if (kind, child) not in self._said:
+            self._said.add((kind, child))
+            _log.warning("transform refused: %s", error)
+
+
+class FramesListener(TransformIntake):
+    """Feeds /tf and /tf_static of a domain into a buffer while its context is open.
+
+    ```python
+    async with FramesListener(node, buffer):
+        pose = await listener.wait_for("map", "go2/base", time_ns)
+    ```
+
+    Args:
+        node: The node that subscribes.
+        buffer: Where transforms go.
+        agent: Whose frames those without prefix are; empty leaves names as they are.
+        shared: Frames that are never prefixed.
+    """
+
+    def __init__(
+        self, node: Node, buffer: FrameBuffer, *, agent: str = "", shared: frozenset[str] = SHARED_FRAMES
+    ) -> None:
+        super().__init__(buffer, agent=agent, shared=shared)
+        self._node = node
+        self._subscriptions: list[Subscription] = []
+        self._tasks: list[asyncio.Task[None]] = []
+        self._changed = asyncio.Event()
+
+    async def __aenter__(self) -> Self:
+        for topic, qos in ((TF_STATIC, TF_STATIC_QOS), (TF, TF_QOS)):
+            subscription = self._node.create_subscription(TRANSFORMS, topic, qos=qos)
+            self._subscriptions.append(subscription)
+            self._tasks.append(asyncio.create_task(self._feed(subscription, static=topic == TF_STATIC)))
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for subscription in self._subscriptions:
+            subscription.close()
+
+    async def wait_for(
+        self, target: str, source: str, time_ns: int | None = None, *, timeout_s: float = 1.0
+    ) -> Pose:
+        """Return a pose as soon as the transforms for it are there.
+
+        Args:
+            target: The frame in which the answer is given.
+            source: The frame whose place is asked for.
+            time_ns: When; None is the latest time at which all transforms on the way are known.
+            timeout_s: How long to wait.
+
+        Raises:
+            UnknownFrameError: A frame is still unknown at the end.
+            NotConnectedError: The frames are still not connected at the end.
+            ExtrapolationError: A transform is still missing at the end.
+        """
+        with suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                while True:
+                    self._changed.clear()
+                    with suppress(UnknownFrameError, NotConnectedError, ExtrapolationError):
+                        return self._buffer.look_up(target, source, time_ns)
+                    await self._changed.wait()
+        return self._buffer.look_up(target, source, time_ns)
+
+    async def _feed(self, subscription: Subscription, *, static: bool) -> None:
+        while True:
+            message, info = await subscription.take_with_info()
+            self.take(message, static=static, authority=info.publisher_gid.hex())
+            self._changed.set()
+
+
+def fill_from_log(
+    reader: LogReader, buffer: FrameBuffer, *, agent: str = "", shared: frozenset[str] = SHARED_FRAMES
+) -> TransformIntake:
+    """Take all transforms of a log.
+
+    Args:
+        reader: The log, of any recorder.
+        buffer: Where transforms go; for a whole log one with ``history_s=None``.
+        agent: Whose frames those without prefix are; empty leaves names as they are.
+        shared: Frames that are never prefixed.
+
+    Returns:
+        What was taken and what was refused.
+
+    Raises:
+        LogLookupError: The log has neither /tf nor /tf_static.
+    """
+    intake = TransformIntake(buffer, agent=agent, shared=shared)
+    topics = [topic for topic in (TF_STATIC, TF) if topic in reader.topics]
+    for topic in topics or [TF]:
+        for recorded in reader.decoded(topic):
+            intake.take(recorded.message, static=topic == TF_STATIC)
+    return intake

@@ -1,0 +1,207 @@
+"""The bridge's decisions: captures in, transforms and counts out; no clock, no socket.
+
+Keeps three times of everything that is published: when the cameras saw it, which is its stamp, when it arrived
+here and when it left.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections import Counter, deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from sfglab.spatial.frames import FrameError
+from sfglab.spatial.mocap.placing import PlacingError, place_via_proxy
+from sfglab.spatial.mocap.tracking import Track, TrackState, judge
+from sfglab.spatial.poses import Pose, StampedTransform
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sfglab.spatial.frames import FrameBuffer
+    from sfglab.spatial.mocap.capture import Capture, Sight
+    from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
+
+__all__ = ["BridgeCore", "Latency", "MocapObjectStatus"]
+
+_WINDOW = 1000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Latency:
+    """A delay over the last 1000 transforms.
+
+    Attributes:
+        median_ns: Its median; None before the first.
+        largest_ns: The largest one ever.
+    """
+
+    median_ns: float | None = None
+    largest_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MocapObjectStatus:
+    """How it stands with one object.
+
+    Attributes:
+        object_id: Its id in the capture system.
+        frame: The frame that was published for it last; empty before the first.
+        state: What is known of it.
+        published: How many transforms left.
+        unplaced: How many believed poses could not be published, because the agent's tree did not allow it.
+        verdicts: How many sights got each verdict (`Verdict.value`).
+        absent: In how many captures it did not occur at all.
+        capture_ns: The stamp of the last transform; None before the first.
+        receipt_latency: From capture to receipt.
+        publication_latency: From receipt to publication.
+        problem: Why the last believed pose was not published; empty when it was.
+    """
+
+    object_id: str
+    frame: str
+    state: TrackState
+    published: int
+    unplaced: int
+    verdicts: Mapping[str, int]
+    absent: int
+    capture_ns: int | None
+    receipt_latency: Latency
+    publication_latency: Latency
+    problem: str
+
+
+@dataclass(slots=True)
+class _Delays:
+    recent: deque[int] = field(default_factory=lambda: deque(maxlen=_WINDOW))
+    largest_ns: int | None = None
+
+    def add(self, delay_ns: int) -> None:
+        self.recent.append(delay_ns)
+        self.largest_ns = delay_ns if self.largest_ns is None else max(self.largest_ns, delay_ns)
+
+    def value(self) -> Latency:
+        median_ns = statistics.median(self.recent) if self.recent else None
+        return Latency(median_ns=median_ns, largest_ns=self.largest_ns)
+
+
+@dataclass(slots=True)
+class _Object:
+    mapped: MappedObject
+    track: Track = field(default_factory=Track)
+    frame: str = ""
+    published: int = 0
+    unplaced: int = 0
+    absent: int = 0
+    verdicts: Counter[str] = field(default_factory=Counter)
+    capture_ns: int | None = None
+    receipt: _Delays = field(default_factory=_Delays)
+    publication: _Delays = field(default_factory=_Delays)
+    problem: tuple[str, str] = ("", "")
+
+
+class BridgeCore:
+    """Turns captures into transforms that keep every agent's tree whole.
+
+    Args:
+        mapping: Which object stands for which frame.
+        buffer: The agents' own transforms, which somebody feeds.
+        reach_s: How far those may be continued when they lag behind the cameras.
+
+    Attributes:
+        captures: How many captures came.
+        dropped: How many frame numbers are missing between those that came.
+        unmapped: Ids of objects that came and that the mapping does not have, with how often.
+    """
+
+    def __init__(self, mapping: MocapMapping, buffer: FrameBuffer, *, reach_s: float = 0.1) -> None:
+        self._mapping = mapping
+        self._buffer = buffer
+        self._reach_ns = round(reach_s * 1e9)
+        self._objects = {id_: _Object(mapped) for id_, mapped in mapping.objects.items()}
+        self._holders: dict[str, str] = {}
+        self._number: int | None = None
+        self.captures = 0
+        self.dropped = 0
+        self.unmapped: Counter[str] = Counter()
+
+    def take(self, capture: Capture, now_ns: int) -> tuple[StampedTransform, ...]:
+        """Take one capture.
+
+        Args:
+            capture: All objects at one time.
+            now_ns: The present, which is the time of publication.
+
+        Returns:
+            What is to be published, stamped with the capture time.
+        """
+        self._count(capture)
+        transforms = []
+        for id_, object_ in self._objects.items():
+            if id_ not in capture.sights:
+                object_.absent += 1
+            elif transform := self._placed(object_, capture.sights[id_], capture, now_ns):
+                transforms.append(transform)
+        return tuple(transforms)
+
+    @property
+    def statuses(self) -> tuple[MocapObjectStatus, ...]:
+        """How it stands with every object of the mapping."""
+        return tuple(
+            MocapObjectStatus(
+                object_id=id_,
+                frame=o.frame,
+                state=o.track.state,
+                published=o.published,
+                unplaced=o.unplaced,
+                verdicts=dict(o.verdicts),
+                absent=o.absent,
+                capture_ns=o.capture_ns,
+                receipt_latency=o.receipt.value(),
+                publication_latency=o.publication.value(),
+                problem=o.problem[1],
+            )
+            for id_, o in self._objects.items()
+        )
+
+    @property
+    def problems(self) -> dict[str, tuple[str, str]]:
+        """Of every object whose last believed pose was not published: the error's name and its sentence."""
+        return {id_: o.problem for id_, o in self._objects.items() if o.problem[0]}
+
+    def _count(self, capture: Capture) -> None:
+        self.captures += 1
+        self.unmapped.update(id_ for id_ in capture.sights if id_ not in self._objects)
+        if capture.number is None:
+            return
+        if self._number is not None and capture.number > self._number:
+            self.dropped += capture.number - self._number - 1
+        self._number = capture.number  # a lower one is a server that began anew
+
+    def _placed(self, object_: _Object, sight: Sight, capture: Capture, now_ns: int) -> StampedTransform | None:
+        object_.track, verdict = judge(object_.track, sight, capture.capture_ns, self._mapping.limits)
+        object_.verdicts[verdict.value] += 1
+        if not verdict.believed or not isinstance(sight, Pose):
+            return None
+        try:
+            transform = self._transform(object_.mapped, sight, capture.capture_ns)
+        except (FrameError, PlacingError) as error:
+            object_.unplaced += 1
+            object_.problem = (type(error).__name__, str(error))
+            return None
+        object_.published += 1
+        object_.problem, object_.frame = ("", ""), transform.child
+        object_.capture_ns = capture.capture_ns
+        object_.receipt.add(capture.receipt_ns - capture.capture_ns)
+        object_.publication.add(now_ns - capture.receipt_ns)
+        return transform
+
+    def _transform(self, mapped: MappedObject, pose: Pose, capture_ns: int) -> StampedTransform:
+        world = self._mapping.world
+        seen = StampedTransform(parent=world, child=mapped.id, stamp_ns=capture_ns, pose=pose)
+        transform = place_via_proxy(self._buffer, mapped, seen, reach_ns=self._reach_ns)
+        holder = self._holders.setdefault(transform.child, mapped.id)
+        if holder != mapped.id:
+            raise PlacingError(transform.child, f"object {holder!r} moves it already")
+        return transform

@@ -1,0 +1,217 @@
+"""A capture system that needs no hardware: objects on known ways, seen with every fault of a real one.
+
+`synthetic_captures` is pure: the same configuration and generator give the same captures, and each comes with
+the truth. `SyntheticSource` plays them in a node's time.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import aclosing, asynccontextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sfglab.spatial.mocap.capture import Capture, Lapse, MocapError
+from sfglab.spatial.poses import Pose
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncGenerator, AsyncIterator, Iterator, Mapping, Sequence
+
+    import numpy as np
+
+    from sfglab.bus.api import Clock
+    from sfglab.spatial.mocap.capture import Sight
+
+__all__ = ["SyntheticConfig", "SyntheticMotion", "SyntheticSource", "TrueCapture", "synthetic_captures"]
+
+_HALF_TURN = Pose(quat_xyzw=(0.0, 0.0, 1.0, 0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SyntheticMotion:
+    """A closed way in space: an ellipse that heads where it goes, rises and falls, and rolls and pitches.
+
+    Attributes:
+        centre_m: The middle.
+        radii_m: Half axes along x, y and z.
+        period_s: Time for one round.
+        sway_rad: Amplitude of roll and pitch.
+    """
+
+    centre_m: tuple[float, float, float] = (0.0, 0.0, 0.5)
+    radii_m: tuple[float, float, float] = (2.0, 1.0, 0.1)
+    period_s: float = 10.0
+    sway_rad: float = 0.15
+
+    def pose_at(self, time_s: float) -> Pose:
+        """Return where the object is."""
+        angle = 2.0 * math.pi * time_s / self.period_s
+        cosine, sine = math.cos(angle), math.sin(angle)
+        (cx, cy, cz), (rx, ry, rz) = self.centre_m, self.radii_m
+        position = (cx + rx * cosine, cy + ry * sine, cz + rz * math.sin(2.0 * angle))
+        heading = math.atan2(ry * cosine, -rx * sine)
+        roll, pitch = self.sway_rad * math.sin(3.0 * angle), self.sway_rad * math.cos(2.0 * angle)
+        tilt = Pose.at((0, 0, 0), (math.sin(roll / 2), 0, 0, math.cos(roll / 2)))
+        lift = Pose.at((0, 0, 0), (0, math.sin(pitch / 2), 0, math.cos(pitch / 2)))
+        return Pose.from_yaw(position, heading) @ lift @ tilt
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SyntheticConfig:
+    """How well a capture system sees; rates are per object and second, durations means of exponential ones.
+
+    Attributes:
+        rate_hz: Captures a second.
+        noise_m: Standard deviation of every coordinate.
+        noise_rad: Standard deviation of the turn about every axis.
+        occlusions_hz: How often an object gets hidden.
+        occlusion_s: For how long.
+        flips_hz: How often an object's pattern is taken for itself turned by half a turn.
+        flip_s: For how long.
+        dropped: Share of captures that never arrive.
+        latency_s: From capture to receipt, at least.
+        jitter_s: Mean of the exponential part of the latency.
+    """
+
+    rate_hz: float = 100.0
+    noise_m: float = 0.0005
+    noise_rad: float = 0.002
+    occlusions_hz: float = 0.0
+    occlusion_s: float = 0.2
+    flips_hz: float = 0.0
+    flip_s: float = 0.05
+    dropped: float = 0.0
+    latency_s: float = 0.006
+    jitter_s: float = 0.0005
+
+    def __post_init__(self) -> None:
+        for name in ("rate_hz", "occlusion_s", "flip_s"):
+            if not getattr(self, name) > 0:
+                raise MocapError(f"synthetic {name}: given {getattr(self, name)}, allowed are numbers above 0")
+        for name in ("noise_m", "noise_rad", "occlusions_hz", "flips_hz", "latency_s", "jitter_s"):
+            if not getattr(self, name) >= 0:
+                raise MocapError(f"synthetic {name}: given {getattr(self, name)}, allowed are numbers from 0")
+        if not 0 <= self.dropped < 1:
+            raise MocapError(f"synthetic dropped: given {self.dropped}, allowed is a share from 0 to below 1")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrueCapture:
+    """A capture and what was really there.
+
+    Attributes:
+        capture: What the system says.
+        truth: Where the objects were.
+        flipped: Objects that it says were turned by half a turn, and were not.
+    """
+
+    capture: Capture
+    truth: Mapping[str, Pose]
+    flipped: frozenset[str]
+
+
+def synthetic_captures(
+    objects: Mapping[str, SyntheticMotion],
+    config: SyntheticConfig,
+    rng: np.random.Generator,
+    *,
+    start_ns: int = 0,
+    duration_s: float = math.inf,
+) -> Iterator[TrueCapture]:
+    """Yield captures in the order of capture; those that are dropped leave a gap in the numbers.
+
+    Args:
+        objects: The ways of all objects.
+        config: How well the system sees.
+        rng: Where noise and faults come from.
+        start_ns: When capture 0 is taken, which is time 0 of the ways.
+        duration_s: For how long.
+    """
+    hidden, flipped = (_Spells(rate, mean, objects) for rate, mean in _faults(config))
+    for number in range(math.ceil(min(duration_s * config.rate_hz, 2**62))):
+        time_s = number / config.rate_hz
+        truth = {id_: motion.pose_at(time_s) for id_, motion in objects.items()}
+        now_hidden = hidden.at(time_s, rng)
+        now_flipped = flipped.at(time_s, rng) - now_hidden
+        sights: dict[str, Sight] = {
+            id_: Lapse.OCCLUDED if id_ in now_hidden else _seen(pose, id_ in now_flipped, config, rng)
+            for id_, pose in truth.items()
+        }
+        latency_s = config.latency_s + rng.exponential(config.jitter_s)
+        if rng.random() >= config.dropped:
+            capture_ns = start_ns + round(time_s * 1e9)
+            capture = Capture(
+                number=number,
+                capture_ns=capture_ns,
+                receipt_ns=capture_ns + round(latency_s * 1e9),
+                sights=sights,
+            )
+            yield TrueCapture(capture=capture, truth=truth, flipped=frozenset(now_flipped))
+
+
+def _faults(config: SyntheticConfig) -> Sequence[tuple[float, float]]:
+    return (config.occlusions_hz, config.occlusion_s), (config.flips_hz, config.flip_s)
+
+
+def _seen(pose: Pose, flipped: bool, config: SyntheticConfig, rng: np.random.Generator) -> Pose:  # noqa: FBT001
+    x, y, z, a, b, c = rng.normal(size=6).tolist()
+    sway, shift = config.noise_rad / 2, config.noise_m
+    noise = Pose.at((x * shift, y * shift, z * shift), (a * sway, b * sway, c * sway, 1.0))
+    seen = pose @ noise
+    return seen @ _HALF_TURN if flipped else seen
+
+
+class _Spells:
+    """Times at which something is wrong with an object: Poisson beginnings, exponential durations."""
+
+    def __init__(self, rate_hz: float, mean_s: float, objects: Mapping[str, object]) -> None:
+        self._rate_hz, self._mean_s = rate_hz, mean_s
+        self._spells = dict.fromkeys(objects, (math.inf, -math.inf))
+
+    def at(self, time_s: float, rng: np.random.Generator) -> set[str]:
+        """Return the objects with which it is wrong at a time; times ascend."""
+        if not self._rate_hz:
+            return set()
+        for id_, (_, end_s) in self._spells.items():
+            if time_s >= end_s:
+                begin_s = max(time_s, end_s) + rng.exponential(1.0 / self._rate_hz)
+                self._spells[id_] = (begin_s, begin_s + rng.exponential(self._mean_s))
+        return {id_ for id_, (begin_s, end_s) in self._spells.items() if begin_s <= time_s < end_s}
+
+
+class SyntheticSource:
+    """Synthetic captures in a node's time.
+
+    Args:
+        objects: The ways of all objects.
+        config: How well the system sees.
+        rng: Where noise and faults come from.
+        clock: The node's clock; captures are handed out when they would arrive.
+        duration_s: For how long.
+    """
+
+    def __init__(
+        self,
+        objects: Mapping[str, SyntheticMotion],
+        config: SyntheticConfig,
+        rng: np.random.Generator,
+        *,
+        clock: Clock,
+        duration_s: float = math.inf,
+    ) -> None:
+        self._objects, self._config, self._rng = objects, config, rng
+        self._clock, self._duration_s = clock, duration_s
+
+    @asynccontextmanager
+    async def captures(self) -> AsyncIterator[AsyncIterator[Capture]]:
+        """Begin at time 0 of the ways."""
+        async with aclosing(self._play(self._clock.now_ns())) as captures:
+            yield captures
+
+    async def _play(self, start_ns: int) -> AsyncGenerator[Capture, None]:
+        for made in synthetic_captures(
+            self._objects, self._config, self._rng, start_ns=start_ns, duration_s=self._duration_s
+        ):
+            wait_s = (made.capture.receipt_ns - self._clock.now_ns()) / 1e9
+            await self._clock.sleep_for(max(0.0, wait_s))
+            yield made.capture

@@ -1,0 +1,200 @@
+"""Which sights of an object are believed: a state machine in one table.
+
+Cameras lose objects, confuse their markers and turn symmetric patterns around. A pose that no object of the
+kind could have reached since the last one is not published; if it stays, it is believed after a while, because
+then it was the last one that was wrong. An object that comes back flipped after it was hidden for long cannot
+be told from one that turned; nothing here pretends to. Pure: takes sights and capture times, returns verdicts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from sfglab.spatial.mocap.capture import Lapse
+
+if TYPE_CHECKING:
+    from sfglab.spatial.mocap.capture import Sight
+    from sfglab.spatial.poses import Pose
+
+__all__ = ["TRANSITIONS", "Doubt", "Limits", "Track", "TrackState", "Verdict", "judge"]
+
+
+class TrackState(Enum):
+    """What is known of an object."""
+
+    ABSENT = "absent"
+    """It was never seen."""
+    TRACKED = "tracked"
+    """Its last pose is believed."""
+    HIDDEN = "hidden"
+    """It is known where it was, but not seen now."""
+    SUSPECT = "suspect"
+    """It is seen where it cannot be."""
+
+
+class Verdict(Enum):
+    """What a sight is."""
+
+    SOUND = "sound"
+    """It can be there."""
+    JUMPED = "jumped"
+    """It is further away than it can have gone."""
+    FLIPPED = "flipped"
+    """It is where it can be, but turned further than it can have turned."""
+    CONFIRMED = "confirmed"
+    """It was seen there long enough, so it is there."""
+    OCCLUDED = "occluded"
+    """It is not seen."""
+    INVALID = "invalid"
+    """The numbers are no pose."""
+    STALE = "stale"
+    """It is not newer than the one before."""
+
+    @property
+    def believed(self) -> bool:
+        """Whether a sight of this kind is published."""
+        return self in {Verdict.SOUND, Verdict.CONFIRMED}
+
+
+TRANSITIONS: dict[tuple[TrackState, Verdict], TrackState] = {
+    (TrackState.ABSENT, Verdict.SOUND): TrackState.TRACKED,
+    (TrackState.ABSENT, Verdict.OCCLUDED): TrackState.ABSENT,
+    (TrackState.ABSENT, Verdict.INVALID): TrackState.ABSENT,
+    (TrackState.ABSENT, Verdict.STALE): TrackState.ABSENT,
+    (TrackState.TRACKED, Verdict.SOUND): TrackState.TRACKED,
+    (TrackState.TRACKED, Verdict.JUMPED): TrackState.SUSPECT,
+    (TrackState.TRACKED, Verdict.FLIPPED): TrackState.SUSPECT,
+    (TrackState.TRACKED, Verdict.OCCLUDED): TrackState.HIDDEN,
+    (TrackState.TRACKED, Verdict.INVALID): TrackState.HIDDEN,
+    (TrackState.TRACKED, Verdict.STALE): TrackState.TRACKED,
+    (TrackState.HIDDEN, Verdict.SOUND): TrackState.TRACKED,
+    (TrackState.HIDDEN, Verdict.JUMPED): TrackState.SUSPECT,
+    (TrackState.HIDDEN, Verdict.FLIPPED): TrackState.SUSPECT,
+    (TrackState.HIDDEN, Verdict.OCCLUDED): TrackState.HIDDEN,
+    (TrackState.HIDDEN, Verdict.INVALID): TrackState.HIDDEN,
+    (TrackState.HIDDEN, Verdict.STALE): TrackState.HIDDEN,
+    (TrackState.SUSPECT, Verdict.SOUND): TrackState.TRACKED,
+    (TrackState.SUSPECT, Verdict.CONFIRMED): TrackState.TRACKED,
+    (TrackState.SUSPECT, Verdict.JUMPED): TrackState.SUSPECT,
+    (TrackState.SUSPECT, Verdict.FLIPPED): TrackState.SUSPECT,
+    (TrackState.SUSPECT, Verdict.OCCLUDED): TrackState.HIDDEN,
+    (TrackState.SUSPECT, Verdict.INVALID): TrackState.HIDDEN,
+    (TrackState.SUSPECT, Verdict.STALE): TrackState.SUSPECT,
+}
+"""The state after a verdict; pairs that are missing cannot happen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What no object outdoes, and how long an impossible place must be held to be believed.
+
+    Attributes:
+        speed_m_s: The highest speed.
+        turn_rad_s: The highest rate of turn.
+        slack_m: How far apart two poses may always be, for noise.
+        slack_rad: By how much two poses may always differ in orientation.
+        believe_after_s: After how long at an impossible place the object is believed to be there.
+    """
+
+    speed_m_s: float = 10.0
+    turn_rad_s: float = 12.0
+    slack_m: float = 0.02
+    slack_rad: float = 0.2
+    believe_after_s: float = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Doubt:
+    """A place where an object is seen although it cannot be there.
+
+    Attributes:
+        pose: Where it was seen last.
+        seen_ns: The capture time of that.
+        since_ns: Since when it is seen there.
+        verdict: Why it cannot be there.
+    """
+
+    pose: Pose
+    seen_ns: int
+    since_ns: int
+    verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Track:
+    """What is remembered of one object.
+
+    Attributes:
+        state: What is known of it.
+        seen_ns: The newest capture time.
+        pose: The last pose that was believed; None before the first.
+        pose_ns: Its capture time.
+        doubt: Where it is seen although it cannot be there; None when it is not.
+    """
+
+    state: TrackState = TrackState.ABSENT
+    seen_ns: int | None = None
+    pose: Pose | None = None
+    pose_ns: int = 0
+    doubt: Doubt | None = None
+
+
+def judge(track: Track, sight: Sight, capture_ns: int, limits: Limits) -> tuple[Track, Verdict]:
+    """Judge one sight of an object.
+
+    Args:
+        track: What is remembered of it.
+        sight: Its pose, or why there is none.
+        capture_ns: When it was captured.
+        limits: What it can do.
+
+    Returns:
+        What to remember, and the verdict; a pose is to be published if that is `believed`.
+    """
+    if track.seen_ns is not None and capture_ns <= track.seen_ns:
+        return track, Verdict.STALE
+    if isinstance(sight, Lapse):
+        verdict = Verdict.OCCLUDED if sight is Lapse.OCCLUDED else Verdict.INVALID
+        state = TRANSITIONS[track.state, verdict]
+        return Track(state=state, seen_ns=capture_ns, pose=track.pose, pose_ns=track.pose_ns), verdict
+    verdict = _verdict(track, sight, capture_ns, limits)
+    state = TRANSITIONS[track.state, verdict]
+    if verdict.believed:
+        return Track(state=state, seen_ns=capture_ns, pose=sight, pose_ns=capture_ns), verdict
+    same = _still_doubtful(track, sight, capture_ns, limits)
+    doubt = Doubt(
+        pose=sight,
+        seen_ns=capture_ns,
+        since_ns=track.doubt.since_ns if track.doubt and same else capture_ns,
+        verdict=verdict,
+    )
+    return Track(state=state, seen_ns=capture_ns, pose=track.pose, pose_ns=track.pose_ns, doubt=doubt), verdict
+
+
+def _verdict(track: Track, pose: Pose, now_ns: int, limits: Limits) -> Verdict:
+    if track.pose is None:
+        return Verdict.SOUND
+    if track.doubt is not None and _still_doubtful(track, pose, now_ns, limits):
+        held = now_ns - track.doubt.since_ns >= limits.believe_after_s * 1e9
+        return Verdict.CONFIRMED if held else track.doubt.verdict
+    return _fault(track.pose, pose, now_ns - track.pose_ns, limits) or Verdict.SOUND
+
+
+def _still_doubtful(track: Track, pose: Pose, now_ns: int, limits: Limits) -> bool:
+    """Tell whether an object is where it was in doubt, also when by now it could have gone there slowly."""
+    if track.doubt is None or track.pose is None:
+        return False
+    step_ns = now_ns - track.doubt.seen_ns
+    near = _fault(track.doubt.pose, pose, step_ns, limits) is None
+    return near and _fault(track.pose, pose, step_ns, limits) is not None
+
+
+def _fault(before: Pose, after: Pose, elapsed_ns: int, limits: Limits) -> Verdict | None:
+    elapsed_s = elapsed_ns / 1e9
+    if before.distance_m(after) > limits.speed_m_s * elapsed_s + limits.slack_m:
+        return Verdict.JUMPED
+    if before.angle_rad(after) > limits.turn_rad_s * elapsed_s + limits.slack_rad:
+        return Verdict.FLIPPED
+    return None

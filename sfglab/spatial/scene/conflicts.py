@@ -1,0 +1,207 @@
+"""What is wrong with a plan: who comes too close to whom, when and where; limits, zones, and loose ends.
+
+Warnings, not refusals: a plan in the making may be wrong. Distances come from `trajectory.clearance`: exact for
+polylines, within a millimetre for splines. Refuses to know how to mend anything.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from enum import Enum
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sfglab.spatial.scene.objects import (
+    AgentObject,
+    ObstacleObject,
+    TrajectoryObject,
+    WaypointObject,
+    ZoneObject,
+    ZoneRule,
+)
+from sfglab.spatial.trajectory import closest_approach, closest_to_shape, limit_violations, motion_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from sfglab.spatial.poses import Pose, Vec3
+    from sfglab.spatial.scene.tree import Scene
+    from sfglab.spatial.trajectory import Approach, ObstacleApproach, Shape, Trajectory
+
+__all__ = ["Conflict", "ConflictKind", "conflicts"]
+
+_TOLERANCE_M = 1e-3
+
+
+_Body = tuple["ConflictKind", "ObstacleObject | ZoneObject", "Pose"]
+
+
+class ConflictKind(Enum):
+    """What is wrong.
+
+    Attributes:
+        AGENTS: Two agents come closer than their radii and the scene's margin.
+        OBSTACLE: An agent touches an obstacle.
+        ZONE: An agent touches a forbidden zone.
+        LIMIT: A trajectory asks more of its agent than it can do.
+        OUTSIDE: A waypoint lies in no zone of those that waypoints must lie in.
+        NO_AGENT: Nobody drives a trajectory.
+        NO_WAYPOINTS: A trajectory has none, so its agent stands.
+    """
+
+    AGENTS = "agents"
+    OBSTACLE = "obstacle"
+    ZONE = "zone"
+    LIMIT = "limit"
+    OUTSIDE = "outside"
+    NO_AGENT = "no agent"
+    NO_WAYPOINTS = "no waypoints"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conflict:
+    """A warning.
+
+    Attributes:
+        kind: What is wrong.
+        objects: Ids of whom it concerns.
+        text: One sentence for people, with value and what is allowed.
+        time_s: When it is worst; None where time does not matter.
+        position_m: Where then, in the scene's frame; None where place does not matter.
+    """
+
+    kind: ConflictKind
+    objects: tuple[int, ...]
+    text: str
+    time_s: float | None = None
+    position_m: Vec3 | None = None
+
+
+def conflicts(scene: Scene) -> tuple[Conflict, ...]:
+    """Return all warnings of a scene, by kind and in the tree's order."""
+    return (
+        *_between_agents(scene),
+        *_with_bodies(scene),
+        *_over_limits(scene),
+        *_outside(scene),
+        *_loose_ends(scene),
+    )
+
+
+@functools.lru_cache(maxsize=4096)
+def _approach(a: Trajectory, b: Trajectory) -> Approach:
+    """Return the closest approach of two agents; while one of many is dragged, the others' are still known."""
+    found = closest_approach(a, b, tolerance_m=_TOLERANCE_M)
+    assert found is not None  # who holds at the ends shares all time
+    return found
+
+
+@functools.lru_cache(maxsize=4096)
+def _to_body(motion: Trajectory, shape: Shape, pose: Pose) -> ObstacleApproach:
+    return closest_to_shape(motion, shape, pose, tolerance_m=_TOLERANCE_M)
+
+
+def _between_agents(scene: Scene) -> Iterator[Conflict]:
+    agents: list[AgentObject] = list(scene.all_of(AgentObject))
+    motions = {agent.id: scene.motion(agent.id) for agent in agents}
+    for a, b in combinations(agents, 2):
+        found = _approach(motions[a.id], motions[b.id])
+        clearance_m = found.distance_m - a.radius_m - b.radius_m
+        if clearance_m < scene.margin_m:
+            yield Conflict(
+                kind=ConflictKind.AGENTS,
+                objects=(a.id, b.id),
+                text=f"{a.name} and {b.name} are {clearance_m:.3f} m apart {_when(found.time_s)}; "
+                f"allowed: {scene.margin_m:g} m",
+                time_s=found.time_s,
+                position_m=_middle(found.position_a_m, found.position_b_m),
+            )
+
+
+def _with_bodies(scene: Scene) -> Iterator[Conflict]:
+    obstacles = [(ConflictKind.OBSTACLE, thing) for thing in scene.all_of(ObstacleObject)]
+    zones = [(ConflictKind.ZONE, z) for z in scene.all_of(ZoneObject) if z.rule is ZoneRule.FORBIDDEN]
+    bodies = [(kind, thing, scene.world_pose(thing.id)) for kind, thing in [*obstacles, *zones]]
+    for agent in scene.all_of(AgentObject) if bodies else ():
+        motion = scene.motion(agent.id)
+        near = _near(motion, bodies, agent.radius_m)
+        for kind, thing, pose in (bodies[i] for i in near):
+            found = _to_body(motion, thing.shape, pose)
+            clearance_m = found.clearance_m - agent.radius_m
+            if clearance_m < 0.0:
+                yield Conflict(
+                    kind=kind,
+                    objects=(agent.id, thing.id),
+                    text=f"{agent.name} is {-clearance_m:.3f} m inside {thing.name} {_when(found.time_s)}",
+                    time_s=found.time_s,
+                    position_m=found.position_m,
+                )
+
+
+def _near(motion: Trajectory, bodies: list[_Body], radius_m: float) -> NDArray[np.intp]:
+    """Return which bodies could be touched at all, by boxes around segments and spheres around bodies."""
+    low, high = motion_of(motion).boxes_m()
+    centres = np.array([pose.position_m for _, _, pose in bodies])[:, None]
+    reaches = np.array([thing.shape.reach_m for _, thing, _ in bodies])
+    beyond = np.maximum(np.maximum(low - centres, centres - high), 0.0)
+    return np.flatnonzero(np.linalg.norm(beyond, axis=2).min(axis=1) <= reaches + radius_m)
+
+
+def _over_limits(scene: Scene) -> Iterator[Conflict]:
+    for driven in scene.all_of(TrajectoryObject):
+        motion = scene.world_trajectory(driven.id)
+        if driven.agent is None or motion is None:
+            continue
+        agent: AgentObject = scene.of_kind(driven.agent, AgentObject)
+        held = scene.held_by(driven.id)
+        for found in limit_violations(motion, agent.limits):
+            yield Conflict(
+                kind=ConflictKind.LIMIT,
+                objects=(agent.id, driven.id, held[found.segment]),
+                text=f"{agent.name}: {found.quantity.value} {found.value:.3f} {_when(found.time_s)}; "
+                f"allowed: {found.limit:g}",
+                time_s=found.time_s,
+                position_m=found.position_m,
+            )
+
+
+def _outside(scene: Scene) -> Iterator[Conflict]:
+    zones = [z for z in scene.all_of(ZoneObject) if z.rule is ZoneRule.INSIDE]
+    places = [(zone.shape, scene.world_pose(zone.id).inverse()) for zone in zones]
+    for waypoint in scene.all_of(WaypointObject) if zones else ():
+        position = scene.world_pose(waypoint.id).position_m
+        gaps = [float(shape.distances_m(np.array([inverse.apply(position)]))[0]) for shape, inverse in places]
+        if min(gaps) > 0.0:
+            nearest = zones[gaps.index(min(gaps))].name
+            name = scene.get(waypoint.parent).name
+            yield Conflict(
+                kind=ConflictKind.OUTSIDE,
+                objects=(waypoint.parent, waypoint.id),
+                text=f"{name}: waypoint {waypoint.id} lies {min(gaps):.3f} m outside of {nearest}",
+                time_s=waypoint.time_ns / 1e9,
+                position_m=position,
+            )
+
+
+def _loose_ends(scene: Scene) -> Iterator[Conflict]:
+    for driven in scene.all_of(TrajectoryObject):
+        if driven.agent is None:
+            text = f"{driven.name}: nobody drives this trajectory"
+            yield Conflict(kind=ConflictKind.NO_AGENT, objects=(driven.id,), text=text)
+        if not scene.held_by(driven.id):
+            text = f"{driven.name}: there is no waypoint"
+            yield Conflict(kind=ConflictKind.NO_WAYPOINTS, objects=(driven.id,), text=text)
+
+
+def _when(time_s: float) -> str:
+    return f"at {time_s:.3f} s"
+
+
+def _middle(a: Vec3, b: Vec3) -> Vec3:
+    x, y, z = ((p + q) / 2.0 for p, q in zip(a, b, strict=True))
+    return (x, y, z)

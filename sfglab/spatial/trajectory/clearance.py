@@ -1,0 +1,299 @@
+"""How close agents come to each other and to obstacles, in space and time.
+
+Polylines are exact: between two waypoint times the relative motion is linear, and the closest point of a line
+to the origin has a closed form; the distance to a convex body is convex along a line, and a narrowing search
+finds its least value. A spline is left by a chord over h by at most h^2 / 8 max |a|, with the bound of
+`Motion`; chords are split where this much could matter, until it is below half the tolerance, and what was
+found is then sharpened on the curve itself. Refuses to know what an agent is and how close is too close.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+
+from sfglab.spatial.trajectory.motion import motion_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from sfglab.spatial.poses import Pose, Vec3
+    from sfglab.spatial.trajectory.motion import Motion
+    from sfglab.spatial.trajectory.path import Trajectory
+    from sfglab.spatial.trajectory.shapes import Shape
+
+__all__ = ["TOLERANCE_M", "Approach", "ObstacleApproach", "closest_approach", "closest_to_shape"]
+
+TOLERANCE_M = 1e-4
+"""How far a spline's closest distance may be above the true one, unless asked otherwise."""
+_PARTS = 4
+_SPLITS = 12
+_ROUNDING_M = 1e-12
+_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+_ROUNDS = 60
+_ROUNDS_ON_CURVES = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Approach:
+    """The moment at which two agents are closest; the first of several equal ones.
+
+    Attributes:
+        time_s: When.
+        distance_m: Between their centres.
+        clearance_m: Between their hulls; negative where they overlap.
+        position_a_m: Where the first is then.
+        position_b_m: Where the second is then.
+        tolerance_m: The true least distance is at most this much smaller; 0 for polylines.
+    """
+
+    time_s: float
+    distance_m: float
+    clearance_m: float
+    position_a_m: Vec3
+    position_b_m: Vec3
+    tolerance_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObstacleApproach:
+    """The moment at which an agent is closest to a body, or deepest inside.
+
+    Attributes:
+        time_s: When.
+        clearance_m: Between the agent's hull and the surface; negative where they overlap.
+        position_m: Where the agent's centre is then.
+        tolerance_m: The true least clearance is at most this much smaller; 0 for polylines.
+    """
+
+    time_s: float
+    clearance_m: float
+    position_m: Vec3
+    tolerance_m: float
+
+
+def closest_approach(
+    a: Trajectory, b: Trajectory, *, radii_m: float = 0.0, hold: bool = True, tolerance_m: float = TOLERANCE_M
+) -> Approach | None:
+    """Return when and where two trajectories are closest.
+
+    Args:
+        a: One, in the same frame and time as the other.
+        b: The other.
+        radii_m: Sum of the agents' radii.
+        hold: Both stand before their start and after their end; else only the time they share counts.
+        tolerance_m: What a spline may be off.
+
+    Returns:
+        The closest approach; None where, without holding, they share no time.
+    """
+    edges = (min, max) if hold else (max, min)
+    start_s, end_s = edges[0](_span(a)[0], _span(b)[0]), edges[1](_span(a)[1], _span(b)[1])
+    if start_s > end_s:
+        return None
+    one, other = motion_of(a), motion_of(b)
+
+    def relative(at_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        return one.positions(at_s) - other.positions(at_s)
+
+    chords = _chords((one, other), start_s, end_s)
+    time_s, off_m = _least(chords, relative, _OriginMinimum(), tolerance_m / 2.0)
+    distance_m = float(np.linalg.norm(relative(np.array([time_s]))))
+    return Approach(
+        time_s=time_s,
+        distance_m=distance_m,
+        clearance_m=distance_m - radii_m,
+        position_a_m=_position(a, time_s),
+        position_b_m=_position(b, time_s),
+        tolerance_m=2.0 * off_m,
+    )
+
+
+def closest_to_shape(
+    trajectory: Trajectory,
+    shape: Shape,
+    shape_pose: Pose,
+    *,
+    radius_m: float = 0.0,
+    tolerance_m: float = TOLERANCE_M,
+) -> ObstacleApproach:
+    """Return when and where a trajectory is closest to a body, or deepest inside it.
+
+    Args:
+        trajectory: In the same frame as the body's pose.
+        shape: The body.
+        shape_pose: Where its centre is, and how it is turned.
+        radius_m: The agent's radius.
+        tolerance_m: What a spline may be off.
+    """
+    motion = motion_of(trajectory)
+    turned = shape_pose.rotation.inv()
+
+    def relative(at_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        inside: NDArray[np.float64] = turned.apply(motion.positions(at_s) - shape_pose.position_m)
+        return inside
+
+    chords = _chords((motion,), *_span(trajectory))
+    time_s, off_m = _least(chords, relative, _ShapeMinimum(shape), tolerance_m / 2.0)
+    return ObstacleApproach(
+        time_s=time_s,
+        clearance_m=float(shape.distances_m(relative(np.array([time_s])))[0]) - radius_m,
+        position_m=_position(trajectory, time_s),
+        tolerance_m=2.0 * off_m,
+    )
+
+
+def _span(trajectory: Trajectory) -> tuple[float, float]:
+    times = motion_of(trajectory).times_s
+    return float(times[0]), float(times[-1])
+
+
+def _position(trajectory: Trajectory, time_s: float) -> Vec3:
+    x, y, z = motion_of(trajectory).positions(time_s)[0].tolist()
+    return (x, y, z)
+
+
+class _Chords(NamedTuple):
+    """Intervals of time, and how much a motion bends in each; all of shape (n,)."""
+
+    start_s: NDArray[np.float64]
+    end_s: NDArray[np.float64]
+    bend_m_s2: NDArray[np.float64]
+
+    @property
+    def off_m(self) -> NDArray[np.float64]:
+        """How far the motion can be from its chord."""
+        return (self.end_s - self.start_s) ** 2 * self.bend_m_s2 / 8.0
+
+    def only(self, which: NDArray[np.bool_]) -> _Chords:
+        return _Chords(self.start_s[which], self.end_s[which], self.bend_m_s2[which])
+
+    def split(self) -> _Chords:
+        edges = np.linspace(self.start_s, self.end_s, _PARTS + 1, axis=1)
+        return _Chords(edges[:, :-1].ravel(), edges[:, 1:].ravel(), np.repeat(self.bend_m_s2, _PARTS))
+
+
+class _Minimum(Protocol):
+    """How close points and straight lines come to something; shares are parts of a line, 0 to 1."""
+
+    def distances(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]: ...
+
+    def bounds(self, start_m: NDArray[np.float64], end_m: NDArray[np.float64]) -> NDArray[np.float64]: ...
+
+    def shares(self, start_m: NDArray[np.float64], end_m: NDArray[np.float64]) -> NDArray[np.float64]: ...
+
+
+class _OriginMinimum:
+    """To the origin, in closed form."""
+
+    def distances(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(np.linalg.norm(points_m, axis=1))
+
+    def bounds(self, start_m: NDArray[np.float64], end_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        share = self.shares(start_m, end_m)[:, None]
+        return self.distances((1.0 - share) * start_m + share * end_m)
+
+    def shares(self, start_m: NDArray[np.float64], end_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        way = end_m - start_m
+        square = np.einsum("ij,ij->i", way, way)
+        along = -np.einsum("ij,ij->i", start_m, way) / np.where(square > 0.0, square, 1.0)
+        return np.asarray(np.clip(along, 0.0, 1.0))
+
+
+class _ShapeMinimum:
+    """To a body, in its frame."""
+
+    def __init__(self, shape: Shape) -> None:
+        self.distances = shape.distances_m
+
+    def bounds(self, start_m: NDArray[np.float64], end_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what no point of a line is below: distances change by a metre a metre."""
+        ends = self.distances(start_m) + self.distances(end_m)
+        return np.asarray((ends - np.linalg.norm(end_m - start_m, axis=1)) / 2.0)
+
+    def shares(self, start_m: NDArray[np.float64], end_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        def gap(share: NDArray[np.float64]) -> NDArray[np.float64]:
+            return self.distances((1.0 - share[:, None]) * start_m + share[:, None] * end_m)
+
+        return _narrowed(np.zeros(len(start_m)), np.ones(len(start_m)), gap)
+
+
+def _chords(motions: tuple[Motion, ...], start_s: float, end_s: float) -> _Chords:
+    """Return the intervals between anybody's waypoints, with the sum of all accelerations' bounds."""
+    edges = np.concatenate([motion.times_s for motion in motions])
+    edges = np.unique(np.concatenate([[start_s, end_s], edges[(edges > start_s) & (edges < end_s)]]))
+    if len(edges) == 1:
+        edges = np.repeat(edges, 2)
+    middle = (edges[:-1] + edges[1:]) / 2.0
+    bends = np.zeros(len(middle))
+    for motion in motions:
+        if motion.exact:
+            continue
+        inside = (middle > motion.times_s[0]) & (middle < motion.times_s[-1])
+        segment = np.searchsorted(motion.times_s, middle[inside], side="right") - 1
+        bends[inside] += motion.bend_bounds_m_s2()[segment]
+    return _Chords(edges[:-1], edges[1:], bends)
+
+
+def _least(
+    chords: _Chords,
+    relative: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    lines: _Minimum,
+    off_m: float,
+) -> tuple[float, float]:
+    """Return when something is closest, and how far it is at most from the chords that this was found on.
+
+    Chords that can hold nothing closer than what is known already are dropped; the others are split until they
+    are close enough to the motion.
+    """
+    best_m = math.inf
+    for _ in range(_SPLITS):
+        start_m, end_m = relative(chords.start_s), relative(chords.end_s)
+        best_m = min(best_m, float(lines.distances(np.concatenate([start_m, end_m])).min()))
+        kept = lines.bounds(start_m, end_m) - chords.off_m <= best_m + _ROUNDING_M
+        start_m, end_m, chords = start_m[kept], end_m[kept], chords.only(kept)
+        coarse = chords.off_m > off_m
+        if not coarse.any():
+            break
+        chords = _Chords(
+            *map(np.concatenate, zip(chords.only(~coarse), chords.only(coarse).split(), strict=True))
+        )
+    start_m, end_m = relative(chords.start_s), relative(chords.end_s)
+    share = lines.shares(start_m, end_m)
+    tried = np.concatenate(
+        [chords.start_s + share * (chords.end_s - chords.start_s), chords.start_s, chords.end_s]
+    )
+    left_m = float(chords.off_m.max())
+    if left_m:
+        tried = np.append(tried, _sharpened(chords, lambda at_s: lines.distances(relative(at_s))))
+    tried = np.sort(tried)
+    return float(tried[lines.distances(relative(tried)).argmin()]), left_m
+
+
+def _narrowed(
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    gap: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    *,
+    rounds: int = _ROUNDS,
+) -> NDArray[np.float64]:
+    """Return where functions that fall and then rise are least, by golden sections, all at once."""
+    for _ in range(rounds):
+        left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        falling = gap(left) > gap(right)
+        low, high = np.where(falling, left, low), np.where(falling, high, right)
+    return (low + high) / 2.0
+
+
+def _sharpened(
+    chords: _Chords, gap: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """Return where a curve's distance is least inside the most promising of its chords."""
+    ends = np.minimum(gap(chords.start_s), gap(chords.end_s))
+    first = np.argsort(ends)[:_PARTS]
+    return _narrowed(chords.start_s[first], chords.end_s[first], gap, rounds=_ROUNDS_ON_CURVES)

@@ -1,0 +1,195 @@
+"""Speed, acceleration and yaw rate against an agent's limits, with place and value of every violation.
+
+Inside a segment the rates are the motion's own. A polyline's velocity jumps at its waypoints; there the
+acceleration is the jump over half the time of the two segments, |v_out - v_in| / ((dt_in + dt_out) / 2), as if
+it were spread over them. The first waypoint may be left, and the last reached, at any speed within the limit. A
+spline's peaks are sought on a grid that is narrowed thrice. Refuses to know how to meet the limits
+(`retiming`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sfglab.spatial.trajectory.motion import motion_of
+from sfglab.spatial.trajectory.path import TrajectoryError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from sfglab.spatial.poses import Vec3
+    from sfglab.spatial.trajectory.motion import Motion
+    from sfglab.spatial.trajectory.path import Trajectory
+
+__all__ = ["LimitViolation", "Limits", "Peaks", "Quantity", "limit_violations", "peaks"]
+
+_GRID = 65
+_ZOOMS = 3
+_TOLERANCE = 1e-9
+
+
+class Quantity(Enum):
+    """What is limited.
+
+    Attributes:
+        SPEED: Length of the velocity, m/s.
+        ACCELERATION: Length of the acceleration, m/s^2.
+        YAW_RATE: Size of the angular velocity about the fixed z axis, rad/s.
+    """
+
+    SPEED = "speed_m_s"
+    ACCELERATION = "acceleration_m_s2"
+    YAW_RATE = "yaw_rate_rad_s"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What an agent can do; None is no limit.
+
+    Attributes:
+        speed_m_s: Above zero.
+        acceleration_m_s2: Above zero.
+        yaw_rate_rad_s: Above zero.
+
+    Raises:
+        TrajectoryError: A limit is not a finite number above zero.
+    """
+
+    speed_m_s: float | None = None
+    acceleration_m_s2: float | None = None
+    yaw_rate_rad_s: float | None = None
+
+    def __post_init__(self) -> None:
+        for quantity in Quantity:
+            limit = self.of(quantity)
+            if limit is not None and not 0.0 < limit < math.inf:
+                raise TrajectoryError(f"limits, {quantity.value}", limit, "a finite number above zero, or none")
+
+    def of(self, quantity: Quantity) -> float | None:
+        """Return the limit of a quantity."""
+        limit: float | None = getattr(self, quantity.value)
+        return limit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LimitViolation:
+    """A segment, or a polyline's corner, where a limit is exceeded.
+
+    Attributes:
+        quantity: Which limit.
+        segment: From 0; a corner counts to the segment that leaves it.
+        time_s: Where it is exceeded most.
+        position_m: The position then.
+        value: In the quantity's unit.
+        limit: What is allowed.
+    """
+
+    quantity: Quantity
+    segment: int
+    time_s: float
+    position_m: Vec3
+    value: float
+    limit: float
+
+    def __str__(self) -> str:
+        x, y, z = self.position_m
+        where = f"at {self.time_s:.3f} s, ({x:.2f}, {y:.2f}, {z:.2f}) m, segment {self.segment}"
+        return f"{self.quantity.value}: given {self.value:.4g} {where}, allowed {self.limit:.4g}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Peaks:
+    """The largest value of a quantity in every segment.
+
+    Attributes:
+        values: Shape (n - 1,), in the quantity's unit.
+        times_s: When, shape (n - 1,).
+    """
+
+    values: NDArray[np.float64]
+    times_s: NDArray[np.float64]
+
+
+def peaks(trajectory: Trajectory, quantity: Quantity) -> Peaks:
+    """Return where a quantity is largest in every segment of a trajectory.
+
+    A polyline's corner counts to the segment that leaves it.
+    """
+    motion = motion_of(trajectory)
+    if motion.exact:
+        return _exact_peaks(motion, quantity)
+    return _narrowed_peaks(motion, quantity)
+
+
+def limit_violations(trajectory: Trajectory, limits: Limits) -> tuple[LimitViolation, ...]:
+    """Return every segment in which a limit is exceeded, in order of time.
+
+    Args:
+        trajectory: What to check.
+        limits: What is allowed; values up to a part in 10^9 above it pass, for rounding.
+    """
+    found = [v for quantity in Quantity for v in _violations_of(trajectory, quantity, limits.of(quantity))]
+    return tuple(sorted(found, key=lambda v: (v.time_s, v.quantity.value)))
+
+
+def _violations_of(trajectory: Trajectory, quantity: Quantity, limit: float | None) -> Iterator[LimitViolation]:
+    if limit is None:
+        return
+    found = peaks(trajectory, quantity)
+    motion = motion_of(trajectory)
+    for segment in np.flatnonzero(found.values > limit * (1.0 + _TOLERANCE)):
+        x, y, z = motion.positions(found.times_s[segment])[0].tolist()
+        yield LimitViolation(
+            quantity=quantity,
+            segment=int(segment),
+            time_s=float(found.times_s[segment]),
+            position_m=(x, y, z),
+            value=float(found.values[segment]),
+            limit=limit,
+        )
+
+
+def _exact_peaks(motion: Motion, quantity: Quantity) -> Peaks:
+    """Return a polyline's peaks: rates are constant in a segment, and jumps stand at its start."""
+    count = len(motion)
+    _, velocity, _, angular = motion.rates(np.arange(count), np.zeros(count))
+    starts = motion.times_s[:-1]
+    if quantity is Quantity.SPEED:
+        return Peaks(values=np.linalg.norm(velocity, axis=1), times_s=starts)
+    if quantity is Quantity.YAW_RATE:
+        return Peaks(values=np.abs(angular[:, 2]), times_s=starts)
+    jumps = np.zeros(count)
+    if count > 1:
+        spread_s = (motion.durations_s[:-1] + motion.durations_s[1:]) / 2.0
+        jumps[1:] = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / spread_s
+    return Peaks(values=jumps, times_s=starts)
+
+
+def _narrowed_peaks(motion: Motion, quantity: Quantity) -> Peaks:
+    """Return a spline's peaks: the best point of a grid over each segment, then of grids around that point."""
+    count, rows = len(motion), np.arange(len(motion))
+    low, high = np.zeros(count), motion.durations_s
+    best_s, values = low, low
+    for _ in range(_ZOOMS + 1):
+        grid = np.linspace(low, high, _GRID, axis=1)
+        sizes = _sizes(motion, quantity, np.repeat(rows, _GRID), grid.ravel()).reshape(count, _GRID)
+        best = sizes.argmax(axis=1)
+        best_s, values = grid[rows, best], sizes[rows, best]
+        low, high = grid[rows, np.maximum(best - 1, 0)], grid[rows, np.minimum(best + 1, _GRID - 1)]
+    return Peaks(values=values, times_s=motion.times_s[:-1] + best_s)
+
+
+def _sizes(
+    motion: Motion, quantity: Quantity, segments: NDArray[np.intp], local_s: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    _, velocity, acceleration, angular = motion.rates(segments, local_s)
+    if quantity is Quantity.YAW_RATE:
+        return np.abs(angular[:, 2])
+    return np.asarray(np.linalg.norm(velocity if quantity is Quantity.SPEED else acceleration, axis=1))

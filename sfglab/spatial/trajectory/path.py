@@ -1,0 +1,177 @@
+"""A trajectory as a value: timed poses and how to go from one to the next. Paper A, section 4.5.
+
+The paper's T = {(p_i, t_i)}, p_i in SE(3), t_i a temporal offset from 0. Times are whole nanoseconds, so that
+files and messages give back what they were given. Knows what a trajectory may be and how it becomes another one
+along the same path. Refuses to know what lies between waypoints (`motion`) and who drives it (`scene`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from sfglab.errors import SfglabError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sfglab.spatial.poses import Pose
+
+__all__ = [
+    "LATEST_NS",
+    "Interpolation",
+    "Trajectory",
+    "TrajectoryError",
+    "Waypoint",
+    "in_frame",
+    "stretched",
+    "with_durations",
+]
+
+LATEST_NS = 10**15
+"""Eleven days. Up to here a time in seconds, as a float with nine decimals, gives back its nanoseconds."""
+
+
+class TrajectoryError(SfglabError, ValueError):
+    """Values that are no trajectory, or a message or text that holds none.
+
+    Attributes:
+        place: Where.
+        given: What was given.
+        allowed: What is allowed in its place.
+    """
+
+    def __init__(self, place: str, given: object, allowed: str) -> None:
+        self.place = place
+        self.given = given
+        self.allowed = allowed
+        super().__init__(place, given, allowed)
+
+    def __str__(self) -> str:
+        return f"{self.place}: given {self.given}, allowed: {self.allowed}"
+
+
+class Interpolation(Enum):
+    """How to go from one waypoint to the next; `motion` has the formulas.
+
+    Attributes:
+        POLYLINE: Position linear in time, orientation by SLERP; the paper's.
+        CATMULL_ROM: Position on a centripetal Catmull-Rom spline, orientation by SLERP; the paper's future
+            work.
+    """
+
+    POLYLINE = "polyline"
+    CATMULL_ROM = "catmull_rom"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Waypoint:
+    """Where to be, and when.
+
+    Attributes:
+        time_ns: Since the trajectory's time 0, 0 to `LATEST_NS`.
+        pose: Where, and how turned.
+    """
+
+    time_ns: int
+    pose: Pose
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trajectory:
+    """Waypoints in order of time. Before the first and after the last, one stands there.
+
+    Attributes:
+        waypoints: At least one; their times grow strictly.
+        interpolation: How to go from one to the next.
+
+    Raises:
+        TrajectoryError: There is no waypoint, a time is out of range, or times do not grow.
+    """
+
+    waypoints: tuple[Waypoint, ...]
+    interpolation: Interpolation = Interpolation.POLYLINE
+
+    def __post_init__(self) -> None:
+        if not self.waypoints:
+            raise TrajectoryError("trajectory", "no waypoint", "at least one")
+        before = -1
+        for index, waypoint in enumerate(self.waypoints):
+            if not before < waypoint.time_ns <= LATEST_NS:
+                allowed = f"whole nanoseconds above {before} and up to {LATEST_NS}"
+                raise TrajectoryError(f"waypoint {index}, time", f"{waypoint.time_ns} ns", allowed)
+            before = waypoint.time_ns
+
+    @property
+    def start_ns(self) -> int:
+        """The first waypoint's time."""
+        return self.waypoints[0].time_ns
+
+    @property
+    def end_ns(self) -> int:
+        """The last waypoint's time."""
+        return self.waypoints[-1].time_ns
+
+    @classmethod
+    def of(
+        cls, waypoints: Iterable[tuple[int, Pose]], interpolation: Interpolation = Interpolation.POLYLINE
+    ) -> Trajectory:
+        """Return the trajectory of pairs of nanoseconds and pose."""
+        listed = tuple(Waypoint(time_ns=time_ns, pose=pose) for time_ns, pose in waypoints)
+        return cls(waypoints=listed, interpolation=interpolation)
+
+    @classmethod
+    def standing(cls, pose: Pose, time_ns: int = 0) -> Trajectory:
+        """Return the trajectory of whoever stays where they are."""
+        return cls.of([(time_ns, pose)])
+
+
+def in_frame(trajectory: Trajectory, target_from_source: Pose) -> Trajectory:
+    """Return a trajectory in another frame.
+
+    Both interpolations commute with rigid motions, so it does not matter which is done first.
+
+    Args:
+        trajectory: Its poses are given in the source frame.
+        target_from_source: Where the source frame is in the target frame.
+    """
+    moved = tuple(replace(w, pose=target_from_source @ w.pose) for w in trajectory.waypoints)
+    return replace(trajectory, waypoints=moved)
+
+
+def with_durations(trajectory: Trajectory, durations_ns: Iterable[int]) -> Trajectory:
+    """Return the same waypoints at other times; the first keeps its time.
+
+    Args:
+        trajectory: Whose waypoints.
+        durations_ns: How long each segment takes, one less than waypoints.
+
+    Raises:
+        TrajectoryError: A duration is not above zero, or the end lies too late.
+        ValueError: There is another number of durations.
+    """
+    time_ns = trajectory.start_ns
+    moved = [trajectory.waypoints[0]]
+    for waypoint, duration_ns in zip(trajectory.waypoints[1:], durations_ns, strict=True):
+        time_ns += int(duration_ns)
+        moved.append(replace(waypoint, time_ns=time_ns))
+    return replace(trajectory, waypoints=tuple(moved))
+
+
+def stretched(trajectory: Trajectory, factor: float) -> Trajectory:
+    """Return the same path, driven slower or faster; the first waypoint keeps its time.
+
+    Args:
+        trajectory: What to stretch.
+        factor: By how much every duration grows; below 1 it shrinks.
+
+    Raises:
+        TrajectoryError: The factor is not above zero, waypoints fall together, or the end lies too late.
+    """
+    if not 0.0 < factor < float("inf"):
+        raise TrajectoryError("factor", factor, "a finite number above zero")
+    start_ns = trajectory.start_ns
+    times = [start_ns + round((w.time_ns - start_ns) * factor) for w in trajectory.waypoints]
+    return with_durations(trajectory, [after - before for before, after in pairwise(times)])

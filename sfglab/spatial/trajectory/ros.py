@@ -1,0 +1,140 @@
+"""Trajectories as ROS messages and back: nav_msgs/Path and trajectory_msgs/MultiDOFJointTrajectory.
+
+Both carry waypoints, to the nanosecond and bit by bit, and neither says how to go from one to the next: whoever
+reads chooses, and whoever writes for a reader that knows only polylines resamples first. Refuses to know
+topics.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from sfglab.messages import message_type, ns_from_stamp, stamp_from_ns
+from sfglab.spatial.poses import Pose
+from sfglab.spatial.trajectory.motion import sample
+from sfglab.spatial.trajectory.path import Interpolation, Trajectory, TrajectoryError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = [
+    "multi_dof_from_trajectory",
+    "path_from_trajectory",
+    "trajectory_from_multi_dof",
+    "trajectory_from_path",
+]
+
+_NS_PER_S = 1_000_000_000
+
+
+def path_from_trajectory(trajectory: Trajectory, *, frame_id: str, start_ns: int = 0) -> Any:
+    """Return a `nav_msgs/msg/Path`, a stamped pose for every waypoint.
+
+    Args:
+        trajectory: What to write.
+        frame_id: The frame of its poses.
+        start_ns: The trajectory's time 0, in nanoseconds since the epoch; the header's stamp.
+
+    Raises:
+        StampError: A time does not fit into a stamp.
+    """
+    header = message_type("std_msgs/msg/Header")
+    stamped = message_type("geometry_msgs/msg/PoseStamped")
+    poses = [
+        stamped(
+            header=header(stamp=stamp_from_ns(start_ns + w.time_ns), frame_id=frame_id),
+            pose=w.pose.to_pose_msg(),
+        )
+        for w in trajectory.waypoints
+    ]
+    own = header(stamp=stamp_from_ns(start_ns), frame_id=frame_id)
+    return message_type("nav_msgs/msg/Path")(header=own, poses=poses)
+
+
+def trajectory_from_path(message: Any, *, interpolation: Interpolation = Interpolation.POLYLINE) -> Trajectory:
+    """Return the waypoints of a `nav_msgs/msg/Path`; the header's stamp is their time 0.
+
+    Raises:
+        TrajectoryError: There is no pose, or the stamps do not grow.
+        PoseError: A pose is none.
+    """
+    zero_ns = ns_from_stamp(message.header.stamp)
+    pairs = (
+        (ns_from_stamp(p.header.stamp) - zero_ns, Pose.from_msg(p.pose, place=f"path, pose {index}"))
+        for index, p in enumerate(message.poses)
+    )
+    return Trajectory.of(pairs, interpolation)
+
+
+def multi_dof_from_trajectory(trajectory: Trajectory, joint: str, *, frame_id: str, start_ns: int = 0) -> Any:
+    """Return a `trajectory_msgs/msg/MultiDOFJointTrajectory` of one joint, a point for every waypoint.
+
+    Velocities are those of the segment that leaves a waypoint, at the last one of the segment that arrives.
+    Accelerations stay empty for polylines, whose corners have none.
+
+    Args:
+        trajectory: What to write.
+        joint: The joint's name, such as the agent's.
+        frame_id: The frame of its poses.
+        start_ns: The trajectory's time 0, in nanoseconds since the epoch; the header's stamp.
+
+    Raises:
+        StampError: A time does not fit into a stamp.
+    """
+    found = sample(trajectory, [w.time_ns / _NS_PER_S for w in trajectory.waypoints])
+    curved = trajectory.interpolation is Interpolation.CATMULL_ROM
+    point = message_type("trajectory_msgs/msg/MultiDOFJointTrajectoryPoint")
+    points = [
+        point(
+            transforms=[w.pose.to_transform_msg()],
+            velocities=[_twist(found.velocities_m_s[i], found.angular_rad_s[i])],
+            accelerations=[_twist(found.accelerations_m_s2[i], 0.0 * found.angular_rad_s[i])] if curved else [],
+            time_from_start=_duration(w.time_ns),
+        )
+        for i, w in enumerate(trajectory.waypoints)
+    ]
+    header = message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(start_ns), frame_id=frame_id)
+    return message_type("trajectory_msgs/msg/MultiDOFJointTrajectory")(
+        header=header, joint_names=[joint], points=points
+    )
+
+
+def trajectory_from_multi_dof(
+    message: Any, joint: str = "", *, interpolation: Interpolation = Interpolation.POLYLINE
+) -> Trajectory:
+    """Return one joint's waypoints of a `trajectory_msgs/msg/MultiDOFJointTrajectory`.
+
+    Args:
+        message: What to read; velocities and accelerations are not read, as waypoints imply them.
+        joint: Whose; the first joint's where it is empty.
+        interpolation: How to go from one to the next.
+
+    Raises:
+        TrajectoryError: It has no such joint, a point lacks its transform, or times do not grow.
+        PoseError: A transform is no pose.
+    """
+    names = list(message.joint_names)
+    if not names or (joint and joint not in names):
+        raise TrajectoryError("joint", repr(joint), f"one of {', '.join(names) or 'none, there are no joints'}")
+    column = names.index(joint) if joint else 0
+    pairs = []
+    for index, point in enumerate(message.points):
+        place = f"point {index}"
+        if len(point.transforms) != len(names):
+            allowed = f"{len(names)}, one for each joint"
+            raise TrajectoryError(place, f"{len(point.transforms)} transforms", allowed)
+        pose = Pose.from_msg(point.transforms[column], place=place)
+        pairs.append((ns_from_stamp(point.time_from_start), pose))
+    return Trajectory.of(pairs, interpolation)
+
+
+def _duration(time_ns: int) -> Any:
+    sec, nanosec = divmod(time_ns, _NS_PER_S)
+    return message_type("builtin_interfaces/msg/Duration")(sec=sec, nanosec=nanosec)
+
+
+def _twist(linear: NDArray[Any], angular: NDArray[Any]) -> Any:
+    vector = message_type("geometry_msgs/msg/Vector3")
+    return message_type("geometry_msgs/msg/Twist")(
+        linear=vector(*map(float, linear)), angular=vector(*map(float, angular))
+    )

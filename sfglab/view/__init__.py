@@ -1,0 +1,66 @@
+"""The view: what a fleet sees and how it hears itself, in the Rerun viewer (paper A, section 4.5).
+
+Visualizers are small classes with declared inputs, QoS, synchronisation and rate budget, found through entry
+points (group ``sfglab.visualizers``). A `Session` adds, removes and tunes them at run time; a `Bridge` feeds
+them from the bus, `view_log` from an MCAP file or a bag; `open_canvas` sends what they draw to a viewer, a
+notebook or a ``.rrd`` file. Rerun comes with the extra ``view``.
+"""
+
+from __future__ import annotations
+
+from sfglab.view.app import Report, ViewOptions, report_of, session_for, view_live, view_log
+from sfglab.view.arrivals import Arrival
+from sfglab.view.blueprint import Layout, blueprint, layout_of_fleet, layout_of_topics
+from sfglab.view.bridge import Bridge
+from sfglab.view.entities import agent_root, entity_of_topic
+from sfglab.view.errors import ContentError, SessionError, SettingError, SinkError, SourceError, ViewError
+from sfglab.view.logs import open_log
+from sfglab.view.parameters import Parameter
+from sfglab.view.registry import GROUP, available, find
+from sfglab.view.replay import replay
+from sfglab.view.rerunning import RerunCanvas, open_canvas
+from sfglab.view.session import Display, Session
+from sfglab.view.sync import Approximate, Exact, Independent, Latest
+from sfglab.view.visualizer import Canvas, Input, TopicHealth, Update, Visualizer
+
+__all__ = [
+    "GROUP",
+    "Approximate",
+    "Arrival",
+    "Bridge",
+    "Canvas",
+    "ContentError",
+    "Display",
+    "Exact",
+    "Independent",
+    "Input",
+    "Latest",
+    "Layout",
+    "Parameter",
+    "Report",
+    "RerunCanvas",
+    "Session",
+    "SessionError",
+    "SettingError",
+    "SinkError",
+    "SourceError",
+    "TopicHealth",
+    "Update",
+    "ViewError",
+    "ViewOptions",
+    "Visualizer",
+    "agent_root",
+    "available",
+    "blueprint",
+    "entity_of_topic",
+    "find",
+    "layout_of_fleet",
+    "layout_of_topics",
+    "open_canvas",
+    "open_log",
+    "replay",
+    "report_of",
+    "session_for",
+    "view_live",
+    "view_log",
+]

@@ -1,0 +1,179 @@
+"""What ``sfglab view`` and a notebook call: from a log or the bus to a viewer, a file or a cell.
+
+Ends cleanly when it is interrupted: what was drawn up to then is sent, and a file is whole.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sfglab.view.blueprint import blueprint, layout_of_fleet, layout_of_topics
+from sfglab.view.bridge import Bridge
+from sfglab.view.logs import open_log
+from sfglab.view.replay import replay, wanted_topics
+from sfglab.view.rerunning import NOTEBOOK, RerunCanvas, open_canvas
+from sfglab.view.session import Session
+from sfglab.view.visualizers.fleet import Communication
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from sfglab.bus import Node
+    from sfglab.view.session import Display
+
+__all__ = ["Report", "ViewOptions", "report_of", "session_for", "view_live", "view_log"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewOptions:
+    """How to look.
+
+    Attributes:
+        to: Where to show it; see `open_canvas`.
+        fleet: A fleet file, for the layout, the expected agents and the border; None for none.
+        frame: The frame in which space is drawn; empty: the viewer's choice, or ``map`` with a fleet file.
+        topics: Only topics with one of these beginnings; empty for all.
+        memory: How much a viewer that is started here may keep.
+        thin: Whether a log is thinned out by the visualizers' rate budgets, as the bus always is.
+    """
+
+    to: tuple[str, ...] = ("viewer",)
+    fleet: Path | None = None
+    frame: str = ""
+    topics: tuple[str, ...] = ()
+    memory: str = "25%"
+    thin: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """What became of one display's messages.
+
+    Attributes:
+        display: Its id.
+        topics: What it looked at.
+        received: Messages that reached it.
+        shown: Updates drawn.
+        dropped: Messages and sets passed over.
+        errors: Updates that could not be drawn.
+        last_error: Why the latest could not.
+    """
+
+    display: str
+    topics: tuple[str, ...]
+    received: int
+    shown: int
+    dropped: int
+    errors: int
+    last_error: str
+
+
+def session_for(topics: Mapping[str, str], options: ViewOptions) -> Session:
+    """Return a session with everything that the installed visualizers can show of some topics.
+
+    Args:
+        topics: Type by topic.
+        options: Which of them, and the fleet file that the communication's display needs.
+    """
+    session = Session()
+    chosen = {t: kind for t, kind in topics.items() if not options.topics or t.startswith(options.topics)}
+    for offer in session.offers(chosen):
+        display = session.add(offer.kind, offer.topics)
+        if offer.kind == Communication.name and options.fleet is not None:
+            session.tune(display.id, "fleet", str(options.fleet))
+    return session
+
+
+def view_log(path: str | Path, options: ViewOptions, *, session: Session | None = None) -> tuple[Report, ...]:
+    """Show a log: an MCAP file, or a bag that rosbags reads.
+
+    Args:
+        path: The log.
+        options: How to look.
+        session: What is shown; None for everything that can be.
+
+    Returns:
+        What became of the messages, one a display.
+
+    Raises:
+        LogMissingError: There is no such file.
+        SourceError: It cannot be read.
+        SinkError: What is shown cannot be sent.
+        MissingExtraError: Rerun is not installed.
+    """
+    with open_log(path) as log:
+        topics = log.topics
+        if session is None:
+            session = session_for(topics, options)
+            for display in session.displays if not options.thin else ():
+                session.limit(display.id, None)
+        with closing(_canvas(options, topics, Path(path).stem)) as canvas:
+            replay(log.arrivals(wanted_topics(session)), session, canvas)
+    return report_of(session)
+
+
+async def view_live(
+    node: Node,
+    options: ViewOptions,
+    *,
+    session: Session | None = None,
+    on_start: Callable[[Session], None] = lambda _: None,
+) -> None:
+    """Show what is on the bus, until cancelled.
+
+    Args:
+        node: On the domain to look at.
+        options: How to look.
+        session: What is shown, which may change meanwhile; None follows all topics that can be shown.
+        on_start: Called once with the session, when the bridge runs.
+
+    Raises:
+        SinkError: What is shown cannot be sent any more.
+        MissingExtraError: Rerun is not installed.
+    """
+    follow = session is None
+    session = session or session_for({}, options)
+    if follow:
+        settings = {} if options.fleet is None else {"fleet": str(options.fleet)}
+        session.add(Communication, Communication.inputs[0].pattern, settings)
+    canvas = await asyncio.to_thread(_canvas, options, {}, node.name)
+    follows = (options.topics or ("/",)) if follow else ()
+    with closing(canvas):
+        async with Bridge(node, session, canvas, follow=follows) as bridge:
+            on_start(session)
+            await bridge.failed()
+
+
+def report_of(session: Session) -> tuple[Report, ...]:
+    """Return what became of the messages, one a display."""
+    return tuple(_report(display) for display in session.displays)
+
+
+def _report(display: Display) -> Report:
+    counts = display.slot.counts
+    return Report(
+        display=display.id,
+        topics=tuple(display.visualizer.topics.values()),
+        received=counts.received,
+        shown=counts.shown,
+        dropped=counts.dropped,
+        errors=display.errors,
+        last_error=display.last_error,
+    )
+
+
+def _canvas(options: ViewOptions, topics: Mapping[str, str], title: str) -> RerunCanvas:
+    layout: Any = layout_of_topics(topics, frame=options.frame)
+    if options.fleet is not None:
+        from sfglab.fleet.fleet_file import load_fleet
+
+        layout = layout_of_fleet(load_fleet(options.fleet), frame=options.frame or "map")
+    canvas = open_canvas(options.to, title=title, memory=options.memory)
+    canvas.show_blueprint(blueprint(layout))
+    if NOTEBOOK in options.to:
+        canvas.show_in_notebook()
+    return canvas

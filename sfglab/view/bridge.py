@@ -1,0 +1,237 @@
+"""The live bridge: subscriptions that follow a session's displays, and a thread that draws.
+
+Thin: receives, and hands to the stage. Memory is bounded however slow a viewer is: a subscription keeps as many
+messages as its QoS says, a display's slot its few, one job at a time is drawn, and the canvas waits when too
+much is on its way. What does not fit is counted and gone; nobody else waits.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Self
+
+from sfglab.bus import ClosedError, EndpointAdded, EndpointKind, EndpointRemoved
+from sfglab.errors import SfglabError
+from sfglab.qos import Durability, QoSProfile, Reliability
+from sfglab.view.arrivals import Arrival
+from sfglab.view.session import Change, Changed
+from sfglab.view.stage import Stage, Surface
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sfglab.bus import EndpointEvent, EndpointInfo, Node
+    from sfglab.view.session import Session
+    from sfglab.view.stage import Job
+
+__all__ = ["Bridge", "requested", "strongest"]
+
+_TICK_S = 0.05
+_MOST_DISPLAYS = 500
+"""How many displays are added by themselves, so that a flood of topics costs no more than this."""
+
+_Key = tuple[str, str, QoSProfile]
+
+
+def requested(declared: QoSProfile, offered: Iterable[QoSProfile]) -> QoSProfile:
+    """Return what to request so that it matches all that is offered.
+
+    Args:
+        declared: What the visualizer would like.
+        offered: By the publishers that there are; none changes nothing.
+    """
+    profiles = tuple(offered)
+    if any(profile.reliability is Reliability.BEST_EFFORT for profile in profiles):
+        declared = replace(declared, reliability=Reliability.BEST_EFFORT)
+    if any(profile.durability is Durability.VOLATILE for profile in profiles):
+        declared = replace(declared, durability=Durability.VOLATILE)
+    return declared
+
+
+def strongest(profiles: Iterable[QoSProfile]) -> QoSProfile:
+    """Return what serves everybody who requests one of several profiles: the most repair, past and depth."""
+    first, *others = profiles
+    for other in others:
+        reliable = Reliability.RELIABLE in (first.reliability, other.reliability)
+        past = Durability.TRANSIENT_LOCAL in (first.durability, other.durability)
+        first = replace(
+            first,
+            reliability=Reliability.RELIABLE if reliable else Reliability.BEST_EFFORT,
+            durability=Durability.TRANSIENT_LOCAL if past else Durability.VOLATILE,
+            depth=max(first.depth, other.depth),
+        )
+    return first
+
+
+class Bridge:
+    """Shows a session's displays live, until closed.
+
+    ```python
+    async with Node("view", domain_id=0) as node, Bridge(node, session, open_canvas(["viewer"])):
+        ...
+    ```
+
+    Args:
+        node: On the domain to look at; it stays open.
+        session: What is shown; it may change at any time, on the loop's thread.
+        surface: What is drawn on; closed with the bridge.
+        follow: Beginnings of topics; for each such topic that a visualizer offers itself for, a display is
+            added. ``("/",)`` is all, the empty tuple none.
+    """
+
+    def __init__(self, node: Node, session: Session, surface: Surface, *, follow: tuple[str, ...] = ()) -> None:
+        self._node = node
+        self._session = session
+        self._surface = surface
+        self._follow = follow
+        self._readers: dict[_Key, asyncio.Task[None]] = {}
+        self._facts: dict[bytes, EndpointEvent] = {}
+        self._types: dict[str, str] = {}
+        self._offered: set[tuple[str, str]] = set()
+        self._wake = asyncio.Event()
+        self._stage: Stage | None = None
+        self._arranging: asyncio.Handle | None = None
+        self._ends: list[Any] = []
+        self._drawing: asyncio.Task[None] | None = None
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="sfglab-view")
+
+    async def __aenter__(self) -> Self:
+        self._stage = Stage(self._session)
+        self._ends = [self._session.listen(self._changed), self._node.graph.listen(self._heard)]
+        self._drawing = asyncio.create_task(self._draw())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
+    @property
+    def stage(self) -> Stage:
+        """What is delivered and dropped."""
+        assert self._stage is not None
+        return self._stage
+
+    async def failed(self) -> None:
+        """Return never, but raise what ended the drawing.
+
+        Raises:
+            SinkError: The viewer or the file does not take any more.
+        """
+        assert self._drawing is not None
+        await asyncio.shield(self._drawing)
+
+    async def close(self) -> None:
+        """End subscriptions and drawing, send what is left and close the surface; again is harmless."""
+        ends, self._ends = self._ends, []
+        for end in ends:
+            end()
+        readers = [*self._readers.values()]
+        self._readers.clear()
+        tasks = [*readers, *([self._drawing] if self._drawing else [])]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        if self._stage is not None:
+            self._stage.close()
+        if ends:
+            # In its own thread, which comes to this when the last drawing is done.
+            try:
+                await asyncio.get_running_loop().run_in_executor(self._thread, self._surface.close)
+            finally:
+                self._thread.shutdown(wait=False)
+
+    def _changed(self, change: Change) -> None:
+        if change.what is Changed.ADDED:  # it has not heard of the endpoints that there are
+            self._facts |= {e.gid: EndpointAdded(endpoint=e) for e in self._node.graph.endpoints()}
+        self._arrange_soon()
+
+    def _heard(self, event: EndpointEvent) -> None:
+        endpoint = event.endpoint
+        if endpoint.kind is not EndpointKind.PUBLISHER:
+            return
+        self._facts[endpoint.gid] = event
+        if isinstance(event, EndpointRemoved):
+            return
+        if endpoint.type and endpoint.topic.startswith(self._follow):
+            self._types[endpoint.topic] = endpoint.type
+        self._arrange_soon()
+
+    def _arrange_soon(self) -> None:
+        """Arrange once for all that is heard at a time: in a large fleet that is thousands of endpoints."""
+        if self._arranging is None:
+            self._arranging = asyncio.get_running_loop().call_soon(self._arrange)
+
+    def _add_offers(self) -> None:
+        """Add what is offered for the first time: what somebody has removed stays away."""
+        for offer in self._session.offers(self._types):
+            key = offer.kind, next(iter(offer.topics.values()))
+            if key not in self._offered and len(self._session.displays) < _MOST_DISPLAYS:
+                self._offered.add(key)
+                self._session.add(offer.kind, offer.topics)
+
+    def _arrange(self) -> None:
+        """Have one subscription for every topic, type and QoS that is wanted, and no other."""
+        self._arranging = None
+        if not self._ends:
+            return
+        self._add_offers()
+        wanted = set(self._wanted())
+        for key in self._readers.keys() - wanted:
+            self._readers.pop(key).cancel()
+        for key in wanted - self._readers.keys():
+            self._readers[key] = asyncio.create_task(self._read(*key))
+
+    def _wanted(self) -> Iterable[_Key]:
+        """Yield one subscription for each topic and type, however many displays look at it."""
+        profiles: dict[tuple[str, str], list[QoSProfile]] = {}
+        for display in self._session.displays:
+            for given, topic, profile in display.inputs if display.enabled else ():
+                offers = _qos_of(self._node.graph.publishers(topic), given.type)
+                adapted = profile if given.role in display.qos else requested(profile, offers)
+                profiles.setdefault((topic, given.type), []).append(adapted)
+        for (topic, type_name), asked in profiles.items():
+            yield topic, type_name, strongest(asked)
+
+    async def _read(self, topic: str, type_name: str, qos: QoSProfile) -> None:
+        try:
+            subscription = self._node.create_subscription(type_name, topic, qos=qos, raw=True)
+        except SfglabError as error:
+            self._complain(topic, type_name, str(error))
+            return
+        try:
+            while True:
+                cdr, info = await subscription.take_with_info()
+                self.stage.lost[topic] = subscription.lost + subscription.dropped
+                self.stage.deliver(Arrival(topic, type_name, info.received_timestamp_ns, cdr))
+                self._wake.set()
+        except ClosedError:
+            return
+        finally:
+            subscription.close()
+
+    def _complain(self, topic: str, type_name: str, why: str) -> None:
+        for display in self._session.displays:
+            if any((bound, given.type) == (topic, type_name) for given, bound, _ in display.inputs):
+                display.errors += 1
+                display.last_error = why
+
+    async def _draw(self) -> None:
+        while True:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(_TICK_S):
+                    await self._wake.wait()
+            self._wake.clear()
+            facts, self._facts = self._facts, {}
+            await self._do(self.stage.tick(self._node.get_clock().now_ns(), facts.values()))
+            while (job := self.stage.ready()) is not None:
+                await self._do(job)
+
+    async def _do(self, job: Job | None) -> None:
+        if job is not None:
+            await asyncio.get_running_loop().run_in_executor(self._thread, job.draw, self._surface)
+
+
+def _qos_of(endpoints: Iterable[EndpointInfo], type_name: str) -> tuple[QoSProfile, ...]:
+    return tuple(endpoint.qos for endpoint in endpoints if endpoint.type == type_name)

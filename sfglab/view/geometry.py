@@ -1,0 +1,220 @@
+"""From sensor messages to points and pixels, as arrays.
+
+Pure functions of NumPy arrays and of messages read by their attributes; refuses to know the viewer. Points are
+in the frame of the message's header, in metres, float32, shape (N, 3).
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.view.errors import ContentError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = [
+    "DEPTH_ENCODINGS",
+    "cloud_colors",
+    "cloud_points",
+    "colors_by_value",
+    "covariance_ellipsoid",
+    "depth_in_m",
+    "depth_points",
+    "pinhole_matrix",
+    "pixels",
+    "scan_points",
+]
+
+_CHANNELS = {
+    "mono8": (np.uint8, 1),
+    "8UC1": (np.uint8, 1),
+    "mono16": (np.uint16, 1),
+    "16UC1": (np.uint16, 1),
+    "32FC1": (np.float32, 1),
+    "rgb8": (np.uint8, 3),
+    "bgr8": (np.uint8, 3),
+    "8UC3": (np.uint8, 3),
+    "rgba8": (np.uint8, 4),
+    "bgra8": (np.uint8, 4),
+}
+"""Element type and channels by the names of sensor_msgs/image_encodings.hpp."""
+
+DEPTH_ENCODINGS = {"16UC1": 1000.0, "mono16": 1000.0, "32FC1": 1.0}
+"""Units to a metre of the encodings that REP 118 gives depth images; ``mono16`` is what older drivers say."""
+
+_POINT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""NumPy's names of the numbers in sensor_msgs/msg/PointField."""
+
+
+def pixels(image: Any) -> NDArray[Any]:
+    """Return the pixels of a ``sensor_msgs/msg/Image``, without its padding and in this machine's byte order.
+
+    Returns:
+        Shape (height, width) or (height, width, channels); a view on the message where that is possible.
+
+    Raises:
+        ContentError: The encoding is not known, or the sizes do not fit the data.
+    """
+    if image.encoding not in _CHANNELS:
+        raise ContentError("image encoding", given=repr(image.encoding), allowed=f"are {', '.join(_CHANNELS)}")
+    dtype, channels = np.dtype(_CHANNELS[image.encoding][0]), _CHANNELS[image.encoding][1]
+    row_bytes = image.width * channels * dtype.itemsize
+    step = image.step or row_bytes
+    if step < row_bytes or len(image.data) < step * image.height:
+        given = f"{len(image.data)} bytes with step {image.step}"
+        needed = f"are at least {image.height} rows of {row_bytes} bytes"
+        raise ContentError("image data", given=given, allowed=needed)
+    rows = np.asarray(image.data[: step * image.height]).reshape(image.height, step)[:, :row_bytes]
+    array = np.ascontiguousarray(rows).view(dtype)
+    if dtype.itemsize > 1 and bool(image.is_bigendian) != (sys.byteorder == "big"):
+        array = array.byteswap()
+    return array if channels == 1 else array.reshape(image.height, image.width, channels)
+
+
+def depth_in_m(depth: NDArray[Any]) -> NDArray[np.float32]:
+    """Return a depth image in metres with NaN for holes: uint16 is millimetres with 0 for holes (REP 118)."""
+    if depth.dtype == np.uint16:
+        metres = depth.astype(np.float32) * np.float32(1e-3)
+        metres[depth == 0] = np.nan
+        return metres
+    return depth.astype(np.float32, copy=False)
+
+
+def pinhole_matrix(info: Any) -> NDArray[np.float64]:
+    """Return the 3 x 3 matrix of a ``sensor_msgs/msg/CameraInfo`` for a rectified image.
+
+    That is the left part of P where it is given, else K; distortion is not applied.
+
+    Raises:
+        ContentError: Neither has positive focal lengths.
+    """
+    projection = np.asarray(info.p, dtype=np.float64).reshape(3, 4)[:, :3]
+    matrix = projection if projection[0, 0] > 0 else np.asarray(info.k, dtype=np.float64).reshape(3, 3)
+    if not (np.isfinite(matrix).all() and matrix[0, 0] > 0 and matrix[1, 1] > 0):
+        raise ContentError("camera info", given=f"K = {matrix.tolist()}", allowed="are positive focal lengths")
+    return matrix
+
+
+def depth_points(
+    depth: NDArray[Any],
+    matrix: NDArray[np.float64],
+    *,
+    decimation: int = 1,
+    color: NDArray[np.uint8] | None = None,
+    max_m: float = np.inf,
+) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
+    """Return the points that a depth image shows: x = (u - cx) z / fx, y = (v - cy) z / fy, z.
+
+    Args:
+        depth: Shape (rows, columns), uint16 millimetres or float32 metres.
+        matrix: Pinhole matrix of the image at its full size.
+        decimation: Every how many-th row and column is taken.
+        color: RGB picture, registered to the depth image; where it has another size it is sampled.
+        max_m: Depth beyond which pixels are left out.
+
+    Returns:
+        Points in the camera's optical frame (z forward, REP 103), and their colours, shape (N, 3).
+    """
+    z = depth_in_m(depth[::decimation, ::decimation])
+    rows, columns = np.nonzero((z > 0) & (z <= max_m))
+    distance = z[rows, columns]
+    u, v = (columns * decimation).astype(np.float32), (rows * decimation).astype(np.float32)
+    points = np.empty((len(distance), 3), np.float32)
+    points[:, 0] = (u - np.float32(matrix[0, 2])) * distance / np.float32(matrix[0, 0])
+    points[:, 1] = (v - np.float32(matrix[1, 2])) * distance / np.float32(matrix[1, 1])
+    points[:, 2] = distance
+    if color is None:
+        return points, None
+    scale_v, scale_u = color.shape[0] / depth.shape[0], color.shape[1] / depth.shape[1]
+    return points, color[(v * scale_v).astype(int), (u * scale_u).astype(int), :3]
+
+
+def scan_points(scan: Any) -> NDArray[np.float32]:
+    """Return the hits of a ``sensor_msgs/msg/LaserScan``; what its own range limits exclude is left out."""
+    ranges = np.asarray(scan.ranges, dtype=np.float32)
+    angles = scan.angle_min + np.arange(len(ranges)) * scan.angle_increment
+    hit = np.isfinite(ranges) & (ranges >= scan.range_min) & (ranges <= scan.range_max)
+    points = np.zeros((int(hit.sum()), 3), np.float32)
+    points[:, 0] = ranges[hit] * np.cos(angles[hit])
+    points[:, 1] = ranges[hit] * np.sin(angles[hit])
+    return points
+
+
+def cloud_points(cloud: Any) -> tuple[NDArray[np.float32], NDArray[Any]]:
+    """Return the finite points of a ``sensor_msgs/msg/PointCloud2``, and all fields of these points.
+
+    Returns:
+        Points; and the same points as a structured array with the cloud's own field names.
+
+    Raises:
+        ContentError: It has no x, y, z, or its sizes do not fit its data.
+    """
+    records = _records(cloud)
+    if not {"x", "y", "z"} <= set(records.dtype.names or ()):
+        names = ", ".join(records.dtype.names or ()) or "none"
+        raise ContentError("point cloud", given=f"fields {names}", allowed="have x, y, z")
+    points = np.column_stack([records[axis].astype(np.float32) for axis in "xyz"])
+    finite = np.isfinite(points).all(axis=1)
+    return points[finite], records[finite]
+
+
+def cloud_colors(records: NDArray[Any]) -> NDArray[np.uint8] | None:
+    """Return the colours of a cloud's points, shape (N, 3), None where it has none.
+
+    PCL packs them into the bits of a field ``rgb`` or ``rgba``: 0xAARRGGBB, declared as a float or an integer.
+    """
+    name = next((n for n in ("rgb", "rgba") if n in (records.dtype.names or ())), None)
+    if name is None or records.dtype[name].itemsize != 4:
+        return None
+    packed = np.ascontiguousarray(records[name]).view(records.dtype[name].str[0] + "u4").astype(np.uint32)
+    return np.column_stack([(packed >> shift) & 255 for shift in (16, 8, 0)]).astype(np.uint8)
+
+
+def colors_by_value(values: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return RGB colours from blue to red between the values' 1st and 99th percentile, shape (N, 3)."""
+    import cv2
+
+    values = np.asarray(values, dtype=np.float32)
+    if not len(values):
+        return np.zeros((0, 3), np.uint8)
+    low, high = np.nanpercentile(values, [1, 99])
+    share = np.clip((values - low) / max(high - low, 1e-9), 0, 1)
+    levels = (np.nan_to_num(share) * 255).astype(np.uint8).reshape(-1, 1)
+    return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_TURBO)[:, 0, ::-1])
+
+
+def covariance_ellipsoid(covariance: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return half sizes (one standard deviation) and orientation of a 3 x 3 covariance, None without one.
+
+    Returns:
+        Half sizes, shape (3,); orientation as a quaternion x, y, z, w.
+    """
+    from scipy.spatial.transform import Rotation
+
+    matrix = np.asarray(covariance, dtype=np.float64).reshape(3, 3)
+    if not np.isfinite(matrix).all() or not matrix.any():
+        return None
+    variances, axes = np.linalg.eigh((matrix + matrix.T) / 2)
+    if variances[0] < -1e-9 * variances[-1]:
+        raise ContentError("covariance", given=f"eigenvalue {variances[0]:g}", allowed="are none below 0")
+    axes[:, 0] *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
+    return np.sqrt(np.maximum(variances, 0)), Rotation.from_matrix(axes).as_quat()
+
+
+def _records(cloud: Any) -> NDArray[Any]:
+    order = ">" if cloud.is_bigendian else "<"
+    fields = [field for field in cloud.fields if field.datatype in _POINT_TYPES and field.count <= 1]
+    formats = [order + _POINT_TYPES[field.datatype] for field in fields]
+    names, offsets = [field.name for field in fields], [field.offset for field in fields]
+    try:
+        dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": cloud.point_step})
+        row_bytes = cloud.width * cloud.point_step
+        data = np.asarray(cloud.data)[: cloud.row_step * cloud.height].reshape(cloud.height, cloud.row_step)
+        return np.ascontiguousarray(data[:, :row_bytes]).reshape(-1).view(dtype)
+    except ValueError as error:
+        given = f"{len(cloud.data)} bytes as {cloud.height} rows of {cloud.row_step}"
+        raise ContentError("point cloud data", given=given, allowed=f"fit its fields ({error})") from error

@@ -1,0 +1,295 @@
+"""What is shown now, and how: visualizers added, removed and tuned at run time.
+
+The model behind every panel and command line, as RViz's list of displays is. Pure: it knows which visualizers
+look at which topics; it refuses to know where messages come from and how they are drawn (`stage`), and tells
+whoever listens what has changed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+from sfglab.view.errors import SessionError
+from sfglab.view.registry import available, find
+from sfglab.view.slot import Slot
+from sfglab.view.written import qos_from_values, qos_to_values, sync_from_values, sync_to_values
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from sfglab.qos import QoSProfile
+    from sfglab.view.sync import SyncPolicy
+    from sfglab.view.visualizer import Input, Visualizer
+
+__all__ = ["Change", "Changed", "Display", "Offer", "Session"]
+
+
+class Changed(Enum):
+    """What happened to a display."""
+
+    ADDED = "added"
+    REMOVED = "removed"
+    TUNED = "tuned"
+    """A parameter, the rate, or whether it is on."""
+    REWIRED = "rewired"
+    """Its QoS or synchronisation: what waited is gone."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Display:
+    """One visualizer that looks at certain topics. Changed by its session only.
+
+    Attributes:
+        id: Unique in its session, stable.
+        visualizer: What draws.
+        slot: Its queues.
+        sync: Which messages belong together.
+        qos: Requested instead of what the input declares, by role.
+        enabled: Whether messages reach it.
+        errors: Updates that could not be shown.
+        last_error: Why the latest of these could not be.
+    """
+
+    id: str
+    visualizer: Visualizer
+    slot: Slot[Any]
+    sync: SyncPolicy
+    qos: dict[str, QoSProfile] = field(default_factory=dict)
+    enabled: bool = True
+    errors: int = 0
+    last_error: str = ""
+
+    @property
+    def inputs(self) -> tuple[tuple[Input, str, QoSProfile], ...]:
+        """Each bound input with its topic and what is requested."""
+        topics = self.visualizer.topics
+        bound = [given for given in self.visualizer.inputs if given.role in topics]
+        return tuple((given, topics[given.role], self.qos.get(given.role, given.qos)) for given in bound)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """Something that happened to a display.
+
+    Attributes:
+        what: What.
+        display: Which; after a removal the one that was.
+    """
+
+    what: Changed
+    display: Display
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Offer:
+    """A visualizer that could be added.
+
+    Attributes:
+        kind: Its name.
+        topics: Topic by role.
+    """
+
+    kind: str
+    topics: Mapping[str, str]
+
+
+class Session:
+    """The displays."""
+
+    def __init__(self) -> None:
+        self._displays: dict[str, Display] = {}
+        self._listeners: list[Callable[[Change], None]] = []
+        self._count = 0
+
+    @property
+    def displays(self) -> tuple[Display, ...]:
+        """All of them, in the order in which they were added."""
+        return tuple(self._displays.values())
+
+    def display(self, id_: str) -> Display:
+        """Return a display.
+
+        Raises:
+            SessionError: There is none with this id.
+        """
+        if id_ not in self._displays:
+            raise SessionError("display", id_, self._displays)
+        return self._displays[id_]
+
+    def add(
+        self,
+        kind: str | type[Visualizer],
+        topics: Mapping[str, str] | str,
+        settings: Mapping[str, object] | None = None,
+        *,
+        qos: Mapping[str, QoSProfile] | None = None,
+    ) -> Display:
+        """Add a display.
+
+        Args:
+            kind: A visualizer, or the name of one that is installed.
+            topics: Topic by role; one topic alone is the first role's.
+            settings: Values of parameters that differ from their defaults.
+            qos: What is requested instead of what the visualizer declares, by role.
+
+        Raises:
+            SessionError: There is no such visualizer.
+            SettingError: A topic is missing, or a value not allowed.
+        """
+        kind = find(kind) if isinstance(kind, str) else kind
+        topics = {kind.inputs[0].role: topics} if isinstance(topics, str) else topics
+        visualizer = kind(topics, settings)
+        self._count += 1
+        display = Display(
+            id=f"{kind.name}-{self._count}",
+            visualizer=visualizer,
+            slot=_slot(visualizer, kind.sync, kind.max_hz),
+            sync=kind.sync,
+            qos=dict(qos or {}),
+        )
+        self._displays[display.id] = display
+        self._tell(Changed.ADDED, display)
+        return display
+
+    def remove(self, id_: str) -> None:
+        """Remove a display; what it has drawn stays in the viewer's history.
+
+        Raises:
+            SessionError: There is none with this id.
+        """
+        display = self.display(id_)
+        del self._displays[id_]
+        self._tell(Changed.REMOVED, display)
+
+    def tune(self, id_: str, name: str, value: object) -> None:
+        """Set one parameter of a display.
+
+        Raises:
+            SessionError: There is none with this id.
+            SettingError: There is no such parameter, or the value is not allowed.
+        """
+        display = self.display(id_)
+        display.visualizer.tune(name, value)
+        self._tell(Changed.TUNED, display)
+
+    def limit(self, id_: str, max_hz: float | None) -> None:
+        """Set the rate budget of a display; None lifts it.
+
+        Raises:
+            SessionError: There is none with this id.
+            SettingError: The rate is not positive.
+        """
+        display = self.display(id_)
+        display.slot.budget.max_hz = max_hz
+        self._tell(Changed.TUNED, display)
+
+    def enable(self, id_: str, *, enabled: bool) -> None:
+        """Switch a display on or off; what is off costs nothing and keeps its settings.
+
+        Raises:
+            SessionError: There is none with this id.
+        """
+        display = self.display(id_)
+        if enabled and not display.enabled:
+            display.slot.interrupt()
+        display.enabled = enabled
+        self._tell(Changed.TUNED, display)
+
+    def rewire(
+        self, id_: str, *, qos: Mapping[str, QoSProfile] | None = None, sync: SyncPolicy | None = None
+    ) -> None:
+        """Change what a display requests and which messages belong together; what waited is gone.
+
+        Args:
+            id_: Which display.
+            qos: By role, in addition to what was given before.
+            sync: None leaves it as it is.
+
+        Raises:
+            SessionError: There is none with this id, or no such role.
+        """
+        display = self.display(id_)
+        for role, profile in (qos or {}).items():
+            if role not in display.visualizer.topics:
+                raise SessionError("role", role, display.visualizer.topics)
+            display.qos[role] = profile
+        display.sync = sync or display.sync
+        display.slot = _slot(display.visualizer, display.sync, display.slot.budget.max_hz)
+        self._tell(Changed.REWIRED, display)
+
+    def offers(self, topics: Mapping[str, str]) -> tuple[Offer, ...]:
+        """Return what could be added for the topics that there are, without what is shown already.
+
+        Args:
+            topics: Type by topic.
+        """
+        shown = {(d.visualizer.name, next(iter(d.visualizer.topics.values()))) for d in self.displays}
+        found = []
+        for kind in available().kinds.values():
+            for topic in sorted(topics):
+                bound = _bound(kind, topic, topics)
+                if bound is not None and (kind.name, topic) not in shown:
+                    found.append(Offer(kind=kind.name, topics=bound))
+        return tuple(found)
+
+    def listen(self, listener: Callable[[Change], None]) -> Callable[[], None]:
+        """Call `listener` with every display that there is and every change; return what ends that."""
+        self._listeners.append(listener)
+        for display in self.displays:
+            listener(Change(what=Changed.ADDED, display=display))
+        return lambda: self._listeners.remove(listener)
+
+    def to_values(self) -> list[dict[str, Any]]:
+        """Return the displays as plain values, to be kept in a file."""
+        return [
+            {
+                "kind": display.visualizer.name,
+                "topics": dict(display.visualizer.topics),
+                "settings": display.visualizer.settings,
+                "max_hz": display.slot.budget.max_hz,
+                "enabled": display.enabled,
+                "qos": {role: qos_to_values(profile) for role, profile in display.qos.items()},
+                "sync": sync_to_values(display.sync),
+            }
+            for display in self.displays
+        ]
+
+    def add_values(self, values: list[dict[str, Any]]) -> None:
+        """Add displays from what `to_values` returned.
+
+        Raises:
+            SessionError: A visualizer is not installed.
+            SettingError: A value is not allowed.
+        """
+        for value in values:
+            display = self.add(value["kind"], value["topics"], value.get("settings"))
+            if "max_hz" in value:
+                self.limit(display.id, value["max_hz"])
+            self.enable(display.id, enabled=value.get("enabled", True))
+            qos = {role: qos_from_values(profile) for role, profile in value.get("qos", {}).items()}
+            self.rewire(display.id, qos=qos, sync=sync_from_values(value["sync"]) if "sync" in value else None)
+
+    def _tell(self, what: Changed, display: Display) -> None:
+        for listener in tuple(self._listeners):
+            listener(Change(what=what, display=display))
+
+
+def _slot(visualizer: Visualizer, sync: SyncPolicy, max_hz: float | None) -> Slot[Any]:
+    return Slot(tuple(visualizer.topics), policy=sync, max_hz=max_hz, queue=visualizer.queue)
+
+
+def _bound(kind: type[Visualizer], topic: str, topics: Mapping[str, str]) -> dict[str, str] | None:
+    """Return a topic for every input, led by the given one; None if one that is needed is not there."""
+    leading, *others = kind.inputs
+    if not leading.fits(topic, topics[topic]):
+        return None
+    bound = {leading.role: topic}
+    for given in others:
+        sibling = f"{topic.rpartition('/')[0]}/{given.sibling}"
+        if given.sibling and given.fits(sibling, topics.get(sibling, "")):
+            bound[given.role] = sibling
+        elif not given.optional:
+            return None
+    return bound

@@ -1,0 +1,130 @@
+"""What stands between the messages of a visualizer's topics and the visualizer: bounds, order and counts.
+
+Pure: stamps and opaque items in, updates out, the clock is the caller's. Memory is bounded by construction: at
+most ``depth`` items of each topic wait for their partners and at most ``queue`` sets for their turn, however
+slow whoever takes them is; what does not fit is counted and gone.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
+
+from sfglab.view.budget import RateBudget
+from sfglab.view.sync import Matched, SyncPolicy, synchronizer
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["Counts", "Slot", "Taken"]
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Counts:
+    """What has become of a slot's messages.
+
+    Attributes:
+        received: Messages offered.
+        shown: Sets taken.
+        waiting: Messages that wait for partners and sets that wait for their turn.
+        unmatched: Messages without partners, or out of order.
+        over_budget: Sets that the rate budget stopped.
+        pushed_out: Sets that a newer one pushed out of the queue.
+    """
+
+    received: int
+    shown: int
+    waiting: int
+    unmatched: int
+    over_budget: int
+    pushed_out: int
+
+    @property
+    def dropped(self) -> int:
+        """Everything that was not shown and does not wait."""
+        return self.unmatched + self.over_budget + self.pushed_out
+
+
+class Taken(NamedTuple, Generic[T]):
+    """A set whose turn has come.
+
+    Attributes:
+        items: By role.
+        stamp_ns: Of the leading item.
+        lost: Sets passed over since the one before.
+    """
+
+    items: dict[str, T]
+    stamp_ns: int
+    lost: int
+
+
+class Slot(Generic[T]):
+    """The queue of one visualizer.
+
+    Args:
+        roles: Its inputs, the leading one first.
+        policy: Which messages belong together.
+        max_hz: Its rate budget.
+        queue: How many sets wait for their turn.
+
+    Attributes:
+        budget: May be changed at any time.
+    """
+
+    def __init__(self, roles: tuple[str, ...], *, policy: SyncPolicy, max_hz: float | None, queue: int) -> None:
+        self.budget = RateBudget(max_hz)
+        self._synchronizer = synchronizer(policy, roles)
+        self._ready: deque[Matched[T]] = deque(maxlen=queue)
+        self._received = self._shown = self._pushed_out = self._passed_over = 0
+
+    def offer(self, role: str, stamp_ns: int, item: T, *, now_ns: int) -> None:
+        """Take one message.
+
+        Args:
+            role: Which input it belongs to.
+            stamp_ns: When it was captured.
+            item: The message, in any form.
+            now_ns: The clock of the rate budget.
+        """
+        self._received += 1
+        for matched in self._synchronizer.offer(role, stamp_ns, item):
+            if not self.budget.allows(now_ns):
+                self._passed_over += 1
+                continue
+            if len(self._ready) == self._ready.maxlen:
+                self._pushed_out += 1
+                self._passed_over += 1
+            self._ready.append(matched)  # type: ignore[arg-type]  # the synchroniser does not look at items
+
+    def interrupt(self) -> None:
+        """Take note that messages were kept from here, so that the next update says that some are lost."""
+        self._passed_over += 1
+
+    def take(self) -> Taken[T] | None:
+        """Remove and return the oldest set, None when none is ready."""
+        if not self._ready:
+            return None
+        matched = self._ready.popleft()
+        self._shown += 1
+        lost, self._passed_over = self._passed_over, 0
+        items: Mapping[str, tuple[int, T]] = matched.items
+        return Taken({role: item for role, (_, item) in items.items()}, matched.stamp_ns, lost)
+
+    def __len__(self) -> int:
+        return len(self._ready)
+
+    @property
+    def counts(self) -> Counts:
+        """What has become of the messages so far."""
+        return Counts(
+            received=self._received,
+            shown=self._shown,
+            waiting=self._synchronizer.waiting + len(self._ready),
+            unmatched=self._synchronizer.unmatched + self._synchronizer.disordered,
+            over_budget=self.budget.dropped,
+            pushed_out=self._pushed_out,
+        )

@@ -1,0 +1,219 @@
+"""From arrivals to drawings: every display gets its topics' messages, in its own rhythm.
+
+Knows a session and a canvas; refuses to know where messages come from. The clock is the caller's, so a log is
+replayed on the log's. `deliver`, `ready` and `tick` belong to one thread and are cheap; the jobs that they
+return may be drawn in another and take their time, as long as it is always the same one.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Protocol
+
+from sfglab.errors import SfglabError
+from sfglab.view.arrivals import Arrival, capture_ns, decoded
+from sfglab.view.errors import SinkError
+from sfglab.view.session import Change, Changed, Display
+from sfglab.view.visualizer import Canvas, TopicHealth, Update
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from types import TracebackType
+
+    from sfglab.bus import EndpointEvent
+    from sfglab.view.session import Session
+    from sfglab.view.slot import Taken
+
+__all__ = ["Job", "Stage", "Surface"]
+
+_NS_PER_S = 1_000_000_000
+
+
+class Surface(Canvas, Protocol):
+    """A canvas that somebody owns."""
+
+    def settle(self, size_bytes: int) -> None:
+        """Take note that an update of this size was drawn; wait if too much is on its way.
+
+        Raises:
+            SinkError: It cannot be sent any more.
+        """
+
+    def close(self) -> None:
+        """Send what is left and let go; again is harmless."""
+
+
+class Job(Protocol):
+    """Something to draw."""
+
+    def draw(self, surface: Surface) -> None:
+        """Draw it; what cannot be drawn is noted at its display.
+
+        Raises:
+            SinkError: It cannot be sent any more.
+        """
+
+
+class _Show:
+    """One update that a display has to draw."""
+
+    def __init__(self, display: Display, taken: Taken[Arrival]) -> None:
+        self._display = display
+        self._taken = taken
+
+    def draw(self, surface: Surface) -> None:
+        arrivals = self._taken.items.values()
+        received_ns = max(arrival.received_ns for arrival in arrivals)
+        surface.at(stamp_ns=self._taken.stamp_ns, received_ns=received_ns)
+        with _Noted(self._display):
+            update = Update(
+                messages={role: decoded(arrival) for role, arrival in self._taken.items.items()},
+                stamp_ns=self._taken.stamp_ns,
+                received_ns=received_ns,
+                lost=self._taken.lost,
+            )
+            self._display.visualizer.show(update, surface)
+        surface.settle(sum(len(arrival.cdr) for arrival in arrivals))
+
+
+class _Tick:
+    """What changes with time: facts for every display, and a drawing of those whose turn it is."""
+
+    def __init__(
+        self,
+        displays: tuple[Display, ...],
+        due: tuple[Display, ...],
+        facts: tuple[EndpointEvent | TopicHealth, ...],
+        now_ns: int,
+    ) -> None:
+        self._displays = displays
+        self._due = due
+        self._facts = facts
+        self._now_ns = now_ns
+
+    def draw(self, surface: Surface) -> None:
+        surface.at(stamp_ns=self._now_ns, received_ns=self._now_ns)
+        for display in self._displays:
+            with _Noted(display):
+                for fact in self._facts:
+                    display.visualizer.observe(fact)
+                if display in self._due:
+                    display.visualizer.tick(self._now_ns, surface)
+        surface.settle(0)
+
+
+class Stage:
+    """All displays of a session.
+
+    Args:
+        session: Whose displays; they may change at any time.
+
+    Attributes:
+        lost: Messages that the transport knows to have lost, by topic; kept by whoever receives.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self.lost: Counter[str] = Counter()
+        self._session = session
+        self._wanted: dict[str, list[tuple[Display, str]]] = {}
+        self._next_tick_ns: dict[str, int] = {}
+        self._turn = 0
+        self._close = session.listen(self._changed)
+
+    def close(self) -> None:
+        """Stop following the session; again is harmless."""
+        close, self._close = self._close, lambda: None
+        close()
+
+    def deliver(self, arrival: Arrival) -> None:
+        """Put a message into the queues of the displays that want it."""
+        wanted = self._wanted.get(arrival.topic)
+        if not wanted:
+            return
+        stamp_ns = capture_ns(arrival)
+        for display, role in wanted:
+            if display.enabled:
+                display.slot.offer(role, stamp_ns, arrival, now_ns=arrival.received_ns)
+
+    def ready(self) -> Job | None:
+        """Return what is to be drawn next, each display in its turn; None when there is nothing."""
+        displays = self._session.displays
+        for offset in range(len(displays)):
+            index = (self._turn + offset) % len(displays)
+            taken = displays[index].slot.take()
+            if taken is not None:
+                self._turn = index + 1
+                return _Show(displays[index], taken)
+        return None
+
+    def tick(self, now_ns: int, facts: Iterable[EndpointEvent] = ()) -> Job | None:
+        """Return what is to be done as time goes by; None when nothing is due.
+
+        Args:
+            now_ns: The received clock.
+            facts: What happened on the bus since the last call; it is passed on to every display.
+        """
+        due = tuple(d for d in self._session.displays if d.enabled and self._is_due(d, now_ns))
+        told = tuple(facts)
+        if not due and not told:
+            return None
+        return _Tick(self._session.displays, due, (*told, *self.health()), now_ns)
+
+    def _is_due(self, display: Display, now_ns: int) -> bool:
+        """Return whether a display's tick is due, and plan its next one; a clock may jump back."""
+        if not display.visualizer.tick_hz:
+            return False
+        period_ns = round(_NS_PER_S / display.visualizer.tick_hz)
+        next_ns = self._next_tick_ns.get(display.id, now_ns)
+        if next_ns - period_ns <= now_ns < next_ns:
+            return False
+        self._next_tick_ns[display.id] = now_ns + period_ns
+        return True
+
+    def health(self) -> tuple[TopicHealth, ...]:
+        """Return what has become of every topic's messages, by topic."""
+        received: Counter[str] = Counter()
+        dropped: Counter[str] = Counter()
+        for display in self._session.displays:
+            counts = display.slot.counts
+            leading = next(iter(display.visualizer.topics.values()))
+            received[leading] += counts.received
+            dropped[leading] += counts.dropped
+        return tuple(
+            TopicHealth(topic=topic, received=received[topic], dropped=dropped[topic], lost=self.lost[topic])
+            for topic in sorted(received | self.lost)
+        )
+
+    def _changed(self, change: Change) -> None:
+        display = change.display
+        if change.what is Changed.ADDED:
+            for role, topic in display.visualizer.topics.items():
+                self._wanted.setdefault(topic, []).append((display, role))
+        elif change.what is Changed.REMOVED:
+            self._next_tick_ns.pop(display.id, None)
+            for topic in set(display.visualizer.topics.values()):
+                left = [(d, role) for d, role in self._wanted[topic] if d is not display]
+                if left:
+                    self._wanted[topic] = left
+                else:
+                    del self._wanted[topic]
+
+
+class _Noted:
+    """What a visualizer raises is noted at its display: one that fails keeps no other from being shown."""
+
+    def __init__(self, display: Display) -> None:
+        self._display = display
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        if not isinstance(error, Exception) or isinstance(error, SinkError):
+            return False
+        self._display.errors += 1
+        told = str(error) if isinstance(error, SfglabError) else f"{type(error).__name__}: {error}"
+        self._display.last_error = told
+        return True

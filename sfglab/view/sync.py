@@ -1,0 +1,270 @@
+"""Which messages of several topics belong together: exact and approximate time, and latest.
+
+Pure: knows stamps and opaque items, no message and no clock. Every policy keeps the promises of ROS 2's
+message_filters: an item is handed out once at most, sets come out in the order of time, and what waits is
+bounded by `depth` items of each topic. What is dropped unmatched is counted.
+
+Stamps of one topic have to rise; an item that is not newer than the last one of its topic is dropped as
+disordered, so a clock that jumps back needs `clear`.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from sfglab.view.errors import SettingError
+
+__all__ = [
+    "Approximate",
+    "Exact",
+    "Independent",
+    "Latest",
+    "Matched",
+    "SyncPolicy",
+    "Synchronizer",
+    "synchronizer",
+]
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Independent:
+    """Every message is a set of its own."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exact:
+    """The stamps of a set are equal.
+
+    Attributes:
+        depth: Items of each topic that wait for their partners.
+    """
+
+    depth: int = 10
+
+    def __post_init__(self) -> None:
+        _check_depth(self.depth)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Approximate:
+    """The stamps of a set lie within `slop_ns`, and each set is the best for its pivot.
+
+    The pivot is the latest of the topics' oldest waiting items: no set without it can still get better. Its
+    partners are the nearest items of the other topics, which is known once these have reached its stamp; so a
+    set whose stamps differ comes out with the next item of the topic that is behind, or when a queue is full.
+
+    Attributes:
+        slop_ns: Largest difference between two stamps of a set, in nanoseconds.
+        depth: Items of each topic that wait for their partners.
+    """
+
+    slop_ns: int = 50_000_000
+    depth: int = 10
+
+    def __post_init__(self) -> None:
+        _check_depth(self.depth)
+        if self.slop_ns < 0:
+            raise SettingError("slop_ns", given=self.slop_ns, allowed="nanoseconds from 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Latest:
+    """Every item of the first topic, with the latest item that each other topic has had, whatever its stamp.
+
+    For what changes rarely, such as a calibration that is published once. Only the first topic's items are
+    handed out once at most.
+    """
+
+
+SyncPolicy = Independent | Exact | Approximate | Latest
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Matched(Generic[T]):
+    """Items that belong together.
+
+    Attributes:
+        items: Stamp (ns) and item by topic.
+    """
+
+    items: dict[str, tuple[int, T]]
+
+    @property
+    def stamp_ns(self) -> int:
+        """The stamp of the first topic's item, or of the only one."""
+        return next(iter(self.items.values()))[0]
+
+
+class Synchronizer(Generic[T]):
+    """The queues of several topics; made by `synchronizer`.
+
+    Args:
+        topics: Their names, the leading one first.
+        depth: Items of each that wait.
+
+    Attributes:
+        unmatched: Items dropped because their partners did not come.
+        disordered: Items dropped because they were not newer than the one before.
+    """
+
+    def __init__(self, topics: tuple[str, ...], *, depth: int) -> None:
+        self.unmatched = 0
+        self.disordered = 0
+        self._depth = depth
+        self._queues: dict[str, deque[tuple[int, T]]] = {topic: deque() for topic in topics}
+        self._last_ns: dict[str, int] = {}
+
+    @property
+    def waiting(self) -> int:
+        """How many items wait for their partners."""
+        return sum(map(len, self._queues.values()))
+
+    def offer(self, topic: str, stamp_ns: int, item: T) -> list[Matched[T]]:
+        """Take one item and return the sets that it completes, the oldest first.
+
+        Args:
+            topic: One of the synchroniser's topics.
+            stamp_ns: The item's stamp.
+            item: Anything.
+        """
+        if stamp_ns <= self._last_ns.get(topic, stamp_ns - 1):
+            self.disordered += 1
+            return []
+        self._last_ns[topic] = stamp_ns
+        self._queues[topic].append((stamp_ns, item))
+        found = self._matched()
+        while len(self._queues[topic]) > self._depth:
+            self._drop_oldest(topic)
+            found += self._matched()
+        return found
+
+    def clear(self) -> None:
+        """Forget everything that waits, and that time has passed."""
+        self._last_ns.clear()
+        for queue in self._queues.values():
+            queue.clear()
+
+    def _matched(self) -> list[Matched[T]]:
+        raise NotImplementedError
+
+    def _drop_oldest(self, topic: str) -> None:
+        self._queues[topic].popleft()
+        self.unmatched += 1
+
+    def _drop_before(self, stamp_ns: int) -> None:
+        for topic, queue in self._queues.items():
+            while queue and queue[0][0] < stamp_ns:
+                self._drop_oldest(topic)
+
+    def _hand_out(self, indexes: dict[str, int]) -> Matched[T]:
+        """Remove one item of each queue and what is older there."""
+        items = {}
+        for topic, index in indexes.items():
+            for _ in range(index):
+                self._drop_oldest(topic)
+            items[topic] = self._queues[topic].popleft()
+        return Matched(items=items)
+
+
+class _ExactSynchronizer(Synchronizer[T]):
+    def _matched(self) -> list[Matched[T]]:
+        found = []
+        while all(self._queues.values()):
+            latest_ns = max(queue[0][0] for queue in self._queues.values())
+            self._drop_before(latest_ns)
+            if all(queue and queue[0][0] == latest_ns for queue in self._queues.values()):
+                found.append(self._hand_out(dict.fromkeys(self._queues, 0)))
+        return found
+
+
+class _ApproximateSynchronizer(Synchronizer[T]):
+    def __init__(self, topics: tuple[str, ...], *, depth: int, slop_ns: int) -> None:
+        super().__init__(topics, depth=depth)
+        self._slop_ns = slop_ns
+
+    def _matched(self) -> list[Matched[T]]:
+        found = []
+        while all(self._queues.values()):
+            pivot_ns = max(queue[0][0] for queue in self._queues.values())
+            self._drop_before(pivot_ns - self._slop_ns)
+            heads = [queue[0][0] for queue in self._queues.values() if queue]
+            if len(heads) < len(self._queues):
+                break
+            if max(heads) != pivot_ns:
+                continue  # what was dropped made room for a later pivot
+            if not self._is_decided(pivot_ns):
+                break
+            found.append(self._hand_out(self._best(pivot_ns)))
+        return found
+
+    def _is_decided(self, pivot_ns: int) -> bool:
+        """Return whether every topic has reached the pivot, or one cannot wait any longer."""
+        queues = self._queues.values()
+        return any(len(q) > self._depth for q in queues) or all(q[-1][0] >= pivot_ns for q in queues)
+
+    def _best(self, pivot_ns: int) -> dict[str, int]:
+        """Return the nearest items to the pivot; with three topics or more they may lie too far apart.
+
+        Then the last ones that are not after the pivot are taken: none of them is more than the slop before it.
+        """
+        nearest = {topic: _nearest(queue, pivot_ns) for topic, queue in self._queues.items()}
+        stamps = [self._queues[topic][index][0] for topic, index in nearest.items()]
+        if max(stamps) - min(stamps) <= self._slop_ns:
+            return nearest
+        return {topic: _last_until(queue, pivot_ns) for topic, queue in self._queues.items()}
+
+
+class _LatestSynchronizer(Synchronizer[T]):
+    """Holds the latest item of each topic but the first, and one of the first until all others have spoken."""
+
+    def _matched(self) -> list[Matched[T]]:
+        leading, *others = self._queues
+        for topic in self._queues:
+            while len(self._queues[topic]) > 1:
+                self._queues[topic].popleft()
+                self.unmatched += topic == leading
+        if not all(self._queues.values()):
+            return []
+        items = {leading: self._queues[leading].popleft()}
+        return [Matched(items={**items, **{topic: self._queues[topic][0] for topic in others}})]
+
+
+class _IndependentSynchronizer(Synchronizer[T]):
+    def offer(self, topic: str, stamp_ns: int, item: T) -> list[Matched[T]]:
+        """Return the item; the order of stamps does not matter here."""
+        return [Matched(items={topic: (stamp_ns, item)})]
+
+
+def synchronizer(policy: SyncPolicy, topics: tuple[str, ...]) -> Synchronizer[object]:
+    """Return the queues that a policy asks for.
+
+    Args:
+        policy: Which items belong together.
+        topics: Names of the topics, the leading one first; with one, every item is a set of its own.
+    """
+    match policy:
+        case Exact(depth=depth) if len(topics) > 1:
+            return _ExactSynchronizer(topics, depth=depth)
+        case Approximate(slop_ns=slop_ns, depth=depth) if len(topics) > 1:
+            return _ApproximateSynchronizer(topics, depth=depth, slop_ns=slop_ns)
+        case Latest() if len(topics) > 1:
+            return _LatestSynchronizer(topics, depth=1)
+        case _:
+            return _IndependentSynchronizer(topics, depth=1)
+
+
+def _nearest(queue: deque[tuple[int, T]], pivot_ns: int) -> int:
+    return min(range(len(queue)), key=lambda index: abs(queue[index][0] - pivot_ns))
+
+
+def _last_until(queue: deque[tuple[int, T]], pivot_ns: int) -> int:
+    return max(index for index, (stamp_ns, _) in enumerate(queue) if stamp_ns <= pivot_ns)
+
+
+def _check_depth(depth: int) -> None:
+    if depth < 1:
+        raise SettingError("depth", given=depth, allowed="whole numbers from 1")

@@ -1,0 +1,194 @@
+"""What a visualizer is: a small class that says what it needs and shows what it gets.
+
+    class Range(Visualizer):
+        name = "range"
+        inputs = (Input(role="range", type="sensor_msgs/msg/Range"),)
+        parameters = (Parameter(name="radius_m", default=0.02, minimum=0.001, help="line radius, m"),)
+
+        def show(self, update, canvas):
+            ...
+
+It is found through the entry points of the group ``sfglab.visualizers``. Refuses to know where messages come
+from and where what is shown goes; it decides nothing about rates and queues, but declares them.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+from sfglab.qos import SENSOR_DATA, QoSProfile
+from sfglab.view.entities import agent_of_topic, entity_of_topic
+from sfglab.view.errors import SettingError
+from sfglab.view.parameters import Parameter, Setting, check_all
+from sfglab.view.sync import Independent, SyncPolicy
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sfglab.bus import EndpointEvent
+
+__all__ = ["Canvas", "Input", "TopicHealth", "Update", "Visualizer"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Input:
+    """A topic that a visualizer needs.
+
+    Attributes:
+        role: What the visualizer calls it.
+        type: ROS type of its messages.
+        pattern: Topics that it offers itself for; ``*`` stands for any characters.
+        sibling: Last segment of the topic beside the first input's that this one is bound to by itself, such as
+            ``camera_info``; empty for none.
+        optional: Whether the visualizer also works without.
+        qos: What is requested.
+    """
+
+    role: str
+    type: str
+    pattern: str = "*"
+    sibling: str = ""
+    optional: bool = False
+    qos: QoSProfile = SENSOR_DATA
+
+    def fits(self, topic: str, type_name: str) -> bool:
+        """Return whether a topic can be this input."""
+        return type_name == self.type and fnmatchcase(topic, self.pattern)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Update:
+    """Messages that belong together.
+
+    Attributes:
+        messages: Decoded, by role.
+        stamp_ns: When the first was captured, on its sender's clock; without a stamp, when it was received.
+        received_ns: When the last of them was received, on this host's or the log's clock.
+        lost: Sets of messages that were passed over since the last update, by a full queue or the rate budget.
+    """
+
+    messages: Mapping[str, Any]
+    stamp_ns: int
+    received_ns: int
+    lost: int = 0
+
+    def __getitem__(self, role: str) -> Any:
+        return self.messages[role]
+
+    @property
+    def only(self) -> Any:
+        """The message of an input that stands alone."""
+        (message,) = self.messages.values()
+        return message
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicHealth:
+    """What has become of a topic's messages up to now, added up over all that show it.
+
+    Attributes:
+        topic: Its name.
+        received: Messages that arrived.
+        dropped: Of those, passed over by a bounded queue, by synchronisation or by a rate budget.
+        lost: Messages that the transport knows not to have arrived.
+    """
+
+    topic: str
+    received: int
+    dropped: int
+    lost: int
+
+
+class Canvas(Protocol):
+    """What a visualizer draws on."""
+
+    def log(self, entity: str, *what: Any, static: bool = False) -> None:
+        """Show Rerun archetypes at an entity, from the present time on, or for all times."""
+
+    def place(self, entity: str, frame: str) -> None:
+        """Say in which coordinate frame an entity's geometry is given; an empty name says nothing."""
+
+    def at(self, *, stamp_ns: int, received_ns: int) -> None:
+        """Set the time of what is shown next."""
+
+
+class Visualizer(ABC):
+    """Shows the messages of its inputs. Made for certain topics, and used by one thread.
+
+    Args:
+        topics: Topic by role; optional inputs may be left out.
+        settings: Values of parameters that differ from their defaults.
+
+    Attributes:
+        topics: Topic by role.
+        entity: Where it draws, made from the first topic.
+        agent: Whose topic the first one is; None for nobody's.
+
+    Raises:
+        SettingError: A value is not allowed, or a role is missing or unknown.
+    """
+
+    name: ClassVar[str]
+    """Under which it is added; unique among all that are installed."""
+    inputs: ClassVar[tuple[Input, ...]]
+    """The first one leads: it gives the entity, and the time where that matters."""
+    sync: ClassVar[SyncPolicy] = Independent()
+    """Which messages of several inputs belong together."""
+    max_hz: ClassVar[float | None] = 30.0
+    """Its rate budget; None where each message counts."""
+    queue: ClassVar[int] = 1
+    """How many updates may wait for their turn; the oldest goes when there are more. 1 shows the latest."""
+    tick_hz: ClassVar[float] = 0.0
+    """How often `tick` is called; 0 for never."""
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    """What can be tuned."""
+
+    def __init__(self, topics: Mapping[str, str], settings: Mapping[str, object] | None = None) -> None:
+        self.topics = _checked_topics(type(self), topics)
+        self.entity = entity_of_topic(next(iter(self.topics.values())))
+        self.agent = agent_of_topic(next(iter(self.topics.values())))
+        self._settings = check_all(self.parameters, settings or {})
+
+    @property
+    def settings(self) -> dict[str, Setting]:
+        """The value of every parameter."""
+        return dict(self._settings)
+
+    def tune(self, name: str, value: object) -> None:
+        """Change one parameter; it counts from the next update.
+
+        Raises:
+            SettingError: There is no such parameter, or the value is not allowed.
+        """
+        self._settings = check_all(self.parameters, {**self._settings, name: value})
+
+    def __getitem__(self, name: str) -> Any:
+        return self._settings[name]
+
+    @abstractmethod
+    def show(self, update: Update, canvas: Canvas) -> None:
+        """Draw one update.
+
+        Raises:
+            SfglabError: The messages cannot be shown; it is counted and told, and the next ones are tried.
+        """
+
+    def tick(self, now_ns: int, canvas: Canvas) -> None:  # noqa: B027 - most have nothing to do
+        """Draw what changes as time goes by; called `tick_hz` times a second of the received clock."""
+
+    def observe(self, fact: EndpointEvent | TopicHealth) -> None:  # noqa: B027 - nor to know
+        """Take note of what the bus knows beside messages: endpoints that come and go, and what was dropped."""
+
+
+def _checked_topics(kind: type[Visualizer], topics: Mapping[str, str]) -> dict[str, str]:
+    roles = [given.role for given in kind.inputs]
+    for role in topics:
+        if role not in roles:
+            raise SettingError("role", given=role, allowed=f"in {kind.name}: {', '.join(roles)}")
+    missing = [i.role for i in kind.inputs if not i.optional and i.role not in topics]
+    if missing:
+        raise SettingError("topics", given=dict(topics), allowed=f"with all of: {', '.join(missing)}")
+    return {role: topics[role] for role in roles if role in topics}

@@ -1,0 +1,158 @@
+"""Points in space: depth pictures with their camera info, clouds, and laser scans."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from sfglab.codecs import COMPRESSED_IMAGE, decode_depth, parse_depth_format
+from sfglab.view.errors import ContentError
+from sfglab.view.geometry import (
+    cloud_colors,
+    cloud_points,
+    colors_by_value,
+    depth_points,
+    pinhole_matrix,
+    pixels,
+    scan_points,
+)
+from sfglab.view.parameters import Parameter
+from sfglab.view.sdk import rerun
+from sfglab.view.sync import Approximate
+from sfglab.view.visualizer import Canvas, Input, Update, Visualizer
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["CompressedDepthCloud", "DepthCloud", "LaserScan", "PointCloud"]
+
+_RADIUS = Parameter(
+    name="radius_m",
+    default=0.0,
+    minimum=0.0,
+    maximum=1.0,
+    help="radius of a point, m; 0: the same on the screen",
+)
+_SCREEN_RADIUS = -1.5
+"""Rerun takes a negative radius as one in pixels of the screen, whatever the distance."""
+
+_INFO = Input(role="info", type="sensor_msgs/msg/CameraInfo", sibling="camera_info")
+_COLOR = Input(role="color", type="sensor_msgs/msg/Image", optional=True)
+
+
+class _DepthPoints(Visualizer):
+    """Coloured points of a depth picture, its camera info and, where bound, a picture registered to it."""
+
+    sync = Approximate(slop_ns=20_000_000)
+    max_hz = 15.0
+    parameters = (
+        _RADIUS,
+        Parameter(name="decimation", default=4, minimum=1, maximum=64, help="take every n-th row and column"),
+        Parameter(
+            name="depth_max_m", default=10.0, minimum=0.1, maximum=1000.0, help="leave out what is farther, m"
+        ),
+    )
+
+    def show(self, update: Update, canvas: Canvas) -> None:
+        """Draw the points."""
+        color = update.messages.get("color")
+        points, colors = depth_points(
+            self._depth(update["depth"]),
+            pinhole_matrix(update["info"]),
+            decimation=self["decimation"],
+            color=None if color is None else _rgb(color),
+            max_m=self["depth_max_m"],
+        )
+        entity = f"{self.entity}/cloud"
+        canvas.place(entity, update["depth"].header.frame_id)
+        _log_points(canvas, entity, points, colors_by_value(points[:, 2]) if colors is None else colors, self)
+
+    def _depth(self, message: Any) -> NDArray[Any]:
+        raise NotImplementedError
+
+
+class DepthCloud(_DepthPoints):
+    """Points of a raw depth picture."""
+
+    name = "depth_cloud"
+    inputs = (Input(role="depth", type="sensor_msgs/msg/Image", pattern="*depth*"), _INFO, _COLOR)
+
+    def _depth(self, message: Any) -> NDArray[Any]:
+        if message.encoding not in ("16UC1", "mono16", "32FC1"):
+            raise ContentError(
+                "depth encoding", given=repr(message.encoding), allowed="are 16UC1, mono16, 32FC1"
+            )
+        return pixels(message)
+
+
+class CompressedDepthCloud(_DepthPoints):
+    """Points of a depth picture in RVL or PNG."""
+
+    name = "compressed_depth_cloud"
+    inputs = (Input(role="depth", type=COMPRESSED_IMAGE, pattern="*depth*"), _INFO, _COLOR)
+
+    def _depth(self, message: Any) -> NDArray[Any]:
+        return decode_depth(bytes(message.data), parse_depth_format(message.format))[0]
+
+
+class PointCloud(Visualizer):
+    """A ``PointCloud2``, coloured by its ``rgb``, or by one of its fields."""
+
+    name = "point_cloud"
+    inputs = (Input(role="cloud", type="sensor_msgs/msg/PointCloud2"),)
+    max_hz = 15.0
+    parameters = (
+        _RADIUS,
+        Parameter(name="decimation", default=1, minimum=1, maximum=1000, help="take every n-th point"),
+        Parameter(
+            name="color_by", default="", help="field that colours the points; empty: rgb, intensity or z"
+        ),
+    )
+
+    def show(self, update: Update, canvas: Canvas) -> None:
+        """Draw the points."""
+        points, records = cloud_points(update.only)
+        step = self["decimation"]
+        points, records = points[::step], records[::step]
+        canvas.place(self.entity, update.only.header.frame_id)
+        _log_points(canvas, self.entity, points, self._colors(records), self)
+
+    def _colors(self, records: NDArray[Any]) -> NDArray[np.uint8]:
+        names = records.dtype.names or ()
+        if self["color_by"] and self["color_by"] not in names:
+            raise ContentError(
+                "color_by", given=repr(self["color_by"]), allowed=f"are the fields {', '.join(names)}"
+            )
+        own = cloud_colors(records) if self["color_by"] in ("", "rgb", "rgba") else None
+        field = self["color_by"] or ("intensity" if "intensity" in names else "z")
+        return colors_by_value(records[field]) if own is None else own
+
+
+class LaserScan(Visualizer):
+    """The hits of a laser scanner."""
+
+    name = "laser_scan"
+    inputs = (Input(role="scan", type="sensor_msgs/msg/LaserScan"),)
+    parameters = (_RADIUS,)
+
+    def show(self, update: Update, canvas: Canvas) -> None:
+        """Draw the hits, coloured by their distance."""
+        import numpy as np
+
+        points = scan_points(update.only)
+        canvas.place(self.entity, update.only.header.frame_id)
+        _log_points(canvas, self.entity, points, colors_by_value(np.hypot(points[:, 0], points[:, 1])), self)
+
+
+def _log_points(
+    canvas: Canvas, entity: str, points: NDArray[Any], colors: NDArray[np.uint8], of: Visualizer
+) -> None:
+    rr = rerun()
+    canvas.log(entity, rr.Points3D(points, colors=colors, radii=of["radius_m"] or _SCREEN_RADIUS))
+
+
+def _rgb(image: Any) -> NDArray[np.uint8]:
+    array = pixels(image)
+    if array.ndim == 2:
+        return array[:, :, None].repeat(3, axis=2)
+    return array[:, :, 2::-1] if image.encoding in ("bgr8", "bgra8", "8UC3") else array[:, :, :3]

@@ -1,0 +1,229 @@
+"""The fleet itself: what is known of its agents, and how they hear each other, drawn over where they are."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.bus import EndpointAdded, EndpointKind, EndpointRemoved
+from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS
+from sfglab.fleet.fleet_file import load_fleet
+from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, Phase
+from sfglab.qos import DEFAULT
+from sfglab.view.communication import AgentLink, FleetLinks, Life, Services
+from sfglab.view.entities import agent_of_topic, agent_root
+from sfglab.view.errors import ContentError
+from sfglab.view.parameters import Parameter
+from sfglab.view.sdk import rerun
+from sfglab.view.visualizer import Canvas, Input, TopicHealth, Update, Visualizer
+
+if TYPE_CHECKING:
+    from sfglab.bus import EndpointEvent
+
+Color = tuple[int, int, int]
+
+__all__ = ["LIFE_COLORS", "AgentStatus", "Communication", "border_edges", "describe"]
+
+LIFE_COLORS = {
+    Life.SILENT: (150, 150, 150),
+    Life.STARTING: (86, 180, 233),
+    Life.ALIVE: (0, 158, 115),
+    Life.LATE: (230, 159, 0),
+    Life.LOST: (213, 94, 0),
+}
+"""From the palette of Okabe and Ito, which the colour-blind tell apart."""
+
+_DECODER_COLORS = {
+    Services.NONE: (150, 150, 150),
+    Services.UP: (0, 158, 115),
+    Services.DOWN: (213, 94, 0),
+}
+_RING = np.linspace(0, 2 * math.pi, 49)
+
+
+def border_edges(fleet: Any) -> tuple[tuple[str, str, str], ...]:
+    """Return speaker, hearer and name for everything that crosses between two agents of a fleet."""
+    from sfglab.fleet.border import View
+
+    return tuple(
+        (speaker, hearer, hearing.name)
+        for hearing in View(fleet).hearings()
+        if hearing.crosses
+        for speaker in hearing.speakers
+        for hearer in hearing.hearers
+        if speaker != hearer
+    )
+
+
+def _for_all(edges: tuple[tuple[str, str, str], ...], agents: list[str]) -> frozenset[str]:
+    """Return the names that everybody hears, such as heartbeats: drawn as arrows they would hide the others."""
+    hearers: dict[str, set[str]] = {}
+    for _, hearer, name in edges:
+        hearers.setdefault(name, set()).add(hearer)
+    return frozenset(name for name, found in hearers.items() if len(found) >= max(2, len(agents) - 1))
+
+
+class AgentStatus(Visualizer):
+    """What a discoverer finds out about agents: events as a log, states as bands, descriptions as text."""
+
+    name = "agent_status"
+    inputs = (Input(role="events", type=DISCOVERY_EVENT, qos=DISCOVERY_QOS),)
+    max_hz = None
+    queue = 1000
+
+    def show(self, update: Update, canvas: Canvas) -> None:
+        """Tell one event."""
+        rr = rerun()
+        event = update.only
+        names = {event.DISCOVERED: "discovered", event.UPDATED: "updated", event.LOST: "lost"}
+        names |= {event.RETURNED: "returned", event.RESTARTED: "restarted"}
+        if event.event not in names:
+            raise ContentError(
+                "discovery event", given=event.event, allowed=f"are {', '.join(map(str, names))}"
+            )
+        what = names[event.event]
+        level = rr.TextLogLevel.WARN if event.event == event.LOST else rr.TextLogLevel.INFO
+        entity = f"{agent_root(event.agent)}/status"
+        canvas.log(f"{entity}/log", rr.TextLog(f"{event.agent} {what}", level=level))
+        canvas.log(entity, rr.StateChange(state=["lost" if event.event == event.LOST else "there"]))
+        if event.metadata.agent:
+            text = rr.TextDocument(_description(event.metadata), media_type=rr.MediaType.MARKDOWN)
+            canvas.log(f"{entity}/description", text)
+
+
+def _description(metadata: Any) -> str:
+    lines = [f"# {metadata.agent}", ""]
+    for sensor in metadata.sensors:
+        lines += [f"- **{sensor.name}** {sensor.model}"]
+        lines += [f"  - `{s.topic}` {s.codec} {s.width} x {s.height}, {s.rate_hz:g} Hz" for s in sensor.streams]
+    lines += ["", *(f"- {part}" for part in (*metadata.software, *metadata.accelerators))]
+    return "\n".join(lines)
+
+
+class Communication(Visualizer):
+    """Who is heard, whose streams are decoded, what is dropped, and what crosses the border.
+
+    Each agent's domain is a ring around it in space, coloured by its life and labelled; curves and bands below
+    ``/agents/<agent>/communication`` tell the same over time, and ``/fleet/border`` holds who hears whom.
+    """
+
+    name = "communication"
+    inputs = (
+        Input(role="heartbeats", type=AGENT_HEARTBEAT, pattern="/global/agent_heartbeat", qos=DEFAULT),
+        Input(role="events", type=DISCOVERY_EVENT, optional=True, qos=DISCOVERY_QOS),
+    )
+    max_hz = None
+    queue = 1000
+    tick_hz = 5.0
+    parameters = (
+        Parameter(name="fleet", default="", help="fleet file: expected agents, and what crosses; empty: none"),
+        Parameter(name="frame", default="{agent}/base", help="frame of an agent's ring; {agent} is its name"),
+        Parameter(name="radius_m", default=0.6, minimum=0.01, maximum=100.0, help="radius of the ring, m"),
+    )
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._links = FleetLinks()
+        self._said: dict[str, str] = {}
+        self._fleet_drawn = ""
+
+    def show(self, update: Update, canvas: Canvas) -> None:  # noqa: ARG002 - drawn with the next tick
+        """Take one heartbeat or event; it is drawn with the next tick."""
+        for role, message in update.messages.items():
+            if role == "events":
+                self._links.discovered(message.agent, is_lost=message.event == message.LOST)
+            else:
+                self._links.heard(
+                    message.agent,
+                    incarnation=int(message.incarnation),
+                    period_s=float(message.period_s),
+                    is_starting=message.phase == Phase.STARTUP,
+                    now_ns=update.received_ns,
+                )
+
+    def observe(self, fact: EndpointEvent | TopicHealth) -> None:
+        """Take note of publishers and counts."""
+        if isinstance(fact, TopicHealth):
+            self._links.health(agent_of_topic(fact.topic), fact.topic, dropped=fact.dropped, lost=fact.lost)
+        elif isinstance(fact, EndpointAdded | EndpointRemoved) and fact.endpoint.kind is EndpointKind.PUBLISHER:
+            is_there = isinstance(fact, EndpointAdded)
+            self._links.endpoint(fact.endpoint.topic, fact.endpoint.gid, is_there=is_there)
+
+    def tick(self, now_ns: int, canvas: Canvas) -> None:
+        """Draw every agent as it is now."""
+        if self["fleet"] != self._fleet_drawn:
+            self._draw_border(canvas)
+        for link in self._links.links(now_ns):
+            self._draw(link, canvas)
+
+    def _draw(self, link: AgentLink, canvas: Canvas) -> None:
+        rr = rerun()
+        root = f"{agent_root(link.agent)}/communication"
+        self._band(f"{root}/life", link.life.value, LIFE_COLORS, canvas)
+        self._band(f"{root}/decoders", link.decoders.value, _DECODER_COLORS, canvas)
+        if link.age_ns is not None:
+            canvas.log(f"{root}/heartbeat_age_s", rr.Scalars([link.age_ns / 1e9]))
+        canvas.log(f"{root}/dropped", rr.Scalars([link.dropped]))
+        canvas.log(f"{root}/lost", rr.Scalars([link.lost]))
+        self._draw_ring(link, f"{root}/ring", canvas)
+
+    def _band(self, entity: str, state: str, colors: dict[Any, Color], canvas: Canvas) -> None:
+        """Say a state where it changed."""
+        rr = rerun()
+        if entity not in self._said:
+            bands = rr.StateConfiguration(values=[key.value for key in colors], colors=list(colors.values()))
+            canvas.log(entity, bands, static=True)
+        if self._said.get(entity) != state:
+            self._said[entity] = state
+            canvas.log(entity, rr.StateChange(state=[state]))
+
+    def _draw_ring(self, link: AgentLink, entity: str, canvas: Canvas) -> None:
+        rr = rerun()
+        color, radius_m = LIFE_COLORS[link.life], self["radius_m"]
+        circle = np.column_stack([np.cos(_RING), np.sin(_RING), np.zeros(len(_RING))]) * radius_m
+        frame = str(self["frame"]).replace("{agent}", link.agent)
+        canvas.place(entity, frame)
+        ring = rr.LineStrips3D(
+            [circle], colors=[color], radii=radius_m / 40, labels=[describe(link)], show_labels=True
+        )
+        canvas.log(entity, ring)
+
+    def _draw_border(self, canvas: Canvas) -> None:
+        rr = rerun()
+        self._fleet_drawn = str(self["fleet"])
+        if not self._fleet_drawn:
+            return
+        fleet = load_fleet(self._fleet_drawn)
+        for agent in fleet.agents:
+            self._links.expect(agent.name)
+        edges = border_edges(fleet)
+        nodes = [agent.name for agent in fleet.agents]
+        labels = [f"{agent.name} (domain {agent.domain})" for agent in fleet.agents]
+        angles = np.arange(len(nodes)) * 2 * math.pi / max(1, len(nodes))
+        radius = 80 + 30 * len(nodes)  # pixels, so that neighbours do not lie on each other
+        places = np.column_stack([np.cos(angles), np.sin(angles)]) * radius
+        shared = _for_all(edges, nodes)
+        pairs = sorted({(speaker, hearer) for speaker, hearer, name in edges if name not in shared})
+        canvas.log(
+            "/fleet/border",
+            rr.GraphNodes(nodes, positions=places, labels=labels),
+            rr.GraphEdges(pairs, graph_type="directed"),
+            static=True,
+        )
+        rows = [f"| {speaker} | {hearer} | `{name}` |" for speaker, hearer, name in edges]
+        table = "\n".join(["| from | to | name |", "|---|---|---|", *rows])
+        canvas.log("/fleet/border/names", rr.TextDocument(table, media_type=rr.MediaType.MARKDOWN), static=True)
+
+
+def describe(link: AgentLink) -> str:
+    """Return a link in a few words, as they stand beside the agent."""
+    parts = [f"{link.agent}: {link.life.value}"]
+    if link.age_ns is not None:
+        parts.append(f"{link.age_ns / 1e9:.1f} s")
+    if link.decoders is not Services.NONE:
+        parts.append(f"decoder {link.decoders.value}")
+    if link.dropped or link.lost:
+        parts.append(f"{link.dropped} dropped, {link.lost} lost")
+    return ", ".join(parts)

@@ -1,0 +1,253 @@
+"""Markers: shapes that others ask a viewer to draw, with names, colours and lifetimes.
+
+Source: visualization_msgs/msg/Marker and https://wiki.ros.org/rviz/DisplayTypes/Marker.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.messages import ns_from_stamp
+from sfglab.qos import DEFAULT
+from sfglab.view.errors import ContentError
+from sfglab.view.parameters import Parameter
+from sfglab.view.sdk import rerun
+from sfglab.view.visualizer import Canvas, Input, Update, Visualizer
+from sfglab.view.visualizers.poses import pose_arrays
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+__all__ = ["Marker", "MarkerArray"]
+
+_ADD, _DELETE, _DELETE_ALL = 0, 2, 3
+_ARROW, _CUBE, _SPHERE, _CYLINDER, _LINE_STRIP, _LINE_LIST = 0, 1, 2, 3, 4, 5
+_CUBE_LIST, _SPHERE_LIST, _POINTS, _TEXT, _TRIANGLES = 6, 7, 8, 9, 11
+
+
+class _Markers(Visualizer):
+    """Draws markers below its entity as ``<namespace>/<id>`` and takes them away again."""
+
+    max_hz = None
+    queue = 100
+    tick_hz = 10.0
+    parameters = (
+        Parameter(name="most", default=1000, minimum=1, maximum=100_000, help="markers shown at a time"),
+    )
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._shown: dict[str, tuple[int, float]] = {}  # type, and until when (ns)
+
+    def tick(self, now_ns: int, canvas: Canvas) -> None:
+        """Take markers away whose lifetime is over."""
+        for entity in [entity for entity, (_, until_ns) in self._shown.items() if until_ns <= now_ns]:
+            self._clear(entity, canvas)
+
+    def _apply(self, marker: Any, update: Update, canvas: Canvas) -> None:
+        entity = "/".join(part for part in (self.entity, marker.ns.strip("/"), str(marker.id)) if part)
+        if marker.action == _DELETE_ALL:
+            for known in tuple(self._shown):
+                self._clear(known, canvas)
+        elif marker.action == _DELETE:
+            self._clear(entity, canvas)
+        elif marker.action == _ADD:
+            self._draw(entity, marker, update, canvas)
+        else:
+            raise ContentError(
+                "marker action", given=marker.action, allowed="are 0 (add), 2 (delete), 3 (delete all)"
+            )
+
+    def _draw(self, entity: str, marker: Any, update: Update, canvas: Canvas) -> None:
+        draw = _SHAPES.get(marker.type)
+        if draw is None:
+            given, allowed = marker.type, f"are {', '.join(map(str, _SHAPES))}; meshes are not loaded"
+            raise ContentError("marker type", given=given, allowed=allowed)
+        shape = draw(marker)
+        if entity in self._shown and self._shown[entity][0] != marker.type:
+            self._clear(entity, canvas)
+        self._shown.pop(entity, None)  # it is the newest now
+        while len(self._shown) >= self["most"]:
+            self._clear(next(iter(self._shown)), canvas)
+        lifetime_ns = ns_from_stamp(marker.lifetime) or math.inf
+        self._shown[entity] = marker.type, update.received_ns + lifetime_ns
+        canvas.place(entity, marker.header.frame_id)
+        canvas.log(entity, shape)
+
+    def _clear(self, entity: str, canvas: Canvas) -> None:
+        rr = rerun()
+        if self._shown.pop(entity, None) is not None:
+            canvas.log(entity, rr.Clear(recursive=False))
+
+
+class Marker(_Markers):
+    """One marker a message."""
+
+    name = "marker"
+    inputs = (Input(role="marker", type="visualization_msgs/msg/Marker", qos=DEFAULT),)
+
+    def show(self, update: Update, canvas: Canvas) -> None:
+        """Draw or take away one marker."""
+        self._apply(update.only, update, canvas)
+
+
+class MarkerArray(_Markers):
+    """Several markers a message."""
+
+    name = "marker_array"
+    inputs = (Input(role="markers", type="visualization_msgs/msg/MarkerArray", qos=DEFAULT),)
+
+    def show(self, update: Update, canvas: Canvas) -> None:
+        """Draw or take away each marker; one that cannot be drawn does not keep the others back."""
+        failed = None
+        for marker in update.only.markers:
+            try:
+                self._apply(marker, update, canvas)
+            except ContentError as error:
+                failed = error
+        if failed is not None:
+            raise failed
+
+
+def _color(color: Any) -> NDArray[np.uint8]:
+    return _bytes(np.array([color.r, color.g, color.b, color.a]))
+
+
+def _bytes(rgba: NDArray[Any]) -> NDArray[np.uint8]:
+    levels: NDArray[np.uint8] = (np.clip(np.nan_to_num(rgba), 0, 1) * 255).round().astype(np.uint8)
+    return levels
+
+
+def _colors(marker: Any) -> NDArray[np.uint8]:
+    """Return a colour for each point where there are as many, else the marker's own."""
+    if len(marker.colors) == len(marker.points) and len(marker.points):
+        return _bytes(np.array([[c.r, c.g, c.b, c.a] for c in marker.colors]))
+    return _color(marker.color)[None]
+
+
+def _points(marker: Any, scale: NDArray[np.float64] | float = 1.0) -> NDArray[np.float64]:
+    """Return the marker's points in its frame, scaled and then moved by its pose, shape (N, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    position, quaternion = pose_arrays(marker.pose)
+    points = np.array([[p.x, p.y, p.z] for p in marker.points]).reshape(-1, 3) * scale
+    return np.asarray(Rotation.from_quat(quaternion).apply(points) + position) if len(points) else points
+
+
+def _scale(marker: Any) -> NDArray[np.float64]:
+    return np.array([marker.scale.x, marker.scale.y, marker.scale.z])
+
+
+def _arrow(marker: Any) -> Any:
+    """Along x of the pose with length ``scale.x``; or from the first point to the second."""
+    from scipy.spatial.transform import Rotation
+
+    rr = rerun()
+    if len(marker.points) >= 2:
+        start, end = _points(marker)[:2]
+        radius = marker.scale.x / 2
+    else:
+        start, quaternion = pose_arrays(marker.pose)
+        end, radius = start + Rotation.from_quat(quaternion).apply([marker.scale.x, 0, 0]), marker.scale.y / 2
+    return rr.Arrows3D(vectors=[end - start], origins=[start], radii=radius, colors=_color(marker.color))
+
+
+def _boxes(marker: Any) -> Any:
+    rr = rerun()
+    centers, quaternions, sizes = _instances(marker)
+    return rr.Boxes3D(
+        centers=centers, quaternions=quaternions, sizes=sizes, colors=_colors(marker), fill_mode="solid"
+    )
+
+
+def _spheres(marker: Any) -> Any:
+    rr = rerun()
+    centers, quaternions, sizes = _instances(marker)
+    return rr.Ellipsoids3D(
+        centers=centers,
+        quaternions=quaternions,
+        half_sizes=sizes / 2,
+        colors=_colors(marker),
+        fill_mode="solid",
+    )
+
+
+def _instances(marker: Any) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Return centres, orientations and sizes: one at the pose, or of a list one at each point."""
+    position, quaternion = pose_arrays(marker.pose)
+    single = marker.type in (_CUBE, _SPHERE)
+    centers = position[None] if single else _points(marker)
+    count = len(centers)
+    return centers, np.tile(quaternion, (count, 1)), np.tile(_scale(marker), (count, 1))
+
+
+def _cylinder(marker: Any) -> Any:
+    """Along z; a viewer's cylinder is round, so the mean of both diameters is its own."""
+    rr = rerun()
+    position, quaternion = pose_arrays(marker.pose)
+    return rr.Cylinders3D(
+        lengths=[marker.scale.z],
+        radii=[(marker.scale.x + marker.scale.y) / 4],
+        centers=[position],
+        quaternions=[quaternion],
+        colors=_color(marker.color),
+        fill_mode="solid",
+    )
+
+
+def _line_strip(marker: Any) -> Any:
+    rr = rerun()
+    points = _points(marker)
+    strips = [points] if len(points) > 1 else []
+    return rr.LineStrips3D(strips, radii=marker.scale.x / 2, colors=_colors(marker)[:1])
+
+
+def _line_list(marker: Any) -> Any:
+    rr = rerun()
+    points, colors = _points(marker), _colors(marker)
+    pairs = points[: len(points) // 2 * 2].reshape(-1, 2, 3)
+    colors = colors[: len(pairs) * 2 : 2] if len(colors) == len(points) and len(pairs) else colors[:1]
+    return rr.LineStrips3D(pairs, radii=marker.scale.x / 2, colors=colors)
+
+
+def _point_list(marker: Any) -> Any:
+    rr = rerun()
+    return rr.Points3D(_points(marker), radii=marker.scale.x / 2, colors=_colors(marker))
+
+
+def _text(marker: Any) -> Any:
+    rr = rerun()
+    position, _ = pose_arrays(marker.pose)
+    return rr.Points3D(
+        [position], labels=[marker.text], show_labels=True, colors=_color(marker.color), radii=0.001
+    )
+
+
+def _triangles(marker: Any) -> Any:
+    """Every three points are a triangle, scaled by the marker's scale before they are moved."""
+    rr = rerun()
+    points = _points(marker, _scale(marker))
+    if len(points) % 3:
+        raise ContentError("triangle list", given=f"{len(points)} points", allowed="are a multiple of 3")
+    colors = np.broadcast_to(_colors(marker), (len(points), 4)) if len(points) else None
+    return rr.Mesh3D(vertex_positions=points, vertex_colors=colors)
+
+
+_SHAPES: dict[int, Callable[[Any], Any]] = {
+    _ARROW: _arrow,
+    _CUBE: _boxes,
+    _SPHERE: _spheres,
+    _CYLINDER: _cylinder,
+    _LINE_STRIP: _line_strip,
+    _LINE_LIST: _line_list,
+    _CUBE_LIST: _boxes,
+    _SPHERE_LIST: _spheres,
+    _POINTS: _point_list,
+    _TEXT: _text,
+    _TRIANGLES: _triangles,
+}

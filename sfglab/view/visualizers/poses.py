@@ -1,0 +1,236 @@
+"""Where things are: transforms, poses, paths, odometry and inertial measurements."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.messages import ns_from_stamp
+from sfglab.qos import DEFAULT, LATCHED, QoSProfile
+from sfglab.view.budget import RateBudget
+from sfglab.view.errors import ContentError
+from sfglab.view.geometry import covariance_ellipsoid
+from sfglab.view.parameters import Parameter
+from sfglab.view.sdk import rerun
+from sfglab.view.visualizer import Canvas, Input, Update, Visualizer
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["Imu", "Odometry", "Path", "Pose", "StaticTransforms", "Transforms", "pose_arrays"]
+
+_TF = "tf2_msgs/msg/TFMessage"
+_MOST_FRAMES = 10_000
+"""How many frames are drawn at most, so that a sender of ever new ones does not fill the memory."""
+
+_AXES = np.array([(255, 60, 60), (60, 220, 60), (80, 120, 255)], np.uint8)
+_AXIS_LENGTH = Parameter(
+    name="axis_length_m", default=0.3, minimum=0.0, maximum=100.0, help="length of the axes, m; 0 hides them"
+)
+_WIDTH = Parameter(name="width_m", default=0.01, minimum=0.001, maximum=1.0, help="radius of a line, m")
+
+
+def pose_arrays(pose: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return position and orientation of a ``geometry_msgs/msg/Pose``.
+
+    Returns:
+        Position, shape (3,), metres; unit quaternion x, y, z, w. All zeros, which a sender leaves that does not
+        care, are no rotation.
+
+    Raises:
+        ContentError: A number is not finite.
+    """
+    position = np.array([pose.position.x, pose.position.y, pose.position.z])
+    return position, _unit(pose.orientation, position)
+
+
+def _unit(rotation: Any, position: NDArray[np.float64]) -> NDArray[np.float64]:
+    quaternion = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
+    if not (np.isfinite(quaternion).all() and np.isfinite(position).all()):
+        raise ContentError(
+            "pose", given=f"{position.tolist()}, {quaternion.tolist()}", allowed="are finite numbers"
+        )
+    length = np.linalg.norm(quaternion)
+    return quaternion / length if length > 0 else np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def _log_axes(canvas: Canvas, entity: str, pose: Any, length_m: float, width_m: float) -> None:
+    """Draw a pose as three arrows; the columns of its rotation matrix are its axes."""
+    from scipy.spatial.transform import Rotation
+
+    rr = rerun()
+    position, quaternion = pose_arrays(pose)
+    vectors = Rotation.from_quat(quaternion).as_matrix().T * length_m
+    origins = np.tile(position, (3, 1))
+    canvas.log(entity, rr.Arrows3D(vectors=vectors, origins=origins, colors=_AXES, radii=width_m))
+
+
+class Transforms(Visualizer):
+    """The moving part of the frame tree.
+
+    Every frame stands at ``/tf/<frame>`` and has a rate budget of its own, so that one that is sent often does
+    not silence the others.
+    """
+
+    name = "tf"
+    inputs = (Input(role="tf", type=_TF, pattern="*/tf", qos=QoSProfile(depth=100)),)
+    max_hz = None
+    queue = 200
+    parameters = (
+        _AXIS_LENGTH,
+        Parameter(
+            name="frame_hz", default=50.0, minimum=0.1, maximum=1000.0, help="rate of one frame at most, Hz"
+        ),
+    )
+    _static = False
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._budgets: dict[str, RateBudget] = {}
+        self._axes: dict[str, float] = {}
+
+    def show(self, update: Update, canvas: Canvas) -> None:
+        """Place each frame in its parent, at the transform's own time."""
+        for transform in update.only.transforms:
+            stamp_ns = ns_from_stamp(transform.header.stamp) or update.stamp_ns
+            if self._static or self._budget(transform.child_frame_id).allows(stamp_ns):
+                canvas.at(stamp_ns=stamp_ns, received_ns=update.received_ns)
+                self._log(transform, canvas)
+
+    def _budget(self, frame: str) -> RateBudget:
+        if frame not in self._budgets and len(self._budgets) >= _MOST_FRAMES:
+            raise ContentError("frame", given=repr(frame), allowed=f"are {_MOST_FRAMES} frames at most")
+        budget = self._budgets.setdefault(frame, RateBudget(self["frame_hz"]))
+        if budget.max_hz != self["frame_hz"]:
+            budget.max_hz = self["frame_hz"]
+        return budget
+
+    def _log(self, transform: Any, canvas: Canvas) -> None:
+        rr = rerun()
+        child, moved = transform.child_frame_id.strip("/"), transform.transform
+        position = np.array([moved.translation.x, moved.translation.y, moved.translation.z])
+        placed = rr.Transform3D(
+            translation=position,
+            quaternion=_unit(moved.rotation, position),
+            parent_frame=transform.header.frame_id.strip("/"),
+            child_frame=child,
+        )
+        entity = f"/tf/{child}"
+        canvas.place(entity, child)
+        canvas.log(entity, placed, static=self._static)
+        if self["axis_length_m"] != self._axes.get(child, 0.0):
+            self._axes[child] = self["axis_length_m"]
+            canvas.log(entity, rr.TransformAxes3D(self["axis_length_m"]), static=True)
+
+
+class StaticTransforms(Transforms):
+    """The fixed part of the frame tree."""
+
+    name = "tf_static"
+    inputs = (
+        Input(
+            role="tf",
+            type=_TF,
+            pattern="*/tf_static",
+            qos=QoSProfile(durability=LATCHED.durability, depth=100),
+        ),
+    )
+    _static = True
+
+
+class Pose(Visualizer):
+    """A ``PoseStamped`` as its axes."""
+
+    name = "pose"
+    inputs = (Input(role="pose", type="geometry_msgs/msg/PoseStamped", qos=DEFAULT),)
+    parameters = (_AXIS_LENGTH, _WIDTH)
+
+    def show(self, update: Update, canvas: Canvas) -> None:
+        """Draw the axes."""
+        canvas.place(self.entity, update.only.header.frame_id)
+        _log_axes(canvas, self.entity, update.only.pose, self["axis_length_m"], self["width_m"])
+
+
+class Path(Visualizer):
+    """A ``nav_msgs/msg/Path`` as a line."""
+
+    name = "path"
+    inputs = (Input(role="path", type="nav_msgs/msg/Path", qos=DEFAULT),)
+    max_hz = 10.0
+    parameters = (_WIDTH,)
+
+    def show(self, update: Update, canvas: Canvas) -> None:
+        """Draw the line."""
+        rr = rerun()
+        points = [pose_arrays(stamped.pose)[0] for stamped in update.only.poses]
+        canvas.place(self.entity, update.only.header.frame_id)
+        strips = [np.array(points)] if points else []
+        canvas.log(self.entity, rr.LineStrips3D(strips, radii=self["width_m"]))
+
+
+class Odometry(Visualizer):
+    """A ``nav_msgs/msg/Odometry``: axes, the way it came, and how sure it is."""
+
+    name = "odometry"
+    inputs = (Input(role="odometry", type="nav_msgs/msg/Odometry", qos=DEFAULT),)
+    parameters = (
+        _AXIS_LENGTH,
+        _WIDTH,
+        Parameter(name="trail", default=500, minimum=0, maximum=10_000, help="positions that are remembered"),
+        Parameter(
+            name="sigmas", default=3.0, minimum=0.0, maximum=10.0, help="size of the ellipsoid; 0 hides it"
+        ),
+    )
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._trail: deque[NDArray[np.float64]] = deque(maxlen=self["trail"])
+
+    def show(self, update: Update, canvas: Canvas) -> None:
+        """Draw everything."""
+        message = update.only
+        for part in ("pose", "trail", "covariance"):
+            canvas.place(f"{self.entity}/{part}", message.header.frame_id)
+        _log_axes(canvas, f"{self.entity}/pose", message.pose.pose, self["axis_length_m"], self["width_m"])
+        self._log_trail(message.pose.pose, canvas)
+        self._log_covariance(message.pose, canvas)
+
+    def _log_trail(self, pose: Any, canvas: Canvas) -> None:
+        rr = rerun()
+        if self._trail.maxlen != self["trail"]:
+            self._trail = deque(self._trail, maxlen=self["trail"])
+        self._trail.append(pose_arrays(pose)[0])
+        if len(self._trail) > 1:
+            strip = [np.array(self._trail)]
+            canvas.log(f"{self.entity}/trail", rr.LineStrips3D(strip, radii=self["width_m"]))
+
+    def _log_covariance(self, pose: Any, canvas: Canvas) -> None:
+        rr = rerun()
+        ellipsoid = covariance_ellipsoid(np.asarray(pose.covariance).reshape(6, 6)[:3, :3])
+        if ellipsoid is None or not self["sigmas"]:
+            return
+        half_sizes, quaternion = ellipsoid
+        drawn = rr.Ellipsoids3D(
+            centers=[pose_arrays(pose.pose)[0]],
+            half_sizes=[half_sizes * self["sigmas"]],
+            quaternions=[quaternion],
+        )
+        canvas.log(f"{self.entity}/covariance", drawn)
+
+
+class Imu(Visualizer):
+    """An inertial measurement as curves: angular velocity in rad/s, acceleration in m/s^2."""
+
+    name = "imu"
+    inputs = (Input(role="imu", type="sensor_msgs/msg/Imu"),)
+    max_hz = 100.0
+    queue = 20
+
+    def show(self, update: Update, canvas: Canvas) -> None:
+        """Add one point to each curve."""
+        rr = rerun()
+        for part in ("angular_velocity", "linear_acceleration"):
+            vector = getattr(update.only, part)
+            canvas.log(f"{self.entity}/{part}", rr.Scalars([vector.x, vector.y, vector.z]))

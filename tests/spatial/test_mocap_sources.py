@@ -1,0 +1,233 @@
+"""Sources: Vicon by a library that is mimicked, topics over DDS, and logs."""
+
+from __future__ import annotations
+
+import asyncio
+import enum
+import sys
+import threading
+import types
+
+import numpy as np
+import pytest
+
+from sfglab.bus import Node
+from sfglab.messages import message_type, stamp_from_ns
+from sfglab.qos import QoSProfile
+from sfglab.record import LogLookupError, LogReader, LogWriter
+from sfglab.spatial import Pose, StampedTransform
+from sfglab.spatial.mocap import (
+    Lapse,
+    LogSource,
+    MocapError,
+    TopicSource,
+    ViconError,
+    ViconMissingError,
+    ViconSource,
+)
+
+S = 1_000_000_000
+TURN = Pose.from_yaw((1.0, 2.0, 3.0), 0.7)
+
+
+class Clock:
+    def __init__(self):
+        self.time_ns = 100 * S
+        self.waits = []
+
+    def now_ns(self):
+        return self.time_ns
+
+    async def sleep_for(self, duration_s):
+        self.waits.append(duration_s)
+        self.time_ns += round(duration_s * 1e9)
+
+
+Result = enum.Enum("Result", ["Success", "NotConnected", "NoFrame", "ClientConnectionFailed"])
+StreamMode = enum.Enum("StreamMode", ["ClientPull", "ClientPullPreFetch", "ServerPush"])
+Direction = enum.Enum("Direction", ["Up", "Down", "Left", "Right", "Forward", "Backward"])
+
+
+class MimickedClient:
+    """The interface of pyvicon-datastream 0.2: mm, w x y z, None when occluded, seconds."""
+
+    answer = Result.Success
+
+    def __init__(self):
+        self.calls, self.frame, self.threads = [], 0, set()
+        x, y, z, w = TURN.quat_xyzw
+        self.subjects = {
+            "agent_x": ("markers", np.array([1000.0, 2000.0, 3000.0]), np.array([w, x, y, z])),
+            "drone": ("drone", None, None),
+            "broken": ("broken", np.zeros(3), np.zeros(4)),
+        }
+
+    def connect(self, host):
+        self.calls.append(("connect", host))
+        return self.answer
+
+    def disconnect(self):
+        self.calls.append(("disconnect",))
+        return Result.Success
+
+    def enable_segment_data(self):
+        return Result.Success
+
+    def set_stream_mode(self, mode):
+        self.calls.append(mode)
+        return Result.Success
+
+    def set_axis_mapping(self, *axes):
+        self.calls.append(axes)
+        return Result.Success
+
+    def get_frame(self):
+        self.threads.add(threading.current_thread().name)
+        self.frame += 1
+        if self.frame == 2:
+            return Result.NoFrame
+        return Result.Success if self.frame < 4 else Result.NotConnected
+
+    def get_frame_number(self):
+        return 1000 + self.frame
+
+    def get_latency_total(self):
+        return 0.0065
+
+    def get_subject_count(self):
+        return len(self.subjects)
+
+    def get_subject_name(self, index):
+        return list(self.subjects)[index]
+
+    def get_subject_root_segment_name(self, name):
+        return self.subjects[name][0]
+
+    def get_segment_global_translation(self, subject, segment):
+        assert segment == self.subjects[subject][0]
+        return self.subjects[subject][1]
+
+    def get_segment_global_quaternion(self, subject, segment):
+        assert segment == self.subjects[subject][0]
+        return self.subjects[subject][2]
+
+
+@pytest.fixture
+def client(monkeypatch):
+    module, client = types.ModuleType("pyvicon_datastream"), MimickedClient()
+    module.Result, module.StreamMode, module.Direction = Result, StreamMode, Direction
+    module.PyViconDatastream = lambda: client
+    monkeypatch.setitem(sys.modules, "pyvicon_datastream", module)
+    return client
+
+
+def test_vicon_frames_are_taken_with_capture_time_units_and_order(client):
+    taken = []
+
+    async def main():
+        async with ViconSource("tracker:801", clock=Clock()).captures() as captures:
+            async for capture in captures:
+                taken.append(capture)  # noqa: PERF401 - it ends with an error
+
+    with pytest.raises(ViconError, match="tracker:801: asked to send a frame, it answered NotConnected"):
+        asyncio.run(main())
+    assert [c.number for c in taken] == [1001, 1003]
+    assert taken[0].receipt_ns == 100 * S
+    assert taken[0].capture_ns == 100 * S - 6_500_000
+    assert taken[0].sights["agent_x/markers"].same_as(TURN)
+    assert taken[0].sights["drone"] is Lapse.OCCLUDED
+    assert taken[0].sights["broken"] is Lapse.INVALID
+    axes = (Direction.Forward, Direction.Left, Direction.Up)
+    assert client.calls == [("connect", "tracker:801"), StreamMode.ServerPush, axes, ("disconnect",)]
+    assert all(name.startswith("vicon") for name in client.threads)
+    assert not [t for t in threading.enumerate() if t.name.startswith("vicon")]
+
+
+def test_a_tracker_that_does_not_answer_is_one_error(client):
+    client.answer = Result.ClientConnectionFailed
+
+    async def main():
+        async with ViconSource("nowhere", clock=Clock()).captures():
+            pytest.fail("it connected")
+
+    with pytest.raises(ViconError, match="asked to connect, it answered ClientConnectionFailed"):
+        asyncio.run(main())
+
+
+def test_without_the_library_the_error_says_how_to_install_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyvicon_datastream", None)
+    with pytest.raises(ViconMissingError, match="pip install pyvicon-datastream"):
+        ViconSource("tracker", clock=Clock())
+
+
+def pose_message(stamp_ns, pose):
+    header = message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(stamp_ns), frame_id="map")
+    return message_type("geometry_msgs/msg/PoseStamped")(header=header, pose=pose.to_pose_msg())
+
+
+def test_topics_become_captures_with_the_stamp_of_the_header(domain_id):
+    async def main():
+        options = {"domain_id": domain_id, "interface": "lo"}
+        async with Node("cameras", **options) as cameras, Node("bridge", **options) as node:
+            publishers = {
+                id_: cameras.create_publisher("geometry_msgs/msg/PoseStamped", f"/{id_}", QoSProfile())
+                for id_ in ("a", "b")
+            }
+            source = TopicSource(node, {"a": "/a", "b": "/b"})
+            async with source.captures() as captures, asyncio.timeout(15):
+                for publisher in publishers.values():
+                    await publisher.wait_for_subscriptions()
+                publishers["a"].publish(pose_message(5 * S, TURN))
+                first = await anext(captures)
+                broken = pose_message(6 * S, TURN)
+                broken.pose.position.x = float("nan")
+                publishers["b"].publish(broken)
+                second = await anext(captures)
+            now_ns = node.get_clock().now_ns()
+        assert (first.number, first.capture_ns, first.sights) == (None, 5 * S, {"a": TURN})
+        assert now_ns - 15 * S < first.receipt_ns <= now_ns
+        assert second.sights == {"b": Lapse.INVALID}
+        assert source.overflowed == 0
+
+    asyncio.run(main())
+
+
+def test_topics_of_other_types_are_refused():
+    with pytest.raises(MocapError, match="given the type 'std_msgs/msg/String'"):
+        TopicSource(None, {"a": "/a"}, type_="std_msgs/msg/String")
+    with pytest.raises(MocapError, match="at least one"):
+        TopicSource(None, {})
+
+
+@pytest.fixture
+def log(tmp_path):
+    with LogWriter(tmp_path / "run.mcap") as writer:
+        for second in range(4):
+            writer.write("/a", pose_message(second * S, TURN), log_time_ns=second * S + 6_000_000)
+            value = StampedTransform(parent="map", child="b", stamp_ns=second * S + S // 2, pose=Pose())
+            writer.write("/b", value.to_msg(), log_time_ns=second * S + S // 2 + 6_000_000)
+        writer.write("/text", message_type("std_msgs/msg/String")(data=""), log_time_ns=0)
+    return tmp_path / "run.mcap"
+
+
+def test_a_log_is_replayed_in_the_order_and_at_the_pace_of_receipt(log):
+    clock = Clock()
+
+    async def main(reader):
+        async with LogSource(reader, {"a": "/a", "b": "/b"}, clock=clock).captures() as captures:
+            return [capture async for capture in captures]
+
+    with LogReader(log) as reader:
+        taken = asyncio.run(main(reader))
+    assert [next(iter(c.sights)) for c in taken] == ["a", "b"] * 4
+    assert [c.capture_ns for c in taken] == [i * S // 2 for i in range(8)]
+    assert all(c.receipt_ns - c.capture_ns == 6_000_000 for c in taken)
+    assert clock.waits == pytest.approx([0.0, *[0.5] * 7])
+
+
+def test_a_log_without_the_topic_or_with_another_type_is_refused(log):
+    with LogReader(log) as reader:
+        with pytest.raises(LogLookupError, match="/none"):
+            list(LogSource(reader, {"a": "/none"}).recorded())
+        with pytest.raises(MocapError, match="/text: given the type std_msgs/msg/String"):
+            list(LogSource(reader, {"a": "/text"}).recorded())

@@ -1,0 +1,133 @@
+"""Poses: a group, as SciPy has it, that refuses numbers which are none."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation, Slerp
+
+from sfglab.messages import default_message, deserialize, message_type, serialize
+from sfglab.spatial import Pose, PoseError, StampedTransform
+
+lengths = st.floats(-100, 100)
+vectors = st.tuples(lengths, lengths, lengths)
+part = st.floats(-1, 1)
+quats = st.tuples(part, part, part, part).filter(lambda q: math.hypot(*q) > 1e-3)
+poses = st.builds(Pose.at, vectors, quats)
+
+
+@given(poses, poses, poses)
+def test_composition_is_associative(a, b, c):
+    assert ((a @ b) @ c).same_as(a @ (b @ c), within_m=1e-9, within_rad=1e-7)
+
+
+@given(poses)
+def test_the_identity_changes_nothing_and_the_inverse_undoes(pose):
+    assert (pose @ Pose()).same_as(pose)
+    assert (Pose() @ pose).same_as(pose)
+    assert (pose @ pose.inverse()).same_as(Pose(), within_rad=1e-7)
+    assert (pose.inverse() @ pose).same_as(Pose(), within_rad=1e-7)
+    assert pose.inverse().inverse().same_as(pose, within_rad=1e-7)
+
+
+@given(poses, poses, vectors)
+def test_products_and_points_are_those_of_the_matrices(a, b, point):
+    assert np.allclose((a @ b).matrix(), a.matrix() @ b.matrix(), atol=1e-9)
+    assert np.allclose(a.apply(point), (a.matrix() @ [*point, 1.0])[:3], atol=1e-9)
+    assert np.allclose((a @ b).rotation.as_matrix(), (a.rotation * b.rotation).as_matrix(), atol=1e-12)
+
+
+@given(poses, poses, st.floats(0, 1))
+def test_interpolation_is_linear_in_position_and_scipys_slerp_in_orientation(a, b, fraction):
+    between = a.interpolate(b, fraction)
+    assert np.allclose(
+        between.position_m, np.add(a.position_m, fraction * np.subtract(b.position_m, a.position_m))
+    )
+    if a.angle_rad(b) < math.pi - 1e-3:  # half a turn has no short way
+        slerp = Slerp([0, 1], Rotation.concatenate([a.rotation, b.rotation]))
+        assert (between.rotation.inv() * slerp(fraction)).magnitude() < 1e-7
+
+
+@given(poses)
+def test_poses_survive_matrices_and_messages(pose):
+    assert Pose.from_matrix(pose.matrix()).same_as(pose, within_rad=1e-7)
+    assert Pose.from_rotation(pose.position_m, pose.rotation).same_as(pose, within_rad=1e-7)
+    for message in (pose.to_pose_msg(), pose.to_transform_msg()):
+        assert Pose.from_msg(deserialize(serialize(message), type(message))) == pose
+
+
+@given(poses)
+def test_what_was_normalised_stays_bit_by_bit(pose):
+    assert Pose(position_m=pose.position_m, quat_xyzw=pose.quat_xyzw) == pose
+    assert Pose.at(list(pose.position_m), np.array(pose.quat_xyzw)) == pose
+
+
+def test_a_quarter_turn_and_a_step_have_known_numbers():
+    quarter = Pose.from_yaw((1.0, 2.0, 3.0), math.pi / 2)
+    assert quarter.quat_xyzw == pytest.approx((0, 0, math.sqrt(0.5), math.sqrt(0.5)))
+    assert quarter.yaw_rad == pytest.approx(math.pi / 2)
+    assert quarter.apply((1.0, 0.0, 0.0)) == pytest.approx((1.0, 3.0, 3.0))
+    assert (quarter @ quarter).position_m == pytest.approx((-1.0, 3.0, 6.0))
+    assert quarter.inverse().position_m == pytest.approx((-2.0, 1.0, -3.0))
+    half = Pose().interpolate(quarter, 0.5)
+    assert half.yaw_rad == pytest.approx(math.pi / 4)
+    assert Pose().interpolate(quarter, 2.0).yaw_rad == pytest.approx(math.pi)
+    assert Pose().angle_rad(quarter) == pytest.approx(math.pi / 2)
+
+
+def test_both_signs_of_a_quaternion_are_one_orientation_and_slerp_goes_the_short_way():
+    a = Pose.from_yaw((0, 0, 0), 0.2)
+    b = Pose.at((0, 0, 0), [-c for c in Pose.from_yaw((0, 0, 0), 0.4).quat_xyzw])
+    assert a.angle_rad(b) == pytest.approx(0.2)
+    assert a.interpolate(b, 0.5).yaw_rad == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    ("position", "quat", "says"),
+    [
+        ((0, 0, math.nan), (0, 0, 0, 1), r"here, position: given \[0.0, 0.0, nan\], allowed are 3 finite"),
+        ((0, 0, math.inf), (0, 0, 0, 1), r"here, position: .* finite"),
+        ((0, 0), (0, 0, 0, 1), r"here, position: .* 3 finite numbers"),
+        ((0, 0, 0), (0, 0, 0, 0), r"here, quaternion: .* a length of at least 1e-06"),
+        ((0, 0, 0), (0, 0, 0, math.nan), r"here, quaternion: .* 4 finite numbers"),
+        ((0, 0, 0), (0, 0, 1), r"here, quaternion: .* 4 finite numbers"),
+        ((0, 0, 0), (1e308, 1e308, 1e308, 1e308), r"here, quaternion: .* finite length"),
+        ("abc", (0, 0, 0, 1), r"here, position: .* 3 numbers"),
+        (3.0, (0, 0, 0, 1), r"here, position: .* 3 numbers"),
+    ],
+)
+def test_what_is_no_pose_is_refused_with_its_place(position, quat, says):
+    with pytest.raises(PoseError, match=says) as refused:
+        Pose.at(position, quat, place="here")
+    assert refused.value.place.startswith("here, ")
+
+
+def test_the_constructor_checks_too_and_a_message_that_nobody_filled_is_refused():
+    with pytest.raises(PoseError, match="pose, quaternion"):
+        Pose(quat_xyzw=(0.0, 0.0, 0.0, 0.0))
+    with pytest.raises(PoseError, match="odom: pose, quaternion"):
+        Pose.from_msg(default_message("geometry_msgs/msg/Pose"), place="odom: pose")
+
+
+@pytest.mark.parametrize("matrix", [np.diag([1.0, 1, -1, 1]), np.eye(3), np.full((4, 4), np.nan)])
+def test_matrices_that_mirror_or_have_no_shape_are_refused(matrix):
+    with pytest.raises(PoseError, match="4 x 4"):
+        Pose.from_matrix(matrix)
+
+
+def test_a_stamped_transform_is_the_message_and_loses_its_leading_slashes():
+    value = StampedTransform(
+        parent="map", child="go2/base", stamp_ns=1_700_000_000_123_456_789, pose=Pose.from_yaw((1, 2, 3), 1.0)
+    )
+    message = value.to_msg()
+    assert type(message) is message_type("geometry_msgs/msg/TransformStamped")
+    assert StampedTransform.from_msg(deserialize(serialize(message), type(message))) == value
+    message.header.frame_id, message.child_frame_id = "/map", "/go2/base"
+    assert StampedTransform.from_msg(message) == value
+    message.transform.rotation.w = message.transform.rotation.z = 0.0
+    with pytest.raises(PoseError, match="tf map -> go2/base, quaternion"):
+        StampedTransform.from_msg(message, place="tf")

@@ -1,0 +1,312 @@
+"""Scene files: clean, strict, and whole on disk whatever happens."""
+
+from __future__ import annotations
+
+import difflib
+import errno
+import os
+import stat
+from pathlib import Path
+
+import pytest
+
+from sfglab.spatial import Pose
+from sfglab.spatial.scene import (
+    ChangeKind,
+    Editor,
+    Rename,
+    Scene,
+    SceneError,
+    SetPose,
+    load_scene,
+    read_scene,
+    save_scene,
+    scene_text,
+)
+
+SCENES = Path(__file__).parents[2] / "data" / "scenes"
+
+GOOD = """\
+sfglab_scene: 1
+name: hall
+next_id: 6
+objects:
+- id: 1
+  kind: group
+  name: room
+- id: 2
+  kind: agent
+  name: go2
+  parent: 1
+- id: 3
+  kind: trajectory
+  name: path
+  agent: 2
+  waypoints:
+  - {id: 4, time_s: 0.0, xyz_m: [0.0, 0.0, 0.0], quat_xyzw: [0.0, 0.0, 0.0, 1.0]}
+  - {id: 5, time_s: 1.5, xyz_m: [1.0, 0.0, 0.0], quat_xyzw: [0.0, 0.0, 0.0, 1.0]}
+"""
+
+
+def changed(old, new):
+    assert GOOD.count(old) == 1
+    return GOOD.replace(old, new)
+
+
+def lines_changed(before, after):
+    found = difflib.ndiff(before.splitlines(), after.splitlines())
+    return [line for line in found if line[0] in "+-"]
+
+
+BROKEN = [
+    ("", "hall.yaml:1: nothing is given, allowed: a mapping"),
+    ("- 1\n", r"hall.yaml:1: given \[1\], allowed: a mapping"),
+    ("a: [1\nb: 2\n", "hall.yaml:2: .* allowed: YAML"),
+    ("a: \x07\n", "hall.yaml.*YAML"),
+    (changed("sfglab_scene: 1", "sfglab_scene: 2"), "hall.yaml:1: sfglab_scene: given 2, allowed: 1"),
+    (changed("name: hall", "name: hall\nname: hall"), "hall.yaml:3: name: .* each key once"),
+    (changed("name: hall", "nam: hall"), "hall.yaml:2: nam: given 'nam', .* did you mean 'name'"),
+    (changed("name: hall", "1: hall"), "hall.yaml:2: 1: .* a key that is text"),
+    (changed("name: hall", "margin_m: -1"), "hall.yaml:2: margin_m: given -1, .* from zero"),
+    (changed("kind: group", "kind: gruop"), r"hall.yaml:6: objects\[0\].kind: given 'gruop', .* mean 'group'"),
+    (changed("kind: group", "kind: waypoint"), r"objects\[0\].kind"),
+    (changed("  kind: group\n", ""), r"hall.yaml:5: objects\[0\].kind: nothing is given"),
+    (changed("kind: group", "kind: [group]"), r"objects\[0\].kind"),
+    (changed("name: room", "nmae: room"), r"objects\[0\].name: nothing is given"),
+    (changed("name: room", "name: room\n  radius_m: 1.0"), r"hall.yaml:8: .*radius_m: given 'radius_m'"),
+    (changed("name: room", "name: 7"), r"hall.yaml:5: objects\[0\]: group 1, name: given 7"),
+    (
+        changed("name: room", "name: room\n  pose: {xyz_m: [0, .nan, 0]}"),
+        r"hall.yaml:8: .*pose.xyz_m: .*finite",
+    ),
+    (changed("name: room", "name: room\n  pose: {xyz_m: [0, 1e3, 0]}"), r"xyz_m: .*allowed: 3 numbers"),
+    (
+        changed("name: room", "name: room\n  pose: {xyz_m: [0, 0]}"),
+        r"xyz_m: given \[0, 0\], allowed: 3 numbers",
+    ),
+    (changed("name: room", "name: room\n  pose: [0, 0, 0]"), r"objects\[0\].pose: .*a mapping"),
+    (changed("name: room", "name: room\n  pose: {xyz_m: [1.0e+9, 0, 0]}"), "metres within"),
+    (
+        changed("id: 2\n", "id: 1\n"),
+        r"hall.yaml:8: objects\[1\]: given 'id 1', allowed: an id of its own; .*:5",
+    ),
+    (changed("id: 2\n", "id: 0\n"), r"hall.yaml:8: objects\[1\].id: given 0, allowed: a whole number from 1"),
+    (changed("id: 2\n", "id: two\n"), r"objects\[1\].id: given 'two'"),
+    (changed("parent: 1", "parent: 9"), r"hall.yaml:8: objects\[1\]: agent 2 \(go2\), parent: given 9"),
+    (changed("parent: 1", "parent: 2"), r"hall.yaml:8: objects\[1\], parent: given 'a loop, 2 in 2'"),
+    (changed("name: room", "name: room\n  parent: 2"), r"parent: given 'a loop, 1 in 2 in 1', allowed: a tree"),
+    (changed("agent: 2", "agent: 1"), r"hall.yaml:12: objects\[2\]: trajectory 3 \(path\), agent: given 1"),
+    (changed("agent: 2", "agent: two"), r"hall.yaml:15: objects\[2\].agent: given 'two'"),
+    (
+        changed("time_s: 1.5", "time_s: 0.0"),
+        r"hall.yaml:18: .*waypoints\[1\].time_s: given 0.0, allowed: a time ab",
+    ),
+    (changed("time_s: 1.5", "time_s: -1"), "seconds from 0"),
+    (changed("time_s: 1.5", "time_s: .inf"), "seconds from 0"),
+    (changed("time_s: 1.5", "time_s: .nan"), "seconds from 0"),
+    (changed("time_s: 1.5", "time_s: soon"), "time_s: given 'soon'"),
+    (changed("time_s: 1.5, ", ""), "hall.yaml:18: .*time_s: nothing is given"),
+    (
+        changed("[1.0, 0.0, 0.0], quat_xyzw: [0.0, 0.0, 0.0, 1.0]", "[1.0, 0.0, 0.0], quat_xyzw: [0, 0, 0, 0]"),
+        r"hall.yaml:18: objects\[2\].waypoints\[1\].quat_xyzw: given \[0, 0, 0, 0\]",
+    ),
+    (changed("next_id: 6", "next_id: 5"), "hall.yaml:3: next_id: given 5, .* above every id, from 6"),
+    (changed("objects:\n", "objects: &a\n- *a\n"), "an alias"),
+    (changed("name: room", "name: !!python/name:os.system room"), "hall.yaml:7: .*YAML"),
+    (changed("name: room", "name: 2001-99-99"), "hall.yaml:7: .*a value that YAML can read"),
+    ("[" * 1000, "YAML"),
+]
+
+
+@pytest.mark.parametrize(("text", "says"), BROKEN, ids=[str(i) for i in range(len(BROKEN))])
+def test_broken_files_are_refused_in_one_sentence_with_file_and_place(text, says):
+    with pytest.raises(SceneError, match=says) as caught:
+        read_scene(text, file="hall.yaml")
+    assert str(caught.value).startswith("hall.yaml")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_hand_written_file_may_say_less_and_in_another_order():
+    first, second = GOOD.index("- id: 1"), GOOD.index("- id: 2")
+    shuffled = GOOD[:first] + GOOD[second:] + GOOD[first:second]
+    assert read_scene(shuffled).objects == read_scene(GOOD).objects
+    short = GOOD.replace(", quat_xyzw: [0.0, 0.0, 0.0, 1.0]", "")
+    assert read_scene(short) == read_scene(GOOD)
+
+
+def test_siblings_stay_in_the_files_order_also_where_a_child_stands_first():
+    text = GOOD.replace("- id: 1\n  kind: group\n  name: room\n", "").replace("next_id: 6", "next_id: 8")
+    text += "- {id: 7, kind: group, name: first}\n- {id: 1, kind: group, name: room}\n"
+    assert read_scene(text).held_by() == (3, 7, 1)
+
+
+def test_an_aligned_waypoint_edited_by_hand_looks_along_its_new_segment():
+    text = GOOD.replace("quat_xyzw: [0.0, 0.0, 0.0, 1.0]}", "align: previous}").replace(
+        "[1.0, 0.0", "[0.0, 2.0"
+    )
+    pose = read_scene(text).get(5).pose
+    assert pose.same_as(Pose.from_yaw((0.0, 2.0, 0.0), 1.5707963267948966))
+
+
+def test_moving_a_waypoint_changes_one_line():
+    scene = read_scene(GOOD)
+    editor = Editor(scene)
+    editor.do(SetPose(id=5, pose=Pose.at((1.0, 2.0, 0.0))))
+    assert len(lines_changed(scene_text(scene), scene_text(editor.scene))) == 2
+
+
+def test_inserting_a_waypoint_adds_its_line_and_the_next_id():
+    scene = read_scene(GOOD)
+    editor = Editor(scene)
+    editor.insert_waypoint(3, time_ns=1_000_000_001)
+    found = lines_changed(scene_text(scene), scene_text(editor.scene))
+    assert [line for line in found if "id: 6, time_s: 1.000000001" in line]
+    assert len(found) == 3
+
+
+@pytest.mark.parametrize("number", [1e-7, 1e22, 1.5e-300, 0.1 + 0.2, -0.0, 123456789.123456789])
+def test_numbers_read_back_as_the_same_floats(number):
+    within = max(min(number, 1e6), -1e6)
+    scene = Editor()
+    id_ = scene.add("agent", "a", pose=Pose.at((within, 0.0, 0.0)), radius_m=abs(number) or 1)
+    again = read_scene(scene_text(scene.scene))
+    assert again == scene.scene
+    assert isinstance(again.get(id_).radius_m, float)
+    assert "-0.0" not in scene_text(scene.scene)
+
+
+@pytest.mark.parametrize(
+    "name", ["null", "Yes", "~", "1", "1.5", "- x", "a: b", "#", 'q"\\', "Süd 🐕", "[x", "é"]
+)
+def test_names_read_back_as_the_same_text(name):
+    editor = Editor()
+    editor.add("group", name)
+    path = editor.add("trajectory", name)
+    editor.do(Rename(id=editor.insert_waypoint(path), name=name))
+    assert read_scene(scene_text(editor.scene)) == editor.scene
+
+
+def test_what_is_saved_is_loaded_again_and_saving_it_again_changes_no_byte(tmp_path):
+    scene, path = read_scene(GOOD), tmp_path / "hall.yaml"
+    save_scene(scene, path)
+    first = path.read_bytes()
+    assert load_scene(path) == scene
+    save_scene(load_scene(path), path)
+    assert path.read_bytes() == first
+
+
+@pytest.mark.parametrize("fails", ["fsync", "replace", "text", "write"])
+def test_when_saving_fails_the_file_on_disk_stays_whole_and_nothing_is_left_beside_it(
+    tmp_path, monkeypatch, fails
+):
+    path = tmp_path / "hall.yaml"
+    save_scene(read_scene(GOOD), path)
+    before = path.read_bytes()
+
+    def full(*_args, **_kwargs):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def broken(_scene):
+        raise ZeroDivisionError
+
+    if fails == "fsync":
+        monkeypatch.setattr(os, "fsync", full)
+    elif fails == "replace":
+        monkeypatch.setattr(Path, "replace", full)
+    elif fails == "text":
+        monkeypatch.setattr("sfglab.spatial.scene.files.scene_text", broken)
+    else:
+        monkeypatch.setattr(Path, "open", full)
+    editor = Editor(read_scene(GOOD), file=path)
+    editor.do(Rename(id=1, name="other"))
+    with pytest.raises(ZeroDivisionError if fails == "text" else SceneError):
+        editor.save()
+    monkeypatch.undo()
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+    assert editor.dirty
+    editor.save()
+    assert load_scene(path).get(1).name == "other"
+
+
+def test_saving_into_a_folder_that_is_not_there_says_so(tmp_path):
+    with pytest.raises(SceneError, match=r"hall\.yaml: .*a file that can be written"):
+        save_scene(Scene(), tmp_path / "nowhere" / "hall.yaml")
+
+
+def test_loading_what_is_not_there_or_not_text_says_so(tmp_path):
+    with pytest.raises(SceneError, match=r"hall\.yaml: .*a readable text file"):
+        load_scene(tmp_path / "hall.yaml")
+    (tmp_path / "hall.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(SceneError, match=r"hall\.yaml: .*a readable text file"):
+        load_scene(tmp_path / "hall.yaml")
+
+
+def test_saving_keeps_permissions_and_follows_links(tmp_path):
+    real, link = tmp_path / "real.yaml", tmp_path / "link.yaml"
+    save_scene(Scene(), real)
+    real.chmod(0o640)
+    link.symlink_to(real)
+    save_scene(Scene(name="other"), link)
+    assert link.is_symlink()
+    assert load_scene(real).name == "other"
+    assert stat.S_IMODE(real.stat().st_mode) == 0o640
+
+
+def test_an_editor_is_dirty_until_saved_and_again_clean_after_undo(tmp_path):
+    editor = Editor.open(tmp_path / "new.yaml")
+    assert editor.scene.name == "new"
+    heard = []
+    editor.listen(heard.append)
+    assert not editor.dirty
+    editor.add("agent", "go2")
+    assert editor.dirty
+    editor.save()
+    assert not editor.dirty
+    editor.add("agent", "spot")
+    editor.undo()
+    assert not editor.dirty
+    assert heard[1].kind is ChangeKind.SAVE
+
+
+def test_loading_goes_back_to_what_was_saved_and_a_broken_file_changes_nothing(tmp_path):
+    path = tmp_path / "hall.yaml"
+    path.write_text(GOOD)
+    editor = Editor.open(path)
+    editor.select(2)
+    editor.do(Rename(id=1, name="other"))
+    path.write_text(GOOD + "nonsense")
+    with pytest.raises(SceneError):
+        editor.load()
+    assert editor.scene.get(1).name == "other"
+    path.write_text(GOOD)
+    editor.load()
+    assert editor.scene == read_scene(GOOD)
+    assert editor.undo_label is None
+    assert editor.selection == (2,)
+
+
+def test_an_editor_without_file_cannot_save_or_load():
+    for act in (Editor().save, Editor().load):
+        with pytest.raises(SceneError, match="file: nothing is given"):
+            act()
+
+
+def test_ids_of_a_saved_file_are_not_given_again_after_undo_and_saving(tmp_path):
+    editor = Editor.open(tmp_path / "hall.yaml")
+    first = editor.add("agent", "go2")
+    editor.save()
+    editor.undo()
+    editor.save()
+    assert Editor.open(tmp_path / "hall.yaml").add("agent", "spot") > first
+
+
+@pytest.mark.parametrize("path", sorted(SCENES.glob("*.yaml")), ids=lambda p: p.stem)
+def test_the_example_scenes_are_as_the_editor_would_save_them_and_free_of_conflicts(path):
+    editor = Editor.open(path)
+    assert scene_text(editor.scene) == path.read_text(encoding="utf-8")
+    assert editor.conflicts() == ()
+
+
+def test_there_are_two_example_scenes():
+    assert len(list(SCENES.glob("*.yaml"))) == 2

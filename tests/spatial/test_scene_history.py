@@ -1,0 +1,495 @@
+"""Edits, undo and redo: any sequence of edits undone gives the same bytes, and redone likewise."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from trajectory_strategies import positions, quats
+
+from sfglab.spatial import Pose
+from sfglab.spatial.scene import (
+    KINDS,
+    ROOT,
+    Add,
+    AlignWaypoints,
+    ChangeKind,
+    Editor,
+    Group,
+    History,
+    Move,
+    Remove,
+    Rename,
+    Retime,
+    Scene,
+    SceneError,
+    SetPose,
+    SetProperty,
+    SetScene,
+    SetTime,
+    Several,
+    Stretch,
+    read_scene,
+    scene_text,
+)
+from sfglab.spatial.trajectory import Align, Limits, csv_from_trajectory, trajectory_from_csv
+
+S = 1_000_000_000
+poses = st.builds(Pose.at, positions, quats)
+names = st.sampled_from(["go2", "spot", "yes", "a: b", '"quoted" \\', "Halle 5 (Süd)", "", "two\nlines"])
+values = {
+    "radius_m": st.sampled_from([0.5, 1, 1e-7, 1e22, 0.0, math.nan, "wide", None]),
+    "speed_m_s": st.sampled_from([0.5, None, -1.0, 3]),
+    "acceleration_m_s2": st.sampled_from([1.0, None]),
+    "yaw_rate_rad_s": st.sampled_from([1.0, None, math.inf]),
+    "shape": st.sampled_from(
+        [
+            {"kind": "box", "size_m": [1, 2.5, 3]},
+            {"kind": "sphere", "radius_m": 0.25},
+            {"kind": "cylinder", "radius_m": 1.0},
+            {"kind": "cone"},
+            7,
+        ]
+    ),
+    "rule": st.sampled_from(["inside", "forbidden", "maybe"]),
+    "interpolation": st.sampled_from(["polyline", "catmull_rom", "bezier"]),
+    "align": st.sampled_from(["none", "previous", "next", "up"]),
+    "agent": st.sampled_from([None, 1, 2, 3, 4, 5, 99]),
+}
+
+
+class Editing(RuleBasedStateMachine):
+    """Anybody edits anything, allowed or not; after every edit the texts of all states are known."""
+
+    @initialize()
+    def begin(self):
+        self.editor = Editor()
+        hall = self.editor.add("group", "hall")
+        agent = self.editor.add("agent", "go2", parent=hall)
+        path = self.editor.add("trajectory", "path", agent=agent)
+        for i in range(3):
+            self.editor.insert_waypoint(path, pose=Pose.at((float(i), 0.0, 0.0)), align="next")
+        self.texts = [scene_text(self.editor.scene)]
+        self.position = 0
+        self.base = len(self.editor._history._done)
+        self.ids = set(self.editor.scene.objects)
+
+    def edit(self, change):
+        """Do something that may be refused; what is refused changes nothing."""
+        before = self.editor.scene
+        try:
+            change()
+        except SceneError as error:
+            refused = error
+        else:
+            self.record(before)
+            return
+        assert self.editor.scene is before
+        assert refused.place
+        assert "\n" not in str(refused)
+
+    def record(self, before):
+        if self.editor.scene != before:
+            self.texts = [*self.texts[: self.position + 1], scene_text(self.editor.scene)]
+            self.position += 1
+
+    def pick(self, data, kind=None):
+        known = [i for i, thing in self.editor.scene.objects.items() if kind in (None, thing.kind)]
+        return data.draw(st.sampled_from([*sorted(known), 0, 999]))
+
+    @rule(data=st.data(), kind=st.sampled_from(sorted(KINDS)), name=names, pose=poses)
+    def add(self, data, kind, name, pose):
+        parent = data.draw(st.sampled_from([ROOT, self.pick(data, "group")]))
+        before = set(self.editor.scene.objects)
+        self.edit(lambda: self.editor.add(kind, name, parent=parent, pose=pose))
+        new = set(self.editor.scene.objects) - before
+        assert not new & self.ids, "an id was given twice"
+        self.ids |= new
+
+    @rule(data=st.data(), time_ns=st.integers(0, 9), pose=st.one_of(st.none(), poses))
+    def insert(self, data, time_ns, pose):
+        path = self.pick(data, "trajectory")
+        self.edit(lambda: self.editor.insert_waypoint(path, time_ns=time_ns * S // 2, pose=pose))
+        self.ids |= set(self.editor.scene.objects)
+
+    @rule(data=st.data())
+    def remove(self, data):
+        ids = tuple(self.pick(data) for _ in range(data.draw(st.integers(1, 2))))
+        self.edit(lambda: self.editor.do(Remove(ids=ids)))
+
+    @rule(data=st.data(), index=st.one_of(st.none(), st.integers(-1, 3)), keep=st.booleans())
+    def move(self, data, index, keep):
+        id_, parent = self.pick(data), self.pick(data)
+        self.edit(lambda: self.editor.do(Move(id=id_, parent=parent, index=index, keep_place=keep)))
+
+    @rule(data=st.data(), name=names)
+    def rename(self, data, name):
+        id_ = self.pick(data)
+        self.edit(lambda: self.editor.do(Rename(id=id_, name=name)))
+
+    @rule(data=st.data(), key=st.sampled_from(sorted(values)))
+    def set_property(self, data, key):
+        id_, value = self.pick(data), data.draw(values[key])
+        self.edit(lambda: self.editor.do(SetProperty(id=id_, key=key, value=value)))
+
+    @rule(
+        key=st.sampled_from(["name", "frame_id", "margin_m", "mood"]), value=st.sampled_from(["a", 0.5, 0, ""])
+    )
+    def set_scene(self, key, value):
+        self.edit(lambda: self.editor.do(SetScene(key=key, value=value)))
+
+    @rule(data=st.data(), time_ns=st.integers(-1, 5 * S))
+    def set_time(self, data, time_ns):
+        id_ = self.pick(data, "waypoint")
+        self.edit(lambda: self.editor.do(SetTime(id=id_, time_ns=time_ns)))
+
+    @rule(data=st.data(), align=st.sampled_from(Align))
+    def align(self, data, align):
+        id_ = self.pick(data, "trajectory")
+        self.edit(lambda: self.editor.do(AlignWaypoints(id=id_, align=align)))
+
+    @rule(data=st.data(), limits=st.sampled_from([None, Limits(speed_m_s=0.5), Limits(acceleration_m_s2=0.3)]))
+    def retime(self, data, limits):
+        id_ = self.pick(data, "trajectory")
+        self.edit(lambda: self.editor.do(Retime(id=id_, limits=limits)))
+
+    @rule(data=st.data(), factor=st.sampled_from([0.5, 2.0, 0.0]))
+    def stretch(self, data, factor):
+        id_ = self.pick(data, "trajectory")
+        self.edit(lambda: self.editor.do(Stretch(id=id_, factor=factor)))
+
+    @rule(data=st.data())
+    def duplicate(self, data):
+        id_ = self.pick(data)
+        before = set(self.editor.scene.objects)
+        self.edit(lambda: self.editor.duplicate(id_))
+        new = set(self.editor.scene.objects) - before
+        assert not new & self.ids, "an id was given twice"
+        self.ids |= new
+
+    @rule(data=st.data(), way=st.lists(poses, min_size=1, max_size=4), back=st.booleans())
+    def drag(self, data, way, back):
+        id_, before = self.pick(data), self.editor.scene
+        home = [before.objects[id_].pose] if back and id_ in before.objects else []
+
+        def drag():
+            with self.editor.drag():
+                for pose in [*way, *home]:
+                    self.editor.do(SetPose(id=id_, pose=pose))
+
+        self.edit(drag)
+        if self.editor.scene is not before:
+            assert len(self.editor._history._done) - self.base == self.position, "a drag is one step"
+
+    @rule(data=st.data(), name=names)
+    def several(self, data, name):
+        id_ = self.pick(data)
+        commands = (Rename(id=id_, name="first"), Rename(id=id_, name=name))
+        self.edit(lambda: self.editor.do(Several(commands=commands, label="Rename twice")))
+
+    @precondition(lambda self: self.position > 0)
+    @rule()
+    def undo(self):
+        assert self.editor.undo()
+        self.position -= 1
+
+    @precondition(lambda self: self.position < len(self.texts) - 1)
+    @rule()
+    def redo(self):
+        assert self.editor.redo()
+        self.position += 1
+
+    @invariant()
+    def the_scene_is_the_state_that_history_says(self):
+        assert scene_text(self.editor.scene) == self.texts[self.position]
+        assert (self.editor.redo_label is None) == (self.position == len(self.texts) - 1)
+
+    @invariant()
+    def the_text_reads_back_as_the_same_scene(self):
+        scene = self.editor.scene
+        again = read_scene(scene_text(scene))
+        assert again == scene
+        assert scene_text(again) == scene_text(scene)
+
+    @invariant()
+    def whoever_is_held_knows_by_whom(self):
+        scene = self.editor.scene
+        assert {thing.id for thing in scene.walk()} == scene.objects.keys()
+        assert all(scene.objects[i].parent == holder for holder, held in scene.children.items() for i in held)
+        for path in scene.objects.values():
+            if path.kind == "trajectory":
+                times = [scene.objects[i].time_ns for i in scene.held_by(path.id)]
+                assert times == sorted(set(times))
+
+    def teardown(self):
+        if not hasattr(self, "editor"):
+            return
+        for text in reversed(self.texts[: self.position]):
+            self.editor.undo()
+            assert scene_text(self.editor.scene) == text
+        for text in self.texts[1:]:
+            self.editor.redo()
+            assert scene_text(self.editor.scene) == text
+
+
+TestEditing = Editing.TestCase
+TestEditing.settings = settings(deadline=None, max_examples=25, stateful_step_count=25)
+
+
+@pytest.fixture
+def planned():
+    """Return an editor with a hall that holds an agent, and the agent's trajectory of three waypoints."""
+    editor = Editor()
+    hall = editor.add("group", "hall", pose=Pose.at((10.0, 0.0, 0.0)))
+    agent = editor.add("agent", "go2", parent=hall)
+    path = editor.add("trajectory", "path", agent=agent)
+    points = [editor.insert_waypoint(path, pose=Pose.at((float(i), 0.0, 0.0))) for i in range(3)]
+    return editor, hall, agent, path, points
+
+
+def test_undo_after_removing_a_subtree_restores_ids_order_and_references(planned):
+    editor, hall, agent, path, _ = planned
+    editor.add("obstacle", "pillar", parent=hall)
+    before = editor.scene
+    editor.remove(hall)
+    assert editor.scene.get(path).agent is None, "the trajectory stays, without its agent"
+    assert hall not in editor.scene.objects
+    assert editor.undo()
+    assert editor.scene == before
+    assert editor.scene.driven_by(agent).id == path
+    editor.do(Rename(id=agent, name="spot"))  # what was restored can be edited
+    assert editor.redo_label is None
+
+
+def test_an_edit_after_undo_drops_what_could_be_redone(planned):
+    editor, _, agent, _, _ = planned
+    editor.do(Rename(id=agent, name="spot"))
+    editor.undo()
+    assert editor.redo_label == "Rename"
+    editor.do(SetProperty(id=agent, key="radius_m", value=0.5))
+    assert editor.redo_label is None
+    assert not editor.redo()
+    assert editor.scene.get(agent).name == "go2"
+
+
+def test_an_edit_that_changes_nothing_leaves_no_step_and_keeps_redo(planned):
+    editor, _, agent, _, _ = planned
+    editor.do(Rename(id=agent, name="spot"))
+    editor.undo()
+    assert not editor.do(Rename(id=agent, name="go2"))
+    assert editor.redo()
+
+
+def test_an_id_whose_addition_was_undone_is_not_given_again(planned):
+    editor = planned[0]
+    first = editor.add("agent", "a")
+    editor.undo()
+    second = editor.add("agent", "b")
+    assert second > first
+
+
+def test_a_drag_is_one_step_and_two_drags_are_two(planned):
+    editor, _, _, _, points = planned
+    before = editor.scene
+    for start in (0.0, 5.0):
+        with editor.drag():
+            for i in range(10):
+                editor.do(SetPose(id=points[1], pose=Pose.at((1.0, start + i, 0.0))))
+    editor.undo()
+    assert editor.scene.get(points[1]).pose.position_m == (1.0, 9.0, 0.0)
+    editor.undo()
+    assert editor.scene == before
+
+
+def test_a_drag_back_to_where_it_began_leaves_no_step_and_keeps_redo(planned):
+    editor, _, agent, _, points = planned
+    label, home = editor.undo_label, editor.scene.get(points[1]).pose
+    editor.do(Rename(id=agent, name="spot"))
+    editor.undo()
+    with editor.drag():
+        editor.do(SetPose(id=points[1], pose=Pose.at((1.0, 1.0, 0.0))))
+        assert editor.redo_label is None
+        editor.do(SetPose(id=points[1], pose=home))
+    assert editor.undo_label == label
+    assert editor.redo()
+    assert editor.scene.get(agent).name == "spot"
+
+
+def test_undo_in_the_middle_of_a_drag_takes_the_drag_back_and_ends_it(planned):
+    editor, _, _, _, points = planned
+    before = editor.scene
+    editor.begin_drag()
+    editor.do(SetPose(id=points[1], pose=Pose.at((1.0, 1.0, 0.0))))
+    editor.undo()
+    assert editor.scene == before
+    editor.do(SetPose(id=points[1], pose=Pose.at((1.0, 2.0, 0.0))))
+    editor.do(SetPose(id=points[1], pose=Pose.at((1.0, 3.0, 0.0))))
+    editor.undo()
+    assert editor.scene.get(points[1]).pose.position_m == (1.0, 2.0, 0.0)
+
+
+def test_several_edits_are_done_all_or_none(planned):
+    editor, _, agent, _, _ = planned
+    before = editor.scene
+    with pytest.raises(SceneError):
+        editor.do(Several(commands=(Rename(id=agent, name="a"), Rename(id=agent, name="")), label="Rename"))
+    assert editor.scene is before
+
+
+def test_the_oldest_steps_are_forgotten_first():
+    history = History(Scene(), depth=2)
+    for i in range(3):
+        history.do(SetScene(key="name", value=f"scene {i}"))
+    while history.undo():
+        pass
+    assert history.scene.name == "scene 0"
+
+
+def test_moving_under_another_parent_keeps_the_place_in_the_scene(planned):
+    editor, hall, _, path, points = planned
+    before = editor.scene.world_pose(points[2])
+    editor.do(Move(id=path, parent=hall))
+    assert editor.scene.get(path).pose.position_m == pytest.approx((-10.0, 0.0, 0.0))
+    assert editor.scene.world_pose(points[2]).same_as(before)
+    assert editor.scene.held_by(hall)[-1] == path
+
+
+def test_moving_without_keeping_the_place_moves_it_along(planned):
+    editor, hall, _, path, points = planned
+    editor.do(Move(id=path, parent=hall, index=0, keep_place=False))
+    assert editor.scene.world_pose(points[0]).position_m == (10.0, 0.0, 0.0)
+    assert editor.scene.held_by(hall)[0] == path
+
+
+def test_aligned_waypoints_keep_looking_along_their_segments_while_a_neighbour_is_dragged(planned):
+    editor, _, _, path, points = planned
+    editor.do(AlignWaypoints(id=path, align=Align.NEXT))
+    editor.do(SetPose(id=points[1], pose=Pose.from_yaw((0.0, 1.0, 0.0), 0.3)))
+    yaws = [editor.scene.get(i).pose.yaw_rad for i in points]
+    assert yaws == pytest.approx([math.pi / 2, math.atan2(-1, 2), math.atan2(-1, 2)])
+
+
+def test_a_time_beyond_a_neighbours_changes_their_order(planned):
+    editor, _, _, path, (first, second, third) = planned
+    editor.do(SetTime(id=first, time_ns=90 * S))
+    assert editor.scene.held_by(path) == (second, third, first)
+
+
+def test_retiming_uses_the_limits_of_whoever_drives(planned):
+    editor, _, agent, path, points = planned
+    editor.do(SetProperty(id=agent, key="speed_m_s", value=0.5))
+    assert editor.conflicts()
+    editor.do(Retime(id=path))
+    assert not editor.conflicts()
+    assert editor.scene.get(points[2]).time_ns == pytest.approx(4 * S, rel=1e-5)
+
+
+def test_a_waypoint_without_pose_is_inserted_on_the_path(planned):
+    editor, _, _, path, _ = planned
+    before = editor.scene.world_trajectory(path)
+    new = editor.insert_waypoint(path, time_ns=3 * S // 2)
+    assert editor.scene.get(new).pose.position_m == pytest.approx((1.5, 0.0, 0.0))
+    assert editor.scene.held_by(path).index(new) == 2
+    assert editor.scene.world_trajectory(path).end_ns == before.end_ns
+
+
+def test_a_copy_of_a_group_drives_its_own_agent(planned):
+    editor, hall, agent, path, _ = planned
+    editor.do(Move(id=path, parent=hall, index=0))  # before the agent in the tree
+    copy = editor.duplicate(hall)
+    new_path, new_agent = editor.scene.held_by(copy)
+    assert editor.scene.get(new_path).agent == new_agent != agent
+    assert len(editor.scene.held_by(new_path)) == 3
+    assert editor.scene.held_by() == (hall, copy)
+
+
+def test_a_trajectory_from_elsewhere_is_added_in_one_step(planned):
+    editor, _, agent, path, _ = planned
+    imported = trajectory_from_csv(csv_from_trajectory(editor.scene.trajectory(path)))
+    before = editor.scene
+    new = editor.add_trajectory(imported, "imported")
+    assert editor.scene.trajectory(new) == imported
+    editor.undo()
+    assert editor.scene == before
+    with pytest.raises(SceneError, match="drives"):
+        editor.add_trajectory(imported, "imported", agent=agent)
+    assert editor.scene is before
+
+
+def refusal(editor, command):
+    with pytest.raises(SceneError) as caught:
+        editor.do(command)
+    return str(caught.value)
+
+
+def test_refusals_name_place_given_and_allowed(planned):
+    editor, hall, agent, path, points = planned
+    inner = editor.add("group", "corner", parent=hall)
+    assert refusal(editor, Move(id=hall, parent=inner)) == (
+        f"group {hall} (hall), parent: given {inner}, allowed: a parent that does not lie inside it"
+    )
+    assert refusal(editor, SetTime(id=points[0], time_ns=S)) == (
+        f"waypoint {points[0]}, time_ns: given {S}, allowed: a time of its own; "
+        f"waypoint {points[1]} has this one"
+    )
+    assert refusal(editor, SetProperty(id=agent, key="radius_m", value=-1)) == (
+        f"agent {agent} (go2), radius_m: given -1, allowed: a finite number above zero"
+    )
+    assert "radius_m or speed_m_s" in refusal(editor, SetProperty(id=agent, key="colour", value="red"))
+    assert "an agent in the scene, or none" in refusal(editor, SetProperty(id=path, key="agent", value=path))
+    other = editor.add("trajectory", "other")
+    assert f"drives {path}" in refusal(editor, SetProperty(id=other, key="agent", value=agent))
+    assert "the id of a trajectory" in refusal(editor, Move(id=points[0], parent=hall))
+    assert "the id of a group" in refusal(editor, Move(id=inner, parent=agent))
+    assert "metres within" in refusal(editor, SetPose(id=agent, pose=Pose.at((1e7, 0.0, 0.0))))
+    assert refusal(editor, Retime(id=other)).startswith(f"trajectory {other} (other), limits: nothing is given")
+    assert "the id of an object in the scene" in refusal(editor, Remove(ids=(999,)))
+
+
+def test_an_added_object_must_have_an_id_that_was_never_used():
+    editor = Editor()
+    used = editor.add("group", "hall")
+    editor.remove(used)
+    assert "never used before" in refusal(editor, Add(objects=(Group(id=used, name="again"),)))
+
+
+def test_listeners_hear_what_changed_and_then_no_more(planned):
+    editor, _hall, agent, path, points = planned
+    heard = []
+    end = editor.listen(heard.append)
+    editor.do(Rename(id=agent, name="spot"))
+    new = editor.insert_waypoint(path)
+    editor.remove(points[0], points[1])
+    editor.undo()
+    editor.redo()
+    assert [c.kind for c in heard] == [*[ChangeKind.EDIT] * 3, ChangeKind.UNDO, ChangeKind.REDO]
+    assert (heard[0].changed, heard[0].label) == ((agent,), "Rename")
+    assert (heard[1].added, heard[1].changed) == ((new,), (path,))
+    assert heard[2].removed == heard[3].added == (points[0], points[1])
+    end()
+    editor.undo()
+    assert len(heard) == 5
+
+
+def test_what_is_removed_is_not_selected_any_more(planned):
+    editor, hall, agent, path, _ = planned
+    heard = []
+    editor.select(agent, path, agent)
+    editor.listen(heard.append)
+    editor.select(agent, path)
+    assert heard == []
+    editor.remove(hall)
+    assert editor.selection == (path,)
+    editor.remove()
+    assert editor.selection == ()
+    with pytest.raises(SceneError):
+        editor.select(agent)
+
+
+def test_a_gizmo_in_the_scenes_frame_moves_what_lies_in_a_group(planned):
+    editor, _, agent, _, _ = planned
+    editor.place(agent, Pose.at((11.0, 2.0, 0.0)))
+    assert editor.scene.get(agent).pose.position_m == pytest.approx((1.0, 2.0, 0.0))

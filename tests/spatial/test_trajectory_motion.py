@@ -1,0 +1,337 @@
+"""What lies between waypoints: both interpolations, their rates, headings, and the same path in more time."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from trajectory_strategies import poses, trajectories
+
+from sfglab.spatial import Pose
+from sfglab.spatial.trajectory import (
+    LATEST_NS,
+    Align,
+    Interpolation,
+    Limits,
+    Quantity,
+    Trajectory,
+    TrajectoryError,
+    align_waypoint,
+    aligned_quat,
+    in_frame,
+    limit_violations,
+    motion_of,
+    peaks,
+    pose_at,
+    resampled,
+    retimed,
+    sample,
+    stretched,
+    with_durations,
+)
+
+S = 1_000_000_000
+SPLINE = Interpolation.CATMULL_ROM
+
+
+def line(*points, step_ns=S, interpolation=Interpolation.POLYLINE):
+    return Trajectory.of([(i * step_ns, Pose.at((*p, 0.0))) for i, p in enumerate(points)], interpolation)
+
+
+def inner_times(trajectory, count=40):
+    return np.linspace(trajectory.start_ns / S, trajectory.end_ns / S, count)
+
+
+def barry_goldman(before, start, end, after, share):
+    """The pyramid as the paper of 1988 has it, with centripetal knots."""
+    points = [np.array(p) for p in (before, start, end, after)]
+    knots = np.concatenate([[0.0], np.cumsum([np.linalg.norm(b - a) ** 0.5 for a, b in pairwise(points)])])
+    u = knots[1] + share * (knots[2] - knots[1])
+    level = points
+    for height in (1, 2, 3):
+        lows = [max(i, 0) for i in range(4 - height)]
+        if height == 3:
+            low, high = knots[1], knots[2]
+            return ((high - u) * level[0] + (u - low) * level[1]) / (high - low)
+        level = [
+            ((knots[i + height] - u) * level[i] + (u - knots[i]) * level[i + 1])
+            / (knots[i + height] - knots[i])
+            for i in lows
+        ]
+    return None
+
+
+def test_a_polyline_is_half_way_in_position_and_angle_at_half_the_time():
+    turned = Pose.from_yaw((2.0, 4.0, 6.0), math.pi / 2)
+    half = pose_at(Trajectory.of([(0, Pose()), (4 * S, turned)]), 2.0)
+    assert half.same_as(Pose.from_yaw((1.0, 2.0, 3.0), math.pi / 4))
+
+
+@settings(deadline=None, max_examples=30)
+@given(a=poses, b=poses, share=st.floats(0, 1))
+def test_a_polyline_agrees_with_poses_own_interpolation(a, b, share):
+    found = pose_at(Trajectory.of([(0, a), (S, b)]), share)
+    expected = a.interpolate(b, share)
+    assert found.distance_m(expected) < 1e-9
+    if a.angle_rad(b) < 3.1:  # at half a turn there are two short ways around
+        assert found.angle_rad(expected) < 1e-6
+
+
+@settings(deadline=None, max_examples=30)
+@given(trajectories())
+def test_every_interpolation_meets_every_waypoint(trajectory):
+    found = sample(trajectory, [w.time_ns / S for w in trajectory.waypoints])
+    for i, waypoint in enumerate(trajectory.waypoints):
+        assert found.pose(i).same_as(waypoint.pose, within_m=1e-6, within_rad=1e-6)
+
+
+@settings(deadline=None, max_examples=30)
+@given(trajectories(most=5), poses)
+def test_interpolating_and_moving_to_another_frame_commute(trajectory, frame):
+    assume(
+        all(a.pose.angle_rad(b.pose) < 3.1 for a, b in pairwise(trajectory.waypoints))
+    )  # else two ways around
+    times = inner_times(trajectory, 12)
+    here, there = sample(trajectory, times), sample(in_frame(trajectory, frame), times)
+    for i in range(len(times)):
+        assert (frame @ here.pose(i)).same_as(there.pose(i), within_m=1e-6, within_rad=1e-6)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.lists(poses, min_size=4, max_size=4), st.floats(0, 1))
+def test_the_spline_is_the_barry_goldman_pyramid_with_centripetal_knots(four, share):
+    points = [p.position_m for p in four]
+    assume(min(math.dist(a, b) for a, b in pairwise(points)) > 1e-3)
+    motion = motion_of(Trajectory.of([(i * S, p) for i, p in enumerate(four)], SPLINE))
+    path = motion._path[1]
+    found = sum(path[power] * share**power for power in range(4))
+    assert found == pytest.approx(barry_goldman(*points, share), abs=1e-6)
+
+
+def test_a_spline_through_points_on_a_line_at_even_times_is_the_line():
+    trajectory = line((0, 0), (1, 1), (2, 2), (3, 3), interpolation=SPLINE)
+    times = inner_times(trajectory)
+    assert motion_of(trajectory).positions(times)[:, :2] == pytest.approx(np.stack([times, times], axis=1))
+
+
+def test_a_spline_rounds_the_corner_that_a_polyline_cuts_sharp():
+    corner = [(0, 0), (2, 0), (2, 2), (4, 2)]
+    velocity = {}
+    for kind in Interpolation:
+        motion = motion_of(line(*corner, interpolation=kind))
+        ends, starts = np.array([0, 1]), np.array([1, 2])
+        velocity[kind] = np.abs(
+            motion.rates(ends, motion.durations_s[ends])[1] - motion.rates(starts, 0.0 * ends)[1]
+        ).max()
+    assert velocity[SPLINE] < 1e-12
+    assert velocity[Interpolation.POLYLINE] == pytest.approx(2.0)
+
+
+@settings(deadline=None, max_examples=30)
+@given(trajectories(interpolation=st.just(SPLINE), least=3))
+def test_a_splines_velocity_does_not_jump(trajectory):
+    motion = motion_of(trajectory)
+    ends = np.arange(len(motion) - 1)
+    before = motion.rates(ends, motion.durations_s[ends])[1]
+    after = motion.rates(ends + 1, np.zeros(len(ends)))[1]
+    assert before == pytest.approx(after, rel=1e-6, abs=1e-6 * max(1.0, np.abs(before).max()))
+
+
+def test_a_wait_in_a_spline_is_at_rest_and_begins_and_ends_gently():
+    trajectory = line((0, 0), (2, 1), (2, 1), (5, 0), interpolation=SPLINE)
+    found = sample(trajectory, [1.0, 1.3, 1.9, 2.0])
+    assert found.positions_m == pytest.approx(np.tile([2.0, 1.0, 0.0], (4, 1)))
+    assert found.speeds_m_s == pytest.approx(np.zeros(4), abs=1e-12)
+
+
+def test_turning_on_the_spot_turns_at_an_even_rate():
+    for kind in Interpolation:
+        poses_ = [Pose(), Pose.from_yaw((0, 0, 0), 1.0), Pose.from_yaw((0, 0, 0), 3.0)]
+        trajectory = Trajectory.of([(i * 2 * S, p) for i, p in enumerate(poses_)], kind)
+        assert sample(trajectory, [0.5, 1.0, 3.0]).yaw_rates_rad_s == pytest.approx([0.5, 0.5, 1.0])
+
+
+@settings(deadline=None)
+@given(trajectories(most=5))
+def test_rates_are_the_derivatives_of_what_is_sampled(trajectory):
+    motion, h = motion_of(trajectory), 1e-6
+    for start, duration in zip(motion.times_s[:-1], motion.durations_s, strict=True):
+        times = start + duration * np.array([0.21, 0.5, 0.83])
+        low, here, high = (sample(trajectory, times + d) for d in (-h * duration, 0.0, h * duration))
+        slope = (high.positions_m - low.positions_m) / (2 * h * duration)
+        bend = (high.velocities_m_s - low.velocities_m_s) / (2 * h * duration)
+        scale = 1e-4 * max(1.0, here.speeds_m_s.max())
+        assert slope == pytest.approx(here.velocities_m_s, rel=1e-4, abs=scale)
+        assert bend == pytest.approx(here.accelerations_m_s2, rel=1e-3, abs=scale / duration)
+
+
+@settings(deadline=None, max_examples=30)
+@given(trajectories(least=3, interpolation=st.just(SPLINE)))
+def test_the_bound_of_the_acceleration_is_one(trajectory):
+    motion = motion_of(trajectory)
+    largest = peaks(trajectory, Quantity.ACCELERATION).values
+    assert np.all(largest <= motion.bend_bounds_m_s2() * (1 + 1e-9) + 1e-9)
+
+
+def test_before_the_start_and_after_the_end_one_stands():
+    trajectory = Trajectory.of([(S, Pose()), (2 * S, Pose.from_yaw((3.0, 0.0, 0.0), 1.0))])
+    found = sample(trajectory, [0.0, 0.999, 5.0])
+    assert found.positions_m[:, 0] == pytest.approx([0.0, 0.0, 3.0])
+    assert not found.velocities_m_s.any()
+    assert not found.angular_rad_s.any()
+
+
+def test_one_waypoint_is_a_trajectory_of_standing():
+    pose = Pose.from_yaw((1.0, 2.0, 3.0), 0.5)
+    found = sample(Trajectory.standing(pose, S), [0.0, 1.0, 9.0])
+    assert all(found.pose(i).same_as(pose) for i in range(3))
+    assert not found.velocities_m_s.any()
+
+
+def test_resampling_a_spline_gives_a_polyline_close_to_it_that_keeps_its_waypoints():
+    trajectory = line((0, 0), (2, 0), (2, 2), (4, 2), interpolation=SPLINE)
+    found = resampled(trajectory, S // 50)
+    assert set(trajectory.waypoints) <= set(found.waypoints)
+    assert found.interpolation is Interpolation.POLYLINE
+    times = inner_times(trajectory, 999)
+    gap = np.linalg.norm(motion_of(found).positions(times) - motion_of(trajectory).positions(times), axis=1)
+    assert gap.max() < 1e-3
+    steps = np.diff([w.time_ns for w in found.waypoints])
+    assert steps.max() == S // 50
+
+
+@pytest.mark.parametrize(
+    ("times", "says"),
+    [
+        ((), "no waypoint"),
+        ((5, 5), "waypoint 1, time: given 5 ns, allowed: whole nanoseconds above 5"),
+        ((5, 4), "above 5"),
+        ((-1,), "above -1"),
+        ((LATEST_NS + 1,), "waypoint 0"),
+    ],
+)
+def test_times_that_no_trajectory_has_are_refused_by_place(times, says):
+    with pytest.raises(TrajectoryError, match=says):
+        Trajectory.of([(t, Pose()) for t in times])
+
+
+def test_a_waypoint_looks_along_the_segment_that_arrives_or_leaves():
+    trajectory = line((0, 0), (1, 0), (1, 1))
+    middle = [align_waypoint(trajectory, 1, align).waypoints[1].pose for align in Align]
+    assert [p.yaw_rad for p in middle] == pytest.approx([0.0, 0.0, math.pi / 2])
+    assert middle[2].position_m == (1.0, 0.0, 0.0)
+
+
+def test_the_ends_look_along_the_only_segment_they_have():
+    points = [(0.0, 0.0, 0.0), (0.0, 2.0, 0.0)]
+    north = (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5))
+    for index in (0, 1):
+        for align in (Align.PREVIOUS, Align.NEXT):
+            assert aligned_quat(points, index, align) == pytest.approx(north)
+
+
+@settings(deadline=None, max_examples=30)
+@given(poses, poses)
+def test_an_aligned_x_axis_points_at_the_next_waypoint_without_roll(a, b):
+    quat = aligned_quat([a.position_m, b.position_m], 0, Align.NEXT)
+    way = np.array(b.position_m) - a.position_m
+    if quat is None:
+        assert math.hypot(way[0], way[1]) <= 1e-9
+        return
+    turned = Pose(quat_xyzw=quat)
+    assert turned.apply((1.0, 0.0, 0.0)) == pytest.approx(way / np.linalg.norm(way), abs=1e-9)
+    assert turned.apply((0.0, 1.0, 0.0))[2] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_straight_up_has_no_heading_and_the_waypoint_keeps_its_own():
+    own = Pose.from_yaw((0.0, 0.0, 0.0), 0.7)
+    trajectory = Trajectory.of([(0, own), (S, Pose.at((0.0, 0.0, 3.0)))])
+    assert align_waypoint(trajectory, 0, Align.NEXT) is trajectory
+
+
+def test_each_limit_names_place_and_value_where_it_is_exceeded():
+    poses_ = [Pose(), Pose.at((2.0, 0.0, 0.0)), Pose.from_yaw((2.0, 1.0, 0.0), 1.5)]
+    trajectory = Trajectory.of([(i * S, p) for i, p in enumerate(poses_)])
+    limits = Limits(speed_m_s=1.5, acceleration_m_s2=2.0, yaw_rate_rad_s=1.0)
+    found = {v.quantity: v for v in limit_violations(trajectory, limits)}
+    assert (found[Quantity.SPEED].segment, found[Quantity.SPEED].value) == (0, pytest.approx(2.0))
+    corner = found[Quantity.ACCELERATION]
+    assert (corner.time_s, corner.position_m) == (1.0, (2.0, 0.0, 0.0))
+    assert corner.value == pytest.approx(math.hypot(2.0, 1.0))  # from (2, 0) to (0, 1) m/s in one second
+    assert (found[Quantity.YAW_RATE].segment, found[Quantity.YAW_RATE].value) == (1, pytest.approx(1.5))
+    assert "given 1.5 at 1.000 s, (2.00, 0.00, 0.00) m, segment 1, allowed 1" in str(found[Quantity.YAW_RATE])
+
+
+def test_no_limit_is_never_exceeded():
+    assert limit_violations(line((0, 0), (1000, 0)), Limits()) == ()
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+def test_a_limit_that_is_none_is_refused(value):
+    with pytest.raises(TrajectoryError, match="speed_m_s"):
+        Limits(speed_m_s=value)
+
+
+@settings(deadline=None, max_examples=30)
+@given(trajectories(interpolation=st.just(SPLINE)))
+def test_a_splines_peaks_are_not_below_any_of_many_samples(trajectory):
+    motion = motion_of(trajectory)
+    speeds = peaks(trajectory, Quantity.SPEED).values
+    for segment, duration in enumerate(motion.durations_s):
+        local = np.linspace(0.0, duration, 1001)
+        velocity = motion.rates(np.full(1001, segment), local)[1]
+        assert np.linalg.norm(velocity, axis=1).max() <= speeds[segment] * (1 + 1e-6)
+
+
+limits_ = st.builds(
+    Limits,
+    speed_m_s=st.one_of(st.none(), st.floats(0.1, 5)),
+    acceleration_m_s2=st.one_of(st.none(), st.floats(0.1, 5)),
+    yaw_rate_rad_s=st.one_of(st.none(), st.floats(0.1, 3)),
+)
+
+
+@settings(deadline=None, max_examples=30)
+@given(trajectories(), limits_)
+def test_retiming_meets_all_limits_on_the_same_path_and_only_slows_down(trajectory, limits):
+    found = retimed(trajectory, limits)
+    assert limit_violations(found, limits) == ()
+    assert [w.pose for w in found.waypoints] == [w.pose for w in trajectory.waypoints]
+    assert found.start_ns == trajectory.start_ns
+    old, new = (np.diff([w.time_ns for w in t.waypoints]) for t in (trajectory, found))
+    assert np.all(new >= old)
+    assert np.array_equal(motion_of(found)._path, motion_of(trajectory)._path)
+    if not limit_violations(trajectory, limits):
+        assert found is trajectory
+
+
+def test_retiming_a_straight_line_takes_as_long_as_the_limit_says():
+    found = retimed(line((0, 0), (6, 0)), Limits(speed_m_s=2.0))
+    assert found.end_ns == pytest.approx(3 * S, rel=1e-5)
+
+
+def test_retiming_leaves_segments_alone_that_keep_to_the_limits():
+    found = retimed(line((0, 0), (1, 0), (9, 0)), Limits(speed_m_s=2.0))
+    assert found.waypoints[1].time_ns == S
+    assert found.end_ns == pytest.approx(5 * S, rel=1e-5)
+
+
+def test_retiming_that_would_take_weeks_is_refused():
+    with pytest.raises(TrajectoryError, match="up to"):
+        retimed(line((0, 0), (1e6, 0)), Limits(speed_m_s=1e-3))
+
+
+def test_stretching_multiplies_durations_and_keeps_the_start():
+    trajectory = Trajectory.of([(S, Pose()), (2 * S, Pose()), (4 * S, Pose())])
+    assert [w.time_ns for w in stretched(trajectory, 2.0).waypoints] == [S, 3 * S, 7 * S]
+    assert with_durations(trajectory, [5, 6]).end_ns == S + 11
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, math.nan, math.inf, 1e-12])
+def test_stretching_to_nothing_or_everything_is_refused(factor):
+    with pytest.raises(TrajectoryError):
+        stretched(line((0, 0), (1, 0), (2, 0)), factor)

@@ -1,0 +1,107 @@
+"""A canvas that remembers, recordings read back, messages to show, and DDS domains of their own."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import socket
+from contextlib import closing, suppress
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sfglab.messages import default_message, stamp_from_ns
+from sfglab.view import Update
+
+_counter = itertools.count(os.getpid() * 7)
+
+
+class Paper:
+    """A surface that keeps what is drawn on it."""
+
+    def __init__(self):
+        self.drawn = []
+        self.frames = {}
+        self.time = None
+        self.settled = 0
+        self.closed = 0
+
+    def log(self, entity, *what, static=False):
+        self.drawn.append(SimpleNamespace(entity=entity, what=what, static=static, time=self.time))
+
+    def place(self, entity, frame):
+        if frame:
+            self.frames[entity] = frame
+
+    def at(self, *, stamp_ns, received_ns):
+        self.time = (stamp_ns, received_ns)
+
+    def settle(self, size_bytes):
+        self.settled += size_bytes
+
+    def close(self):
+        self.closed += 1
+
+    def at_entity(self, entity):
+        return [d for d in self.drawn if d.entity == entity]
+
+    def kinds(self, entity):
+        return [type(w).__name__ for d in self.at_entity(entity) for w in d.what]
+
+
+@pytest.fixture
+def paper():
+    return Paper()
+
+
+@pytest.fixture
+def read_rrd():
+    """Return what a recording holds: by entity, one dictionary of columns a row."""
+    pytest.importorskip("rerun", reason="the extra 'view' is not installed")
+    from rerun.chunk import RrdReader
+
+    def read(path):
+        rows = {}
+        for chunk in RrdReader(path).stream().to_chunks():
+            rows.setdefault(chunk.entity_path, []).extend(chunk.to_record_batch().to_pylist())
+        return rows
+
+    return read
+
+
+@pytest.fixture
+def update():
+    """Return an update of one or several messages."""
+
+    def make(*, stamp_ns=1_000, received_ns=2_000, lost=0, **messages):
+        return Update(messages=messages, stamp_ns=stamp_ns, received_ns=received_ns, lost=lost)
+
+    return make
+
+
+@pytest.fixture
+def make_image():
+    def make(array, encoding, *, frame="camera", stamp_ns=5_000_000_000, padding=0):
+        array = np.ascontiguousarray(array)
+        row_bytes = array[0].nbytes
+        rows = array.reshape(array.shape[0], -1).view(np.uint8)
+        message = default_message("sensor_msgs/msg/Image")
+        message.header.stamp, message.header.frame_id = stamp_from_ns(stamp_ns), frame
+        message.height, message.width = array.shape[:2]
+        message.encoding, message.step = encoding, row_bytes + padding
+        message.data = np.pad(rows, ((0, 0), (0, padding))).reshape(-1)
+        return message
+
+    return make
+
+
+@pytest.fixture
+def domain_id():
+    """A DDS domain that no other test of this run uses."""
+    for _ in range(100):
+        domain = 100 + next(_counter) % 100
+        with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe, suppress(OSError):
+            probe.bind(("", 7400 + 250 * domain))
+            return domain
+    pytest.fail("the ports of all DDS domains from 100 to 199 are taken")

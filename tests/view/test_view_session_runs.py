@@ -1,0 +1,624 @@
+"""A session at work: stage, replay of real logs, the registry, the panel, and the live bridge."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import socket
+import subprocess
+import sys
+import threading
+from contextlib import closing
+from importlib.metadata import EntryPoint
+
+import numpy as np
+import pytest
+
+from sfglab.bus import Node
+from sfglab.errors import MissingExtraError
+from sfglab.messages import default_message, message_type, serialize, stamp_from_ns
+from sfglab.qos import SENSOR_DATA
+from sfglab.record import LogMissingError, LogWriter
+from sfglab.view import (
+    Approximate,
+    Arrival,
+    Bridge,
+    Input,
+    Parameter,
+    RerunCanvas,
+    Session,
+    SessionError,
+    SettingError,
+    SinkError,
+    SourceError,
+    ViewOptions,
+    Visualizer,
+    available,
+    find,
+    layout_of_fleet,
+    layout_of_topics,
+    open_canvas,
+    open_log,
+    replay,
+    view_live,
+    view_log,
+)
+from sfglab.view.arrivals import capture_ns
+from sfglab.view.rerunning import WINDOW_BYTES
+from sfglab.view.stage import Stage
+
+S = 1_000_000_000
+IMAGE, STRING = "sensor_msgs/msg/Image", "std_msgs/msg/String"
+
+
+class Word(Visualizer):
+    """Somebody else's visualizer: text at its topic."""
+
+    name = "word"
+    inputs = (Input(role="text", type=STRING),)
+    max_hz = None
+    queue = 100
+    parameters = (Parameter(name="prefix", default="", help="in front of every word"),)
+
+    def show(self, update, canvas):
+        if update.only.data == "crash":
+            raise RuntimeError("a mistake in a plugin")
+        canvas.log(self.entity, self["prefix"] + update.only.data)
+
+
+class Pair(Visualizer):
+    name = "pair"
+    inputs = (Input(role="image", type=IMAGE), Input(role="info", type="sensor_msgs/msg/CameraInfo"))
+    sync = Approximate(slop_ns=5)
+
+    def show(self, update, canvas):
+        canvas.log(self.entity, (update.stamp_ns, update.received_ns, sorted(update.messages)))
+
+
+def said(text, topic="/words", received_ns=1):
+    return Arrival(topic, STRING, received_ns, serialize(message_type(STRING)(data=text)))
+
+
+def stamped(type_name, topic, stamp_ns, received_ns):
+    message = default_message(type_name)
+    message.header.stamp = stamp_from_ns(stamp_ns)
+    return Arrival(topic, type_name, received_ns, serialize(message))
+
+
+def test_the_capture_stamp_is_read_from_the_bytes_and_without_one_is_the_reception():
+    assert capture_ns(stamped(IMAGE, "/a", 5 * S + 7, 9)) == 5 * S + 7
+    assert capture_ns(stamped(IMAGE, "/a", 0, 9)) == 9
+    assert capture_ns(said("x", received_ns=9)) == 9
+    video = default_message("foxglove_msgs/msg/CompressedVideo")
+    video.timestamp = stamp_from_ns(3 * S)
+    cdr = serialize(video)
+    assert capture_ns(Arrival("/v", "foxglove_msgs/msg/CompressedVideo", 9, cdr)) == 3 * S
+    decoded = Arrival("/v", "foxglove_msgs/msg/CompressedVideo", 9, b"", video)
+    assert capture_ns(decoded) == 3 * S
+
+
+def test_displays_are_added_tuned_and_removed_while_messages_flow(paper):
+    session = Session()
+    stage = Stage(session)
+
+    def say(text):
+        stage.deliver(said(text))
+        while (job := stage.ready()) is not None:
+            job.draw(paper)
+
+    say("nobody listens")
+    display = session.add(Word, "/words")
+    say("one")
+    session.tune(display.id, "prefix", "> ")
+    say("two")
+    session.enable(display.id, enabled=False)
+    say("off")
+    session.enable(display.id, enabled=True)
+    second = session.add(Word, "/words")
+    say("three")
+    session.remove(display.id)
+    say("four")
+    session.remove(second.id)
+    say("five")
+    shown = [d.what[0] for d in paper.drawn]
+    assert shown[:2] == ["one", "> two"]
+    assert sorted(shown[2:4]) == ["> three", "three"]  # whose turn it is first does not matter
+    assert shown[4:] == ["four"]
+
+
+def test_what_a_plugin_breaks_is_noted_at_its_display_and_hurts_no_other(paper):
+    session = Session()
+    first, second = session.add(Word, "/words"), session.add(Word, "/others")
+    garbled = Arrival("/words", STRING, 1, b"\0\1\0\0garbage")
+    arrivals = [said("crash"), garbled, said("fine"), said("too", "/others")]
+    assert replay(arrivals, session, paper) == 4
+    assert first.errors == 2
+    assert "CDR" in first.last_error or "given" in first.last_error or first.last_error
+    assert (second.errors, [d.what[0] for d in paper.drawn]) == (0, ["fine", "too"])
+
+
+def test_messages_that_belong_together_are_shown_together_with_both_times(paper):
+    session = Session()
+    display = session.add(Pair, {"image": "/image", "info": "/info"})
+    info = "sensor_msgs/msg/CameraInfo"
+    arrivals = [
+        stamped(IMAGE, "/image", 100, 1000),
+        stamped(info, "/info", 100, 1010),
+        stamped(IMAGE, "/image", 200, 1020),
+        stamped(info, "/info", 300, 1030),
+    ]
+    replay(arrivals, session, paper)
+    assert [d.what[0] for d in paper.drawn] == [(100, 1010, ["image", "info"])]
+    assert paper.drawn[0].time == (100, 1010)
+    assert display.slot.counts.unmatched == 1
+
+
+def test_a_slow_sink_costs_bounded_memory_for_ten_minutes_at_thirty_hertz(paper):
+    """By construction the slot holds one picture; of 18 000 the sink takes every hundredth."""
+    session, stage_held = Session(), []
+    display = session.add("image", "/image")
+    session.limit(display.id, None)
+    stage = Stage(session)
+    arrival = stamped(IMAGE, "/image", 1, 1)
+    alive = []
+    for number in range(18_000):
+        cdr = bytes(arrival.cdr)
+        stage.deliver(arrival._replace(cdr=cdr, received_ns=number))
+        stage_held.append(display.slot.counts.waiting)
+        if number % 100 == 99:
+            alive.append(stage.ready())
+    counts = display.slot.counts
+    assert max(stage_held) == 1
+    assert (counts.received, counts.shown, counts.waiting) == (18_000, 180, 0)
+    assert counts.dropped == 18_000 - 180
+    assert stage.health()[0].dropped == counts.dropped
+
+
+def test_a_type_that_only_the_log_knows_is_shown_by_the_logs_definition(tmp_path, paper):
+    from dataclasses import make_dataclass
+
+    class Speed(Visualizer):
+        name = "speed"
+        inputs = (Input(role="row", type="sfglab_rows/msg/ViewSpeedRow"),)
+        max_hz = None
+
+        def show(self, update, canvas):
+            canvas.log(self.entity, update.only.speed_m_s)
+
+    row = make_dataclass("ViewSpeedRow", [("speed_m_s", float)], frozen=True, slots=True, kw_only=True)
+    path = tmp_path / "own.mcap"
+    with LogWriter(path) as log:
+        log.write_row("speed", row(speed_m_s=2.5), log_time_ns=7)
+    code = f"""
+from sfglab.view import open_log
+with open_log({str(path)!r}) as log:
+    (topic,) = log.topics
+    (arrival,) = log.arrivals([topic])
+    print(topic, arrival.message.speed_m_s, arrival.received_ns)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["/table/speed", "2.5", "7"]
+    session = Session()
+    session.add(Speed, "/table/speed")
+    with open_log(path) as log:
+        replay(log.arrivals(["/table/speed"]), session, paper)
+    assert [d.what[0] for d in paper.drawn] == [2.5]
+
+
+@pytest.mark.parametrize("version", [8, 9])
+def test_a_rosbag2_directory_is_a_log_too(tmp_path, paper, version):
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    from sfglab.messages.store import type_store
+
+    path = tmp_path / "bag"
+    with Writer(path, version=version, storage_plugin=StoragePlugin.SQLITE3) as bag:
+        connection = bag.add_connection("/words", STRING, typestore=type_store())
+        for number in range(3):
+            bag.write(connection, number, said(f"word {number}").cdr)
+    session = Session()
+    session.add(Word, "/words")
+    with open_log(path) as log:
+        assert log.topics == {"/words": STRING}
+        replay(log.arrivals(["/words"]), session, paper)
+    assert [d.what[0] for d in paper.drawn] == ["word 0", "word 1", "word 2"]
+
+
+def test_a_log_that_is_none_is_one_clear_sentence(tmp_path):
+    with pytest.raises(LogMissingError, match="nothing"), open_log(tmp_path / "nothing.mcap"):
+        pass
+    (tmp_path / "notes.txt").write_text("no bag")
+    with (
+        pytest.raises(SourceError, match=r"notes\.txt: given what rosbags does not read"),
+        open_log(tmp_path / "notes.txt"),
+    ):
+        pass
+
+
+def entry(value, name="x"):
+    return EntryPoint(name=name, value=value, group="sfglab.visualizers")
+
+
+def test_a_package_ships_its_own_visualizer_and_a_broken_one_is_told(tmp_path, monkeypatch):
+    """A distribution on the path is all that it takes: a module, and metadata with the entry point."""
+    (tmp_path / "their_view.py").write_text(
+        "from sfglab.view import Input, Visualizer\n"
+        "class Battery(Visualizer):\n"
+        "    name = 'battery'\n"
+        "    inputs = (Input(role='state', type='sensor_msgs/msg/BatteryState'),)\n"
+        "    def show(self, update, canvas):\n"
+        "        canvas.log(self.entity, update.only.percentage)\n"
+        "class Image(Battery):\n"
+        "    name = 'image'\n"
+    )
+    info = tmp_path / "their_view-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: their-view\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "[sfglab.visualizers]\nbattery = their_view:Battery\ngone = their_view:Gone\n"
+        "image = their_view:Image\nnumber = math:pi\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    importlib.invalidate_caches()
+    kinds, broken = available()
+    assert find("battery").__module__ == "their_view"
+    assert kinds["image"].__module__.startswith("sfglab.")
+    assert len(broken) == 3
+    assert any("their_view:Gone" in b and "cannot be loaded" in b for b in broken)
+    assert any("math:pi" in b and "derived from Visualizer" in b for b in broken)
+    assert any("their_view:Image" in b and "'image' is taken" in b for b in broken)
+    topic = "/global/go2/battery_state"
+    assert [o.kind for o in Session().offers({topic: "sensor_msgs/msg/BatteryState"})] == ["battery"]
+
+
+def test_without_rerun_there_is_one_sentence_and_the_model_still_works(monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(MissingExtraError, match=r"the view needs 'rerun', .*: pip install 'sfglab\[view\]'"):
+        open_canvas(["a.rrd"])
+    assert Session().add("image", "/a").visualizer.name == "image"
+
+
+def test_importing_the_view_loads_neither_rerun_nor_widgets():
+    code = "import sys, sfglab.view; assert not {'rerun', 'ipywidgets', 'cv2', 'scipy'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_place_that_is_none_is_refused(tmp_path):
+    pytest.importorskip("rerun", reason="the extra 'view' is not installed")
+    for place in ("a.mcap", "serve:x"):
+        with pytest.raises(SettingError, match=f"to: given '{place}', allowed <path>.rrd, viewer"):
+            open_canvas([place])
+    with pytest.raises(SinkError, match="there is no directory"):
+        open_canvas([str(tmp_path / "gone" / "a.rrd")])
+    with pytest.raises(SettingError, match="at least one place"):
+        open_canvas([])
+
+
+def test_a_reference_log_becomes_a_recording(tmp_path, pytestconfig, read_rrd):
+    """One robot of the hallway: scans, poses and walls, every message of them."""
+    log = pytestconfig.rootpath / "data/reference/cooperation.mcap"
+    out = tmp_path / "cooperation.rrd"
+    reports = view_log(log, ViewOptions(to=(str(out),), topics=("/failure/robot1",)))
+    assert all(r.errors == 0 and r.shown == r.received and r.dropped == 0 for r in reports)
+    rows = read_rrd(out)
+    assert len([r for r in rows["/failure/robot1/scan"] if r.get("Points3D:positions")]) == 115
+    assert len([r for r in rows["/failure/robot1/pose"] if r.get("Arrows3D:vectors")]) == 115
+    (walls,) = (r for r in rows["/failure/robot1/walls/robot1/0"] if "LineStrips3D:strips" in r)
+    assert len(walls["LineStrips3D:strips"]) > 0
+
+
+def test_the_layout_of_a_fleet_has_a_view_for_every_camera(pytestconfig):
+    from sfglab.fleet.fleet_file import load_fleet
+
+    layout = layout_of_fleet(load_fleet(pytestconfig.rootpath / "data/fleets/lab.yaml"))
+    assert [c.entity for c in layout.cameras] == [
+        "/agents/go2/global/camera_front/color/ffmpeg",
+        "/agents/go2/global/camera_front/aligned_depth/compressed_depth",
+    ]
+    assert layout.agents == ("go2", "pi1", "pi2", "pi3", "steamdeck", "workstation")
+    assert (layout.frame, layout.communication) == ("map", True)
+
+
+def test_the_layout_of_topics_has_their_pictures_and_the_heartbeats_if_there_are_any():
+    topics = {"/b": IMAGE, "/a": "sensor_msgs/msg/CompressedImage", "/words": STRING}
+    layout = layout_of_topics(topics)
+    assert [c.entity for c in layout.cameras] == ["/a", "/b"]
+    assert not layout.communication
+    beats = {"/global/agent_heartbeat": "sfglab_interfaces/msg/AgentHeartbeat"}
+    assert layout_of_topics({**topics, **beats}).communication
+
+
+class Slow:
+    """A surface that takes its time: nothing is done until it is let go."""
+
+    def __init__(self, paper):
+        self._paper = paper
+        self.go = threading.Event()
+
+    def __getattr__(self, name):
+        return getattr(self._paper, name)
+
+    def settle(self, size_bytes):
+        if size_bytes:
+            assert self.go.wait(10)
+
+
+def test_silence_in_a_log_is_seen_when_it_begins_and_not_when_the_next_message_comes(paper):
+    def beat(agent, received_ns):
+        message = default_message("sfglab_interfaces/msg/AgentHeartbeat")
+        message.agent, message.period_s, message.phase = agent, 1.0, 1
+        cdr = serialize(message)
+        return Arrival("/global/agent_heartbeat", "sfglab_interfaces/msg/AgentHeartbeat", received_ns, cdr)
+
+    session = Session()
+    session.add("communication", "/global/agent_heartbeat")
+    replay([beat("go2", 0), beat("go2", S), beat("pi1", 20 * S)], session, paper)
+    said_ = [d for d in paper.at_entity("/agents/go2/communication/life") if not d.static]
+    assert len(said_) == 3  # alive, late, lost
+    assert said_[1].time[1] == pytest.approx(2.5 * S, abs=0.3 * S)
+    assert said_[2].time[1] == pytest.approx(4.0 * S, abs=0.3 * S)
+
+
+def test_an_interrupted_replay_leaves_a_whole_file(tmp_path, read_rrd):
+    """Ctrl-C in the middle: what was drawn up to then is in the file."""
+
+    class Interrupting(Visualizer):
+        name = "interrupting"
+        inputs = (Input(role="text", type=STRING),)
+        max_hz = None
+
+        def show(self, update, canvas):
+            import rerun as rr
+
+            if update.only.data == "word 2":
+                raise KeyboardInterrupt
+            canvas.log(self.entity, rr.TextLog(update.only.data))
+
+    with LogWriter(tmp_path / "words.mcap") as log:
+        for number in range(4):
+            log.write("/words", message_type(STRING)(data=f"word {number}"), log_time_ns=number)
+    session, out = Session(), tmp_path / "words.rrd"
+    session.add(Interrupting, "/words")
+    with pytest.raises(KeyboardInterrupt):
+        view_log(tmp_path / "words.mcap", ViewOptions(to=(str(out),)), session=session)
+    assert [row["TextLog:text"] for row in read_rrd(out)["/words"]] == [["word 0"], ["word 1"]]
+
+
+class Recording:
+    """Stands for Rerun's recording: counts what is waited for, and breaks when told to."""
+
+    def __init__(self):
+        self.flushed, self.broken, self.disconnected = 0, False, 0
+
+    def set_time(self, *_, **__):
+        pass
+
+    def flush(self, **_):
+        self.flushed += 1
+        if self.broken:
+            raise ValueError("nobody listens")
+
+    def disconnect(self):
+        self.disconnected += 1
+
+
+def test_a_canvas_waits_for_its_sinks_by_bytes_and_by_time_and_says_when_they_are_gone():
+    pytest.importorskip("rerun", reason="the extra 'view' is not installed")
+    recording = Recording()
+    canvas = RerunCanvas(recording, "the viewer")
+    for number in range(100):
+        canvas.at(stamp_ns=number, received_ns=number)
+        canvas.settle(WINDOW_BYTES // 8)
+    assert recording.flushed == 12
+    for number in range(1, 4):
+        canvas.at(stamp_ns=0, received_ns=number * S + 100)
+        canvas.settle(0)
+    assert recording.flushed == 15
+    recording.broken = True
+    with pytest.raises(SinkError, match="the viewer does not take what is shown: nobody listens"):
+        canvas.flush()
+    with pytest.raises(SinkError):
+        canvas.close()
+    canvas.close()
+    assert recording.disconnected == 1
+
+
+def test_a_port_that_is_taken_is_said_at_once():
+    pytest.importorskip("rerun", reason="the extra 'view' is not installed")
+    with closing(socket.socket()) as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        with pytest.raises(SinkError, match=r"serve:\d+ cannot be opened: .*Address already in use"):
+            open_canvas([f"serve:{taken.getsockname()[1]}"])
+
+
+def test_a_notebook_without_rerun_s_widget_is_told_what_to_install(monkeypatch):
+    pytest.importorskip("rerun", reason="the extra 'view' is not installed")
+    monkeypatch.setattr("sfglab.view.rerunning.find_spec", lambda _: None)
+    with pytest.raises(MissingExtraError, match="the view in a notebook needs 'rerun_notebook'"):
+        open_canvas(["notebook"]).show_in_notebook()
+    with pytest.raises(SettingError, match="the notebook alone"):
+        open_canvas(["notebook", "a.rrd"])
+
+
+@pytest.mark.live
+def test_the_bridge_shows_what_is_published_and_follows_new_topics(paper, domain_id):
+    topic = "/global/go2/camera_front/color/image_raw"
+
+    async def main():
+        async with (
+            Node("cam", domain_id=domain_id, interface="lo") as camera,
+            Node("view", domain_id=domain_id, interface="lo") as node,
+        ):
+            session = Session()
+            async with Bridge(node, session, paper, follow=("/",)) as bridge:
+                publisher = camera.create_publisher(IMAGE, topic, SENSOR_DATA)
+                await publisher.wait_for_subscriptions(1)
+                assert [d.visualizer.name for d in session.displays] == ["image"]
+                await shot(publisher, paper)
+                session.remove(session.displays[0].id)
+                display = session.add(Pair, {"image": topic, "info": "/info"})
+                removed = session.offers({topic: IMAGE})[0].kind
+                async with asyncio.timeout(5):
+                    while display.slot.counts.received == 0:
+                        publisher.publish_raw(stamped(IMAGE, topic, 5, 5).cdr)
+                        await asyncio.sleep(0.01)
+                assert bridge.stage.health()[0].topic == topic
+                assert removed not in [d.visualizer.name for d in session.displays]  # it stays away
+        assert paper.closed == 1
+
+    asyncio.run(main())
+
+
+async def shot(publisher, paper):
+    image = default_message(IMAGE)
+    image.encoding, image.height, image.width, image.step = "mono8", 2, 3, 3
+    image.data = np.zeros(6, np.uint8)
+    async with asyncio.timeout(5):
+        while not paper.drawn:
+            publisher.publish(image)
+            await asyncio.sleep(0.01)
+
+
+@pytest.mark.live
+def test_a_topic_or_type_that_cannot_be_is_noted_at_its_display_and_others_go_on(paper, domain_id):
+    class Unknown(Word):
+        name = "unknown"
+        inputs = (Input(role="text", type="nobody_msgs/msg/Nothing"),)
+
+    async def main():
+        async with Node("view", domain_id=domain_id, interface="lo") as node:
+            session = Session()
+            bad, unknown = session.add(Word, "/not a topic"), session.add(Unknown, "/words")
+            good = session.add(Word, "/words")
+            async with Bridge(node, session, paper):
+                publisher = node.create_publisher(STRING, "/words", SENSOR_DATA)
+                await publisher.wait_for_subscriptions(1)
+                async with asyncio.timeout(5):
+                    while not paper.drawn:
+                        publisher.publish_raw(said("word").cdr)
+                        await asyncio.sleep(0.01)
+        assert "not a topic" in bad.last_error
+        assert "nobody_msgs/msg/Nothing" in unknown.last_error
+        assert good.slot.counts.shown > 0
+        assert (good.errors, good.last_error) == (0, "")
+
+    asyncio.run(main())
+
+
+@pytest.mark.live
+def test_a_viewer_that_hangs_costs_pictures_and_nothing_else(paper, domain_id):
+    slow = Slow(paper)
+
+    async def main():
+        async with (
+            Node("cam", domain_id=domain_id, interface="lo") as camera,
+            Node("view", domain_id=domain_id, interface="lo") as node,
+        ):
+            session = Session()
+            display = session.add(Word, "/words")
+            async with Bridge(node, session, slow):
+                publisher = camera.create_publisher(STRING, "/words", SENSOR_DATA)
+                await publisher.wait_for_subscriptions(1)
+                async with asyncio.timeout(10):
+                    while display.slot.counts.pushed_out < 50:
+                        publisher.publish_raw(said("word").cdr)
+                        await asyncio.sleep(0)
+                assert display.slot.counts.waiting <= Word.queue
+                assert display.slot.counts.shown == 1
+                slow.go.set()
+                async with asyncio.timeout(10):
+                    while display.slot.counts.waiting:
+                        await asyncio.sleep(0.01)
+        counts = display.slot.counts
+        assert counts.received == counts.shown + counts.dropped
+        assert len(paper.drawn) == counts.shown
+
+    asyncio.run(main())
+
+
+@pytest.mark.live
+def test_a_sink_that_breaks_ends_the_view_with_its_reason(paper, domain_id):
+    class Broken(type(paper)):
+        def settle(self, _size_bytes):
+            raise SinkError("the viewer is gone")
+
+    async def main():
+        async with Node("view", domain_id=domain_id, interface="lo") as node:
+            session = Session()
+            session.add("communication", "/global/agent_heartbeat")
+            async with Bridge(node, session, Broken()) as bridge:
+                async with asyncio.timeout(5):
+                    with pytest.raises(SinkError, match="the viewer is gone"):
+                        await bridge.failed()
+
+    asyncio.run(main())
+
+
+@pytest.mark.live
+def test_an_interrupted_live_view_leaves_a_whole_file(tmp_path, domain_id, read_rrd):
+    path = tmp_path / "live.rrd"
+
+    async def main():
+        async with (
+            Node("agent", domain_id=domain_id, interface="lo") as agent,
+            Node("view", domain_id=domain_id, interface="lo") as node,
+        ):
+            started = asyncio.Event()
+            sessions = []
+            options = ViewOptions(to=(str(path),))
+            viewing = asyncio.create_task(
+                view_live(node, options, on_start=lambda s: (sessions.append(s), started.set()))
+            )
+            await asyncio.wait_for(started.wait(), 10)
+            beat = default_message("sfglab_interfaces/msg/AgentHeartbeat")
+            beat.agent, beat.period_s, beat.phase = "go2", 1.0, 1
+            publisher = agent.create_publisher(
+                "sfglab_interfaces/msg/AgentHeartbeat", "/global/agent_heartbeat"
+            )
+            await publisher.wait_for_subscriptions(1)
+            (display,) = sessions[0].displays
+            async with asyncio.timeout(5):
+                while display.slot.counts.shown == 0:
+                    publisher.publish(beat)
+                    await asyncio.sleep(0.02)
+                await asyncio.sleep(0.3)  # a tick of 5 Hz draws it
+            viewing.cancel()
+            await asyncio.gather(viewing, return_exceptions=True)
+
+    asyncio.run(main())
+    rows = read_rrd(path)
+    assert "/agents/go2/communication/heartbeat_age_s" in rows
+    assert not [t for t in threading.enumerate() if t.name.startswith("sfglab-view")]
+
+
+def test_the_panel_is_the_session_as_widgets():
+    pytest.importorskip("ipywidgets", reason="the notebook's widgets are not installed")
+    from sfglab.view.panel import Panel
+
+    session = Session()
+    panel = Panel(session, lambda: {"/a": IMAGE})
+    adding, said_, rows = panel.widget.children
+    kinds, topic, button = adding.children
+    kinds.value, topic.value = "image", "/a"
+    button.click()
+    (display,) = session.displays
+    (row,) = rows.children
+    head, opacity, *_ = row.children
+    opacity.value = 0.5
+    assert display.visualizer.settings["opacity"] == 0.5
+    opacity.value = 7.0
+    assert display.visualizer.settings["opacity"] == opacity.value == 0.5
+    assert "opacity: given 7.0" in said_.value
+    head.children[2].value = 5.0
+    assert display.slot.budget.max_hz == 5.0
+    reliable = next(w for w in row.children if getattr(w, "description", "").startswith("QoS"))
+    reliable.value = "reliable, volatile"
+    assert display.qos["image"].reliability.value == "reliable"
+    panel.refresh()
+    assert row.children[-1].value == "0 received, 0 shown, 0 dropped"
+    head.children[3].click()
+    assert session.displays == rows.children == ()
+    panel.close()
+    with pytest.raises(SessionError):
+        session.display(display.id)

@@ -1,0 +1,150 @@
+"""Synchronisation: what belongs together, once, in order, and within bounds."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfglab.view import Approximate, Exact, Independent, Latest, SettingError
+from sfglab.view.sync import synchronizer
+
+TOPICS = ("a", "b", "c")
+
+
+def arrivals(topics=TOPICS, *, most=40):
+    """Items of several topics whose stamps rise within each, in any interleaving."""
+    steps = st.lists(st.tuples(st.sampled_from(topics), st.integers(1, 30)), max_size=most)
+
+    def stamped(pairs):
+        now = dict.fromkeys(topics, 0)
+        found = []
+        for topic, step in pairs:
+            now[topic] += step
+            found.append((topic, now[topic]))
+        return found
+
+    return steps.map(stamped)
+
+
+def run(policy, items, topics=TOPICS):
+    sync = synchronizer(policy, topics)
+    sets, waiting = [], []
+    for number, (topic, stamp) in enumerate(items):
+        sets += sync.offer(topic, stamp, number)
+        waiting.append(sync.waiting)
+    return sync, sets, waiting
+
+
+@given(arrivals(), st.integers(0, 40), st.integers(1, 5))
+def test_an_approximate_set_lies_within_the_slop_and_no_item_comes_out_twice(items, slop, depth):
+    sync, sets, waiting = run(Approximate(slop_ns=slop, depth=depth), items)
+    used = [number for s in sets for _, number in s.items.values()]
+    assert len(used) == len(set(used))
+    for s in sets:
+        stamps = [stamp for stamp, _ in s.items.values()]
+        assert set(s.items) == set(TOPICS)
+        assert max(stamps) - min(stamps) <= slop
+    assert max(waiting, default=0) <= depth * len(TOPICS)
+    assert len(items) == len(used) + sync.unmatched + sync.waiting
+
+
+@given(arrivals(), st.integers(0, 40), st.integers(1, 5))
+def test_sets_come_out_in_the_order_of_time_in_every_topic(items, slop, depth):
+    _, sets, _ = run(Approximate(slop_ns=slop, depth=depth), items)
+    for topic in TOPICS:
+        assert all(x.items[topic][0] < y.items[topic][0] for x, y in pairwise(sets))
+
+
+@given(arrivals(("a", "b")), st.integers(0, 40))
+def test_two_topics_pair_nearest_to_nearest_while_nothing_is_pushed_out(items, slop):
+    """Of each pair one item is the pivot, and no item that was left of the other topic is nearer to it."""
+    _, sets, _ = run(Approximate(slop_ns=slop, depth=1000), items, ("a", "b"))
+    stamps = {topic: [s for t, s in items if t == topic] for topic in ("a", "b")}
+    before = {"a": -1, "b": -1}
+    for s in sets:
+        a, b = s.items["a"][0], s.items["b"][0]
+        left = {topic: [x for x in stamps[topic] if x > before[topic]] for topic in stamps}
+        nearest = abs(a - b) <= min(abs(x - max(a, b)) for x in left["a" if a < b else "b"])
+        pivoted = abs(a - b) <= min(abs(x - min(a, b)) for x in left["b" if a < b else "a"])
+        assert nearest or pivoted
+        before = {"a": a, "b": b}
+
+
+@given(arrivals())
+def test_exact_time_finds_every_common_stamp_when_queues_are_deep(items):
+    _, sets, _ = run(Exact(depth=1000), items)
+    stamps = [{s for t, s in items if t == topic} for topic in TOPICS]
+    assert [s.stamp_ns for s in sets] == sorted(set.intersection(*stamps))
+    assert all(len({stamp for stamp, _ in s.items.values()}) == 1 for s in sets)
+
+
+@given(arrivals(), st.integers(1, 4))
+def test_exact_time_is_bounded_and_accounts_for_every_item(items, depth):
+    sync, sets, waiting = run(Exact(depth=depth), items)
+    assert max(waiting, default=0) <= depth * len(TOPICS)
+    assert len(items) == 3 * len(sets) + sync.unmatched + sync.waiting
+
+
+def test_equal_stamps_come_out_at_once_also_with_a_slop():
+    sync = synchronizer(Approximate(slop_ns=10), ("depth", "info"))
+    assert sync.offer("depth", 100, "d") == []
+    (found,) = sync.offer("info", 100, "i")
+    assert found.items == {"depth": (100, "d"), "info": (100, "i")}
+    assert found.stamp_ns == 100
+
+
+def test_a_nearer_partner_that_comes_later_is_waited_for():
+    sync = synchronizer(Approximate(slop_ns=50), ("a", "b"))
+    sync.offer("a", 0, "far")
+    assert sync.offer("b", 40, "pivot") == []
+    (found,) = sync.offer("a", 45, "near")
+    assert found.items["a"] == (45, "near")
+    assert sync.unmatched == 1
+
+
+def test_a_full_queue_decides_with_what_there_is():
+    sync = synchronizer(Approximate(slop_ns=50, depth=2), ("a", "b"))
+    sync.offer("a", 0, "far")
+    found = [s for stamp in (40, 80, 120) for s in sync.offer("b", stamp, stamp)]
+    assert [s.items["b"][1] for s in found] == [40]
+
+
+def test_a_stamp_that_does_not_rise_is_dropped_and_a_cleared_synchronizer_starts_anew():
+    sync = synchronizer(Exact(), ("a", "b"))
+    sync.offer("a", 5, "x")
+    sync.offer("a", 5, "again")
+    sync.offer("a", 3, "older")
+    assert (sync.disordered, sync.waiting) == (2, 1)
+    sync.clear()
+    assert sync.waiting == 0
+    sync.offer("a", 3, "x")
+    assert len(sync.offer("b", 3, "y")) == 1
+
+
+def test_latest_repeats_what_changes_rarely_but_never_the_leading_item():
+    sync = synchronizer(Latest(), ("image", "info"))
+    assert sync.offer("image", 1, "too early") == []
+    (first,) = sync.offer("info", 9, "calibration")
+    (second,) = sync.offer("image", 2, "next")
+    assert first.items == {"image": (1, "too early"), "info": (9, "calibration")}
+    assert second.items == {"image": (2, "next"), "info": (9, "calibration")}
+    assert sync.offer("info", 10, "new calibration") == []
+
+
+@pytest.mark.parametrize("policy", [Independent(), Exact(), Approximate(), Latest()])
+def test_one_topic_alone_needs_no_partner(policy):
+    sync = synchronizer(policy, ("a",))
+    assert [s.items for s in sync.offer("a", 1, "x") + sync.offer("a", 1, "y")] == [
+        {"a": (1, "x")},
+        {"a": (1, "y")},
+    ]
+
+
+def test_a_depth_or_slop_that_makes_no_sense_is_refused():
+    with pytest.raises(SettingError, match="depth: given 0"):
+        Exact(depth=0)
+    with pytest.raises(SettingError, match="slop_ns: given -1"):
+        Approximate(slop_ns=-1)

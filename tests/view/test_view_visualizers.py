@@ -1,0 +1,496 @@
+"""What each visualizer draws, on paper and in real recordings that are read back."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from sfglab.bus import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
+from sfglab.codecs import (
+    TABLE_2,
+    compressed_depth_fields,
+    compressed_image_fields,
+    compressed_video_fields,
+    ffmpeg_packet_fields,
+)
+from sfglab.codecs.h264 import H264Encoder
+from sfglab.messages import default_message, message_type, stamp_from_ns
+from sfglab.qos import DEFAULT
+from sfglab.view import ContentError, TopicHealth, find, open_canvas
+from sfglab.view.visualizers import BUILT_IN
+from sfglab.view.visualizers.images import image_plane
+from sfglab.view.visualizers.video import has_key_frame
+
+rr = pytest.importorskip("rerun", reason="the extra 'view' is not installed")
+S = 1_000_000_000
+
+
+def made(kind, topics=None, **settings):
+    cls = find(kind)
+    return cls(topics or {given.role: f"/{given.role}" for given in cls.inputs if not given.optional}, settings)
+
+
+def values(drawn, component):
+    """The values of one component of what was drawn, as plain lists."""
+    for what in drawn.what:
+        for batch in what.as_component_batches():
+            if str(batch.component_descriptor()).split(":")[-1].split("#")[0] == component:
+                return batch.as_arrow_array().to_pylist()
+    raise AssertionError(component)
+
+
+def posed(message, position=(1, 2, 3), quaternion=(0, 0, 0, 1)):
+    for axis, value in zip("xyz", position, strict=True):
+        setattr(message.position, axis, float(value))
+    for axis, value in zip("xyzw", quaternion, strict=True):
+        setattr(message.orientation, axis, float(value))
+    return message
+
+
+def test_all_that_is_asked_for_is_there_and_names_are_unique():
+    names = [kind.name for kind in BUILT_IN]
+    assert len(set(names)) == len(names)
+    assert {
+        "image", "compressed_image", "ffmpeg_video", "compressed_video", "camera_info", "depth_cloud",
+        "compressed_depth_cloud", "point_cloud", "laser_scan", "tf", "tf_static", "pose", "path", "odometry",
+        "marker", "marker_array", "imu", "agent_status", "communication",
+    } <= set(names)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("encoding", "kind"),
+    [("rgb8", "Image"), ("mono8", "Image"), ("16UC1", "DepthImage"), ("32FC1", "DepthImage")],
+)
+def test_an_image_is_drawn_by_its_encoding_in_its_cameras_plane(paper, update, make_image, encoding, kind):
+    dtype = {"16UC1": np.uint16, "32FC1": np.float32}.get(encoding, np.uint8)
+    array = np.ones((4, 6, 3) if encoding == "rgb8" else (4, 6), dtype)
+    made("image").show(update(image=make_image(array, encoding, frame="go2/camera")), paper)
+    assert paper.kinds("/image") == [kind]
+    assert paper.frames == {"/image": "go2/camera/image_plane"}
+
+
+def test_a_bgr_picture_keeps_its_order_of_channels(paper, update, make_image):
+    made("image").show(update(image=make_image(np.zeros((2, 2, 3), np.uint8), "bgr8")), paper)
+    (image_format,) = values(paper.drawn[0], "format")
+    assert image_format["color_model"] == rr.ColorModel.BGR.value
+
+
+@pytest.mark.parametrize("codec", ["jpeg", "png"])
+def test_a_still_picture_goes_to_the_viewer_as_it_is(paper, update, codec):
+    fields = compressed_image_fields(np.full((4, 6, 3), 90, np.uint8), codec)
+    message = default_message("sensor_msgs/msg/CompressedImage")
+    message.format, message.data = fields.format, np.frombuffer(fields.data, np.uint8)
+    made("compressed_image").show(update(image=message), paper)
+    assert values(paper.drawn[0], "media_type") == [f"image/{codec}"]
+    assert bytes(values(paper.drawn[0], "blob")[0]) == fields.data
+
+
+@pytest.mark.parametrize("codec", ["rvl", "png"])
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+def test_compressed_depth_is_decoded_to_metres(paper, update, codec, dtype):
+    depth = np.full((8, 8), 2000 if dtype == np.uint16 else 2.0, dtype)
+    fields = compressed_depth_fields(depth, codec)
+    message = default_message("sensor_msgs/msg/CompressedImage")
+    message.format, message.data = fields.format, np.frombuffer(fields.data, np.uint8)
+    made("compressed_image").show(update(image=message), paper)
+    assert paper.kinds("/image") == ["DepthImage"]
+    per_metre = values(paper.drawn[0], "meter")[0]
+    stored = np.frombuffer(bytes(values(paper.drawn[0], "buffer")[0]), dtype)
+    assert np.allclose(stored / per_metre, 2.0, atol=0.01)
+
+
+def test_an_unknown_picture_format_is_said(paper, update):
+    message = default_message("sensor_msgs/msg/CompressedImage")
+    message.format = "tiff"
+    with pytest.raises(ContentError, match="compressed image format: given 'tiff'"):
+        made("compressed_image").show(update(image=message), paper)
+
+
+def packets(count=8, gop=4):
+    from dataclasses import replace
+
+    settings = replace(TABLE_2, encoder="libx264", width=128, height=64, gop=gop)
+    encoder = H264Encoder(settings)
+    frames = [f for i in range(count) for f in encoder.encode(np.full((64, 128, 3), 20 * i, np.uint8))]
+    return settings, frames
+
+
+def ffmpeg_message(frame, settings):
+    fields = asdict(ffmpeg_packet_fields(frame, settings))
+    fields["data"] = np.frombuffer(fields["data"], np.uint8)
+    header = message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(frame.pts * S), frame_id="camera")
+    return message_type("ffmpeg_image_transport_msgs/msg/FFMPEGPacket")(header=header, **fields)
+
+
+def test_access_units_of_a_video_reach_a_recording_byte_by_byte(tmp_path, read_rrd, update):
+    settings, frames = packets()
+    visualizer, path = made("ffmpeg_video"), tmp_path / "video.rrd"
+    with closing(open_canvas([str(path)])) as canvas:
+        for frame in frames:
+            canvas.at(stamp_ns=frame.pts * S, received_ns=frame.pts * S + 7)
+            visualizer.show(update(video=ffmpeg_message(frame, settings)), canvas)
+    rows = [r for r in read_rrd(path)["/video"] if r.get("VideoStream:sample")]
+    assert [bytes(r["VideoStream:sample"][0]) for r in rows] == [frame.data for frame in frames]
+    assert [r["VideoStream:is_keyframe"][0] for r in rows] == [frame.is_key for frame in frames]
+    assert [r["capture"].value for r in rows] == [frame.pts * S for frame in frames]
+    assert [r["received"].value for r in rows] == [frame.pts * S + 7 for frame in frames]
+
+
+def test_after_a_lost_packet_nothing_is_shown_until_the_next_key_frame(paper, update):
+    settings, frames = packets(count=8, gop=4)
+    visualizer = made("ffmpeg_video")
+    for frame in frames:
+        if frame.pts != 1:
+            visualizer.show(update(video=ffmpeg_message(frame, settings)), paper)
+    shown = [d for d in paper.drawn if not d.static]
+    assert [frame.is_key for frame in frames] == [True, False, False, False] * 2
+    assert len(shown) == 1 + 4
+
+
+def test_foxglove_video_starts_with_a_key_frame_and_waits_for_one_after_a_drop(paper, update):
+    _, frames = packets(count=8, gop=4)
+    visualizer = made("compressed_video")
+    for frame in frames[1:]:  # begins in the middle of a group
+        fields = compressed_video_fields(frame)
+        message = default_message("foxglove_msgs/msg/CompressedVideo")
+        message.format, message.data = fields.format, np.frombuffer(fields.data, np.uint8)
+        visualizer.show(update(video=message, lost=1 if frame.pts == 6 else 0), paper)
+    assert len([d for d in paper.drawn if not d.static]) == 2  # frames 4 and 5
+    assert [has_key_frame(f.data, "h264") for f in frames] == [f.is_key for f in frames]
+
+
+def test_h264_in_a_compressed_image_is_video_and_nothing_else_is(paper, update):
+    _, frames = packets(count=1)
+    message = default_message("sensor_msgs/msg/CompressedImage")
+    message.format, message.data = "h264", np.frombuffer(frames[0].data, np.uint8)
+    made("compressed_image").show(update(image=message), paper)
+    assert paper.drawn == []
+    made("compressed_image_video").show(update(video=message), paper)
+    assert paper.kinds("/video") == ["VideoStream", "VideoStream"]
+    message.format = "jpeg"
+    made("compressed_image_video").show(update(video=message), paper)
+    assert len(paper.drawn) == 2
+
+
+def camera_info(width=6, height=4):
+    info = default_message("sensor_msgs/msg/CameraInfo")
+    info.width, info.height, info.header.frame_id = width, height, "camera"
+    info.k = np.array([100.0, 0, 3, 0, 100, 2, 0, 0, 1])
+    return info
+
+
+def test_a_camera_hangs_its_image_plane_below_its_frame(paper, update):
+    made("camera_info").show(update(info=camera_info()), paper)
+    (drawn,) = paper.drawn
+    assert values(drawn, "parent_frame") == ["camera"]
+    assert values(drawn, "child_frame") == ["camera/image_plane"]
+    assert values(drawn, "resolution") == [[6.0, 4.0]]
+
+
+@pytest.mark.parametrize(
+    ("name", "picture"),
+    [
+        ("/global/go2/camera_front/color", "/global/go2/camera_front/color/ffmpeg"),
+        ("/local/go2/camera_front/color", "/local/go2/camera_front/color/image_raw"),
+        ("/camera", "/camera/image_raw"),
+        ("/camera", "/camera/image_raw/compressed"),
+    ],
+)
+def test_a_picture_lies_in_the_plane_of_its_own_camera_info(name, picture):
+    plane = image_plane("go2/camera", picture)
+    assert plane == image_plane("go2/camera", f"{name}/camera_info")
+    assert plane != image_plane("go2/camera", "/global/go2/camera_front/aligned_depth/camera_info")
+
+
+@pytest.mark.parametrize("kind", ["depth_cloud", "compressed_depth_cloud"])
+def test_depth_with_its_camera_info_becomes_points(paper, update, make_image, kind):
+    depth = np.full((4, 6), 2000, np.uint16)
+    message = make_image(depth, "16UC1")
+    if kind == "compressed_depth_cloud":
+        fields = compressed_depth_fields(depth)
+        message = default_message("sensor_msgs/msg/CompressedImage")
+        message.format, message.data = fields.format, np.frombuffer(fields.data, np.uint8)
+        message.header.frame_id = "camera"
+    made(kind, decimation=2).show(update(depth=message, info=camera_info()), paper)
+    (drawn,) = paper.at_entity("/depth/cloud")
+    points = np.array(values(drawn, "positions"))
+    assert len(points) == 2 * 3
+    assert np.allclose(points[0], [(0 - 3) * 2 / 100, (0 - 2) * 2 / 100, 2])
+    assert paper.frames["/depth/cloud"] == "camera"
+
+
+def test_points_take_the_colours_of_a_registered_picture(paper, update, make_image):
+    picture = np.zeros((4, 6, 3), np.uint8)
+    picture[..., 0] = 200  # blue, in bgr8
+    topics = {"depth": "/depth", "info": "/info", "color": "/color"}
+    update_ = update(
+        depth=make_image(np.full((4, 6), 1.0, np.float32), "32FC1"),
+        info=camera_info(),
+        color=make_image(picture, "bgr8"),
+    )
+    made("depth_cloud", topics, decimation=1).show(update_, paper)
+    assert set(values(paper.at_entity("/depth/cloud")[0], "colors")) == {0x0000C8FF}
+
+
+def test_transforms_stand_at_their_frames_with_their_own_times(tmp_path, read_rrd, update):
+    path, message = tmp_path / "tf.rrd", default_message("tf2_msgs/msg/TFMessage")
+    for number, (parent, child) in enumerate([("map", "go2/base"), ("go2/base", "go2/camera")], start=1):
+        transform = default_message("geometry_msgs/msg/TransformStamped")
+        transform.header.frame_id, transform.child_frame_id = parent, child
+        transform.header.stamp = stamp_from_ns(number * S)
+        transform.transform.translation.x = float(number)
+        message.transforms.append(transform)  # a quaternion of all zeros is no rotation
+    with closing(open_canvas([str(path)])) as canvas:
+        canvas.at(stamp_ns=9, received_ns=9)
+        made("tf").show(update(tf=message, received_ns=77), canvas)
+    rows = read_rrd(path)
+    (row,) = [r for r in rows["/tf/go2/camera"] if r.get("Transform3D:translation")]
+    assert row["Transform3D:translation"] == [[2.0, 0.0, 0.0]]
+    assert row["Transform3D:quaternion"] == [[0.0, 0.0, 0.0, 1.0]]
+    assert (row["Transform3D:parent_frame"], row["Transform3D:child_frame"]) == (["go2/base"], ["go2/camera"])
+    assert (row["capture"].value, row["received"].value) == (2 * S, 77)
+
+
+def test_a_frame_that_is_sent_often_does_not_silence_another(paper, update):
+    visualizer = made("tf", frame_hz=10, axis_length_m=0.0)
+    for step in range(100):
+        message = default_message("tf2_msgs/msg/TFMessage")
+        for child in ["often"] + ["seldom"] * (step == 50):
+            transform = default_message("geometry_msgs/msg/TransformStamped")
+            transform.header.frame_id, transform.child_frame_id = "map", child
+            transform.header.stamp = stamp_from_ns(S + step * S // 100)
+            message.transforms.append(transform)
+        visualizer.show(update(tf=message), paper)
+    assert len(paper.at_entity("/tf/often")) in (10, 11)  # in one second, begun at once
+    assert len(paper.at_entity("/tf/seldom")) == 1
+
+
+def test_a_static_transform_holds_for_all_times(paper, update):
+    message = default_message("tf2_msgs/msg/TFMessage")
+    message.transforms = [default_message("geometry_msgs/msg/TransformStamped")]
+    message.transforms[0].child_frame_id = "imu"
+    made("tf_static").show(update(tf=message), paper)
+    assert [d.static for d in paper.at_entity("/tf/imu")] == [True, True]
+    assert paper.kinds("/tf/imu") == ["Transform3D", "TransformAxes3D"]
+
+
+def test_a_pose_is_its_three_axes(paper, update):
+    message = default_message("geometry_msgs/msg/PoseStamped")
+    posed(message.pose, (1, 2, 3), (0, 0, np.sqrt(0.5), np.sqrt(0.5)))  # 90 degrees about z
+    made("pose", axis_length_m=2.0).show(update(pose=message), paper)
+    assert np.allclose(values(paper.drawn[0], "vectors"), [[0, 2, 0], [-2, 0, 0], [0, 0, 2]], atol=1e-6)
+    assert np.allclose(values(paper.drawn[0], "origins"), [[1, 2, 3]] * 3)
+    message.pose.position.x = float("nan")
+    with pytest.raises(ContentError, match="pose: given"):
+        made("pose").show(update(pose=message), paper)
+
+
+def test_a_path_is_a_line_and_an_empty_one_none(paper, update):
+    message = default_message("nav_msgs/msg/Path")
+    made("path").show(update(path=message), paper)
+    for x in range(3):
+        stamped = default_message("geometry_msgs/msg/PoseStamped")
+        posed(stamped.pose, (x, 0, 0))
+        message.poses.append(stamped)
+    made("path").show(update(path=message), paper)
+    lines = [values(d, "strips") for d in paper.drawn]
+    assert lines == [[], [[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]]]
+
+
+def test_odometry_draws_axes_a_bounded_trail_and_its_uncertainty(paper, update):
+    visualizer = made("odometry", trail=3, sigmas=2.0)
+    for x in range(5):
+        message = default_message("nav_msgs/msg/Odometry")
+        posed(message.pose.pose, (x, 0, 0))
+        message.pose.covariance = np.diag([0.01, 0.04, 0.09, 0, 0, 0]).reshape(-1)
+        visualizer.show(update(odometry=message), paper)
+    trail = values(paper.at_entity("/odometry/trail")[-1], "strips")
+    assert [point[0] for point in trail[0]] == [2.0, 3.0, 4.0]
+    (half_sizes,) = values(paper.at_entity("/odometry/covariance")[-1], "half_sizes")
+    assert np.allclose(sorted(half_sizes), [0.2, 0.4, 0.6], atol=1e-6)
+
+
+def test_an_inertial_measurement_is_six_curves(paper, update):
+    message = default_message("sensor_msgs/msg/Imu")
+    message.linear_acceleration.z = 9.81
+    made("imu").show(update(imu=message), paper)
+    assert values(paper.at_entity("/imu/linear_acceleration")[0], "scalars") == [0, 0, 9.81]
+    assert values(paper.at_entity("/imu/angular_velocity")[0], "scalars") == [0, 0, 0]
+
+
+def marker(type_, id_=0, *, points=(), scale=(1.0, 1.0, 1.0), lifetime_ns=0, action=0):
+    message = default_message("visualization_msgs/msg/Marker")
+    message.header.frame_id, message.ns, message.id = "map", "walls", id_
+    message.type, message.action, message.text = type_, action, "hello"
+    message.scale.x, message.scale.y, message.scale.z = scale
+    message.color.a = 1.0
+    message.lifetime = stamp_from_ns(lifetime_ns)
+    posed(message.pose, (1, 0, 0), (0, 0, np.sqrt(0.5), np.sqrt(0.5)))
+    message.points = [message_type("geometry_msgs/msg/Point")(x=x, y=y, z=z) for x, y, z in points]
+    return message
+
+
+TRIANGLE = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
+
+
+@pytest.mark.parametrize(
+    ("type_", "points", "kind"),
+    [
+        (0, (), "Arrows3D"),
+        (0, TRIANGLE[:2], "Arrows3D"),
+        (1, (), "Boxes3D"),
+        (2, (), "Ellipsoids3D"),
+        (3, (), "Cylinders3D"),
+        (4, TRIANGLE, "LineStrips3D"),
+        (5, TRIANGLE[:2] * 2, "LineStrips3D"),
+        (6, TRIANGLE, "Boxes3D"),
+        (7, TRIANGLE, "Ellipsoids3D"),
+        (8, TRIANGLE, "Points3D"),
+        (9, (), "Points3D"),
+        (11, TRIANGLE, "Mesh3D"),
+        (4, (), "LineStrips3D"),
+        (6, (), "Boxes3D"),
+        (8, (), "Points3D"),
+    ],
+)
+def test_every_common_marker_is_drawn(paper, update, type_, points, kind):
+    made("marker").show(update(marker=marker(type_, points=points)), paper)
+    assert paper.kinds("/marker/walls/0") == [kind]
+    assert paper.frames["/marker/walls/0"] == "map"
+
+
+def test_a_markers_points_are_moved_by_its_pose_and_a_triangles_scaled_before(paper, update):
+    made("marker").show(update(marker=marker(8, points=TRIANGLE)), paper)
+    made("marker").show(update(marker=marker(11, 1, points=TRIANGLE, scale=(2.0, 1.0, 1.0))), paper)
+    assert np.allclose(values(paper.drawn[0], "positions"), [[1, 0, 0], [1, 1, 0], [0, 0, 0]], atol=1e-6)
+    assert np.allclose(values(paper.drawn[1], "vertex_positions"), [[1, 0, 0], [1, 2, 0], [0, 0, 0]], atol=1e-6)
+
+
+def test_markers_go_when_they_are_told_to_and_when_their_time_is_over(paper, update):
+    visualizer = made("marker")
+    visualizer.show(update(marker=marker(1, 1, lifetime_ns=S), received_ns=10 * S), paper)
+    visualizer.show(update(marker=marker(1, 2), received_ns=10 * S), paper)
+    visualizer.show(update(marker=marker(1, 3), received_ns=10 * S), paper)
+    visualizer.tick(10 * S + S - 1, paper)
+    assert "Clear" not in paper.kinds("/marker/walls/1")
+    visualizer.tick(11 * S, paper)
+    assert paper.kinds("/marker/walls/1") == ["Boxes3D", "Clear"]
+    visualizer.show(update(marker=marker(1, 2, action=2)), paper)
+    assert paper.kinds("/marker/walls/2") == ["Boxes3D", "Clear"]
+    visualizer.show(update(marker=marker(1, 9, action=3)), paper)
+    assert paper.kinds("/marker/walls/3") == ["Boxes3D", "Clear"]
+    visualizer.show(update(marker=marker(2, 2)), paper)
+    visualizer.show(update(marker=marker(1, 2)), paper)
+    assert paper.kinds("/marker/walls/2")[2:] == ["Ellipsoids3D", "Clear", "Boxes3D"]
+
+
+def test_a_flood_of_markers_pushes_the_oldest_out(paper, update):
+    visualizer = made("marker", most=3)
+    for number in range(10):
+        visualizer.show(update(marker=marker(1, number)), paper)
+    cleared = [d.entity for d in paper.drawn if type(d.what[0]).__name__ == "Clear"]
+    assert cleared == [f"/marker/walls/{n}" for n in range(7)]
+
+
+def test_one_bad_marker_does_not_keep_the_others_of_its_array_back(paper, update):
+    array = default_message("visualization_msgs/msg/MarkerArray")
+    array.markers = [marker(1, 1), marker(10, 2), marker(1, 3)]
+    with pytest.raises(ContentError, match=r"marker type: given 10, allowed are 0, .*; meshes are not loaded"):
+        made("marker_array").show(update(markers=array), paper)
+    assert set(paper.frames) == {"/markers/walls/1", "/markers/walls/3"}
+
+
+def heartbeat(agent, *, phase=1, incarnation=1):
+    message = default_message("sfglab_interfaces/msg/AgentHeartbeat")
+    message.agent, message.phase, message.incarnation, message.period_s = agent, phase, incarnation, 1.0
+    return message
+
+
+def publisher(topic, gid=b"g"):
+    return EndpointInfo(kind=EndpointKind.PUBLISHER, topic=topic, type="x", gid=gid, qos=DEFAULT)
+
+
+def test_communication_is_drawn_over_the_agents(paper, update):
+    visualizer = made("communication", frame="{agent}/base_link")
+    decoded = publisher("/local/go2/camera_front/color/image_raw")
+    visualizer.show(update(heartbeats=heartbeat("go2"), received_ns=10 * S), paper)
+    visualizer.observe(EndpointAdded(endpoint=decoded))
+    visualizer.observe(
+        TopicHealth(topic="/global/go2/camera_front/color/ffmpeg", received=9, dropped=2, lost=1)
+    )
+    visualizer.tick(10 * S + S // 2, paper)
+    root = "/agents/go2/communication"
+    (ring,) = paper.at_entity(f"{root}/ring")
+    assert values(ring, "labels") == ["go2: alive, 0.5 s, decoder up, 2 dropped, 1 lost"]
+    assert paper.frames[f"{root}/ring"] == "go2/base_link"
+    visualizer.observe(EndpointRemoved(endpoint=decoded))
+    visualizer.tick(14 * S, paper)
+    ages = [values(d, "scalars")[0] for d in paper.at_entity(f"{root}/heartbeat_age_s")]
+    assert ages == [0.5, 4.0]
+    said = [values(d, "state") for d in paper.at_entity(f"{root}/life") if not d.static]
+    assert said == [["alive"], ["lost"]]
+    assert [values(d, "state") for d in paper.at_entity(f"{root}/decoders") if not d.static] == [
+        ["up"],
+        ["down"],
+    ]
+    visualizer.tick(15 * S, paper)
+    assert len([d for d in paper.at_entity(f"{root}/life") if not d.static]) == 2  # only changes are said
+
+
+def test_the_border_is_who_hears_whom_by_the_fleet_file(paper, pytestconfig):
+    fleet = pytestconfig.rootpath / "data/fleets/lab.yaml"
+    visualizer = made("communication", fleet=str(fleet))
+    visualizer.tick(S, paper)
+    (border,) = paper.at_entity("/fleet/border")
+    edges = {(e["first"], e["second"]) for e in values(border, "edges")}
+    assert ("go2", "steamdeck") in edges  # the colour stream
+    assert ("steamdeck", "go2") in edges  # the velocity command
+    assert not [e for e in edges if "pi1" in e]  # only what everybody hears
+    assert {d.entity.split("/")[2] for d in paper.drawn if d.entity.startswith("/agents")} == {
+        "go2", "pi1", "pi2", "pi3", "steamdeck", "workstation",
+    }  # fmt: skip
+    visualizer.tick(2 * S, paper)
+    assert len(paper.at_entity("/fleet/border")) == 1
+
+
+def test_an_agents_status_is_told_with_its_description(paper, update):
+    event = default_message("sfglab_interfaces/msg/AgentDiscoveryEvent")
+    event.agent, event.metadata.agent = "go2", "go2"
+    sensor = default_message("sfglab_interfaces/msg/SensorInfo")
+    sensor.name = "camera_front"
+    event.metadata.sensors = [sensor]
+    visualizer = made("agent_status")
+    visualizer.show(update(events=event), paper)
+    event.event = event.LOST
+    visualizer.show(update(events=event), paper)
+    assert [values(d, "text") for d in paper.at_entity("/agents/go2/status/log")] == [
+        ["go2 discovered"],
+        ["go2 lost"],
+    ]
+    assert [values(d, "state") for d in paper.at_entity("/agents/go2/status")] == [["there"], ["lost"]]
+    assert "camera_front" in values(paper.at_entity("/agents/go2/status/description")[0], "text")[0]
+    event.event = 77
+    with pytest.raises(ContentError, match="discovery event: given 77"):
+        visualizer.show(update(events=event), paper)
+
+
+def test_clouds_and_scans_are_coloured_points_in_their_frame(paper, update):
+    scan = default_message("sensor_msgs/msg/LaserScan")
+    scan.ranges, scan.range_max, scan.header.frame_id = np.array([1.0, 2.0], np.float32), 5.0, "laser"
+    made("laser_scan").show(update(scan=scan), paper)
+    dtype = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
+    records = np.zeros(10, dtype)
+    records["x"] = range(10)
+    cloud = default_message("sensor_msgs/msg/PointCloud2")
+    field = message_type("sensor_msgs/msg/PointField")
+    cloud.fields = [field(name=n, offset=4 * i, datatype=7, count=1) for i, n in enumerate(dtype.names)]
+    cloud.height, cloud.width, cloud.point_step, cloud.row_step = 1, 10, 16, 160
+    cloud.data = records.view(np.uint8)
+    made("point_cloud", decimation=3).show(update(cloud=cloud), paper)
+    assert paper.frames == {"/scan": "laser"}
+    assert [p[0] for p in values(paper.at_entity("/cloud")[0], "positions")] == [0.0, 3.0, 6.0, 9.0]
+    with pytest.raises(ContentError, match="color_by: given 'ring', allowed are the fields x, y, z, intensity"):
+        made("point_cloud", color_by="ring").show(update(cloud=cloud), paper)
