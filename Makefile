@@ -25,8 +25,10 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 reproduce: setup ## Run every notebook headless (PROFILE=smoke|quick|paper), write logs and figures, print the claims
 	$(BIN)/sfglab reproduce --profile $(PROFILE)
 
-test: setup ## Run the tests
-	$(BIN)/python -m pytest
+# What measures time or counts processes runs alone, afterwards.
+test: setup ## Run the tests: in parallel what can be, then what is live
+	$(BIN)/python -m pytest --quiet -m "not live" --numprocesses auto --dist worksteal
+	$(BIN)/python -m pytest --quiet -m live
 
 lab: setup ## Open JupyterLab on the notebooks
 	$(BIN)/jupyter lab notebooks/00_index.ipynb

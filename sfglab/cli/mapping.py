@@ -43,6 +43,12 @@ def map_graph(
     build: Annotated[
         Path | None, typer.Option("--build-cfg", help="Write the hardware's part for ReconROS into this file.")
     ] = None,
+    verilog: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write the gateways that the mapping needs into this folder, as Verilog (needs Yosys)."
+        ),
+    ] = None,
 ) -> None:
     """Say which topics of a ROS 2 graph go to software, to hardware or to a gateway (paper C, section 5).
 
@@ -54,7 +60,7 @@ def map_graph(
 
       sfglab map data/graphs/driving.yaml --place --lut 40000 --out placed.yaml
 
-      sfglab map data/graphs/driving.yaml --build-cfg build.cfg
+      sfglab map data/graphs/driving.yaml --build-cfg build.cfg --verilog rtl
     """
     from sfglab.soc import load_graph, save_graph
 
@@ -71,6 +77,8 @@ def map_graph(
         save_graph(mapping.gateways, out)
     if build is not None:
         _write_build_cfg(mapping.gateways, build)
+    if verilog is not None:
+        _write_verilog(mapping.gateways, verilog)
 
 
 def add_to(app: typer.Typer) -> None:
@@ -164,6 +172,35 @@ def _write_build_cfg(graph: Graph, path: Path) -> None:
         raise SfglabError(
             f"--build-cfg: given {path}, needed is a file that can be written ({error})"
         ) from error
+
+
+def _write_verilog(graph: Graph, folder: Path) -> None:
+    """Write one module for each number of hardware subscribers."""
+    from importlib.util import find_spec
+
+    from sfglab.errors import MissingExtraError
+    from sfglab.soc import TopicMapping
+
+    if find_spec("amaranth") is None:
+        raise MissingExtraError("amaranth", extra="rtl", purpose="--verilog")
+    from sfglab.soc.rtl import gateway_verilog
+
+    topics: dict[int, list[str]] = {}
+    for topic in graph.topics:
+        if topic.mapping is TopicMapping.GATEWAY:
+            count = len(graph.in_hardware.intersection(topic.subscribers))
+            topics.setdefault(count, []).append(topic.name)
+    for count, names in sorted(topics.items()):
+        path = folder / f"sfglab_gateway_{count}.v"
+        text = gateway_verilog(count)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise SfglabError(
+                f"--verilog: given {folder}, needed is a folder that can be written ({error})"
+            ) from error
+        typer.echo(f"{path.name}: for {', '.join(names)}")
 
 
 def _draw(mapping: CommunicationMapping, path: Path) -> None:

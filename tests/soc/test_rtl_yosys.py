@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from sfglab.cli import app
 from sfglab.soc.gateway import TABLE, Input, Move, State
 
 amaranth = pytest.importorskip("amaranth", reason="needs the extra `rtl` (amaranth)")
@@ -50,9 +53,19 @@ def test_an_arbiter_that_prefers_its_first_master_is_not_proved(monkeypatch):
 
 def test_verilog_has_the_ports_of_every_subscriber():
     text = rtl.gateway_verilog(2)
-    assert "module top" in text
+    assert [line.split("(")[0] for line in text.splitlines() if line.startswith("module")] == [
+        "module sfglab_gateway_2"
+    ]
     assert "port1_valid" in text
     assert "port2_valid" not in text
+    assert "$" not in text.partition(");")[0], "every port has a name of its own"
+
+
+def test_a_mapping_s_gateways_are_written_one_for_each_number_of_subscribers(tmp_path):
+    graph = Path(__file__).parents[2] / "data" / "graphs" / "figure_8.yaml"
+    done = CliRunner().invoke(app, ["map", str(graph), "--verilog", str(tmp_path / "rtl")])
+    assert "sfglab_gateway_2.v: for A, C, E" in done.output
+    assert [path.name for path in (tmp_path / "rtl").iterdir()] == ["sfglab_gateway_2.v"]
 
 
 def test_a_gateway_is_some_hundred_luts_and_flip_flops_and_no_block_memory():

@@ -44,7 +44,8 @@ class MemoryPort:
         self.grant = Signal()
         self.command = Signal()
         self.write = Signal()
-        self.words = Signal(range(CHUNK_WORDS + 1))
+        # Named apart from the gateway's own `words`, beside which it stands in the exported module.
+        self.words = Signal(range(CHUNK_WORDS + 1), name="request_words")
         self.address_valid = Signal()
         self.address = Signal(ADDRESS_BITS)
         self.read_valid = Signal()

@@ -94,7 +94,7 @@ def yosys_is_there() -> bool:
 
 
 def gateway_verilog(subscribers: int) -> str:
-    """Return the gateway as Verilog.
+    """Return the gateway as Verilog: one module, `sfglab_gateway_N` for N subscribers.
 
     Args:
         subscribers: Hardware subscribers.
@@ -103,7 +103,8 @@ def gateway_verilog(subscribers: int) -> str:
         YosysError: Yosys is missing or failed.
     """
     gateway = Gateway(subscribers)
-    return run_yosys(_rtlil(gateway, gateway.wires), ["proc", "memory_collect", "write_verilog -noattr out"])
+    script = ["proc", "flatten", "memory_collect", "opt_clean", f"rename top sfglab_gateway_{subscribers}"]
+    return run_yosys(_rtlil(gateway, gateway.wires), [*script, "write_verilog -noattr out"])
 
 
 def gateway_area(subscribers: int) -> GatewayArea:
