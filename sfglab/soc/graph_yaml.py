@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["graph_text", "load_graph", "read_graph", "save_graph"]
 
 _WIDTH = 110
+_RARE_BREAKS = frozenset("\x85\u2028\u2029")
 
 
 def load_graph(path: Path) -> Graph:
@@ -66,7 +67,23 @@ def graph_text(graph: Graph) -> str:
         "topics": {topic.name: _topic_values(topic) for topic in graph.topics},
     }
     values = {key: value for key, value in values.items() if value or key == "nodes"}
-    return yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=_WIDTH, allow_unicode=True)
+    layout: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "width": _WIDTH}
+    return str(yaml.dump(values, Dumper=_dumper(), allow_unicode=True, **layout))
+
+
+def _dumper() -> Any:
+    """Return PyYAML's dumper, but one that escapes rare line breaks: it reads back as blanks what it writes raw."""
+    import yaml
+
+    class Dumper(yaml.SafeDumper):
+        pass
+
+    def represent(dumper: Dumper, text: str) -> yaml.ScalarNode:
+        style = '"' if _RARE_BREAKS.intersection(text) else None
+        return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+    Dumper.add_representer(str, represent)
+    return Dumper
 
 
 def save_graph(graph: Graph, path: Path) -> None:

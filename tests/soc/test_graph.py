@@ -35,6 +35,11 @@ def refusal(text):
     return str(raised.value)
 
 
+def test_rare_line_breaks_survive_writing_and_reading():
+    graph = Graph(nodes=(Node(name="a"),), description="a\x85b\u2028c\u2029d\ne")
+    assert read_graph(graph_text(graph)) == graph
+
+
 @settings(max_examples=60, deadline=None)
 @given(graphs())
 def test_a_graph_is_read_back_as_it_was_written_and_written_again_byte_by_byte(graph):
