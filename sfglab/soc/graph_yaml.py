@@ -72,7 +72,7 @@ def graph_text(graph: Graph) -> str:
 
 
 def _dumper() -> Any:
-    """Return PyYAML's dumper, but one that escapes rare line breaks: it reads back as blanks what it writes raw."""
+    """Return PyYAML's dumper, which escapes rare line breaks here: raw, it would read them back as blanks."""
     import yaml
 
     class Dumper(yaml.SafeDumper):
