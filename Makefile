@@ -8,10 +8,10 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3; do \
 	$$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lock reproduce test lab figures claims check format lint types bench clean
+.PHONY: help setup lock reproduce test lab figures screenshots claims check format lint types bench clean
 
 help: ## List the targets
-	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
 
 setup: $(VENV)/.ready ## Create .venv from the lock file (done by every other target when needed)
 
@@ -35,6 +35,10 @@ lab: setup ## Open JupyterLab on the notebooks
 
 figures: setup ## Draw all figures again from logs alone
 	$(BIN)/sfglab figures
+
+screenshots: setup ## Make the screenshots of editor and viewer in figures/ (the viewer's needs a Vulkan driver)
+	$(BIN)/python -m sfglab.lab.screenshots figures
+	$(BIN)/python -m sfglab.lab.screenshots_viewer figures/viewer.png
 
 claims: setup ## Print the ledger: paper said, we measured
 	$(BIN)/sfglab claims

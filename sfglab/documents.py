@@ -6,6 +6,7 @@ know what a file is about: fleets, topics, graphs.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from difflib import get_close_matches
 from enum import Enum
@@ -88,28 +89,29 @@ class Document:
         file: The file's name.
 
     Raises:
-        DocumentError: It is not YAML, a key stands there twice, or a key is not text.
+        DocumentError: It is not YAML, a key stands there twice, a key is not text, or there is an alias, with
+            which a file could contain itself.
     """
 
     def __init__(self, text: str, file: str) -> None:
         import yaml
 
         self.file = file
+        self._text = text
         self._lines: dict[KeyPath, int] = {(): 1}
-        loader = yaml.SafeLoader(text)
+        self._seen: set[int] = set()
         try:
-            node = loader.get_single_node()
-            self.value = None if node is None else self._read(loader, node, ())
-        except DocumentError:
-            raise
-        # A scalar that looks like a date and is none is a ValueError.
-        except (yaml.YAMLError, ValueError, RecursionError) as error:
+            loader = yaml.SafeLoader(text)
+            try:
+                node = loader.get_single_node()
+                self.value = None if node is None else self._read(loader, node, ())
+            finally:
+                loader.dispose()
+        except (yaml.YAMLError, RecursionError) as error:
             mark = getattr(error, "problem_mark", None)
             place = Place(file=file, line=mark.line + 1 if mark else 0)
             problem = getattr(error, "problem", None) or str(error)
             raise DocumentError(place, problem, "YAML") from error
-        finally:
-            loader.dispose()
 
     @classmethod
     def of_file(cls, path: pathlib.Path, what: str = "a readable text file") -> Document:
@@ -146,12 +148,26 @@ class Document:
     def _read(self, loader: yaml.SafeLoader, node: yaml.Node, path: KeyPath) -> Any:
         import yaml
 
-        self._lines[path] = node.start_mark.line + 1
+        self._lines.setdefault(path, node.start_mark.line + 1)
+        if id(node) in self._seen:
+            raise DocumentError(self._alias(path), "an alias", "every value written out where it belongs")
+        self._seen.add(id(node))
         if isinstance(node, yaml.MappingNode):
             return dict(self._read_pairs(loader, node, path))
         if isinstance(node, yaml.SequenceNode):
             return [self._read(loader, item, (*path, i)) for i, item in enumerate(node.value)]
-        return loader.construct_object(node)
+        try:
+            return loader.construct_object(node)
+        except (ValueError, OverflowError) as error:  # it looks like a date, and is none
+            raise DocumentError(self.place(path), node.value, "a value that YAML can read") from error
+
+    def _alias(self, path: KeyPath) -> Place:
+        """Return where the first alias stands; its node only knows where it was written out."""
+        import yaml
+
+        marks = (e.start_mark for e in yaml.parse(self._text) if isinstance(e, yaml.AliasEvent))
+        mark = next(marks, None)
+        return Place(file=self.file, key=_key_text(path), line=mark.line + 1 if mark else 0)
 
     def _read_pairs(
         self, loader: yaml.SafeLoader, node: yaml.MappingNode, path: KeyPath
@@ -160,14 +176,23 @@ class Document:
         for key, value in node.value:
             inner = (*path, str(key.value))
             place = Place(file=self.file, key=_key_text(inner), line=key.start_mark.line + 1)
+            self._lines[inner] = place.line
             if key.tag != "tag:yaml.org,2002:str":
                 raise DocumentError(place, key.value, "a key that is text (quote it)")
             if key.value in seen:
                 raise DocumentError(place, key.value, "each key once in its mapping")
             seen.add(key.value)
-            content = self._read(loader, value, inner)
-            self._lines[inner] = key.start_mark.line + 1
-            yield key.value, content
+            yield key.value, self._read(loader, value, inner)
+
+
+def _is_finite(value: object) -> bool:
+    """Tell whether a value is a number that a float can hold."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
 
 
 def _key_text(path: KeyPath) -> str:
@@ -206,9 +231,18 @@ class Section:
         """Where the section stands."""
         return self._document.place(self._path)
 
+    def place_of(self, key: str) -> Place:
+        """Return where a key stands, or the section where it does not."""
+        return self._document.place((*self._path, key))
+
     def refusal(self, key: str, given: object, allowed: str) -> DocumentError:
         """Return the error for what stands at a key."""
-        return DocumentError(self._document.place((*self._path, key)), given, allowed)
+        return DocumentError(self.place_of(key), given, allowed)
+
+    def has(self, key: str) -> bool:
+        """Tell whether anything stands at a key, which is then known to `close`."""
+        self._known.add(key)
+        return key in self._values
 
     def get(self, key: str, default: Any = _REQUIRED) -> Any:
         """Return what stands at a key, whatever it is.
@@ -261,7 +295,7 @@ class Section:
         value = self.get(key, default)
         if key not in self._values:
             return value
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
+        if not _is_finite(value) or value <= 0:
             raise self.refusal(key, value, "a number above zero")
         return float(value)
 
@@ -276,10 +310,23 @@ class Section:
         value = self.get(key, default)
         if key not in self._values:
             return value
-        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value < high:
+        if not _is_finite(value) or not low <= value < high:
             upper = "" if high == float("inf") else f", below {high:g}"
             raise self.refusal(key, value, f"a finite number from {low:g}{upper}")
         return float(value)
+
+    def numbers(self, key: str, count: int, default: Any = _REQUIRED) -> Any:
+        """Return a list of so many finite numbers as they stand, as a tuple, or the default.
+
+        Raises:
+            DocumentError: It is no list, holds more or fewer, or something else.
+        """
+        value = self.get(key, default)
+        if key not in self._values:
+            return value
+        if not isinstance(value, list) or len(value) != count or not all(map(_is_finite, value)):
+            raise self.refusal(key, value, f"{count} numbers, all finite")
+        return tuple(value)
 
     def choice(self, key: str, default: _Choice) -> _Choice:
         """Return the member of an enumeration whose value stands there, or the default.

@@ -35,6 +35,16 @@ def test_values_come_as_they_stand_and_defaults_where_nothing_does():
     top.close()
 
 
+def test_numbers_come_as_a_tuple_and_what_was_asked_for_is_known():
+    top = section("a: [1, 2.5]\nb: 1\n")
+    assert top.numbers("a", 2) == (1, 2.5)
+    assert top.numbers("c", 3, (0, 0, 1)) == (0, 0, 1)
+    assert top.has("b")
+    assert not top.has("d")
+    assert str(top.place_of("b")) == "f.yaml:2: b"
+    top.close()
+
+
 @pytest.mark.parametrize(
     ("text", "read", "said"),
     [
@@ -53,7 +63,16 @@ def test_values_come_as_they_stand_and_defaults_where_nothing_does():
         ("a: {b: {c: 1}}", lambda s: s.section("a").section("b").flag("c"), "f.yaml:1: a.b.c: given 1"),
         ("[1]", lambda s: s, "f.yaml:1: given [1], allowed: a mapping of keys to values"),
         ("a: 1\na: 2", lambda s: s, "f.yaml:2: a: given 'a', allowed: each key once in its mapping"),
-        ("a: 2001-99-99", lambda s: s, "allowed: YAML"),
+        ("a: 2001-99-99", lambda s: s, "f.yaml:1: a: given '2001-99-99', allowed: a value that YAML can read"),
+        ("a: \x07", lambda s: s, "f.yaml: given 'unacceptable character"),
+        ("a: &x [1]\nb: *x", lambda s: s, "f.yaml:2: b: given 'an alias', allowed: every value written out"),
+        ("a: &x\n- *x", lambda s: s, "f.yaml:2: a[0]: given 'an alias'"),
+        ("a: 1" + "0" * 400, lambda s: s.number("a"), "allowed: a finite number from 0"),
+        ("a: 1" + "0" * 400, lambda s: s.positive("a"), "allowed: a number above zero"),
+        ("a: [1, 2]", lambda s: s.numbers("a", 3), "a: given [1, 2], allowed: 3 numbers, all finite"),
+        ("a: [1, .nan]", lambda s: s.numbers("a", 2), "a: given [1, nan], allowed: 2 numbers"),
+        ("a: [1, yes]", lambda s: s.numbers("a", 2), "a: given [1, True], allowed: 2 numbers"),
+        ("a: 1", lambda s: s.numbers("a", 1), "a: given 1, allowed: 1 numbers"),
         ("a: {", lambda s: s, "allowed: YAML"),
     ],
 )

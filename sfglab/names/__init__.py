@@ -26,6 +26,7 @@ from sfglab.names.dds import (
     router_hazards,
 )
 from sfglab.names.fqn import ComponentSegment, ResourceSegment, RosFqn, StreamSegment, parse
+from sfglab.names.frames import SHARED_FRAMES, frame_owner, prefixed_frame
 from sfglab.names.grammar import (
     TF,
     TF_STATIC,
@@ -40,6 +41,7 @@ from sfglab.names.vocabulary import After, Component, Custom, Resource, Scope, S
 
 __all__ = [
     "AGENT_VARIABLE",
+    "SHARED_FRAMES",
     "TF",
     "TF_STATIC",
     "ActionNames",
@@ -68,8 +70,10 @@ __all__ = [
     "dds_service",
     "dds_topic",
     "default_agent",
+    "frame_owner",
     "max_name_length",
     "parse",
+    "prefixed_frame",
     "resolve",
     "ros_name_from_dds",
     "router_hazards",

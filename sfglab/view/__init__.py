@@ -4,6 +4,27 @@ Visualizers are small classes with declared inputs, QoS, synchronisation and rat
 points (group ``sfglab.visualizers``). A `Session` adds, removes and tunes them at run time; a `Bridge` feeds
 them from the bus, `view_log` from an MCAP file or a bag; `open_canvas` sends what they draw to a viewer, a
 notebook or a ``.rrd`` file. Rerun comes with the extra ``view``.
+
+A visualizer of your own is a class in your package:
+
+    import rerun as rr
+    from sfglab.view import Input, Parameter, Visualizer
+
+    class Battery(Visualizer):
+        name = "battery"
+        inputs = (Input(role="state", type="sensor_msgs/msg/BatteryState"),)
+        parameters = (Parameter(name="scale", default=100.0, help="what a full battery is drawn as"),)
+
+        def show(self, update, canvas):
+            canvas.log(self.entity, rr.Scalars([update.only.percentage * self["scale"]]))
+
+and an entry point in your ``pyproject.toml``:
+
+    [project.entry-points."sfglab.visualizers"]
+    battery = "your_package:Battery"
+
+`sfglab view` then offers it for every topic of its type. Several inputs are synchronised by the class attribute
+``sync``: `Exact`, `Approximate` or `Latest`.
 """
 
 from __future__ import annotations

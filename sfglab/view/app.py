@@ -88,13 +88,20 @@ def session_for(topics: Mapping[str, str], options: ViewOptions) -> Session:
     return session
 
 
-def view_log(path: str | Path, options: ViewOptions, *, session: Session | None = None) -> tuple[Report, ...]:
+def view_log(
+    path: str | Path,
+    options: ViewOptions,
+    *,
+    session: Session | None = None,
+    on_shown: Callable[[Session], None] = lambda _: None,
+) -> tuple[Report, ...]:
     """Show a log: an MCAP file, or a bag that rosbags reads.
 
     Args:
         path: The log.
         options: How to look.
         session: What is shown; None for everything that can be.
+        on_shown: Called once with the session when all is sent; what is served is so as long as it runs.
 
     Returns:
         What became of the messages, one a display.
@@ -113,6 +120,8 @@ def view_log(path: str | Path, options: ViewOptions, *, session: Session | None 
                 session.limit(display.id, None)
         with closing(_canvas(options, topics, Path(path).stem)) as canvas:
             replay(log.arrivals(wanted_topics(session)), session, canvas)
+            canvas.flush()
+            on_shown(session)
     return report_of(session)
 
 

@@ -95,16 +95,25 @@ def blueprint(layout: Layout) -> Any:
     rerun()
     import rerun.blueprint as rrb
 
-    views: list[Any] = [rrb.Spatial3DView(origin="/", contents="/**", name="space", **_space(layout.frame))]
+    views: list[Any] = [
+        rrb.Spatial3DView(origin="/", contents=_contents(layout), name="space", **_space(layout.frame))
+    ]
     if layout.cameras:
         cameras = (
-            rrb.Spatial2DView(origin=c.entity, contents=f"{c.entity}/**", name=c.name) for c in layout.cameras
+            rrb.Spatial2DView(origin=c.entity, contents=c.entity, name=c.name)
+            for c in layout.cameras  # no points
         )
         views.append(rrb.Grid(*cameras, name="cameras"))
     upper = rrb.Horizontal(*views, column_shares=[3, 2][: len(views)])
     lower = _communication(layout.agents) if layout.communication else []
     parts = rrb.Vertical(upper, rrb.Horizontal(*lower), row_shares=[2, 1]) if lower else upper
     return rrb.Blueprint(parts, rrb.TimePanel(timeline="received"), collapse_panels=False)
+
+
+def _contents(layout: Layout) -> list[str]:
+    """Return what space holds: everything but pictures of depth, whose points it holds already, coloured."""
+    depths = [camera.entity for camera in layout.cameras if "depth" in camera.entity]
+    return ["/**", *(rule for depth in depths for rule in (f"- {depth}", f"+ {depth}/cloud"))]
 
 
 def _space(frame: str) -> dict[str, Any]:

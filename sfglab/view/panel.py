@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import MissingExtraError
 from sfglab.qos import Durability, QoSProfile, Reliability
-from sfglab.view.errors import ViewError
+from sfglab.view.errors import SessionError, ViewError
 from sfglab.view.registry import available
 from sfglab.view.session import Change, Changed
 
@@ -55,10 +55,22 @@ class Panel:
         self._topics = topics
         self._rows: dict[str, Any] = {}
         self._states: dict[str, Any] = {}
+        self._tuned: dict[tuple[str, str], Any] = {}
         self._said = self._kit.HTML()
         self._list = self._kit.VBox()
         self.widget = self._kit.VBox([self._adding(), self._said, self._list])
         self._close = session.listen(self._changed)
+
+    def parameter(self, id_: str, name: str) -> Any:
+        """Return the widget of one parameter of a display; setting its value tunes the display.
+
+        Raises:
+            SessionError: There is no such display or parameter.
+        """
+        self._session.display(id_)
+        if (id_, name) not in self._tuned:
+            raise SessionError("parameter", name, [known for of, known in self._tuned if of == id_])
+        return self._tuned[id_, name]
 
     def close(self) -> None:
         """Stop following the session; again is harmless."""
@@ -92,6 +104,7 @@ class Panel:
         elif change.what is Changed.REMOVED:
             self._rows.pop(change.display.id, None)
             self._states.pop(change.display.id, None)
+            self._tuned = {key: made for key, made in self._tuned.items() if key[0] != change.display.id}
         self._list.children = tuple(self._rows.values())
 
     def _row(self, display: Display) -> Any:
@@ -121,6 +134,7 @@ class Panel:
         else:
             made = (self._kit.IntText if parameter.kind is int else self._kit.FloatText)(**named)
         self._follow(made, lambda new: self._session.tune(display.id, parameter.name, new))
+        self._tuned[display.id, parameter.name] = made
         return made
 
     def _request(self, id_: str, role: str, qos: QoSProfile) -> Any:

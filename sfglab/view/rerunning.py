@@ -59,6 +59,11 @@ class RerunCanvas:
         """The ``rerun.RecordingStream``, for what only Rerun can do."""
         return self._recording
 
+    @property
+    def pending_bytes(self) -> int:
+        """What was drawn since the sinks last had everything: of messages, as they arrived; below a window."""
+        return self._pending_bytes
+
     def at(self, *, stamp_ns: int, received_ns: int) -> None:
         """Set the time of what is drawn next."""
         import numpy as np
@@ -115,11 +120,11 @@ class RerunCanvas:
         Raises:
             SinkError: They do not take it within ten seconds.
         """
-        self._pending_bytes, self._flushed_ns = 0, self._now_ns
         try:
             self._recording.flush(timeout_sec=_TAKE_LIMIT_S)
         except (RuntimeError, ValueError, OSError) as error:
             raise SinkError(f"{self._where} does not take what is shown: {error}") from error
+        self._pending_bytes, self._flushed_ns = 0, self._now_ns
 
     def close(self) -> None:
         """Send what is left and disconnect; again is harmless."""

@@ -277,7 +277,9 @@ class Session:
 
 
 def _slot(visualizer: Visualizer, sync: SyncPolicy, max_hz: float | None) -> Slot[Any]:
-    return Slot(tuple(visualizer.topics), policy=sync, max_hz=max_hz, queue=visualizer.queue)
+    topics = visualizer.topics
+    steady = tuple(given.role for given in visualizer.inputs if given.steady and given.role in topics)
+    return Slot(tuple(topics), policy=sync, max_hz=max_hz, queue=visualizer.queue, steady=steady)
 
 
 def _bound(kind: type[Visualizer], topic: str, topics: Mapping[str, str]) -> dict[str, str] | None:

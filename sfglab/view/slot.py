@@ -70,14 +70,23 @@ class Slot(Generic[T]):
         policy: Which messages belong together.
         max_hz: Its rate budget.
         queue: How many sets wait for their turn.
+        steady: Roles of which one message may hold for good.
 
     Attributes:
         budget: May be changed at any time.
     """
 
-    def __init__(self, roles: tuple[str, ...], *, policy: SyncPolicy, max_hz: float | None, queue: int) -> None:
+    def __init__(
+        self,
+        roles: tuple[str, ...],
+        *,
+        policy: SyncPolicy,
+        max_hz: float | None,
+        queue: int,
+        steady: tuple[str, ...] = (),
+    ) -> None:
         self.budget = RateBudget(max_hz)
-        self._synchronizer = synchronizer(policy, roles)
+        self._synchronizer = synchronizer(policy, roles, steady=steady)
         self._ready: deque[Matched[T]] = deque(maxlen=queue)
         self._received = self._shown = self._pushed_out = self._passed_over = 0
 

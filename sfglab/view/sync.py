@@ -80,6 +80,9 @@ class Latest:
     """
 
 
+PATIENCE = 5
+"""How many items of the first topic find no partners before what was said once is taken to hold for good."""
+
 SyncPolicy = Independent | Exact | Approximate | Latest
 
 
@@ -233,20 +236,88 @@ class _LatestSynchronizer(Synchronizer[T]):
         return [Matched(items={**items, **{topic: self._queues[topic][0] for topic in others}})]
 
 
+class _SteadySynchronizer(Synchronizer[T]):
+    """Matches by stamps, unless steady topics have spoken once and are silent since: then that item holds.
+
+    A calibration is published with every picture, or once for all. When one of the steady topics speaks again,
+    stamps decide again.
+    """
+
+    def __init__(self, policy: SyncPolicy, topics: tuple[str, ...], steady: tuple[str, ...]) -> None:
+        super().__init__(topics, depth=1)
+        self._by_stamps = synchronizer(policy, topics)
+        self._others = synchronizer(policy, tuple(topic for topic in topics if topic not in steady))
+        self._steady: dict[str, list[tuple[int, T]]] = {topic: [] for topic in steady}
+        self._alone = 0  # items of the first topic since the last set
+        self._holds = False
+
+    @property
+    def waiting(self) -> int:
+        return self._current.waiting
+
+    def offer(self, topic: str, stamp_ns: int, item: T) -> list[Matched[T]]:
+        if topic in self._steady:
+            self._steady[topic] = [*self._steady[topic][-1:], (stamp_ns, item)]
+            self._hold(holds=False)
+        elif topic == next(iter(self._queues)):
+            self._alone += 1
+            once = all(len(said) == 1 for said in self._steady.values())
+            self._hold(holds=once and self._alone > PATIENCE)
+        if self._holds:
+            found: list[Matched[T]] = self._counted(self._others, topic, stamp_ns, item)
+            return [self._completed(matched) for matched in found]
+        found = self._counted(self._by_stamps, topic, stamp_ns, item)
+        if found:
+            self._alone = 0
+        return found
+
+    def clear(self) -> None:
+        self._hold(holds=False)
+        self._by_stamps.clear()
+        self._steady = {topic: [] for topic in self._steady}
+
+    @property
+    def _current(self) -> Synchronizer[object]:
+        return self._others if self._holds else self._by_stamps
+
+    def _hold(self, *, holds: bool) -> None:
+        """Go over to the other way to match; what waited for the one is given up."""
+        if holds != self._holds:
+            self.unmatched += self._current.waiting
+            self._current.clear()
+            self._holds, self._alone = holds, self._alone * holds
+
+    def _counted(self, way: Synchronizer[object], topic: str, stamp_ns: int, item: T) -> list[Matched[T]]:
+        before = way.unmatched, way.disordered
+        found = way.offer(topic, stamp_ns, item)
+        self.unmatched += way.unmatched - before[0]
+        self.disordered += way.disordered - before[1]
+        return found  # type: ignore[return-value]  # what was put in comes out
+
+    def _completed(self, matched: Matched[T]) -> Matched[T]:
+        held = {topic: said[0] for topic, said in self._steady.items()}
+        return Matched(items={topic: (matched.items | held)[topic] for topic in self._queues})
+
+
 class _IndependentSynchronizer(Synchronizer[T]):
     def offer(self, topic: str, stamp_ns: int, item: T) -> list[Matched[T]]:
         """Return the item; the order of stamps does not matter here."""
         return [Matched(items={topic: (stamp_ns, item)})]
 
 
-def synchronizer(policy: SyncPolicy, topics: tuple[str, ...]) -> Synchronizer[object]:
+def synchronizer(
+    policy: SyncPolicy, topics: tuple[str, ...], *, steady: tuple[str, ...] = ()
+) -> Synchronizer[object]:
     """Return the queues that a policy asks for.
 
     Args:
         policy: Which items belong together.
         topics: Names of the topics, the leading one first; with one, every item is a set of its own.
+        steady: Those of them, but for the first, that may speak once for all; for what matches by stamps.
     """
     match policy:
+        case Exact() | Approximate() if steady and len(topics) > 1:
+            return _SteadySynchronizer(policy, topics, steady)
         case Exact(depth=depth) if len(topics) > 1:
             return _ExactSynchronizer(topics, depth=depth)
         case Approximate(slop_ns=slop_ns, depth=depth) if len(topics) > 1:

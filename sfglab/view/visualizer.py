@@ -44,6 +44,7 @@ class Input:
         sibling: Last segment of the topic beside the first input's that this one is bound to by itself, such as
             ``camera_info``; empty for none.
         optional: Whether the visualizer also works without.
+        steady: Whether one message may hold for good, as a calibration that is published once.
         qos: What is requested.
     """
 
@@ -52,6 +53,7 @@ class Input:
     pattern: str = "*"
     sibling: str = ""
     optional: bool = False
+    steady: bool = False
     qos: QoSProfile = SENSOR_DATA
 
     def fits(self, topic: str, type_name: str) -> bool:

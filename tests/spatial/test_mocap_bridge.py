@@ -26,6 +26,8 @@ from sfglab.spatial.frames import (
     roots_of,
 )
 from sfglab.spatial.mocap import (
+    STATUS,
+    STATUS_QOS,
     BridgeCore,
     Capture,
     Lapse,
@@ -41,6 +43,7 @@ from sfglab.spatial.mocap import (
     mocap_trees,
     place_via_proxy,
     read_mapping,
+    status_topic,
     synthetic_captures,
 )
 
@@ -211,10 +214,15 @@ def test_live_the_bridge_joins_a_robots_tree_to_the_world(domain_id, caplog):
                     await bridge.wait_published(15.0)
                     placed = await listener.wait_for("map", "agent_x/markers", timeout_s=10)
                     await listener.wait_for("map", "agent_x/camera", timeout_s=10)
+                    statuses = viewer.create_subscription(STATUS, status_topic(), qos=STATUS_QOS)
+                    told = await statuses.take(timeout_s=10)
+                    while not told.objects[0].frame:
+                        told = await statuses.take(timeout_s=10)
             finally:
                 task.cancel()
                 await asyncio.gather(task, return_exceptions=True)
             assert task.cancelled()
+            assert [(o.id, o.frame) for o in told.objects] == [("agent_x/markers", "agent_x/base")]
             (status,) = bridge.statuses
             assert status.receipt_latency.median_ns > 5_900_000
             assert 0 < status.publication_latency.median_ns < 500_000_000

@@ -96,3 +96,34 @@ def test_pairs_come_from_captures_and_the_robots_transforms_of_the_same_time():
     assert 60 < len(pairs) < 120  # neither the hidden ones nor those after the robot's last transform
     found = estimate_offset(pairs)
     assert found.object_from_base.same_as(X, within_m=0.005, within_rad=0.002)
+
+
+def drifting(rng, rate_rad_s, walk_m_s, seconds=10.0, **options):
+    """A recording whose odometry turns and walks away in the world, with times."""
+    still = recording(rng, count=200, **options)
+    moments = [(i * seconds / len(still), pair) for i, pair in enumerate(still)]
+    return [
+        PosePair(
+            world_from_object=pair.world_from_object,
+            odom_from_base=Z.inverse()
+            @ Pose.from_yaw((walk_m_s * t, 0, 0), rate_rad_s * t)
+            @ (Z @ pair.odom_from_base),
+            time_ns=round(t * 1e9),
+        )
+        for t, pair in moments
+    ]
+
+
+def test_odometry_that_drifts_is_seen_and_does_not_spoil_the_offset():
+    pairs = drifting(np.random.default_rng(5), 0.01, 0.02)
+    found, blind = (estimate_offset(pairs, drift=drift) for drift in (True, False))
+    assert found.object_from_base.same_as(X, within_m=0.006, within_rad=0.004)
+    assert found.drift_rad_s == pytest.approx(0.01, rel=0.1)
+    assert not blind.object_from_base.same_as(X, within_m=0.02, within_rad=0.004)
+    assert (blind.drift_m_s, blind.drift_rad_s) == (0.0, 0.0)
+
+
+def test_where_nothing_drifts_none_is_found():
+    found = estimate_offset(drifting(np.random.default_rng(6), 0.0, 0.0, factor=0.0))
+    assert found.object_from_base.same_as(X, within_m=1e-7, within_rad=1e-7)
+    assert max(found.drift_m_s, found.drift_rad_s) < 1e-7

@@ -44,7 +44,7 @@ def test_two_agents_that_meet_are_reported_with_time_place_and_clearance():
     assert (found.kind, found.objects) == (ConflictKind.AGENTS, (a, b))
     assert found.time_s == pytest.approx(5.0)
     assert found.position_m == pytest.approx((0.0, 0.0, 0.0))
-    assert found.text == "a and b are -0.700 m apart at 5.000 s; allowed: 0.1 m"
+    assert found.text == "a and b overlap by 0.700 m at 5.000 s; allowed: 0.1 m"
 
 
 def test_the_margin_counts_beyond_the_radii():

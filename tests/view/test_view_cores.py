@@ -179,12 +179,13 @@ def test_a_session_names_what_it_does_not_know_and_what_would_do():
 def test_rewiring_keeps_the_rate_and_drops_what_waited():
     session = Session()
     display = session.add("depth_cloud", {"depth": "/d", "info": "/i"})
+    declared = display.inputs[1][2]
     session.limit(display.id, 3)
     display.slot.offer("depth", 1, "x", now_ns=1)
     session.rewire(display.id, qos={"depth": COMPRESSED_STREAM}, sync=Exact(depth=2))
     assert display.slot.budget.max_hz == 3
     assert display.slot.counts.waiting == 0
-    assert [qos for _, _, qos in display.inputs] == [COMPRESSED_STREAM, SENSOR_DATA]
+    assert [qos for _, _, qos in display.inputs] == [COMPRESSED_STREAM, declared]
     with pytest.raises(SessionError, match="role: given 'color'"):
         session.rewire(display.id, qos={"color": DEFAULT})
     assert isinstance(session.display(display.id).sync, Exact)

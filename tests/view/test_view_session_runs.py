@@ -622,3 +622,19 @@ def test_the_panel_is_the_session_as_widgets():
     panel.close()
     with pytest.raises(SessionError):
         session.display(display.id)
+
+
+def test_a_widget_of_the_panel_is_found_by_display_and_parameter():
+    pytest.importorskip("ipywidgets", reason="the notebook's widgets are not installed")
+    from sfglab.view.panel import Panel
+
+    session = Session()
+    panel = Panel(session)
+    display = session.add("image", "/a")
+    panel.parameter(display.id, "opacity").value = 0.5
+    assert display.visualizer.settings["opacity"] == 0.5
+    with pytest.raises(SessionError, match="parameter: given 'speed', allowed: depth_max_m, opacity"):
+        panel.parameter(display.id, "speed")
+    session.remove(display.id)
+    with pytest.raises(SessionError, match="display: given 'image-1'"):
+        panel.parameter(display.id, "opacity")

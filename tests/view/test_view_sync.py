@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.view import Approximate, Exact, Independent, Latest, SettingError
-from sfglab.view.sync import synchronizer
+from sfglab.view.sync import PATIENCE, synchronizer
 
 TOPICS = ("a", "b", "c")
 
@@ -141,6 +141,35 @@ def test_one_topic_alone_needs_no_partner(policy):
         {"a": (1, "x")},
         {"a": (1, "y")},
     ]
+
+
+@pytest.mark.parametrize("policy", [Exact(), Approximate(slop_ns=10)])
+def test_a_calibration_that_was_published_once_holds_and_pictures_still_match_by_their_stamps(policy):
+    sync = synchronizer(policy, ("depth", "info", "color"), steady=("info",))
+    sync.offer("info", 3, "once")
+    found = []
+    for stamp in range(100, 2100, 100):
+        found += sync.offer("color", stamp + 50 * (stamp == 1900), stamp)
+        found += sync.offer("depth", stamp, stamp)
+    shown = [tuple(item for _, item in matched.items.values()) for matched in found]
+    expected = [(stamp, "once", stamp) for stamp in range(100 * (PATIENCE + 2), 2100, 100) if stamp != 1900]
+    assert shown == expected
+    assert {matched.items["info"] for matched in found} == {(3, "once")}
+
+
+def test_a_calibration_that_comes_with_every_picture_is_never_taken_for_another_s():
+    sync = synchronizer(Exact(), ("depth", "info"), steady=("info",))
+    sync.offer("info", 1, "first")
+    found = [m for stamp in range(2, 20) for m in sync.offer("depth", stamp, stamp)]
+    assert [m.items["info"][1] for m in found] == ["first"] * (18 - PATIENCE)
+    assert sync.offer("info", 30, "second") == []
+    assert [m for stamp in range(31, 60) for m in sync.offer("depth", stamp, stamp)] == []
+    sync.offer("info", 60, "third")
+    (matched,) = sync.offer("depth", 60, 60)
+    assert matched.items == {"depth": (60, 60), "info": (60, "third")}
+    sync.clear()
+    assert sync.waiting == 0
+    assert sync.unmatched + 2 * 1 + (18 - PATIENCE) == 18 + 29 + 3 + 1
 
 
 def test_a_depth_or_slop_that_makes_no_sense_is_refused():

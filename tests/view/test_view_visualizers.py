@@ -19,7 +19,8 @@ from sfglab.codecs import (
 from sfglab.codecs.h264 import H264Encoder
 from sfglab.messages import default_message, message_type, stamp_from_ns
 from sfglab.qos import DEFAULT
-from sfglab.view import ContentError, TopicHealth, find, open_canvas
+from sfglab.view import Arrival, ContentError, Session, TopicHealth, find, open_canvas, replay
+from sfglab.view.sync import PATIENCE
 from sfglab.view.visualizers import BUILT_IN
 from sfglab.view.visualizers.images import image_plane
 from sfglab.view.visualizers.video import has_key_frame
@@ -494,3 +495,28 @@ def test_clouds_and_scans_are_coloured_points_in_their_frame(paper, update):
     assert [p[0] for p in values(paper.at_entity("/cloud")[0], "positions")] == [0.0, 3.0, 6.0, 9.0]
     with pytest.raises(ContentError, match="color_by: given 'ring', allowed are the fields x, y, z, intensity"):
         made("point_cloud", color_by="ring").show(update(cloud=cloud), paper)
+
+
+def test_the_calibration_of_another_camera_or_size_is_refused(paper, update, make_image):
+    depth = make_image(np.full((4, 6), 1.0, np.float32), "32FC1")
+    with pytest.raises(ContentError, match="camera info: given for 12 x 8, allowed is for 6 x 4"):
+        made("depth_cloud").show(update(depth=depth, info=camera_info(12, 8)), paper)
+    other = make_image(np.full((4, 6), 1.0, np.float32), "32FC1", frame="rear")
+    with pytest.raises(ContentError, match="camera info: given of 'camera', allowed is that of 'rear'"):
+        made("depth_cloud").show(update(depth=other, info=camera_info()), paper)
+    assert paper.drawn == []
+
+
+def test_depth_whose_camera_was_described_once_before_the_view_began_becomes_points(paper, make_image):
+    """Live, the late joiner is sent it again: the camera info is asked for with the past."""
+    session = Session()
+    display = session.add("depth_cloud", {"depth": "/depth", "info": "/info"})
+    assert all(q.durability.value == "transient_local" for i, _, q in display.inputs if i.role == "info")
+    info = Arrival("/info", "sensor_msgs/msg/CameraInfo", 0, b"", camera_info())
+    depths = [
+        make_image(np.full((4, 6), 1.0, np.float32), "32FC1", stamp_ns=number * S) for number in range(1, 21)
+    ]
+    arrivals = [Arrival("/depth", "sensor_msgs/msg/Image", n * S, b"", d) for n, d in enumerate(depths)]
+    replay([info, *arrivals], session, paper)
+    assert display.slot.counts.shown == 20 - PATIENCE
+    assert display.errors == 0

@@ -13,11 +13,9 @@ from dataclasses import dataclass
 
 from sfglab.errors import SfglabError
 from sfglab.fleet.routing.policy import Direction
+from sfglab.names import SHARED_FRAMES, frame_owner, prefixed_frame
 
 __all__ = ["SHARED_FRAMES", "FrameClaims", "FrameClashError", "Frames"]
-
-SHARED_FRAMES = ("map", "earth", "world")
-"""Roots that all agents mean by the same name (REP 105 without `odom`, which every agent has of its own)."""
 
 
 class FrameClashError(SfglabError, ValueError):
@@ -51,8 +49,7 @@ class Frames:
 
     def outward(self, frame: str) -> str:
         """Return a local frame's name in the global domain."""
-        frame = frame.removeprefix("/")  # as tf2 does
-        return frame if "/" in frame or frame in self.shared else f"{self.agent}/{frame}"
+        return prefixed_frame(frame, self.agent, shared=self.shared)
 
     def check_outward(self, child: str) -> None:
         """Refuse a transform out of the agent's domain that moves a frame of others.
@@ -64,7 +61,7 @@ class Frames:
             FrameClashError: It is a shared frame, it has another agent's prefix, or it is empty.
         """
         frame = child.removeprefix("/")
-        if not frame or frame in self.shared or self._owner(frame) not in {"", self.agent}:
+        if not frame or frame in self.shared or frame_owner(frame) not in {"", self.agent}:
             allowed = f"frames without prefix and those below {self.agent + '/'!r}, but no shared ones"
             raise FrameClashError(Direction.OUTWARD, child, f"{allowed} ({', '.join(sorted(self.shared))})")
 
@@ -78,17 +75,12 @@ class Frames:
             FrameClashError: It has this agent's prefix and is not among `placed_by_others`, or it is empty.
         """
         frame = child.removeprefix("/")
-        own = self._owner(frame) == self.agent
+        own = frame_owner(frame) == self.agent
         if not frame or (own and frame.removeprefix(f"{self.agent}/") not in self.placed_by_others):
             placed = ", ".join(f"{self.agent}/{frame}" for frame in sorted(self.placed_by_others)) or "none"
             raise FrameClashError(
                 Direction.INWARD, child, f"frames of others, and of those below {self.agent + '/'!r}: {placed}"
             )
-
-    @staticmethod
-    def _owner(frame: str) -> str:
-        agent, slash, _ = frame.partition("/")
-        return agent if slash else ""
 
 
 class FrameClaims:

@@ -28,6 +28,9 @@ EXPERIMENTS = (
     "gateways",
     "transfer",
     "driving",
+    "mocap",
+    "planning",
+    "visualisation",
 )
 
 

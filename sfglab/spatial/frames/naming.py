@@ -1,8 +1,7 @@
-"""What frames are called: ``<agent>/<frame>``, and the few that all agents share.
+"""Which names of frames are right: ``<agent>/<frame>``, and the few that all agents share.
 
-Paper A, section 4.1, asks for prefixes so that the frames of different agents do not clash: a topic of agent
-go2 is ``/global/go2/...``, its frames are ``go2/...``. The rule is that of the fleet's routers, for those who
-read frames.
+Paper A, section 4.1, asks for prefixes so that the frames of different agents do not clash. The rule itself is
+`sfglab.names`', which the fleet's routers follow too; here it is judged.
 """
 
 from __future__ import annotations
@@ -10,30 +9,23 @@ from __future__ import annotations
 import difflib
 from dataclasses import dataclass
 
-from sfglab.names import validate_agent
+from sfglab.names import SHARED_FRAMES as _SHARED
+from sfglab.names import frame_owner, prefixed_frame, validate_agent
 
 __all__ = ["SHARED_FRAMES", "FrameRule", "agent_of", "prefixed"]
 
-SHARED_FRAMES = frozenset({"map", "earth", "world"})
-"""Roots that all agents mean by the same name: REP 105's, without `odom`, which every agent has of its own."""
+SHARED_FRAMES = frozenset(_SHARED)
+"""Roots that all agents mean by the same name."""
 
 
 def prefixed(frame: str, agent: str, *, shared: frozenset[str] = SHARED_FRAMES) -> str:
-    """Return what an agent's frame is called by everybody else.
-
-    Args:
-        frame: As the agent's own nodes write it; a name with a slash inside has its prefix already.
-        agent: The agent; empty leaves the name as it is.
-        shared: Frames that are never prefixed.
-    """
-    frame = frame.removeprefix("/")  # as tf2 does
-    return frame if not agent or "/" in frame or frame in shared else f"{agent}/{frame}"
+    """Return what an agent's frame is called by everybody else, see `sfglab.names.prefixed_frame`."""
+    return prefixed_frame(frame, agent, shared=shared)
 
 
 def agent_of(frame: str) -> str:
     """Return the agent whose frame it is; empty for a frame without prefix."""
-    agent, slash, _ = frame.partition("/")
-    return agent if slash else ""
+    return frame_owner(frame)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sfglab.spatial.mocap.bridge import MocapBridge
+from sfglab.spatial.mocap.bridge import BridgeOptions, MocapBridge
 from sfglab.spatial.mocap.capture import Capture, Lapse, MocapError, MocapSource, Sight
 from sfglab.spatial.mocap.core import BridgeCore, Latency, MocapObjectStatus
 from sfglab.spatial.mocap.mapping import (
@@ -32,12 +32,16 @@ from sfglab.spatial.mocap.sources import (
     ViconSource,
     synthetic_captures,
 )
+from sfglab.spatial.mocap.status import STATUS, STATUS_QOS, status_message, status_topic
 from sfglab.spatial.mocap.tracking import TRANSITIONS, Doubt, Limits, Track, TrackState, Verdict, judge
 from sfglab.spatial.mocap.trees import MocapTrees, mocap_trees
 
 __all__ = [
+    "STATUS",
+    "STATUS_QOS",
     "TRANSITIONS",
     "BridgeCore",
+    "BridgeOptions",
     "Capture",
     "Doubt",
     "Lapse",
@@ -78,5 +82,7 @@ __all__ = [
     "pose_pairs",
     "read_mapping",
     "root_below",
+    "status_message",
+    "status_topic",
     "synthetic_captures",
 ]

@@ -4,22 +4,39 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sfglab.messages import message_type
 from sfglab.names import TF
 from sfglab.spatial.frames import TF_QOS, TRANSFORMS, FrameBuffer, FramesListener
 from sfglab.spatial.mocap.core import BridgeCore
+from sfglab.spatial.mocap.status import STATUS, STATUS_QOS, status_message, status_topic
 
 if TYPE_CHECKING:
-    from sfglab.bus.api import Node
-    from sfglab.spatial.mocap.capture import MocapSource
+    from sfglab.bus.api import Node, Publisher
+    from sfglab.spatial.mocap.capture import Capture, MocapSource
     from sfglab.spatial.mocap.core import MocapObjectStatus
     from sfglab.spatial.mocap.mapping import MocapMapping
 
-__all__ = ["MocapBridge"]
+__all__ = ["BridgeOptions", "MocapBridge"]
 
 _log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BridgeOptions:
+    """How a bridge behaves.
+
+    Attributes:
+        reach_s: How far the agents' transforms may be continued when they lag behind the cameras.
+        agent: The agent on which the bridge runs, for the status topic's name; empty: nobody's in particular.
+        status_period_s: Time between two messages about the status.
+    """
+
+    reach_s: float = 0.1
+    agent: str = ""
+    status_period_s: float = 1.0
 
 
 class MocapBridge:
@@ -31,19 +48,23 @@ class MocapBridge:
     ```
 
     Args:
-        node: The node that listens to /tf and /tf_static and publishes on /tf.
+        node: The node that listens to /tf and /tf_static and publishes on /tf, and its status on
+            `status_topic`.
         source: Where captures come from.
         mapping: Which object stands for which frame.
-        reach_s: How far the agents' transforms may be continued when they lag behind the cameras.
+        options: How it behaves.
 
     Attributes:
         buffer: All transforms heard, the bridge's own included.
     """
 
-    def __init__(self, node: Node, source: MocapSource, mapping: MocapMapping, *, reach_s: float = 0.1) -> None:
+    def __init__(
+        self, node: Node, source: MocapSource, mapping: MocapMapping, options: BridgeOptions | None = None
+    ) -> None:
         self.buffer = FrameBuffer()
         self._node, self._source = node, source
-        self._core = BridgeCore(mapping, self.buffer, reach_s=reach_s)
+        self._options = options or BridgeOptions()
+        self._core = BridgeCore(mapping, self.buffer, reach_s=self._options.reach_s)
         self._said: set[tuple[str, str]] = set()
         self._published = asyncio.Event()
 
@@ -72,18 +93,30 @@ class MocapBridge:
         Raises:
             MocapError: The source cannot be opened, or it broke.
         """
-        make = message_type(TRANSFORMS)
-        clock = self._node.get_clock()
         publisher = self._node.create_publisher(TRANSFORMS, TF, TF_QOS)
+        status = self._node.create_publisher(STATUS, status_topic(self._options.agent), STATUS_QOS)
+        telling = asyncio.create_task(self._tell(status))
         try:
             async with FramesListener(self._node, self.buffer), self._source.captures() as captures:
                 async for capture in captures:
-                    if transforms := self._core.take(capture, clock.now_ns()):
-                        publisher.publish(make(transforms=[t.to_msg() for t in transforms]))
-                        self._published.set()
-                    self._say_problems()
+                    self._pass_on(capture, publisher)
         finally:
+            telling.cancel()
+            await asyncio.gather(telling, return_exceptions=True)
+            status.close()
             publisher.close()
+
+    def _pass_on(self, capture: Capture, publisher: Publisher) -> None:
+        if transforms := self._core.take(capture, self._node.get_clock().now_ns()):
+            publisher.publish(message_type(TRANSFORMS)(transforms=[t.to_msg() for t in transforms]))
+            self._published.set()
+        self._say_problems()
+
+    async def _tell(self, status: Publisher) -> None:
+        clock = self._node.get_clock()
+        while True:
+            status.publish(status_message(self._core, clock.now_ns()))
+            await clock.sleep_for(self._options.status_period_s)
 
     def _say_problems(self) -> None:
         """Log each kind of problem of each object once."""

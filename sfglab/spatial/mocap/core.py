@@ -146,6 +146,11 @@ class BridgeCore:
         return tuple(transforms)
 
     @property
+    def world(self) -> str:
+        """The frame in which the capture system measures."""
+        return self._mapping.world
+
+    @property
     def statuses(self) -> tuple[MocapObjectStatus, ...]:
         """How it stands with every object of the mapping."""
         return tuple(
@@ -164,6 +169,14 @@ class BridgeCore:
             )
             for id_, o in self._objects.items()
         )
+
+    def verdicts(self, object_id: str) -> dict[str, int]:
+        """Return how many sights of an object got each verdict (`Verdict.value`).
+
+        Raises:
+            KeyError: The mapping has no such object.
+        """
+        return dict(self._objects[object_id].verdicts)
 
     @property
     def problems(self) -> dict[str, tuple[str, str]]:

@@ -1,8 +1,8 @@
 """Scenes: agents, obstacles, zones, trajectories in a tree, edits that can be undone. Paper A, section 4.5.
 
 Bottom up: `errors`, `properties`, `objects`, `tree` (a scene as a value), `commands` and `timing` (edits),
-`history`, `writing`, `yaml_lines`, `reading` and `files` (YAML), `ghosts`, `conflicts`, `editor` (all of it
-behind one object, without a screen).
+`history`, `writing`, `reading` and `files` (YAML), `ghosts`, `conflicts`, `editor` (all of it behind one
+object, without a screen).
 """
 
 from __future__ import annotations

@@ -116,7 +116,7 @@ def _between_agents(scene: Scene) -> Iterator[Conflict]:
             yield Conflict(
                 kind=ConflictKind.AGENTS,
                 objects=(a.id, b.id),
-                text=f"{a.name} and {b.name} are {clearance_m:.3f} m apart {_when(found.time_s)}; "
+                text=f"{a.name} and {b.name} {_distance(clearance_m)} {_when(found.time_s)}; "
                 f"allowed: {scene.margin_m:g} m",
                 time_s=found.time_s,
                 position_m=_middle(found.position_a_m, found.position_b_m),
@@ -196,6 +196,10 @@ def _loose_ends(scene: Scene) -> Iterator[Conflict]:
         if not scene.held_by(driven.id):
             text = f"{driven.name}: there is no waypoint"
             yield Conflict(kind=ConflictKind.NO_WAYPOINTS, objects=(driven.id,), text=text)
+
+
+def _distance(clearance_m: float) -> str:
+    return f"are {clearance_m:.3f} m apart" if clearance_m >= 0 else f"overlap by {-clearance_m:.3f} m"
 
 
 def _when(time_s: float) -> str:

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from sfglab.errors import SfglabError
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from sfglab.documents import DocumentError
 
 __all__ = ["SceneError"]
 
@@ -21,6 +28,11 @@ class SceneError(SfglabError, ValueError):
         self.given = given
         self.allowed = allowed
         super().__init__(place, given, allowed)  # all arguments, so that the error survives pickling
+
+    @classmethod
+    def of_document(cls, error: DocumentError) -> Self:
+        """Return what a file's reader refused as an error of the scene, at the same place."""
+        return cls(str(error.place), error.given, error.allowed)
 
     def __str__(self) -> str:
         given = "nothing is given" if self.given is None else f"given {self.given!r}"

@@ -6,20 +6,20 @@ Refuses to know defaults (`objects`) and what objects may be to each other (`tre
 from __future__ import annotations
 
 from dataclasses import replace
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
+from sfglab.documents import Document, DocumentError, suggestion
 from sfglab.spatial.poses import Pose, PoseError
 from sfglab.spatial.scene.errors import SceneError
 from sfglab.spatial.scene.objects import KINDS, ROOT, SceneObject, TrajectoryObject, WaypointObject
 from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Draft, Scene
 from sfglab.spatial.scene.writing import FORMAT
-from sfglab.spatial.scene.yaml_lines import Section, read_yaml
 from sfglab.spatial.trajectory import LATEST_NS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from sfglab.documents import Section
     from sfglab.spatial.scene.properties import Property
 
 __all__ = ["read_scene"]
@@ -42,19 +42,25 @@ def read_scene(text: str, *, file: str = "scene.yaml") -> Scene:
             scene cannot be: an id given twice, a parent inside its child, a time that another waypoint has or
             that runs backwards, a number that is not finite, a quaternion of length zero.
     """
-    top = read_yaml(text, file)
-    version = top.take("sfglab_scene")
+    try:
+        return _scene(Document(text, file).section())
+    except DocumentError as error:
+        raise SceneError.of_document(error) from error
+
+
+def _scene(top: Section) -> Scene:
+    version = top.get("sfglab_scene")
     if version is True or version != FORMAT:
-        raise SceneError(top.place_of("sfglab_scene"), version, f"{FORMAT}, the version that is read here")
+        raise top.refusal("sfglab_scene", version, f"{FORMAT}, the version that is read here")
     values = _properties(top, SCENE_PROPERTIES)
-    next_id = top.whole("next_id", 1)
-    objects = [thing for section in top.sections("objects") for thing in _objects(section)]
+    next_id = top.whole("next_id", low=1)
+    objects = [thing for section in top.items("objects") for thing in _objects(section)]
     top.close()
     draft = Draft(Scene(**values))
     _insert_all(draft, objects)
     scene = draft.scene()
     if next_id < scene.next_id:
-        raise SceneError(top.place_of("next_id"), next_id, f"a number above every id, from {scene.next_id}")
+        raise top.refusal("next_id", next_id, f"a number above every id, from {scene.next_id}")
     return replace(scene, next_id=next_id)
 
 
@@ -71,53 +77,51 @@ def _objects(section: Section) -> Iterator[Placed]:
         pose = _pose(inner)
         inner.close()
     thing = kind(
-        id=section.whole("id", 1),
-        name=section.take("name"),
-        parent=section.whole("parent", ROOT, ROOT),
+        id=section.whole("id", low=1),
+        name=section.get("name"),
+        parent=section.whole("parent", ROOT, low=ROOT),
         pose=pose,
         **_properties(section, kind.properties),
     )
-    yield section.place, thing
+    yield str(section.here), thing
     if kind is TrajectoryObject:
         yield from _waypoints(section, thing.id)
     section.close()
 
 
 def _kind(section: Section) -> type[SceneObject]:
-    word = section.take("kind")
+    word = section.get("kind")
     known = [name for name, kind in KINDS.items() if kind is not WaypointObject]
     if word not in known:
-        close = get_close_matches(str(word), known, n=1)
-        hint = f"; did you mean {close[0]!r}?" if close else ""
-        raise SceneError(section.place_of("kind"), word, " or ".join(known) + hint)
+        raise section.refusal("kind", word, " or ".join(known) + suggestion(word, known))
     return KINDS[word]
 
 
 def _waypoints(section: Section, parent: int) -> Iterator[Placed]:
     before_ns = -1
-    for line in section.sections("waypoints"):
+    for line in section.items("waypoints"):
         time_ns = _time_ns(line, before_ns)
         waypoint = WaypointObject(
-            id=line.whole("id", 1),
-            name=line.take("name", ""),
+            id=line.whole("id", low=1),
+            name=line.get("name", ""),
             parent=parent,
             pose=_pose(line),
             time_ns=time_ns,
             **_properties(line, WaypointObject.properties),
         )
         line.close()
-        yield line.place, waypoint
+        yield str(line.here), waypoint
         before_ns = time_ns
 
 
 def _time_ns(section: Section, before_ns: int) -> int:
-    seconds = section.take("time_s")
-    place = section.place_of("time_s")
+    seconds = section.get("time_s")
     if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not 0 <= seconds <= _LATEST_S:
-        raise SceneError(place, seconds, f"seconds from 0 to {_LATEST_S}")
+        raise section.refusal("time_s", seconds, f"seconds from 0 to {_LATEST_S}")
     time_ns = round(seconds * _NS_PER_S)
     if time_ns <= before_ns:
-        raise SceneError(place, seconds, f"a time above the previous waypoint's, {before_ns / _NS_PER_S}")
+        allowed = f"a time above the previous waypoint's, {before_ns / _NS_PER_S}"
+        raise section.refusal("time_s", seconds, allowed)
     return time_ns
 
 
@@ -126,15 +130,13 @@ def _pose(section: Section) -> Pose:
     quat = section.numbers("quat_xyzw", 4, (0.0, 0.0, 0.0, 1.0))
     try:
         return Pose.at(position, quat)
-    except (PoseError, OverflowError) as error:
-        key = "quat_xyzw" if "quaternion" in str(error) else "xyz_m"
-        given = list(quat if key == "quat_xyzw" else position)
-        raise SceneError(section.place_of(key), given, "finite numbers; a quaternion of length 1") from error
+    except PoseError as error:  # the numbers are finite, so it is the quaternion's length
+        raise section.refusal("quat_xyzw", list(quat), "a quaternion of length 1") from error
 
 
 def _properties(section: Section, properties: Iterable[Property]) -> dict[str, Any]:
     return {
-        prop.name: prop.typed(section.take(prop.name), section.place_of(prop.name))
+        prop.name: prop.typed(section.get(prop.name), str(section.place_of(prop.name)))
         for prop in properties
         if section.has(prop.name)
     }

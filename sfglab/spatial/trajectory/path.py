@@ -13,11 +13,11 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
+from sfglab.spatial.poses import Pose
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from sfglab.spatial.poses import Pose
 
 __all__ = [
     "LATEST_NS",
@@ -137,6 +137,8 @@ def in_frame(trajectory: Trajectory, target_from_source: Pose) -> Trajectory:
         trajectory: Its poses are given in the source frame.
         target_from_source: Where the source frame is in the target frame.
     """
+    if target_from_source == Pose():
+        return trajectory
     moved = tuple(replace(w, pose=target_from_source @ w.pose) for w in trajectory.waypoints)
     return replace(trajectory, waypoints=moved)
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab.codecs import COMPRESSED_IMAGE, decode_depth, parse_depth_format
+from sfglab.qos import LATCHED, SENSOR_DATA
 from sfglab.view.errors import ContentError
 from sfglab.view.geometry import (
     cloud_colors,
@@ -36,7 +38,13 @@ _RADIUS = Parameter(
 _SCREEN_RADIUS = -1.5
 """Rerun takes a negative radius as one in pixels of the screen, whatever the distance."""
 
-_INFO = Input(role="info", type="sensor_msgs/msg/CameraInfo", sibling="camera_info")
+_INFO = Input(
+    role="info",
+    type="sensor_msgs/msg/CameraInfo",
+    sibling="camera_info",
+    steady=True,
+    qos=replace(LATCHED, depth=SENSOR_DATA.depth),
+)
 _COLOR = Input(role="color", type="sensor_msgs/msg/Image", optional=True)
 
 
@@ -55,10 +63,12 @@ class _DepthPoints(Visualizer):
 
     def show(self, update: Update, canvas: Canvas) -> None:
         """Draw the points."""
-        color = update.messages.get("color")
+        color, info = update.messages.get("color"), update["info"]
+        depth = self._depth(update["depth"])
+        _check_camera(update["depth"].header.frame_id, depth.shape, info)
         points, colors = depth_points(
-            self._depth(update["depth"]),
-            pinhole_matrix(update["info"]),
+            depth,
+            pinhole_matrix(info),
             decimation=self["decimation"],
             color=None if color is None else _rgb(color),
             max_m=self["depth_max_m"],
@@ -69,6 +79,17 @@ class _DepthPoints(Visualizer):
 
     def _depth(self, message: Any) -> NDArray[Any]:
         raise NotImplementedError
+
+
+def _check_camera(frame: str, shape: tuple[int, ...], info: Any) -> None:
+    """Refuse the calibration of another camera, or of another size."""
+    if frame and info.header.frame_id and info.header.frame_id != frame:
+        raise ContentError("camera info", given=f"of {info.header.frame_id!r}", allowed=f"is that of {frame!r}")
+    size = (info.height, info.width)
+    if any(size) and size != shape:
+        raise ContentError(
+            "camera info", given=f"for {size[1]} x {size[0]}", allowed=f"is for {shape[1]} x {shape[0]}"
+        )
 
 
 class DepthCloud(_DepthPoints):

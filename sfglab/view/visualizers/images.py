@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from sfglab.codecs import COMPRESSED_IMAGE, decode_depth, parse_depth_format
+from sfglab.qos import LATCHED
 from sfglab.view.errors import ContentError
 from sfglab.view.geometry import DEPTH_ENCODINGS, pinhole_matrix, pixels
 from sfglab.view.parameters import Parameter
@@ -103,7 +104,7 @@ class CameraModel(Visualizer):
     """A camera's pinhole: hangs its pictures in space as a pyramid."""
 
     name = "camera_info"
-    inputs = (Input(role="info", type="sensor_msgs/msg/CameraInfo"),)
+    inputs = (Input(role="info", type="sensor_msgs/msg/CameraInfo", qos=LATCHED),)
     max_hz = 1.0
     parameters = (
         Parameter(

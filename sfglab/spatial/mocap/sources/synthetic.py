@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from contextlib import aclosing, asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sfglab.spatial.mocap.capture import Capture, Lapse, MocapError
@@ -186,11 +186,13 @@ class SyntheticSource:
         objects: The ways of all objects.
         config: How well the system sees.
         rng: Where noise and faults come from.
-        clock: The node's clock; captures are handed out when they would arrive.
+        clock: The node's clock; captures are handed out when they would arrive, or as soon after that as they
+            are asked for, and receipt is when they are.
         duration_s: For how long.
+        start_ns: Time 0 of the ways, by that clock; None: when the source is opened.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - `synthetic_captures`' and the clock
         self,
         objects: Mapping[str, SyntheticMotion],
         config: SyntheticConfig,
@@ -198,20 +200,23 @@ class SyntheticSource:
         *,
         clock: Clock,
         duration_s: float = math.inf,
+        start_ns: int | None = None,
     ) -> None:
         self._objects, self._config, self._rng = objects, config, rng
-        self._clock, self._duration_s = clock, duration_s
+        self._clock, self._duration_s, self._start_ns = clock, duration_s, start_ns
 
     @asynccontextmanager
     async def captures(self) -> AsyncIterator[AsyncIterator[Capture]]:
         """Begin at time 0 of the ways."""
-        async with aclosing(self._play(self._clock.now_ns())) as captures:
+        start_ns = self._clock.now_ns() if self._start_ns is None else self._start_ns
+        async with aclosing(self._play(start_ns)) as captures:
             yield captures
 
     async def _play(self, start_ns: int) -> AsyncGenerator[Capture, None]:
         for made in synthetic_captures(
             self._objects, self._config, self._rng, start_ns=start_ns, duration_s=self._duration_s
         ):
-            wait_s = (made.capture.receipt_ns - self._clock.now_ns()) / 1e9
-            await self._clock.sleep_for(max(0.0, wait_s))
-            yield made.capture
+            # A loop may wake up a little early; what has not arrived yet is not handed out.
+            while (wait_ns := made.capture.receipt_ns - self._clock.now_ns()) > 0:
+                await self._clock.sleep_for(wait_ns / 1e9)
+            yield replace(made.capture, receipt_ns=self._clock.now_ns())

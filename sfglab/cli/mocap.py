@@ -1,0 +1,300 @@
+"""Commands for motion capture and for trees of frames: ``sfglab mocap``, ``sfglab frames``."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import signal
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sfglab.errors import SfglabError
+from sfglab.pipes import run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.bus.api import Node
+    from sfglab.record import LogReader
+    from sfglab.spatial.frames import FrameBuffer
+    from sfglab.spatial.mocap import (
+        BridgeCore,
+        MocapMapping,
+        MocapObjectStatus,
+        MocapSource,
+        OffsetEstimate,
+    )
+
+__all__ = ["add_to"]
+
+_POSES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
+
+
+class _Type(StrEnum):
+    POSE = "pose"
+    TRANSFORM = "transform"
+
+
+def mocap_run(
+    file: Annotated[Path, typer.Argument(help="Which object is which frame, e.g. data/mocap/two_agents.yaml")],
+    domain: Annotated[int, typer.Option(help="DDS domain of the agents' transforms.")],
+    interface: Annotated[str | None, typer.Option(help="Interface of that domain.")] = None,
+    vicon: Annotated[str | None, typer.Option(help="Address of a Vicon Tracker.")] = None,
+    topic: Annotated[
+        list[str] | None, typer.Option(help="An object's topic, ID=/topic; of the log if there is one.")
+    ] = None,
+    type_: Annotated[_Type, typer.Option("--type", help="PoseStamped or TransformStamped.")] = _Type.POSE,
+    log: Annotated[Path | None, typer.Option(help="A log whose --topic are played back.")] = None,
+    synthetic: Annotated[
+        bool, typer.Option("--synthetic", help="Objects on ellipses, for trials without cameras.")
+    ] = False,
+    agent: Annotated[str, typer.Option(help="The agent on which it runs, for the status topic.")] = "",
+    duration: Annotated[float | None, typer.Option(min=0.0, help="Seconds to run; else until Ctrl-C.")] = None,
+) -> None:
+    """Publish where cameras see agents, so that every agent's tree of frames stays whole (paper A, Eq. 4).
+
+    Examples:
+
+      sfglab mocap run data/mocap/two_agents.yaml --vicon 192.168.10.1 --domain 0
+
+      sfglab mocap run data/mocap/two_agents.yaml --topic "Go2 Body=/vrpn/go2/pose" --domain 0
+
+      sfglab mocap run data/mocap/two_agents.yaml --log run.mcap --topic "Go2 Body=/vrpn/go2/pose" --domain 7
+
+      sfglab mocap run data/mocap/two_agents.yaml --synthetic --domain 7 --interface lo --duration 10
+    """
+    from sfglab.spatial.mocap import load_mapping
+
+    mapping = load_mapping(file)
+    topics = _topics(topic or [], mapping)
+    make = _source(vicon=vicon, topics=topics, type_=type_, log=log, synthetic=synthetic)
+    options = {"domain_id": domain, **({} if interface is None else {"interface": interface})}
+    run(_serve(mapping, make, agent, options, duration))
+
+
+def mocap_offset(
+    log: Annotated[Path, typer.Argument(help="A log with /tf of the robot and the poses of its object.")],
+    object_: Annotated[str, typer.Option("--object", help="The object's id, as it is called in the mapping.")],
+    odom: Annotated[str, typer.Option(help="The frame of the robot's odometry.")],
+    base: Annotated[str, typer.Option(help="The frame that the object is to stand for.")],
+    topic: Annotated[
+        str | None, typer.Option(help="The topic of its poses; not needed where the log has but one.")
+    ] = None,
+    height_m: Annotated[
+        float | None,
+        typer.Option(help="The base's z in the object's frame, for robots that turn about z only."),
+    ] = None,
+) -> None:
+    """Find where a robot's base is in its tracked object, from a recorded motion, as YAML for a mapping.
+
+    Drive curves for 10 to 30 s; tilt the robot as well if it can be lifted, else measure the height by hand.
+
+    Example:
+
+      sfglab mocap offset calib.mcap --object "Go2 Body" --odom go2/odom --base go2/base --height-m -0.118
+    """
+    from sfglab.record import LogReader
+    from sfglab.spatial.frames import FrameBuffer, fill_from_log
+    from sfglab.spatial.mocap import LogSource, estimate_offset, pose_pairs
+
+    with LogReader(log) as reader:
+        buffer = FrameBuffer(history_s=None)
+        fill_from_log(reader, buffer)
+        captures = LogSource(reader, {object_: topic or _only_topic(reader)}).recorded()
+        pairs = pose_pairs(captures, object_, buffer, odom=odom, base=base)
+    typer.echo(_offset_yaml(object_, base, estimate_offset(pairs, height_m=height_m)), nl=False)
+
+
+def frames_lint(
+    log: Annotated[Path | None, typer.Argument(help="A log, of any recorder.")] = None,
+    domain: Annotated[int | None, typer.Option(help="A DDS domain to listen to instead.")] = None,
+    interface: Annotated[str | None, typer.Option(help="Interface of that domain.")] = None,
+    listen: Annotated[float, typer.Option(min=0.1, help="Seconds to listen.")] = 5.0,
+    agents: Annotated[str, typer.Option(help="Agents whose prefixes are right, as go2,agent_x.")] = "",
+    root: Annotated[str | None, typer.Option(help="The one root that there should be, e.g. map")] = None,
+) -> None:
+    """Say what is wrong with a tree of frames: parents, loops, roots, names, time.
+
+    Exit status 1 if anything is, or if there are no frames.
+
+    Examples:
+
+      sfglab frames lint run.mcap --root map --agents go2,agent_x
+
+      sfglab frames lint --domain 0 --listen 10
+    """
+    from sfglab.record import LogReader
+    from sfglab.spatial.frames import FrameBuffer, FrameRule, fill_from_log, lint_frames
+
+    if (log is None) == (domain is None):
+        raise SfglabError("frames lint: given neither or both, allowed is a log or --domain")
+    buffer = FrameBuffer(history_s=None)
+    if log is not None:
+        with LogReader(log) as reader:
+            fill_from_log(reader, buffer)
+    else:
+        run(
+            _listen(
+                buffer, {"domain_id": domain, **({} if interface is None else {"interface": interface})}, listen
+            )
+        )
+    names = frozenset(filter(None, agents.split(",")))
+    findings = lint_frames(buffer.edges, rule=FrameRule(agents=names) if names else None, root=root)
+    for finding in findings:
+        typer.echo(str(finding))
+    typer.echo(f"{len(buffer.frames)} frames, {len(findings)} findings")
+    if findings or not buffer.frames:
+        raise typer.Exit(1)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands to the program."""
+    mocap = typer.Typer(help="Motion capture: publish it, and calibrate it.", no_args_is_help=True)
+    mocap.command("run")(mocap_run)
+    mocap.command("offset")(mocap_offset)
+    app.add_typer(mocap, name="mocap")
+    frames = typer.Typer(help="Trees of frames.", no_args_is_help=True)
+    frames.callback()(lambda: None)  # with a single command typer would leave its name out
+    frames.command("lint")(frames_lint)
+    app.add_typer(frames, name="frames")
+
+
+def _topics(given: list[str], mapping: MocapMapping) -> dict[str, str]:
+    topics = {}
+    for text in given:
+        id_, equals, topic = text.rpartition("=")
+        if not equals or id_ not in mapping.objects:
+            known = ", ".join(f"{name}=/topic" for name in mapping.objects)
+            raise SfglabError(f"--topic: given {text!r}, allowed are {known}")
+        topics[id_] = topic
+    return topics
+
+
+def _source(
+    *, vicon: str | None, topics: dict[str, str], type_: _Type, log: Path | None, synthetic: bool
+) -> Callable[[Node, MocapMapping, contextlib.ExitStack], MocapSource]:
+    """Return what makes the source on a node, of exactly one kind."""
+    from sfglab.spatial import mocap
+
+    kinds = [name for name, on in (("--vicon", vicon), ("--log", log), ("--synthetic", synthetic)) if on]
+    if len(kinds) > 1 or (not kinds and not topics) or (topics and kinds not in ([], ["--log"])):
+        given = " and ".join([*kinds, *(["--topic"] if topics else [])]) or "none"
+        raise SfglabError(
+            f"mocap run: given {given}, allowed is one of --vicon, --topic, --log with --topic, --synthetic"
+        )
+    if log is not None and not topics:
+        raise SfglabError(
+            "--log: given without --topic, needed is --topic ID=/topic for each object of the log"
+        )
+
+    def make(node: Node, mapping: MocapMapping, stack: contextlib.ExitStack) -> MocapSource:
+        clock = node.get_clock()
+        if vicon is not None:
+            return mocap.ViconSource(vicon, clock=clock)
+        if synthetic:
+            return _synthetic(mapping, clock)
+        if log is None:
+            return mocap.TopicSource(node, topics, type_=_POSES[type_ is _Type.TRANSFORM])
+        return mocap.LogSource(stack.enter_context(_opened(log)), topics, clock=clock)
+
+    return make
+
+
+def _opened(log: Path) -> LogReader:
+    from sfglab.record import LogReader
+
+    return LogReader(log)
+
+
+def _synthetic(mapping: MocapMapping, clock: Any) -> MocapSource:
+    import numpy as np
+
+    from sfglab.spatial.mocap import SyntheticConfig, SyntheticMotion, SyntheticSource
+
+    objects = {
+        id_: SyntheticMotion(centre_m=(0.0, 3.0 * place, 0.5)) for place, id_ in enumerate(mapping.objects)
+    }
+    config = SyntheticConfig(occlusions_hz=0.1, flips_hz=0.1, dropped=0.01)
+    return SyntheticSource(objects, config, np.random.default_rng(0), clock=clock)
+
+
+async def _serve(
+    mapping: MocapMapping,
+    make: Callable[..., MocapSource],
+    agent: str,
+    options: dict[str, Any],
+    duration: float | None,
+) -> None:
+    from sfglab.bus import Node
+    from sfglab.spatial.mocap import BridgeOptions, MocapBridge, status_topic
+
+    with contextlib.ExitStack() as stack:
+        async with Node("mocap_bridge", **options) as node:
+            bridge = MocapBridge(node, make(node, mapping, stack), mapping, BridgeOptions(agent=agent))
+            running = asyncio.ensure_future(bridge.run())
+            for number in (signal.SIGINT, signal.SIGTERM):
+                asyncio.get_running_loop().add_signal_handler(number, running.cancel)
+            typer.echo(f"mocap: ready, status on {status_topic(agent)}; end it with Ctrl-C")
+            with contextlib.suppress(asyncio.CancelledError, TimeoutError):
+                async with asyncio.timeout(duration):
+                    await running
+            typer.echo(_report(bridge.core), nl=False)
+
+
+def _report(core: BridgeCore) -> str:
+    strangers = ", ".join(f"{id_} ({count})" for id_, count in core.unmapped.items()) or "none"
+    lines = [f"{core.captures} captures, {core.dropped} dropped; objects without mapping: {strangers}"]
+    return "\n".join([*lines, *map(_object_line, core.statuses)]) + "\n"
+
+
+def _object_line(status: MocapObjectStatus) -> str:
+    sights = (
+        ", ".join(f"{count} {verdict}" for verdict, count in sorted(status.verdicts.items())) or "never seen"
+    )
+    late = [status.receipt_latency.median_ns, status.publication_latency.median_ns]
+    times = " + ".join("-" if ns is None else f"{ns / 1e6:.2f}" for ns in late)
+    problem = f"; {status.problem}" if status.problem else ""
+    return (
+        f"{status.object_id} -> {status.frame or 'nothing yet'}: {status.state.value}, {status.published} "
+        f"published, {status.unplaced} not placed ({sights}); "
+        f"capture to receipt to publication {times} ms{problem}"
+    )
+
+
+async def _listen(buffer: FrameBuffer, options: dict[str, Any], seconds: float) -> None:
+    from sfglab.bus import Node
+    from sfglab.spatial.frames import FramesListener
+
+    async with Node("frames_lint", **options) as node, FramesListener(node, buffer):
+        await asyncio.sleep(seconds)
+
+
+def _only_topic(reader: LogReader) -> str:
+    topics = [topic for topic, info in reader.topics.items() if info.type_name in _POSES]
+    if len(topics) != 1:
+        raise SfglabError(
+            f"--topic: nothing is given, allowed are {', '.join(topics) or 'none: the log has no poses'}"
+        )
+    return topics[0]
+
+
+def _offset_yaml(object_id: str, base: str, found: OffsetEstimate) -> str:
+    pose = found.object_from_base
+    metres = ", ".join(f"{1e3 * sigma:.1f}" for sigma in found.sigma_m)
+    angles = ", ".join(f"{1e3 * sigma:.1f}" for sigma in found.sigma_rad)
+    position = ", ".join(f"{x:.5f}" for x in pose.position_m)
+    quat = ", ".join(f"{x:.6f}" for x in pose.quat_xyzw)
+    return (
+        f"# {found.pairs} moments; unexplained: {1e3 * found.residual_m:.2f} mm, "
+        f"{1e3 * found.residual_rad:.2f} mrad; "
+        f"the odometry drifts by {1e3 * found.drift_m_s:.1f} mm/s and {1e3 * found.drift_rad_s:.1f} mrad/s\n"
+        f"{json.dumps(object_id)}:\n"
+        f"  via: {base}\n"
+        f"  offset:\n"
+        f"    position_m: [{position}]  # standard deviations {metres} mm\n"
+        f"    quat_xyzw: [{quat}]  # standard deviations {angles} mrad about the base's x, y, z\n"
+    )

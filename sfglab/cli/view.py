@@ -1,0 +1,175 @@
+"""The command that shows a fleet or a log in the Rerun viewer."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sfglab.errors import SfglabError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from sfglab.view import Report, Session, ViewOptions
+
+__all__ = ["add_to"]
+
+_SERVED_PORT = 9876
+"""Where `serve` waits when nothing else is said; the viewer's own default."""
+
+
+def view(
+    log: Annotated[
+        Path | None, typer.Argument(help="An MCAP file or a rosbag2 folder; without it the bus is shown live.")
+    ] = None,
+    to: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="FILE.rrd, viewer, serve[[:ADDRESS]:PORT] or rerun+http://HOST:PORT/proxy; may be repeated. "
+            "[default: viewer, where there is a display]"
+        ),
+    ] = None,
+    fleet: Annotated[
+        Path | None, typer.Option(help="A fleet file, for the layout, the expected agents and the border.")
+    ] = None,
+    frame: Annotated[
+        str, typer.Option(help="Frame in which space is drawn. [default: map with a fleet file]")
+    ] = "",
+    topic: Annotated[list[str] | None, typer.Option(help="Only topics that begin so; may be repeated.")] = None,
+    memory: Annotated[
+        str, typer.Option(help="How much a viewer or server started here may keep: a share, or as 4GB.")
+    ] = "25%",
+    thin: Annotated[
+        bool, typer.Option("--thin", help="Thin a log out by the visualizers' rates, as live always is.")
+    ] = False,
+    domain: Annotated[int | None, typer.Option(help="DDS domain to look at, live. [default: 0]")] = None,
+    interface: Annotated[str | None, typer.Option(help="Network interface, live; lo stays inside.")] = None,
+) -> None:
+    """Show what is on the bus, or a log, in the Rerun viewer or a file (paper A, section 4.5).
+
+    Everything is shown that an installed visualizer knows; Ctrl-C ends, and a file is then whole.
+
+    Examples:
+
+      sfglab view --domain 7
+
+      sfglab view --fleet data/fleets/lab.yaml --interface wlan0 --topic /global/go2
+
+      sfglab view data/reference/cooperation.mcap --to cooperation.rrd
+
+      sfglab view bag/ --to serve:0.0.0.0:9876   # elsewhere: rerun rerun+http://HOST:9876/proxy
+    """
+    from sfglab.view import ViewOptions
+
+    options = ViewOptions(
+        to=tuple(to or _default_place()),
+        fleet=fleet,
+        frame=frame,
+        topics=tuple(topic or ()),
+        memory=memory,
+        thin=thin,
+    )
+    if log is None:
+        if thin:
+            raise SfglabError("--thin: given without a log; what is shown live is always thinned out")
+        _live(options, domain or 0, interface)
+        return
+    if domain is not None or interface is not None:
+        raise SfglabError("--domain and --interface: given with a log, which is on no bus")
+    _logged(log, options)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command("view")(view)
+
+
+def _default_place() -> Sequence[str]:
+    """Return the viewer, if it has a display to appear on.
+
+    Raises:
+        SfglabError: It has none.
+    """
+    if sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        return ("viewer",)
+    raise SfglabError(
+        "there is no display for a viewer: give --to FILE.rrd, or --to serve:0.0.0.0:9876 and look at it from "
+        "another host: rerun rerun+http://<this host>:9876/proxy"
+    )
+
+
+def _logged(log: Path, options: ViewOptions) -> None:
+    from sfglab.view import view_log
+
+    def stay(session: Session) -> None:
+        """Tell what was shown, and keep a server up until Ctrl-C: it has the data."""
+        _tell(session)
+        if _announce(options):
+            threading.Event().wait()
+
+    try:
+        view_log(log, options, on_shown=stay)
+    except KeyboardInterrupt:
+        typer.echo("ended")
+
+
+def _live(options: ViewOptions, domain: int, interface: str | None) -> None:
+    import asyncio
+
+    from sfglab.bus import Node
+    from sfglab.pipes import run
+    from sfglab.view import view_live
+
+    sessions: list[Session] = []
+
+    def started(session: Session) -> None:
+        sessions.append(session)
+        typer.echo(f"domain {domain} goes to {', '.join(options.to)}; Ctrl-C ends")
+        _announce(options)
+
+    async def main() -> None:
+        async with Node("view", domain_id=domain, interface=interface) as node:
+            await view_live(node, options, on_start=started)
+
+    try:
+        run(main())
+    except (KeyboardInterrupt, asyncio.CancelledError):
+        typer.echo("ended")
+    finally:
+        for session in sessions:
+            _tell(session)
+
+
+def _announce(options: ViewOptions) -> bool:
+    """Say how to look at what is served; return whether anything is."""
+    served = [place for place in options.to if place.partition(":")[0] == "serve"]
+    for place in served:
+        address, _, port = place.partition(":")[2].rpartition(":")
+        host = "<this host>" if address == "0.0.0.0" else address or "127.0.0.1"  # noqa: S104 - asked for
+        typer.echo(f"rerun rerun+http://{host}:{port or _SERVED_PORT}/proxy")
+    return bool(served)
+
+
+def _tell(session: Session) -> None:
+    """Sum up, and say one line for each display of which not everything was shown."""
+    from sfglab.view import report_of
+
+    reports = report_of(session)
+    shown = sum(report.shown for report in reports)
+    typer.echo(f"{len(reports)} displays, {shown} updates shown")
+    for line in _lines(reports):
+        typer.echo(line)
+
+
+def _lines(reports: Iterable[Report]) -> Iterable[str]:
+    for report in reports:
+        if not (report.errors or report.dropped):
+            continue
+        failed = f", {report.errors} not shown: {report.last_error}" if report.errors else ""
+        where = ", ".join(report.topics)
+        yield f"{report.display} ({where}): {report.dropped} of {report.received} messages dropped{failed}"

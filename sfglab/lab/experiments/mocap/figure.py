@@ -1,0 +1,180 @@
+"""The figures of the mocap experiment."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.lab.experiments.mocap.analysis import errors, findings_of, offsets, tree_of
+from sfglab.lab.figures import COLORS, MARKERS, house_style
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from sfglab.lab.experiments.mocap.analysis import Results
+
+__all__ = ["mocap_error", "mocap_offset", "mocap_trees"]
+
+_TITLES = {
+    "direct": "Direct receiver (Fig. 6, left)",
+    "renamed": "The same under the right name",
+    "proxy": "Bridge, via the proxy frame (Fig. 6, right)",
+}
+_FAULTS = {"occluded": COLORS["network"], "flipped": COLORS["fourth"], "dropped": COLORS["third"]}
+_ROUNDS = {"faulty": COLORS["proxy"], "ideal": COLORS["third"]}
+_CASES = {
+    (False, True): ("proxy", "odometry is steady"),
+    (True, True): ("third", "it drifts, allowed for"),
+    (True, False): ("standard", "it drifts, not allowed for"),
+}
+
+
+def mocap_trees(results: Results) -> tuple[Figure, dict[str, Any]]:
+    """Draw both trees of Fig. 6, and the one between, with what is wrong."""
+    from matplotlib.figure import Figure
+
+    from sfglab.spatial.frames import draw_tree
+
+    twin: dict[str, Any] = {}
+    with house_style():
+        figure = Figure(figsize=(13, 4.6))
+        for ax, (way, title) in zip(figure.subplots(1, 3), _TITLES.items(), strict=True):
+            found = findings_of(results, "figure 6", way)
+            draw_tree(ax, tree_of(results, "figure 6", way), findings=found, outside="mocap")
+            ax.set_title(title)
+            text = "\n".join(f"{f.code}: {', '.join(f.frames)}" for f in found) or "nothing is found wrong"
+            colour = COLORS["standard"] if found else COLORS["third"]
+            ax.text(0.5, -0.02, text, transform=ax.transAxes, ha="center", va="top", color=colour, fontsize=8.5)
+            twin[way] = [str(finding) for finding in found]
+        figure.suptitle("What motion capture does to a robot's tree of frames (blue: what the cameras add)")
+    return figure, twin
+
+
+def mocap_error(results: Results) -> tuple[Figure, dict[str, Any]]:
+    """Draw the live rounds: error and waiting time over time, latencies, and what the error is made of."""
+    from matplotlib.figure import Figure
+
+    with house_style():
+        figure = Figure(figsize=(12, 6.6))
+        axes = figure.subplots(2, 2, width_ratios=[2, 1])
+        _draw_errors(axes[0, 0], results)
+        _draw_waits(axes[1, 0], results)
+        _draw_latencies(axes[0, 1], results)
+        _draw_parts(axes[1, 1], results)
+        figure.suptitle(f"World to camera while the robot moves, live on {results.hosts['description']}")
+    return figure, {"medians": errors(results).round(4).to_dict(orient="index")}
+
+
+def mocap_offset(results: Results) -> tuple[Figure, dict[str, Any]]:
+    """Draw what an estimate of the offset is worth, by the length of the motion."""
+    from matplotlib.figure import Figure
+
+    table = offsets(results)
+    with house_style():
+        figure = Figure(figsize=(12, 3.8))
+        error, cover, worth = figure.subplots(1, 3)
+        for (drifts, modelled), (key, name) in _CASES.items():
+            rows = table[(table["drifts"] == drifts) & (table["modelled"] == modelled)]
+            style = {"color": COLORS[key], "marker": MARKERS[key]}
+            error.plot(rows["length_s"], rows["error_mm"], label=name, **style)
+            error.plot(rows["length_s"], rows["sigma_mm"], linestyle=":", **style)
+            cover.plot(rows["length_s"], rows["covered"], label=name, **style)
+            worth.plot(rows["length_s"], rows["after_mm"], label=name, **style)
+        worth.axhline(table["before_mm"].median(), color=COLORS["network"], label="no offset")
+        cover.axhline(0.95, color=COLORS["network"], linestyle=":", label="stated: 95 %")
+        _label(error, "error of the offset, mm (dotted: stated)", log=True)
+        error.set_ylim(top=5 * table["error_mm"].max())  # room for the legend
+        _label(cover, "share of numbers within their interval")
+        cover.set_ylim(0, 1.05)
+        _label(worth, "base through the bridge, other motion, mm", log=True)
+        figure.suptitle("Beyond the paper: where the base is in the tracked object, from a recorded motion")
+    return figure, {"by_length": table.round(4).to_dict(orient="list")}
+
+
+def _label(ax: Axes, what: str, *, log: bool = False) -> None:
+    ax.set_xlabel("length of the motion, s")
+    ax.set_ylabel(what)
+    if log:
+        ax.set_yscale("log")
+    ax.legend(fontsize=8)
+
+
+def _draw_errors(ax: Axes, results: Results) -> None:
+    _mark_faults(ax, results)
+    for name, colour in _ROUNDS.items():
+        looks = _of(results.looks, name)
+        ax.plot(looks["at_s"], looks["error_mm"], ".", color=colour, markersize=4, label=f"{name}: at its time")
+    looks = _of(results.looks, "faulty")
+    ax.plot(
+        looks["at_s"],
+        looks["latest_mm"],
+        ".",
+        color=COLORS["standard"],
+        markersize=3,
+        label="faulty: newest as now",
+    )
+    ax.set_yscale("log")
+    ax.set_ylabel("error, mm")
+    ax.legend(fontsize=8, ncols=3, loc="upper right")
+    ax.set_title("How far the camera is from where it really is")
+
+
+def _draw_waits(ax: Axes, results: Results) -> None:
+    _mark_faults(ax, results, named=True)
+    looks = _of(results.looks, "faulty")
+    ax.plot(looks["at_s"], looks["wait_ms"], ".", color=COLORS["proxy"], markersize=4)
+    ax.set_yscale("log")
+    ax.set_xlabel("time, s")
+    ax.set_ylabel("until that time is known, ms")
+    ax.legend(fontsize=8, loc="upper right", ncols=3)
+    ax.set_title("How long a look at the present waits (faulty round)")
+
+
+def _draw_latencies(ax: Axes, results: Results) -> None:
+    heard = _of(results.heard, "faulty")
+    parts = (("receipt_ms", "third", "received"), ("publication_ms", "proxy", "published"))
+    for column, key, name in (*parts, ("heard_ms", "standard", "heard")):
+        values = np.sort(heard[column].to_numpy())
+        share = np.arange(1, len(values) + 1) / max(1, len(values))
+        ax.plot(values, share, color=COLORS[key], label=name)
+    if len(heard):
+        ax.set_xlim(right=float(heard["heard_ms"].quantile(0.99)) * 1.15)
+    ax.set_xlabel("since capture, ms")
+    ax.set_ylabel("share of transforms")
+    ax.legend(fontsize=8)
+    ax.set_title("Latency")
+
+
+def _draw_parts(ax: Axes, results: Results) -> None:
+    medians = errors(results).to_dict(orient="index")
+    parts = (
+        ("bridge and\ntree", "ideal", "error_mm", _ROUNDS["ideal"]),
+        ("with the\ncameras' noise", "faulty", "error_mm", _ROUNDS["faulty"]),
+        ("newest\nas now", "faulty", "latest_mm", COLORS["standard"]),
+    )
+    bars = [(name, float(medians[r][c]), colour) for name, r, c, colour in parts if r in medians]
+    for place, (_, value, colour) in enumerate(bars):
+        ax.bar(place, value, color=colour)
+        ax.text(place, value, f"{value:.2g}", ha="center", va="bottom")
+    ax.set_xticks(range(len(bars)), [name for name, _, _ in bars])
+    ax.set_yscale("log")
+    ax.margins(y=0.2)
+    ax.set_ylabel("median error, mm")
+    ax.set_title("What the error is made of")
+
+
+def _mark_faults(ax: Axes, results: Results, *, named: bool = False) -> None:
+    spells = _of(results.spells, "faulty")
+    for kind, colour in _FAULTS.items():
+        times = spells[spells["kind"] == kind][["begin_s", "end_s"]].to_numpy(dtype=float).tolist()
+        for place, (begin_s, end_s) in enumerate(times):
+            alpha = 0.8 if kind == "flipped" else 0.35
+            label = kind if named and place == 0 else None
+            ax.axvspan(begin_s - 0.01, end_s + 0.01, color=colour, alpha=alpha, linewidth=0, label=label)
+
+
+def _of(table: pd.DataFrame, name: str) -> pd.DataFrame:
+    return table[table["round"] == name]

@@ -1,0 +1,319 @@
+"""A part of the live round: ``python -m sfglab.lab.experiments.mocap.worker CONFIG``.
+
+Roles: ``robot`` publishes its tree with odometry of its own, ``bridge`` runs the mocap bridge and, from the
+same captures, the direct receiver under both names, ``listener`` builds the trees and looks into them. Each way
+of joining has a domain of its own, so that each tree is heard as it would be. Orders and reports are JSON
+lines.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from collections import Counter
+from contextlib import AsyncExitStack, aclosing, asynccontextmanager
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.fleet.component import run_component
+from sfglab.lab.experiments.mocap.config import ROUNDS, TAIL_S, WAYS, MocapWorkerConfig
+from sfglab.lab.experiments.mocap.robot import (
+    CAMERA,
+    MOTION,
+    OBJECT,
+    WORLD,
+    description,
+    mapping,
+    motions,
+    world_from_camera,
+)
+from sfglab.messages import message_type, ns_from_stamp
+from sfglab.names import TF, TF_STATIC
+from sfglab.spatial import StampedTransform
+from sfglab.spatial.frames import (
+    TF_QOS,
+    TF_STATIC_QOS,
+    TRANSFORMS,
+    FrameBuffer,
+    FrameError,
+    FramesListener,
+)
+from sfglab.spatial.mocap import MocapBridge, SyntheticSource, direct_transforms
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
+
+    from sfglab.bus.api import MessageInfo, Node, Publisher
+    from sfglab.fleet.component import Report
+    from sfglab.spatial.mocap import Capture, MocapSource
+
+__all__ = ["main"]
+
+MOTION_HZ, LOOK_HZ = 50.0, 50.0
+_EARLY_NS = 500_000_000
+_PATIENCE_S = 2.0
+_MOST_KEPT = 100
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Round:
+    """One order: a live round, its time 0 and its length."""
+
+    name: str
+    start_ns: int
+    seconds: float
+
+    @property
+    def end_ns(self) -> int:
+        return self.start_ns + round(self.seconds * 1e9)
+
+
+class _Robot:
+    """Publishes the robot's tree into all domains."""
+
+    def __init__(self, nodes: Mapping[str, Node], _: int) -> None:
+        self._nodes = tuple(nodes.values())
+        self._moving = [node.create_publisher(TRANSFORMS, TF, TF_QOS) for node in self._nodes]
+        self._still = [node.create_publisher(TRANSFORMS, TF_STATIC, TF_STATIC_QOS) for node in self._nodes]
+
+    async def play(self, round_: _Round) -> Report:
+        """Publish before, in and a little after a round."""
+        _send(self._still, description())
+        clock = self._nodes[0].get_clock()
+        period_ns = round(1e9 / MOTION_HZ)
+        due_ns = round_.start_ns - _EARLY_NS
+        while due_ns < round_.end_ns + round(TAIL_S * 1e9):
+            await clock.sleep_for(max(0.0, (due_ns - clock.now_ns()) / 1e9))
+            stamp_ns = clock.now_ns()
+            _send(self._moving, motions(round_.start_ns, stamp_ns))
+            due_ns += period_ns
+        return {}
+
+
+class _Tee:
+    """A source that also does with every capture what the direct receiver would."""
+
+    def __init__(self, source: MocapSource, publishers: Mapping[str, Publisher]) -> None:
+        self._source, self._publishers = source, publishers
+        self.receipts: list[tuple[int, int]] = []
+
+    @asynccontextmanager
+    async def captures(self) -> AsyncIterator[AsyncIterator[Capture]]:
+        """Open the source."""
+        async with self._source.captures() as captures, aclosing(self._passed(captures)) as passed:
+            yield passed
+
+    async def _passed(self, captures: AsyncIterator[Capture]) -> AsyncGenerator[Capture, None]:
+        async for capture in captures:
+            self.receipts.append((capture.capture_ns, capture.receipt_ns))
+            yield capture
+            for transform in direct_transforms(capture, world=WORLD):
+                _send([self._publishers["direct"]], [transform])
+                named = StampedTransform(
+                    parent=WORLD, child=OBJECT, stamp_ns=transform.stamp_ns, pose=transform.pose
+                )
+                _send([self._publishers["renamed"]], [named])
+
+
+class _Bridge:
+    """Runs the bridge and the direct receiver."""
+
+    def __init__(self, nodes: Mapping[str, Node], seed: int) -> None:
+        self._nodes, self._seed = nodes, seed
+
+    async def play(self, round_: _Round) -> Report:
+        """Capture through a round."""
+        node = self._nodes["proxy"]
+        source = SyntheticSource(
+            {OBJECT: MOTION},
+            ROUNDS[round_.name],
+            np.random.default_rng(self._seed),
+            clock=node.get_clock(),
+            duration_s=round_.seconds + TAIL_S,
+            start_ns=round_.start_ns,
+        )
+        publishers = {
+            way: self._nodes[way].create_publisher(TRANSFORMS, TF, TF_QOS) for way in ("direct", "renamed")
+        }
+        tee = _Tee(source, publishers)
+        bridge = MocapBridge(node, tee, mapping())
+        await bridge.run()
+        for publisher in publishers.values():
+            publisher.close()
+        (status,) = bridge.statuses
+        return {
+            "receipts": tee.receipts,
+            "captures": bridge.core.captures,
+            "dropped": bridge.core.dropped,
+            "published": status.published,
+            "unplaced": status.unplaced,
+            "verdicts": dict(status.verdicts),
+        }
+
+
+class _Listener:
+    """Hears all trees and looks into them while the robot moves."""
+
+    def __init__(self, nodes: Mapping[str, Node], seed: int) -> None:
+        self._nodes, self._seed = nodes, seed
+
+    async def play(self, round_: _Round) -> Report:
+        """Look through a round."""
+        buffers = {way: FrameBuffer(history_s=None) for way in WAYS}
+        heard: list[tuple[int, int, int]] = []
+        moving: list[tuple[int, StampedTransform]] = []
+
+        def hear(message: Any, info: MessageInfo) -> None:
+            for transform in message.transforms:
+                moving.append((info.received_timestamp_ns, StampedTransform.from_msg(transform)))
+                if transform.header.frame_id == WORLD:
+                    stamp_ns = ns_from_stamp(transform.header.stamp)
+                    heard.append((stamp_ns, info.source_timestamp_ns, info.received_timestamp_ns))
+
+        async with AsyncExitStack() as stack:
+            listeners = {
+                way: await stack.enter_async_context(FramesListener(self._nodes[way], buffers[way]))
+                for way in WAYS
+            }
+            times = self._nodes["proxy"].create_subscription(TRANSFORMS, TF, qos=TF_QOS)
+            stack.callback(times.close)
+            timing = asyncio.create_task(_each(times, hear))
+            try:
+                looks, tries = await self._look(round_, listeners["proxy"], buffers)
+            finally:
+                timing.cancel()
+                await asyncio.gather(timing, return_exceptions=True)
+        edges = [{"way": way, **asdict(edge)} for way in WAYS for edge in buffers[way].edges]
+        tree = {"still": _still(buffers["proxy"]), "moving": _thinned(moving)}
+        return {"looks": looks, "tries": tries, "heard": heard, "edges": edges, "tree": tree}
+
+    async def _look(
+        self, round_: _Round, listener: FramesListener, buffers: Mapping[str, FrameBuffer]
+    ) -> tuple[list[list[float]], dict[str, dict[str, int]]]:
+        clock = self._nodes["proxy"].get_clock()
+        rng = np.random.default_rng(self._seed)
+        tries: dict[str, Counter[str]] = {way: Counter() for way in WAYS}
+        waiting = []
+        due_ns = round_.start_ns + _EARLY_NS // 2
+        while due_ns < round_.end_ns:
+            await clock.sleep_for(max(0.0, (due_ns - clock.now_ns()) / 1e9))
+            now_ns = clock.now_ns()
+            for way, buffer in buffers.items():
+                tries[way][_outcome(buffer)] += 1
+            waiting.append(asyncio.create_task(_asked(listener, buffers["proxy"], round_, now_ns, clock)))
+            due_ns += round(float(rng.uniform(0.5, 1.5)) / LOOK_HZ * 1e9)
+        return list(await asyncio.gather(*waiting)), {way: dict(counts) for way, counts in tries.items()}
+
+
+def _still(buffer: FrameBuffer) -> list[list[Any]]:
+    """Return the static transforms that were heard, as `_plain`, with no time of arrival."""
+    return [
+        _plain(
+            0,
+            StampedTransform(
+                parent=e.parent, child=e.child, stamp_ns=0, pose=buffer.look_up(e.parent, e.child)
+            ),
+        )
+        for e in buffer.edges
+        if e.static
+    ]
+
+
+def _thinned(moving: list[tuple[int, StampedTransform]]) -> list[list[Any]]:
+    """Return the same share of every frame's transforms, at most so many of each."""
+    seen: Counter[str] = Counter()
+    most = max(Counter(t.child for _, t in moving).values(), default=0)
+    every = max(1, -(-most // _MOST_KEPT))
+    kept = []
+    for received_ns, transform in moving:
+        if seen[transform.child] % every == 0:
+            kept.append(_plain(received_ns, transform))
+        seen[transform.child] += 1
+    return kept
+
+
+def _plain(received_ns: int, transform: StampedTransform) -> list[Any]:
+    pose = transform.pose
+    numbers = [list(pose.position_m), list(pose.quat_xyzw)]
+    return [received_ns, transform.parent, transform.child, transform.stamp_ns, *numbers]
+
+
+async def _each(subscription: Any, hear: Callable[[Any, MessageInfo], None]) -> None:
+    while True:
+        hear(*await subscription.take_with_info())
+
+
+def _outcome(buffer: FrameBuffer) -> str:
+    try:
+        buffer.look_up(WORLD, CAMERA)
+    except FrameError as error:
+        return type(error).__name__
+    return "found"
+
+
+async def _asked(
+    listener: FramesListener, buffer: FrameBuffer, round_: _Round, now_ns: int, clock: Any
+) -> list[float]:
+    """Return a look's numbers in the order of `MocapLookRow`."""
+    nan = float("nan")
+    true = world_from_camera(round_.start_ns, now_ns)
+    age_ms = latest_mm = latest_mrad = wait_ms = error_mm = error_mrad = nan
+    try:
+        latest, known = buffer.look_up(WORLD, CAMERA), buffer.interval(WORLD, CAMERA)
+        assert known is not None
+        age_ms = (now_ns - known[1]) / 1e6
+        latest_mm, latest_mrad = 1e3 * latest.distance_m(true), 1e3 * latest.angle_rad(true)
+    except FrameError:
+        pass
+    try:
+        pose = await listener.wait_for(WORLD, CAMERA, now_ns, timeout_s=_PATIENCE_S)
+        wait_ms = (clock.now_ns() - now_ns) / 1e6
+        error_mm, error_mrad = 1e3 * pose.distance_m(true), 1e3 * pose.angle_rad(true)
+    except FrameError:
+        pass
+    at_s = (now_ns - round_.start_ns) / 1e9
+    return [at_s, wait_ms, error_mm, error_mrad, age_ms, latest_mm, latest_mrad]
+
+
+def _send(publishers: Sequence[Publisher], transforms: Sequence[StampedTransform]) -> None:
+    for publisher in publishers:
+        publisher.publish(message_type(TRANSFORMS)(transforms=[t.to_msg() for t in transforms]))
+
+
+_ROLES: dict[str, Callable[[Mapping[str, Node], int], Any]] = {
+    "robot": _Robot,
+    "bridge": _Bridge,
+    "listener": _Listener,
+}
+
+
+def main() -> None:
+    """Be the process: play rounds until standard input ends or until told to terminate."""
+    from sfglab.bus import Node
+
+    config = MocapWorkerConfig(**json.loads(sys.argv[1]))
+    orders: asyncio.Queue[Report] = asyncio.Queue()
+
+    async def body(report: Callable[[Report], None]) -> None:
+        async with AsyncExitStack() as stack:
+            nodes: dict[str, Node] = {
+                way: await stack.enter_async_context(
+                    Node(config.role, domain_id=domain, interface=config.interface)
+                )
+                for way, domain in config.domains.items()
+            }
+            part = _ROLES[config.role](nodes, config.seed)
+            FrameBuffer()  # what only the first one costs
+            report({"is": "ready"})
+            while True:
+                order = await orders.get()
+                report({"is": "played", **await part.play(_Round(**order))})
+
+    run_component(body, on_order=orders.put_nowait)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+"""What must hold of exports and imports: every nanosecond and every bit comes back, also over the wire."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from sfglab.lab.experiments.planning.cases import random_trajectory
+from sfglab.messages import deserialize, serialize
+from sfglab.spatial.execution import Order
+from sfglab.spatial.execution.wire import goal_message, order_from_goal
+from sfglab.spatial.trajectory import (
+    Interpolation,
+    csv_from_trajectory,
+    multi_dof_from_trajectory,
+    path_from_trajectory,
+    trajectory_from_csv,
+    trajectory_from_multi_dof,
+    trajectory_from_path,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+
+    from sfglab.spatial.trajectory import Trajectory
+
+    Trial = Callable[[np.random.Generator], str]
+
+__all__ = ["EXCHANGE"]
+
+
+def _sent(message: Any) -> Any:
+    """Return a message as it arrives: through bytes as they are on the wire."""
+    return deserialize(serialize(message), type(message))
+
+
+def _same(name: str, there_and_back: Callable[[Trajectory], Trajectory]) -> Trial:
+    def trial(rng: np.random.Generator) -> str:
+        path = random_trajectory(rng)
+        return "" if there_and_back(path) == path else f"{name} of {len(path.waypoints)} waypoints"
+
+    return trial
+
+
+def _by_path(path: Trajectory) -> Trajectory:
+    message = _sent(path_from_trajectory(path, frame_id="map", start_ns=1_700_000_000_000_000_007))
+    return trajectory_from_path(message, interpolation=path.interpolation)
+
+
+def _by_multi_dof(path: Trajectory) -> Trajectory:
+    message = _sent(multi_dof_from_trajectory(path, "go2", frame_id="map", start_ns=5))
+    return trajectory_from_multi_dof(message, "go2", interpolation=path.interpolation)
+
+
+def _by_csv(path: Trajectory) -> Trajectory:
+    return trajectory_from_csv(csv_from_trajectory(path), interpolation=path.interpolation)
+
+
+def _by_goal(rng: np.random.Generator) -> str:
+    path = random_trajectory(rng, kinds=(Interpolation.POLYLINE,))
+    order = Order(agent="go2", trajectory=path, frame_id="hall", start_ns=int(rng.integers(1, 10**18)))
+    return "" if order_from_goal(_sent(goal_message(order))) == order else f"{len(path.waypoints)} waypoints"
+
+
+EXCHANGE: tuple[tuple[str, Trial], ...] = (
+    ("nav_msgs/Path gives back every bit", _same("a path", _by_path)),
+    ("trajectory_msgs/MultiDOFJointTrajectory gives back every bit", _same("a trajectory", _by_multi_dof)),
+    ("CSV gives back every bit", _same("a text", _by_csv)),
+    ("the action's goal gives back every bit", _by_goal),
+)
+"""Every property and its trial."""

@@ -1,0 +1,187 @@
+"""Synchronisation against the truth: streams whose partners are known, and points against a back-projection."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.lab.experiments.visualisation.moments import (
+    CAMERA,
+    SIZE,
+    back_projected,
+    camera_info,
+    image_message,
+)
+from sfglab.lab.experiments.visualisation.recordings import read_recording
+from sfglab.lab.experiments.visualisation.rows import VisualisationCheckRow, VisualisationCloudRow
+from sfglab.messages import serialize
+from sfglab.view import Approximate, Arrival, Exact, Session, open_canvas, replay
+from sfglab.view.sync import synchronizer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from sfglab.lab.experiments.visualisation.moments import Moment
+
+__all__ = ["Cloud", "check_clouds", "check_matching", "show_clouds"]
+
+_TOPICS = ("image", "info", "depth")
+_PERIOD_NS = 33_333_333
+_JITTER_NS = 5_000_000
+_ROOT = "/local/go2/camera_front/aligned_depth"
+_PICTURE = "/local/go2/camera_front/color/image_raw"
+_STEP, _MAX_M = 4, 10.0
+_TOLERANCE_M = 1e-5
+
+
+def check_matching(streams: int, seed: int) -> Iterator[VisualisationCheckRow]:
+    """Synchronise random streams of three topics, some messages lost, and compare with the sets that there are.
+
+    Args:
+        streams: How many of each policy.
+        seed: Of the losses, of what arrives when, and of the stamps' jitter.
+    """
+    for name, policy, jitter_ns in (
+        ("exact time", Exact(depth=30), 0),
+        ("approximate time", Approximate(slop_ns=2 * _JITTER_NS, depth=30), _JITTER_NS),
+    ):
+        rng = np.random.default_rng(seed)
+        outcomes = [_matched_as_sent(policy, jitter_ns, rng) for _ in range(streams)]
+        checked, held = map(sum, zip(*outcomes, strict=True))
+        yield VisualisationCheckRow(
+            group="synchronisation",
+            check=f"{name}: the sets of three topics are those that were sent, each once, in order",
+            checked=checked,
+            held=held,
+            example=f"{streams} streams",
+        )
+
+
+def _matched_as_sent(policy: Any, jitter_ns: int, rng: Any) -> tuple[int, int]:
+    """Return how many sets were sent whole, or came out, and how many of these are the same."""
+    kept = rng.random((40, 3)) > 0.2
+    kept[-1] = True  # a last whole set, so that what waits before it is decided
+    jitter = rng.integers(-jitter_ns, jitter_ns + 1, (40, 3))
+    items = [
+        (float(n + rng.uniform(0, 0.4)), topic, n * _PERIOD_NS + int(jitter[n, t]), n)
+        for n in range(40)
+        for t, topic in enumerate(_TOPICS)
+        if kept[n, t]
+    ]
+    queues = synchronizer(policy, _TOPICS)
+    found = [m for _, topic, stamp_ns, n in sorted(items) for m in queues.offer(topic, stamp_ns, n)]
+    sets = [tuple(number for _, number in matched.items.values()) for matched in found]
+    whole = [(n,) * 3 for n in range(40) if kept[n].all()]
+    if jitter_ns:  # the last one may have to wait for a message that says it gets no better
+        whole, sets = whole[:-1], [s for s in sets if s != (39,) * 3]
+    same = sum(a == b for a, b in zip(sets, whole, strict=False))
+    return max(len(sets), len(whole)), same
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cloud:
+    """A depth image as points: what the recording holds, and the reference.
+
+    Attributes:
+        moment: The picture and its depth.
+        shown: Points of the recording, metres, shape (N, 3).
+        colors: Their colours, shape (N, 3).
+        expected: Points of the reference.
+        expected_colors: Their colours.
+    """
+
+    moment: Moment
+    shown: NDArray[np.float64]
+    colors: NDArray[np.uint8]
+    expected: NDArray[np.float64]
+    expected_colors: NDArray[np.uint8]
+
+    @property
+    def errors_m(self) -> NDArray[np.float64]:
+        """Distance of each point from its reference; empty if there are not as many."""
+        same = self.shown.shape == self.expected.shape
+        return np.linalg.norm(self.shown - self.expected, axis=1) if same else np.zeros(0)
+
+    @property
+    def row(self) -> VisualisationCloudRow:
+        """The cloud in numbers."""
+        same = self.colors.shape == self.expected_colors.shape
+        wrong = int((self.colors != self.expected_colors).any(axis=1).sum()) if same else len(self.expected)
+        return VisualisationCloudRow(
+            stamp_ns=self.moment.stamp_ns,
+            points=len(self.shown),
+            expected=len(self.expected),
+            largest_error_m=float(self.errors_m.max(initial=0.0)) if len(self.errors_m) else float("inf"),
+            wrong_colors=wrong,
+        )
+
+
+def show_clouds(moments: Sequence[Moment], path: Path) -> list[Cloud]:
+    """Show synchronised depth, camera info and picture as points in a recording, and read them back.
+
+    Args:
+        moments: The pictures with their depth.
+        path: Of the recording.
+    """
+    session = Session()
+    topics = {"depth": f"{_ROOT}/image_raw", "info": f"{_ROOT}/camera_info", "color": _PICTURE}
+    settings = {"decimation": _STEP, "depth_max_m": _MAX_M}
+    display = session.add("depth_cloud", topics, settings)
+    session.rewire(display.id, sync=Exact())
+    session.limit(display.id, None)
+    with closing(open_canvas([str(path)])) as canvas:
+        replay((arrival for moment in moments for arrival in _arrivals(moment)), session, canvas)
+    recording = read_recording(path)
+    entity = "/agents/go2/local/camera_front/aligned_depth/image_raw/cloud"
+    points = {s.capture_ns: s.content for s in recording.get((entity, "Points3D:positions"), [])}
+    colors = {s.capture_ns: s.content for s in recording.get((entity, "Points3D:colors"), [])}
+    nothing: NDArray[Any] = np.zeros(0)
+    return [_cloud(m, points.get(m.stamp_ns, nothing), colors.get(m.stamp_ns, nothing)) for m in moments]
+
+
+def _cloud(moment: Moment, points: Any, colors: Any) -> Cloud:
+    packed = np.asarray(colors, dtype=np.uint32)
+    info = camera_info(moment.header(CAMERA), SIZE)
+    depth, rgb = moment.depth_mm[::_STEP, ::_STEP] / 1000.0, moment.rgb[::_STEP, ::_STEP]
+    return Cloud(
+        moment=moment,
+        shown=np.asarray(points, dtype=np.float64).reshape(-1, 3),
+        colors=np.stack([(packed >> shift) & 255 for shift in (24, 16, 8)], axis=1).astype(np.uint8),
+        expected=back_projected(moment.depth_mm, info, step=_STEP, max_m=_MAX_M),
+        expected_colors=rgb[(depth > 0) & (depth <= _MAX_M)],
+    )
+
+
+def _arrivals(moment: Moment) -> Iterator[Arrival]:
+    """Yield a picture's three messages and, among them, one of another time that belongs to no depth."""
+    header, other = moment.header(CAMERA), moment.header(CAMERA)
+    other.stamp.nanosec += 1
+    messages = [
+        (f"{_ROOT}/camera_info", camera_info(header, SIZE)),
+        (_PICTURE, image_message(moment.rgb, "rgb8", header)),
+        (_PICTURE, image_message(moment.rgb[::-1], "rgb8", other)),
+        (f"{_ROOT}/image_raw", image_message(moment.depth_mm, "16UC1", header)),
+    ]
+    for place, (topic, message) in enumerate(messages):
+        yield Arrival(topic, message.__msgtype__, moment.stamp_ns + place, serialize(message))
+
+
+def check_clouds(rows: list[VisualisationCloudRow]) -> VisualisationCheckRow:
+    """Check that points and colours are those of the reference, to a hundredth of a millimetre."""
+    good = [
+        r.points == r.expected > 0 and r.largest_error_m <= _TOLERANCE_M and not r.wrong_colors for r in rows
+    ]
+    largest = max(row.largest_error_m for row in rows)
+    return VisualisationCheckRow(
+        group="synchronisation",
+        check="depth, camera info and picture of one time become the points of an independent back-projection",
+        checked=len(rows),
+        held=sum(good),
+        example=f"{sum(row.points for row in rows)} points, largest error {1e6 * largest:.2f} um",
+    )

@@ -1,0 +1,289 @@
+"""The picture of the viewer in ``figures/``: a fleet as `sfglab view` shows it, taken by the viewer itself.
+
+    python -m sfglab.lab.screenshots_viewer [figures/viewer.png]
+
+Nobody has to sit before it: the viewer runs without a window. It needs a Vulkan driver, though; one that draws
+in software will do, such as Mesa's lavapipe (the package ``mesa-vulkan-drivers``).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import closing, contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.codecs import COMPRESSED_IMAGE, compressed_depth_fields, compressed_image_fields
+from sfglab.errors import SfglabError
+from sfglab.fleet.fleet_file import load_fleet
+from sfglab.lab.experiments.visualisation.moments import (
+    CAMERA,
+    PERIOD_NS,
+    SIZE,
+    START_NS,
+    camera_info,
+    image_message,
+    scene_moments,
+)
+from sfglab.lab.experiments.visualisation.timing import free_port
+from sfglab.lab.paths import find_project
+from sfglab.messages import default_message, message_type, serialize
+from sfglab.view import Arrival, Session, blueprint, layout_of_fleet, open_canvas, replay
+from sfglab.view.blueprint import Camera
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sfglab.lab.experiments.visualisation.moments import Moment
+
+__all__ = ["ScreenshotError", "main", "record_fleet", "take_picture"]
+
+_MOMENTS = 40
+_WINDOW = "1600x900"
+_READY_S, _PAINT_S = 30.0, 8.0
+_HIDDEN = (
+    "ui.toggle_top_panel",
+    "ui.toggle_blueprint_panel",
+    "ui.toggle_selection_panel",
+    "recording.toggle_time_panel",
+)
+_DRIVERS = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vulkan/icd.d")
+_NAMED_DRIVERS = ("VK_DRIVER_FILES", "VK_ICD_FILENAMES", "VK_ADD_DRIVER_FILES")
+
+_FRONT = "/global/go2/camera_front"
+_PICTURE = "/local/go2/camera_front/color/image_raw"
+_LOST = "pi3"
+_PLACES = {
+    "pi1": (1.0, 2.6),
+    "pi2": (3.2, 3.4),
+    "pi3": (-1.6, 1.6),
+    "steamdeck": (-1.2, -1.2),
+    "workstation": (1.2, -2.4),
+}
+_OPTICAL = (-0.5, 0.5, -0.5, 0.5)
+"""Of a camera that looks ahead: z forward, x right, y down (REP 103), as x, y, z, w."""
+
+
+class ScreenshotError(SfglabError, RuntimeError):
+    """The viewer cannot run, or shows nothing."""
+
+
+def main() -> None:
+    """Take the picture to where the command line says, else into the project's figures."""
+    to = Path(sys.argv[1]) if len(sys.argv) > 1 else find_project().figures / "viewer.png"
+    try:
+        with TemporaryDirectory(prefix="sfglab-viewer-") as folder:
+            recording = Path(folder) / "fleet.rrd"
+            _check_driver()
+            record_fleet(recording)
+            take_picture(recording, to)
+    except SfglabError as error:
+        sys.exit(f"sfglab: {error}")
+    sys.stdout.write(f"{to}\n")
+
+
+def record_fleet(path: Path) -> None:
+    """Write a recording of a robot with its camera among the other agents of the fleet file, one of them lost.
+
+    Args:
+        path: Where to, ``.rrd``.
+    """
+    file = find_project().data / "fleets/lab.yaml"
+    layout = layout_of_fleet(load_fleet(file))
+    entity = "/agents/go2/global/camera_front"
+    cameras = (
+        Camera(name="go2 camera_front", entity=f"{entity}/color/compressed"),
+        Camera(name="go2 camera_front, depth", entity=f"{entity}/aligned_depth/compressed_depth"),
+    )
+    with closing(open_canvas([str(path)], title="a fleet")) as canvas:
+        canvas.show_blueprint(blueprint(replace(layout, cameras=cameras)))
+        replay(_arrivals(), _session(str(file)), canvas)
+
+
+def _session(fleet_file: str) -> Session:
+    session = Session()
+    depth, info = f"{_FRONT}/aligned_depth/compressed_depth", f"{_FRONT}/aligned_depth/camera_info"
+    topics = {"depth": depth, "info": info, "color": _PICTURE}
+    session.add("compressed_depth_cloud", topics, {"radius_m": 0.02, "decimation": 3})
+    for kind, topic in (
+        ("compressed_image", f"{_FRONT}/color/compressed"),
+        ("compressed_image", depth),
+        ("camera_info", info),
+        ("camera_info", f"{_FRONT}/color/camera_info"),
+        ("tf", "/tf"),
+        ("tf_static", "/tf_static"),
+        ("odometry", "/global/go2/localization/odometry"),
+    ):
+        session.add(kind, topic)
+    session.add("communication", "/global/agent_heartbeat", {"fleet": fleet_file})
+    for display in session.displays:
+        session.limit(display.id, None)
+    return session
+
+
+def _arrivals() -> Iterator[Arrival]:
+    for moment in scene_moments(_MOMENTS, seed=0):
+        for topic, message in _messages(moment):
+            yield Arrival(topic, message.__msgtype__, moment.stamp_ns, serialize(message))
+
+
+def _messages(moment: Moment) -> Iterator[tuple[str, Any]]:
+    header = moment.header(CAMERA)
+    if moment.number == 0:
+        yield "/tf_static", _transforms(moment, [("go2/base", CAMERA, (0.3, 0.0, 0.4), _OPTICAL)])
+    angle = 0.3 * math.sin(moment.number / 10) - 0.15
+    base = ("map", "go2/base", _way(moment), (0.0, 0.0, math.sin(angle / 2), math.cos(angle / 2)))
+    others = [("map", f"{name}/base", (*place, 0.0), (0.0, 0.0, 0.0, 1.0)) for name, place in _PLACES.items()]
+    yield "/tf", _transforms(moment, [base, *others])
+    yield "/global/go2/localization/odometry", _odometry(moment)
+    yield from _heartbeats(moment)
+    yield _PICTURE, image_message(moment.rgb, "rgb8", header)
+    jpeg = compressed_image_fields(np.ascontiguousarray(moment.rgb[..., ::-1]), "jpeg")
+    yield f"{_FRONT}/color/compressed", _compressed(jpeg, header)
+    for stream in ("color", "aligned_depth"):
+        yield f"{_FRONT}/{stream}/camera_info", camera_info(header, SIZE)
+    depth = compressed_depth_fields(moment.depth_mm)
+    yield f"{_FRONT}/aligned_depth/compressed_depth", _compressed(depth, header)
+
+
+def _way(moment: Moment) -> tuple[float, float, float]:
+    return (-1.0 + moment.number / 40, 0.3 * math.sin(moment.number / 8), 0.0)
+
+
+def _compressed(fields: Any, header: Any) -> Any:
+    data = np.frombuffer(fields.data, np.uint8)
+    return message_type(COMPRESSED_IMAGE)(header=header, format=fields.format, data=data)
+
+
+def _transforms(moment: Moment, edges: list[tuple[str, str, Any, Any]]) -> Any:
+    found = []
+    for parent, child, place, turn in edges:
+        transform = default_message("geometry_msgs/msg/TransformStamped")
+        transform.header, transform.child_frame_id = moment.header(parent), child
+        moved = transform.transform
+        for axis, value in zip("xyz", place, strict=True):
+            setattr(moved.translation, axis, float(value))
+        for axis, value in zip("xyzw", turn, strict=True):
+            setattr(moved.rotation, axis, float(value))
+        found.append(transform)
+    return message_type("tf2_msgs/msg/TFMessage")(transforms=found)
+
+
+def _odometry(moment: Moment) -> Any:
+    message = default_message("nav_msgs/msg/Odometry")
+    message.header, pose = moment.header("map"), message.pose.pose
+    pose.position.x, pose.position.y, pose.position.z = _way(moment)
+    pose.orientation.w = 1.0
+    return message
+
+
+def _heartbeats(moment: Moment) -> Iterator[tuple[str, Any]]:
+    """Yield everybody's sign of life, five times a second; one agent is silent after the first second."""
+    lost = (moment.stamp_ns - START_NS) * 1e-9 > 1.0
+    for name in ("go2", *_PLACES) if moment.number % 2 == 0 else ():
+        if name == _LOST and lost:
+            continue
+        beat = default_message("sfglab_interfaces/msg/AgentHeartbeat")
+        beat.agent, beat.period_s, beat.incarnation, beat.phase = name, 2 * PERIOD_NS * 1e-9, 1, beat.STEADY
+        yield "/global/agent_heartbeat", beat
+
+
+def _check_driver() -> None:
+    named = [name for name in _NAMED_DRIVERS if os.environ.get(name)]
+    if not named and not any(found for folder in _DRIVERS for found in Path(folder).glob("*.json")):
+        raise ScreenshotError(
+            "the viewer needs a Vulkan driver, such as the package mesa-vulkan-drivers: there is none in "
+            + ", ".join(_DRIVERS)
+        )
+
+
+def take_picture(recording: Path, to: Path) -> None:
+    """Open a recording in a viewer without a window, go to its end, and save what it shows.
+
+    Args:
+        recording: The ``.rrd`` file.
+        to: Where to, ``.png``.
+
+    Raises:
+        ScreenshotError: The viewer does not start.
+    """
+    from rerun.experimental import ViewerClient
+
+    port = free_port()
+    with _viewer(recording, port) as process:
+        client = _connected(ViewerClient, process, port)
+        end_ns = START_NS + (_MOMENTS - 1) * PERIOD_NS
+        client.set_time("received", timestamp=np.datetime64(end_ns, "ns"), play_state="paused")
+        for part in _HIDDEN:
+            client.run_command(part)
+        time.sleep(_PAINT_S)  # pictures are decoded and views settle; nothing tells when they have
+        to.parent.mkdir(parents=True, exist_ok=True)
+        _save(client.take_screenshot(), to)
+
+
+def _save(png: bytes, to: Path) -> None:
+    """Save a picture with a palette: dark areas and few colours need no more, and it is a third of the size."""
+    import io
+
+    from PIL import Image
+
+    picture = Image.open(io.BytesIO(png)).convert("RGB")
+    picture.quantize(256, kmeans=4).save(to, optimize=True)
+
+
+@contextmanager
+def _viewer(recording: Path, port: int) -> Iterator[subprocess.Popen[bytes]]:
+    program = shutil.which(
+        "rerun", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
+    )
+    if program is None:
+        raise ScreenshotError("the viewer needs the program 'rerun': pip install 'sfglab[view]'")
+    options = [
+        "--headless",
+        "--renderer",
+        "vulkan",
+        "--hide-welcome-screen",
+        "--window-size",
+        _WINDOW,
+        "--bind",
+        "127.0.0.1",
+    ]
+    command = [program, *options, "--port", str(port), str(recording)]
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, **quiet, start_new_session=True) as process:
+        try:
+            yield process
+        finally:
+            with suppress(ProcessLookupError):  # the program starts another one and waits for it
+                os.killpg(process.pid, signal.SIGTERM)
+
+
+def _connected(client: Any, process: subprocess.Popen[bytes], port: int) -> Any:
+    """Return a connection to the viewer once it has the recording."""
+    end_s = time.monotonic() + _READY_S
+    while time.monotonic() < end_s and process.poll() is None:
+        try:
+            found = client.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+            if found.get_state().recordings:
+                return found
+        except (RuntimeError, ConnectionError, TimeoutError):
+            pass
+        time.sleep(0.5)
+    raise ScreenshotError(
+        "the viewer does not start without a window: it needs a Vulkan driver that works, such as the package "
+        "mesa-vulkan-drivers"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,202 @@
+"""Sending trajectories to agents: goal, feedback, result, and a cancellation that waits for the brake."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from typing import TYPE_CHECKING, TypedDict
+
+from sfglab.bus import BusError, GoalRejectedError
+from sfglab.spatial.execution.judging import ExecutionError, Order
+from sfglab.spatial.execution.outcomes import OUTCOMES, Outcome
+from sfglab.spatial.execution.wire import FOLLOW_TRAJECTORY, Ended, action_name
+from sfglab.spatial.scene import AgentObject
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any, Unpack
+
+    from sfglab.bus import ClientGoalHandle
+    from sfglab.bus.api import Node
+    from sfglab.spatial.execution.wire import ActionDialect, Feedback
+    from sfglab.spatial.scene import Scene
+    from sfglab.spatial.trajectory import Trajectory
+
+__all__ = ["ExecuteOptions", "Execution", "execute", "scene_orders", "send"]
+
+
+class ExecuteOptions(TypedDict, total=False):
+    """How a trajectory is sent.
+
+    Attributes:
+        action: The action's name; ``/global/<agent>/execute_trajectory`` where it is not given.
+        dialect: How orders are said in its type; our own `FOLLOW_TRAJECTORY` where it is not given.
+        on_feedback: Called with what the server says on the way.
+        timeout_s: For finding the server, and again for its answer, in seconds (5).
+    """
+
+    action: str
+    dialect: ActionDialect
+    on_feedback: Callable[[Feedback], None]
+    timeout_s: float
+
+
+class Execution:
+    """One trajectory on its way; `send` makes it and sends it off.
+
+    Args:
+        node: Who sends.
+        agent: Who is to move.
+        **options: See `ExecuteOptions`.
+
+    Attributes:
+        latest: What the server said last; None before it said anything.
+
+    Raises:
+        FqnError: No action is given, and it is not the name of an agent.
+    """
+
+    def __init__(self, node: Node, agent: str, **options: Unpack[ExecuteOptions]) -> None:
+        self.latest: Feedback | None = None
+        self._dialect = options.get("dialect", FOLLOW_TRAJECTORY)
+        self._on_feedback = options.get("on_feedback")
+        self._timeout_s = options.get("timeout_s", 5.0)
+        name = options.get("action") or action_name(agent)
+        self._client = node.create_action_client(self._dialect.type, name)
+        self._handle: ClientGoalHandle | None = None
+
+    async def ready(self) -> None:
+        """Return once there is a server, so that what is sent now arrives at once.
+
+        Raises:
+            DiscoveryTimeoutError: There is none.
+        """
+        await self._client.wait_for_server(self._timeout_s)
+
+    async def begin(self, order: Order) -> None:
+        """Send an order, once, and return when the server has answered.
+
+        Raises:
+            DiscoveryTimeoutError: There is no server.
+            ServiceTimeoutError: It does not answer.
+        """
+        goal = self._dialect.goal(order)
+        with contextlib.suppress(GoalRejectedError):
+            self._handle = await self._client.send_goal(goal, self._heard, self._timeout_s)
+
+    async def result(self) -> Ended:
+        """Return how it ended, waiting for the end.
+
+        Raises:
+            ActionServerGoneError: The server went away before that.
+        """
+        if self._handle is None:
+            return Ended(outcome=Outcome.REJECTED, text=OUTCOMES[Outcome.REJECTED].meaning)
+        return self._dialect.result(await self._handle.result())
+
+    async def cancel(self) -> None:
+        """Ask the agent to stop; `result` then says when it stands. Once it ended, nothing happens.
+
+        Raises:
+            ServiceTimeoutError: The server does not answer.
+        """
+        if self._handle is not None:
+            await self._handle.cancel_goal(self._timeout_s)
+
+    def close(self) -> None:
+        """Stop listening; the agent goes on."""
+        self._client.close()
+
+    def _heard(self, message: Any) -> None:
+        self.latest = self._dialect.feedback(message)
+        if self._on_feedback is not None:
+            self._on_feedback(self.latest)
+
+
+async def send(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -> Execution:
+    """Send an order and return once the server has answered; `Execution.close` ends it.
+
+    Args:
+        node: Who sends.
+        order: Trajectory and agent.
+        **options: See `ExecuteOptions`.
+
+    Raises:
+        DiscoveryTimeoutError: There is no server.
+        ServiceTimeoutError: It does not answer.
+    """
+    execution = Execution(node, order.agent, **options)
+    try:
+        await execution.begin(order)
+    except BaseException:
+        execution.close()
+        raise
+    return execution
+
+
+async def execute(
+    node: Node, trajectory: Trajectory | Order, agent: str = "", **options: Unpack[ExecuteOptions]
+) -> Ended:
+    """Send an agent along a trajectory and return how it ended.
+
+    A task that awaits this and is cancelled cancels the goal, and ends only when the agent stands.
+
+    ```python
+    ended = await execute(node, trajectory, "go2", on_feedback=print)
+    ```
+
+    Args:
+        node: Who sends.
+        trajectory: Where to be when, in the frame ``map``; or a whole order, as `scene_orders` makes them.
+        agent: Who moves; not needed with an order.
+        **options: See `ExecuteOptions`.
+
+    Returns:
+        How it ended, also where the agent did not take it.
+
+    Raises:
+        DiscoveryTimeoutError: There is no server.
+        ServiceTimeoutError: It does not answer.
+        ActionServerGoneError: It went away before the end.
+    """
+    order = trajectory if isinstance(trajectory, Order) else Order(agent=agent, trajectory=trajectory)
+    execution = Execution(node, order.agent, **options)
+    begun = asyncio.ensure_future(execution.begin(order))
+    try:
+        await asyncio.shield(begun)
+        return await execution.result()
+    except asyncio.CancelledError:
+        with contextlib.suppress(BusError):  # a server that is gone moves nobody for us
+            await begun
+            await execution.cancel()
+            await execution.result()
+        raise
+    finally:
+        execution.close()
+
+
+def scene_orders(scene: Scene, *, agents: tuple[str, ...] = (), start_ns: int = 0) -> tuple[Order, ...]:
+    """Return what a scene asks of its agents; all orders share the scene's time 0.
+
+    Args:
+        scene: A plan.
+        agents: Which, by name; all that drive a trajectory where none is named.
+        start_ns: The scene's time 0, in nanoseconds since the epoch; 0: when each server takes its order, so
+            that several agents start as far apart as their orders arrive.
+
+    Raises:
+        ExecutionError: There is no such agent, several have this name, or it has no trajectory.
+    """
+    found: dict[str, list[Order]] = {}
+    for agent in scene.all_of(AgentObject):
+        driven = scene.driven_by(agent.id)
+        trajectory = None if driven is None else scene.world_trajectory(driven.id)
+        if trajectory is not None:
+            order = Order(agent=agent.name, trajectory=trajectory, frame_id=scene.frame_id, start_ns=start_ns)
+            found.setdefault(agent.name, []).append(order)
+    for name in agents or found:
+        if len(found.get(name, ())) != 1:
+            known = ", ".join(n for n, orders in found.items() if len(orders) == 1)
+            allowed = f"one that alone has this name and drives a trajectory: {known or 'there is none'}"
+            raise ExecutionError(f"agent: given {name!r}, allowed: {allowed}")
+    return tuple(found[name][0] for name in agents or found)

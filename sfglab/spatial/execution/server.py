@@ -1,0 +1,286 @@
+"""A simulated agent on the bus: one action that moves it, and what it says of itself.
+
+A thin shell: `judging` says what is taken and `follower` moves. Real agents have servers of their own; this one
+stands in for them in a plan's rehearsal.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from sfglab.bus import CancelResponse, GoalResponse, GoalStatus
+from sfglab.messages import message_type, stamp_from_ns
+from sfglab.names import TF, Resource, RosFqnBuilder, Scope
+from sfglab.spatial.execution.agent import AgentState, Dynamics, braked
+from sfglab.spatial.execution.follower import Follower, Tolerances
+from sfglab.spatial.execution.judging import RefusalError, Rules, judge
+from sfglab.spatial.execution.outcomes import OUTCOMES, Outcome
+from sfglab.spatial.execution.wire import (
+    FOLLOW_TRAJECTORY,
+    action_name,
+    feedback_message,
+    order_from_goal,
+    result_message,
+    stamped_pose,
+)
+from sfglab.spatial.frames import TF_QOS, TRANSFORMS
+from sfglab.spatial.poses import Pose, StampedTransform
+from sfglab.spatial.trajectory import Trajectory, motion_of
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from sfglab.bus import ServerGoalHandle
+    from sfglab.bus.api import Node
+    from sfglab.spatial.execution.follower import Progress
+    from sfglab.spatial.execution.judging import Order
+
+__all__ = ["AgentSetup", "TrajectoryServer"]
+
+_FEEDBACK_EVERY = 5
+"""Steps from one feedback to the next."""
+_NS_PER_S = 1e9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AgentSetup:
+    """A simulated agent before it moves.
+
+    Attributes:
+        pose: Where it stands.
+        frame_id: The frame of its poses.
+        dynamics: How it answers.
+        tolerances: How well it has to follow.
+        preempt: A second goal takes the place of the first; else the second is refused as `Outcome.BUSY`.
+        explain: Refused goals are taken and aborted at once, with the reason; else they are just not taken.
+        period_s: From one step to the next; poses leave at each.
+    """
+
+    pose: Pose = field(default_factory=Pose)
+    frame_id: str = "map"
+    dynamics: Dynamics = field(default_factory=Dynamics)
+    tolerances: Tolerances = field(default_factory=Tolerances)
+    preempt: bool = False
+    explain: bool = True
+    period_s: float = 0.02
+
+
+class TrajectoryServer:
+    """Moves one simulated agent along the trajectories that it is sent, one at a time.
+
+    Publishes ``/global/<agent>/pose`` and ``odometry``, and its frame ``<agent>/base`` on ``/tf``. A canceled
+    goal ends when the agent stands; so does one that left its path. A second goal is refused while the first
+    runs, or takes its place, as the setup says.
+
+    ```python
+    async with Node("go2", domain_id=7) as node, TrajectoryServer(node, "go2"):
+        await asyncio.Event().wait()
+    ```
+
+    Args:
+        node: The node it lives on.
+        agent: The agent's name.
+        name: The action; ``/global/<agent>/execute_trajectory`` where it is empty.
+        setup: The agent before it moves.
+
+    Raises:
+        FqnError: It is not the name of an agent.
+    """
+
+    def __init__(self, node: Node, agent: str, *, name: str = "", setup: AgentSetup | None = None) -> None:
+        self._node, self._agent, self._setup = node, agent, setup or AgentSetup()
+        self._state = AgentState(pose=self._setup.pose)
+        self._rules = Rules(
+            agent=agent,
+            frame_id=self._setup.frame_id,
+            limits=self._setup.dynamics.limits,
+            start_m=self._setup.tolerances.start_m,
+        )
+        self._run: _Run | None = None
+        motion_of(Trajectory.standing(self._setup.pose))  # imports SciPy now, and not when a start time runs
+        self._stepped_ns = node.get_clock().now_ns()
+        self._publishers = tuple(
+            node.create_publisher(type_, topic, qos) for type_, topic, qos in _topics(agent)
+        )
+        self._action = node.create_action_server(
+            FOLLOW_TRAJECTORY.type,
+            name or action_name(agent),
+            self._execute,
+            goal_callback=self._takes,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+        self._timer = node.create_timer(self._setup.period_s, self._tick)
+
+    @property
+    def action_name(self) -> str:
+        """The fully resolved ROS action."""
+        return self._action.action_name
+
+    @property
+    def state(self) -> AgentState:
+        """Where the agent is, and how it moves."""
+        return self._state
+
+    @property
+    def busy(self) -> bool:
+        """Whether it is on its way for somebody."""
+        return self._run is not None
+
+    def close(self) -> None:
+        """End the server; what runs is aborted. Again is harmless."""
+        self._timer.cancel()
+        self._action.close()
+        for publisher in self._publishers:
+            publisher.close()
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _takes(self, goal: Any) -> GoalResponse:
+        if not self._setup.explain:
+            try:
+                self._judged(goal)
+            except RefusalError:
+                return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _judged(self, goal: Any) -> Order:
+        """Return the order of a goal that may be followed now.
+
+        Raises:
+            RefusalError: It may not.
+        """
+        order = order_from_goal(goal)
+        judge(order, self._rules, self._state.pose, self._node.get_clock().now_ns())
+        if self.busy and not self._setup.preempt:
+            raise RefusalError(Outcome.BUSY, OUTCOMES[Outcome.BUSY].meaning)
+        return order
+
+    async def _execute(self, handle: ServerGoalHandle) -> Any:
+        try:
+            order = self._judged(handle.request)
+        except RefusalError as refusal:
+            return self._finish(handle, refusal.outcome, refusal.text)
+        run = self._begin(handle, order)
+        try:
+            outcome = await run.done
+        finally:
+            if self._run is run:
+                self._run = None
+        text = "" if outcome is Outcome.SUCCEEDED else OUTCOMES[outcome].meaning
+        return self._finish(handle, outcome, text)
+
+    def _begin(self, handle: ServerGoalHandle, order: Order) -> _Run:
+        if self._run is not None:
+            self._run.end(Outcome.OVERTAKEN)
+        now_ns = self._node.get_clock().now_ns()
+        follower = Follower(
+            order.trajectory,
+            state=self._state,
+            now_ns=now_ns,
+            start_ns=order.start_ns or now_ns,
+            dynamics=self._setup.dynamics,
+            tolerances=self._setup.tolerances,
+        )
+        self._run = _Run(handle=handle, follower=follower)
+        return self._run
+
+    def _finish(self, handle: ServerGoalHandle, outcome: Outcome, text: str) -> Any:
+        status = OUTCOMES[outcome].status
+        if status is GoalStatus.SUCCEEDED:
+            handle.succeed()
+        elif status is GoalStatus.CANCELED:
+            handle.canceled()
+        else:
+            handle.abort()
+        return result_message(outcome, text, self._pose_message())
+
+    def _tick(self) -> None:
+        """Move the agent to now, and say where it is."""
+        now_ns = self._node.get_clock().now_ns()
+        dt_s, self._stepped_ns = (now_ns - self._stepped_ns) / _NS_PER_S, now_ns
+        if self._run is not None:
+            self._advance(self._run, now_ns)
+        elif dt_s > 0.0 and self._state.speed_m_s > 0.0:
+            self._state = braked(self._state, dt_s, self._setup.dynamics)
+        self._publish()
+
+    def _advance(self, run: _Run, now_ns: int) -> None:
+        if run.handle.is_cancel_requested:
+            run.follower.stop(Outcome.CANCELED)
+        progress = run.follower.step(now_ns)
+        self._state = progress.state
+        run.steps += 1
+        if progress.outcome is not None or run.steps % _FEEDBACK_EVERY == 1:
+            self._feed_back(run, progress)
+        if progress.outcome is not None:
+            run.end(progress.outcome)
+
+    def _feed_back(self, run: _Run, progress: Progress) -> None:
+        if run.handle.is_active and not run.done.done():
+            run.handle.publish_feedback(feedback_message(progress, self._pose_message()))
+
+    def _pose_message(self) -> Any:
+        return stamped_pose(self._state.pose, self._setup.frame_id, self._stepped_ns)
+
+    def _publish(self) -> None:
+        state, frame_id, child = self._state, self._setup.frame_id, f"{self._agent}/base"
+        transform = StampedTransform(parent=frame_id, child=child, stamp_ns=self._stepped_ns, pose=state.pose)
+        pose, odometry, transforms = self._publishers
+        pose.publish(self._pose_message())
+        odometry.publish(_odometry(state, transform))
+        transforms.publish(message_type(TRANSFORMS)(transforms=[transform.to_msg()]))
+
+
+@dataclass(slots=True, kw_only=True)
+class _Run:
+    """A goal that is being followed."""
+
+    handle: ServerGoalHandle
+    follower: Follower
+    steps: int = 0
+    done: asyncio.Future[Outcome] = field(default_factory=lambda: asyncio.get_running_loop().create_future())
+
+    def end(self, outcome: Outcome) -> None:
+        if not self.done.done():
+            self.done.set_result(outcome)
+
+
+def _topics(agent: str) -> tuple[tuple[str, str, Any], ...]:
+    own = RosFqnBuilder().scope(Scope.GLOBAL).agent(agent)
+    return (
+        ("geometry_msgs/msg/PoseStamped", str(own.resource(Resource.POSE).build()), 10),
+        ("nav_msgs/msg/Odometry", str(own.resource(Resource.ODOMETRY).build()), 10),
+        (TRANSFORMS, TF, TF_QOS),
+    )
+
+
+def _odometry(state: AgentState, transform: StampedTransform) -> Any:
+    """Return a `nav_msgs/msg/Odometry`; its twist is in the agent's own frame, as the message has it."""
+    vector = message_type("geometry_msgs/msg/Vector3")
+    turned = Pose(quat_xyzw=state.pose.quat_xyzw).inverse()
+    twist = message_type("geometry_msgs/msg/Twist")(
+        linear=vector(*turned.apply(state.velocity_m_s)),
+        angular=vector(*turned.apply((0.0, 0.0, state.yaw_rate_rad_s))),
+    )
+    header = message_type("std_msgs/msg/Header")(
+        stamp=stamp_from_ns(transform.stamp_ns), frame_id=transform.parent
+    )
+    no_covariance = np.zeros(36)
+    return message_type("nav_msgs/msg/Odometry")(
+        header=header,
+        child_frame_id=transform.child,
+        pose=message_type("geometry_msgs/msg/PoseWithCovariance")(
+            pose=state.pose.to_pose_msg(), covariance=no_covariance
+        ),
+        twist=message_type("geometry_msgs/msg/TwistWithCovariance")(twist=twist, covariance=no_covariance),
+    )

@@ -1,0 +1,129 @@
+"""One thread that does everything in order, so that an editor of one thread can serve many browsers.
+
+Callbacks come from viser's loop, a timer and workers; each leaves a job here. Refuses to know what jobs do.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, TypeVar
+
+from sfglab.errors import SfglabError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable
+
+__all__ = ["Desk"]
+
+_log = logging.getLogger(__name__)
+_T = TypeVar("_T")
+_Job = tuple["Hashable", "Callable[[], object]"]
+
+
+class Desk:
+    """A queue of jobs and the thread that does them.
+
+    Args:
+        refused: Told of every error that a job raises, on the desk's thread.
+    """
+
+    def __init__(self, refused: Callable[[Exception], None]) -> None:
+        self._refused = refused
+        self._wake = threading.Condition()
+        self._jobs: deque[_Job] = deque()
+        self._later: dict[Hashable, tuple[float, Callable[[], object]]] = {}
+        self._closed = False
+        self._thread = threading.Thread(target=self._work, name="planner-desk", daemon=True)
+        self._thread.start()
+
+    def submit(self, job: Callable[[], object], *, key: Hashable = None, settle: bool = True) -> None:
+        """Leave a job.
+
+        Args:
+            job: What to do.
+            key: A job of the same key that waits right before it is left out: only the newest position of a
+                slider counts. None for a job that must be done.
+            settle: Do first what `later` holds back, as before an undo; not for what nobody asked for.
+        """
+        with self._wake:
+            if self._closed:
+                return
+            if settle:
+                self._settle()
+            if key is not None and self._jobs and self._jobs[-1][0] == key:
+                self._jobs.pop()
+            self._jobs.append((key, job))
+            self._wake.notify()
+
+    def later(self, key: Hashable, job: Callable[[], object], *, delay_s: float) -> None:
+        """Leave a job that waits until nobody has left one of its key for a while: somebody may be typing."""
+        with self._wake:
+            if not self._closed:
+                self._later[key] = (time.monotonic() + delay_s, job)
+                self._wake.notify()
+
+    def waits(self, key: Hashable) -> bool:
+        """Return whether a job of `later` is held back."""
+        with self._wake:
+            return key in self._later
+
+    def call(self, job: Callable[[], _T]) -> _T:
+        """Do a job and return what it returns; raises what it raises. Not from the desk's own thread.
+
+        Raises:
+            SfglabError: The desk is closed.
+        """
+        future: Future[_T] = Future()
+
+        def run() -> None:
+            try:
+                future.set_result(job())
+            except BaseException as error:  # noqa: BLE001 - whoever waits gets it
+                future.set_exception(error)
+
+        with self._wake:
+            if self._closed:
+                raise SfglabError("the scene editor is closed: no edit is taken any more")
+            self._settle()
+            self._jobs.append((None, run))
+            self._wake.notify()
+        return future.result()
+
+    def close(self) -> None:
+        """Do what was left, then end; again is harmless."""
+        with self._wake:
+            self._settle()
+            self._closed = True
+            self._wake.notify()
+        self._thread.join()
+
+    def _settle(self) -> None:
+        self._jobs.extend((None, job) for _, job in self._later.values())
+        self._later.clear()
+
+    def _work(self) -> None:
+        while (job := self._next()) is not None:
+            try:
+                job()
+            except SfglabError as error:
+                self._refused(error)
+            except Exception as error:  # noqa: BLE001 - one job must not end the others
+                _log.exception("the scene editor failed to do something")
+                self._refused(error)
+
+    def _next(self) -> Callable[[], object] | None:
+        with self._wake:
+            while not self._jobs:
+                if self._closed:
+                    return None
+                now_s = time.monotonic()
+                for key in [key for key, (due_s, _) in self._later.items() if due_s <= now_s]:
+                    self._jobs.append((None, self._later.pop(key)[1]))
+                if not self._jobs:
+                    due_s = min((due_s for due_s, _ in self._later.values()), default=None)
+                    self._wake.wait(None if due_s is None else due_s - now_s)
+            return self._jobs.popleft()[1]

@@ -1,0 +1,214 @@
+"""Objects, ghosts and conflicts as nodes of viser's scene. Refuses to know what changed (`viewport`)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.spatial.scene import ObstacleObject, TrajectoryObject, WaypointObject, ZoneObject, ZoneRule
+from sfglab.spatial.trajectory import Box, Cylinder
+from sfglab.view.planner.looks import NOBODY, agent_colours, line_of, linear, outline_of, top_speed_m_s, wxyz
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping
+
+    from sfglab.spatial.poses import Pose
+    from sfglab.spatial.scene import AgentObject, Conflict, Ghost, Scene
+    from sfglab.spatial.trajectory import Shape
+    from sfglab.view.planner.looks import Colour
+
+__all__ = ["Drawing"]
+
+_OBSTACLE: Colour = (125, 130, 140)
+_FORBIDDEN: Colour = (214, 60, 60)
+_INSIDE: Colour = (70, 150, 90)
+_CONFLICT: Colour = (255, 20, 20)
+_MOST_CONFLICTS = 20
+_MOST_TIMES = 100
+_LINE_PX = 3.0
+_AXES_M = 0.22
+_LIFT_M = 0.12
+_MARK_M = 0.22
+
+
+class Drawing:
+    """Draws into one server's scene; what is drawn under a name replaces what was there.
+
+    Args:
+        scene_api: Of viser.
+        clicked: Returns the callback of a node that stands for an object; given a function from the event's
+            instance index to the object's id.
+
+    Attributes:
+        by_speed: Trajectories are coloured by speed, not by agent.
+    """
+
+    def __init__(self, scene_api: Any, clicked: Callable[[Callable[[Any], int]], Any]) -> None:
+        self._api = scene_api
+        self._clicked = clicked
+        self._conflicts: list[Any] = []
+        self._ghosts: dict[int, tuple[Any, Any]] = {}
+        self.by_speed = False
+
+    def floor(self, size_m: float) -> None:
+        """Draw a grid at height zero."""
+        self._api.add_grid(
+            "/floor",
+            size_m,
+            size_m,
+            cell_size=1.0,
+            section_size=5.0,
+            cell_color=(222, 225, 230),
+            section_color=(190, 195, 205),
+            fade_distance=4.0 * size_m,
+        )
+
+    def object(self, scene: Scene, id_: int, before: Mapping[str, Any], *, selected: bool) -> list[Any]:
+        """Draw an obstacle, a zone or a trajectory with its waypoints; return its nodes.
+
+        Args:
+            scene: Whose object.
+            id_: Its id.
+            before: Its nodes until now, by name.
+            selected: Drawn broader, with its waypoints' times.
+        """
+        thing = scene.get(id_)
+        if isinstance(thing, ObstacleObject):
+            return [self._body(scene, id_, thing.shape, _OBSTACLE, 1.0)]
+        if isinstance(thing, ZoneObject):
+            forbidden = thing.rule is ZoneRule.FORBIDDEN
+            nodes = [self._edges(scene, id_, thing.shape, _FORBIDDEN if forbidden else _INSIDE)]
+            return nodes + ([self._body(scene, id_, thing.shape, _FORBIDDEN, 0.25)] if forbidden else [])
+        if isinstance(thing, TrajectoryObject):
+            nodes = self._trajectory(scene, thing, selected=selected)
+            return nodes + (self._times(scene, thing, before) if selected else [])
+        return []
+
+    def ghosts(self, scene: Scene, ghosts: tuple[Ghost, ...], again: Collection[int] = ()) -> None:
+        """Show every agent where it is at the slider's time.
+
+        Args:
+            scene: Whose agents.
+            ghosts: Where all of them are.
+            again: Ids of those that look otherwise than before.
+        """
+        for id_ in self._ghosts.keys() - {ghost.agent for ghost in ghosts}:
+            self._ghosts.pop(id_)[0].remove()
+        self._make_ghosts(scene, [g for g in ghosts if g.agent in again or g.agent not in self._ghosts])
+        for ghost in ghosts:
+            frame, label = self._ghosts[ghost.agent]
+            frame.position, frame.wxyz = ghost.pose.position_m, wxyz(ghost.pose)
+            text = f"{ghost.name} {ghost.speed_m_s:.2f} m/s" if ghost.driving else ghost.name
+            if label.text != text:
+                label.text = text
+
+    def conflicts(self, conflicts: tuple[Conflict, ...]) -> None:
+        """Mark the places of conflicts."""
+        for node in self._conflicts:
+            node.remove()
+        placed = [c for c in conflicts if c.position_m is not None][:_MOST_CONFLICTS]
+        self._conflicts = [self._conflict(i, conflict) for i, conflict in enumerate(placed)]
+
+    def _make_ghosts(self, scene: Scene, ghosts: list[Ghost]) -> None:
+        colours = agent_colours(scene)
+        for ghost in ghosts:
+            agent: AgentObject = scene.get(ghost.agent)  # type: ignore[assignment]
+            name = f"/ghosts/{ghost.agent}"
+            frame = self._api.add_frame(
+                name,
+                axes_length=1.5 * agent.radius_m,
+                axes_radius=0.05 * agent.radius_m,
+                position=ghost.pose.position_m,
+                wxyz=wxyz(ghost.pose),
+            )
+            body = self._api.add_icosphere(
+                f"{name}/body", agent.radius_m, color=colours[ghost.agent], opacity=0.8
+            )
+            body.on_click(self._clicked(lambda _, id_=ghost.agent: id_))  # type: ignore[misc]
+            label = self._api.add_label(
+                f"{name}/label",
+                ghost.name,
+                position=(0.0, 0.0, agent.radius_m + _LIFT_M),
+                anchor="bottom-center",
+            )
+            self._ghosts[ghost.agent] = (frame, label)
+
+    def _conflict(self, index: int, conflict: Conflict) -> Any:
+        frame = self._api.add_frame(f"/conflicts/{index}", show_axes=False, position=conflict.position_m)
+        self._api.add_icosphere(f"/conflicts/{index}/mark", _MARK_M, color=_CONFLICT, cast_shadow=False)
+        self._api.add_label(
+            f"/conflicts/{index}/label",
+            f"⚠ {conflict.kind.value}" + ("" if conflict.time_s is None else f" {conflict.time_s:.1f} s"),
+            position=(2.0 * _MARK_M, 0.0, 0.0),
+            anchor="center-left",
+        )
+        return frame
+
+    def _body(self, scene: Scene, id_: int, shape: Shape, colour: Colour, opacity: float) -> Any:
+        pose = scene.world_pose(id_)
+        name = f"/objects/{id_}/body"
+        look = {
+            "color": colour,
+            "opacity": None if opacity == 1.0 else opacity,
+            "position": pose.position_m,
+            "wxyz": wxyz(pose),
+            "cast_shadow": opacity == 1.0,
+        }
+        if isinstance(shape, Box):
+            node = self._api.add_box(name, dimensions=shape.size_m, **look)
+        elif isinstance(shape, Cylinder):
+            node = self._api.add_cylinder(name, shape.radius_m, shape.height_m, **look)
+        else:
+            node = self._api.add_icosphere(name, shape.radius_m, **look)
+        node.on_click(self._clicked(lambda _: id_))
+        return node
+
+    def _edges(self, scene: Scene, id_: int, shape: Shape, colour: Colour) -> Any:
+        pose = scene.world_pose(id_)
+        return self._lines(f"/objects/{id_}/edges", outline_of(shape), np.array(colour), 1.5, pose)
+
+    def _trajectory(self, scene: Scene, thing: TrajectoryObject, *, selected: bool) -> list[Any]:
+        path = scene.world_trajectory(thing.id)
+        if path is None:
+            return []
+        name = f"/objects/{thing.id}"
+        colour = NOBODY if thing.agent is None else agent_colours(scene)[thing.agent]
+        top_m_s = top_speed_m_s(scene) if self.by_speed else None
+        points, colours = line_of(path, colour=colour, top_m_s=top_m_s)
+        width = 2.0 * _LINE_PX if selected else _LINE_PX
+        nodes = [self._lines(f"{name}/line", points, linear(colours), width)] if len(points) else []
+        held = scene.held_by(thing.id)
+        axes = self._api.add_batched_axes(
+            f"{name}/waypoints",
+            np.array([wxyz(w.pose) for w in path.waypoints]),
+            np.array([w.pose.position_m for w in path.waypoints]),
+            axes_length=_AXES_M,
+            axes_radius=_AXES_M / 10.0,
+        )
+        axes.on_click(self._clicked(lambda index: held[index or 0]))
+        return [*nodes, axes]
+
+    def _times(self, scene: Scene, thing: TrajectoryObject, before: Mapping[str, Any]) -> list[Any]:
+        held = scene.held_by(thing.id)[:_MOST_TIMES]
+        return [self._time(scene, scene.of_kind(id_, WaypointObject), before) for id_ in held]
+
+    def _time(self, scene: Scene, waypoint: WaypointObject, before: Mapping[str, Any]) -> Any:
+        """Label a waypoint; the label that is there is moved, for there may be many, and one is dragged."""
+        name = f"/objects/{waypoint.parent}/time {waypoint.id}"
+        text = f"{waypoint.time_ns / 1e9:g} s"
+        position = scene.world_pose(waypoint.id).position_m
+        label = before.get(name)
+        if label is None:
+            return self._api.add_label(name, text, position=position, anchor="top-left", font_screen_scale=0.8)
+        if label.text != text:
+            label.text = text
+        if tuple(label.position) != position:
+            label.position = position
+        return label
+
+    def _lines(self, name: str, points: Any, colours: Any, width_px: float, pose: Pose | None = None) -> Any:
+        where = {} if pose is None else {"position": pose.position_m, "wxyz": wxyz(pose)}
+        return self._api.add_line_segments(
+            name, points, colours, thickness=width_px, thickness_units="screen", **where
+        )

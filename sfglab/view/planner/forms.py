@@ -1,0 +1,169 @@
+"""What can be typed about an object, or about the scene: typed fields, in order. Pure.
+
+Fields follow from `KINDS[kind].properties`, so a new property of the model has its field at once. The model
+checks every value; a field's range only helps people who type. Refuses to know widgets.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from sfglab.spatial.poses import Pose
+from sfglab.spatial.scene import (
+    ROOT,
+    SCENE_PROPERTIES,
+    Group,
+    Move,
+    Rename,
+    SetPose,
+    SetScene,
+    SetTime,
+    WaypointObject,
+)
+from sfglab.spatial.trajectory import Align
+from sfglab.view.planner.fields import Field, FieldKind, label_of, property_fields, titled
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sfglab.spatial.poses import Vec3
+    from sfglab.spatial.scene import Command, Scene, SceneObject
+
+__all__ = ["fields_of", "yaw_pitch_roll_deg"]
+
+_DECIMALS = 6
+_DECIMALS_DEG = 2
+
+
+def fields_of(scene: Scene, id_: int) -> tuple[Field, ...]:
+    """Return the fields of an object, of the scene itself where the id is `ROOT`."""
+    if id_ == ROOT:
+        return tuple(_of_scene(scene))
+    return tuple(_of_object(scene, scene.get(id_)))
+
+
+def yaw_pitch_roll_deg(pose: Pose) -> Vec3:
+    """Return an orientation as turns about z, then y, then x; at a pitch of 90 degrees the roll is zero."""
+    x, y, z, w = pose.quat_xyzw
+    sine = max(-1.0, min(1.0, 2.0 * (w * y - z * x)))
+    if abs(sine) > 1.0 - 1e-9:
+        up = math.copysign(1.0, sine)
+        return (math.degrees(-2.0 * up * math.atan2(x, w)), 90.0 * up, 0.0)
+    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    return (math.degrees(yaw), math.degrees(math.asin(sine)), math.degrees(roll))
+
+
+def _of_scene(scene: Scene) -> Iterator[Field]:
+    for prop in SCENE_PROPERTIES:
+        value = getattr(scene, prop.name)
+        kind = FieldKind.TEXT if isinstance(value, str) else FieldKind.NUMBER
+        command = partial(_set_scene, prop.name)
+        yield Field(
+            key=prop.name, label=label_of(prop.name), kind=kind, value=value, command=command, hint=prop.allowed
+        )
+
+
+def _of_object(scene: Scene, thing: SceneObject) -> Iterator[Field]:
+    yield Field(
+        key="name",
+        label="name",
+        kind=FieldKind.TEXT,
+        value=thing.name,
+        command=lambda value: Rename(id=thing.id, name=value),
+        hint="1 to 100 printable characters",
+    )
+    if isinstance(thing, WaypointObject):
+        yield _time(thing)
+    else:
+        yield _parent(scene, thing)
+    yield from _place(thing)
+    for prop in thing.properties:
+        yield from property_fields(scene, thing, prop)
+
+
+def _time(thing: WaypointObject) -> Field:
+    return Field(
+        key="time_s",
+        label="time (s)",
+        kind=FieldKind.NUMBER,
+        value=_rounded(thing.time_ns / 1e9),
+        command=lambda value: SetTime(id=thing.id, time_ns=round(value * 1e9)),
+        hint="seconds since the scene's time 0; no two waypoints share one",
+    )
+
+
+def _parent(scene: Scene, thing: SceneObject) -> Field:
+    inside = {held.id for held in scene.walk(thing.id)} | {thing.id}
+    groups = {titled(g): g.id for g in scene.all_of(Group) if g.id not in inside}
+    ids = {"the scene": ROOT, **groups}
+    return Field(
+        key="parent",
+        label="inside",
+        kind=FieldKind.CHOICE,
+        value=next(word for word, id_ in ids.items() if id_ == thing.parent),
+        command=lambda word: Move(id=thing.id, parent=ids[word]),
+        choices=tuple(ids),
+        hint="moved to another group it stays where it is in the scene",
+    )
+
+
+def _place(thing: SceneObject) -> Iterator[Field]:
+    position: Vec3 = _rounded3(thing.pose.position_m)
+    angles: Vec3 = _rounded3(yaw_pitch_roll_deg(thing.pose), _DECIMALS_DEG)
+    aligned = isinstance(thing, WaypointObject) and thing.align is not Align.NONE
+
+    exact_deg = yaw_pitch_roll_deg(thing.pose)
+
+    def put(value: Vec3) -> Command:
+        kept = _kept(value, position, thing.pose.position_m)
+        return SetPose(id=thing.id, pose=Pose(position_m=kept, quat_xyzw=thing.pose.quat_xyzw))
+
+    def turn(value: Vec3) -> Command:
+        return SetPose(id=thing.id, pose=_turned(thing.pose, _kept(value, angles, exact_deg)))
+
+    yield Field(
+        key="position",
+        label="position (m)",
+        kind=FieldKind.VECTOR,
+        value=position,
+        command=put,
+        hint="x, y and z in the parent's frame",
+    )
+    yield Field(
+        key="angles",
+        label="turn (°)",
+        kind=FieldKind.VECTOR,
+        value=angles,
+        command=turn,
+        hint="follows the path; set align to none to turn it" if aligned else "about z, then y, then x",
+        enabled=not aligned,
+    )
+
+
+def _turned(pose: Pose, angles_deg: Vec3) -> Pose:
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_euler("ZYX", angles_deg, degrees=True)
+    return Pose.from_rotation(pose.position_m, turn)
+
+
+def _set_scene(key: str, value: Any) -> Command:
+    return SetScene(key=key, value=value)
+
+
+def _rounded(value: float, decimals: int = _DECIMALS) -> float:
+    return round(value, decimals) + 0.0  # no -0.0
+
+
+def _rounded3(values: Vec3, decimals: int = _DECIMALS) -> Vec3:
+    x, y, z = (_rounded(value, decimals) for value in values)
+    return (x, y, z)
+
+
+def _kept(typed: Vec3, shown: Vec3, exact: Vec3) -> Vec3:
+    """Return what was typed, and exactly what was there where nobody typed: what a field shows is rounded."""
+    x, y, z = (old if new == seen else new for new, seen, old in zip(typed, shown, exact, strict=True))
+    return (x, y, z)

@@ -1,0 +1,161 @@
+"""How a scene looks: colours, sampled lines, outlines, and where the camera begins. Pure.
+
+Refuses to know viser: everything here is numbers.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sfglab.spatial.scene import AgentObject, ObstacleObject, WaypointObject, ZoneObject
+from sfglab.spatial.trajectory import Box, Cylinder, Shape, Sphere, motion_of, sample
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from sfglab.spatial.poses import Pose, Quat, Vec3
+    from sfglab.spatial.scene import Scene
+    from sfglab.spatial.trajectory import Trajectory
+
+__all__ = [
+    "NOBODY",
+    "Colour",
+    "agent_colours",
+    "camera_for",
+    "line_of",
+    "linear",
+    "outline_of",
+    "ramp",
+    "top_speed_m_s",
+    "wxyz",
+]
+
+Colour = tuple[int, int, int]
+
+NOBODY: Colour = (110, 110, 110)
+"""Of a trajectory that no agent drives."""
+_AGENTS: tuple[Colour, ...] = (
+    (0, 114, 178),
+    (213, 94, 0),
+    (0, 158, 115),
+    (204, 121, 167),
+    (120, 90, 200),
+    (170, 130, 0),
+    (86, 180, 233),
+    (150, 60, 60),
+)
+"""Told apart also by people who do not see all colours, after Okabe and Ito."""
+# Dark to bright with rising speed; lightness alone tells slow from fast.
+_RAMP = np.array([(68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 200, 37)], float)
+_PER_SEGMENT = 24
+_MOST_SAMPLES = 4000
+_ROUND = 24
+
+
+def agent_colours(scene: Scene) -> dict[int, Colour]:
+    """Return every agent's colour by id, in order of ids, so that no renaming or sorting changes one."""
+    ids = sorted(agent.id for agent in scene.all_of(AgentObject))
+    return {id_: _AGENTS[i % len(_AGENTS)] for i, id_ in enumerate(ids)}
+
+
+def wxyz(pose: Pose) -> Quat:
+    """Return an orientation with its real part first."""
+    x, y, z, w = pose.quat_xyzw
+    return (w, x, y, z)
+
+
+def ramp(shares: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return colours, shape (n, 3), of shares from 0 to 1; what is beyond has the colour of the end."""
+    stops = np.linspace(0.0, 1.0, len(_RAMP))
+    parts = [np.interp(shares, stops, _RAMP[:, channel]) for channel in range(3)]
+    return np.stack(parts, axis=-1).astype(np.uint8)
+
+
+def linear(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return sRGB colours as the linear ones that viser takes at the ends of lines, which else look pale."""
+    shares = np.asarray(colours, float) / 255.0
+    bent = np.where(shares <= 0.04045, shares / 12.92, ((shares + 0.055) / 1.055) ** 2.4)
+    return np.asarray(np.round(255.0 * bent), np.uint8)
+
+
+def top_speed_m_s(scene: Scene) -> float:
+    """Return what the bright end of the ramp means: the highest speed that any agent may or does have."""
+    given = [agent.speed_m_s for agent in scene.all_of(AgentObject) if agent.speed_m_s is not None]
+    return max(given, default=1.0)
+
+
+def line_of(
+    trajectory: Trajectory, *, colour: Colour, top_m_s: float | None = None
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Return a trajectory's course as segments and their ends' colours, both of shape (n, 2, 3).
+
+    Args:
+        trajectory: In the scene's frame.
+        colour: Its colour.
+        top_m_s: Colour by speed instead, from 0 to this.
+    """
+    knots = motion_of(trajectory).times_s
+    if len(knots) < 2:
+        return np.zeros((0, 2, 3), np.float32), np.zeros((0, 2, 3), np.uint8)
+    each = max(1, min(_PER_SEGMENT, _MOST_SAMPLES // (len(knots) - 1)))
+    times = np.interp(np.arange((len(knots) - 1) * each + 1) / each, np.arange(len(knots)), knots)
+    found = sample(trajectory, times)
+    if top_m_s is None:
+        colours = np.broadcast_to(np.array(colour, np.uint8), (len(times), 3))
+    else:
+        colours = ramp(np.asarray(found.speeds_m_s) / top_m_s)
+    points = np.asarray(found.positions_m, np.float32)
+    return np.stack([points[:-1], points[1:]], axis=1), np.stack([colours[:-1], colours[1:]], axis=1)
+
+
+def outline_of(shape: Shape) -> NDArray[np.float32]:
+    """Return the edges of a body in its own frame, shape (n, 2, 3)."""
+    if isinstance(shape, Box):
+        return _box_edges(np.array(shape.size_m) / 2.0)
+    if isinstance(shape, Cylinder):
+        ring = _ring(shape.radius_m)
+        half = np.array([0.0, 0.0, shape.height_m / 2.0])
+        posts = np.stack([ring[:: _ROUND // 4, 0] - half, ring[:: _ROUND // 4, 0] + half], axis=1)
+        return np.concatenate([ring - half, ring + half, posts]).astype(np.float32)
+    assert isinstance(shape, Sphere)
+    ring = _ring(shape.radius_m)
+    return np.concatenate([ring, ring[..., [0, 2, 1]], ring[..., [2, 0, 1]]]).astype(np.float32)
+
+
+def camera_for(scene: Scene) -> tuple[Vec3, Vec3]:
+    """Return where to look from and at, so that everything in a scene is seen from above and behind."""
+    centres: Mapping[int, Vec3] = {
+        thing.id: scene.world_pose(thing.id).position_m
+        for thing in scene.walk()
+        if isinstance(thing, AgentObject | ObstacleObject | ZoneObject | WaypointObject)
+    }
+    reach = {
+        thing.id: thing.shape.reach_m
+        for thing in scene.walk()
+        if isinstance(thing, ObstacleObject | ZoneObject)
+    }
+    if not centres:
+        return (-5.0, -6.0, 5.0), (0.0, 0.0, 0.0)
+    points = np.array(list(centres.values()))
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
+    extent = np.linalg.norm(points - middle, axis=1) + np.array([reach.get(i, 0.5) for i in centres])
+    away = max(2.5, float(extent.max())) * np.array([0.15, -1.0, 0.85])
+    x, y, z = (float(c) for c in middle)
+    a, b, c = (float(v) for v in middle + away)
+    return (a, b, c), (x, y, z)
+
+
+def _box_edges(half: NDArray[np.float64]) -> NDArray[np.float32]:
+    corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    pairs = [(a, b) for i, a in enumerate(corners) for b in corners[i:] if np.abs(a - b).sum() == 2.0]
+    return np.asarray(np.array(pairs) * half, np.float32)
+
+
+def _ring(radius_m: float) -> NDArray[np.float64]:
+    turn = np.linspace(0.0, 2.0 * np.pi, _ROUND + 1)
+    points = radius_m * np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=1)
+    return np.stack([points[:-1], points[1:]], axis=1)

@@ -1,0 +1,239 @@
+"""The editor in the browser: starts viser, puts the panels around the viewport, and carries changes to them.
+
+All browsers that open its address see and edit the same scene. Knows no scene and no edit; see `panels`.
+"""
+
+from __future__ import annotations
+
+import errno
+import logging
+import socket
+import threading
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Self, TypeVar
+
+from sfglab.errors import SfglabError
+from sfglab.spatial.scene import Editor
+from sfglab.view.errors import ViewError
+from sfglab.view.planner.bench import Bench, Part
+from sfglab.view.planner.desk import Desk
+from sfglab.view.planner.kit import quiet, viser
+from sfglab.view.planner.panels import Hierarchy, Inspector, Timeline, Toolbar, Warnings
+from sfglab.view.planner.viewport import Viewport
+from sfglab.view.planner.watch import ConflictWatch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import TracebackType
+
+    from sfglab.spatial.scene import Change, Conflict, Scene
+
+__all__ = ["DEFAULT_PORT", "Planner", "PlannerError", "show_planner"]
+
+DEFAULT_PORT = 8092
+_log = logging.getLogger(__name__)
+_T = TypeVar("_T")
+_LEFT_PX, _RIGHT_PX, _TIME_PX = 270, 330, 560
+_SAID_S = 10.0
+
+
+class PlannerError(ViewError, OSError):
+    """The editor cannot be served where it was asked to be."""
+
+
+class Planner:
+    """An editor, served; a context that ends with the server stopped. A notebook's cell shows it.
+
+    The editor belongs to the planner's own thread: from elsewhere go through `call`.
+
+    Args:
+        editor: What is edited.
+        host: The address to serve; only this machine's browsers reach the default.
+        port: The port; 0 for any that is free.
+        height_px: In a notebook.
+
+    Raises:
+        MissingExtraError: viser is not installed.
+        PlannerError: The port is taken.
+    """
+
+    def __init__(
+        self, editor: Editor, *, host: str = "127.0.0.1", port: int = DEFAULT_PORT, height_px: int = 700
+    ) -> None:
+        library = viser()
+        _check_free(host, port)
+        with quiet():
+            self._server = library.ViserServer(host=host, port=port, verbose=False)
+        if port not in {0, self._server.get_port()}:  # somebody was faster: viser took another one
+            self._stop()
+            raise _taken(host, port)
+        self._host, self._height_px = host, height_px
+        self._closed = threading.Event()
+        self._parts: list[Part] = []
+        self._desk = Desk(self._refused)
+        self._watch = ConflictWatch(
+            lambda scene, found: self._desk.submit(lambda: self._found(scene, found), settle=False),
+            lambda error: self._desk.submit(lambda: self._unchecked(error), settle=False),
+        )
+        self._bench = Bench(viser=library, server=self._server, editor=editor, desk=self._desk)
+        try:
+            self._desk.call(self._furnish)
+        except BaseException:
+            self._watch.close()
+            self._desk.close()
+            self._stop()
+            raise
+
+    @property
+    def url(self) -> str:
+        """Where a browser finds it."""
+        return f"http://{self._host}:{self._server.get_port()}"
+
+    @property
+    def closed(self) -> bool:
+        """Whether it is served no more."""
+        return self._closed.is_set()
+
+    def call(self, job: Callable[[Editor], _T]) -> _T:
+        """Do something with the editor, in order with what browsers do, and return what it returns.
+
+        Raises:
+            SfglabError: The planner is closed; or what the job raises.
+        """
+        return self._desk.call(lambda: job(self._bench.editor))
+
+    def wait(self) -> None:
+        """Return when it is closed."""
+        self._closed.wait()
+
+    def close(self) -> None:
+        """Finish what was asked for and stop serving; again is harmless. Saves nothing."""
+        if self._closed.is_set():
+            return
+        self._closed.set()
+        self._watch.close()
+        self._timeline.close()
+        self._desk.close()
+        self._end_listening()
+        self._stop()
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close it."""
+        self.close()
+
+    def _repr_html_(self) -> str:
+        if self.closed:
+            return "<p>This scene editor is closed.</p>"
+        style = f"width:100%;height:{self._height_px}px;border:1px solid #ccc"
+        return f'<iframe src="{escape(self.url)}" style="{style}" title="scene editor"></iframe>'
+
+    def _furnish(self) -> None:
+        """Put the panels around the viewport: hierarchy left, inspector right, time below."""
+        gui, icon, bench = self._server.gui, self._bench.viser.Icon, self._bench
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        left, below, bottom = gui.add_panel(), gui.add_panel(), gui.add_panel()
+        self._toolbar = Toolbar(bench, _Root())
+        self._viewport = Viewport(bench, _Root())
+        self._inspector = Inspector(bench, _Root())
+        self._hierarchy = Hierarchy(bench, left.add_tab("Scene", icon.HIERARCHY))
+        self._warnings = Warnings(bench, below.add_tab("Conflicts", icon.ALERT_TRIANGLE))
+        self._timeline = Timeline(bench, bottom.add_tab("Time", icon.CLOCK))
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(_RIGHT_PX)
+        left.dock_left()
+        left.set_width(_LEFT_PX)
+        below.dock_below(left)
+        bottom.float(x=20, y=-15, width=_TIME_PX)
+        self._parts = [
+            self._viewport,
+            self._toolbar,
+            self._inspector,
+            self._hierarchy,
+            self._timeline,
+            self._warnings,
+        ]
+        self._end_listening = bench.editor.listen(self._changed)
+        self._watch.look(bench.editor.scene)
+
+    def _changed(self, change: Change) -> None:
+        for part in self._parts:
+            try:
+                part.show(change)
+            except Exception:  # noqa: BLE001 - a part that fails must not stop the others, nor the editor
+                _log.exception("the scene editor failed to show a change")
+        if change.added or change.removed or change.changed:
+            self._watch.look(self._bench.editor.scene)
+
+    def _found(self, scene: Scene, conflicts: tuple[Conflict, ...]) -> None:
+        if scene is self._bench.editor.scene:
+            self._warnings.found(conflicts)
+            self._viewport.found(conflicts)
+
+    def _unchecked(self, error: Exception) -> None:
+        self._warnings.failed()
+        self._refused(error)
+
+    def _refused(self, error: Exception) -> None:
+        """Say why something was not done, and show again what the scene has."""
+        said = str(error) if isinstance(error, SfglabError) else f"an error of the editor itself: {error!r}"
+        for client in self._server.get_clients().values():
+            client.add_notification("Not done", said, color="red", auto_close_seconds=_SAID_S)
+        self._inspector.refresh()
+
+    def _stop(self) -> None:
+        with quiet():
+            self._server.stop()
+
+
+class _Root:
+    """The main panel as a context: what is added outside of all others."""
+
+    def __enter__(self) -> None:
+        """Do nothing."""
+
+    def __exit__(self, *_: object) -> None:
+        """Do nothing."""
+
+
+def show_planner(scene: Path | str | Editor, *, port: int = 0, height_px: int = 700) -> Planner:
+    """Return an editor to look at in a notebook's cell, or at its `url`.
+
+    The browser must reach this machine at 127.0.0.1, as it does where JupyterLab runs on the same one.
+
+    Args:
+        scene: A scene file, which need not exist yet, or an editor.
+        port: The port; 0 for any that is free.
+        height_px: In the notebook.
+
+    Raises:
+        SceneError: The file is no scene.
+        MissingExtraError: viser is not installed.
+        PlannerError: The port is taken.
+    """
+    editor = scene if isinstance(scene, Editor) else Editor.open(Path(scene))
+    return Planner(editor, port=port, height_px=height_px)
+
+
+def _check_free(host: str, port: int) -> None:
+    try:
+        with socket.create_server((host, port)):
+            pass
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            raise _taken(host, port) from error
+        raise PlannerError(f"--port: given {host}:{port}, which cannot be served ({error.strerror})") from error
+    except OverflowError as error:
+        raise PlannerError(f"--port: given {port}, allowed: 0 to 65535") from error
+
+
+def _taken(host: str, port: int) -> PlannerError:
+    return PlannerError(
+        f"--port: given {port}, which something else uses on {host}; allowed: a free port, or 0"
+    )

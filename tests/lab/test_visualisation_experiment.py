@@ -1,0 +1,225 @@
+"""The visualisation experiment: a short live run fills its claim, and everything that is wrong is seen."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from sfglab.errors import MissingExtraError
+from sfglab.lab import screenshots_viewer
+from sfglab.lab.experiments import visualisation
+from sfglab.lab.experiments.visualisation import analysis, matching
+from sfglab.lab.experiments.visualisation.analysis import BOUND_BYTES, Results, checks
+from sfglab.lab.experiments.visualisation.matching import Cloud, check_clouds, check_matching
+from sfglab.lab.experiments.visualisation.moments import (
+    PERIOD_NS,
+    RECEIVED_AFTER_NS,
+    START_NS,
+    back_projected,
+    camera_info,
+    scene_moments,
+)
+from sfglab.lab.experiments.visualisation.recordings import Shown, read_recording
+from sfglab.lab.experiments.visualisation.scene import make_parts
+from sfglab.lab.experiments.visualisation.showing import check_sources, check_visualizers
+from sfglab.view import Latest
+from sfglab.view.sync import synchronizer
+from sfglab.view.visualizers import BUILT_IN
+
+pytest.importorskip("rerun", reason="the extra 'view' is not installed")
+ROOT = Path(__file__).parents[2]
+SMOKE = visualisation.Config.of_profile("smoke")
+TINY = replace(SMOKE, streams=2, pictures=5, stopped_s=0.4)
+
+
+@pytest.fixture(autouse=True)
+def _project(monkeypatch):
+    monkeypatch.setenv("SFGLAB_ROOT", str(ROOT))
+
+
+@pytest.fixture(scope="module")
+def moments():
+    return scene_moments(2, seed=0)
+
+
+@pytest.fixture(scope="module")
+def parts(moments):
+    return [part for part in make_parts(moments) if part.place is not None]
+
+
+def recorded(parts):
+    """What a perfect view would have recorded."""
+    found = {}
+    for part in parts:
+        rows = []
+        for number, values in enumerate(part.expected):
+            stamp_ns = START_NS + number * PERIOD_NS
+            captured_ns = stamp_ns + RECEIVED_AFTER_NS * part.type.endswith("MarkerArray")
+            times = (None, None) if part.place.is_timeless else (captured_ns, stamp_ns + RECEIVED_AFTER_NS)
+            rows.append(Shown(capture_ns=times[0], received_ns=times[1], content=values))
+        found[part.place.entity, part.place.component] = rows
+    return found
+
+
+def wrong(rows):
+    return [row.check.partition(":")[0] for row in rows if row.held < row.checked]
+
+
+def changed(recording, part, **changes):
+    key = part.place.entity, part.place.component
+    first, *others = recording[key]
+    return {**recording, key: [replace(first, **changes), *others]}
+
+
+@pytest.mark.live
+@pytest.mark.timeout(60)
+def test_a_live_run_fills_the_claim_and_draws_its_figures(tmp_path):
+    log = asyncio.run(visualisation.run(TINY, tmp_path / "a.mcap"))
+    measured = visualisation.measure_claims(log)["A-VIZ"]
+    assert (measured.estimate.value, measured.reason) == (1, "")
+    assert measured.how.value == "live"
+    results = visualisation.load_results(log)
+    assert set(visualisation.latency_table(results).index) == {"bare", "bridge"}
+    assert set(visualisation.figures(log)) == {"visualisation_latency", "visualisation_points"}
+    assert log.stat().st_size < 500_000
+
+
+def test_every_visualizer_that_there_is_has_its_part_in_the_scene(moments):
+    assert {part.kind for part in make_parts(moments)} == {kind.name for kind in BUILT_IN}
+
+
+def test_a_perfect_recording_passes_and_whatever_is_changed_in_it_is_found(parts):
+    perfect = recorded(parts)
+    assert wrong(check_visualizers(tuple(parts), perfect)) == []
+    for part in parts:
+        first = part.expected[0]
+        values = ["else"] if isinstance(first, list) else np.asarray(first) + 1
+        assert wrong(check_visualizers(tuple(parts), changed(perfect, part, content=values))) == [part.kind]
+        late = changed(perfect, part, capture_ns=7)
+        assert wrong(check_visualizers(tuple(parts), late)) == [part.kind]
+        missing = {**perfect, (part.place.entity, part.place.component): []}
+        assert wrong(check_visualizers(tuple(parts), missing)) == [part.kind]
+        twice = {key: rows * 2 for key, rows in perfect.items()}
+        assert len(wrong(check_visualizers(tuple(parts), twice))) == len(parts)
+
+
+def test_what_the_bus_shows_otherwise_than_the_log_is_found(parts):
+    logged, image = recorded(parts), parts[0]
+    assert wrong(check_sources(tuple(parts), logged, logged)) == []
+    other = changed(logged, image, content=np.asarray(image.expected[1]))
+    assert wrong(check_sources(tuple(parts), logged, other)) == ["image"]
+    less = {**logged, (image.place.entity, image.place.component): []}
+    assert wrong(check_sources(tuple(parts), logged, less)) == ["image"]
+
+
+def test_streams_that_are_not_synchronised_are_found(monkeypatch):
+    assert wrong(check_matching(3, seed=1)) == []
+    monkeypatch.setattr(matching, "synchronizer", lambda _, topics: synchronizer(Latest(), topics))
+    assert wrong(check_matching(3, seed=1)) == ["exact time", "approximate time"]
+
+
+def test_the_reference_inverts_the_projection_by_hand():
+    depth = np.zeros((4, 8), np.uint16)
+    depth[1, 2], depth[3, 7] = 2000, 12_000  # the second is too far
+    info = camera_info(None, (8, 4))
+    (point,) = back_projected(depth, info, step=1, max_m=10.0)
+    focal = info.k[0]
+    assert np.allclose(point, [(2 - 3.5) * 2 / focal, (1 - 1.5) * 2 / focal, 2.0])
+
+
+def test_points_or_colours_that_are_off_are_found(moments):
+    expected = np.ones((3, 3))
+    colors = np.zeros((3, 3), np.uint8)
+    good = Cloud(moment=moments[0], shown=expected, colors=colors, expected=expected, expected_colors=colors)
+    bad = [
+        replace(good, shown=expected + 1e-4),
+        replace(good, shown=expected[:2], colors=colors[:2]),
+        replace(good, colors=colors + np.uint8(1)),
+    ]
+    check = check_clouds([cloud.row for cloud in (good, *bad)])
+    assert (check.checked, check.held) == (4, 1)
+
+
+def memory(**changes):
+    rows = {
+        "at_s": [0.0, 1.0, 2.0, 3.0],
+        "stopped": [False, True, True, False],
+        "queued_bytes": [0, 10, BOUND_BYTES, 0],
+        "resident_bytes": [0] * 4,
+        "received": [0, 10, 20, 30],
+        "shown": [0, 10, 10, 15],
+        "dropped": [0, 0, 10, 15],
+    }
+    return pd.DataFrame({**rows, **changes})
+
+
+@pytest.mark.parametrize(
+    ("changes", "held"),
+    [
+        ({}, 3),
+        ({"queued_bytes": [0, 10, BOUND_BYTES + 1, 0]}, 2),
+        ({"dropped": [0, 0, 10, 12]}, 2),
+        ({"shown": [0, 10, 10, 10], "dropped": [0, 0, 10, 20]}, 2),
+    ],
+)
+def test_unbounded_waiting_or_pictures_that_vanish_fail_the_check(changes, held):
+    done = pd.DataFrame([{"group": "a", "check": "b", "checked": 100, "held": 100, "example": ""}])
+    table = checks(
+        Results(checks=done, clouds=done, times=done, memory=memory(**changes), config={}),
+    )
+    assert list(table["held"]) == [100, held]
+    assert table["group"].iloc[-1] == "memory"
+
+
+def test_the_claim_is_the_group_that_is_worst(monkeypatch):
+    done = pd.DataFrame(
+        [
+            {"group": "a", "check": "b", "checked": 1000, "held": 1000, "example": ""},
+            {"group": "c", "check": "d", "checked": 2, "held": 1, "example": "what was seen"},
+        ]
+    )
+    times = pd.DataFrame({"arm": ["bare", "bridge"] * 5, "taken_ms": [1.0, 2.0] * 5})
+    made = Results(checks=done, clouds=done, times=times, memory=memory(), config={})
+    monkeypatch.setattr(analysis, "load_results", lambda _: made)
+    measured = analysis.measure_claims(Path("a.mcap"))["A-VIZ"]
+    assert measured.estimate.value == 0.5
+    assert measured.reason == "d: 1 of 2: what was seen"
+    assert measured.details["added by the bridge"].startswith("1 ms")
+
+
+def test_without_rerun_the_run_says_so_and_leaves_no_log(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(MissingExtraError, match="the view needs 'rerun'"):
+        asyncio.run(visualisation.run(TINY, tmp_path / "a.mcap"))
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_a_driver_there_is_no_screenshot_but_one_sentence(tmp_path, monkeypatch):
+    for name in screenshots_viewer._NAMED_DRIVERS:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(screenshots_viewer, "_DRIVERS", (str(tmp_path / "icd.d"),))
+    monkeypatch.setattr(sys, "argv", ["screenshots_viewer", str(tmp_path / "viewer.png")])
+    with pytest.raises(SystemExit, match="needs a Vulkan driver, such as the package mesa-vulkan-drivers"):
+        screenshots_viewer.main()
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_fleet_of_the_screenshot_has_its_cloud_its_lost_agent_and_nothing_that_fails(tmp_path, monkeypatch):
+    monkeypatch.setattr(screenshots_viewer, "_MOMENTS", 16)
+    path = tmp_path / "fleet.rrd"
+    screenshots_viewer.record_fleet(path)
+    shown = read_recording(path)
+    root = "/agents/go2/global/camera_front/aligned_depth/compressed_depth"
+    assert len(shown[f"{root}/cloud", "Points3D:positions"]) == 16
+    assert len(shown[root, "DepthImage:buffer"]) == 16
+    lives = {
+        a: shown[f"/agents/{a}/communication/life", "StateChange:state"][-1].content for a in ("go2", "pi3")
+    }
+    assert lives == {"go2": ["alive"], "pi3": ["late"]}
+    assert {entity for entity, _ in shown} >= {"/tf/go2/base", "/tf/pi1/base", "/fleet/border"}

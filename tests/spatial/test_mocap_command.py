@@ -1,0 +1,128 @@
+"""`sfglab mocap` and `sfglab frames`: what the commands print, and how they refuse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+import yaml
+from typer.testing import CliRunner
+
+from sfglab.cli import mocap as command
+from sfglab.errors import SfglabError
+from sfglab.messages import message_type, stamp_from_ns
+from sfglab.names import TF, TF_STATIC
+from sfglab.record import LogWriter
+from sfglab.spatial import Pose, StampedTransform
+from sfglab.spatial.frames import TRANSFORMS
+from sfglab.spatial.mocap import SyntheticConfig, SyntheticMotion, read_mapping, synthetic_captures
+
+EXAMPLE = str(Path(__file__).parents[2] / "data" / "mocap" / "two_agents.yaml")
+OFFSET = Pose.at((0.03, -0.01, -0.12), (0.02, -0.03, 0.06, 1.0))
+POSE = "geometry_msgs/msg/PoseStamped"
+
+
+def call(*arguments, status=0):
+    """Call the commands as a program; return what was printed."""
+    app = typer.Typer()
+    command.add_to(app)
+    done = CliRunner().invoke(app, arguments)
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    assert done.exit_code == status, done.output
+    return done.output
+
+
+def tf(parent, child, stamp_ns=0, pose=None):
+    value = StampedTransform(parent=parent, child=child, stamp_ns=stamp_ns, pose=pose or Pose())
+    return message_type(TRANSFORMS)(transforms=[value.to_msg()])
+
+
+@pytest.fixture
+def calibration(tmp_path):
+    """A log of a robot that is driven around under cameras."""
+    motion, path = SyntheticMotion(), tmp_path / "calib.mcap"
+    made = synthetic_captures(
+        {"o": motion}, SyntheticConfig(rate_hz=20.0), np.random.default_rng(1), duration_s=8.0
+    )
+    header = message_type("std_msgs/msg/Header")
+    with LogWriter(path) as log:
+        for capture in (m.capture for m in made):
+            stamp_ns = capture.capture_ns
+            log.write(
+                TF,
+                tf("go2/odom", "go2/base", stamp_ns, motion.pose_at(stamp_ns / 1e9) @ OFFSET),
+                log_time_ns=stamp_ns,
+            )
+            seen = message_type(POSE)(
+                header=header(stamp=stamp_from_ns(stamp_ns), frame_id="map"),
+                pose=capture.sights["o"].to_pose_msg(),
+            )
+            log.write("/vrpn/go2", seen, log_time_ns=capture.receipt_ns)
+    return str(path)
+
+
+FRAMES = ("--odom", "go2/odom", "--base", "go2/base")
+
+
+def test_the_offset_is_printed_as_yaml_that_a_mapping_takes(calibration):
+    printed = call("mocap", "offset", calibration, "--object", "Go2 Body", *FRAMES)
+    mapping = read_mapping(yaml.safe_dump({"world": "map", "objects": yaml.safe_load(printed)}))
+    mapped = mapping.objects["Go2 Body"]
+    assert (mapped.via, mapped.offset.same_as(OFFSET, within_m=0.003, within_rad=0.005)) == ("go2/base", True)
+    assert "160 moments" in printed
+    assert printed.count("standard deviations") == 2
+
+
+def test_the_topic_is_asked_for_where_the_log_leaves_it_open(tmp_path):
+    with LogWriter(tmp_path / "x.mcap") as log:
+        log.write(TF, tf("go2/odom", "go2/base"), log_time_ns=0)
+    with pytest.raises(SfglabError, match=r"--topic: nothing is given, .* no poses"):
+        call("mocap", "offset", str(tmp_path / "x.mcap"), "--object", "o", *FRAMES)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ((), "given none, allowed is one of"),
+        (("--vicon", "h", "--synthetic"), "given --vicon and --synthetic"),
+        (("--synthetic", "--topic", "Go2 Body=/x"), "given --synthetic and --topic"),
+        (("--topic", "nobody=/x"), r"--topic: given 'nobody=/x', allowed are agent_x/markers=/topic, Go2 Body"),
+        (("--log", "x.mcap"), "--log: given without --topic"),
+    ],
+)
+def test_the_source_is_exactly_one(options, says):
+    with pytest.raises(SfglabError, match=says):
+        call("mocap", "run", EXAMPLE, "--domain", "1", *options)
+
+
+def logged(path, *edges):
+    with LogWriter(path) as log:
+        for place, (parent, child) in enumerate(edges):
+            log.write(TF_STATIC, tf(parent, child), log_time_ns=place)
+    return str(path)
+
+
+def test_a_sound_tree_passes_the_lint_and_a_broken_one_is_told_and_fails(tmp_path):
+    good = logged(tmp_path / "good.mcap", ("map", "go2/base"), ("go2/base", "go2/markers"))
+    assert call("frames", "lint", good, "--root", "map", "--agents", "go2") == "3 frames, 0 findings\n"
+    bad = logged(tmp_path / "bad.mcap", ("map", "go2_markers"), ("go2/base", "go2/markers"))
+    printed = call("frames", "lint", bad, "--root", "map", "--agents", "go2", status=1)
+    assert "second-root" in printed
+    assert "did you mean 'go2/markers'?" in printed
+
+
+def test_the_lint_takes_a_log_or_a_domain(tmp_path):
+    with pytest.raises(SfglabError, match="allowed is a log or --domain"):
+        call("frames", "lint")
+
+
+@pytest.mark.live
+def test_live_the_bridge_ends_after_its_time_and_reports(domain_id):
+    options = ("--domain", str(domain_id), "--interface", "lo", "--duration", "0.5")
+    printed = call("mocap", "run", EXAMPLE, "--synthetic", *options)
+    assert "ready, status on /global/mocap_status" in printed
+    assert "agent_x/markers -> nothing yet: tracked, 0 published" in printed
+    assert "3 frames" not in call("frames", "lint", "--domain", str(domain_id), "--listen", "0.2", status=1)

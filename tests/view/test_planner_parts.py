@@ -1,0 +1,371 @@
+"""What the scene editor decides before any browser: rows, fields, looks, what is added, and in which order."""
+
+import math
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from sfglab.errors import SfglabError
+from sfglab.spatial.poses import Pose
+from sfglab.spatial.scene import (
+    KINDS,
+    ROOT,
+    AgentObject,
+    Change,
+    ChangeKind,
+    Editor,
+    Scene,
+    SceneError,
+    TrajectoryObject,
+    WaypointObject,
+)
+from sfglab.spatial.trajectory import Box, Cylinder, Sphere, Trajectory
+from sfglab.view.planner.desk import Desk
+from sfglab.view.planner.forms import fields_of, yaw_pitch_roll_deg
+from sfglab.view.planner.looks import agent_colours, camera_for, line_of, linear, outline_of, ramp
+from sfglab.view.planner.making import ADDABLE, add, add_waypoint, insert_waypoint
+from sfglab.view.planner.rows import MOST_ROWS, rows_of
+from sfglab.view.planner.viewport import concerned
+from sfglab.view.planner.watch import ConflictWatch
+
+
+@pytest.fixture
+def editor():
+    made = Editor(Scene(name="s"))
+    group = made.add("group", "team")
+    agent = made.add("agent", "dog", parent=group, speed_m_s=1.25)
+    path = Trajectory.of([(0, Pose()), (2_000_000_000, Pose(position_m=(2.0, 0.0, 0.0)))])
+    made.add_trajectory(path, "walk", agent=agent)
+    made.add("obstacle", "box", shape=Box(size_m=(1.0, 2.0, 3.0)), pose=Pose.from_yaw((1 / 3, 1, 0.1), 0.3))
+    made.add("zone", "keep out", shape=Cylinder(radius_m=0.5, height_m=2.0))
+    return made
+
+
+def field(editor, id_, key):
+    return next(f for f in fields_of(editor.scene, id_) if f.key == key)
+
+
+def put(editor, id_, key, value):
+    editor.do(field(editor, id_, key).command(value))
+
+
+# rows
+
+
+def test_waypoints_are_listed_only_under_the_trajectory_that_is_worked_on(editor):
+    assert [r.id for r in rows_of(editor.scene, ())] == [1, 2, 3, 6, 7]
+    for selected in (3, 4):
+        assert [r.id for r in rows_of(editor.scene, (selected,))] == [1, 2, 3, 4, 5, 6, 7]
+    depths = {r.id: r.depth for r in rows_of(editor.scene, (4,))}
+    assert (depths[1], depths[2], depths[4]) == (0, 1, 1)
+    assert [r.id for r in rows_of(editor.scene, (4,)) if r.selected] == [4]
+
+
+def test_a_huge_scene_has_no_more_rows_than_a_browser_bears():
+    editor = Editor()
+    for i in range(MOST_ROWS + 5):
+        editor.add("agent", f"a{i}")
+    assert len(rows_of(editor.scene, ())) == MOST_ROWS
+
+
+# fields
+
+
+def test_every_property_of_every_kind_has_a_field_and_its_own_value_changes_nothing(editor):
+    before = editor.scene
+    ids = {thing.kind: thing.id for thing in editor.scene.walk()}
+    assert ids.keys() == KINDS.keys()
+    for kind, id_ in ids.items():
+        fields = fields_of(editor.scene, id_)
+        keys = " ".join(f.key for f in fields)
+        assert all(prop.name in keys for prop in KINDS[kind].properties)
+        for each in fields:
+            if each.enabled and each.value != "" and each.key != "angles":
+                editor.do(each.command(each.value))
+    for each in fields_of(editor.scene, ROOT):
+        editor.do(each.command(each.value))
+    assert editor.scene == before
+
+
+def test_typing_one_coordinate_leaves_the_others_exactly_as_they_were(editor):
+    shown = field(editor, 6, "position").value
+    put(editor, 6, "position", (shown[0], 5.0, shown[2]))
+    assert editor.scene.get(6).pose.position_m == (1 / 3, 5.0, 0.1)
+
+
+def test_a_limit_is_switched_on_and_off_and_its_number_waits(editor):
+    assert not field(editor, 2, "acceleration_m_s2").enabled
+    put(editor, 2, "acceleration_m_s2?", True)
+    assert editor.scene.get(2).acceleration_m_s2 == 1.0
+    assert field(editor, 2, "acceleration_m_s2").enabled
+    put(editor, 2, "speed_m_s?", False)
+    assert editor.scene.get(2).speed_m_s is None
+
+
+@pytest.mark.parametrize(
+    ("word", "shape"),
+    [
+        ("box", Box(size_m=(1.0, 1.0, 2.0))),
+        ("sphere", Sphere(radius_m=0.5)),
+        ("cylinder", Cylinder(radius_m=0.5, height_m=2.0)),
+    ],
+)
+def test_a_body_of_another_form_is_about_as_large(editor, word, shape):
+    put(editor, 7, "shape", word)
+    assert editor.scene.get(7).shape == shape
+
+
+def test_a_size_and_a_driver_are_typed(editor):
+    put(editor, 6, "shape.size_m", (1.0, 1.0, 0.25))
+    assert editor.scene.get(6).shape == Box(size_m=(1.0, 1.0, 0.25))
+    put(editor, 3, "agent", "none")
+    assert editor.scene.get(3).agent is None
+    put(editor, 3, "agent", "dog  #2")
+    assert editor.scene.get(3).agent == 2
+
+
+def test_a_value_that_is_not_allowed_is_refused_by_the_model_and_nothing_changes(editor):
+    before = editor.scene
+    for key, value in (("radius_m", 0.0), ("name", ""), ("position", (math.nan, 0.0, 0.0))):
+        with pytest.raises(SfglabError):
+            put(editor, 2, key, value)
+    assert editor.scene is before
+
+
+def test_an_aligned_waypoint_cannot_be_turned(editor):
+    assert field(editor, 4, "angles").enabled
+    put(editor, 4, "align", "next")
+    assert not field(editor, 4, "angles").enabled
+
+
+def test_a_group_is_never_offered_to_itself(editor):
+    inner = editor.add("group", "inner", parent=1)
+    assert field(editor, 1, "parent").choices == ("the scene",)
+    assert field(editor, inner, "parent").choices == ("the scene", "team  #1")
+
+
+angles = st.tuples(st.floats(-179, 179), st.floats(-89, 89), st.floats(-179, 179))
+
+
+@given(angles)
+def test_turns_read_back_as_they_were_typed(typed):
+    editor = Editor()
+    id_ = editor.add("agent", "a")
+    put(editor, id_, "angles", typed)
+    assert yaw_pitch_roll_deg(editor.scene.get(id_).pose) == pytest.approx(typed, abs=1e-6)
+
+
+@pytest.mark.parametrize("pitch", [90.0, -90.0])
+@given(yaw=st.floats(-179, 179))
+def test_straight_up_or_down_the_turn_still_describes_the_same_orientation(pitch, yaw):
+    pose = Pose.from_rotation((0, 0, 0), Rotation.from_euler("ZYX", (yaw, pitch, 0), degrees=True))
+    again = Rotation.from_euler("ZYX", yaw_pitch_roll_deg(pose), degrees=True)
+    assert Pose.from_rotation((0, 0, 0), again).angle_rad(pose) < 1e-5
+
+
+# looks
+
+
+def test_agents_keep_their_colours_when_they_are_renamed_and_differ(editor):
+    other = editor.add("agent", "cat")
+    before = agent_colours(editor.scene)
+    put(editor, other, "name", "a cat")
+    assert agent_colours(editor.scene) == before
+    assert before[2] != before[other]
+
+
+def test_a_line_passes_every_waypoint_and_a_lone_one_has_none(editor):
+    points, colours = line_of(editor.scene.world_trajectory(3), colour=(1, 2, 3))
+    assert points[0, 0].tolist() == [0, 0, 0]
+    assert points[-1, 1].tolist() == [2, 0, 0]
+    assert (points[1:, 0] == points[:-1, 1]).all()
+    assert (colours == (1, 2, 3)).all()
+    alone, none = line_of(Trajectory.standing(Pose()), colour=(1, 2, 3))
+    assert alone.shape == none.shape == (0, 2, 3)
+
+
+def test_faster_is_brighter_and_the_end_of_the_ramp_holds(editor):
+    path = editor.scene.world_trajectory(3)  # 1 m/s
+    dim, bright = (line_of(path, colour=(0, 0, 0), top_m_s=top)[1].astype(int).sum() for top in (4.0, 1.0))
+    assert dim < bright
+    assert (ramp(np.array([1.0, 7.0])) == ramp(np.array([1.0]))).all()
+    assert linear(np.array([[0, 255, 128]], np.uint8)).tolist() == [[0, 255, 55]]
+
+
+@pytest.mark.parametrize(
+    "shape", [Box(size_m=(1, 2, 3)), Sphere(radius_m=0.7), Cylinder(radius_m=0.4, height_m=1.5)]
+)
+def test_an_outline_lies_on_its_body(shape):
+    edges = outline_of(shape).reshape(-1, 3).astype(float)
+    assert np.abs(shape.distances_m(edges)).max() < 1e-6
+
+
+def test_the_camera_sees_an_empty_scene_and_stands_outside_of_a_large_one(editor):
+    assert camera_for(Scene())[1] == (0.0, 0.0, 0.0)
+    editor.add("zone", "hall", shape=Box(size_m=(30.0, 30.0, 4.0)))
+    position, look_at = camera_for(editor.scene)
+    assert np.linalg.norm(np.subtract(position, look_at)) > 15.0
+
+
+# what is added
+
+
+@pytest.mark.parametrize("kind", ADDABLE)
+def test_what_is_added_stands_where_one_looks_is_selected_and_is_one_step(kind):
+    editor = Editor()
+    id_ = add(editor, kind, (3.0, 4.0, 0.0))
+    thing = editor.scene.get(id_)
+    assert thing.kind == kind
+    assert editor.selection == (id_,)
+    place = editor.scene.held_by(id_)[0] if kind == "trajectory" else id_
+    assert editor.scene.world_pose(place).position_m[:2] == (3.0, 4.0)
+    editor.undo()
+    assert editor.scene.objects == {}
+
+
+def test_a_selected_agent_without_trajectory_drives_the_one_that_is_added():
+    editor = Editor()
+    agent = editor.add("agent", "a", pose=Pose(position_m=(5.0, 0.0, 1.0)))
+    editor.select(agent)
+    first = add(editor, "trajectory", (0.0, 0.0, 0.0))
+    assert editor.scene.get(first).agent == agent
+    assert editor.scene.motion(agent).waypoints[0].pose.position_m == (5.0, 0.0, 1.0)
+    editor.select(agent)
+    second = add(editor, "trajectory", (0.0, 0.0, 0.0))
+    assert editor.scene.get(second).agent is None
+
+
+def test_a_waypoint_goes_on_as_the_last_two_did_or_stands_at_the_sliders_time(editor):
+    editor.select(2)
+    id_ = add_waypoint(editor)
+    made = editor.scene.get(id_)
+    assert (made.time_ns, made.pose.position_m) == (4_000_000_000, (4.0, 0.0, 0.0))
+    editor.set_time(0.5)
+    id_ = insert_waypoint(editor)
+    made = editor.scene.get(id_)
+    assert (made.time_ns, made.pose.position_m) == (500_000_000, (0.5, 0.0, 0.0))
+    with pytest.raises(SceneError, match="time of its own"):
+        insert_waypoint(editor)
+
+
+def test_without_any_trajectory_a_waypoint_is_refused():
+    with pytest.raises(SceneError, match="a selected trajectory"):
+        add_waypoint(Editor())
+
+
+# what a change concerns
+
+
+def test_a_moved_waypoint_redraws_its_trajectory_and_a_moved_group_all_it_holds(editor):
+    def edited(*ids):
+        return concerned(editor.scene, Change(kind=ChangeKind.EDIT, changed=ids))
+
+    assert edited(4) == {3}
+    assert edited(1) == {1, 2}
+    assert edited(2) == {2, 3}
+    assert edited(6) == {6}
+
+
+# order and threads
+
+
+def test_jobs_are_done_in_order_and_only_the_newest_of_a_row_of_one_key():
+    done, gate = [], threading.Event()
+    desk = Desk(done.append)
+    desk.submit(gate.wait)
+    for i in range(3):
+        desk.submit(lambda i=i: done.append(i), key="slider")
+    desk.submit(lambda: done.append("end"))
+    desk.submit(lambda: done.append("next drag"), key="slider")
+    gate.set()
+    desk.close()
+    assert done == [2, "end", "next drag"]
+
+
+def test_what_is_still_being_typed_is_done_before_an_undo_and_once():
+    done = []
+    desk = Desk(done.append)
+    desk.later("name", lambda: done.append("ty"), delay_s=60.0)
+    desk.later("name", lambda: done.append("typed"), delay_s=60.0)
+    assert desk.waits("name")
+    desk.call(lambda: done.append("undo"))
+    desk.close()
+    assert done == ["typed", "undo"]
+
+
+def test_what_nobody_types_at_any_more_is_done_by_itself():
+    done = threading.Event()
+    desk = Desk(print)
+    desk.later("name", done.set, delay_s=0.01)
+    assert done.wait(5.0)
+    desk.close()
+
+
+def test_a_job_that_fails_is_told_and_the_next_one_is_done():
+    refused, done = [], []
+    desk = Desk(refused.append)
+    desk.submit(lambda: add_waypoint(Editor()))
+    desk.submit(lambda: done.append(1))
+    with pytest.raises(SceneError):
+        desk.call(lambda: Editor().save())
+    desk.close()
+    assert [type(e) for e in refused] == [SceneError]
+    assert done == [1]
+    with pytest.raises(SfglabError, match="closed"):
+        desk.call(lambda: None)
+    assert not desk._thread.is_alive()
+
+
+def test_conflicts_are_found_of_the_newest_scene_while_older_ones_are_left_out():
+    checked, found, gate = [], threading.Event(), threading.Event()
+
+    def check(scene):
+        checked.append(scene.name)
+        gate.wait(5.0)
+        return ()
+
+    def heard(scene, _):
+        if scene.name == "s9":
+            found.set()
+
+    watch = ConflictWatch(heard, print, quiet_s=0.01, check=check)
+    watch.look(Scene(name="s0"))
+    while not checked:  # the first one is being checked now
+        pass
+    for i in range(1, 10):
+        watch.look(Scene(name=f"s{i}"))
+    gate.set()
+    assert found.wait(5.0)
+    watch.close()
+    assert checked == ["s0", "s9"]
+
+
+def test_a_scene_that_cannot_be_checked_is_told_and_the_next_one_is_checked():
+    heard, told = [], threading.Event()
+
+    def check(scene):
+        if scene.name == "bad":
+            raise ZeroDivisionError
+        return ()
+
+    def good(scene, _):
+        heard.append(scene.name)
+        told.set()
+
+    def bad(error):
+        heard.append(type(error))
+        watch.look(Scene(name="good"))
+
+    watch = ConflictWatch(good, bad, quiet_s=0.01, check=check)
+    watch.look(Scene(name="bad"))
+    assert told.wait(5.0)
+    watch.close()
+    assert heard == [ZeroDivisionError, "good"]
+
+
+def test_kinds_that_the_viewport_draws_are_all_there_are():
+    assert {AgentObject.kind, TrajectoryObject.kind, WaypointObject.kind, *ADDABLE} == KINDS.keys()

@@ -1,0 +1,252 @@
+"""The scene editor's server and panels, without a browser: events, refused values, ports, ends."""
+
+import asyncio
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from sfglab.errors import MissingExtraError, SfglabError
+from sfglab.spatial.poses import Pose
+from sfglab.spatial.scene import Editor, Rename, load_scene, scene_text
+from sfglab.view.planner import Planner, PlannerError, show_planner
+
+pytest.importorskip("viser", reason="the scene editor needs the extra 'view'")
+pytestmark = pytest.mark.live
+
+
+@pytest.fixture
+def planner(tmp_path):
+    editor = Editor(file=tmp_path / "scene.yaml")
+    agent = editor.add("agent", "dog")
+    editor.select(agent)
+    editor.add("obstacle", "wall")
+    with Planner(editor, port=0) as made:
+        yield made
+
+
+def typed(planner, key, value):
+    """Do what viser does when a browser types a value."""
+    widget = planner._inspector._widgets[key]
+    widget._impl.value = value
+    event = SimpleNamespace(client_id=1, client=None, target=widget)
+    asyncio.run(widget._impl.update_cb[0](event))
+
+
+def clicked(planner, part, *, instance=None):
+    handle = part
+    event = SimpleNamespace(client_id=1, client=None, target=handle, instance_index=instance)
+    asyncio.run(handle._impl.update_cb[0](event))
+
+
+def dragged(planner, phase, position=(0.0, 0.0, 0.0)):
+    gizmo = planner._viewport._gizmo._handle
+    target = SimpleNamespace(wxyz=(1.0, 0.0, 0.0, 0.0), position=position)
+    asyncio.run(gizmo._impl_aux.update_cb[0](SimpleNamespace(client_id=1, phase=phase, target=target)))
+
+
+def test_a_drag_is_one_step_and_leaves_the_gizmo_where_the_object_is(planner):
+    before = planner.call(lambda e: e.scene)
+    dragged(planner, "start")
+    for i in range(50):
+        dragged(planner, "update", (i / 10, 0.0, 0.0))
+    dragged(planner, "end")
+    assert planner.call(lambda e: e.scene.get(1).pose.position_m) == (4.9, 0.0, 0.0)
+    assert tuple(planner._viewport._gizmo._handle.position) == (4.9, 0.0, 0.0)
+    planner.call(Editor.undo)
+    assert planner.call(lambda e: e.scene) == before
+    assert tuple(planner._viewport._gizmo._handle.position) == (0.0, 0.0, 0.0)
+
+
+def test_a_drag_that_another_selection_ends_does_not_swallow_later_edits(planner):
+    dragged(planner, "start")
+    dragged(planner, "update", (1.0, 0.0, 0.0))
+    planner.call(lambda e: e.select(2))
+    planner.call(lambda e: e.do(Rename(id=1, name="cat")))
+    planner.call(Editor.undo)
+    assert planner.call(lambda e: (e.scene.get(1).name, e.scene.get(1).pose.position_m)) == ("dog", (1.0, 0, 0))
+
+
+def test_numbers_typed_key_by_key_are_one_edit(planner):
+    for value in (1.0, 1.2, 1.25):
+        typed(planner, "radius_m", value)
+    assert planner.call(lambda e: e.scene.get(1).radius_m) == 1.25
+    planner.call(Editor.undo)
+    assert planner.call(lambda e: e.scene.get(1).radius_m) == 0.3
+    assert planner._inspector._widgets["radius_m"].value == 0.3
+
+
+def test_a_refused_value_is_taken_out_of_its_field_and_the_scene_is_as_it_was(planner):
+    before = planner.call(lambda e: e.scene)
+    typed(planner, "radius_m", 0.0)
+    planner.call(lambda _: None)
+    assert planner.call(lambda e: e.scene) is before
+    assert planner._inspector._widgets["radius_m"].value == 0.3
+
+
+def test_a_row_selects_and_a_second_click_selects_nothing(planner):
+    row = planner._hierarchy._buttons[2]
+    clicked(planner, row)
+    assert planner.call(lambda e: e.selection) == (2,)
+    assert row.color == "blue"
+    clicked(planner, row)
+    assert planner.call(lambda e: e.selection) == ()
+    assert row.color is None
+
+
+def test_an_edit_touches_only_the_rows_and_nodes_that_it_concerns(planner):
+    rows = planner.call(lambda _: dict(planner._hierarchy._buttons))
+    nodes = planner.call(lambda _: dict(planner._viewport._nodes))
+    planner.call(lambda e: e.do(Rename(id=1, name="cat")))
+    planner.call(lambda e: e.place(1, Pose(position_m=(1.0, 1.0, 1.0))))
+    assert planner.call(lambda _: planner._hierarchy._buttons) == rows
+    assert rows[1].label == "cat  #1"
+    assert planner.call(lambda _: planner._viewport._nodes[2]) is nodes[2]
+
+
+def test_conflicts_are_listed_and_lead_to_their_time_and_objects(planner):
+    planner.call(lambda e: e.do(Rename(id=1, name="cat")))
+    end = time.monotonic() + 10.0
+    while not (buttons := planner.call(lambda _: planner._warnings._buttons)):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    assert "cat is" in buttons[0].label
+    planner.call(lambda e: e.select())
+    clicked(planner, buttons[0])
+    assert planner.call(lambda e: e.selection) == (1, 2)
+
+
+def test_a_loaded_scene_takes_the_place_of_what_was_drawn(planner, tmp_path):
+    planner.call(Editor.save)
+    planner.call(lambda e: (e.remove(2), e.add("agent", "bird"), e.select(1)))
+    planner.call(Editor.load)
+    assert planner.call(lambda _: sorted(planner._hierarchy._buttons)) == [1, 2]
+    assert planner.call(lambda _: sorted(planner._viewport._nodes)) == [2]
+    assert planner.call(lambda _: sorted(planner._viewport._drawing._ghosts)) == [1]
+
+
+def test_the_toolbar_removes_a_waypoint_back_to_its_trajectory_and_selects_a_copy(planner):
+    def tool(word):
+        planner.call(lambda _: planner._toolbar._selected((word, (0.0, 0.0, 0.0))))
+
+    planner.call(lambda _: planner._toolbar._add(("trajectory", (0.0, 0.0, 0.0))))
+    made, waypoint = planner.call(lambda e: (e.selection[0], e.scene.held_by(e.selection[0])[0]))
+    planner.call(lambda e: e.select(waypoint))
+    tool("remove")
+    assert planner.call(lambda e: (e.selection, waypoint in e.scene.objects)) == ((made,), False)
+    tool("duplicate")
+    copy = planner.call(lambda e: e.selection[0])
+    assert copy != made
+    tool("remove")
+    assert planner.call(lambda e: (e.selection, copy in e.scene.objects)) == ((), False)
+
+
+def test_paths_by_speed_are_drawn_in_other_colours_and_back(planner):
+    planner.call(lambda _: planner._toolbar._add(("trajectory", (0.0, 0.0, 0.0))))
+    id_ = planner.call(lambda e: e.selection[0])
+
+    def colours():
+        return planner.call(lambda _: planner._viewport._nodes[id_][0].colors.copy())
+
+    plain = colours()
+    planner.call(lambda _: planner._viewport._colour("speed"))
+    assert (colours() != plain).any()
+    planner.call(lambda _: planner._viewport._colour("agent"))
+    assert (colours() == plain).all()
+
+
+def test_playing_moves_the_time_and_ends_with_the_planner(planner):
+    clicked(planner, planner._timeline._button)
+    end = time.monotonic() + 10.0
+    while planner.call(lambda e: e.time_s) == 0.0:
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    planner.close()
+    assert not [t for t in threading.enumerate() if t.name.startswith("planner-")]
+
+
+def test_a_notebook_shows_a_frame_while_it_is_open_and_calls_end_with_it(planner):
+    assert f'src="{planner.url}"' in planner._repr_html_()
+    planner.close()
+    assert "iframe" not in planner._repr_html_()
+    with pytest.raises(SfglabError, match="closed"):
+        planner.call(lambda _: None)
+
+
+def test_a_port_in_use_is_one_clear_error():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(PlannerError, match=rf"--port: given {port}, which something else uses"):
+            Planner(Editor(), port=port)
+
+
+def test_a_file_that_is_no_scene_is_refused_before_anything_is_served(tmp_path):
+    file = tmp_path / "broken.yaml"
+    file.write_text("sfglab_scene: 1\nname: [\n")
+    with pytest.raises(SfglabError, match=r"broken\.yaml"):
+        show_planner(file)
+
+
+def test_without_viser_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(MissingExtraError, match=r"sfglab\[view\]"):
+        Planner(Editor(), port=0)
+
+
+def test_the_command_ends_at_ctrl_c_says_nothing_of_a_saved_scene_and_leaves_the_file(tmp_path):
+    file = tmp_path / "s.yaml"
+    editor = Editor()
+    editor.add("agent", "a")
+    editor.save(file)
+    command = [sys.executable, "-m", "sfglab", "plan", str(file), "--port", "0", "--no-browser"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, env=os.environ | {"PYTHONUNBUFFERED": "1"}, **pipes) as process:
+        try:
+            assert "s.yaml: http://127.0.0.1:" in process.stdout.readline()
+            process.send_signal(signal.SIGINT)
+            _, said = process.communicate(timeout=20)
+        finally:
+            process.kill()
+    assert (process.returncode, said) == (0, "")
+    assert scene_text(load_scene(file)) == file.read_text()
+
+
+def test_what_was_not_saved_at_ctrl_c_is_said_in_one_line_and_the_file_stays_as_it_was(tmp_path, monkeypatch):
+    from typer.testing import CliRunner
+
+    from sfglab.cli import app
+
+    def edited_then_interrupted(planner):
+        planner.call(lambda e: e.add("agent", "late"))
+        raise KeyboardInterrupt
+
+    file = tmp_path / "s.yaml"
+    Editor().save(file)
+    before = file.read_text()
+    monkeypatch.setattr(Planner, "wait", edited_then_interrupted)
+    result = CliRunner().invoke(app, ["plan", str(file), "--port", "0", "--no-browser"])
+    assert result.exit_code == 0
+    assert result.stderr.splitlines() == [
+        "s.yaml: has changes that were not saved; the file is as it was saved last"
+    ]
+    assert file.read_text() == before
+    assert not list(tmp_path.glob(".*.part"))
+
+
+def test_the_command_begins_a_scene_only_when_it_is_told_to(tmp_path):
+    def refused(*arguments):
+        command = [sys.executable, "-m", "sfglab", "plan", *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+
+    missing = refused(tmp_path / "none.yaml")
+    assert missing.returncode == 1
+    assert "--new begins one" in missing.stderr
+    there = tmp_path / "there.yaml"
+    Editor().save(there)
+    assert "--new" in refused(there, "--new").stderr

@@ -1,0 +1,180 @@
+"""``sfglab view`` as a process, and the panel in a kernel as a front end drives it."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import socket
+import subprocess
+import sys
+from contextlib import closing, contextmanager
+
+import pytest
+from typer.testing import CliRunner
+
+from sfglab.bus import Node
+from sfglab.cli import app
+from sfglab.errors import SfglabError
+from sfglab.messages import default_message
+
+pytest.importorskip("rerun", reason="the extra 'view' is not installed")
+BEAT = "sfglab_interfaces/msg/AgentHeartbeat"
+COMMAND = (sys.executable, "-m", "sfglab", "view")
+
+
+def headless():
+    return {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+
+
+@contextmanager
+def viewing(*arguments):
+    """The command at work; interrupted at the end of the block, if it still runs."""
+    with subprocess.Popen([*COMMAND, *map(str, arguments)], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def interrupted(process):
+    """What it still says, and its status, after Ctrl-C."""
+    process.send_signal(signal.SIGINT)
+    said, _ = process.communicate(timeout=10)
+    return said.splitlines(), process.returncode
+
+
+def free_port():
+    with closing(socket.socket()) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@pytest.mark.live
+def test_a_log_becomes_a_file_and_what_was_shown_is_told(tmp_path, pytestconfig, read_rrd):
+    log, out = pytestconfig.rootpath / "data/reference/cooperation.mcap", tmp_path / "a.rrd"
+    command = [*COMMAND, str(log), "--to", str(out), "--topic", "/failure/robot1", "--thin"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    first, *dropped = done.stdout.splitlines()
+    shown = {topic: rows for topic, rows in read_rrd(out).items() if topic.startswith("/failure")}
+    assert set(shown) >= {"/failure/robot1/scan", "/failure/robot1/pose", "/failure/robot1/walls/robot1/0"}
+    assert not any(topic.startswith("/failure/robot2") for topic in shown)
+    assert first.startswith("3 displays, ")
+    assert all("messages dropped" in line for line in dropped)
+
+
+@pytest.mark.live
+def test_without_a_display_it_says_how_to_serve_instead():
+    done = subprocess.run(COMMAND, capture_output=True, text=True, env=headless(), check=False, timeout=60)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    assert "no display" in line
+    assert "--to serve" in line
+
+
+@pytest.mark.live
+def test_a_log_is_served_until_ctrl_c(pytestconfig):
+    log, port = pytestconfig.rootpath / "data/reference/cooperation.mcap", free_port()
+    with viewing(log, "--topic", "/failure/robot1/pose", "--to", f"serve:{port}") as process:
+        said = [process.stdout.readline(), process.stdout.readline()]
+        with closing(socket.create_connection(("127.0.0.1", port), timeout=5)):
+            pass
+        rest, status = interrupted(process)
+    assert said[1] == f"rerun rerun+http://127.0.0.1:{port}/proxy\n"
+    assert (rest, status) == (["ended"], 0)
+
+
+@pytest.mark.live
+def test_live_it_shows_what_another_process_sends_until_ctrl_c_and_the_file_is_whole(
+    tmp_path, domain_id, read_rrd
+):
+    out = tmp_path / "live.rrd"
+
+    async def beat_until_shown(process):
+        async with Node("agent", domain_id=domain_id, interface="lo") as node:
+            publisher = node.create_publisher(BEAT, "/global/agent_heartbeat")
+            await publisher.wait_for_subscriptions(1, timeout_s=10)
+            beat = default_message(BEAT)
+            beat.agent, beat.period_s, beat.phase = "go2", 1.0, 1
+            for _ in range(30):  # three of its ticks
+                publisher.publish(beat)
+                await asyncio.sleep(0.02)
+            return interrupted(process)
+
+    with viewing("--domain", domain_id, "--interface", "lo", "--to", out) as process:
+        assert process.stdout.readline() == f"domain {domain_id} goes to {out}; Ctrl-C ends\n"
+        said, status = asyncio.run(beat_until_shown(process))
+    assert status == 0
+    assert said[0] == "ended"
+    assert said[1].startswith("1 displays, ")
+    assert "/agents/go2/communication/heartbeat_age_s" in read_rrd(out)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--thin", "--to", "a.rrd"], "--thin: given without a log"),
+        (["a.mcap", "--domain", "3", "--to", "a.rrd"], "--domain and --interface: given with a log"),
+        (["gone.mcap", "--to", "a.rrd"], r"gone\.mcap"),
+    ],
+)
+def test_what_does_not_go_together_is_one_sentence(tmp_path, monkeypatch, arguments, told):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SfglabError, match=told):
+        CliRunner().invoke(app, ["view", *arguments], catch_exceptions=False)
+
+
+PANEL = """
+from IPython.display import display
+from sfglab.view import Session
+from sfglab.view.panel import Panel
+
+session = Session()
+panel = Panel(session)
+image = session.add("image", "/a")
+display(panel.widget)
+opacity = panel.parameter(image.id, "opacity")
+print(opacity.model_id)
+"""
+
+
+@pytest.mark.live
+def test_what_a_notebooks_front_end_sets_tunes_the_session(tmp_path, monkeypatch):
+    """The front end's own message, over the kernel's own socket."""
+    pytest.importorskip("ipywidgets", reason="the notebook's widgets are not installed")
+    from jupyter_client.manager import start_new_kernel
+
+    monkeypatch.setenv("JUPYTER_RUNTIME_DIR", str(tmp_path))
+    manager, client = start_new_kernel(kernel_name="python3")
+    try:
+        (model_id,) = said(client, PANEL, "stream")
+        tuned(client, model_id.strip(), 0.25)
+        assert said(client, "print(image.visualizer.settings['opacity'])", "stream") == ["0.25\n"]
+        tuned(client, model_id.strip(), 7.0)
+        assert said(client, "print(image.visualizer.settings['opacity'], opacity.value)", "stream") == [
+            "0.25 0.25\n"
+        ]
+        views = said(client, "display(panel.widget)", "display_data")
+        assert "application/vnd.jupyter.widget-view+json" in views[0]
+    finally:
+        client.stop_channels()
+        manager.shutdown_kernel(now=True)
+
+
+def said(client, code, kind):
+    """What a cell says, of one kind of message."""
+    found = []
+
+    def hear(message):
+        assert message["msg_type"] != "error", message["content"]
+        if message["msg_type"] == kind:
+            found.append(message["content"].get("text") or message["content"].get("data"))
+
+    client.execute_interactive(code, output_hook=hear, timeout=30)
+    return found
+
+
+def tuned(client, model_id, value):
+    data = {"method": "update", "state": {"value": value}, "buffer_paths": []}
+    client.shell_channel.send(client.session.msg("comm_msg", {"comm_id": model_id, "data": data}))
