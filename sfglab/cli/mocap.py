@@ -52,6 +52,9 @@ def mocap_run(
     synthetic: Annotated[
         bool, typer.Option("--synthetic", help="Objects on ellipses, for trials without cameras.")
     ] = False,
+    trees: Annotated[
+        bool, typer.Option("--trees", help="Make up the agents' own trees too, where no robot publishes them.")
+    ] = False,
     agent: Annotated[str, typer.Option(help="The agent on which it runs, for the status topic.")] = "",
     duration: Annotated[float | None, typer.Option(min=0.0, help="Seconds to run; else until Ctrl-C.")] = None,
 ) -> None:
@@ -65,7 +68,7 @@ def mocap_run(
 
       sfglab mocap run data/mocap/two_agents.yaml --log run.mcap --topic "Go2 Body=/vrpn/go2/pose" --domain 7
 
-      sfglab mocap run data/mocap/two_agents.yaml --synthetic --domain 7 --interface lo --duration 10
+      sfglab mocap run data/mocap/two_agents.yaml --synthetic --trees --domain 7 --interface lo --duration 10
     """
     from sfglab.spatial.mocap import load_mapping
 
@@ -73,7 +76,7 @@ def mocap_run(
     topics = _topics(topic or [], mapping)
     make = _source(vicon=vicon, topics=topics, type_=type_, log=log, synthetic=synthetic)
     options = {"domain_id": domain, **({} if interface is None else {"interface": interface})}
-    run(_serve(mapping, make, agent, options, duration))
+    run(_serve(mapping, make, options, agent=agent, trees=trees, duration=duration))
 
 
 def mocap_offset(
@@ -225,8 +228,10 @@ def _synthetic(mapping: MocapMapping, clock: Any) -> MocapSource:
 async def _serve(
     mapping: MocapMapping,
     make: Callable[..., MocapSource],
-    agent: str,
     options: dict[str, Any],
+    *,
+    agent: str,
+    trees: bool,
     duration: float | None,
 ) -> None:
     from sfglab.bus import Node
@@ -234,6 +239,8 @@ async def _serve(
 
     with contextlib.ExitStack() as stack:
         async with Node("mocap_bridge", **options) as node:
+            if trees:
+                _make_up_trees(node, mapping)
             bridge = MocapBridge(node, make(node, mapping, stack), mapping, BridgeOptions(agent=agent))
             running = asyncio.ensure_future(bridge.run())
             for number in (signal.SIGINT, signal.SIGTERM):
@@ -243,6 +250,25 @@ async def _serve(
                 async with asyncio.timeout(duration):
                     await running
             typer.echo(_report(bridge.core), nl=False)
+
+
+def _make_up_trees(node: Node, mapping: MocapMapping) -> None:
+    """Publish the shortest trees that objects can be placed in: a root and, above it, what the cameras see."""
+    from sfglab.messages import message_type
+    from sfglab.names import TF_STATIC
+    from sfglab.spatial import Pose, StampedTransform
+    from sfglab.spatial.frames import TF_STATIC_QOS, TRANSFORMS
+
+    above = Pose(position_m=(0.0, 0.0, 0.1))
+    placed = mapping.objects.values()
+    roots = {one.via: one.frame or f"{one.via.partition('/')[0]}/odom" for one in placed}
+    transforms = [
+        StampedTransform(parent=root, child=via, stamp_ns=0, pose=above).to_msg()
+        for via, root in roots.items()
+        if root != via
+    ]
+    publisher = node.create_publisher(TRANSFORMS, TF_STATIC, qos=TF_STATIC_QOS)
+    publisher.publish(message_type(TRANSFORMS)(transforms=transforms))
 
 
 def _report(core: BridgeCore) -> str:

@@ -126,3 +126,12 @@ def test_live_the_bridge_ends_after_its_time_and_reports(domain_id):
     assert "ready, status on /global/mocap_status" in printed
     assert "agent_x/markers -> nothing yet: tracked, 0 published" in printed
     assert "3 frames" not in call("frames", "lint", "--domain", str(domain_id), "--listen", "0.2", status=1)
+
+
+@pytest.mark.live
+def test_live_made_up_trees_are_placed_as_a_robot_s_would_be(domain_id):
+    options = ("--domain", str(domain_id), "--interface", "lo", "--duration", "1")
+    printed = call("mocap", "run", EXAMPLE, "--synthetic", "--trees", *options)
+    assert "agent_x/markers -> agent_x/base: tracked" in printed
+    assert "Go2 Body -> go2/odom: " in printed
+    assert " 0 published" not in printed
