@@ -13,12 +13,19 @@ from sfglab.lab.paths import Project
 
 ROOT = Path(__file__).parents[2]
 INDEX = "00_index"
-# What the notebooks draw. Those of the first kind measure nothing that other work on the machine would disturb.
+# What the notebooks draw. Those of the first kind conclude nothing from what other work on the machine disturbs.
 QUIET = {
     "01_naming": {"naming_schema"},
     "02_depth_codecs": {"depth_codecs"},
     "08_caches_and_qos": {"balancing_caches", "balancing_qos", "balancing_stale"},
     "11_gateways": {"gateway_core", "graph_mapping"},
+    "12_transfer": {
+        "node_mapping",
+        "transfer",
+        "transfer_break_even",
+        "transfer_live",
+        "transfer_residuals",
+    },
     "13_driving": {"driving_chain", "driving_lap", "driving_laps"},
     "15_planning": {"planning_interpolation", "planning_scene"},
 }
@@ -36,13 +43,6 @@ LIVE = {
         "transmission_loss",
     },
     "10_cooperation": {"cooperation", "cooperation_staleness", "cooperation_tracks"},
-    "12_transfer": {
-        "node_mapping",
-        "transfer",
-        "transfer_break_even",
-        "transfer_live",
-        "transfer_residuals",
-    },
     "14_mocap": {"mocap_error", "mocap_offset", "mocap_trees"},
     "16_visualisation": {"visualisation_latency", "visualisation_points"},
 }
