@@ -13,7 +13,7 @@ from sfglab.lab.paths import Project
 
 ROOT = Path(__file__).parents[2]
 INDEX = "00_index"
-# What the notebooks draw. Those of the first kind conclude nothing from what other work on the machine disturbs.
+# What the notebooks draw. The first kind concludes nothing from what other work on the machine disturbs.
 QUIET = {
     "01_naming": {"naming_schema"},
     "02_depth_codecs": {"depth_codecs"},
