@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from sfglab.lab.checks import CheckRow
+from sfglab.lab.checks import CheckRow, share_of_checks
 from sfglab.lab.claims import How, Measured
 from sfglab.lab.experiments.mocap.config import WAYS
 from sfglab.lab.experiments.mocap.robot import AGENT, WORLD
@@ -25,7 +25,7 @@ from sfglab.lab.experiments.mocap.rows import (
     TryRow,
 )
 from sfglab.lab.experiments.mocap.trees import RULE
-from sfglab.lab.stats import Estimate, median_of
+from sfglab.lab.stats import median_of
 from sfglab.record import LogReader
 from sfglab.spatial.frames import Edge, FrameFinding, lint_frames
 
@@ -212,20 +212,16 @@ def measure_claims(log: Path) -> dict[str, Measured]:
     """
     results = load_results(log)
     table = checks(results)
-    sums = table.groupby("how")[["held", "checked"]].sum()
-    share = float((sums["held"] / sums["checked"]).min())
-    wrong = table[table["held"] < table["checked"]]
+    share = share_of_checks(table, "how")
     details = {
         "hosts": str(results.hosts["description"]),
-        **{f"{row.Index} checks": f"{row.held} of {row.checked}" for row in sums.itertuples()},
+        **{f"{group} checks": held for group, held in share.groups.items()},
         **_live_details(results),
         **_fault_details(results),
         **_offset_details(results),
     }
-    reason = "; ".join(f"{r.check}: {r.held} of {r.checked}, not {r.example}" for r in wrong.itertuples())
-    estimate = Estimate(value=share, low=share, high=share, unit="share of checks that hold")
     how = How.LIVE if len(results.looks) else How.EXACT
-    return {"A-VICON": Measured(estimate=estimate, how=how, details=details, reason=reason)}
+    return {"A-VICON": Measured(estimate=share.estimate, how=how, details=details, reason=share.reason)}
 
 
 def _live_details(results: Results) -> dict[str, str]:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from sfglab.lab.checks import share_of_checks
 from sfglab.lab.claims import How, Measured
-from sfglab.lab.stats import Estimate
 from sfglab.record import LogReader
 from sfglab.spatial.execution import Tolerances
 from sfglab.spatial.scene import AgentObject, read_scene
@@ -192,12 +192,10 @@ def measure_claims(log: Path) -> dict[str, Measured]:
     """
     results = load_results(log)
     table = checks(results)
-    sums = table.groupby("group", sort=False)[["held", "checked"]].sum()
-    share = float((sums["held"] / sums["checked"]).min())
-    wrong = table[table["held"] < table["checked"]]
+    share = share_of_checks(table, "group")
     contrast, worst = results.contrast.iloc[0], results.tracks.groupby("agent")["error_m"].max()
     details = {
-        **{f"{row.Index} checks": f"{row.held} of {row.checked}" for row in sums.itertuples()},
+        **{f"{group} checks": held for group, held in share.groups.items()},
         "kinds of checks": str(len(table)),
         "actions": "over DDS, all nodes in one process" if results.config["live"] else "on the simulated bus",
         **{f"largest error, {agent}": f"{error:.3f} m" for agent, error in worst.items()},
@@ -206,6 +204,4 @@ def measure_claims(log: Path) -> dict[str, Measured]:
         ),
         "beyond the paper": "splines, its future work; limits, re-timing and clearance",
     }
-    reason = "; ".join(f"{r.check}: {r.held} of {r.checked}, not {r.example}" for r in wrong.itertuples())
-    estimate = Estimate(value=share, low=share, high=share, unit="share of checks that hold")
-    return {"A-PLAN": Measured(estimate=estimate, how=results.how, details=details, reason=reason)}
+    return {"A-PLAN": Measured(estimate=share.estimate, how=results.how, details=details, reason=share.reason)}

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from sfglab.fleet.routing import TABLE_1
+from sfglab.lab.checks import share_of_checks
 from sfglab.lab.claims import How, Measured
 from sfglab.lab.experiments.routing.probes import in_table_1
 from sfglab.lab.stats import Estimate, bootstrap, median_of
@@ -209,16 +210,14 @@ def measure_claims(log: Path) -> dict[str, Measured]:
     """
     results = load_results(log)
     table, times = checks(results), latencies(results)
-    sums = table.groupby("how")[["held", "checked"]].sum()
-    share = float((sums["held"] / sums["checked"]).min())
-    wrong = table[table["held"] < table["checked"]]
+    share = share_of_checks(table, "how")
     details = {
         "hosts": str(results.hosts["description"]),
         "agents": str(results.config["agents"]),
-        **{f"{row.Index} checks": f"{row.held} of {row.checked}" for row in sums.itertuples()},
+        **{f"{group} checks": held for group, held in share.groups.items()},
         **{f"latency, {name}": str(estimate) for name, estimate in times.items()},
         "messages lost once a path was open": str(int(results.heard["missing"].sum())),
     }
-    reason = "; ".join(f"{r.check}: {r.held} of {r.checked}, not {r.example}" for r in wrong.itertuples())
-    estimate = Estimate(value=share, low=share, high=share, unit="share of checks that hold")
-    return {"A-NET-RULES": Measured(estimate=estimate, how=How.LIVE, details=details, reason=reason)}
+    return {
+        "A-NET-RULES": Measured(estimate=share.estimate, how=How.LIVE, details=details, reason=share.reason)
+    }

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from sfglab.lab.checks import share_of_checks
 from sfglab.lab.claims import How, Measured
 from sfglab.lab.experiments.visualisation.config import ADDED_MS
 from sfglab.lab.experiments.visualisation.timing import PICTURE_BYTES
@@ -113,16 +114,12 @@ def measure_claims(log: Path) -> dict[str, Measured]:
     """
     results = load_results(log)
     table, added = checks(results), added_ms(results)
-    groups = table.groupby("group", sort=False)[["held", "checked"]].sum()
-    share = float((groups["held"] / groups["checked"]).min())
-    wrong = table[table["held"] < table["checked"]]
+    share = share_of_checks(table, "group")
     memory = results.memory
     details = {
-        **{str(row.Index): f"{row.held} of {row.checked}" for row in groups.itertuples()},
+        **share.groups,
         "added by the bridge": f"{added}; asked is below {ADDED_MS:g} ms",
         "waiting at most, with a sink that stands still": f"{_mib(memory['queued_bytes'].max()):.1f} MiB",
         "dropped meanwhile": f"{int(memory['dropped'].max())} of {int(memory['received'].max())} pictures",
     }
-    reason = "; ".join(f"{r.check}: {r.held} of {r.checked}: {r.example}" for r in wrong.itertuples())
-    estimate = Estimate(value=share, low=share, high=share, unit="share of checks that hold")
-    return {"A-VIZ": Measured(estimate=estimate, how=How.LIVE, details=details, reason=reason)}
+    return {"A-VIZ": Measured(estimate=share.estimate, how=How.LIVE, details=details, reason=share.reason)}
