@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import psutil
 import pytest
+from waiting import DEADLINE_S, until
 
 from sfglab.bus import Node, ReceiveTimeoutError
 from sfglab.bus.dds.endpoints import RawReader, RawWriter
@@ -41,7 +42,6 @@ STRING, METADATA = "std_msgs/msg/String", "sfglab_interfaces/srv/GetMetadata"
 String = message_type(STRING)
 TOPIC = "/global/go2/pose"
 DEEP = QoSProfile(depth=1000)
-_DEADLINE_S = 15.0
 _numbers = itertools.count(os.getpid() * 7)
 
 
@@ -57,13 +57,6 @@ def ids():
 
     candidates = (20 + next(_numbers) % 80 for _ in range(80))
     return list(itertools.islice(filter(free, candidates), 3))
-
-
-async def until(predicate) -> None:
-    """Wait for a fact that nothing signals, with a deadline."""
-    async with asyncio.timeout(_DEADLINE_S):
-        while not predicate():
-            await asyncio.sleep(0.002)
 
 
 @asynccontextmanager
@@ -118,7 +111,7 @@ class Ears:
 async def warm(publishers, ears) -> None:
     """Publish until everybody hears everybody: volatile messages sent before that have nobody to go to."""
     calls = {f"warm {number}" for number in range(len(publishers))}
-    async with asyncio.timeout(_DEADLINE_S):
+    async with asyncio.timeout(DEADLINE_S):
         while not all(calls <= set(ear.heard) for ear in ears):
             for number, publisher in enumerate(publishers):
                 publisher.publish(String(data=f"warm {number}"))
@@ -434,7 +427,7 @@ async def process(config: RouterConfig):
 
 
 async def says(started, kind: str) -> dict:
-    async with asyncio.timeout(_DEADLINE_S):
+    async with asyncio.timeout(DEADLINE_S):
         while (report := json.loads(await started.stdout.readline()))["is"] != kind:
             pass
     return report
@@ -474,7 +467,7 @@ def test_a_second_router_is_refused_and_after_kill_9_a_new_one_takes_over(ids):
                 await _stillness(lambda: len(ears.heard))
                 assert ears.real() == ["x"], "the dead one does not count"
                 third.stdin.close()
-                async with asyncio.timeout(_DEADLINE_S):
+                async with asyncio.timeout(DEADLINE_S):
                     assert await third.wait() == 0
             dead = {e.participant for e in everybody.graph.publishers(TOPIC)}
             assert len(dead) <= 1, "only the killed one, until its lease runs out"

@@ -12,6 +12,7 @@ import sys
 from contextlib import asynccontextmanager, closing
 
 import pytest
+from waiting import until
 
 from sfglab.bus import Node
 from sfglab.fleet.address import BusAddress
@@ -75,6 +76,7 @@ def test_whoever_joins_late_hears_the_last_heartbeat_at_once_and_gets_an_answer(
             assert Heartbeat.from_message(message) == beat
             assert (beat.agent, beat.revision, beat.phase, beat.period_s) == ("go2", 0, 1, 60.0)
             assert 0 <= ns_from_stamp(message.stamp) - beat.incarnation < 5e9
+            await until(lambda: there.graph.publishers("/global/agent_heartbeat"))  # may come after the data
             assert info.publisher_gid in {p.gid for p in there.graph.publishers("/global/agent_heartbeat")}
             metadata = await metadata_of(there)
             assert (metadata.agent, metadata.incarnation, metadata.revision) == ("go2", beat.incarnation, 0)

@@ -211,10 +211,13 @@ class Crossing(Staged):
         try:
             async with asyncio.TaskGroup() as group:
                 tasks = [group.create_task(item) for item in waiting]
-        except* WorkerError as failures:
+        except ExceptionGroup as failures:  # `except*` would wrap what is raised here, depending on the Python
+            missed = failures.subgroup(WorkerError)
+            if missed is None:
+                raise
             killed = await self._killed()
             why = f"{', '.join(killed)} killed by a signal; " if killed else ""
-            raise WorkerError(f"crossing: {why}{failures.exceptions[0]}") from None
+            raise WorkerError(f"crossing: {why}{missed.exceptions[0]}") from None
         return dict(zip(kinds, (task.result() for task in tasks), strict=True))
 
     async def _killed(self) -> list[str]:
