@@ -2,6 +2,15 @@
 
 from __future__ import annotations
 
+from sfglab.fleet.fleet_file.deployment import (
+    Accelerator,
+    Architecture,
+    ContainerNetwork,
+    DeploymentSpec,
+    HostSpec,
+    RosDistribution,
+    RouterSoftware,
+)
 from sfglab.fleet.fleet_file.model import (
     AgentSpec,
     Fleet,
@@ -17,11 +26,18 @@ from sfglab.fleet.fleet_file.reading import MAX_DOMAIN, load_fleet, read_fleet
 
 __all__ = [
     "MAX_DOMAIN",
+    "Accelerator",
     "AgentSpec",
+    "Architecture",
+    "ContainerNetwork",
+    "DeploymentSpec",
     "Fleet",
     "FrameSpec",
     "FrameTree",
+    "HostSpec",
     "NameUse",
+    "RosDistribution",
+    "RouterSoftware",
     "SensorSpec",
     "StreamSpec",
     "TopicUse",

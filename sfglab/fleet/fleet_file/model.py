@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING
 from sfglab.documents import NOWHERE, Place, suggestion
 from sfglab.errors import SfglabError
 from sfglab.fleet.address import BusAddress
+from sfglab.fleet.fleet_file.deployment import DeploymentSpec
 from sfglab.fleet.routing import Policy
 from sfglab.fleet.routing.frames import SHARED_FRAMES
 
 if TYPE_CHECKING:
+    from sfglab.fleet.fleet_file.deployment import HostSpec
     from sfglab.qos import QoSProfile
 
 __all__ = [
@@ -178,6 +180,7 @@ class AgentSpec:
         calls: Services.
         action_servers: Actions.
         action_clients: Actions.
+        host: The machine it runs on; None where the file does not say, so that it cannot be deployed.
         place: Where it stands.
     """
 
@@ -195,6 +198,7 @@ class AgentSpec:
     calls: tuple[NameUse, ...] = ()
     action_servers: tuple[NameUse, ...] = ()
     action_clients: tuple[NameUse, ...] = ()
+    host: HostSpec | None = None
     place: Place = field(default=NOWHERE, compare=False, repr=False)
 
     @property
@@ -212,6 +216,7 @@ class Fleet:
         global_domain: The domain that all routers join, D_0 in the paper.
         policy: What crosses.
         agents: The agents, in the order of the file.
+        deployment: What is the same on all their machines.
         rule_places: Where each rule of the policy stands; empty where the file names a known one.
         place: Where it stands.
     """
@@ -220,6 +225,7 @@ class Fleet:
     global_domain: int = 0
     policy: Policy = field(default_factory=Policy)
     agents: tuple[AgentSpec, ...] = ()
+    deployment: DeploymentSpec = field(default_factory=DeploymentSpec)
     rule_places: tuple[Place, ...] = field(default=(), compare=False, repr=False)
     place: Place = field(default=NOWHERE, compare=False, repr=False)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab.documents import Document, DocumentError, Place, Section, suggestion
+from sfglab.fleet.fleet_file.deployment_reading import read_deployment, read_host
 from sfglab.fleet.fleet_file.model import (
     AgentSpec,
     Fleet,
@@ -81,11 +82,13 @@ def _read(document: Document) -> Fleet:
     border = top.section("global")
     interface = border.text("interface", None)
     policy, places = _policy(top)
+    name = top.text("fleet")
     fleet = Fleet(
-        name=top.text("fleet"),
+        name=name,
         global_domain=border.whole("domain", 0, low=0, high=MAX_DOMAIN),
         policy=policy,
-        agents=tuple(_agent(name, section, interface) for name, section in top.members("agents")),
+        agents=tuple(_agent(agent, section, interface) for agent, section in top.members("agents")),
+        deployment=read_deployment(top.section("deployment"), name),
         rule_places=places,
         place=top.here,
     )
@@ -139,6 +142,7 @@ def _agent(name: str, section: Section, interface: str | None) -> AgentSpec:
         tf=_tf(section.section("tf")),
         publishes=tuple(_topic(item) for item in section.items("publishes", short="name")),
         subscribes=tuple(_topic(item) for item in section.items("subscribes", short="name")),
+        host=read_host(section.section("host")) if section.has("host") else None,
         place=section.here,
         **{key: _uses(section, key, kind) for key, kind in _NAMES.items()},
     )
