@@ -61,7 +61,7 @@ bench: setup ## Run the benchmarks (ratios against a named baseline)
 
 lock: ## Renew requirements.lock from pyproject.toml (needs uv)
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-		--no-emit-index-url --no-emit-find-links --extra dev --extra view --extra rtl pyproject.toml -o requirements.lock
+		--no-emit-index-url --no-emit-find-links --extra dev --extra view --extra rtl --extra deploy pyproject.toml -o requirements.lock
 
 clean: ## Remove what runs and tools left behind, and the environment
 	rm -rf $(VENV) runs build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
