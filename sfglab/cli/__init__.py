@@ -13,7 +13,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from sfglab import __version__
-from sfglab.cli import components, experiments, fleet, follow, mapping, mocap, plan, qos, view
+from sfglab.cli import components, deploy, experiments, fleet, follow, mapping, mocap, plan, qos, view
 from sfglab.errors import SfglabError
 
 __all__ = ["app", "main"]
@@ -28,6 +28,7 @@ app = typer.Typer(
 experiments.add_to(app)
 components.add_to(app)
 app.add_typer(fleet.app, name="fleet")
+app.add_typer(deploy.app, name="deploy")
 app.add_typer(follow.app, name="follow")
 qos.add_to(app)
 mapping.add_to(app)

@@ -70,31 +70,43 @@ def agent_up(
 
 
 def router(
-    domain: Annotated[int, typer.Option(help="The agent's own DDS domain.")],
+    domain: Annotated[int | None, typer.Option(help="The agent's own DDS domain.")] = None,
     interface: Annotated[str | None, typer.Option(help="Interface of its own domain.")] = None,
-    global_domain: Annotated[int, typer.Option(help="The domain that all agents share.")] = 0,
+    global_domain: Annotated[int | None, typer.Option(help="The domain that all agents share; 0.")] = None,
     global_interface: Annotated[str | None, typer.Option(help="Interface towards the other agents.")] = None,
+    fleet: Annotated[Path | None, typer.Option(help="A fleet file: domains, policy and frames.")] = None,
     agent: Annotated[str | None, typer.Option(help="Name of the agent.")] = None,
     prefix_frames: Annotated[
-        bool, typer.Option(help="Whether TF frames get the agent's name in front on their way out.")
-    ] = True,
+        bool | None, typer.Option(help="Whether TF frames get the agent's name in front on their way out; yes.")
+    ] = None,
 ) -> None:
-    """Run a router alone: what Table 1 names crosses, everything else stays.
+    """Run a router alone: what Table 1, or the fleet file's policy, names crosses, everything else stays.
 
-    Example:
+    Examples:
 
       sfglab router --domain 7 --interface lo --global-interface wlan0
+
+      sfglab router --fleet data/fleets/lab.yaml --agent go2
     """
-    from sfglab.fleet.address import BusAddress
-    from sfglab.fleet.routing.app import RouterConfig, serve_terminal
+    from dataclasses import replace
+
+    from sfglab.fleet.agent.options import SideOptions, config_from_options
+    from sfglab.fleet.agent.plan import router_config
+    from sfglab.fleet.fleet_file import load_fleet
+    from sfglab.fleet.routing.app import serve_terminal
     from sfglab.names import default_agent
 
-    config = RouterConfig(
-        agent=agent or default_agent(),
-        local=BusAddress(domain_id=domain, interface=interface),
-        remote=BusAddress(domain_id=global_domain, interface=global_interface),
-        prefix_frames=prefix_frames,
+    if domain is None and fleet is None:
+        raise typer.BadParameter("nothing is given, allowed: a domain, or a fleet file", param_hint="--domain")
+    described = config_from_options(
+        agent or default_agent(),
+        load_fleet(fleet) if fleet is not None else None,
+        local=SideOptions(domain_id=domain, interface=interface),
+        remote=SideOptions(domain_id=global_domain, interface=global_interface),
     )
+    config = router_config(described)
+    if prefix_frames is not None:
+        config = replace(config, prefix_frames=prefix_frames)
     run(serve_terminal(config, typer.echo))
 
 

@@ -22,10 +22,11 @@ if TYPE_CHECKING:
 
     from IPython.display import Image
     from matplotlib.figure import Figure
+    from pandas.io.formats.style import Styler
 
 _COLUMNS = ["claim", "where", "paper", "ours", "unit", "how", "verdict"]
 
-__all__ = ["check", "claims_of", "ledger_table", "new_log", "picture", "save_figures"]
+__all__ = ["check", "claims_of", "ledger_table", "new_log", "picture", "save_figures", "words"]
 
 
 def new_log(name: str, profile: str) -> Path:
@@ -46,6 +47,17 @@ def picture(figure: Figure) -> Image:
     with house_style():
         figure.savefig(buffer, format="png", dpi=90)
     return Image(buffer.getvalue(), format="png")
+
+
+def words(frame: pd.DataFrame) -> Styler:
+    """Return a table whose texts are shown in full, for those that are made to be read.
+
+    Args:
+        frame: The table.
+    """
+    style = frame.style.format(escape="html").hide(axis="index")
+    style.set_table_styles([{"selector": "td, th", "props": "text-align: left; white-space: normal"}])
+    return style.set_uuid("words")  # equal tables are equal output
 
 
 def save_figures(name: str, log: Path) -> str:

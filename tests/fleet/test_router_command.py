@@ -37,6 +37,8 @@ def test_arguments_that_are_none_of_its_own_are_a_usage_error(arguments):
         (("--domain", "400"), "DDS domain 400: allowed ids are 0 to 232"),
         (("--domain", "0"), "given domain 0 on both sides, allowed are two"),
         (("--domain", "7", "--agent", "no name"), "no name"),
+        (("--fleet", "data/fleets/lab.yaml", "--agent", "pi9"), "given 'pi9', allowed: go2, pi1"),
+        (("--fleet", "nowhere.yaml"), "nowhere.yaml"),
         (("--domain", "101", "--agent", "go2", "--interface", "nowhere0"), "no network interface 'nowhere0'"),
     ],
 )

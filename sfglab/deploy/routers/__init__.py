@@ -5,6 +5,7 @@ What a router cannot express is refused, not approximated: see each generator.
 
 from __future__ import annotations
 
+from sfglab.deploy.routers.container import ROUTER_FILES, render_router_file
 from sfglab.deploy.routers.dds_router import render_dds_router
 from sfglab.deploy.routers.dds_router_check import check_dds_router
 from sfglab.deploy.routers.domain_bridge import render_domain_bridge
@@ -14,6 +15,7 @@ from sfglab.deploy.routers.zenoh import render_zenoh_acl, render_zenoh_bridge
 from sfglab.deploy.routers.zenoh_check import check_zenoh
 
 __all__ = [
+    "ROUTER_FILES",
     "TARGETS",
     "RouterFileError",
     "check_dds_router",
@@ -22,6 +24,7 @@ __all__ = [
     "render_dds_router",
     "render_domain_bridge",
     "render_router",
+    "render_router_file",
     "render_zenoh_acl",
     "render_zenoh_bridge",
 ]

@@ -39,6 +39,7 @@ __all__ = [
     "PlanError",
     "config_from_fleet",
     "plan",
+    "router_config",
     "without",
 ]
 
@@ -143,7 +144,8 @@ class _Argument(Protocol):
     def to_json(self) -> str: ...
 
 
-def _router(config: AgentConfig) -> RouterConfig:
+def router_config(config: AgentConfig) -> RouterConfig:
+    """Return what the router of an agent is told."""
     return RouterConfig(
         agent=config.agent,
         local=config.local,
@@ -193,7 +195,7 @@ def _decoder(config: AgentConfig) -> DecoderConfig:
 
 
 _MODULES: dict[str, tuple[str, Callable[[AgentConfig], _Argument]]] = {
-    "router": ("sfglab.fleet.routing", _router),
+    "router": ("sfglab.fleet.routing", router_config),
     "status": ("sfglab.fleet.status", _status),
     "discoverer": ("sfglab.fleet.discovery", _discoverer),
     "keeper": ("sfglab.fleet.keeper", _keeper),

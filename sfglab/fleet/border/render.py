@@ -6,6 +6,7 @@ import textwrap
 from typing import TYPE_CHECKING
 
 from sfglab.fleet.border.report import Severity
+from sfglab.tables import WIDTH, text_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -14,17 +15,15 @@ if TYPE_CHECKING:
 
 __all__ = ["render", "render_findings"]
 
-WIDTH = 110
-
 
 def render(report: Report) -> str:
     """Return a report as text: findings, who hears what, discovery, and what crosses each border."""
     blocks = [
         f"fleet {report.fleet}",
         render_findings(report.findings),
-        "who hears what\n" + _table(_hearings(report)),
-        "discovery between hosts, estimated\n" + _table(_discovery(report.discovery)),
-        "across each border, estimated\n" + _table(_loads(report.loads)),
+        "who hears what\n" + text_table(_hearings(report)),
+        "discovery between hosts, estimated\n" + text_table(_discovery(report.discovery)),
+        "across each border, estimated\n" + text_table(_loads(report.loads)),
         _summary(report),
     ]
     return "\n\n".join(blocks) + "\n"
@@ -101,12 +100,3 @@ def _bytes(count: int) -> str:
 
 def _listed(names: Sequence[str]) -> str:
     return ", ".join(names) or "-"
-
-
-def _table(rows: Iterable[tuple[str, ...]]) -> str:
-    """Return rows as aligned columns; the first is the head."""
-    head, *body = rows
-    widths = [max(len(row[i]) for row in (head, *body)) for i in range(len(head))]
-    lines = ["  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in (head, *body)]
-    lines.insert(1, "-" * min(WIDTH, max(map(len, lines))))
-    return "\n".join(f"  {line}" for line in lines)

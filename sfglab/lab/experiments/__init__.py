@@ -31,6 +31,7 @@ EXPERIMENTS = (
     "mocap",
     "planning",
     "visualisation",
+    "deployment",
 )
 
 

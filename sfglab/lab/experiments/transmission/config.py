@@ -88,11 +88,12 @@ class Config:
 _PROFILES = {
     "smoke": Config(
         profile="smoke",
-        seeds=2,
+        seeds=1,
         duration_s=2.0,
         live_s=2.0,
         live_rates_hz=(100,),
         live_depths=("10",),
+        live_methods=("none",),
     ),
     "quick": Config(profile="quick", seeds=6, duration_s=60.0),
     "paper": Config(profile="paper", seeds=30, duration_s=60.0, live_s=20.0),

@@ -1,0 +1,214 @@
+"""Commands that bring a fleet to its machines: look, plan, write, check, apply, go back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from sfglab.deploy.bundle import Bundle
+    from sfglab.deploy.deployment import Deployment
+    from sfglab.deploy.rollout import Prospect, Transport
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    help="A fleet's machines: what they have, what they are given, and bringing it there.", no_args_is_help=True
+)
+_Fleet = Annotated[Path, typer.Argument(help="A fleet file, e.g. data/fleets/esslingen.yaml")]
+_Agents = Annotated[
+    list[str] | None, typer.Option("--agent", help="One agent; may be given again. All when not given.")
+]
+_Root = Annotated[
+    Path | None, typer.Option(help="A folder in place of the machine's root, e.g. of an image of a disk.")
+]
+_Diff = Annotated[bool, typer.Option("--diff", help="Show changed texts line by line.")]
+
+
+@app.command()
+def detect(
+    root: Annotated[Path, typer.Option(help="Folder that stands for the machine's root.")] = Path("/"),
+) -> None:
+    """Say which accelerator a machine has and why, and which codecs really open here.
+
+    Examples:
+
+      sfglab deploy detect
+
+      sfglab deploy detect --root /mnt/sdcard
+    """
+    from sfglab.deploy.hardware import codecs_found, render_machine
+    from sfglab.deploy.hardware import detect as detect_machine
+
+    machine = detect_machine(root)
+    here = root.resolve() == Path("/")
+    typer.echo(render_machine(machine, codecs_found(machine) if here else None))
+
+
+@app.command()
+def plan(fleet: _Fleet, agent: _Agents = None, root: _Root = None, diff: _Diff = False) -> None:
+    """Say what would change on each machine; changes nothing.
+
+    Machines are asked over SSH; one that cannot be reached is told, and the others are planned.
+
+    Examples:
+
+      sfglab deploy plan data/fleets/esslingen.yaml
+
+      sfglab deploy plan data/fleets/esslingen.yaml --agent go2 --diff
+    """
+    from sfglab.deploy.rollout import render_prospects
+
+    prospects = [prospect for *_, prospect in _prospects(fleet, agent, root)]
+    typer.echo(render_prospects(prospects, diff=diff), nl=False)
+    raise typer.Exit(any(prospect.plan is None for prospect in prospects))
+
+
+@app.command()
+def render(
+    fleet: _Fleet,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder; each agent gets one in it.")],
+    agent: _Agents = None,
+) -> None:
+    """Write all files of the agents into a folder, to be read or brought there by other means.
+
+    Example:
+
+      sfglab deploy render data/fleets/esslingen.yaml -o build/esslingen
+    """
+    from sfglab.deploy.bundle import write_bundle
+
+    for _, bundle in _prepared(fleet, agent):
+        folder = output / bundle.agent
+        write_bundle(bundle, folder)
+        typer.echo(f"{folder}: {len(bundle.members)} files, release {bundle.tag}")
+
+
+@app.command()
+def check(
+    fleet: _Fleet,
+    agent: _Agents = None,
+    every: Annotated[bool, typer.Option("--all", help="List what holds as well.")] = False,
+) -> None:
+    """Check a fleet and everything that would be made of it; ends with 1 if something does not hold.
+
+    Example:
+
+      sfglab deploy check data/fleets/esslingen.yaml
+    """
+    from sfglab.deploy.checking import render_verdicts
+    from sfglab.deploy.fleet_check import check_fleet, fails
+    from sfglab.deploy.images import SOURCE, make_release
+    from sfglab.deploy.preparing import load_source
+    from sfglab.deploy.rollout import detect_over
+
+    release, _ = make_release(SOURCE, load_source(fleet).text)
+    verdicts = check_fleet(fleet, release, agents=tuple(agent or ()), detect=detect_over)
+    typer.echo(render_verdicts(verdicts, every=every))
+    raise typer.Exit(fails(verdicts))
+
+
+@app.command()
+def apply(
+    fleet: _Fleet,
+    agent: _Agents = None,
+    root: _Root = None,
+    tag: Annotated[
+        str | None, typer.Option(help="Go back to this release, as each machine kept it; see `releases`.")
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would change, and stop.")] = False,
+    diff: _Diff = False,
+) -> None:
+    """Bring the files to each machine, prepare it, build its image there, and start it.
+
+    What fails on one machine does not keep the others from theirs; applying again goes on where it ended.
+
+    Examples:
+
+      sfglab deploy apply data/fleets/esslingen.yaml --dry-run
+
+      sfglab deploy apply data/fleets/esslingen.yaml --agent go2
+
+      sfglab deploy apply data/fleets/esslingen.yaml --agent go2 --tag 0.6.0-1a2b3c4d5e6f
+    """
+    from sfglab.deploy.errors import DeployError
+    from sfglab.deploy.rollout import apply_plan, render_prospects
+
+    failed = False
+    for deployment, bundle, transport, prospect in _prospects(fleet, agent, root, tag):
+        typer.echo(render_prospects([prospect], diff=diff))
+        if prospect.plan is None:
+            failed = True
+        elif not dry_run:
+            try:
+                apply_plan(prospect.plan, bundle, deployment, transport, typer.echo)
+            except DeployError as error:
+                typer.echo(f"sfglab: {error}", err=True)
+                failed = True
+    raise typer.Exit(failed)
+
+
+@app.command()
+def releases(fleet: _Fleet, agent: _Agents = None, root: _Root = None) -> None:
+    """List the releases that each machine keeps, the newest first: what `apply --tag` can go back to.
+
+    Example:
+
+      sfglab deploy releases data/fleets/esslingen.yaml --agent go2
+    """
+    from sfglab.deploy.deployment import HOME
+    from sfglab.deploy.errors import DeployError
+    from sfglab.deploy.rollout import releases as kept
+    from sfglab.deploy.rollout import transport_to
+    from sfglab.fleet.fleet_file import load_fleet
+
+    described = load_fleet(fleet)
+    failed = False
+    for name in agent or [a.name for a in described.agents if a.host is not None]:
+        host = described.agent(name).host
+        if host is None:
+            raise DeployError(f"{fleet}: agents.{name}: nothing says which machine it runs on")
+        try:
+            found = kept(transport_to(host, root=root), f"{HOME}/{name}")
+            typer.echo(f"{name}: {', '.join(found) or 'none'}")
+        except DeployError as error:
+            typer.echo(f"sfglab: {error}", err=True)
+            failed = True
+    raise typer.Exit(failed)
+
+
+def _prepared(fleet: Path, agents: list[str] | None) -> tuple[tuple[Deployment, Bundle], ...]:
+    from sfglab.deploy.images import SOURCE, make_release
+    from sfglab.deploy.preparing import load_source, prepare
+    from sfglab.deploy.rollout import detect_over
+
+    source = load_source(fleet)
+    release, wheel = make_release(SOURCE, source.text)
+    return prepare(source, release, wheel, agents=tuple(agents or ()), detect=detect_over)
+
+
+def _prospects(
+    fleet: Path, agents: list[str] | None, root: Path | None, tag: str | None = None
+) -> list[tuple[Deployment, Bundle, Transport, Prospect]]:
+    from sfglab.deploy.errors import DeployError
+    from sfglab.deploy.rollout import Prospect, look_and_plan, released, steps, transport_to
+
+    found = []
+    for deployment, newest in _prepared(fleet, agents):
+        bundle, transport = newest, transport_to(deployment.host, root=root)
+        try:
+            if tag is not None:
+                bundle = released(transport, deployment, tag)
+            plan = look_and_plan(transport, deployment.folder, bundle)
+            prospect = Prospect(
+                agent=bundle.agent,
+                machine=transport.name,
+                plan=plan,
+                steps=steps(deployment, bundle, plan),
+            )
+        except DeployError as error:
+            prospect = Prospect(agent=bundle.agent, machine=transport.name, plan=None, problem=str(error))
+        found.append((deployment, bundle, transport, prospect))
+    return found

@@ -1,0 +1,209 @@
+"""All files of one agent's machine, and the release that they are.
+
+A release is named after its contents: equal contents, equal name; any change in any file, another one. So the
+tag of an image never changes its meaning, and going back is a name.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import tarfile
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from sfglab.deploy.compose import compose_files
+from sfglab.deploy.editor import editor_files
+from sfglab.deploy.errors import DeployError
+from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile
+from sfglab.deploy.host import host_files
+from sfglab.deploy.images import image_files
+from sfglab.deploy.routers import ROUTER_FILES, render_router_file
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from sfglab.deploy.deployment import Deployment
+
+__all__ = [
+    "MANIFEST",
+    "Bundle",
+    "Member",
+    "bundle_of",
+    "pack",
+    "render_bundle",
+    "unpack",
+    "workspace_members",
+    "write_bundle",
+]
+
+MANIFEST = "manifest.json"
+"""What belongs to a bundle, with digests; written last, so that a bundle without it is not complete."""
+
+ENVIRONMENT = "release.env"
+"""The release that Compose starts; the hooks make ``.env`` of it, with what only the machine knows."""
+
+_DIGITS = 12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Member:
+    """A file as a machine has it.
+
+    Attributes:
+        data: Its bytes.
+        mode: Its permissions.
+    """
+
+    data: bytes
+    mode: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bundle:
+    """An agent's files.
+
+    Attributes:
+        agent: The agent.
+        tag: The release's name, and the tag of its image.
+        image: The image that the release runs.
+        members: Files by path within the agent's folder, the manifest last.
+    """
+
+    agent: str
+    tag: str
+    image: str
+    members: dict[str, Member]
+
+
+def render_bundle(deployment: Deployment) -> dict[str, BundleFile]:
+    """Return what is made from a fleet file for one agent, but for what names the release.
+
+    Raises:
+        DeployError: The agent cannot be deployed as it is described.
+        RouterFileError: The fleet's router cannot express its policy.
+    """
+    return {
+        **image_files(deployment),
+        **compose_files(deployment),
+        **_router_files(deployment),
+        **host_files(deployment),
+        **editor_files(deployment),
+    }
+
+
+def bundle_of(
+    deployment: Deployment, wheel: bytes, workspace: Mapping[str, Member] = MappingProxyType({})
+) -> Bundle:
+    """Return an agent's files, named as a release.
+
+    Args:
+        deployment: The agent on its machine.
+        wheel: The bytes of sfglab's wheel.
+        workspace: The user's sources, from `workspace_members`.
+
+    Raises:
+        DeployError: The agent cannot be deployed as it is described.
+        RouterFileError: The fleet's router cannot express its policy.
+    """
+    release = deployment.release
+    members = {path: _member(file) for path, file in render_bundle(deployment).items()}
+    members |= {f"image/{release.wheel}": Member(data=wheel, mode=PLAIN), **workspace}
+    digest = _sha256(json.dumps(_entries(members), sort_keys=True).encode())
+    # A tag has no plus sign (OCI Distribution Specification 1.1).
+    tag = f"{release.version.replace('+', '-')}-{digest[:_DIGITS]}"
+    image = f"{deployment.repository}:{tag}"
+    members[ENVIRONMENT] = _member(
+        BundleFile(text=f"# The release that runs; its image has this tag.\nSFGLAB_TAG={tag}\n")
+    )
+    manifest = {
+        "agent": deployment.agent.name,
+        "fleet": deployment.fleet.name,
+        "tag": tag,
+        "image": image,
+        "accelerator": deployment.accelerator.value,
+        "version": release.version,
+        "revision": release.revision,
+        "files": _entries(members),
+    }
+    members[MANIFEST] = _member(BundleFile(text=json.dumps(manifest, indent=2) + "\n"))
+    return Bundle(agent=deployment.agent.name, tag=tag, image=image, members=members)
+
+
+def workspace_members(workspace: Path) -> dict[str, Member]:
+    """Return the sources of a colcon workspace by path within an agent's folder.
+
+    Hidden files and what colcon has built stay out.
+
+    Args:
+        workspace: The folder that holds ``src``.
+
+    Raises:
+        DeployError: There is no such folder.
+    """
+    sources = workspace / "src"
+    if not sources.is_dir():
+        raise DeployError(f"{workspace}: given no folder src, allowed: a colcon workspace")
+    files = sorted(path for path in sources.rglob("*") if path.is_file())
+    return {
+        f"workspace/{path.relative_to(workspace).as_posix()}": Member(
+            data=path.read_bytes(), mode=PROGRAM if path.stat().st_mode & 0o100 else PLAIN
+        )
+        for path in files
+        if not any(part.startswith(".") for part in path.relative_to(sources).parts)
+    }
+
+
+def write_bundle(bundle: Bundle, folder: Path) -> None:
+    """Write a bundle into a folder, which is made when it is not there."""
+    for path, member in bundle.members.items():
+        target = folder / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(member.data)
+        target.chmod(member.mode)
+
+
+def pack(bundle: Bundle) -> bytes:
+    """Return a bundle as a tar archive; equal bundles give equal bytes."""
+    archive = io.BytesIO()
+    with tarfile.open(fileobj=archive, mode="w") as tar:
+        for path, member in bundle.members.items():
+            info = tarfile.TarInfo(path)
+            info.size, info.mode = len(member.data), member.mode
+            tar.addfile(info, io.BytesIO(member.data))
+    return archive.getvalue()
+
+
+def unpack(archive: bytes) -> dict[str, Member]:
+    """Return the files of a tar archive by path."""
+    members = {}
+    with tarfile.open(fileobj=io.BytesIO(archive)) as tar:
+        for info in tar:
+            file = tar.extractfile(info) if info.isfile() else None
+            if file is not None:
+                members[info.name.removeprefix("./")] = Member(data=file.read(), mode=info.mode & 0o777)
+    return members
+
+
+def _router_files(deployment: Deployment) -> dict[str, BundleFile]:
+    interface = deployment.network.router_interface
+    text = render_router_file(deployment.fleet, deployment.agent.name, interface)
+    return {ROUTER_FILES[deployment.common.router]: BundleFile(text=text)} if text else {}
+
+
+def _member(file: BundleFile) -> Member:
+    return Member(data=file.text.encode(), mode=file.mode)
+
+
+def _entries(members: Mapping[str, Member]) -> dict[str, dict[str, str]]:
+    return {
+        path: {"sha256": _sha256(member.data), "mode": f"{member.mode:o}"}
+        for path, member in sorted(members.items())
+    }
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

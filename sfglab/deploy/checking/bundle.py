@@ -1,0 +1,150 @@
+"""All checks of an agent's whole folder, in memory: nothing needs to be written, built or started for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
+
+from sfglab.deploy.checking.compose import check_compose
+from sfglab.deploy.checking.dockerfile import check_dockerfiles
+from sfglab.deploy.checking.leaks import check_secrets
+from sfglab.deploy.checking.programs import MissingProgramError, find_program
+from sfglab.deploy.checking.shell import check_shell
+from sfglab.deploy.checking.verdicts import State, Verdict, verdict_of
+from sfglab.deploy.editor import check_editor
+from sfglab.deploy.errors import DeployError
+from sfglab.deploy.routers import ROUTER_FILES, check_dds_router, check_zenoh
+from sfglab.documents import DocumentError
+from sfglab.fleet.border import Severity
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+
+    from sfglab.deploy.deployment import Deployment
+    from sfglab.deploy.files import BundleFile
+    from sfglab.fleet.border import Finding
+    from sfglab.fleet.routing import Policy
+
+__all__ = ["OwnRules", "check_bundle", "own_rules"]
+
+EDITOR = (".devcontainer/*", ".vscode/*")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OwnRules:
+    """Rules of ours for files of a kind, which stand beside what renders them.
+
+    Attributes:
+        check: What is asked.
+        pattern: Which files, as in ``systemd/*.service``; that there is one is asked too.
+        rules: Takes a file's text and its name without folders, returns findings; errors fail.
+        program: What they also ask where it is installed; empty: none.
+        install: The command that installs it.
+    """
+
+    check: str
+    pattern: str
+    rules: Callable[[str, str], Iterable[Finding]]
+    program: str = ""
+    install: str = ""
+
+
+def own_rules() -> tuple[OwnRules, ...]:
+    """Return our rules for Dockerfiles and for units of systemd."""
+    from sfglab.deploy.host import check_unit
+    from sfglab.deploy.images import check_dockerfile
+
+    return (
+        OwnRules(check="layers and provenance", pattern="Dockerfile", rules=check_dockerfile),
+        OwnRules(
+            check="service unit",
+            pattern="systemd/*.service",
+            rules=check_unit,
+            program="systemd-analyze",
+            install="apt install systemd",
+        ),
+    )
+
+
+def check_bundle(
+    files: Mapping[str, BundleFile], deployment: Deployment, own: Iterable[OwnRules] | None = None
+) -> tuple[Verdict, ...]:
+    """Return every check's verdict about an agent's folder.
+
+    Args:
+        files: The folder: files by their paths relative to it.
+        deployment: What it was made from.
+        own: Rules that stand elsewhere; None takes `own_rules`.
+    """
+    return (
+        *check_compose(files, deployment),
+        *check_dockerfiles(files),
+        *check_shell(files),
+        *_routers(files, deployment),
+        *_editor(files),
+        *(verdict for rules in (own_rules() if own is None else own) for verdict in _own(rules, files)),
+        *check_secrets(files),
+    )
+
+
+def _own(own: OwnRules, files: Mapping[str, BundleFile]) -> Iterator[Verdict]:
+    names = [name for name in files if fnmatchcase(name, own.pattern)]
+    if not names:
+        yield Verdict(check=own.check, subject=own.pattern, state=State.FAILS, says="there is no such file")
+    for name in names:
+        yield verdict_of(own.check, name, _by_findings, own.rules, files[name].text, name)
+        if own.program:
+            yield from _present(own, name)
+
+
+def _by_findings(rules: Callable[[str, str], Iterable[Finding]], text: str, name: str) -> Iterator[str]:
+    try:
+        findings = tuple(rules(text, name.rpartition("/")[2]))
+    except DeployError as error:
+        yield str(error)
+        return
+    yield from (_sentence(finding) for finding in findings if finding.severity is Severity.ERROR)
+
+
+def _present(own: OwnRules, name: str) -> Iterator[Verdict]:
+    """Yield that a program was not asked, where it is missing."""
+    try:
+        find_program(own.program, own.install)
+    except MissingProgramError as error:
+        yield Verdict(check=own.program, subject=name, state=State.SKIPPED, says=str(error))
+
+
+def _routers(files: Mapping[str, BundleFile], deployment: Deployment) -> Iterator[Verdict]:
+    """Yield a verdict about the file of another's router; our own reads the fleet file."""
+    expected = ROUTER_FILES.get(deployment.common.router)
+    for name in dict.fromkeys(
+        (*((expected,) if expected else ()), *(n for n in files if n.startswith("router/")))
+    ):
+        yield verdict_of("router's file", name, _router, files, name, deployment.fleet.policy)
+
+
+def _router(files: Mapping[str, BundleFile], name: str, policy: Policy) -> Iterator[str]:
+    if name not in files:
+        yield "there is no such file"
+        return
+    check = check_dds_router if name.endswith((".yaml", ".yml")) else check_zenoh
+    try:
+        findings = check(files[name].text, file=name, policy=policy)
+    except DocumentError as error:
+        yield str(error)
+        return
+    yield from (_sentence(finding) for finding in findings if finding.severity is Severity.ERROR)
+
+
+def _editor(files: Mapping[str, BundleFile]) -> Iterator[Verdict]:
+    findings = check_editor(files)
+    names = {name for name in files if any(fnmatchcase(name, pattern) for pattern in EDITOR)}
+    for name in sorted(names | {finding.place.file for finding in findings}):
+        own = [_sentence(finding) for finding in findings if finding.place.file == name]
+        yield verdict_of("editor's file", name, tuple, own)
+
+
+def _sentence(finding: Finding) -> str:
+    line = f"line {finding.place.line}" if finding.place.line else ""
+    return f"{finding.place.key or line}: {finding.what}".removeprefix(": ")

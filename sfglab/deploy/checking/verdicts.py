@@ -1,0 +1,93 @@
+"""What checks say: one verdict each about one subject, and all of them as a table for a terminal."""
+
+from __future__ import annotations
+
+import textwrap
+from collections import Counter
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+from sfglab.deploy.errors import DeployError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+__all__ = ["SkippedError", "State", "Verdict", "render_verdicts", "verdict_of"]
+
+_WIDTH = 110
+
+
+class State(Enum):
+    """What became of a check, the worst first."""
+
+    FAILS = "fails"
+    SKIPPED = "skipped"
+    HOLDS = "holds"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """What one check says of one subject.
+
+    Attributes:
+        check: What was asked.
+        subject: Of what, a file of the folder.
+        state: What became of it.
+        says: What is wrong, or what is missing to ask; mostly empty where it holds.
+    """
+
+    check: str
+    subject: str
+    state: State
+    says: str = ""
+
+
+class SkippedError(DeployError):
+    """A check could not be asked; its text says what is missing and how to install it."""
+
+
+def verdict_of(check: str, subject: str, ask: Callable[..., Iterable[str]], *about: Any) -> Verdict:
+    """Return the verdict of a check that yields what is wrong.
+
+    Args:
+        check: What is asked.
+        subject: Of what.
+        ask: Yields one sentence for each thing that is wrong; raises `SkippedError` when it cannot be asked.
+        about: What it is called with.
+    """
+    try:
+        wrong = tuple(ask(*about))
+    except SkippedError as error:
+        return Verdict(check=check, subject=subject, state=State.SKIPPED, says=str(error))
+    state = State.FAILS if wrong else State.HOLDS
+    return Verdict(check=check, subject=subject, state=state, says="; ".join(wrong))
+
+
+def render_verdicts(verdicts: Iterable[Verdict], *, every: bool = True) -> str:
+    """Return verdicts as a table, the failing first with their words, and how many there are of each.
+
+    Args:
+        verdicts: The verdicts.
+        every: List what holds as well; it is counted anyway.
+    """
+    order = list(State)
+    verdicts = tuple(verdicts)
+    shown = (verdict for verdict in verdicts if every or verdict.state is not State.HOLDS)
+    rows = sorted(shown, key=lambda verdict: order.index(verdict.state))
+    widths = [max((len(cell) for cell in column), default=0) for column in zip(*map(_cells, rows), strict=True)]
+    lines: list[str] = []
+    for row in rows:
+        cells = (cell.ljust(width) for cell, width in zip(_cells(row), widths, strict=True))
+        lines.append("  ".join(cells).rstrip())
+        lines += textwrap.wrap(row.says, _WIDTH, initial_indent="    ", subsequent_indent="    ")
+    return "\n".join([*lines, _summary(verdicts)])
+
+
+def _cells(verdict: Verdict) -> tuple[str, str, str]:
+    return verdict.state.value, verdict.subject, verdict.check
+
+
+def _summary(verdicts: Iterable[Verdict]) -> str:
+    count = Counter(verdict.state for verdict in verdicts)
+    return f"{count[State.HOLDS]} held, {count[State.FAILS]} failed, {count[State.SKIPPED]} skipped"

@@ -1,0 +1,198 @@
+"""The two containers of an agent as a Compose project (paper A, section 4.4, Fig. 5): agent and router.
+
+Both run the agent's application image without a right that they do not need: no capabilities, a root file
+system that nobody writes to, no user but their own. Only the router stands on the host's network, because DDS
+finds other agents by multicast on a real interface.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from sfglab.deploy.files import BundleFile
+from sfglab.deploy.routers import ROUTER_FILES
+from sfglab.fleet.fleet_file import Accelerator, RosDistribution, RouterSoftware
+
+if TYPE_CHECKING:
+    from sfglab.deploy.deployment import Deployment
+
+__all__ = ["compose_files", "compose_project", "development_overlay"]
+
+FLEET_FILE = "/etc/sfglab/fleet.yaml"
+USER = "10001:10001"
+_NEEDS_INITIALIZE = "run hooks/initialize.sh first"
+_NEEDS_TAG = _NEEDS_INITIALIZE
+_USB = "/dev/bus/usb"
+_USB_MAJOR = 189  # Linux, Documentation/admin-guide/devices.txt
+
+_ACCELERATOR_DEVICES: dict[Accelerator, tuple[str, ...]] = {
+    Accelerator.VAAPI: ("/dev/dri",),
+    Accelerator.ROCM: ("/dev/kfd", "/dev/dri"),
+}
+"""Device nodes. NVIDIA's come with its runtime; those of V4L2 differ by board and stand in the fleet file."""
+
+
+def compose_files(deployment: Deployment) -> dict[str, BundleFile]:
+    """Return ``compose.yaml`` and its overlay for development."""
+    return {
+        "compose.yaml": BundleFile(text=_yaml(deployment, compose_project(deployment))),
+        "compose.dev.yaml": BundleFile(text=_yaml(deployment, development_overlay(deployment))),
+    }
+
+
+def compose_project(deployment: Deployment) -> dict[str, Any]:
+    """Return the Compose project of an agent (Compose Specification)."""
+    project: dict[str, Any] = {
+        "name": f"sfglab-{deployment.agent.name}",
+        "services": {"agent": _agent(deployment), "router": _router(deployment)},
+    }
+    if deployment.network.bridge:
+        project["networks"] = {"agent": _bridge(deployment.network.bridge)}
+    return project
+
+
+def development_overlay(deployment: Deployment) -> dict[str, Any]:
+    """Return what development changes: the user's workspace as a folder, a shell, a debugger, a way out."""
+    agent: dict[str, Any] = {
+        "image": f"{deployment.repository}:development",
+        "build": {"context": ".", "target": "development"},
+        "command": ["sleep", "infinity"],
+        "entrypoint": [],
+        "read_only": False,
+        "volumes": ["${SFGLAB_WORKSPACE:-./workspace}:/workspace", "./.vscode:/workspace/.vscode"],
+    }
+    overlay: dict[str, Any] = {"services": {"agent": agent}}
+    if deployment.network.bridge:
+        # By name, because with two networks nobody says which is eth0; needs Docker Engine 28.1.
+        agent["networks"] = {
+            "agent": {"interface_name": deployment.network.agent_interface},
+            "outside": {"interface_name": "eth1"},
+        }
+        overlay["networks"] = {"outside": {}}
+    return overlay
+
+
+def _agent(deployment: Deployment) -> dict[str, Any]:
+    network = deployment.network
+    service = {
+        "image": _image(deployment),
+        "build": {"context": ".", "target": "application"},
+        "command": [
+            *("agent", "up", "--fleet", FLEET_FILE, "--agent", deployment.agent.name),
+            *("--interface", network.agent_interface, "--without", "router"),
+        ],
+        "environment": _environment(deployment),
+        **_hardening(),
+        **_hardware(deployment),
+    }
+    return service | ({"networks": ["agent"]} if network.bridge else {"network_mode": "host"})
+
+
+def _router(deployment: Deployment) -> dict[str, Any]:
+    service = _ROUTERS[deployment.common.router](deployment)
+    return service | _hardening() | {"network_mode": "host", "depends_on": ["agent"]}
+
+
+def _our_router(deployment: Deployment) -> dict[str, Any]:
+    return {
+        "image": _image(deployment),
+        "command": [
+            *("router", "--fleet", FLEET_FILE, "--agent", deployment.agent.name),
+            *("--interface", deployment.network.router_interface),
+        ],
+    }
+
+
+def _dds_router(deployment: Deployment) -> dict[str, Any]:
+    return _other_router(deployment, ["ddsrouter", "--config-path"])
+
+
+def _zenoh_bridge(deployment: Deployment) -> dict[str, Any]:
+    service = _other_router(deployment, ["zenoh-bridge-ros2dds", "--config"])
+    return service | {"environment": {"CYCLONEDDS_URI": _cyclone(deployment.network.router_interface)}}
+
+
+def _other_router(deployment: Deployment, program: list[str]) -> dict[str, Any]:
+    own = ROUTER_FILES[deployment.common.router]
+    inside = f"/etc/{own}"
+    return {
+        "image": deployment.common.router_image,
+        "entrypoint": [*program, inside],
+        "volumes": [f"./{own}:{inside}:ro"],
+    }
+
+
+_ROUTERS = {
+    RouterSoftware.SFGLAB: _our_router,
+    RouterSoftware.DDS_ROUTER: _dds_router,
+    RouterSoftware.ZENOH_BRIDGE: _zenoh_bridge,
+}
+
+
+def _image(deployment: Deployment) -> str:
+    return f"{deployment.repository}:${{SFGLAB_TAG:?{_NEEDS_TAG}}}"
+
+
+def _environment(deployment: Deployment) -> dict[str, str]:
+    """Return what the agent's own nodes and the user's need to meet in its domain."""
+    values = {"SFG_AGENT_NAME": deployment.agent.name, "HOME": "/tmp", "NUMBA_CACHE_DIR": "/tmp/numba"}  # noqa: S108 - a tmpfs of the container's own
+    if deployment.common.ros is RosDistribution.NONE:
+        return values
+    return values | {
+        "ROS_DOMAIN_ID": str(deployment.network.local_domain),
+        "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp",
+        "CYCLONEDDS_URI": _cyclone(deployment.network.agent_interface),
+    }
+
+
+def _cyclone(interface: str) -> str:
+    """Return a configuration of Cyclone DDS that keeps to one interface, as text in place of a file."""
+    return (
+        "<CycloneDDS><Domain><General><Interfaces>"
+        f'<NetworkInterface name="{interface}"/>'
+        "</Interfaces></General></Domain></CycloneDDS>"
+    )
+
+
+def _hardening() -> dict[str, Any]:
+    return {
+        "init": True,
+        "user": USER,
+        "read_only": True,
+        "tmpfs": ["/tmp:mode=1777,size=256m", "/run:mode=1777,size=16m"],  # noqa: S108 - of the container's own
+        "cap_drop": ["ALL"],
+        "security_opt": ["no-new-privileges:true"],
+        # Starting at boot is systemd's; after a crash the container comes back by itself.
+        "restart": "on-failure",
+        "logging": {"driver": "json-file", "options": {"max-size": "10m", "max-file": "3"}},
+    }
+
+
+def _hardware(deployment: Deployment) -> dict[str, Any]:
+    accelerator = deployment.accelerator
+    nodes = dict.fromkeys((*_ACCELERATOR_DEVICES.get(accelerator, ()), *deployment.host.devices))
+    wanted: dict[str, Any] = {}
+    if nodes:
+        wanted["devices"] = [f"{node}:{node}" for node in nodes]
+        wanted["group_add"] = [f"${{SFGLAB_{group}_GID:?{_NEEDS_INITIALIZE}}}" for group in ("VIDEO", "RENDER")]
+    if _USB in nodes:
+        wanted["device_cgroup_rules"] = [f"c {_USB_MAJOR}:* rwm"]  # what is plugged in later
+    if accelerator is Accelerator.JETSON:
+        wanted["runtime"] = "nvidia"
+    if accelerator is Accelerator.CUDA:
+        gpu = {"driver": "nvidia", "count": "all", "capabilities": ["gpu", "compute", "utility", "video"]}
+        wanted["deploy"] = {"resources": {"reservations": {"devices": [gpu]}}}
+    return wanted
+
+
+def _bridge(name: str) -> dict[str, Any]:
+    return {"driver": "bridge", "internal": True, "driver_opts": {"com.docker.network.bridge.name": name}}
+
+
+def _yaml(deployment: Deployment, project: dict[str, Any]) -> str:
+    import yaml
+
+    return (
+        f"# Agent {deployment.agent.name} of fleet {deployment.fleet.name}: generated from the fleet file.\n"
+        + yaml.safe_dump(project, sort_keys=False, width=110)
+    )

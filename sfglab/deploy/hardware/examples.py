@@ -1,0 +1,308 @@
+"""Machines to try detection on, as the few files of each that it looks at.
+
+Made from documentation, kernel sources and what people have quoted of such machines; none is a copy of a real
+machine, and device nodes are empty plain files. Each says where its facts are from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sfglab.deploy.errors import DeployError
+from sfglab.deploy.hardware.architecture import MACHINES, elf_header
+from sfglab.fleet.fleet_file import Accelerator, Architecture
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+__all__ = ["EXAMPLES", "ExampleMachine", "write_example"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExampleMachine:
+    """A machine made up from documentation.
+
+    Attributes:
+        description: What it is, and where its facts are from.
+        files: Contents by path below its root; empty for device nodes.
+        links: Targets of symbolic links by path below its root.
+        elf: Architecture of its programs; text for one that there are no images for.
+        expected: The accelerator that its images must be made for.
+    """
+
+    description: str
+    files: Mapping[str, str]
+    links: Mapping[str, str]
+    elf: Architecture | str
+    expected: Accelerator
+
+    @property
+    def elf_name(self) -> str:
+        """Return the architecture's name in container images."""
+        return self.elf.value if isinstance(self.elf, Architecture) else self.elf
+
+
+def write_example(example: ExampleMachine, folder: Path) -> Path:
+    """Write an example's files below a folder and return it, to be given to `detect`.
+
+    Args:
+        example: The machine.
+        folder: Becomes its root; must be empty or not exist.
+
+    Raises:
+        DeployError: There is something in the folder.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if any(folder.iterdir()):
+        raise DeployError(f"{folder}: given for an example's root, allowed: an empty folder, but it has files")
+    number = next(machine for machine, name in MACHINES.items() if name == example.elf_name)
+    contents = {"usr/bin/sh": elf_header(number)}
+    contents |= {path: text.encode() for path, text in example.files.items()}
+    for path, data in contents.items():
+        place = folder / path
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(data)
+    for path, target in {"bin": "usr/bin", **example.links}.items():
+        place = folder / path
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.symlink_to(target)
+    return folder
+
+
+_TREE = "sys/firmware/devicetree/base"
+_TREE_LINK = {"proc/device-tree": "/sys/firmware/devicetree/base"}
+_KFD = "sys/class/kfd/kfd/topology/nodes"
+
+
+def _system(name: str) -> dict[str, str]:
+    groups = "root:x:0:\nvideo:x:44:\nrender:x:992:\n"
+    return {"etc/os-release": f'NAME="Linux"\nPRETTY_NAME="{name}"\n', "etc/group": groups}
+
+
+def _board(model: str, *compatible: str) -> dict[str, str]:
+    names = "".join(f"{name}\0" for name in compatible)
+    return {f"{_TREE}/model": f"{model}\0", f"{_TREE}/compatible": names}
+
+
+def _pc(vendor: str, product: str) -> dict[str, str]:
+    return {"sys/class/dmi/id/sys_vendor": f"{vendor}\n", "sys/class/dmi/id/product_name": f"{product}\n"}
+
+
+def _nodes(*names: str) -> dict[str, str]:
+    return {f"dev/{name}": "" for name in names}
+
+
+def _graphics(minor: int, vendor: str) -> dict[str, str]:
+    device = f"sys/class/drm/renderD{minor}/device"
+    return {**_nodes(f"dri/card{minor - 128}", f"dri/renderD{minor}"), f"{device}/vendor": f"{vendor}\n"}
+
+
+def _pci(slot: str, vendor: str, driver: str) -> dict[str, str]:
+    place = f"sys/bus/pci/devices/{slot}"
+    uevent = f"DRIVER={driver}\nPCI_CLASS=30000\n" if driver else "PCI_CLASS=30000\n"
+    return {f"{place}/vendor": f"{vendor}\n", f"{place}/class": "0x030000\n", f"{place}/uevent": uevent}
+
+
+def _kfd(node: int, version: int, minor: int) -> dict[str, str]:
+    processor = "cpu_cores_count 16\nsimd_count 0\ngfx_target_version 0\n"
+    graphics = f"cpu_cores_count 0\nsimd_count 8\ngfx_target_version {version}\ndrm_render_minor {minor}\n"
+    return {f"{_KFD}/0/properties": processor, f"{_KFD}/{node}/properties": graphics, "dev/kfd": ""}
+
+
+def _video(number: int, name: str) -> dict[str, str]:
+    return {f"dev/video{number}": "", f"sys/class/video4linux/video{number}/name": f"{name}\n"}
+
+
+_NVIDIA_NODES = _nodes("nvidia0", "nvidiactl", "nvidia-modeset", "nvidia-uvm", "nvidia-uvm-tools")
+_NVIDIA_DRIVER = {
+    "proc/driver/nvidia/version": (
+        "NVRM version: NVIDIA UNIX Open Kernel Module for x86_64  565.57.01  Release Build\n"
+        "GCC version:  gcc version 13.3.0 (Ubuntu 13.3.0-6ubuntu2~24.04)\n"
+    ),
+}
+_AMD64, _ARM64 = Architecture.AMD64, Architecture.ARM64
+
+EXAMPLES: dict[str, ExampleMachine] = {
+    "jetson_orin_nx": ExampleMachine(
+        description="Jetson Orin NX, JetPack 6.2: Linux' device tree bindings (tegra.yaml), L4T R36's files",
+        files={
+            **_system("Ubuntu 22.04.5 LTS"),
+            **_board(
+                "NVIDIA Jetson Orin NX Engineering Reference Developer Kit",
+                *("nvidia,p3768-0000+p3767-0000", "nvidia,p3767-0000", "nvidia,tegra234"),
+            ),
+            "etc/nv_tegra_release": (
+                "# R36 (release), REVISION: 4.3, GCID: 38968081, BOARD: generic, EABI: aarch64, "
+                "DATE: Wed Jan  8 01:49:37 UTC 2025\n# KERNEL_VARIANT: oot\n"
+            ),
+            **_nodes("nvmap", "nvhost-ctrl-gpu", "nvhost-gpu", "nvhost-nvdec", "nvgpu/igpu0/ctrl"),
+            **_nodes("nvidia0", "nvidiactl", "nvidia-modeset", "v4l2-nvdec", "v4l2-nvenc"),
+            **_nodes("dri/card0", "dri/renderD128"),
+            **_video(0, "vi-output, imx219 9-0010"),
+        },
+        links=_TREE_LINK,
+        elf=_ARM64,
+        expected=Accelerator.JETSON,
+    ),
+    "jetson_xavier_nx": ExampleMachine(
+        description="Jetson Xavier NX, JetPack 4.6: L4T R32's files",
+        files={
+            **_system("Ubuntu 18.04.6 LTS"),
+            **_board(
+                "NVIDIA Jetson Xavier NX Developer Kit", "nvidia,p3449-0000+p3668-0000", "nvidia,tegra194"
+            ),
+            "etc/nv_tegra_release": (
+                "# R32 (release), REVISION: 7.1, GCID: 29818004, BOARD: t186ref, EABI: aarch64, "
+                "DATE: Sat Feb 19 17:07:00 UTC 2022\n"
+            ),
+            **_nodes("nvmap", "nvhost-ctrl", "nvhost-gpu", "nvhost-msenc", "nvhost-nvdec", "nvidiactl"),
+        },
+        links=_TREE_LINK,
+        elf=_ARM64,
+        expected=Accelerator.JETSON,
+    ),
+    "workstation_rtx": ExampleMachine(
+        description="Workstation with an RTX card beside an AMD processor's graphics: NVIDIA's README, amdgpu",
+        files={
+            **_system("Ubuntu 24.04.1 LTS"),
+            **_pc("ASUS", "System Product Name"),
+            **_NVIDIA_NODES,
+            **_NVIDIA_DRIVER,
+            **_pci("0000:01:00.0", "0x10de", "nvidia"),
+            **_pci("0000:0b:00.0", "0x1002", "amdgpu"),
+            **_graphics(128, "0x10de"),
+            **_graphics(129, "0x1002"),
+            **_kfd(1, 100306, 129),
+        },
+        links={},
+        elf=_AMD64,
+        expected=Accelerator.CUDA,
+    ),
+    "nvidia_without_driver": ExampleMachine(
+        description="PC with an NVIDIA card that nouveau drives: Linux, sysfs-bus-pci",
+        files={
+            **_system("Debian GNU/Linux 12 (bookworm)"),
+            **_pc("Dell Inc.", "Precision 3660"),
+            **_pci("0000:01:00.0", "0x10de", "nouveau"),
+            **_graphics(128, "0x10de"),
+        },
+        links={},
+        elf=_AMD64,
+        expected=Accelerator.NONE,
+    ),
+    "desktop_rocm": ExampleMachine(
+        description="Desktop with a Radeon RX 7900 XTX, gfx1100: AMD's list of supported GPUs, amdkfd's sysfs",
+        files={
+            **_system("Ubuntu 24.04.1 LTS"),
+            **_pc("Gigabyte Technology Co., Ltd.", "X670 AORUS ELITE AX"),
+            **_pci("0000:03:00.0", "0x1002", "amdgpu"),
+            **_graphics(128, "0x1002"),
+            **_kfd(1, 110000, 128),
+        },
+        links={},
+        elf=_AMD64,
+        expected=Accelerator.ROCM,
+    ),
+    "steam_deck": ExampleMachine(
+        description="Steam Deck OLED, whose gfx1033 has /dev/kfd but is not on AMD's list: amdkfd, DMI",
+        files={
+            **_system("SteamOS"),
+            **_pc("Valve", "Galileo"),
+            **_pci("0000:04:00.0", "0x1002", "amdgpu"),
+            **_graphics(128, "0x1002"),
+            **_kfd(1, 100303, 128),
+        },
+        links={},
+        elf=_AMD64,
+        expected=Accelerator.VAAPI,
+    ),
+    "laptop_intel": ExampleMachine(
+        description="Laptop with Intel's graphics and a camera: i915, uvcvideo",
+        files={
+            **_system("Fedora Linux 41 (Workstation Edition)"),
+            **_pc("LENOVO", "21CB000GGE"),
+            **_pci("0000:00:02.0", "0x8086", "i915"),
+            **_graphics(128, "0x8086"),
+            **_video(0, "Integrated Camera: Integrated C"),
+        },
+        links={},
+        elf=_AMD64,
+        expected=Accelerator.VAAPI,
+    ),
+    "raspberry_pi_5": ExampleMachine(
+        description="Raspberry Pi 5: its kernel's drivers rpi-hevc-dec and pispbe; v3d is no PCI device",
+        files={
+            **_system("Debian GNU/Linux 12 (bookworm)"),
+            **_board("Raspberry Pi 5 Model B Rev 1.0", "raspberrypi,5-model-b", "brcm,bcm2712"),
+            **_nodes("dri/card0", "dri/card1", "dri/renderD128"),
+            **_video(19, "rpi-hevc-dec"),
+            **_video(20, "pispbe-input"),
+            **_video(21, "pispbe-tdn_input"),
+        },
+        links=_TREE_LINK,
+        elf=_ARM64,
+        expected=Accelerator.V4L2,
+    ),
+    "raspberry_pi_4": ExampleMachine(
+        description="Raspberry Pi 4: its kernel's driver bcm2835-codec, one node for each role",
+        files={
+            **_system("Debian GNU/Linux 12 (bookworm)"),
+            **_board("Raspberry Pi 4 Model B Rev 1.4", "raspberrypi,4-model-b", "brcm,bcm2711"),
+            **_nodes("dri/card0", "dri/renderD128"),
+            **_video(10, "bcm2835-codec-decode"),
+            **_video(11, "bcm2835-codec-encode"),
+            **_video(12, "bcm2835-codec-isp"),
+            **_video(13, "bcm2835-isp0-output0"),
+            **_video(18, "bcm2835-codec-image_fx"),
+            **_video(19, "rpivid"),
+        },
+        links=_TREE_LINK,
+        elf=_ARM64,
+        expected=Accelerator.V4L2,
+    ),
+    "virtual_machine": ExampleMachine(
+        description="Virtual machine with virtio's graphics: OASIS virtio 1.2, vendor 0x1af4",
+        files={
+            **_system("Debian GNU/Linux 12 (bookworm)"),
+            **_pc("QEMU", "Standard PC (Q35 + ICH9, 2009)"),
+            **_pci("0000:00:01.0", "0x1af4", "virtio-pci"),
+            **_graphics(128, "0x1af4"),
+        },
+        links={},
+        elf=_AMD64,
+        expected=Accelerator.NONE,
+    ),
+    "wsl2": ExampleMachine(
+        description="WSL 2 on Windows with NVIDIA's driver: NVIDIA, CUDA on WSL User Guide",
+        files={**_system("Ubuntu 22.04.5 LTS"), **_nodes("dxg"), "usr/lib/wsl/lib/libcuda.so.1.1": ""},
+        links={"usr/lib/wsl/lib/libcuda.so.1": "libcuda.so.1.1"},
+        elf=_AMD64,
+        expected=Accelerator.CUDA,
+    ),
+    "container": ExampleMachine(
+        description="Container without devices on an RTX workstation: Docker's mark, the host's /proc and /sys",
+        files={
+            **_system("Ubuntu 24.04.1 LTS"),
+            ".dockerenv": "",
+            **_NVIDIA_DRIVER,
+            **_pci("0000:01:00.0", "0x10de", "nvidia"),
+            "sys/class/drm/renderD128/device/vendor": "0x10de\n",
+        },
+        links={},
+        elf=_AMD64,
+        expected=Accelerator.NONE,
+    ),
+    "riscv_board": ExampleMachine(
+        description="VisionFive 2, a RISC-V board that there are no images for: Linux, jh7110 device tree",
+        files={
+            **_system("Debian GNU/Linux trixie/sid"),
+            **_board("StarFive VisionFive 2 v1.3B", "starfive,visionfive-2-v1.3b", "starfive,jh7110"),
+        },
+        links=_TREE_LINK,
+        elf="riscv64",
+        expected=Accelerator.NONE,
+    ),
+}
+"""Machines by name; the paper's test bed has the first, a workstation, a Steam Deck and Raspberry Pi 5."""

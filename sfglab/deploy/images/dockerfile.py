@@ -1,0 +1,260 @@
+"""The files that an agent's images are built from, rendered from its deployment.
+
+Knows what each layer holds; refuses to know who builds it. Contents come in by their digests, which are part
+of the instructions: equal Dockerfiles make equal images as far as the distribution's packages allow.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sfglab.deploy.errors import DeployError
+from sfglab.deploy.files import PROGRAM, BundleFile
+from sfglab.deploy.images.bases import base_of
+from sfglab.deploy.images.lock import agent_lock, split_lock
+from sfglab.deploy.templates import render
+from sfglab.fleet.fleet_file import Architecture, RosDistribution
+
+if TYPE_CHECKING:
+    from sfglab.deploy.deployment import Deployment
+    from sfglab.deploy.images.bases import BaseImage
+
+__all__ = ["FLEET_FILE", "OVERLAY", "STAGES", "USER_ID", "VENV", "image_files"]
+
+STAGES = ("base", "adapter", "application")
+"""The three layers of the paper, in their order."""
+
+VENV = "/opt/venv"
+FLEET_FILE = "/etc/sfglab/fleet.yaml"
+OVERLAY = "/opt/workspace"
+"""Where the user's colcon workspace is installed."""
+
+USER_ID = 10001
+_USER = "sfglab"
+_LICENCE = "Apache-2.0"  # LICENSE
+_TOOLS = ("cmakelang", "debugpy", "six")  # formats CMake (and needs six); debugs Python
+_WHEELS_NOTE = """Wheels for machines without a package index.
+
+What pip finds here it takes instead of downloading, if its digest is in requirements.lock. Built with the
+argument OFFLINE=1, nothing is downloaded at all.
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Cyclone:
+    """Eclipse Cyclone DDS as source.
+
+    Attributes:
+        version: Its tag, and that of the Python binding on PyPI.
+        commit: What the tag names.
+        repository: Where it is fetched from.
+        prefix: Where it is installed.
+        packages: Debian packages that build it.
+    """
+
+    version: str = "11.0.1"
+    commit: str = "e54e991f75a3e67f8e628da3171122e36ea5b872"
+    repository: str = "https://github.com/eclipse-cyclonedds/cyclonedds.git"
+    prefix: str = "/opt/cyclonedds"
+    packages: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Ros:
+    """Where ROS 2 comes from.
+
+    Attributes:
+        distribution: Its name.
+        archive: Its Debian packages.
+        key: The archive's signing key.
+        fingerprint: The key's, as Open Robotics publishes it.
+    """
+
+    distribution: str
+    archive: str = "http://packages.ros.org/ros2/ubuntu"
+    key: str = "https://raw.githubusercontent.com/ros/rosdistro/master/ros.key"
+    fingerprint: str = "C1CF6E31E6BADE8868B172B4F42ED6FBAB17C654"
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """Debian packages of the common functional baseline."""
+        names = ("ros-base", "rmw-cyclonedds-cpp", "ffmpeg-image-transport")
+        return tuple(f"ros-{self.distribution}-{name}" for name in names)
+
+
+_CYCLONE_BUILD_LOCK = """wheel==0.45.1 \\
+    --hash=sha256:708e7481cc80179af0e556bbf0cc00b8444c7321e2700b8d8580231d13017248
+"""
+"""What the binding's own build asks for beside setuptools, which the project's lock pins."""
+
+
+def image_files(deployment: Deployment) -> dict[str, BundleFile]:
+    """Return what an agent's images are built from, by path relative to its folder.
+
+    The wheel is not among them, because it is no text: it belongs at ``image/<release.wheel>``.
+
+    Raises:
+        DeployError: There is no base image for the machine, or something is not pinned.
+    """
+    base = base_of(deployment)
+    locks = _locks(deployment, base)
+    texts = {
+        "Dockerfile": _dockerfile(deployment, base, locks),
+        ".dockerignore": _dockerignore(deployment, (*locks, "image/wheels")),
+        **locks,
+        "image/fleet.yaml": deployment.release.fleet_text,
+        "image/wheels/README": _WHEELS_NOTE,
+    }
+    files = {path: BundleFile(text=text) for path, text in texts.items()}
+    files["image/entrypoint.sh"] = BundleFile(text=_entrypoint(deployment), mode=PROGRAM)
+    return files
+
+
+def _locks(deployment: Deployment, base: BaseImage) -> dict[str, str]:
+    release = deployment.release
+    lock = agent_lock(release.lock, python=base.python, architecture=deployment.host.architecture)
+    _, development = split_lock(release.lock, _TOOLS)
+    locks = {"image/requirements.lock": lock, "image/development.lock": development}
+    if _from_source(deployment):
+        rest, source = split_lock(lock, ("cyclonedds",))
+        if f"=={_Cyclone().version} " not in source:
+            raise DeployError(
+                f"requirements.lock: cyclonedds: given {source.split()[0]!r}, allowed on arm64, where it is "
+                f"built from source: {_Cyclone().version}"
+            )
+        _, setuptools = split_lock(release.lock, ("setuptools",))
+        locks["image/requirements.lock"] = rest
+        locks["image/cyclonedds.lock"] = source
+        locks["image/cyclonedds-build.lock"] = setuptools + _CYCLONE_BUILD_LOCK
+    return locks
+
+
+def _from_source(deployment: Deployment) -> bool:
+    """Return whether Cyclone DDS must be compiled: PyPI has Linux wheels of 11.0.1 for x86-64 alone."""
+    return deployment.host.architecture is Architecture.ARM64
+
+
+def _dockerfile(deployment: Deployment, base: BaseImage, locks: dict[str, str]) -> str:
+    release, host = deployment.release, deployment.host
+    ros = _ros(deployment)
+    return render(
+        "sfglab.deploy.images",
+        "Dockerfile.j2",
+        agent=deployment.agent.name,
+        fleet=_one_line(deployment.fleet.name),
+        accelerator=deployment.accelerator.value,
+        architecture=host.architecture.value,
+        base=base,
+        environment=[(name, _quoted(value)) for name, value in base.environment],
+        from_source=_from_source(deployment),
+        cyclone=_Cyclone(packages=_cyclone_packages(base)),
+        ros=ros,
+        common_packages=["ca-certificates", "ffmpeg", *base.python_packages, *(ros.packages if ros else ())],
+        workspace=host.workspace,
+        overlay=OVERLAY,
+        host_packages=list(host.packages),
+        build_packages=["build-essential", "cmake", "git", "python3-colcon-common-extensions"],
+        development_packages=_development_packages(base, ros),
+        digests={path.removeprefix("image/"): _sha256(text) for path, text in locks.items()},
+        release=release,
+        user={"name": _USER, "id": USER_ID},
+        venv=VENV,
+        fleet_file=FLEET_FILE,
+        labels=[(name, _quoted(value)) for name, value in _labels(deployment, base, locks).items()],
+        command=json.dumps(["agent", "up", "--fleet", FLEET_FILE, "--agent", deployment.agent.name]),
+    )
+
+
+def _ros(deployment: Deployment) -> _Ros | None:
+    distribution = deployment.common.ros
+    if distribution is not RosDistribution.NONE:
+        return _Ros(distribution=distribution.value)
+    if deployment.host.workspace:
+        allowed = ", ".join(member.value for member in RosDistribution if member is not distribution)
+        raise DeployError(
+            f"{deployment.host.place}.workspace: given {deployment.host.workspace!r} in a fleet whose "
+            f"deployment.ros is 'none', allowed with a colcon workspace: {allowed}"
+        )
+    return None
+
+
+def _cyclone_packages(base: BaseImage) -> tuple[str, ...]:
+    tools = ("build-essential", "ca-certificates", "cmake", "git")
+    interpreter = base.python_packages[0]
+    return (*tools, *base.python_packages, f"{interpreter}-dev")
+
+
+def _development_packages(base: BaseImage, ros: _Ros | None) -> list[str]:
+    tools = [
+        "build-essential",
+        "clang-format",
+        "clangd",
+        "cmake",
+        "gdb",
+        "git",
+        f"{base.python_packages[0]}-dev",
+    ]
+    return tools + (["python3-colcon-common-extensions"] if ros else [])
+
+
+def _labels(deployment: Deployment, base: BaseImage, locks: dict[str, str]) -> dict[str, str]:
+    """Return what an image says of itself (OCI Image Specification, "Annotations")."""
+    release = deployment.release
+    standard = {
+        "title": f"sfglab agent {deployment.agent.name}",
+        "version": release.version,
+        "revision": release.revision,
+        "created": release.created,
+        "base.name": base.image,
+        "licenses": _LICENCE,
+    }
+    own = {
+        "agent": deployment.agent.name,
+        "fleet": deployment.fleet.name,
+        "accelerator": deployment.accelerator.value,
+        "lock.sha256": _sha256(locks["image/requirements.lock"]),
+        "wheel.sha256": release.wheel_sha256,
+        "fleet.sha256": _sha256(release.fleet_text),
+    }
+    labels = {f"org.opencontainers.image.{name}": value for name, value in standard.items() if value}
+    return labels | {f"io.sfglab.{name}": value for name, value in own.items()}
+
+
+def _entrypoint(deployment: Deployment) -> str:
+    ros = _ros(deployment)
+    scripts = [f"/opt/ros/{ros.distribution}/setup.sh", f"{OVERLAY}/setup.sh"] if ros else []
+    return render(
+        "sfglab.deploy.images",
+        "entrypoint.sh.j2",
+        launch=deployment.host.launch,
+        setup_scripts=scripts,
+        venv=VENV,
+    )
+
+
+def _dockerignore(deployment: Deployment, paths: tuple[str, ...]) -> str:
+    wanted = [*paths, "image/entrypoint.sh", "image/fleet.yaml", f"image/{deployment.release.wheel}"]
+    if deployment.host.workspace:
+        wanted.append("workspace/src")
+    lines = [
+        "# Only what the Dockerfile names reaches the builder.",
+        "*",
+        *(f"!{path}" for path in sorted(wanted)),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _quoted(value: str) -> str:
+    """Quote a value for a Dockerfile, where a dollar sign stands for a variable even inside quotes."""
+    return json.dumps(value).replace("$", "\\$")
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

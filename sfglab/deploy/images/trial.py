@@ -1,0 +1,296 @@
+"""A real build of an agent's images from a base image made here, and questions to what comes out.
+
+What no machine can be relied on to reach is left out and said: ROS 2's packages and the makers' base images.
+So a trial builds the agent without ROS 2 and accelerator, for this machine's processor, on a Debian made by
+debootstrap, with Python packages from wheels fetched beforehand. All that it makes lies in one folder.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import shutil
+import subprocess
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sfglab.deploy.errors import DeployError
+from sfglab.deploy.images.bases import base_of
+from sfglab.deploy.images.building import build, build_command
+from sfglab.deploy.images.dockerfile import USER_ID, VENV, image_files
+from sfglab.deploy.images.lock import MACHINES
+from sfglab.deploy.images.release import release_tag
+from sfglab.deploy.images.second_wheel import with_version
+from sfglab.deploy.images.wheelhouse import wheelhouse
+from sfglab.fleet.fleet_file import Accelerator, RosDistribution
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from sfglab.deploy.deployment import Deployment
+
+__all__ = ["TrialCheck", "trial_build", "why_not"]
+
+TOOLS = ("buildah", "debootstrap")
+BASE = "localhost/sfglab-trial-base:bookworm"
+_ARCHIVE = "root.tar"
+_DEBS = "./var/cache/apt/archives/*.deb"
+_ENTRYPOINT = "/usr/local/bin/sfglab-entrypoint"
+_CACHED = "--> Using cache"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialCheck:
+    """What one question to a real image gave.
+
+    Attributes:
+        check: What should hold.
+        holds: Whether it does; None if nobody could ask.
+        seen: What was seen, or why nobody could ask.
+    """
+
+    check: str
+    holds: bool | None
+    seen: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Workshop:
+    """A builder with its own store, apart from the machine's.
+
+    Attributes:
+        folder: Where everything lies.
+        say: Told what the builder says.
+        driver: How the store keeps layers.
+    """
+
+    folder: Path
+    say: Callable[[str], None]
+    driver: str = "overlay"
+
+    def command(self, *arguments: str) -> list[str]:
+        """Return a buildah command on the store."""
+        store = ("--root", str(self.folder / "store"), "--runroot", str(self.folder / "run"))
+        return ["buildah", "--storage-driver", self.driver, *store, *arguments]
+
+    def build(self, command: list[str]) -> list[str]:
+        """Run a command of `build_command` on the store; return what it said."""
+        said: list[str] = []
+
+        def hear(line: str) -> None:
+            said.append(line)
+            self.say(line)
+
+        _, verb, *arguments = command
+        build(self.command(verb, "--isolation=chroot", *arguments), hear)
+        return said
+
+    def ask(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        """Run a buildah command on the store."""
+        return subprocess.run(self.command(*arguments), capture_output=True, text=True, check=False)
+
+    def close(self) -> None:
+        """Take away all that was made: containers, images, mounts of a build that was cut off, files."""
+        self.ask("rm", "--all")
+        self.ask("rmi", "--all", "--force")
+        mounted = [line.split()[1] for line in Path("/proc/self/mounts").read_text().splitlines()]
+        for point in reversed(mounted):
+            if Path(point).is_relative_to(self.folder.resolve()):
+                subprocess.run(["umount", "--lazy", point], capture_output=True, check=False)
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def run(self, image: str, *program: str, user: str = "") -> tuple[int, str]:
+        """Run a program in a new container of an image; return its status and words.
+
+        Args:
+            image: The image.
+            program: The program and its arguments.
+            user: Who runs it; empty: the image's own.
+        """
+        container = self.ask("from", "--pull-never", image).stdout.strip()
+        who = (f"--user={user}",) if user else ()
+        try:
+            done = self.ask("run", "--isolation=chroot", *who, container, "--", *program)
+        finally:
+            self.ask("rm", container)
+        return done.returncode, (done.stdout + done.stderr).strip()
+
+
+def why_not() -> str:
+    """Return why no trial can run on this machine; empty if one can."""
+    missing = [tool for tool in TOOLS if shutil.which(tool) is None]
+    if missing:
+        return f"{', '.join(missing)} not installed (apt install {' '.join(TOOLS)})"
+    return "" if os.geteuid() == 0 else "needs root, for debootstrap and chroot"
+
+
+def trial_build(
+    deployment: Deployment, wheel: Path, folder: Path, say: Callable[[str], None], *, cache: Path | None = None
+) -> tuple[TrialCheck, ...]:
+    """Build an agent's images twice, ask them what a robot would, and take all of it away again.
+
+    Args:
+        deployment: The agent; what of it is left out is said in the module's docstring.
+        wheel: Sfglab's wheel, the one of its release.
+        folder: Where files and images are made; what the trial puts there is gone afterwards.
+        say: Told each line that the tools say.
+        cache: Where base and wheels are kept for the next trial; None keeps nothing.
+
+    Raises:
+        DeployError: A tool failed where nothing but the machine can be the cause.
+    """
+    reason = why_not()
+    if reason:
+        return (TrialCheck(check="the images build", holds=None, seen=reason),)
+    shop = _open_workshop(folder / "trial", say)
+    kept = cache or shop.folder / "kept"
+    first = _reachable(deployment)
+    try:
+        _make_base(shop, kept, first)
+        return tuple(_checks(shop, kept, first, wheel))
+    finally:
+        shop.close()
+
+
+def _open_workshop(folder: Path, say: Callable[[str], None]) -> _Workshop:
+    """Return a workshop; layers are copies (vfs) only where the folder's file system cannot be laid over."""
+    shop = _Workshop(folder=folder, say=say)
+    if shop.ask("info").returncode == 0:
+        return shop
+    shutil.rmtree(folder, ignore_errors=True)
+    return replace(shop, driver="vfs")
+
+
+def _reachable(deployment: Deployment) -> Deployment:
+    """Return the deployment without what a trial leaves out."""
+    machine = platform.machine()
+    architecture = next((known for known, name in MACHINES.items() if name == machine), None)
+    if architecture is None:
+        raise DeployError(f"trial: given a {machine!r} processor, allowed: {', '.join(MACHINES.values())}")
+    common = replace(deployment.common, ros=RosDistribution.NONE)
+    return replace(
+        deployment,
+        fleet=replace(deployment.fleet, deployment=common),
+        host=replace(deployment.host, architecture=architecture, workspace="", packages=()),
+        accelerator=Accelerator.NONE,
+    )
+
+
+def _make_base(shop: _Workshop, kept: Path, deployment: Deployment) -> None:
+    """Make the base image, from the root file system of an earlier trial if there is one."""
+    context = shop.folder / "base"
+    context.mkdir(parents=True, exist_ok=True)
+    kept.mkdir(parents=True, exist_ok=True)
+    archive = kept / _ARCHIVE
+    if not archive.is_file():
+        base = base_of(deployment)
+        packages = (
+            "ca-certificates",
+            "ffmpeg",
+            *base.python_packages,
+        )  # the adapter's, so that it needs no apt
+        root = shop.folder / "root"
+        wanted = f"--include={','.join(packages)}"
+        build(["debootstrap", "--variant=minbase", wanted, base.distribution.value, str(root)], shop.say)
+        partial = kept / f"{_ARCHIVE}.part"
+        build(["tar", "-C", str(root), f"--exclude={_DEBS}", "-cf", str(partial), "."], shop.say)
+        partial.replace(archive)
+        shutil.rmtree(root)
+    shutil.copy(archive, context / _ARCHIVE)
+    (context / "Dockerfile").write_text(f"FROM scratch\nADD {_ARCHIVE} /\n", encoding="utf-8")
+    shop.build(["buildah", "build", f"--tag={BASE}", str(context)])
+    shutil.rmtree(context)
+
+
+def _checks(shop: _Workshop, kept: Path, first: Deployment, wheel: Path) -> Iterator[TrialCheck]:
+    folder = _write(shop.folder / "first", first, wheel, kept)
+    image, said = _built(shop, folder, first)
+    yield _check("the images build without a package index", True, f"{len(said)} lines said")
+    yield from _ask_image(shop, image, first)
+    same, said = _built(shop, folder, first)
+    fresh = _fresh_steps(said)
+    yield _check("a second build makes no layer", same == image and not fresh, ", ".join(fresh))
+
+    second, newer = _next_release(first, wheel, shop.folder / "newer")
+    other, said = _built(shop, _write(shop.folder / "second", second, newer, kept), second)
+    fresh = [step for step in _fresh_steps(said) if step.startswith(("COPY", "RUN"))]
+    yield _check("a new wheel makes one new layer", len(fresh) == 1, "; ".join(step[:60] for step in fresh))
+    for name, deployment in ((other, second), (image, first)):
+        _, words = shop.run(name, _ENTRYPOINT, "--version")
+        version = deployment.release.version
+        yield _check("of two versions side by side, each says its own", words == version, f"{name}: {words}")
+
+
+def _next_release(deployment: Deployment, wheel: Path, folder: Path) -> tuple[Deployment, Path]:
+    """Return the same agent with a later version of the same wheel, and that wheel."""
+    version = f"{deployment.release.version}.post1"
+    newer = with_version(wheel, folder, version)
+    digest = hashlib.sha256(newer.read_bytes()).hexdigest()
+    release = replace(deployment.release, version=version, wheel=newer.name, wheel_sha256=digest)
+    return replace(deployment, release=release), newer
+
+
+def _ask_image(shop: _Workshop, image: str, deployment: Deployment) -> Iterator[TrialCheck]:
+    inspected = json.loads(shop.ask("inspect", "--type", "image", image).stdout)
+    labels = inspected["OCIv1"]["config"].get("Labels") or {}
+    mine = {
+        f"io.sfglab.{name}": value
+        for name, value in (("agent", deployment.agent.name), ("wheel.sha256", deployment.release.wheel_sha256))
+    }
+    mine["org.opencontainers.image.version"] = deployment.release.version
+    yield _check("it says what it is made of", mine.items() <= labels.items(), f"{len(labels)} labels")
+    status, words = shop.run(image, "id", "-u")
+    yield _check("it runs as nobody special", (status, words) == (0, str(USER_ID)), words)
+    for arguments in (("--version",), ("agent", "up", "--help"), ("router", "--help")):
+        status, words = shop.run(image, _ENTRYPOINT, *arguments)
+        yield _check(f"`sfglab {' '.join(arguments)}` answers", status == 0, _first(words))
+    status, words = shop.run(image, "touch", f"{VENV}/written")
+    yield _check("its user cannot change what it runs", status != 0 and "denied" in words, _first(words))
+    search = ("find", "/root", "/home", "/var/cache", "-name", "*.whl", "-o", "-path", "*/pip/*")
+    status, words = shop.run(image, *search, user="0:0")
+    yield _check("no downloads are left in it", (status, words) == (0, ""), words)
+
+
+def _built(shop: _Workshop, folder: Path, deployment: Deployment) -> tuple[str, list[str]]:
+    """Build an agent's application image; return its name with its identity, and what the builder said."""
+    tag = release_tag(deployment)
+    command = build_command(folder, deployment, tag, tool="buildah", base_image=BASE, offline=True)
+    said = shop.build(command)
+    return f"{deployment.repository}:{tag}", said
+
+
+def _write(folder: Path, deployment: Deployment, wheel: Path, kept: Path) -> Path:
+    """Write what an agent's images are built from, with the wheels that they need."""
+    for path, file in image_files(deployment).items():
+        target = folder / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_text(file.text, encoding="utf-8")
+        target.chmod(file.mode)
+    shutil.copy(wheel, folder / "image" / deployment.release.wheel)
+    lock = (folder / "image" / "requirements.lock").read_text(encoding="utf-8")
+    for fetched in wheelhouse(lock, kept / "wheels", base_of(deployment).python, deployment.host.architecture):
+        shutil.copy(fetched, folder / "image" / "wheels")
+    return folder
+
+
+def _fresh_steps(said: list[str]) -> list[str]:
+    """Return the steps that were carried out, not taken from the cache."""
+    fresh: list[str] = []
+    for line in said:
+        _, found, step = line.partition(": ")
+        if "STEP " in line and found and step.split()[0] != "FROM":
+            fresh.append(step)
+        elif _CACHED in line and fresh:
+            fresh.pop()
+    return fresh
+
+
+def _check(check: str, holds: bool, seen: str) -> TrialCheck:  # noqa: FBT001 - it is the answer
+    return TrialCheck(check=check, holds=holds, seen=seen)
+
+
+def _first(words: str) -> str:
+    return words.partition("\n")[0]

@@ -1,0 +1,104 @@
+"""From a fleet file on disk to the bundles of its agents.
+
+The one place that reads a fleet file, the checkout and this machine together; everything after it is pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sfglab.deploy.bundle import Bundle, bundle_of, workspace_members
+from sfglab.deploy.deployment import Deployment, deployment_of
+from sfglab.deploy.errors import DeployError
+from sfglab.fleet.fleet_file import read_fleet
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from sfglab.deploy.deployment import Release
+    from sfglab.fleet.fleet_file import Accelerator, Fleet, HostSpec
+
+__all__ = ["Detect", "FleetSource", "load_source", "prepare", "prepare_agent"]
+
+Detect = Callable[["HostSpec"], "Accelerator | None"]
+"""Asked for the accelerator of a machine whose fleet file leaves it to detection."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetSource:
+    """A fleet and where it was read.
+
+    Attributes:
+        fleet: The fleet.
+        path: Its file.
+        text: What stands in it.
+    """
+
+    fleet: Fleet
+    path: Path
+    text: str
+
+    @property
+    def folder(self) -> Path:
+        """Where the file stands; workspaces are named relative to it."""
+        return self.path.parent
+
+
+def load_source(path: Path) -> FleetSource:
+    """Read a fleet file.
+
+    Raises:
+        DocumentError: It is not a fleet.
+        DeployError: It cannot be read.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DeployError(f"{path}: {error}, allowed: a fleet file in UTF-8") from error
+    return FleetSource(fleet=read_fleet(text, str(path)), path=path, text=text)
+
+
+def prepare(
+    source: FleetSource,
+    release: Release,
+    wheel: bytes,
+    *,
+    agents: Sequence[str] = (),
+    detect: Detect = lambda _: None,
+) -> tuple[tuple[Deployment, Bundle], ...]:
+    """Return deployment and bundle of agents.
+
+    Args:
+        source: The fleet.
+        release: What is deployed.
+        wheel: The bytes of its wheel.
+        agents: Their names; none: all.
+        detect: Asked for the accelerator of a machine whose fleet file leaves it to detection.
+
+    Raises:
+        DeployError: An agent cannot be deployed as it is described.
+        UnknownAgentError: The fleet has no such agent.
+    """
+    names = agents or [agent.name for agent in source.fleet.agents]
+    return tuple(prepare_agent(source, name, release, wheel, detect=detect) for name in names)
+
+
+def prepare_agent(
+    source: FleetSource,
+    agent: str,
+    release: Release,
+    wheel: bytes,
+    *,
+    detect: Detect = lambda _: None,
+) -> tuple[Deployment, Bundle]:
+    """Return deployment and bundle of one agent; see `prepare`."""
+    host = source.fleet.agent(agent).host
+    detected = detect(host) if host is not None and host.accelerator is None else None
+    deployment = deployment_of(source.fleet, agent, release, detected=detected)
+    workspace = (
+        workspace_members(source.folder / deployment.host.workspace) if deployment.host.workspace else {}
+    )
+    return deployment, bundle_of(deployment, wheel, workspace)

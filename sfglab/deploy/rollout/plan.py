@@ -1,0 +1,137 @@
+"""What would change on a machine: files, and the commands that follow. Pure; nothing is touched."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from sfglab.deploy.bundle import ENVIRONMENT, MANIFEST, Bundle, Member
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+__all__ = ["Change", "FileChange", "Plan", "plan_changes"]
+
+_RESTARTING = ("compose.yaml", ENVIRONMENT, "router/")
+"""What containers take in only when they are started anew."""
+
+
+class Change(Enum):
+    """What happens to a file."""
+
+    NEW = "new"
+    CHANGED = "changed"
+    GONE = "gone"
+    SAME = "same"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileChange:
+    """One file.
+
+    Attributes:
+        path: Within the agent's folder.
+        change: What happens to it.
+        remark: What else is worth knowing, as that somebody changed it on the machine.
+        diff: Unified diff of its text; empty where there is none to show.
+    """
+
+    path: str
+    change: Change
+    remark: str = ""
+    diff: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """What applying a bundle would do.
+
+    Attributes:
+        agent: The agent.
+        before: The release on the machine; empty: none.
+        after: The release of the bundle.
+        files: Every file that is or will be there.
+        restart: Whether the containers start anew.
+    """
+
+    agent: str
+    before: str
+    after: str
+    files: tuple[FileChange, ...]
+    restart: bool
+
+    @property
+    def nothing(self) -> bool:
+        """Whether nothing would change."""
+        return all(file.change is Change.SAME for file in self.files)
+
+
+def plan_changes(bundle: Bundle, present: Mapping[str, Member]) -> Plan:
+    """Return what applying a bundle would change.
+
+    Files on the machine that no bundle has written (a user's own hooks) are not looked at.
+
+    Args:
+        bundle: The bundle.
+        present: What the machine has in the agent's folder, by path.
+    """
+    before, written = _read_manifest(present.get(MANIFEST))
+    paths = sorted({*bundle.members, *(path for path in written if path in present)})
+    files = tuple(_change(path, bundle.members.get(path), present.get(path), written) for path in paths)
+    changed = [file.path for file in files if file.change is not Change.SAME]
+    return Plan(
+        agent=bundle.agent,
+        before=before,
+        after=bundle.tag,
+        files=files,
+        restart=before != bundle.tag or any(path.startswith(_RESTARTING) for path in changed),
+    )
+
+
+def _read_manifest(manifest: Member | None) -> tuple[str, dict[str, dict[str, str]]]:
+    """Return the release on a machine and the files that it wrote; nothing where there is no whole manifest."""
+    if manifest is None:
+        return "", {}
+    try:
+        values = json.loads(manifest.data)
+        return str(values["tag"]), dict(values["files"])
+    except (ValueError, KeyError, TypeError):
+        return "", {}
+
+
+def _change(
+    path: str, new: Member | None, old: Member | None, written: Mapping[str, Mapping[str, str]]
+) -> FileChange:
+    remark = "changed on the machine by somebody else" if old and _is_touched(path, old, written) else ""
+    if new is None:
+        return FileChange(path=path, change=Change.GONE, remark=remark)
+    if old is None:
+        return FileChange(path=path, change=Change.NEW)
+    if new == old:
+        return FileChange(path=path, change=Change.SAME)
+    return FileChange(path=path, change=Change.CHANGED, remark=remark, diff=_diff(path, old, new))
+
+
+def _is_touched(path: str, old: Member, written: Mapping[str, Mapping[str, str]]) -> bool:
+    import hashlib
+
+    entry = written.get(path)
+    return entry is not None and entry.get("sha256") != hashlib.sha256(old.data).hexdigest()
+
+
+def _diff(path: str, old: Member, new: Member) -> str:
+    try:
+        before, after = old.data.decode(), new.data.decode()
+    except UnicodeDecodeError:
+        return ""
+    return "".join(_lines(path, before, after))
+
+
+def _lines(path: str, before: str, after: str) -> Iterator[str]:
+    for line in difflib.unified_diff(
+        before.splitlines(keepends=True), after.splitlines(keepends=True), f"{path} (there)", f"{path} (new)"
+    ):
+        yield line if line.endswith("\n") else f"{line}\n"

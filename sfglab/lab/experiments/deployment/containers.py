@@ -1,0 +1,179 @@
+"""The commands of the rendered Compose projects, run over DDS between machines that are network namespaces.
+
+Each machine is a test host; the agent's container is a namespace of its own on the machine's bridge. Images,
+users and Docker's own rules are not in it: what is tried is who hears whom.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import sys
+from contextlib import AsyncExitStack, asynccontextmanager
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from sfglab.deploy.compose import FLEET_FILE
+from sfglab.lab.checks import CheckRow
+from sfglab.lab.hosts import Network
+from sfglab.lab.workers.onlooker import OnlookerConfig
+from sfglab.lab.workers.process import WorkerError
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Sequence
+    from pathlib import Path
+
+    from sfglab.deploy.bundle import Bundle
+    from sfglab.deploy.deployment import Deployment
+    from sfglab.lab.hosts import Host
+
+__all__ = ["container_checks"]
+
+OUTSIDER = "outsider"
+MEETING_S = 30.0
+LOOKING_S = 3.0
+_GRACE_S = 10.0
+_SFGLAB = (sys.executable, "-c", "from sfglab.cli import main; main()")
+
+
+async def container_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> list[CheckRow]:
+    """Run agents as their Compose projects say, and look at them from outside.
+
+    Args:
+        pairs: Two or more agents.
+        folder: For their fleet file.
+
+    Raises:
+        WorkerError: A container ended, or nobody met in time.
+    """
+    names = [deployment.agent.name for deployment, _ in pairs]
+    with Network() as network:
+        hosts = {name: network.add_host(name) for name in (*names, OUTSIDER)}
+        outside = hosts[OUTSIDER]
+        fleet = _fleet_file(pairs[0][0], folder, interface=outside.interface)
+        async with AsyncExitStack() as stack:
+            agents = [await _start(stack, d, b, hosts[d.agent.name], fleet) for d, b in pairs]
+            found = await asyncio.gather(
+                *(_discovered(a, {*names} - {name}) for name, a in zip(names, agents, strict=True))
+            )
+            seen = await _look(outside, pairs)
+    return [_meeting_row(names, found), _inside_row(pairs, seen), _global_row(pairs, seen)]
+
+
+async def _start(
+    stack: AsyncExitStack, deployment: Deployment, bundle: Bundle, host: Host, fleet: Path
+) -> asyncio.subprocess.Process:
+    """Start both containers of an agent, and return the agent's."""
+    commands = _commands(bundle, fleet)
+    enter = (sys.executable, "-m", "sfglab.lab.workers.container", deployment.network.bridge)
+    agent = await stack.enter_async_context(
+        _running(host.argv([*enter, *_SFGLAB, *commands["agent"], "--json"]))
+    )
+    await stack.enter_async_context(_running(host.argv([*_SFGLAB, *commands["router"]])))
+    return agent
+
+
+def _fleet_file(deployment: Deployment, folder: Path, *, interface: str) -> Path:
+    """Write the fleet file as the containers read it, with the test hosts' interface as the way out."""
+    text = deployment.release.fleet_text
+    names = {agent.global_interface for agent in deployment.fleet.agents} - {None}
+    for name in names:
+        text = text.replace(f"interface: {name}", f"interface: {interface}")
+    path = folder / "fleet.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def _commands(bundle: Bundle, fleet: Path) -> dict[str, list[str]]:
+    """Return the commands of a Compose project's services, with the fleet file where it is here."""
+    services = yaml.safe_load(bundle.members["compose.yaml"].data)["services"]
+    return {
+        name: [str(fleet) if part == FLEET_FILE else part for part in service["command"]]
+        for name, service in services.items()
+    }
+
+
+@asynccontextmanager
+async def _running(argv: Sequence[str]) -> AsyncIterator[asyncio.subprocess.Process]:
+    process = await asyncio.create_subprocess_exec(
+        *argv, stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, limit=1 << 20
+    )
+    try:
+        yield process
+    finally:
+        if process.returncode is None:
+            process.terminate()
+        try:
+            await asyncio.wait_for(process.communicate(), _GRACE_S)
+        except TimeoutError:
+            process.kill()
+            await process.communicate()
+
+
+async def _discovered(process: asyncio.subprocess.Process, wanted: set[str]) -> set[str]:
+    """Return which agents an agent's discoverer reports, as soon as all wanted are there or the time is up."""
+    found: set[str] = set()
+    assert process.stdout is not None
+    try:
+        async with asyncio.timeout(MEETING_S):
+            while not wanted <= found:
+                line = await process.stdout.readline()
+                if not line:
+                    raise WorkerError(f"agent: its container ended with status {await process.wait()}")
+                found |= _discovery(json.loads(line))
+    except TimeoutError:
+        pass
+    return found
+
+
+def _discovery(report: dict[str, Any]) -> set[str]:
+    inner = report.get("report", {})
+    if report.get("component") == "discoverer" and inner.get("event") == "DISCOVERED":
+        return {inner["agent"]}
+    return set()
+
+
+async def _look(outside: Host, pairs: Sequence[tuple[Deployment, Bundle]]) -> dict[int, list[str]]:
+    domains = (pairs[0][0].network.global_domain, *(d.network.local_domain for d, _ in pairs))
+    config = OnlookerConfig(domains=domains, interface=outside.interface, seconds=LOOKING_S)
+    command = outside.argv([sys.executable, "-m", "sfglab.lab.workers.onlooker", config.to_json()])
+    async with _running(command) as process:
+        out, _ = await asyncio.wait_for(process.communicate(), LOOKING_S + MEETING_S)
+    if not out:
+        raise WorkerError(f"onlooker: it ended with status {process.returncode}")
+    return {int(domain): topics for domain, topics in json.loads(out)["domains"].items()}
+
+
+def _meeting_row(names: Sequence[str], found: Sequence[set[str]]) -> CheckRow:
+    alone = [name for name, met in zip(names, found, strict=True) if met != {*names} - {name}]
+    return CheckRow(
+        check="agents in containers discover each other through their routers",
+        checked=len(names),
+        held=len(names) - len(alone),
+        example=f"{', '.join(alone)} met nobody" if alone else f"{names[0]} met {', '.join(sorted(found[0]))}",
+    )
+
+
+def _inside_row(pairs: Sequence[tuple[Deployment, Bundle]], seen: dict[int, list[str]]) -> CheckRow:
+    shown = {d.agent.name: seen[d.network.local_domain] for d, _ in pairs}
+    leaking = {name: topics for name, topics in shown.items() if topics}
+    return CheckRow(
+        check="an agent's own domain shows nothing outside its machine",
+        checked=len(shown),
+        held=len(shown) - len(leaking),
+        example=str(next(iter(leaking.items()))) if leaking else "no endpoint in any agent's own domain",
+    )
+
+
+def _global_row(pairs: Sequence[tuple[Deployment, Bundle]], seen: dict[int, list[str]]) -> CheckRow:
+    topics = seen[pairs[0][0].network.global_domain]
+    # Both halves of a service have a name of their own: rq/global/..., rr/global/....
+    local = [t for t in topics if not re.fullmatch(r"(rq|rr)?/(global/.*|tf|tf_static)", t)]
+    return CheckRow(
+        check="the global domain shows global names only, and the heartbeats among them",
+        checked=1,
+        held=int(not local and "/global/agent_heartbeat" in topics),
+        example=local[0] if local else f"{len(topics)} endpoints, {len(set(topics))} names",
+    )

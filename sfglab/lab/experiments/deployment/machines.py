@@ -1,0 +1,179 @@
+"""What machines do with their files: detection, hooks and rollouts, on folders in place of machines."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sfglab.deploy.bundle import bundle_of, write_bundle
+from sfglab.deploy.hardware import EXAMPLES, detect, write_example
+from sfglab.deploy.rollout import Change, Local, apply_plan, copy_facts, look_and_plan, released
+from sfglab.fleet.fleet_file import Accelerator
+from sfglab.lab.experiments.deployment.rows import DeployCheckRow, DetectedRow
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from sfglab.deploy.bundle import Bundle
+    from sfglab.deploy.deployment import Deployment
+
+__all__ = ["detected_rows", "detection_checks", "held", "hook_checks", "rollout_checks"]
+
+_HOOKS_S = 60.0
+_EXTENSION = "50-mine.sh"
+
+
+def held(group: str, check: str, cases: Iterable[tuple[str, bool]]) -> DeployCheckRow:
+    """Return how often a property held.
+
+    Args:
+        group: Which part of the deployment it is of.
+        check: The property.
+        cases: What each case was, and whether it held.
+    """
+    seen = list(cases)
+    wrong = [case for case, ok in seen if not ok]
+    example = wrong[0] if wrong else seen[-1][0] if seen else ""
+    return DeployCheckRow(
+        group=group, check=check, checked=len(seen), held=len(seen) - len(wrong), example=example
+    )
+
+
+def detection_checks(folder: Path) -> Iterator[DeployCheckRow]:
+    """Check detection on machines made up from documentation, and from here as if over SSH.
+
+    Args:
+        folder: For their files.
+    """
+    right, told, remote = [], [], []
+    for name, example in EXAMPLES.items():
+        here, copy = folder / name, folder / f"{name} (copy)"
+        write_example(example, here)
+        machine = detect(here)
+        right.append((f"{name}: {machine.accelerator.value}", machine.accelerator is example.expected))
+        verdicts = {evidence.accelerator for evidence in machine.evidence if evidence.reason}
+        told.append((f"{name}: {len(verdicts)} verdicts", verdicts == set(Accelerator)))
+        copy.mkdir()
+        copy_facts(Local(folder=here), copy)
+        far = detect(copy).accelerator
+        remote.append((f"{name}: {far.value}", far is machine.accelerator))
+    yield held("detection", "the accelerator is found", right)
+    yield held("detection", "every accelerator has a verdict with its reason", told)
+    yield held("detection", "from another machine the same is found", remote)
+
+
+def detected_rows(folder: Path) -> Iterator[DetectedRow]:
+    """Yield what detection says of this machine and of those made up from documentation.
+
+    Args:
+        folder: For their files.
+    """
+    roots = {name: write_example(example, folder / name) for name, example in EXAMPLES.items()}
+    for name, root in {"this machine": Path("/"), **roots}.items():
+        machine = detect(root)
+        others = [
+            f"{evidence.accelerator.value}: {evidence.reason}"
+            for evidence in machine.evidence
+            if evidence.sources and not evidence.chosen
+        ]
+        yield DetectedRow(
+            machine=name,
+            accelerator=machine.accelerator.value,
+            why=machine.evidence_of(machine.accelerator).reason,
+            instead="; ".join(others),
+        )
+
+
+def hook_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> Iterator[DeployCheckRow]:
+    """Run every agent's hooks on a folder in place of its machine.
+
+    Args:
+        pairs: The agents.
+        folder: For the folders.
+    """
+    dry, first, again, own = [], [], [], []
+    for deployment, bundle in pairs:
+        name, root = deployment.agent.name, folder / deployment.agent.name
+        home = root / deployment.folder.lstrip("/")
+        write_bundle(bundle, home)
+        before = _snapshot(root)
+        done = _initialize(home, root, "--dry-run")
+        dry.append((f"{name} {done}".strip(), done == "" and _snapshot(root) == before))
+        done = _initialize(home, root)
+        after = _snapshot(root)
+        first.append((f"{name} {done}".strip(), done == "" and after != before))
+        done = _initialize(home, root)
+        again.append((f"{name} {done}".strip(), done == "" and _snapshot(root) == after))
+        (home / "hooks" / "custom.d" / _EXTENSION).write_text('touch "$SFGLAB_ROOT/mine"\n')
+        done = _initialize(home, root)
+        own.append((f"{name} {done}".strip(), done == "" and (root / "mine").exists()))
+    yield held("hooks", "a dry run changes nothing", dry)
+    yield held("hooks", "they prepare the machine", first)
+    yield held("hooks", "the second time nothing changes, not even a time stamp", again)
+    yield held("hooks", "the user's own run after them", own)
+
+
+def rollout_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> Iterator[DeployCheckRow]:
+    """Bring every agent's files to a folder in place of its machine, change them, and go back.
+
+    Args:
+        pairs: The agents, with the wheel's bytes in their bundles.
+        folder: For the folders.
+    """
+    planned, settled, changed, back = [], [], [], []
+    for deployment, bundle in pairs:
+        name, machine = deployment.agent.name, Local(folder=folder / deployment.agent.name)
+        machine.folder.mkdir()
+        plan = look_and_plan(machine, deployment.folder, bundle)
+        planned.append((name, {file.change for file in plan.files} == {Change.NEW}))
+        apply_plan(plan, bundle, deployment, machine, _ignore)
+        settled.append((name, look_and_plan(machine, deployment.folder, bundle).nothing))
+        other, newer = _changed(deployment, bundle)
+        plan = look_and_plan(machine, deployment.folder, newer)
+        paths = {file.path for file in plan.files if file.change is not Change.SAME}
+        expected = {
+            p for p in {*bundle.members, *newer.members} if bundle.members.get(p) != newer.members.get(p)
+        }
+        changed.append((f"{name}: {len(paths)} files", paths == expected and newer.tag != bundle.tag))
+        apply_plan(plan, newer, other, machine, _ignore)
+        old = released(machine, deployment, bundle.tag)
+        apply_plan(look_and_plan(machine, deployment.folder, old), old, deployment, machine, _ignore)
+        back.append((f"{name}: {old.tag}", look_and_plan(machine, deployment.folder, bundle).nothing))
+    yield held("rollout", "an empty machine is planned to get every file", planned)
+    yield held("rollout", "applied once, nothing is left to do", settled)
+    yield held("rollout", "a change is planned as exactly the files that differ", changed)
+    yield held("rollout", "going back by a release's name brings every file back", back)
+
+
+def _changed(deployment: Deployment, bundle: Bundle) -> tuple[Deployment, Bundle]:
+    """Return the same agent with one package more, whose release is another one."""
+    host = replace(deployment.host, packages=(*deployment.host.packages, "can-utils"))
+    changed = replace(deployment, host=host)
+    wheel = bundle.members[f"image/{deployment.release.wheel}"].data
+    return changed, bundle_of(changed, wheel)
+
+
+def _initialize(home: Path, root: Path, *options: str) -> str:
+    """Run the hooks; return what is wrong, or nothing."""
+    done = subprocess.run(
+        [home / "hooks" / "initialize.sh", *options],
+        env=os.environ | {"SFGLAB_ROOT": str(root)},
+        capture_output=True,
+        text=True,
+        timeout=_HOOKS_S,
+        check=False,
+    )
+    return done.stderr.strip() or f"status {done.returncode}" if done.returncode else ""
+
+
+def _snapshot(root: Path) -> dict[str, tuple[int, bytes]]:
+    """Return time stamp and content of every file below a folder."""
+    files = [path for path in sorted(root.rglob("*")) if path.is_file() and not path.is_symlink()]
+    return {str(path.relative_to(root)): (path.stat().st_mtime_ns, path.read_bytes()) for path in files}
+
+
+def _ignore(_: str) -> None:
+    """Take what is said of each step; the log has the outcome."""

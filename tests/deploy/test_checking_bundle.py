@@ -1,0 +1,82 @@
+"""A whole folder: every check appears with its subject, and our own rules are asked beside it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from sfglab.deploy.checking import OwnRules, State, check_bundle
+from sfglab.deploy.deployment import Release, deployment_of
+from sfglab.deploy.editor import editor_files
+from sfglab.deploy.errors import DeployError
+from sfglab.deploy.files import BundleFile
+from sfglab.deploy.routers import render_router
+from sfglab.documents import Place
+from sfglab.fleet.border import Finding, Severity
+from sfglab.fleet.fleet_file import RouterSoftware, load_fleet
+
+FLEET = load_fleet(Path(__file__).parents[2] / "data" / "fleets" / "esslingen.yaml")
+RELEASE = Release(version="1.0", wheel="sfglab.whl", wheel_sha256="0" * 64, lock="", fleet_text="")
+ROUTER = "router/dds-router.yaml"
+
+
+def deployed(router=RouterSoftware.SFGLAB):
+    fleet = replace(FLEET, deployment=replace(FLEET.deployment, router=router))
+    return deployment_of(fleet, "go2", RELEASE)
+
+
+def of(check, files, deployment=None, own=()):
+    return {v.subject: v for v in check_bundle(files, deployment or deployed(), own) if v.check == check}
+
+
+def rules(severity=Severity.ERROR, **options):
+    def find(text, name):
+        place = Place(file=name, line=3)
+        yield Finding(severity=severity, code="c", place=place, what=f"{text} is wrong in {name}", why="")
+
+    return OwnRules(check="ours", pattern="systemd/*.service", rules=find, **options)
+
+
+UNIT = {"systemd/a.service": BundleFile(text="unit")}
+
+
+def test_our_own_rules_are_asked_of_their_files_and_errors_fail():
+    verdict = of("ours", UNIT, own=[rules()])["systemd/a.service"]
+    assert (verdict.state, verdict.says) == (State.FAILS, "line 3: unit is wrong in a.service")
+    assert of("ours", UNIT, own=[rules(Severity.INFO)])["systemd/a.service"].state is State.HOLDS
+
+
+def test_a_file_that_our_rules_are_for_must_be_there():
+    assert of("ours", {}, own=[rules()])["systemd/*.service"].state is State.FAILS
+
+
+def test_a_program_that_our_rules_miss_is_listed_as_skipped():
+    own = [rules(program="sfglab-no-such-program", install="apt install it")]
+    skipped = of("sfglab-no-such-program", UNIT, own=own)["systemd/a.service"]
+    assert (skipped.state, "apt install it" in skipped.says) == (State.SKIPPED, True)
+
+
+def test_rules_that_refuse_a_file_fail_it():
+    def refuse(text, name):
+        raise DeployError("no unit")
+
+    own = [OwnRules(check="ours", pattern="*.service", rules=refuse)]
+    assert of("ours", UNIT, own=own)["systemd/a.service"].says == "no unit"
+
+
+def test_anothers_router_needs_its_file_and_it_must_be_the_policys():
+    dds = deployed(RouterSoftware.DDS_ROUTER)
+    check = "router's file"
+    assert of(check, {}, dds)[ROUTER].says == "there is no such file"
+    good = render_router(FLEET, "go2", "dds-router")
+    assert of(check, {ROUTER: BundleFile(text=good)}, dds)[ROUTER].state is State.HOLDS
+    open_ = good.replace('"rt/tf"', '"rt/*"')
+    assert of(check, {ROUTER: BundleFile(text=open_)}, dds)[ROUTER].state is State.FAILS
+    assert of(check, {ROUTER: BundleFile(text="a: [")}, dds)[ROUTER].state is State.FAILS
+    assert of(check, {}) == {}
+
+
+def test_every_file_is_searched_for_secrets_and_every_editor_file_has_a_verdict():
+    files = editor_files(deployed()) | UNIT
+    assert set(of("no secrets", files)) == set(files)
+    assert set(of("editor's file", files)) == set(editor_files(deployed()))

@@ -1,0 +1,258 @@
+"""Scripts, Dockerfiles and secrets: what real linters find arrives, and what is missing is said."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfglab.deploy.checking import (
+    MissingProgramError,
+    State,
+    Verdict,
+    check_dockerfiles,
+    check_secrets,
+    check_shell,
+    find_program,
+    render_verdicts,
+    run_program,
+)
+from sfglab.deploy.checking.leaks import leaks
+from sfglab.deploy.errors import DeployError
+from sfglab.deploy.files import PROGRAM, BundleFile
+
+BESIDE = Path(sys.executable).parent
+
+
+def installed(name):
+    return shutil.which(name, path=str(BESIDE)) or shutil.which(name)
+
+
+def needs(name):
+    reason = f"{name} is not installed: pip install 'sfglab[deploy]'"
+    return pytest.mark.skipif(installed(name) is None, reason=reason)
+
+
+@pytest.fixture
+def nothing_installed(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+
+
+def program(text):
+    return BundleFile(text=f"#!/usr/bin/env bash\n{text}\n", mode=PROGRAM)
+
+
+def by_subject(verdicts, check):
+    return {v.subject: v for v in verdicts if v.check == check}
+
+
+@needs("shellcheck")
+def test_shellchecks_findings_belong_to_their_script_and_scripts_find_each_other():
+    library = BundleFile(text="# shellcheck shell=bash\nsay() { printf '%s\\n' \"$1\"; }\n")
+    good = program('. "$(dirname "$0")/lib.sh"\nsay "$HOME"')
+    found = by_subject(
+        check_shell({"h/lib.sh": library, "h/good.sh": good, "h/bad.sh": program("rm -r $1/*")}), "shellcheck"
+    )
+    assert {name: v.state for name, v in found.items()} == {
+        "h/lib.sh": State.HOLDS,
+        "h/good.sh": State.HOLDS,
+        "h/bad.sh": State.FAILS,
+    }
+    assert "line 2" in found["h/bad.sh"].says
+    assert "SC2086" in found["h/bad.sh"].says
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        (BundleFile(text="#!/bin/sh\ntrue\n"), "755"),
+        (BundleFile(text="#!/bin/sh\ntrue\n", mode=0o744), "744"),
+        (BundleFile(text="#!/bin/sh\r\ntrue\r\n", mode=PROGRAM), "CR LF"),
+    ],
+)
+def test_a_script_that_nobody_can_start_fails(file, words, nothing_installed):
+    found = by_subject(check_shell({"a": file, "b.sh": BundleFile(text="true\n")}), "programs can be started")
+    assert words in found["a"].says
+    assert found["b.sh"].state is State.HOLDS
+
+
+def test_without_shellcheck_every_script_is_listed_as_skipped(nothing_installed):
+    found = by_subject(check_shell({"a.sh": program("true"), "b.sh": program("true")}), "shellcheck")
+    assert [v.state for v in found.values()] == [State.SKIPPED] * 2
+    assert "pip install 'sfglab[deploy]'" in found["a.sh"].says
+
+
+def test_a_linter_that_does_not_work_fails_and_says_so(monkeypatch, tmp_path):
+    broken = tmp_path / "shellcheck"
+    broken.write_text("#!/bin/sh\necho no such format >&2\nexit 4\n")
+    broken.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    found = by_subject(check_shell({"a.sh": program("true")}), "shellcheck")["a.sh"]
+    assert (found.state, "status 4: no such format" in found.says) == (State.FAILS, True)
+
+
+def test_a_folder_without_scripts_says_so():
+    assert [v.state for v in check_shell({"compose.yaml": BundleFile(text="")})] == [State.SKIPPED]
+
+
+@needs("hadolint")
+def test_hadolints_findings_arrive_with_line_and_rule():
+    good = "FROM debian:12.5@sha256:" + "0" * 64 + '\nUSER 10001:10001\nENTRYPOINT ["/bin/true"]\n'
+    files = {"Dockerfile": BundleFile(text=good), "Dockerfile.bad": BundleFile(text="FROM debian:latest\n")}
+    found = by_subject(check_dockerfiles(files), "hadolint")
+    assert found["Dockerfile"].state is State.HOLDS
+    assert found["Dockerfile.bad"].says.startswith("line 1: ")
+    assert "DL3007" in found["Dockerfile.bad"].says
+
+
+@needs("hadolint")
+def test_what_is_no_dockerfile_fails():
+    found = check_dockerfiles({"Dockerfile": BundleFile(text="FRO ä\n")})
+    assert [v.state for v in found] == [State.FAILS]
+    assert "DL1000" in found[0].says
+
+
+def test_a_folder_needs_a_dockerfile_and_hadolint_is_named_where_missing(nothing_installed):
+    assert [v.state for v in check_dockerfiles({})] == [State.FAILS]
+    found = check_dockerfiles({"Dockerfile": BundleFile(text="FROM a:1\n")})
+    assert [v.state for v in found] == [State.SKIPPED]
+    assert "hadolint" in found[0].says
+
+
+def test_programs_run_with_their_files_alone_and_without_the_users_settings(monkeypatch):
+    monkeypatch.setenv("SHELLCHECK_OPTS", "--exclude=SC2086")
+    code = "import os; print(sorted(os.listdir()), open('d/a').read(), 'SHELLCHECK_OPTS' in os.environ)"
+    assert run_program((sys.executable, "-c", code), {"d/a": "ä"}) == (0, "['d'] ä False\n")
+
+
+def test_a_program_that_hangs_is_killed_and_its_folder_removed(monkeypatch, tmp_path):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "t"))
+    (tmp_path / "t").mkdir()
+    pid = tmp_path / "pid"
+    code = f"import os, time; open({str(pid)!r}, 'w').write(str(os.getpid())); time.sleep(60)"
+    with pytest.raises(DeployError, match="no answer within 1 s"):
+        run_program((sys.executable, "-S", "-c", code), {}, timeout_s=1)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(pid.read_text()), 0)
+    assert list((tmp_path / "t").iterdir()) == []
+
+
+def test_nothing_stays_behind_on_interruption(monkeypatch, tmp_path):
+    def interrupt(*_args, **_options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(subprocess, "run", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        run_program(("true",), {"a": ""})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_program_that_does_not_start_is_an_error_of_ours(tmp_path):
+    with pytest.raises(DeployError, match="did not start"):
+        run_program((str(tmp_path / "none"),), {})
+
+
+def test_a_program_is_found_beside_python_first_then_on_the_path(monkeypatch, tmp_path):
+    for folder in ("beside", "path"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "tool").write_text("#!/bin/sh\n")
+        (tmp_path / folder / "tool").chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "beside" / "python"))
+    monkeypatch.setenv("PATH", str(tmp_path / "path"))
+    assert find_program("tool") == str(tmp_path / "beside" / "tool")
+    (tmp_path / "beside" / "tool").unlink()
+    assert find_program("tool") == str(tmp_path / "path" / "tool")
+    (tmp_path / "path" / "tool").unlink()
+    with pytest.raises(MissingProgramError, match="apt install tool"):
+        find_program("tool", "apt install tool")
+
+
+DASHES = "-----"
+SECRETS = [
+    f"{DASHES}BEGIN OPENSSH PRIVATE KEY{DASHES}",
+    f"{DASHES}BEGIN PRIVATE KEY{DASHES}",
+    "id: AKIA" + "ABCDEFGHIJKLMNOP",
+    "x ghp_" + "a1B2" * 9,
+    "glpat-" + "x" * 20,
+    "nvapi-" + "x" * 44,
+    "url = https://user:" + "hunter22@example.org/",
+    "WIFI_PASSWORD=" + "correcthorse",
+    "password: " + "correcthorse",
+    '  "api_key": "' + 'abcdef123456"',
+    "export SFG_TOKEN='" + "abcdef123456'",
+]
+
+
+@pytest.mark.parametrize("line", SECRETS)
+def test_secrets_are_found_by_line_and_not_repeated(line):
+    found = list(leaks(f"first line\n{line}\n"))
+    assert len(found) == 1
+    assert found[0].startswith("line 2: it looks like ")
+    assert "correcthorse" not in found[0]
+    assert "hunter22" not in found[0]
+
+
+HARMLESS = [
+    "numpy==2.2.0 --hash=sha256:" + "0123456789abcdef" * 4,
+    "secretstorage==3.3.3 \\",
+    "image: debian@sha256:" + "ab" * 32,
+    "PASSWORD=${PASSWORD:?where}",
+    "password_file: /run/secrets/wifi",
+    "TOKEN=/run/secrets/token",
+    '"password": true,',
+    "token = read_token(path)",
+    "# the password is asked for when it is needed",
+    "signed-by=/usr/share/keyrings/ros.gpg",
+    "keys: [a, b, c]",
+    "DDS_KEY=",
+    "frequency_key: $value",
+    "https://example.org:8080/a@b",
+    "git@github.com:org/repo.git",
+]
+
+
+@pytest.mark.parametrize("line", HARMLESS)
+def test_what_only_resembles_a_secret_passes(line):
+    assert list(leaks(line)) == []
+
+
+@given(st.text(alphabet="0123456789abcdef", min_size=64, max_size=64))
+def test_no_digest_is_a_secret(digest):
+    assert list(leaks(f"    --hash=sha256:{digest}\nimage: x@sha256:{digest}\n{digest}\n")) == []
+
+
+def test_each_file_has_its_verdict():
+    found = check_secrets({"a": BundleFile(text=SECRETS[0]), "b": BundleFile(text="")})
+    assert [(v.subject, v.state) for v in found] == [("a", State.FAILS), ("b", State.HOLDS)]
+
+
+def test_the_table_begins_with_what_fails_and_ends_with_counts():
+    rows = [
+        Verdict(check="c1", subject="a.sh", state=State.HOLDS),
+        Verdict(
+            check="c2", subject="long/name.sh", state=State.SKIPPED, says="x is not installed: apt install x"
+        ),
+        Verdict(check="c3", subject="b", state=State.FAILS, says="line 1: wrong"),
+    ]
+    lines = render_verdicts(rows).splitlines()
+    assert lines == [
+        "fails    b             c3",
+        "    line 1: wrong",
+        "skipped  long/name.sh  c2",
+        "    x is not installed: apt install x",
+        "holds    a.sh          c1",
+        "1 held, 1 failed, 1 skipped",
+    ]
+    short = render_verdicts(rows, every=False)
+    assert "c1" not in short
+    assert short.endswith(lines[-1])
+    assert render_verdicts([]) == "0 held, 0 failed, 0 skipped"

@@ -1,0 +1,73 @@
+"""Files of the paper's fleet as they were reviewed; ``python tests/deploy/test_golden.py`` writes them anew."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from pathlib import Path
+
+import pytest
+
+from sfglab.deploy.bundle import render_bundle
+from sfglab.deploy.deployment import Release, deployment_of
+from sfglab.fleet.fleet_file import load_fleet
+
+PROJECT = Path(__file__).parents[2]
+GOLDEN = Path(__file__).parent / "golden"
+FLEET = load_fleet(PROJECT / "data" / "fleets" / "esslingen.yaml")
+RELEASE = Release(
+    version="1.2.3",
+    wheel="sfglab-1.2.3-py3-none-any.whl",
+    wheel_sha256="ab" * 32,
+    lock=(PROJECT / "requirements.lock").read_text(),
+    fleet_text="fleet: esslingen\n",
+    revision="c0ffee" * 6 + "c0ff",
+    created="2026-01-02T03:04:05+00:00",
+)
+REVIEWED = {
+    "go2": (
+        "Dockerfile",
+        "compose.yaml",
+        "compose.dev.yaml",
+        "systemd/sfglab-go2.service",
+        "hooks/settings.sh",
+        "hooks/firewall.nft",
+        ".devcontainer/devcontainer.json",
+        ".vscode/launch.json",
+    ),
+    "pi1": ("Dockerfile", "compose.yaml"),
+    "steamdeck": ("Dockerfile", "compose.yaml"),
+    "workstation": ("Dockerfile", "compose.yaml", "hooks/settings.sh"),
+}
+
+
+def rendered(agent: str, path: str) -> str:
+    """Return a file with digests left out, which follow the lock file."""
+    text = render_bundle(deployment_of(FLEET, agent, RELEASE))[path].text
+    return re.sub(r"\b[0-9a-f]{64}\b", "<sha256>", text)
+
+
+def golden(agent: str, path: str) -> Path:
+    return GOLDEN / agent / path.replace("/", "_")
+
+
+@pytest.mark.parametrize(
+    ("agent", "path"), [(agent, path) for agent, paths in REVIEWED.items() for path in paths]
+)
+def test_a_file_is_the_one_that_was_reviewed(agent, path):
+    file = golden(agent, path)
+    expected, text = file.read_text(encoding="utf-8"), rendered(agent, path)
+    lines = difflib.unified_diff(expected.splitlines(), text.splitlines(), file.name, "rendered", lineterm="")
+    difference = "\n".join(lines)
+    assert not difference, f"\n{difference}"
+
+
+def write() -> None:
+    for agent, paths in REVIEWED.items():
+        for path in paths:
+            golden(agent, path).parent.mkdir(parents=True, exist_ok=True)
+            golden(agent, path).write_text(rendered(agent, path), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write()

@@ -1,0 +1,366 @@
+"""Accelerator detection on made-up roots: what is found, why, and that nothing odd makes it fail or lie."""
+
+from __future__ import annotations
+
+import os
+import platform
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sfglab.deploy.errors import DeployError
+from sfglab.deploy.hardware import EXAMPLES, PREFERENCE, DeviceGroup, detect, write_example
+from sfglab.deploy.hardware.architecture import MACHINES, elf_header, find_architecture
+from sfglab.deploy.hardware.files import MachineFiles
+from sfglab.deploy.hardware.render_nodes import gfx_name
+from sfglab.fleet.fleet_file import Accelerator, Architecture
+
+RANK = {row.accelerator: rank for rank, row in enumerate(PREFERENCE)}
+names = pytest.mark.parametrize("name", EXAMPLES)
+
+
+@pytest.fixture
+def machine(tmp_path):
+    """Detection on an example, with files added, changed or (None) removed."""
+
+    def build(name, **changes):
+        files = {**EXAMPLES[name].files, **changes}
+        example = replace(
+            EXAMPLES[name], files={path: text for path, text in files.items() if text is not None}
+        )
+        return detect(write_example(example, tmp_path / "root"))
+
+    return build
+
+
+def check_honest(machine):
+    """One is chosen, it is the first that is found, and all that it rests on is there."""
+    (chosen,) = [item for item in machine.evidence if item.chosen]
+    assert chosen.found
+    assert chosen.accelerator is machine.accelerator
+    assert RANK[chosen.accelerator] == min(RANK[item.accelerator] for item in machine.evidence if item.found)
+    files = MachineFiles(Path(machine.root))
+    for item in machine.evidence:
+        assert all(files.has(source.path) for source in item.sources)
+        assert item.found or not (item.devices or item.codecs)
+        assert item.reason
+        assert item.verdict
+    assert machine.devices == chosen.devices
+    assert all(files.has(path) for path in machine.devices)
+    assert chosen.sources or chosen.accelerator is Accelerator.NONE
+
+
+@names
+def test_each_example_gets_the_accelerator_it_is_made_for(name, machine):
+    found = machine(name)
+    assert found.accelerator is EXAMPLES[name].expected
+    assert [item.accelerator for item in found.evidence] == [row.accelerator for row in PREFERENCE]
+    check_honest(found)
+
+
+def test_the_order_of_choice_names_every_accelerator_once():
+    assert sorted(RANK, key=lambda member: member.value) == sorted(Accelerator, key=lambda member: member.value)
+    assert len(PREFERENCE) == len(Accelerator)
+
+
+@names
+def test_removing_any_one_file_neither_fails_nor_chooses_what_is_not_found(name, machine, tmp_path):
+    machine(name)
+    root = tmp_path / "root"
+    for path in sorted(path for path in root.rglob("*") if path.is_file() or path.is_symlink()):
+        away = tmp_path / "away"
+        path.rename(away)
+        check_honest(detect(root))
+        away.rename(path)
+    assert detect(root).accelerator is EXAMPLES[name].expected
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.sampled_from(sorted(EXAMPLES)), st.data())
+def test_any_mixture_of_two_machines_files_is_judged_by_what_is_there(name, data):
+    other = data.draw(st.sampled_from(sorted(EXAMPLES)))
+    pool = {**EXAMPLES[other].files, **EXAMPLES[name].files}
+    kept = data.draw(st.sets(st.sampled_from(sorted(pool))))
+    links = {path: target for path, target in EXAMPLES[name].links.items() if path not in kept}
+    example = replace(EXAMPLES[name], files={path: pool[path] for path in kept}, links=links)
+    with tempfile.TemporaryDirectory() as folder:
+        check_honest(detect(write_example(example, Path(folder))))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.sampled_from(sorted(EXAMPLES)), st.binary(max_size=64), st.data())
+def test_binary_junk_in_any_files_is_read_as_nothing_known(name, junk, data):
+    spoilt = data.draw(st.sets(st.sampled_from(sorted(EXAMPLES[name].files)), min_size=1))
+    with tempfile.TemporaryDirectory() as folder:
+        root = write_example(EXAMPLES[name], Path(folder))
+        for path in spoilt:
+            (root / path).write_bytes(junk)
+        found = detect(root)
+        check_honest(found)
+        assert (found.model + found.operating_system).isprintable()
+
+
+@names
+def test_device_nodes_are_judged_by_path_and_never_opened(name, machine, tmp_path):
+    machine(name)
+    for path in EXAMPLES[name].files:
+        if path.startswith("dev/"):
+            (tmp_path / "root" / path).unlink()
+            os.mkfifo(tmp_path / "root" / path)  # opening it would wait for ever
+    assert detect(tmp_path / "root").accelerator is EXAMPLES[name].expected
+
+
+@names
+def test_pipes_folders_and_loops_in_place_of_files_are_read_as_absent(name, machine, tmp_path):
+    machine(name)
+    makers = (os.mkfifo, os.mkdir, lambda path: path.symlink_to(path.name))
+    for number, path in enumerate(sorted(EXAMPLES[name].files)):
+        place = tmp_path / "root" / path
+        place.unlink()
+        makers[number % 3](place)
+    check_honest(detect(tmp_path / "root"))
+
+
+def test_a_better_accelerator_changes_the_choice_at_each_step_of_the_order(machine, tmp_path):
+    assert machine("riscv_board").accelerator is Accelerator.NONE
+    steps = [
+        ("raspberry_pi_4", "dev/video10 sys/class/video4linux/video10/name", Accelerator.V4L2),
+        ("laptop_intel", "dev/dri/renderD128 sys/class/drm/renderD128/device/vendor", Accelerator.VAAPI),
+        ("desktop_rocm", "dev/kfd sys/class/kfd/kfd/topology/nodes/1/properties", Accelerator.ROCM),
+        ("workstation_rtx", "dev/nvidia0 dev/nvidiactl proc/driver/nvidia/version", Accelerator.CUDA),
+        ("jetson_orin_nx", "dev/nvmap etc/nv_tegra_release", Accelerator.JETSON),
+    ]
+    for name, paths, better in steps:
+        for path in paths.split():
+            place = tmp_path / "root" / path
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_text(EXAMPLES[name].files[path], encoding="utf-8")
+        found = detect(tmp_path / "root")
+        assert found.accelerator is better
+        check_honest(found)
+
+
+def test_an_orin_nx_tells_its_jetpack_and_the_nodes_and_groups_a_container_needs(machine):
+    found = machine("jetson_orin_nx")
+    assert found.architecture is Architecture.ARM64
+    assert found.jetpack == 6
+    assert found.model == "NVIDIA Jetson Orin NX Engineering Reference Developer Kit"
+    assert found.operating_system == "Ubuntu 22.04.5 LTS"
+    assert {"/dev/nvmap", "/dev/nvgpu/igpu0/ctrl", "/dev/v4l2-nvenc"} < set(found.devices)
+    assert "/dev/video0" not in found.devices
+    assert found.groups == (DeviceGroup(name="render", gid=992), DeviceGroup(name="video", gid=44))
+    assert "display" in found.evidence_of(Accelerator.CUDA).reason
+
+
+@pytest.mark.parametrize(
+    ("release", "jetpack", "says"),
+    [
+        ("# R28 (release), REVISION: 2.1, GCID: 1", 3, "L4T 28.2.1, that is JetPack 3"),
+        ("# R32 (release), REVISION: 7.1, GCID: 1", 4, "L4T 32.7.1, that is JetPack 4"),
+        ("# R35 (release), REVISION: 4.1", 5, "L4T 35.4.1, that is JetPack 5"),
+        ("# R38 (release), REVISION: 2.1,", 7, "L4T 38.2.1, that is JetPack 7"),
+        ("# R77 (release), REVISION: 1.0", None, "L4T 77.1.0, whose JetPack is not known"),
+        ("tegra", None, "says no release"),
+        (None, None, "says no release"),
+    ],
+)
+def test_l4t_releases_give_the_jetpack_that_nvidia_s_archive_names(machine, release, jetpack, says):
+    found = machine("jetson_orin_nx", **{"etc/nv_tegra_release": release})
+    assert found.accelerator is Accelerator.JETSON
+    assert found.jetpack == jetpack
+    assert says in found.evidence_of(Accelerator.JETSON).reason
+
+
+def test_a_jetson_s_files_without_its_nodes_are_no_jetson(machine):
+    gone = {path: None for path in EXAMPLES["jetson_orin_nx"].files if path.startswith("dev/nv")}
+    found = machine("jetson_orin_nx", **gone)
+    assert found.accelerator is Accelerator.NONE
+    assert "container without NVIDIA's runtime" in found.evidence_of(Accelerator.JETSON).reason
+
+
+def test_a_workstation_with_two_graphics_takes_the_card_and_says_what_else_is_there(machine):
+    found = machine("workstation_rtx")
+    assert "driver 565.57.01 with 1 card" in found.evidence_of(Accelerator.CUDA).reason
+    assert found.evidence_of(Accelerator.VAAPI).found
+    assert found.evidence_of(Accelerator.VAAPI).devices == ("/dev/dri/renderD129",)
+    assert found.evidence_of(Accelerator.VAAPI).verdict == "not chosen: cuda comes before it"
+    assert found.groups == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("nvidia_without_driver", "NVIDIA's driver does not run; install it"),
+        ("container", "without /dev/nvidiactl, /dev/nvidia0: a container without the card"),
+        ("laptop_intel", "no driver of NVIDIA and no card"),
+    ],
+)
+def test_where_cuda_is_not_usable_the_reason_says_what_is_missing(machine, name, says):
+    assert says in machine(name).evidence_of(Accelerator.CUDA).reason
+
+
+@pytest.mark.parametrize("missing", ["dev/nvidia0", "dev/nvidiactl", "proc/driver/nvidia/version"])
+def test_cuda_needs_driver_control_node_and_card_and_names_the_one_that_is_missing(machine, missing):
+    found = machine("workstation_rtx", **{missing: None})
+    assert found.accelerator is Accelerator.VAAPI
+    assert f"without /{missing}" in found.evidence_of(Accelerator.CUDA).reason
+
+
+def test_a_card_s_sound_is_no_card(machine):
+    found = machine("nvidia_without_driver", **{"sys/bus/pci/devices/0000:01:00.0/class": "0x040300\n"})
+    assert found.evidence_of(Accelerator.CUDA).sources == ()
+
+
+def test_a_device_tree_is_read_from_sys_where_proc_has_no_link_to_it(machine, tmp_path):
+    machine("jetson_orin_nx", **{"etc/nv_tegra_release": None})
+    (tmp_path / "root/proc/device-tree").unlink()
+    found = detect(tmp_path / "root")
+    assert found.accelerator is Accelerator.JETSON
+    assert found.model.startswith("NVIDIA Jetson Orin NX")
+    source = found.evidence_of(Accelerator.JETSON).sources[0]
+    assert str(source) == "/sys/firmware/devicetree/base/compatible (nvidia,tegra234)"
+
+
+@pytest.mark.parametrize(
+    ("uevent", "says"),
+    [
+        ("DRIVER=nouveau\nPCI_CLASS=30000\n", "driven by nouveau"),
+        ("PCI_CLASS=30000\n", "without a driver"),
+        (None, "by whom driven is not known"),
+    ],
+)
+def test_an_unusable_card_is_named_with_the_driver_that_holds_it(machine, uevent, says):
+    found = machine("nvidia_without_driver", **{"sys/bus/pci/devices/0000:01:00.0/uevent": uevent})
+    (source,) = found.evidence_of(Accelerator.CUDA).sources
+    assert source.says == f"a graphics card of NVIDIA, {says}"
+
+
+def test_under_wsl_another_maker_s_card_is_not_cuda(machine, tmp_path):
+    assert machine("wsl2").devices == ("/dev/dxg",)
+    (tmp_path / "root/usr/lib/wsl/lib/libcuda.so.1.1").unlink()  # leaves the link to it, dangling
+    found = detect(tmp_path / "root")
+    assert found.accelerator is Accelerator.NONE
+    assert "not NVIDIA's" in found.evidence_of(Accelerator.CUDA).reason
+
+
+def test_a_steam_deck_is_vaapi_because_amd_does_not_list_its_chip(machine):
+    found = machine("steam_deck")
+    rocm = found.evidence_of(Accelerator.ROCM)
+    assert rocm.reason.startswith("gfx1033 is not on AMD's list")
+    assert "/dev/kfd" in [source.path for source in rocm.sources]
+    assert found.devices == ("/dev/dri/renderD128",)
+    assert found.model == "Valve Galileo"
+
+
+def test_a_supported_amd_chip_needs_its_own_render_node(machine):
+    assert machine("desktop_rocm").devices == ("/dev/kfd", "/dev/dri/renderD128")
+
+
+def test_a_supported_amd_chip_without_its_render_node_is_not_rocm(machine):
+    found = machine("desktop_rocm", **{"dev/dri/renderD128": None})
+    assert found.accelerator is Accelerator.NONE
+    assert "its render node is missing" in found.evidence_of(Accelerator.ROCM).reason
+
+
+@pytest.mark.parametrize(
+    ("version", "name"),
+    [(90010, "gfx90a"), (90402, "gfx942"), (100303, "gfx1033"), (110000, "gfx1100"), (120001, "gfx1201")],
+)
+def test_kernel_s_gfx_target_versions_become_llvm_s_names(version, name):
+    assert gfx_name(version) == name
+
+
+def test_a_raspberry_pi_5_is_v4l2_and_says_that_it_has_no_h264(machine):
+    found = machine("raspberry_pi_5")
+    evidence = found.evidence_of(Accelerator.V4L2)
+    assert evidence.reason == "an HEVC decoder only: H.264 is encoded and decoded by the processor"
+    assert (evidence.devices, evidence.codecs) == (("/dev/video19",), ())
+    assert found.groups == (DeviceGroup(name="video", gid=44),)
+
+
+def test_a_raspberry_pi_4_is_v4l2_by_its_codecs_alone(machine):
+    evidence = machine("raspberry_pi_4").evidence_of(Accelerator.V4L2)
+    assert evidence.reason == "H.264 encoder and decoder in hardware"
+    assert evidence.devices == ("/dev/video10", "/dev/video11", "/dev/video19")
+
+
+def test_an_unknown_codec_counts_and_its_formats_are_not_guessed(machine):
+    changes = {"dev/video1": "", "sys/class/video4linux/video1/name": "qcom-venus-encoder\n"}
+    evidence = machine("riscv_board", **changes).evidence_of(Accelerator.V4L2)
+    assert evidence.found
+    assert "not known without opening them (qcom-venus-encoder)" in evidence.reason
+    assert evidence.codecs == ()
+
+
+def test_a_container_s_root_says_why_it_has_no_devices(machine):
+    assert "container" in machine("container").evidence_of(Accelerator.NONE).reason
+
+
+def test_a_group_that_the_machine_does_not_have_has_no_number(machine):
+    found = machine("laptop_intel", **{"etc/group": "render:x:junk:\n"})
+    assert found.groups == (DeviceGroup(name="render", gid=None),)
+
+
+@pytest.mark.parametrize("place", ["missing", "file", "x" * 300])
+def test_a_root_that_is_no_folder_is_refused_by_name(tmp_path, place):
+    (tmp_path / "file").touch()
+    with pytest.raises(DeployError, match=r"given as a machine's root, allowed: a folder that exists"):
+        detect(tmp_path / place)
+
+
+@pytest.mark.parametrize("target", ["{outside}", "../../outside", "/../outside", "/outside"])
+def test_no_link_leads_out_of_the_root(machine, tmp_path, target):
+    outside = tmp_path / "outside"
+    outside.write_text("PRETTY_NAME=leaked\n", encoding="utf-8")
+    machine("riscv_board", **{"etc/os-release": None})
+    (tmp_path / "root/etc/os-release").symlink_to(target.format(outside=outside))
+    assert detect(tmp_path / "root").operating_system == "unknown"
+
+
+@pytest.mark.parametrize(("number", "bits", "known"), [(n, b, MACHINES[n]) for n in MACHINES for b in (32, 64)])
+def test_programs_headers_tell_the_architecture_or_what_else_it_is(tmp_path, number, bits, known):
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin/sh").write_bytes(elf_header(number, bits=bits))
+    architecture, reason = find_architecture(MachineFiles(tmp_path))
+    if bits == 64 and known in {"amd64", "arm64"}:
+        assert architecture is Architecture(known)
+        assert reason == "from the ELF header of /bin/sh"
+    else:
+        assert architecture is None
+        assert reason.endswith("there are no images for it, allowed: amd64, arm64")
+
+
+def test_a_loader_tells_the_architecture_where_there_is_no_shell(tmp_path):
+    (tmp_path / "lib").mkdir()
+    (tmp_path / "lib/ld-linux-aarch64.so.1").write_bytes(elf_header(183))
+    architecture, reason = find_architecture(MachineFiles(tmp_path))
+    assert architecture is Architecture.ARM64
+    assert reason == "from the ELF header of /lib/ld-linux-aarch64.so.1"
+
+
+def test_another_machine_s_root_without_programs_has_no_architecture(tmp_path):
+    architecture, reason = find_architecture(MachineFiles(tmp_path))
+    assert architecture is None
+    assert reason.startswith("not known: no program with an ELF header")
+
+
+def test_only_the_own_root_asks_the_kernel_for_its_architecture(monkeypatch):
+    monkeypatch.setattr(MachineFiles, "head", lambda *_: None)
+    monkeypatch.setattr(platform, "machine", lambda: "aarch64")
+    architecture, reason = find_architecture(MachineFiles(Path("/")))
+    assert architecture is Architecture.ARM64
+    assert reason == "from the kernel's own name for it"
+
+
+def test_this_machine_is_detected_without_a_word_against_its_own_files():
+    check_honest(detect())
+
+
+def test_an_example_is_not_written_over_something(tmp_path):
+    write_example(EXAMPLES["container"], tmp_path / "root")
+    with pytest.raises(DeployError, match="an empty folder, but it has files"):
+        write_example(EXAMPLES["wsl2"], tmp_path / "root")

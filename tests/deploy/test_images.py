@@ -1,0 +1,292 @@
+"""An agent's images: the base that fits its machine, files that are right and stay so, how containers start."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import psutil
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfglab.deploy.deployment import Deployment, Release, deployment_of
+from sfglab.deploy.errors import DeployError
+from sfglab.deploy.files import PROGRAM
+from sfglab.deploy.images import base_of, check_dockerfile, image_files
+from sfglab.deploy.images.dockerfile import _quoted
+from sfglab.deploy.images.dockerfile_parts import parse_dockerfile
+from sfglab.deploy.images.release import release_tag
+from sfglab.fleet.fleet_file import Accelerator, Architecture, RosDistribution, load_fleet
+
+PROJECT = Path(__file__).parents[2]
+FILE = PROJECT / "data" / "fleets" / "esslingen.yaml"
+FLEET = load_fleet(FILE)
+LOCK = (PROJECT / "requirements.lock").read_text()
+RELEASE = Release(
+    version="1.2.3",
+    wheel="sfglab-1.2.3-py3-none-any.whl",
+    wheel_sha256="ab" * 32,
+    lock=LOCK,
+    fleet_text="fleet: esslingen\n",
+    revision="c0ffee" * 6 + "c0ff",
+    created="2026-01-02T03:04:05+00:00",
+)
+HADOLINT = Path(sys.executable).parent / "hadolint"
+SHELLCHECK = Path(sys.executable).parent / "shellcheck"
+
+
+def deployment(agent: str = "workstation", **host) -> Deployment:
+    made = deployment_of(FLEET, agent, RELEASE)
+    return replace(made, host=replace(made.host, **host))
+
+
+def with_ros(made: Deployment, ros: RosDistribution) -> Deployment:
+    return replace(made, fleet=replace(made.fleet, deployment=replace(made.common, ros=ros)))
+
+
+def combinations() -> list[Deployment]:
+    """Return a deployment for every machine and every ROS that there is, possible or not."""
+    return [
+        with_ros(replace(deployment(architecture=architecture), accelerator=accelerator), ros)
+        for accelerator in Accelerator
+        for architecture in Architecture
+        for ros in RosDistribution
+    ]
+
+
+def possible() -> list[Deployment]:
+    found = []
+    for made in combinations():
+        try:
+            base_of(made)
+        except DeployError:
+            continue
+        found.append(made)
+    return found
+
+
+def test_every_combination_has_a_pinned_base_or_an_error_with_place_given_and_allowed():
+    for made in combinations():
+        try:
+            words = base_of(made).image.rsplit(":", 1)[1]
+            pattern = r".*\d.*"
+        except DeployError as error:
+            words = str(error)
+            pattern = rf".*{re.escape(made.host.place.key)}.*given.*'{made.accelerator.value}'.*allowed.*"
+        assert re.fullmatch(pattern, words)
+
+
+def test_ros_decides_the_distribution():
+    for made in possible():
+        release = {RosDistribution.HUMBLE: "jammy", RosDistribution.JAZZY: "noble"}.get(made.common.ros)
+        assert release in {None, base_of(made).distribution.value}
+
+
+@pytest.mark.parametrize(
+    ("accelerator", "architecture", "ros", "words"),
+    [
+        (
+            Accelerator.JETSON,
+            Architecture.ARM64,
+            RosDistribution.JAZZY,
+            "allowed at deployment.ros with it: none, humble",
+        ),
+        (Accelerator.CUDA, Architecture.ARM64, RosDistribution.NONE, "allowed with it: amd64"),
+        (Accelerator.ROCM, Architecture.ARM64, RosDistribution.NONE, "allowed with it: amd64"),
+        (Accelerator.JETSON, Architecture.AMD64, RosDistribution.NONE, "allowed with it: arm64"),
+    ],
+)
+def test_what_no_maker_offers_is_refused(accelerator, architecture, ros, words):
+    made = replace(with_ros(deployment(architecture=architecture), ros), accelerator=accelerator)
+    with pytest.raises(DeployError, match=words):
+        base_of(made)
+
+
+def test_a_workspace_without_ros_is_refused():
+    made = with_ros(deployment(workspace="ws"), RosDistribution.NONE)
+    with pytest.raises(DeployError, match=r"host\.workspace: given 'ws'.*allowed.*humble, jazzy"):
+        image_files(made)
+
+
+def test_our_rules_find_nothing_in_any_dockerfile():
+    for made in (*possible(), deployment(workspace="ws", packages=("libusb-1.0-0",), launch=("ros2", "run"))):
+        assert check_dockerfile(image_files(made)["Dockerfile"].text) == ()
+
+
+@pytest.mark.skipif(not HADOLINT.is_file(), reason="hadolint not installed (pip install sfglab[deploy])")
+def test_hadolint_finds_nothing_in_any_dockerfile(tmp_path):
+    files = []
+    workspace = deployment("go2", workspace="ws", packages=("libusb-1.0-0",))
+    plain = with_ros(deployment("pi1"), RosDistribution.NONE)
+    for number, made in enumerate((workspace, plain, deployment("workstation"))):
+        files.append(tmp_path / f"{number}.Dockerfile")
+        files[-1].write_text(image_files(made)["Dockerfile"].text)
+    said = subprocess.run([HADOLINT, "--no-color", *files], capture_output=True, text=True, check=False)
+    assert (said.returncode, said.stdout + said.stderr) == (0, "")
+
+
+@pytest.mark.skipif(not SHELLCHECK.is_file(), reason="shellcheck not installed (pip install sfglab[deploy])")
+@pytest.mark.parametrize("launch", [(), ("ros2", "launch", "my robot", "it's.py", "$HOME")])
+def test_shellcheck_finds_nothing_in_the_entrypoint(tmp_path, launch):
+    file = tmp_path / "entrypoint.sh"
+    file.write_text(image_files(deployment(launch=launch))["image/entrypoint.sh"].text)
+    said = subprocess.run([SHELLCHECK, "--shell=sh", file], capture_output=True, text=True, check=False)
+    assert (said.returncode, said.stdout) == (0, "")
+
+
+def test_only_arm64_compiles_cyclone():
+    for made in possible():
+        files = image_files(made)
+        arm = made.host.architecture is Architecture.ARM64
+        assert ("AS cyclonedds" in files["Dockerfile"].text) is arm
+        assert ("cyclonedds==" in files["image/requirements.lock"].text) is not arm
+        assert ("image/cyclonedds.lock" in files) is arm
+
+
+def test_without_ros_nothing_of_it_is_in_the_images():
+    text = image_files(with_ros(deployment(), RosDistribution.NONE))["Dockerfile"].text
+    assert "packages.ros.org" not in text
+    assert "/opt/ros" not in text
+
+
+def test_the_workspace_is_built_apart_and_copied():
+    text = image_files(deployment(workspace="ws"))["Dockerfile"].text
+    assert text.index("AS workspace") < text.index("colcon build") < text.index("AS application")
+    assert "COPY --from=workspace /opt/workspace /opt/workspace" in text
+
+
+def test_a_new_wheel_changes_only_what_comes_after_all_else():
+    made = deployment()
+    new = replace(made, release=replace(RELEASE, wheel_sha256="cd" * 32))
+    old_steps, new_steps = (parse_dockerfile(image_files(each)["Dockerfile"].text) for each in (made, new))
+    changed = [old for old, new in zip(old_steps, new_steps, strict=True) if old != new]
+    assert [step.name for step in changed] == ["RUN", "LABEL"]
+    last_layer = [step for step in old_steps[: old_steps.index(changed[0])] if step.name in {"RUN", "COPY"}][-1]
+    assert last_layer.value.endswith("/etc/sfglab/fleet.yaml")
+
+
+def test_the_builder_sees_only_what_the_dockerfile_names():
+    files = image_files(deployment(workspace="ws"))
+    lines = files[".dockerignore"].text.splitlines()
+    assert lines[1] == "*"
+    allowed = {line.removeprefix("!") for line in lines[2:]}
+    assert allowed >= {path for path in files if path.startswith("image/") and "wheels" not in path}
+    assert allowed >= {"workspace/src", "image/wheels", f"image/{RELEASE.wheel}"}
+
+
+def test_the_labels_say_where_it_comes_from():
+    text = image_files(deployment())["Dockerfile"].text
+    (step,) = (step for step in parse_dockerfile(text) if step.name == "LABEL")
+    labels = dict(re.findall(r'(\S+)=("[^"]*")', step.value))
+    assert json.loads(labels["org.opencontainers.image.revision"]) == RELEASE.revision
+    assert json.loads(labels["io.sfglab.wheel.sha256"]) == RELEASE.wheel_sha256
+    assert json.loads(labels["org.opencontainers.image.base.name"]) == base_of(deployment()).image
+
+
+@given(st.text(st.characters(exclude_categories=["Cs"]), max_size=20))
+def test_any_text_can_be_a_label(text):
+    quoted = _quoted(text)
+    assert "\n" not in quoted
+    assert json.loads(quoted.replace("\\$", "$")) == text
+    assert quoted.count("$") == quoted.count("\\$")
+
+
+def test_equal_contents_have_equal_tags_and_any_change_another():
+    made = deployment()
+    tag = release_tag(made)
+    assert tag == release_tag(deployment())
+    assert tag.startswith("1.2.3-")
+    others = [
+        replace(made, release=replace(RELEASE, wheel_sha256="cd" * 32)),
+        replace(made, release=replace(RELEASE, fleet_text="fleet: other\n")),
+        replace(made, release=replace(RELEASE, lock=LOCK.replace("tqdm==", "tqdm==9"))),
+        deployment(launch=("true",)),
+        deployment(packages=("vim-tiny",)),
+    ]
+    assert len({tag, *(release_tag(other) for other in others)}) == len(others) + 1
+
+
+def test_a_tag_has_no_character_that_tags_may_not_have():
+    assert release_tag(replace(deployment(), release=replace(RELEASE, version="1.2+x"))).startswith("1.2-x-")
+
+
+class Container:
+    """The entrypoint as a container starts it, with a stand-in for sfglab."""
+
+    def __init__(self, folder: Path, sfglab: str, launch: str) -> None:
+        program = folder / "sfglab"
+        program.write_text(f"#!/bin/sh\n{sfglab}\n")
+        program.chmod(0o755)
+        made = with_ros(deployment(launch=("sh", "-c", launch)), RosDistribution.NONE)
+        file = image_files(made)["image/entrypoint.sh"]
+        assert file.mode == PROGRAM
+        self.script = folder / "entrypoint.sh"
+        self.script.write_text(file.text.replace("/opt/venv/bin/sfglab", str(program)))
+
+    def start(self, *arguments: str) -> subprocess.Popen[str]:
+        shell = shutil.which("dash") or "sh"
+        return subprocess.Popen(
+            [shell, self.script, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+
+    def run(self, *arguments: str) -> tuple[int, str]:
+        with self.start(*arguments) as process:
+            said, _ = process.communicate(timeout=20)
+        return process.returncode, said
+
+
+def running(group: int) -> list[str]:
+    """Return the names of a process group's programs, without those that only wait to be reaped."""
+    found = []
+    for process in psutil.process_iter(["name", "status"]):
+        try:
+            mine = os.getpgid(process.pid) == group
+        except ProcessLookupError:
+            continue
+        if mine and process.info["status"] != psutil.STATUS_ZOMBIE:
+            found.append(process.info["name"])
+    return found
+
+
+@pytest.mark.parametrize(
+    ("sfglab", "launch", "status"),
+    [
+        ("exit 3", "exec sleep 60", 3),
+        ("exec sleep 60", "exit 4", 4),
+        ("exec sleep 60", "exit 0", 0),
+        ("exit 0", "exec sleep 60", 0),
+    ],
+)
+def test_whoever_ends_first_ends_the_container_with_its_status(tmp_path, sfglab, launch, status):
+    assert Container(tmp_path, sfglab, launch).run("agent", "up")[0] == status
+
+
+def test_a_signal_reaches_both_and_the_agent_says_how_it_ended(tmp_path):
+    hear = "trap 'echo {0} ended; exit {1}' TERM; echo {0} ready; while :; do sleep 0.02; done"
+    container = Container(tmp_path, hear.format("agent", 0), hear.format("launch", 7))
+    with container.start("agent", "up") as process:
+        assert process.stdout is not None
+        ready = {process.stdout.readline(), process.stdout.readline()}
+        process.send_signal(signal.SIGTERM)
+        said, _ = process.communicate(timeout=20)
+    assert ready == {"agent ready\n", "launch ready\n"}
+    assert set(said.splitlines()) == {"agent ended", "launch ended"}
+    assert process.returncode == 0
+    assert set(running(process.pid)) <= {"sleep"}  # the timer, which ends by itself within a second
+
+
+def test_the_users_software_is_started_beside_an_agent_alone(tmp_path):
+    container = Container(tmp_path, 'echo "sfglab $*"', "echo launched; exec sleep 60")
+    assert container.run("router", "--agent", "go2") == (0, "sfglab router --agent go2\n")

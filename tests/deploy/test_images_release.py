@@ -1,0 +1,194 @@
+"""Wheels that are the same twice, releases that say where they come from, and builders that end when told."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import shutil
+import subprocess
+import time
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import psutil
+import pytest
+
+from sfglab import __version__
+from sfglab.deploy.deployment import Release, deployment_of
+from sfglab.deploy.errors import DeployError
+from sfglab.deploy.images import (
+    BUILDERS,
+    build,
+    build_command,
+    build_wheel,
+    find_builder,
+    make_release,
+    wheelhouse,
+)
+from sfglab.deploy.images.building import run_streaming
+from sfglab.deploy.images.second_wheel import with_version
+from sfglab.fleet.fleet_file import Architecture, load_fleet
+
+PROJECT = Path(__file__).parents[2]
+FLEET = load_fleet(PROJECT / "data" / "fleets" / "esslingen.yaml")
+RELEASE = Release(version="1.2.3", wheel="x.whl", wheel_sha256="ab" * 32, lock="", fleet_text="")
+MEMBERS = ("pyproject.toml", "README.md", "LICENSE", "requirements.lock")
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory) -> Path:
+    return build_wheel(PROJECT, tmp_path_factory.mktemp("wheel"))
+
+
+def small_project(folder: Path) -> Path:
+    """Return a copy of the project with next to no code in it."""
+    for member in MEMBERS:
+        shutil.copy(PROJECT / member, folder)
+    (folder / "sfglab").mkdir()
+    shutil.copy(PROJECT / "sfglab" / "__init__.py", folder / "sfglab")
+    return folder
+
+
+def git(folder: Path, *arguments: str) -> str:
+    identity = ("-c", "user.name=a", "-c", "user.email=a@example.org")
+    command = ["git", *identity, "-C", str(folder), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def test_the_wheel_has_the_package_with_its_templates(wheel):
+    names = zipfile.ZipFile(wheel).namelist()
+    assert "sfglab/deploy/images/templates/Dockerfile.j2" in names
+    assert not [name for name in names if name.startswith("tests/")]
+
+
+def test_two_builds_of_the_same_project_are_equal_byte_by_byte(tmp_path):
+    project = small_project(tmp_path)
+    one, two = (build_wheel(project, tmp_path / name) for name in ("one", "two"))
+    os.utime(project / "sfglab" / "__init__.py")
+    assert one.name == two.name
+    assert one.read_bytes() == two.read_bytes() == build_wheel(project, tmp_path / "three").read_bytes()
+
+
+def test_what_is_no_project_is_refused(tmp_path):
+    with pytest.raises(DeployError, match="wheel: hatchling said"):
+        build_wheel(tmp_path, tmp_path / "wheel")
+    with pytest.raises(DeployError, match=r"requirements\.lock: given no such file"):
+        make_release(tmp_path, "")
+
+
+def test_without_history_a_release_says_none(tmp_path, monkeypatch):
+    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
+    release, _ = make_release(small_project(tmp_path), "fleet: f\n")
+    assert (release.version, release.revision, release.created) == (__version__, "", "")
+    assert release.fleet_text == "fleet: f\n"
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="git not installed (apt install git)")
+def test_a_release_names_its_commit_and_whether_anything_was_changed_since(tmp_path):
+    project = small_project(tmp_path)
+    git(project, "init", "--quiet")
+    git(project, "add", ".")
+    git(project, "commit", "--quiet", "--message", "All", "--date", "2026-01-02T03:04:05+00:00")
+    clean, wheel = make_release(project, "")
+    (project / "README.md").write_text("changed")
+    dirty, other = make_release(project, "")
+    assert clean.revision == git(project, "rev-parse", "HEAD")
+    assert dirty.revision == f"{clean.revision}-dirty"
+    assert clean.created == git(project, "log", "-1", "--format=%cI")
+    digests = [hashlib.sha256(data).hexdigest() for data in (wheel, other)]
+    assert digests == [clean.wheel_sha256, dirty.wheel_sha256]
+    assert digests[0] != digests[1]
+
+
+def test_a_second_version_of_a_wheel_says_so_everywhere(wheel, tmp_path):
+    other = with_version(wheel, tmp_path, "9.9")
+    archive = zipfile.ZipFile(other)
+    assert other.name.startswith("sfglab-9.9-")
+    assert b'__version__ = "9.9"' in archive.read("sfglab/__init__.py")
+    assert b"\nVersion: 9.9\n" in archive.read("sfglab-9.9.dist-info/METADATA")
+    recorded = {
+        line.split(",")[0] for line in archive.read("sfglab-9.9.dist-info/RECORD").decode().splitlines()
+    }
+    assert recorded == set(archive.namelist())
+
+
+@pytest.mark.parametrize("tool", list(BUILDERS))
+def test_the_build_command_names_all_that_matters(tool):
+    deployment = deployment_of(FLEET, "go2", RELEASE)
+    command = build_command(Path("/x"), deployment, "t", tool=tool, base_image="localhost/b:1", offline=True)
+    assert command[0] == tool
+    assert command[-1] == "/x"
+    assert {
+        "--platform=linux/arm64",
+        "--target=application",
+        "--tag=localhost/esslingen/go2:t",
+        "--build-arg=BASE_IMAGE=localhost/b:1",
+        "--build-arg=OFFLINE=1",
+    } <= set(command)
+
+
+def test_without_being_asked_the_build_takes_the_pinned_base_and_the_network():
+    command = build_command(Path("/x"), deployment_of(FLEET, "pi1", RELEASE), "t", tool="podman")
+    assert not [word for word in command if word.startswith("--build-arg")]
+
+
+def test_a_builder_that_there_is_not_is_refused():
+    with pytest.raises(DeployError, match="builder: given 'kaniko', allowed: docker, podman, buildah"):
+        build_command(Path("/x"), deployment_of(FLEET, "pi1", RELEASE), "t", tool="kaniko")
+    with pytest.raises(DeployError, match="does not start"):
+        build(["/nowhere/at/all"], print)
+
+
+def test_the_first_builder_on_the_path_is_found(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert find_builder() is None
+    for tool in ("buildah", "podman"):
+        (tmp_path / tool).write_text("#!/bin/sh\n")
+        (tmp_path / tool).chmod(0o755)
+    assert find_builder() == "podman"
+
+
+def test_a_build_hands_on_its_lines_and_its_last_words_when_it_fails():
+    heard: list[str] = []
+    with pytest.raises(DeployError, match=r"status 3; its last words:\none\ntwo"):
+        build(["sh", "-c", "echo one; echo two >&2; exit 3"], heard.append)
+    assert heard == ["one", "two"]
+
+
+@pytest.mark.parametrize("reason", [KeyboardInterrupt, ValueError])
+def test_an_interrupted_build_ends_with_its_children(tmp_path, reason):
+    file = tmp_path / "child"
+
+    def interrupt(line: str) -> None:
+        raise reason
+
+    with pytest.raises(reason):
+        run_streaming(["sh", "-c", f"sleep 60 & echo $! > {file}; echo started; wait"], interrupt)
+    child = int(file.read_text())
+    with contextlib.suppress(psutil.NoSuchProcess):  # killed, and gone as soon as somebody reaps it
+        deadline_s = time.monotonic() + 5
+        while (status := psutil.Process(child).status()) != psutil.STATUS_ZOMBIE:
+            assert time.monotonic() < deadline_s, status
+            time.sleep(0.01)
+
+
+def test_a_wheel_that_nobody_has_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
+    lock = f"sfglab-no-such-thing==1 --hash=sha256:{'ab' * 32}\n"
+    with pytest.raises(DeployError, match=r"Python 3\.11 on arm64: pip said .*sfglab-no-such-thing"):
+        wheelhouse(lock, tmp_path, "3.11", Architecture.ARM64)
+
+
+def test_wheels_are_fetched_for_the_other_machine_by_their_digests(wheel, tmp_path, monkeypatch):
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
+    monkeypatch.setenv("PIP_FIND_LINKS", str(wheel.parent))
+    release = replace(RELEASE, wheel_sha256=hashlib.sha256(wheel.read_bytes()).hexdigest())
+    lock = f"sfglab=={__version__} --hash=sha256:{release.wheel_sha256}\n"
+    (fetched,) = wheelhouse(lock, tmp_path, "3.12", Architecture.ARM64)
+    assert fetched.read_bytes() == wheel.read_bytes()
+    with pytest.raises(DeployError, match="HASHES"):
+        wheelhouse(lock.replace(release.wheel_sha256, "ab" * 32), tmp_path, "3.12", Architecture.ARM64)

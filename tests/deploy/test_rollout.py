@@ -1,0 +1,194 @@
+"""From files to machines: what would change, what is done, going back, and what happens when it is cut off."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfglab.deploy.bundle import MANIFEST, Bundle, Member, pack, unpack
+from sfglab.deploy.errors import DeployError
+from sfglab.deploy.hardware import EXAMPLES, write_example
+from sfglab.deploy.rollout import Change, Local, Ssh, look_and_plan, plan_changes, releases, transport_to
+from sfglab.deploy.rollout.apply import KEPT, _install, look
+from sfglab.deploy.rollout.facts import accelerator_of
+from sfglab.deploy.rollout.transport import is_here
+from sfglab.fleet.fleet_file import Accelerator, HostSpec
+
+FOLDER = "/opt/sfglab/go2"
+paths = st.sampled_from(["compose.yaml", "release.env", "hooks/a.sh", "Dockerfile", "image/x.whl", "b c.txt"])
+trees = st.dictionaries(paths, st.binary(max_size=40), max_size=6)
+
+
+def bundle(tag: str = "1-a", **files: bytes) -> Bundle:
+    return bundle_of({path.replace("__", "/"): data for path, data in files.items()}, tag)
+
+
+def bundle_of(files: dict[str, bytes], tag: str = "1-a") -> Bundle:
+    from hashlib import sha256
+
+    members = {path: Member(data=data, mode=0o644) for path, data in files.items()}
+    entries = {path: {"sha256": sha256(m.data).hexdigest()} for path, m in members.items()}
+    members[MANIFEST] = Member(data=json.dumps({"tag": tag, "files": entries}).encode(), mode=0o644)
+    return Bundle(agent="go2", tag=tag, image=f"x/go2:{tag}", members=members)
+
+
+def changes(plan) -> dict[str, Change]:
+    return {file.path: file.change for file in plan.files if file.path != MANIFEST}
+
+
+def install(new: Bundle, machine: Local):
+    plan = look_and_plan(machine, FOLDER, new)
+    _install(plan, new, FOLDER, machine)
+    return plan
+
+
+@given(trees, trees)
+def test_a_plan_says_of_every_file_what_happens_to_it(before, after):
+    plan = plan_changes(bundle_of(after, "2"), bundle_of(before, "1").members)
+    assert changes(plan) == {
+        path: Change.NEW
+        if path not in before
+        else Change.GONE
+        if path not in after
+        else Change.SAME
+        if before[path] == after[path]
+        else Change.CHANGED
+        for path in {*before, *after}
+    }
+
+
+@given(trees)
+def test_what_is_there_already_changes_nothing(tree):
+    there = bundle_of(tree)
+    assert plan_changes(there, there.members).nothing
+
+
+def test_a_users_own_file_is_nobodys_business_and_a_touched_one_is_told():
+    there = dict(bundle(a=b"1").members) | {"hooks/custom.d/mine.sh": Member(data=b"x", mode=0o755)}
+    there["a"] = Member(data=b"by hand\n", mode=0o644)
+    plan = plan_changes(bundle("2", a=b"2\n"), there)
+    (touched,) = [file for file in plan.files if file.path == "a"]
+    assert touched.remark == "changed on the machine by somebody else"
+    assert "-by hand\n+2\n" in touched.diff
+    assert "hooks/custom.d/mine.sh" not in changes(plan)
+
+
+@pytest.mark.parametrize("junk", [b"", b"{", b"[]", b'{"tag": 1}', b"\xff"])
+def test_a_manifest_that_was_cut_off_counts_as_none(junk):
+    plan = plan_changes(bundle(a=b"1"), {MANIFEST: Member(data=junk, mode=0o644)})
+    assert plan.before == ""
+    assert changes(plan) == {"a": Change.NEW}
+
+
+@pytest.mark.parametrize(
+    ("path", "restarts"),
+    [("compose.yaml", True), ("release.env", True), ("router/x.yaml", True), ("hooks/x.sh", False)],
+)
+def test_only_what_containers_read_at_their_start_restarts_them(path, restarts):
+    old, new = bundle_of({path: b"1"}), bundle_of({path: b"2"})
+    assert plan_changes(new, old.members).restart is restarts
+
+
+@given(trees)
+def test_a_bundle_survives_its_archive_and_equal_ones_are_equal_bytes(tree):
+    there = bundle_of(tree)
+    assert unpack(pack(there)) == there.members
+    assert pack(there) == pack(bundle_of(tree))
+
+
+def test_files_are_written_removed_and_the_second_time_nothing_is_to_do(tmp_path):
+    machine = Local(folder=tmp_path)
+    assert look(machine, FOLDER) == {}
+    install(bundle("1", a=b"1", sub__b=b"2"), machine)
+    own = tmp_path / "opt/sfglab/go2/hooks/custom.d/mine.sh"
+    own.parent.mkdir(parents=True)
+    own.write_text("mine")
+    new = bundle("2", a=b"changed")
+    install(new, machine)
+    there = look(machine, FOLDER)
+    assert {path: member.data for path, member in there.items() if path != MANIFEST} == {
+        "a": b"changed",
+        "hooks/custom.d/mine.sh": b"mine",
+    }
+    assert look_and_plan(machine, FOLDER, new).nothing
+
+
+def test_a_machine_keeps_its_latest_releases_and_no_more(tmp_path):
+    machine = Local(folder=tmp_path)
+    for number in range(KEPT + 3):
+        install(bundle(f"{number}", a=b"%d" % number), machine)
+        archive = tmp_path / f"opt/sfglab/go2/.releases/{number}.tar"
+        os.utime(archive, (number, number))
+    assert releases(machine, FOLDER) == tuple(str(n) for n in range(KEPT + 2, 2, -1))
+
+
+def test_an_installation_that_was_cut_off_is_seen_and_the_next_one_completes_it(tmp_path):
+    machine = Local(folder=tmp_path)
+    new = bundle("2", a=b"1", b=b"2")
+    install(new, machine)
+    (tmp_path / "opt/sfglab/go2" / MANIFEST).unlink()  # it is the last file of an archive
+    (tmp_path / "opt/sfglab/go2/b").unlink()
+    plan = install(new, machine)
+    assert changes(plan) == {"a": Change.SAME, "b": Change.NEW}
+    assert look_and_plan(machine, FOLDER, new).nothing
+
+
+@pytest.fixture
+def ssh(tmp_path):
+    """A program in ssh's place that runs the remote command here, as sshd would by the user's shell."""
+    program = tmp_path / "ssh"
+    program.write_text(
+        f'#!/bin/sh\nprintf "%s\\n" "$@" > {tmp_path}/arguments\n'
+        'while [ "$1" != -- ]; do shift; done\nshift 2\nPATH=' + str(tmp_path) + ':$PATH exec sh -c "$*"\n'
+    )
+    sudo = tmp_path / "sudo"
+    sudo.write_text('#!/bin/sh\n[ "$1" = -n ] || exit 9\nshift\nexec "$@"\n')
+    for file in (program, sudo):
+        file.chmod(0o755)
+    return Ssh(address="sfg@go2.local", program=str(program))
+
+
+@pytest.mark.parametrize("text", ["plain", "two words", "quote ' and \" and $HOME and \\", "new\nline"])
+def test_over_ssh_scripts_and_data_arrive_as_they_are(ssh, tmp_path, text):
+    import shlex
+
+    assert ssh.run(f"printf %s {shlex.quote(text)}; cat", data=b"\x00data") == text.encode() + b"\x00data"
+    arguments = (tmp_path / "arguments").read_text().splitlines()
+    assert arguments[:6] == ["-o", "BatchMode=yes", "-o", "ConnectTimeout=10", "--", "sfg@go2.local"]
+
+
+def test_a_script_that_fails_is_one_sentence_with_its_last_words(ssh):
+    with pytest.raises(DeployError, match=r"^sfg@go2.local: .*ended with status 3: second$"):
+        ssh.run("echo first >&2; echo second >&2; exit 3")
+    with pytest.raises(DeployError, match="ended with status 1"):
+        ssh.run("false; echo never reached")
+
+
+def test_a_program_that_is_missing_and_a_machine_that_is_silent_are_errors_of_ours():
+    with pytest.raises(DeployError, match="not installed"):
+        Ssh(address="x", program="no-such-ssh").run("true")
+    with pytest.raises(DeployError, match="no answer within 0 s"):
+        Local().run("sleep 10", timeout_s=0.2)
+
+
+@pytest.mark.parametrize(("name", "allowed"), [("jetson_orin_nx", True), ("jetson_xavier_nx", False)])
+def test_a_jetson_of_another_jetpack_than_the_images_is_refused(name, allowed, tmp_path):
+    machine = Local(folder=write_example(EXAMPLES[name], tmp_path / name))
+    if allowed:
+        assert accelerator_of(machine) is Accelerator.JETSON
+    else:
+        with pytest.raises(DeployError, match="given JetPack 4, allowed: 6"):
+            accelerator_of(machine)
+
+
+def test_the_way_to_a_machine_follows_from_its_address(tmp_path):
+    assert transport_to(HostSpec()) == Local()
+    assert transport_to(HostSpec(address="deck@elsewhere.example")) == Ssh(address="deck@elsewhere.example")
+    assert transport_to(HostSpec(address="deck@elsewhere.example"), root=tmp_path) == Local(folder=tmp_path)
+    assert is_here(f"me@{os.uname().nodename}")
+    assert Path("/") == Local().folder
