@@ -135,7 +135,7 @@ def _image(deployment: Deployment) -> str:
 
 def _environment(deployment: Deployment) -> dict[str, str]:
     """Return what the agent's own nodes and the user's need to meet in its domain."""
-    values = {"SFG_AGENT_NAME": deployment.agent.name, "HOME": "/tmp", "NUMBA_CACHE_DIR": "/tmp/numba"}  # noqa: S108 - a tmpfs of the container's own
+    values = {"SFG_AGENT_NAME": deployment.agent.name, "HOME": "/tmp", "NUMBA_CACHE_DIR": "/run/numba"}  # noqa: S108 - a tmpfs of the container's own
     if deployment.common.ros is RosDistribution.NONE:
         return values
     return values | {
@@ -159,7 +159,7 @@ def _hardening() -> dict[str, Any]:
         "init": True,
         "user": USER,
         "read_only": True,
-        "tmpfs": ["/tmp:mode=1777,size=256m", "/run:mode=1777,size=16m"],  # noqa: S108 - of the container's own
+        "tmpfs": ["/tmp:mode=1777,size=256m", "/run:mode=1777,size=64m"],  # noqa: S108 - of the container's own
         "cap_drop": ["ALL"],
         "security_opt": ["no-new-privileges:true"],
         # Starting at boot is systemd's; after a crash the container comes back by itself.

@@ -173,5 +173,5 @@ def _workspaces(fleet: Fleet, folder: Path) -> Iterator[Finding]:
                 host.place,
                 f"{agent.name} has the colcon workspace {host.workspace}, but there is no {host.workspace}/src",
                 "its sources are built into the image",
-                f"put it beside the fleet file, in {folder}",
+                "put it beside the fleet file",
             )
