@@ -10,6 +10,7 @@ import typer
 if TYPE_CHECKING:
     from sfglab.deploy.bundle import Bundle
     from sfglab.deploy.deployment import Deployment
+    from sfglab.deploy.preparing import FleetSource
     from sfglab.deploy.rollout import Prospect, Transport
 
 __all__ = ["app"]
@@ -23,6 +24,10 @@ _Agents = Annotated[
 ]
 _Root = Annotated[
     Path | None, typer.Option(help="A folder in place of the machine's root, e.g. of an image of a disk.")
+]
+_Accelerator = Annotated[
+    str | None,
+    typer.Option(help="Whatever the file says: jetson, cuda, rocm, vaapi, v4l2, none, or auto to detect it."),
 ]
 _Diff = Annotated[bool, typer.Option("--diff", help="Show changed texts line by line.")]
 
@@ -48,7 +53,13 @@ def detect(
 
 
 @app.command()
-def plan(fleet: _Fleet, agent: _Agents = None, root: _Root = None, diff: _Diff = False) -> None:
+def plan(
+    fleet: _Fleet,
+    agent: _Agents = None,
+    root: _Root = None,
+    accelerator: _Accelerator = None,
+    diff: _Diff = False,
+) -> None:
     """Say what would change on each machine; changes nothing.
 
     Machines are asked over SSH; one that cannot be reached is told, and the others are planned.
@@ -61,7 +72,7 @@ def plan(fleet: _Fleet, agent: _Agents = None, root: _Root = None, diff: _Diff =
     """
     from sfglab.deploy.rollout import render_prospects
 
-    prospects = [prospect for *_, prospect in _prospects(fleet, agent, root)]
+    prospects = [prospect for *_, prospect in _prospects(_source(fleet, agent, accelerator), agent, root)]
     typer.echo(render_prospects(prospects, diff=diff), nl=False)
     raise typer.Exit(any(prospect.plan is None for prospect in prospects))
 
@@ -71,16 +82,19 @@ def render(
     fleet: _Fleet,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder; each agent gets one in it.")],
     agent: _Agents = None,
+    accelerator: _Accelerator = None,
 ) -> None:
     """Write all files of the agents into a folder, to be read or brought there by other means.
 
-    Example:
+    Examples:
 
       sfglab deploy render data/fleets/esslingen.yaml -o build/esslingen
+
+      sfglab deploy render data/fleets/esslingen.yaml -o build/laptop --agent workstation --accelerator none
     """
     from sfglab.deploy.bundle import write_bundle
 
-    for _, bundle in _prepared(fleet, agent):
+    for _, bundle in _prepared(_source(fleet, agent, accelerator), agent):
         folder = output / bundle.agent
         write_bundle(bundle, folder)
         typer.echo(f"{folder}: {len(bundle.members)} files, release {bundle.tag}")
@@ -90,6 +104,7 @@ def render(
 def check(
     fleet: _Fleet,
     agent: _Agents = None,
+    accelerator: _Accelerator = None,
     every: Annotated[bool, typer.Option("--all", help="List what holds as well.")] = False,
 ) -> None:
     """Check a fleet and everything that would be made of it; ends with 1 if something does not hold.
@@ -101,11 +116,11 @@ def check(
     from sfglab.deploy.checking import render_verdicts
     from sfglab.deploy.fleet_check import check_fleet, fails
     from sfglab.deploy.images import SOURCE, make_release
-    from sfglab.deploy.preparing import load_source
     from sfglab.deploy.rollout import detect_over
 
-    release, _ = make_release(SOURCE, load_source(fleet).text)
-    verdicts = check_fleet(fleet, release, agents=tuple(agent or ()), detect=detect_over)
+    source = _source(fleet, agent, accelerator)
+    release, _ = make_release(SOURCE, source.text)
+    verdicts = check_fleet(source, release, agents=tuple(agent or ()), detect=detect_over)
     typer.echo(render_verdicts(verdicts, every=every))
     raise typer.Exit(fails(verdicts))
 
@@ -118,6 +133,7 @@ def apply(
     tag: Annotated[
         str | None, typer.Option(help="Go back to this release, as each machine kept it; see `releases`.")
     ] = None,
+    accelerator: _Accelerator = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would change, and stop.")] = False,
     diff: _Diff = False,
 ) -> None:
@@ -137,7 +153,9 @@ def apply(
     from sfglab.deploy.rollout import apply_plan, render_prospects
 
     failed = False
-    for deployment, bundle, transport, prospect in _prospects(fleet, agent, root, tag):
+    for deployment, bundle, transport, prospect in _prospects(
+        _source(fleet, agent, accelerator), agent, root, tag
+    ):
         typer.echo(render_prospects([prospect], diff=diff))
         if prospect.plan is None:
             failed = True
@@ -179,24 +197,31 @@ def releases(fleet: _Fleet, agent: _Agents = None, root: _Root = None) -> None:
     raise typer.Exit(failed)
 
 
-def _prepared(fleet: Path, agents: list[str] | None) -> tuple[tuple[Deployment, Bundle], ...]:
-    from sfglab.deploy.images import SOURCE, make_release
-    from sfglab.deploy.preparing import load_source, prepare
-    from sfglab.deploy.rollout import detect_over
+def _source(fleet: Path, agents: list[str] | None, accelerator: str | None) -> FleetSource:
+    """Read a fleet file; what is said of accelerators on the command line counts more."""
+    from sfglab.deploy.preparing import load_source, with_accelerator
 
     source = load_source(fleet)
+    return source if accelerator is None else with_accelerator(source, agents or (), accelerator)
+
+
+def _prepared(source: FleetSource, agents: list[str] | None) -> tuple[tuple[Deployment, Bundle], ...]:
+    from sfglab.deploy.images import SOURCE, make_release
+    from sfglab.deploy.preparing import prepare
+    from sfglab.deploy.rollout import detect_over
+
     release, wheel = make_release(SOURCE, source.text)
     return prepare(source, release, wheel, agents=tuple(agents or ()), detect=detect_over)
 
 
 def _prospects(
-    fleet: Path, agents: list[str] | None, root: Path | None, tag: str | None = None
+    source: FleetSource, agents: list[str] | None, root: Path | None, tag: str | None = None
 ) -> list[tuple[Deployment, Bundle, Transport, Prospect]]:
     from sfglab.deploy.errors import DeployError
     from sfglab.deploy.rollout import Prospect, look_and_plan, released, steps, transport_to
 
     found = []
-    for deployment, newest in _prepared(fleet, agents):
+    for deployment, newest in _prepared(source, agents):
         bundle, transport = newest, transport_to(deployment.host, root=root)
         try:
             if tag is not None:

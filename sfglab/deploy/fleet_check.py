@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING
 from sfglab.deploy.bundle import render_bundle
 from sfglab.deploy.checking import State, Verdict, check_bundle, verdict_of
 from sfglab.deploy.deployment import deployment_of
-from sfglab.deploy.preparing import load_source
 from sfglab.deploy.rules import check_rules
 from sfglab.errors import SfglabError
 from sfglab.fleet.border import Severity, lint
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
-    from pathlib import Path
 
     from sfglab.deploy.deployment import Deployment, Release
     from sfglab.deploy.files import BundleFile
@@ -29,27 +27,24 @@ __all__ = ["check_fleet", "fails"]
 
 
 def check_fleet(
-    path: Path, release: Release, *, agents: Sequence[str] = (), detect: Detect = lambda _: None
+    source: FleetSource, release: Release, *, agents: Sequence[str] = (), detect: Detect = lambda _: None
 ) -> tuple[Verdict, ...]:
     """Check a fleet file and everything that would be made of it.
 
     Args:
-        path: The fleet file.
+        source: The fleet, from `load_source`.
         release: What would be deployed.
         agents: Whose files; none: all.
         detect: Asked for the accelerator of a machine whose fleet file leaves it to detection.
 
     Raises:
-        DocumentError: The file is not a fleet.
-        DeployError: It cannot be read.
         UnknownAgentError: The fleet has no such agent.
     """
-    source = load_source(path)
     names = agents or tuple(agent.name for agent in source.fleet.agents)
     border, machines = lint(source.fleet).findings, check_rules(source.fleet, source.folder)
     verdicts = [
-        verdict_of("names, domains, QoS and frames", str(path), lambda: _errors(border)),
-        verdict_of("machines and routers", str(path), lambda: _errors(machines)),
+        verdict_of("names, domains, QoS and frames", str(source.path), lambda: _errors(border)),
+        verdict_of("machines and routers", str(source.path), lambda: _errors(machines)),
     ]
     if fails(verdicts):
         return tuple(verdicts)

@@ -6,22 +6,23 @@ The one place that reads a fleet file, the checkout and this machine together; e
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.bundle import Bundle, bundle_of, workspace_members
 from sfglab.deploy.deployment import Deployment, deployment_of
 from sfglab.deploy.errors import DeployError
-from sfglab.fleet.fleet_file import read_fleet
+from sfglab.documents import suggestion
+from sfglab.fleet.fleet_file import AUTO, Accelerator, read_fleet
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
     from sfglab.deploy.deployment import Release
-    from sfglab.fleet.fleet_file import Accelerator, Fleet, HostSpec
+    from sfglab.fleet.fleet_file import AgentSpec, Fleet, HostSpec
 
-__all__ = ["Detect", "FleetSource", "load_source", "prepare", "prepare_agent"]
+__all__ = ["Detect", "FleetSource", "load_source", "prepare", "prepare_agent", "with_accelerator"]
 
 Detect = Callable[["HostSpec"], "Accelerator | None"]
 """Asked for the accelerator of a machine whose fleet file leaves it to detection."""
@@ -59,6 +60,32 @@ def load_source(path: Path) -> FleetSource:
     except (OSError, UnicodeDecodeError) as error:
         raise DeployError(f"{path}: {error}, allowed: a fleet file in UTF-8") from error
     return FleetSource(fleet=read_fleet(text, str(path)), path=path, text=text)
+
+
+def with_accelerator(source: FleetSource, agents: Sequence[str], name: str) -> FleetSource:
+    """Return a fleet whose machines have an accelerator, whatever its file says.
+
+    Args:
+        source: The fleet.
+        agents: Whose machines; none: all.
+        name: What they have, or ``auto``, which leaves it to detection.
+
+    Raises:
+        DeployError: There is no accelerator of that name.
+    """
+    choices = (AUTO, *(member.value for member in Accelerator))
+    if name not in choices:
+        raise DeployError(
+            f"accelerator: given {name!r}, allowed: {', '.join(choices)}{suggestion(name, choices)}"
+        )
+    accelerator = None if name == AUTO else Accelerator(name)
+
+    def changed(agent: AgentSpec) -> AgentSpec:
+        if agent.host is None or (agents and agent.name not in agents):
+            return agent
+        return replace(agent, host=replace(agent.host, accelerator=accelerator))
+
+    return replace(source, fleet=replace(source.fleet, agents=tuple(map(changed, source.fleet.agents))))
 
 
 def prepare(

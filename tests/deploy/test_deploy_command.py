@@ -93,3 +93,11 @@ def test_an_unknown_agent_is_one_sentence_with_those_that_are_there(tmp_path):
     done = call("render", FLEET, "-o", tmp_path, "--agent", "go3")
     assert isinstance(done.exception, SfglabError)
     assert "did you mean 'go2'?" in str(done.exception)
+
+
+def test_an_accelerator_on_the_command_line_counts_more_than_the_file(tmp_path):
+    done = call("render", FLEET, "-o", tmp_path, "--agent", "workstation", "--accelerator", "vaapi")
+    assert done.exit_code == 0
+    assert "/dev/dri:/dev/dri" in (tmp_path / "workstation" / "compose.yaml").read_text()
+    refused = call("render", FLEET, "-o", tmp_path, "--agent", "workstation", "--accelerator", "cuba")
+    assert "did you mean 'cuda'?" in str(refused.exception)

@@ -20,15 +20,14 @@ from sfglab.deploy.deployment import Release, deployment_of
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.images import (
     BUILDERS,
-    build,
     build_command,
     build_wheel,
     find_builder,
     make_release,
     wheelhouse,
 )
-from sfglab.deploy.images.building import run_streaming
 from sfglab.deploy.images.second_wheel import with_version
+from sfglab.deploy.programs import run_heard, run_streaming
 from sfglab.fleet.fleet_file import Architecture, load_fleet
 
 PROJECT = Path(__file__).parents[2]
@@ -138,7 +137,7 @@ def test_a_builder_that_there_is_not_is_refused():
     with pytest.raises(DeployError, match="builder: given 'kaniko', allowed: docker, podman, buildah"):
         build_command(Path("/x"), deployment_of(FLEET, "pi1", RELEASE), "t", tool="kaniko")
     with pytest.raises(DeployError, match="does not start"):
-        build(["/nowhere/at/all"], print)
+        run_heard(["/nowhere/at/all"], print)
 
 
 def test_the_first_builder_on_the_path_is_found(tmp_path, monkeypatch):
@@ -153,7 +152,7 @@ def test_the_first_builder_on_the_path_is_found(tmp_path, monkeypatch):
 def test_a_build_hands_on_its_lines_and_its_last_words_when_it_fails():
     heard: list[str] = []
     with pytest.raises(DeployError, match=r"status 3; its last words:\none\ntwo"):
-        build(["sh", "-c", "echo one; echo two >&2; exit 3"], heard.append)
+        run_heard(["sh", "-c", "echo one; echo two >&2; exit 3"], heard.append)
     assert heard == ["one", "two"]
 
 

@@ -169,6 +169,14 @@ def test_a_script_that_fails_is_one_sentence_with_its_last_words(ssh):
         ssh.run("false; echo never reached")
 
 
+def test_a_long_command_is_heard_while_it_works_and_its_last_words_are_kept(ssh):
+    heard = []
+    ssh.stream("echo one; echo two >&2", heard.append)
+    assert heard == ["one", "two"]
+    with pytest.raises(DeployError, match=r"sfg@go2.local: ended with status 4; its last words:\nthree"):
+        ssh.stream("echo three; exit 4", heard.append)
+
+
 def test_a_program_that_is_missing_and_a_machine_that_is_silent_are_errors_of_ours():
     with pytest.raises(DeployError, match="not installed"):
         Ssh(address="x", program="no-such-ssh").run("true")

@@ -19,6 +19,7 @@ AMD, INTEL = "0x1002", "0x8086"
 ROCM_TARGETS = frozenset({"gfx908", "gfx90a", "gfx942", "gfx1030", "gfx1100", "gfx1101", "gfx1200", "gfx1201"})
 """Chips on AMD's list of supported GPUs, for ROCm 6.4 ('System requirements (Linux)', column LLVM target).
 
+Read from the list of an earlier 6.x and the release notes of 6.4.1; gfx1101 is from memory: compare before use.
 The Dockerfile's base must be of this release or a later one. Others may compute with HSA_OVERRIDE_GFX_VERSION,
 which AMD calls unofficial; we do not count them.
 """

@@ -8,7 +8,7 @@ inside, each by its digest.
 from __future__ import annotations
 
 from sfglab.deploy.images.bases import JETPACK, BaseImage, Distribution, base_of
-from sfglab.deploy.images.building import BUILDERS, build, build_command, find_builder
+from sfglab.deploy.images.building import BUILDERS, build_command, find_builder
 from sfglab.deploy.images.dockerfile import STAGES, image_files
 from sfglab.deploy.images.dockerfile_check import check_dockerfile
 from sfglab.deploy.images.lock import AGENT_ROOTS, agent_lock
@@ -27,7 +27,6 @@ __all__ = [
     "TrialCheck",
     "agent_lock",
     "base_of",
-    "build",
     "build_command",
     "build_wheel",
     "check_dockerfile",

@@ -19,12 +19,13 @@ from typing import TYPE_CHECKING
 
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.images.bases import base_of
-from sfglab.deploy.images.building import build, build_command
+from sfglab.deploy.images.building import build_command
 from sfglab.deploy.images.dockerfile import USER_ID, VENV, image_files
 from sfglab.deploy.images.lock import MACHINES
 from sfglab.deploy.images.release import release_tag
 from sfglab.deploy.images.second_wheel import with_version
 from sfglab.deploy.images.wheelhouse import wheelhouse
+from sfglab.deploy.programs import run_heard
 from sfglab.fleet.fleet_file import Accelerator, RosDistribution
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ class _Workshop:
             self.say(line)
 
         _, verb, *arguments = command
-        build(self.command(verb, "--isolation=chroot", *arguments), hear)
+        run_heard(self.command(verb, "--isolation=chroot", *arguments), hear)
         return said
 
     def ask(self, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -194,9 +195,9 @@ def _make_base(shop: _Workshop, kept: Path, deployment: Deployment) -> None:
         )  # the adapter's, so that it needs no apt
         root = shop.folder / "root"
         wanted = f"--include={','.join(packages)}"
-        build(["debootstrap", "--variant=minbase", wanted, base.distribution.value, str(root)], shop.say)
+        run_heard(["debootstrap", "--variant=minbase", wanted, base.distribution.value, str(root)], shop.say)
         partial = kept / f"{_ARCHIVE}.part"
-        build(["tar", "-C", str(root), f"--exclude={_DEBS}", "-cf", str(partial), "."], shop.say)
+        run_heard(["tar", "-C", str(root), f"--exclude={_DEBS}", "-cf", str(partial), "."], shop.say)
         partial.replace(archive)
         shutil.rmtree(root)
     shutil.copy(archive, context / _ARCHIVE)

@@ -117,7 +117,7 @@ def apply_plan(
         say(f"{plan.agent}: {step.what}")
         root = shlex.quote(transport.root)
         prefix = f"export SFGLAB_ROOT={root}\n{root}" if transport.root else ""
-        transport.run(prefix + step.script, timeout_s=None)
+        transport.stream(prefix + step.script, lambda line: say(f"    {line}"))
 
 
 def releases(transport: Transport, folder: str) -> tuple[str, ...]:

@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from sfglab.deploy.errors import DeployError
+from sfglab.deploy.programs import run_heard
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from sfglab.fleet.fleet_file import HostSpec
 
@@ -39,13 +40,24 @@ class Transport(Protocol):
     def root(self) -> str:
         """Where its files begin: empty, or a folder that stands for its root."""
 
-    def run(self, script: str, *, data: bytes = b"", timeout_s: float | None = QUICK_S) -> bytes:
+    def run(self, script: str, *, data: bytes = b"", timeout_s: float = QUICK_S) -> bytes:
         """Run a shell script there as root and return what it prints.
 
         Args:
             script: For `sh`.
             data: Its standard input.
-            timeout_s: When it is given up; None: never.
+            timeout_s: When it is given up.
+
+        Raises:
+            DeployError: It cannot be reached, or the script failed; with its last words.
+        """
+
+    def stream(self, script: str, hear: Callable[[str], None]) -> None:
+        """Run a shell script there as root, however long it takes, and hand on each line that it prints.
+
+        Args:
+            script: For `sh`.
+            hear: Told each line.
 
         Raises:
             DeployError: It cannot be reached, or the script failed; with its last words.
@@ -72,9 +84,16 @@ class Local:
         """Where its files begin."""
         return "" if self.folder == Path("/") else str(self.folder.absolute())
 
-    def run(self, script: str, *, data: bytes = b"", timeout_s: float | None = QUICK_S) -> bytes:
+    def run(self, script: str, *, data: bytes = b"", timeout_s: float = QUICK_S) -> bytes:
         """Run a shell script here and return what it prints; see `Transport`."""
-        return _call(self.name, ["sh", "-eu", "-c", script], data, timeout_s)
+        return _call(self.name, self._command(script), data, timeout_s)
+
+    def stream(self, script: str, hear: Callable[[str], None]) -> None:
+        """Run a shell script here and hand on its lines; see `Transport`."""
+        run_heard(self._command(script), hear, self.name)
+
+    def _command(self, script: str) -> list[str]:
+        return ["sh", "-eu", "-c", script]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,11 +118,17 @@ class Ssh:
         """Where its files begin."""
         return ""
 
-    def run(self, script: str, *, data: bytes = b"", timeout_s: float | None = QUICK_S) -> bytes:
+    def run(self, script: str, *, data: bytes = b"", timeout_s: float = QUICK_S) -> bytes:
         """Run a shell script there and return what it prints; see `Transport`."""
+        return _call(self.name, self._command(script), data, timeout_s)
+
+    def stream(self, script: str, hear: Callable[[str], None]) -> None:
+        """Run a shell script there and hand on its lines; see `Transport`."""
+        run_heard(self._command(script), hear, self.name)
+
+    def _command(self, script: str) -> list[str]:
         options = ("-o", "BatchMode=yes", "-o", f"ConnectTimeout={CONNECT_S}")
-        remote = f"sudo -n sh -eu -c {shlex.quote(script)}"
-        return _call(self.name, [self.program, *options, "--", self.address, remote], data, timeout_s)
+        return [self.program, *options, "--", self.address, f"sudo -n sh -eu -c {shlex.quote(script)}"]
 
 
 def transport_to(host: HostSpec, *, root: Path | None = None) -> Transport:
@@ -125,7 +150,7 @@ def is_here(address: str) -> bool:
     return host in {"", "localhost", "127.0.0.1", "::1", own, f"{own}.local", own.partition(".")[0]}
 
 
-def _call(where: str, command: Sequence[str], data: bytes, timeout_s: float | None) -> bytes:
+def _call(where: str, command: Sequence[str], data: bytes, timeout_s: float) -> bytes:
     try:
         done = subprocess.run(command, input=data, capture_output=True, timeout=timeout_s, check=False)
     except FileNotFoundError as error:

@@ -11,6 +11,7 @@ from sfglab.fleet.fleet_file.deployment import (
     RosDistribution,
     RouterSoftware,
 )
+from sfglab.fleet.fleet_file.deployment_reading import AUTO
 from sfglab.fleet.fleet_file.model import (
     AgentSpec,
     Fleet,
@@ -25,6 +26,7 @@ from sfglab.fleet.fleet_file.model import (
 from sfglab.fleet.fleet_file.reading import MAX_DOMAIN, load_fleet, read_fleet
 
 __all__ = [
+    "AUTO",
     "MAX_DOMAIN",
     "Accelerator",
     "AgentSpec",

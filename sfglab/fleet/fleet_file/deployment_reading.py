@@ -18,9 +18,10 @@ from sfglab.fleet.fleet_file.deployment import (
 if TYPE_CHECKING:
     from sfglab.documents import Section
 
-__all__ = ["read_deployment", "read_host"]
+__all__ = ["AUTO", "read_deployment", "read_host"]
 
 AUTO = "auto"
+"""In place of an accelerator's name: found out on the machine."""
 _COMPONENT = r"[a-z0-9]+(?:(?:\.|_{1,2}|-+)[a-z0-9]+)*"
 _REGISTRY = r"[a-zA-Z0-9](?:[a-zA-Z0-9.-]*[a-zA-Z0-9])?(?::[0-9]{1,5})?"
 REPOSITORY = re.compile(rf"(?:{_REGISTRY}/)?{_COMPONENT}(?:/{_COMPONENT})*")

@@ -13,6 +13,7 @@ from sfglab.deploy.checking import State
 from sfglab.deploy.fleet_check import check_fleet
 from sfglab.deploy.images import base_of
 from sfglab.deploy.meanings import meaning_of
+from sfglab.deploy.preparing import load_source
 from sfglab.errors import SfglabError
 from sfglab.lab.experiments.deployment.broken import BROKEN, break_fleet
 from sfglab.lab.experiments.deployment.machines import held
@@ -148,7 +149,7 @@ def refused_rows(text: str, release: Release, folder: Path) -> Iterator[RefusedF
 def _refusal(path: Path, release: Release) -> str:
     """Return why a fleet is refused, or nothing."""
     try:
-        verdicts = check_fleet(path, release)
+        verdicts = check_fleet(load_source(path), release)
     except SfglabError as error:
         return str(error)
     return "; ".join(dict.fromkeys(v.says for v in verdicts if v.state is State.FAILS))

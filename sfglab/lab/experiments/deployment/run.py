@@ -78,7 +78,7 @@ async def run(config: Config, path: Path) -> Path:
         _attach(log, pairs)
         _write_checks(log, release_checks(pairs))
         advance("files")
-        verdicts = check_fleet(source.path, release, agents=config.agents)
+        verdicts = check_fleet(source, release, agents=config.agents)
         _write_checks(log, verdict_rows(verdicts, {str(source.path): config.fleet_file}))
         advance("checked")
         refused = list(refused_rows(source.text, release, _new(folder, "broken")))
