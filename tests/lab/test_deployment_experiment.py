@@ -7,9 +7,14 @@ from dataclasses import replace
 
 import pytest
 
+from sfglab.deploy.images import SOURCE, make_release
 from sfglab.deploy.meanings import meaning_of
+from sfglab.deploy.preparing import load_source, prepare
 from sfglab.lab.experiments import deployment
+from sfglab.lab.experiments.deployment.containers import container_checks
 from sfglab.lab.experiments.deployment.run import run
+
+ESSLINGEN = SOURCE / "data" / "fleets" / "esslingen.yaml"
 
 
 def test_a_run_fills_its_claim_draws_its_figures_and_keeps_what_machines_are_given(tmp_path):
@@ -28,10 +33,8 @@ def test_a_run_fills_its_claim_draws_its_figures_and_keeps_what_machines_are_giv
 @pytest.mark.live
 @pytest.mark.netns
 def test_agents_meet_over_their_bridges_and_routers_and_nothing_of_their_own_gets_out(tmp_path):
-    config = replace(
-        deployment.Config.of_profile("smoke"), agents=("go2", "workstation"), containers=("go2", "workstation")
-    )
-    results = deployment.load_results(asyncio.run(run(config, tmp_path / "run.mcap")))
-    containers = results.checks[results.checks["group"] == "containers"]
-    assert len(containers) == 3
-    assert containers[containers["held"] < containers["checked"]].to_dict("records") == []
+    source = load_source(ESSLINGEN)
+    pairs = prepare(source, *make_release(SOURCE, source.text), agents=("go2", "workstation"))
+    rows = asyncio.run(container_checks(pairs, tmp_path))
+    assert len(rows) == 3
+    assert [row for row in rows if row.held < row.checked] == []

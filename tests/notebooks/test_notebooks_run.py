@@ -18,6 +18,14 @@ QUIET = {
     "01_naming": {"naming_schema"},
     "02_depth_codecs": {"depth_codecs"},
     "08_caches_and_qos": {"balancing_caches", "balancing_qos", "balancing_stale"},
+    "09_transmission": {
+        "transmission_beyond",
+        "transmission_fates",
+        "transmission_latency",
+        "transmission_live",
+        "transmission_loss",
+    },
+    "10_cooperation": {"cooperation", "cooperation_staleness", "cooperation_tracks"},
     "11_gateways": {"gateway_core", "graph_mapping"},
     "12_transfer": {
         "node_mapping",
@@ -27,8 +35,8 @@ QUIET = {
         "transfer_residuals",
     },
     "13_driving": {"driving_chain", "driving_lap", "driving_laps"},
-    "17_deployment": {"deployment_checks", "deployment_layers"},
     "15_planning": {"planning_interpolation", "planning_scene"},
+    "17_deployment": {"deployment_checks", "deployment_layers"},
 }
 LIVE = {
     "03_decode_once": {"decode_once_h264"},
@@ -36,14 +44,6 @@ LIVE = {
     "05_lifecycle": {"heartbeats", "discovery_states"},
     "06_discovery": {"discovery_fleet", "discovery_scale"},
     "07_latency": {"latency"},
-    "09_transmission": {
-        "transmission_beyond",
-        "transmission_fates",
-        "transmission_latency",
-        "transmission_live",
-        "transmission_loss",
-    },
-    "10_cooperation": {"cooperation", "cooperation_staleness", "cooperation_tracks"},
     "14_mocap": {"mocap_error", "mocap_offset", "mocap_trees"},
     "16_visualisation": {"visualisation_latency", "visualisation_points"},
 }

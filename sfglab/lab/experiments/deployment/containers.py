@@ -33,7 +33,7 @@ __all__ = ["container_checks"]
 
 OUTSIDER = "outsider"
 MEETING_S = 30.0
-LOOKING_S = 3.0
+LOOKING_S = 2.0
 _GRACE_S = 10.0
 _SFGLAB = (sys.executable, "-c", "from sfglab.cli import main; main()")
 
