@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import json
-import os
 import signal
-import socket
 import sys
 import textwrap
-from contextlib import asynccontextmanager, closing, suppress
+from contextlib import asynccontextmanager
 
 import pytest
 
-_counter = itertools.count(os.getpid() * 13)
 _DEADLINE_S = 15.0
 _PREAMBLE = """
 import asyncio, json, sys
@@ -36,20 +32,6 @@ async def hear():
     return json.loads(line)
 
 """
-
-
-@pytest.fixture
-def domain_id():
-    """A DDS domain that no other test of this run uses.
-
-    Above 101 its port lies where Linux takes ephemeral ports from, so it may be taken by anybody.
-    """
-    for _ in range(100):
-        domain = 100 + next(_counter) % 100
-        with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe, suppress(OSError):
-            probe.bind(("", 7400 + 250 * domain))
-            return domain
-    pytest.fail("the ports of all DDS domains from 100 to 199 are taken")
 
 
 @pytest.fixture

@@ -118,18 +118,18 @@ def test_a_live_and_another_node_cannot_be_forwarded_between():
 
 
 @asynccontextmanager
-async def two_domains(domain_id):
-    """Talker and router in one domain, router and listener in the next."""
+async def two_domains(ids):
+    """Talker and router in one domain, router and listener in the other."""
     names = ("talker", "near", "far", "listener")
-    nodes = [bus.Node(n, domain_id=domain_id + i // 2, interface="lo") for i, n in enumerate(names)]
+    nodes = [bus.Node(n, domain_id=ids[i // 2], interface="lo") for i, n in enumerate(names)]
     async with nodes[0], nodes[1], nodes[2], nodes[3]:
         yield nodes
 
 
 @pytest.fixture
-def pair_id(domain_id):
-    """The first of two domains that nobody else uses: this one's even neighbour may be another test's."""
-    return 10 + 2 * (domain_id % 40)
+def pair_ids(free_domains):
+    """Two domains that nobody else uses."""
+    return free_domains(2)
 
 
 def endpoint(type_=STRING, topic="rt/t", qos=DEEP, user_data=b""):
@@ -137,9 +137,9 @@ def endpoint(type_=STRING, topic="rt/t", qos=DEEP, user_data=b""):
 
 
 @pytest.mark.live
-def test_bytes_and_source_stamps_pass_unchanged_and_wait_until_their_source_is_judged(pair_id, until):
+def test_bytes_and_source_stamps_pass_unchanged_and_wait_until_their_source_is_judged(pair_ids, until):
     async def scenario():
-        async with two_domains(pair_id) as (talker, near, far, listener):
+        async with two_domains(pair_ids) as (talker, near, far, listener):
             forwarder = open_forwarder(near, far)
             forward, outlet = forwarder.open(endpoint()), forwarder.open_outlet(endpoint(user_data=b"k=v;"))
             publisher = talker.create_publisher(STRING, "/t", 200)
@@ -166,9 +166,9 @@ def test_bytes_and_source_stamps_pass_unchanged_and_wait_until_their_source_is_j
 
 
 @pytest.mark.live
-def test_each_source_has_its_own_way_and_a_refused_one_none(pair_id, until):
+def test_each_source_has_its_own_way_and_a_refused_one_none(pair_ids, until):
     async def scenario():
-        async with two_domains(pair_id) as (talker, near, far, listener):
+        async with two_domains(pair_ids) as (talker, near, far, listener):
             latched = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=256)
             publishers = [talker.create_publisher(STRING, "/t", LATCHED) for _ in range(3)]
             for number, publisher in enumerate(publishers):
@@ -193,14 +193,14 @@ def test_each_source_has_its_own_way_and_a_refused_one_none(pair_id, until):
 
 
 @pytest.mark.live
-def test_a_transform_changes_drops_or_leaves_a_sample_and_the_stamp_stays(pair_id, until):
+def test_a_transform_changes_drops_or_leaves_a_sample_and_the_stamp_stays(pair_ids, until):
     async def scenario():
         def transform(cdr):
             return {b"a": cdr, b"b": None, b"c": serialize(String(data="other")), b"d": b"\0\1\0\0garbage"}[
                 cdr[8:9]
             ]
 
-        async with two_domains(pair_id) as (talker, near, far, listener):
+        async with two_domains(pair_ids) as (talker, near, far, listener):
             forwarder = open_forwarder(near, far)
             forward, outlet = forwarder.open(endpoint()), forwarder.open_outlet(endpoint())
             publisher = talker.create_publisher(STRING, "/t")
@@ -220,9 +220,9 @@ def test_a_transform_changes_drops_or_leaves_a_sample_and_the_stamp_stays(pair_i
 
 
 @pytest.mark.live
-def test_both_ways_at_once_there_is_no_echo(pair_id, until):
+def test_both_ways_at_once_there_is_no_echo(pair_ids, until):
     async def scenario():
-        async with two_domains(pair_id) as (talker, near, far, listener):
+        async with two_domains(pair_ids) as (talker, near, far, listener):
             out, back = open_forwarder(near, far), open_forwarder(far, near)
             outward, inward = out.open(endpoint()), back.open(endpoint())
             outlets = out.open_outlet(endpoint()), back.open_outlet(endpoint())
@@ -244,12 +244,12 @@ def test_both_ways_at_once_there_is_no_echo(pair_id, until):
 
 
 @pytest.mark.live
-def test_an_unknown_type_passes_between_endpoints_that_announce_none(pair_id, caplog, until):
+def test_an_unknown_type_passes_between_endpoints_that_announce_none(pair_ids, caplog, until):
     custom = "my_robot_msgs/msg/Gripper"
     cdr = b"\0\1\0\0" + bytes(range(200))
 
     async def scenario():
-        async with two_domains(pair_id) as (talker, near, far, listener):
+        async with two_domains(pair_ids) as (talker, near, far, listener):
             forwarder = open_forwarder(near, far)
             forward = forwarder.open(endpoint(custom))
             outlet = forwarder.open_outlet(endpoint(custom))
@@ -281,12 +281,12 @@ def test_an_unknown_type_passes_between_endpoints_that_announce_none(pair_id, ca
 
 
 @pytest.mark.live
-def test_a_service_passes_with_its_frames(pair_id, until):
+def test_a_service_passes_with_its_frames(pair_ids, until):
     type_, name = "sfglab_interfaces/srv/GetMetadata", "/s"
     request, reply = "rq/sRequest", "rr/sReply"
 
     async def scenario():
-        async with two_domains(pair_id) as (talker, near, far, listener):
+        async with two_domains(pair_ids) as (talker, near, far, listener):
             response = default_message(f"{type_}_Response")
             response.message = "hello"
             listener.create_service(type_, name, lambda _: response)
@@ -318,10 +318,10 @@ def _writer_of(node, dds_topic):
 
 
 @pytest.mark.live
-def test_a_reader_that_stands_still_costs_no_sample_and_holds_up_no_other_topic(pair_id, child, until):
+def test_a_reader_that_stands_still_costs_no_sample_and_holds_up_no_other_topic(pair_ids, child, until):
     count, slow = 60, "x" * 100_000
     listening = f"""
-    async with Node("slow", domain_id={pair_id + 1}, interface="lo") as node:
+    async with Node("slow", domain_id={pair_ids[1]}, interface="lo") as node:
         sub = node.create_subscription(String, "/slow", qos=QoSProfile(history=History.KEEP_ALL))
         await sub.wait_for_publishers()
         say(ready=True)
@@ -329,7 +329,7 @@ def test_a_reader_that_stands_still_costs_no_sample_and_holds_up_no_other_topic(
     """
 
     async def scenario():
-        async with two_domains(pair_id) as (talker, near, far, listener):
+        async with two_domains(pair_ids) as (talker, near, far, listener):
             forwarder = open_forwarder(near, far)
             forwards, publishers = {}, {}
             for topic, qos in (("/slow", DEEP), ("/fast", QoSProfile())):
@@ -358,14 +358,14 @@ def test_a_reader_that_stands_still_costs_no_sample_and_holds_up_no_other_topic(
 
 
 @pytest.mark.live
-def test_no_sample_is_leaked_whether_forwarded_dropped_held_or_transformed(pair_id, until):
+def test_no_sample_is_leaked_whether_forwarded_dropped_held_or_transformed(pair_ids, until):
     cdr = serialize(String(data="x" * 1_000_000))
 
     def copied(cdr):
         return bytes(bytearray(cdr))
 
     async def scenario():
-        async with two_domains(pair_id) as (talker, near, far, listener):
+        async with two_domains(pair_ids) as (talker, near, far, listener):
             publisher = talker.create_publisher(STRING, "/t", DEEP)
             forwarder = open_forwarder(near, far)
             outlet = forwarder.open_outlet(endpoint(qos=SENSOR_DATA))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 from contextlib import asynccontextmanager
 from dataclasses import asdict
 
@@ -23,8 +22,6 @@ INFO = "/global/go2/camera_front/color/camera_info"
 LOCAL_INFO = "/local/go2/camera_front/color/camera_info"
 FFMPEG = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
 IMAGE = "sensor_msgs/msg/Image"
-
-_domains = itertools.count(170, 2)
 
 
 class Camera:
@@ -94,9 +91,10 @@ class Decoder:
 
 
 @pytest.fixture
-def domains():
-    remote = next(_domains)
-    return BusAddress(domain_id=remote, interface="lo"), BusAddress(domain_id=remote + 1, interface="lo")
+def domains(free_domains):
+    """Addresses in two domains that nobody uses: the remote streams' and the local subscribers'."""
+    remote, local = free_domains(2)
+    return BusAddress(domain_id=remote, interface="lo"), BusAddress(domain_id=local, interface="lo")
 
 
 @pytest.fixture

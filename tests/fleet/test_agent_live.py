@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
-import os
 import signal
 import subprocess
 import sys
@@ -19,7 +17,6 @@ from sfglab.fleet.agent.supervisor import ComponentError
 pytestmark = [pytest.mark.live, pytest.mark.timeout(30)]
 
 DEADLINE_S = 10
-_domains = itertools.count(100 + 2 * (os.getpid() % 40), 2)
 
 TERMINAL = """
 import sys
@@ -34,9 +31,8 @@ run(serve_agent(config, lambda line: print(line, flush=True)))
 
 
 @pytest.fixture
-def domains():
-    first = next(_domains)
-    return first, first + 1
+def domains(free_domains):
+    return tuple(free_domains(2))
 
 
 def router_only(local: int, remote: int, interface: str = "lo") -> AgentConfig:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import json
 import logging
 import os
 import signal
-import socket
 import sys
-from contextlib import AsyncExitStack, asynccontextmanager, closing, suppress
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
 
 import psutil
@@ -42,21 +40,12 @@ STRING, METADATA = "std_msgs/msg/String", "sfglab_interfaces/srv/GetMetadata"
 String = message_type(STRING)
 TOPIC = "/global/go2/pose"
 DEEP = QoSProfile(depth=1000)
-_numbers = itertools.count(os.getpid() * 7)
 
 
 @pytest.fixture
-def ids():
+def ids(free_domains):
     """The ids of a global and two local domains that nobody uses."""
-
-    def free(domain: int) -> bool:
-        with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe, suppress(OSError):
-            probe.bind(("", 7400 + 250 * domain))
-            return True
-        return False
-
-    candidates = (20 + next(_numbers) % 80 for _ in range(80))
-    return list(itertools.islice(filter(free, candidates), 3))
+    return free_domains(3)
 
 
 @asynccontextmanager

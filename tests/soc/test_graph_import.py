@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
-import os
-import socket
-from contextlib import closing, suppress
 
 import pytest
 from graph_strategies import GRAPHS, chain
@@ -30,19 +26,6 @@ from sfglab.soc.graph_import import METADATA
 STRING = "std_msgs/msg/String"
 IMAGE = "sensor_msgs/msg/Image"
 SW = Placement.SOFTWARE
-
-_counter = itertools.count(os.getpid() * 17)
-
-
-@pytest.fixture
-def domain_id():
-    """A DDS domain that no other test of this run uses."""
-    for _ in range(100):
-        domain = 100 + next(_counter) % 100
-        with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe, suppress(OSError):
-            probe.bind(("", 7400 + 250 * domain))
-            return domain
-    pytest.fail("the ports of all DDS domains from 100 to 199 are taken")
 
 
 def write_log(path, topics, metadata=None):

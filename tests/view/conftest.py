@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import os
-import socket
-from contextlib import closing, suppress
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,8 +9,6 @@ import pytest
 
 from sfglab.messages import default_message, stamp_from_ns
 from sfglab.view import Update
-
-_counter = itertools.count(os.getpid() * 7)
 
 
 class Paper:
@@ -94,14 +88,3 @@ def make_image():
         return message
 
     return make
-
-
-@pytest.fixture
-def domain_id():
-    """A DDS domain that no other test of this run uses."""
-    for _ in range(100):
-        domain = 100 + next(_counter) % 100
-        with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe, suppress(OSError):
-            probe.bind(("", 7400 + 250 * domain))
-            return domain
-    pytest.fail("the ports of all DDS domains from 100 to 199 are taken")
