@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from sfglab.deploy.bundle import Bundle
     from sfglab.deploy.deployment import Deployment
     from sfglab.deploy.preparing import FleetSource
-    from sfglab.deploy.rollout import Prospect, Transport
+    from sfglab.deploy.rollout import Prospect
 
 __all__ = ["app"]
 
@@ -72,7 +74,7 @@ def plan(
     """
     from sfglab.deploy.rollout import render_prospects
 
-    prospects = [prospect for *_, prospect in _prospects(_source(fleet, agent, accelerator), agent, root)]
+    prospects = [prospect for prospect, _ in _prospects(_source(fleet, agent, accelerator), agent, root)]
     typer.echo(render_prospects(prospects, diff=diff), nl=False)
     raise typer.Exit(any(prospect.plan is None for prospect in prospects))
 
@@ -150,18 +152,16 @@ def apply(
       sfglab deploy apply data/fleets/esslingen.yaml --agent go2 --tag 0.6.0-1a2b3c4d5e6f
     """
     from sfglab.deploy.errors import DeployError
-    from sfglab.deploy.rollout import apply_plan, render_prospects
+    from sfglab.deploy.rollout import render_prospects
 
     failed = False
-    for deployment, bundle, transport, prospect in _prospects(
-        _source(fleet, agent, accelerator), agent, root, tag
-    ):
+    # All machines are looked at before the first one is changed.
+    for prospect, action in list(_prospects(_source(fleet, agent, accelerator), agent, root, tag)):
         typer.echo(render_prospects([prospect], diff=diff))
-        if prospect.plan is None:
-            failed = True
-        elif not dry_run:
+        failed |= prospect.plan is None
+        if not dry_run:
             try:
-                apply_plan(prospect.plan, bundle, deployment, transport, typer.echo)
+                action()
             except DeployError as error:
                 typer.echo(f"sfglab: {error}", err=True)
                 failed = True
@@ -216,24 +216,37 @@ def _prepared(source: FleetSource, agents: list[str] | None) -> tuple[tuple[Depl
 
 def _prospects(
     source: FleetSource, agents: list[str] | None, root: Path | None, tag: str | None = None
-) -> list[tuple[Deployment, Bundle, Transport, Prospect]]:
-    from sfglab.deploy.errors import DeployError
-    from sfglab.deploy.rollout import Prospect, look_and_plan, released, steps, transport_to
+) -> Iterator[tuple[Prospect, Callable[[], None]]]:
+    """Yield what would happen to each agent, and what makes it happen; one's failure is not the others'."""
+    from functools import partial
 
-    found = []
-    for deployment, newest in _prepared(source, agents):
-        bundle, transport = newest, transport_to(deployment.host, root=root)
+    from sfglab.deploy.errors import DeployError
+    from sfglab.deploy.images import SOURCE, make_release
+    from sfglab.deploy.preparing import prepare_agent
+    from sfglab.deploy.rollout import (
+        Prospect,
+        apply_plan,
+        detect_over,
+        look_and_plan,
+        released,
+        steps,
+        transport_to,
+    )
+
+    release, wheel = make_release(SOURCE, source.text)
+    for name in agents or [agent.name for agent in source.fleet.agents]:
+        host = source.fleet.agent(name).host
+        machine = "?" if host is None else transport_to(host, root=root).name
         try:
+            detect = partial(detect_over, root=root)
+            deployment, bundle = prepare_agent(source, name, release, wheel, detect=detect)
+            transport = transport_to(deployment.host, root=root)
             if tag is not None:
                 bundle = released(transport, deployment, tag)
             plan = look_and_plan(transport, deployment.folder, bundle)
-            prospect = Prospect(
-                agent=bundle.agent,
-                machine=transport.name,
-                plan=plan,
-                steps=steps(deployment, bundle, plan),
-            )
         except DeployError as error:
-            prospect = Prospect(agent=bundle.agent, machine=transport.name, plan=None, problem=str(error))
-        found.append((deployment, bundle, transport, prospect))
-    return found
+            yield Prospect(agent=name, machine=machine, plan=None, problem=str(error)), lambda: None
+            continue
+        following = steps(deployment, bundle, plan)
+        action = partial(apply_plan, plan, bundle, deployment, transport, typer.echo)
+        yield Prospect(agent=name, machine=machine, plan=plan, steps=following), action

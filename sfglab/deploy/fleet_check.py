@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.deploy.bundle import render_bundle
 from sfglab.deploy.checking import State, Verdict, check_bundle, verdict_of
-from sfglab.deploy.deployment import deployment_of
+from sfglab.deploy.preparing import describe
 from sfglab.deploy.rules import check_rules
 from sfglab.errors import SfglabError
 from sfglab.fleet.border import Severity, lint
@@ -77,10 +77,8 @@ def _render(
     into: dict[str, tuple[Deployment, dict[str, BundleFile]]],
 ) -> Iterator[str]:
     """Make an agent's files; yield why that is not possible."""
-    agent = source.fleet.agent(name)
     try:
-        detected = detect(agent.host) if agent.host and agent.host.accelerator is None else None
-        deployment = deployment_of(source.fleet, name, release, detected=detected)
+        deployment = describe(source, name, release, detect)
         into[name] = deployment, render_bundle(deployment)
     except SfglabError as error:
         yield str(error)

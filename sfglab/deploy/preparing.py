@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sfglab.deploy.deployment import Release
     from sfglab.fleet.fleet_file import AgentSpec, Fleet, HostSpec
 
-__all__ = ["Detect", "FleetSource", "load_source", "prepare", "prepare_agent", "with_accelerator"]
+__all__ = ["Detect", "FleetSource", "describe", "load_source", "prepare", "prepare_agent", "with_accelerator"]
 
 Detect = Callable[["HostSpec"], "Accelerator | None"]
 """Asked for the accelerator of a machine whose fleet file leaves it to detection."""
@@ -113,6 +113,18 @@ def prepare(
     return tuple(prepare_agent(source, name, release, wheel, detect=detect) for name in names)
 
 
+def describe(source: FleetSource, agent: str, release: Release, detect: Detect) -> Deployment:
+    """Return one agent's deployment, with what detection says where the fleet file leaves it open.
+
+    Raises:
+        DeployError: It cannot be deployed as it is described, or its machine cannot be reached.
+        UnknownAgentError: The fleet has no such agent.
+    """
+    host = source.fleet.agent(agent).host
+    detected = detect(host) if host is not None and host.accelerator is None else None
+    return deployment_of(source.fleet, agent, release, detected=detected)
+
+
 def prepare_agent(
     source: FleetSource,
     agent: str,
@@ -122,9 +134,7 @@ def prepare_agent(
     detect: Detect = lambda _: None,
 ) -> tuple[Deployment, Bundle]:
     """Return deployment and bundle of one agent; see `prepare`."""
-    host = source.fleet.agent(agent).host
-    detected = detect(host) if host is not None and host.accelerator is None else None
-    deployment = deployment_of(source.fleet, agent, release, detected=detected)
+    deployment = describe(source, agent, release, detect)
     workspace = (
         workspace_members(source.folder / deployment.host.workspace) if deployment.host.workspace else {}
     )

@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from sfglab.cli import app
+from sfglab.deploy.hardware import EXAMPLES, write_example
 from sfglab.errors import SfglabError
 from sfglab.lab.experiments.deployment.broken import BROKEN, break_fleet
 
@@ -101,3 +102,20 @@ def test_an_accelerator_on_the_command_line_counts_more_than_the_file(tmp_path):
     assert "/dev/dri:/dev/dri" in (tmp_path / "workstation" / "compose.yaml").read_text()
     refused = call("render", FLEET, "-o", tmp_path, "--agent", "workstation", "--accelerator", "cuba")
     assert "did you mean 'cuda'?" in str(refused.exception)
+
+
+def test_a_machine_that_cannot_be_reached_for_detection_does_not_keep_the_others_from_their_plan(tmp_path):
+    path = tmp_path / "fleet.yaml"
+    text = FLEET.read_text().replace("deck@steamdeck.local, accelerator: vaapi", "deck@nowhere.invalid")
+    path.write_text(text.replace("address: sfg@pi1.local", "address: localhost"))
+    done = call("plan", path, "--agent", "steamdeck", "--agent", "pi1")
+    assert done.exit_code == 1
+    assert "deck@nowhere.invalid: ssh" in done.output
+    assert "localhost/esslingen/pi1:" in done.output
+
+
+def test_on_a_folder_in_place_of_a_machine_detection_looks_there(tmp_path):
+    root = write_example(EXAMPLES["steam_deck"], tmp_path / "deck")
+    options = ("--agent", "workstation", "--accelerator", "auto", "--root", root)
+    assert call("apply", FLEET, *options).exit_code == 0
+    assert "/dev/dri:/dev/dri" in (root / "opt/sfglab/workstation/compose.yaml").read_text()

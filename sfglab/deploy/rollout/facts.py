@@ -43,16 +43,17 @@ FILES = (
 _HEAD_BYTES = 65536
 
 
-def detect_over(host: HostSpec) -> Accelerator | None:
+def detect_over(host: HostSpec, *, root: Path | None = None) -> Accelerator | None:
     """Return what a machine has, here or over SSH.
 
     Args:
         host: The machine.
+        root: A folder of this machine that stands for its root; None: the machine itself.
 
     Raises:
         DeployError: It cannot be reached.
     """
-    return accelerator_of(transport_to(host))
+    return accelerator_of(transport_to(host, root=root))
 
 
 def accelerator_of(transport: Transport) -> Accelerator:

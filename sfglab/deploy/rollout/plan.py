@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import hashlib
 import json
 from dataclasses import dataclass
 from enum import Enum
@@ -116,8 +117,6 @@ def _change(
 
 
 def _is_touched(path: str, old: Member, written: Mapping[str, Mapping[str, str]]) -> bool:
-    import hashlib
-
     entry = written.get(path)
     return entry is not None and entry.get("sha256") != hashlib.sha256(old.data).hexdigest()
 
