@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     import yaml
 
-__all__ = ["NOWHERE", "Document", "DocumentError", "KeyPath", "Place", "Section", "suggestion"]
 
 KeyPath = tuple[str | int, ...]
 """Keys and list positions from the top of a document."""
@@ -31,17 +30,11 @@ _REQUIRED: Any = object()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Where something stands in a file.
+    """Where something stands in a file."""
 
-    Attributes:
-        file: Name of the file.
-        key: Keys from the top, as in ``agents.go2.publishes[2]``; empty for the whole file.
-        line: Line from 1; 0 where there is none.
-    """
-
-    file: str = ""
-    key: str = ""
-    line: int = 0
+    file: str = ""  #: Name of the file.
+    key: str = ""  #: Keys from the top, as in ``agents.go2.publishes[2]``; empty for the whole file.
+    line: int = 0  #: Line from 1; 0 where there is none.
 
     def __str__(self) -> str:
         where = f"{self.file}:{self.line}" if self.line else self.file

@@ -7,11 +7,28 @@ allowed or what to try.
 
 from __future__ import annotations
 
-__all__ = ["MissingExtraError", "SfglabError"]
-
 
 class SfglabError(Exception):
     """Anything that sfglab refuses or cannot do, said in one sentence."""
+
+
+class InvalidValueError(SfglabError, ValueError):
+    """A value that is not allowed where it was given.
+
+    Attributes:
+        place: Where: a field, an argument, an option, a key.
+        given: The value.
+        allowed: What is allowed in its place.
+    """
+
+    def __init__(self, place: str, given: object, allowed: str) -> None:
+        self.place = place
+        self.given = given
+        self.allowed = allowed
+        super().__init__(place, given, allowed)  # all arguments, so that the error survives pickling
+
+    def __str__(self) -> str:
+        return f"{self.place}: given {self.given!r}, allowed: {self.allowed}"
 
 
 class MissingExtraError(SfglabError, ImportError):

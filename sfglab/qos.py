@@ -11,21 +11,6 @@ from enum import Enum
 
 from sfglab.errors import SfglabError
 
-__all__ = [
-    "COMPRESSED_STREAM",
-    "DEFAULT",
-    "LATCHED",
-    "PARAMETER_EVENTS",
-    "SENSOR_DATA",
-    "SERVICES",
-    "Durability",
-    "History",
-    "QoSError",
-    "QoSProfile",
-    "Reliability",
-    "incompatibilities",
-]
-
 
 class QoSError(SfglabError, ValueError):
     """A QoS profile that no middleware could honour."""
@@ -54,23 +39,15 @@ class History(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QoSProfile:
-    """One endpoint's quality of service; the defaults are rmw's default profile (rmw 7.5, qos_profiles.h).
+    """One endpoint's quality of service; the defaults are rmw's default profile (rmw 7.5, qos_profiles.h)."""
 
-    Attributes:
-        reliability: Whether lost samples are repaired.
-        durability: Whether late joiners receive the writer's history.
-        history: Whether the history is bounded by `depth` (KEEP_LAST) or not (KEEP_ALL).
-        depth: Samples kept with KEEP_LAST, at least 1; ignored with KEEP_ALL.
-        deadline_ns: Longest agreed gap between samples, in nanoseconds; None is infinite.
-        lifespan_ns: Age after which a sample is dropped, in nanoseconds; None is infinite.
-    """
-
-    reliability: Reliability = Reliability.RELIABLE
-    durability: Durability = Durability.VOLATILE
+    reliability: Reliability = Reliability.RELIABLE  #: Whether lost samples are repaired.
+    durability: Durability = Durability.VOLATILE  #: Whether late joiners receive the writer's history.
+    #: Whether the history is bounded by `depth` (KEEP_LAST) or not (KEEP_ALL).
     history: History = History.KEEP_LAST
-    depth: int = 10
-    deadline_ns: int | None = None
-    lifespan_ns: int | None = None
+    depth: int = 10  #: Samples kept with KEEP_LAST, at least 1; ignored with KEEP_ALL.
+    deadline_ns: int | None = None  #: Longest agreed gap between samples, in nanoseconds; None is infinite.
+    lifespan_ns: int | None = None  #: Age after which a sample is dropped, in nanoseconds; None is infinite.
 
     def __post_init__(self) -> None:
         if self.depth < 1:

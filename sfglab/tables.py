@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-__all__ = ["text_table"]
 
 WIDTH = 110
 """Of the line under the head, at most."""

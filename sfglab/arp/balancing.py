@@ -15,15 +15,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = [
-    "Balance",
-    "BalanceInput",
-    "InfeasibleBalanceError",
-    "average_topics",
-    "balance",
-    "balance_closed_form",
-    "build_problem",
-]
 
 DEPTH_MAX = 5000
 """Dmax: the most samples that Fast DDS kept in 2023 (paper B, section 2.4, reference 17)."""
@@ -35,21 +26,14 @@ class BalanceInputError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BalanceInput:
-    """What the printed problem is given.
+    """What the printed problem is given."""
 
-    Attributes:
-        topics: Topics of each agent, T_a of Eq. 1: those it sends sensor data on and those it hears results on.
-        rate_max_hz: Rmax, the rate at which a single topic could be sent.
-        rate_min_hz: Rmin; the paper does not state its value.
-        depth_max: Dmax.
-        depth_min: Dmin; the paper does not state its value.
-    """
-
+    #: Topics of each agent, T_a of Eq. 1: those it sends sensor data on and those it hears results on.
     topics: tuple[int, ...]
-    rate_max_hz: float
-    rate_min_hz: float = 1.0
-    depth_max: float = DEPTH_MAX
-    depth_min: float = 1.0
+    rate_max_hz: float  #: Rmax, the rate at which a single topic could be sent.
+    rate_min_hz: float = 1.0  #: Rmin; the paper does not state its value.
+    depth_max: float = DEPTH_MAX  #: Dmax.
+    depth_min: float = 1.0  #: Dmin; the paper does not state its value.
 
     def __post_init__(self) -> None:
         if not self.topics or min(self.topics) < 1:
@@ -66,17 +50,11 @@ class BalanceInput:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Balance:
-    """A solution of the printed problem.
+    """A solution of the printed problem."""
 
-    Attributes:
-        rate_hz: R, at which each topic is sent.
-        depth: D, the history's depth; a real number as the problem has it, to be rounded down.
-        solver: What found it.
-    """
-
-    rate_hz: float
-    depth: float
-    solver: str
+    rate_hz: float  #: R, at which each topic is sent.
+    depth: float  #: D, the history's depth; a real number as the problem has it, to be rounded down.
+    solver: str  #: What found it.
 
 
 class InfeasibleBalanceError(SfglabError, ValueError):

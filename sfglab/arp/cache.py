@@ -18,8 +18,6 @@ from sfglab.arp.equality import exactly_equal
 if TYPE_CHECKING:
     from sfglab.arp.equality import Equality
 
-__all__ = ["CacheControl", "CacheCounters", "Decision", "LocalCache"]
-
 
 class Decision(Enum):
     """What happens to a value that is offered."""
@@ -39,19 +37,12 @@ class Decision(Enum):
 
 @dataclass(slots=True)
 class CacheCounters:
-    """What a cache has done.
+    """What a cache has done."""
 
-    Attributes:
-        changed: Values that passed because they differed.
-        refreshed: Values that passed because the silence had lasted long enough.
-        held: Values that were held back.
-        held_bytes: Their size, where the caller says it.
-    """
-
-    changed: int = 0
-    refreshed: int = 0
-    held: int = 0
-    held_bytes: int = 0
+    changed: int = 0  #: Values that passed because they differed.
+    refreshed: int = 0  #: Values that passed because the silence had lasted long enough.
+    held: int = 0  #: Values that were held back.
+    held_bytes: int = 0  #: Their size, where the caller says it.
 
     @property
     def offered(self) -> int:
@@ -67,17 +58,12 @@ class _Entry:
 
 @dataclass(kw_only=True)
 class _ChangeFilter:
-    """Passes a topic's value when it changes.
+    """Passes a topic's value when it changes."""
 
-    Attributes:
-        equal: When two values are the same; exact by default.
-        max_silence_ns: After this long without passing anything a topic's value passes anyway; None: never,
-            as in the paper.
-        counters: What it has done, for all topics together.
-    """
-
-    equal: Equality = exactly_equal
+    equal: Equality = exactly_equal  #: When two values are the same; exact by default.
+    #: After this long without passing anything a topic's value passes anyway; None: never, as in the paper.
     max_silence_ns: int | None = None
+    #: What it has done, for all topics together.
     counters: CacheCounters = field(default_factory=CacheCounters)
     _entries: dict[str, _Entry] = field(default_factory=dict, repr=False)
 

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from sfglab.arp.link import Link
     from sfglab.arp.topics import Topic
 
-__all__ = ["Programme", "build_programme", "solve"]
 
 _ROUNDS_MOST = 12
 
@@ -36,28 +35,19 @@ _TOLERANCES = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-7)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Programme:
-    """The convex programme with its handles; parameters change between solutions, the problem does not.
+    """The convex programme with its handles; parameters change between solutions, the problem does not."""
 
-    Attributes:
-        problem: CVXPY's problem; DCP, and DPP in its parameters.
-        rates: Expression, shape (n,), Hz.
-        bounds_hz: Least and largest rates, each of shape (n,); a solver keeps to them within its tolerance.
-        ceiling: Parameter: share of the largest rate up to which the allowed loss can be kept, shape (n,).
-        level: Parameter: the most of each sender's time that may be taken.
-        price: Parameter: what a second of mean latency costs.
-        branches: Parameters, each of shape (n,): of samples that travel, how many a reading and how many a
-            second, in the branch that bounds them; then the same of acknowledgements.
-        capacity: The constraint whose dual value is the price of airtime.
-    """
-
-    problem: Any
-    rates: Any
+    problem: Any  #: CVXPY's problem; DCP, and DPP in its parameters.
+    rates: Any  #: Expression, shape (n,), Hz.
+    #: Least and largest rates, each of shape (n,); a solver keeps to them within its tolerance.
     bounds_hz: tuple[NDArray[np.float64], NDArray[np.float64]]
-    ceiling: Any
-    level: Any
-    price: Any
+    ceiling: Any  #: Parameter: share of the largest rate up to which the allowed loss can be kept, shape (n,).
+    level: Any  #: Parameter: the most of each sender's time that may be taken.
+    price: Any  #: Parameter: what a second of mean latency costs.
+    #: Parameters, each of shape (n,): of samples that travel, how many a reading and how many a second, in the
+    #: branch that bounds them; then the same of acknowledgements.
     branches: tuple[Any, ...]
-    capacity: Any
+    capacity: Any  #: The constraint whose dual value is the price of airtime.
 
 
 def build_programme(topics: Sequence[Topic], link: Link, limits: Limits) -> Programme:

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from sfglab.arp.link import Link
 
-__all__ = ["depths_for", "expected_losses", "rates_most_hz", "rounds_needed"]
 
 _MOST = 1e6
 

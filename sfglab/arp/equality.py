@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Equality", "exactly_equal", "nearly_equal"]
-
 Equality = Callable[[Any, Any], bool]
 
 

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from sfglab.errors import SfglabError
 
-__all__ = ["InfeasiblePlanError", "Limits", "ProgrammeError"]
-
 
 class ProgrammeError(SfglabError, ValueError):
     """An input of the programme that has no meaning, or a solver that found no optimum."""
@@ -43,15 +41,11 @@ class InfeasiblePlanError(ProgrammeError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What a plan must keep to.
+    """What a plan must keep to."""
 
-    Attributes:
-        utilisation_max: The most of each sender's time that may be taken, below 1.
-        residual_loss: Share of samples that may stay lost after repairs, where a history can keep it; a plan
-            says what it expects (`TopicPlan.loss`).
-    """
-
-    utilisation_max: float = 0.9
+    utilisation_max: float = 0.9  #: The most of each sender's time that may be taken, below 1.
+    #: Share of samples that may stay lost after repairs, where a history can keep it; a plan says what it
+    #: expects (`TopicPlan.loss`).
     residual_loss: float = 1e-4
 
     def __post_init__(self) -> None:

@@ -29,57 +29,36 @@ if TYPE_CHECKING:
     from sfglab.arp.topics import Topic
     from sfglab.rtps import Medium, Vendor
 
-__all__ = ["Link", "at_depths", "link_of", "queue_wait_s", "repair_delay_s", "waits_s"]
-
 
 _LEAST = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Link:
-    """Topics on a medium, as arrays; S senders take turns or are independent, n topics.
+    """Topics on a medium, as arrays; S senders take turns or are independent, n topics."""
 
-    Attributes:
-        senders: Who sends at one time: the medium where it is shared, else each host.
-        sender: Which of them carries a topic's samples, shape (n,).
-        data_s: Time of a sender that one sample costs with all hosts contending, with repeats, shape (S, n).
-        acknack_s: Time of a sender that one acknowledgement costs alike, shape (S, n).
-        acknack_share: Acknowledgements for each sample, shape (n,).
-        acknack_most_hz: Acknowledgements at most, as the reader's delay bundles heartbeats, shape (n,).
-        change_most_hz: Changes of a topic's value where a local cache lets only those pass, else infinite,
-            shape (n,).
-        frame_s: Mean time on the air of one frame without contention, shape (S,).
-        contention: By which share all hosts together stretch a frame.
-        way_s: From being sent to arrival without queue and contention, shape (n,).
-        round_s: From the heartbeat that shows a gap to the repair's arrival, shape (n,).
-        again_s: What a reader waits besides before it asks for the same again.
-        period_s: Between heartbeats that travel alone.
-        final_within_s: A heartbeat that follows a sample sooner than this asks for no answer.
-        nack_most: Samples that one request can ask for.
-        loss: Share of frames that the medium loses.
-        reliable: Whether a topic is repaired, shape (n,).
-        batching: Whether heartbeats come once in `depth` samples, shape (n,).
-        held: `repairs.Held` of each topic, zeros of those that are not repaired, shape (3, n).
-    """
-
-    senders: tuple[str, ...]
-    sender: NDArray[np.intp]
+    senders: tuple[str, ...]  #: Who sends at one time: the medium where it is shared, else each host.
+    sender: NDArray[np.intp]  #: Which of them carries a topic's samples, shape (n,).
+    #: Time of a sender that one sample costs with all hosts contending, with repeats, shape (S, n).
     data_s: NDArray[np.float64]
-    acknack_s: NDArray[np.float64]
-    acknack_share: NDArray[np.float64]
+    acknack_s: NDArray[np.float64]  #: Time of a sender that one acknowledgement costs alike, shape (S, n).
+    acknack_share: NDArray[np.float64]  #: Acknowledgements for each sample, shape (n,).
+    #: Acknowledgements at most, as the reader's delay bundles heartbeats, shape (n,).
     acknack_most_hz: NDArray[np.float64]
+    #: Changes of a topic's value where a local cache lets only those pass, else infinite, shape (n,).
     change_most_hz: NDArray[np.float64]
-    frame_s: NDArray[np.float64]
-    contention: float
-    way_s: NDArray[np.float64]
-    round_s: NDArray[np.float64]
-    again_s: float
-    period_s: float
-    final_within_s: float
-    nack_most: int
-    loss: float
-    reliable: NDArray[np.bool_]
-    batching: NDArray[np.bool_]
+    frame_s: NDArray[np.float64]  #: Mean time on the air of one frame without contention, shape (S,).
+    contention: float  #: By which share all hosts together stretch a frame.
+    way_s: NDArray[np.float64]  #: From being sent to arrival without queue and contention, shape (n,).
+    round_s: NDArray[np.float64]  #: From the heartbeat that shows a gap to the repair's arrival, shape (n,).
+    again_s: float  #: What a reader waits besides before it asks for the same again.
+    period_s: float  #: Between heartbeats that travel alone.
+    final_within_s: float  #: A heartbeat that follows a sample sooner than this asks for no answer.
+    nack_most: int  #: Samples that one request can ask for.
+    loss: float  #: Share of frames that the medium loses.
+    reliable: NDArray[np.bool_]  #: Whether a topic is repaired, shape (n,).
+    batching: NDArray[np.bool_]  #: Whether heartbeats come once in `depth` samples, shape (n,).
+    #: `repairs.Held` of each topic, zeros of those that are not repaired, shape (3, n).
     held: NDArray[np.float64]
 
     @property

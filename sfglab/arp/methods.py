@@ -4,24 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["DEPTHS", "METHODS", "PLAN_S", "RATES_HZ", "TAKE_S", "Method"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Method:
-    """One way to move the robots' data (paper B, sections 2.2 to 2.4).
+    """One way to move the robots' data (paper B, sections 2.2 to 2.4)."""
 
-    Attributes:
-        name: As in Fig. 10, 11 and 16.
-        optimised: OPT: the rate, and with the depth ``opt`` the depth too, come from Eq. 6.
-        local_cache: LC: a value that repeats is held back in the robot.
-        cache_control: CC: a value that repeats is discarded in the station before planning.
-    """
-
-    name: str
-    optimised: bool = False
-    local_cache: bool = False
-    cache_control: bool = False
+    name: str  #: As in Fig. 10, 11 and 16.
+    optimised: bool = False  #: OPT: the rate, and with the depth ``opt`` the depth too, come from Eq. 6.
+    local_cache: bool = False  #: LC: a value that repeats is held back in the robot.
+    cache_control: bool = False  #: CC: a value that repeats is discarded in the station before planning.
 
 
 METHODS = {

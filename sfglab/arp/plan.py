@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from sfglab.arp.topics import Topic, TopicFile
     from sfglab.rtps import Medium, Vendor
 
-__all__ = ["Plan", "TopicPlan", "UnknownTopicError", "assess", "plan_as_printed"]
-
 
 class UnknownTopicError(SfglabError, LookupError):
     """A topic that a plan does not have."""
@@ -35,23 +33,15 @@ class UnknownTopicError(SfglabError, LookupError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicPlan:
-    """One topic's part of a plan.
+    """One topic's part of a plan."""
 
-    Attributes:
-        topic: The topic.
-        rate_hz: How often it is sent.
-        depth: History of its writer and of its reader.
-        latency_s: Mean time from publication to delivery, expected; infinite where the medium is overloaded.
-        up_to_date: Share of time in which the reader holds the value that the sensor has, expected.
-        loss: Share of samples that never come because the medium loses frames, expected.
-    """
-
-    topic: Topic
-    rate_hz: float
-    depth: int
+    topic: Topic  #: The topic.
+    rate_hz: float  #: How often it is sent.
+    depth: int  #: History of its writer and of its reader.
+    #: Mean time from publication to delivery, expected; infinite where the medium is overloaded.
     latency_s: float
-    up_to_date: float
-    loss: float
+    up_to_date: float  #: Share of time in which the reader holds the value that the sensor has, expected.
+    loss: float  #: Share of samples that never come because the medium loses frames, expected.
 
     @property
     def deadline_ns(self) -> int | None:
@@ -78,33 +68,24 @@ class TopicPlan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """Rates and depths of all topics.
+    """Rates and depths of all topics."""
 
-    Attributes:
-        topics: Each topic's part, in the order given.
-        method: Who found it.
-        medium: The link that was reckoned with.
-        vendor: The timing that was reckoned with.
-        utilisation: Largest share of a sender's time that is taken, repeats and acknowledgements included;
-            above 1, queues grow without end.
-        freshness: What the programme maximises: mean by weight of r t / (1 + r t), the share of time in
-            which the value sent last is still true, t being the mean time between changes.
-        latency_s: Mean by weight of the topics' latencies.
-        up_to_date: Mean by weight of the topics' shares.
-        latency_price_hz: What a second of mean latency cost, in freshness; None where no programme was solved.
-        airtime_price: What one more share of a sender's time would have brought, in the objective: the
-            capacity's dual value; None where no programme was solved.
-    """
-
-    topics: tuple[TopicPlan, ...]
-    method: str
-    medium: Medium
-    vendor: Vendor
+    topics: tuple[TopicPlan, ...]  #: Each topic's part, in the order given.
+    method: str  #: Who found it.
+    medium: Medium  #: The link that was reckoned with.
+    vendor: Vendor  #: The timing that was reckoned with.
+    #: Largest share of a sender's time that is taken, repeats and acknowledgements included; above 1, queues
+    #: grow without end.
     utilisation: float
+    #: What the programme maximises: mean by weight of r t / (1 + r t), the share of time in which the value
+    #: sent last is still true, t being the mean time between changes.
     freshness: float
-    latency_s: float
-    up_to_date: float
+    latency_s: float  #: Mean by weight of the topics' latencies.
+    up_to_date: float  #: Mean by weight of the topics' shares.
+    #: What a second of mean latency cost, in freshness; None where no programme was solved.
     latency_price_hz: float | None = None
+    #: What one more share of a sender's time would have brought, in the objective: the capacity's dual value;
+    #: None where no programme was solved.
     airtime_price: float | None = None
 
     def __getitem__(self, name: str) -> TopicPlan:

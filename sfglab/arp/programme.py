@@ -49,15 +49,6 @@ if TYPE_CHECKING:
     from sfglab.arp.topics import Topic, TopicFile
     from sfglab.rtps import Medium, Vendor
 
-__all__ = [
-    "InfeasiblePlanError",
-    "Limits",
-    "ProgrammeError",
-    "build_programme",
-    "pareto_front",
-    "plan",
-    "plan_file",
-]
 
 PRICES_HZ = tuple(float(price) for price in np.geomspace(0.1, 1000, 13))
 """Prices of latency that the front is drawn with: from a second costing a tenth of the freshness to a

@@ -28,16 +28,6 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = [
-    "CANDIDATES",
-    "Held",
-    "alone_held",
-    "batch_held",
-    "batch_loss",
-    "one_repair_loss",
-    "random_batch_loss",
-    "steady_held",
-]
 
 CANDIDATES = (2, 3, 4, 6, 8, 12, 16)
 """Depths that are tried where heartbeats come in batches: one alone repairs nothing, and the deeper it is,

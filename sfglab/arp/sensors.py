@@ -13,30 +13,19 @@ from typing import Any
 
 from sfglab.messages import message_type, serialize
 
-__all__ = ["ROBOTS", "SENSORS", "Sensor", "cdr_bytes", "object_bytes", "sensor_message"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
-    """One row of Table 1.
+    """One row of Table 1."""
 
-    Attributes:
-        name: Of the device, as topics name it.
-        model: Maker and model (section 3.1).
-        type: ROS type of its messages.
-        example: A value that it sends; of the paper's two texts, the one whose size Table 1 gives.
-        table_bytes: Size in Table 1.
-        change_s: Mean time between changes of its value, seconds, while objects move around it.
-        why: Where `change_s` comes from.
-    """
-
-    name: str
-    model: str
-    type: str
+    name: str  #: Of the device, as topics name it.
+    model: str  #: Maker and model (section 3.1).
+    type: str  #: ROS type of its messages.
+    #: A value that it sends; of the paper's two texts, the one whose size Table 1 gives.
     example: float | bool | str
-    table_bytes: int
-    change_s: float
-    why: str
+    table_bytes: int  #: Size in Table 1.
+    change_s: float  #: Mean time between changes of its value, seconds, while objects move around it.
+    why: str  #: Where `change_s` comes from.
 
 
 _FLOAT, _BOOL, _STRING = "std_msgs/msg/Float32", "std_msgs/msg/Bool", "std_msgs/msg/String"

@@ -18,40 +18,29 @@ if TYPE_CHECKING:
 
     from sfglab.documents import Section
 
-__all__ = ["Topic", "TopicFile", "load_topics", "read_topics"]
 
 _MS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topic:
-    """One topic: who sends what to whom, and what it is worth.
+    """One topic: who sends what to whom, and what it is worth."""
 
-    Attributes:
-        name: Full name, with its leading slash.
-        source: Host that publishes.
-        target: Host that subscribes.
-        size_bytes: CDR size of a message.
-        rate_min_hz: Below this it is of no use.
-        rate_max_hz: The most that it could be sent.
-        change_s: Mean time between changes of its value; what a higher rate is worth follows from it.
-        weight: What it is worth beside the others.
-        cached: Whether a local cache holds repeated values back (paper B, section 2.2): then only changes
-            travel, and the rate is that of the readings.
-        reliability: BEST_EFFORT topics cost no acknowledgements, and lose what the medium loses.
-        durability: With Fast DDS it decides when heartbeats come (`repairs`), and so rates and depths.
-    """
-
-    name: str
-    source: str
-    target: str
-    size_bytes: int
-    rate_min_hz: float = 1.0
-    rate_max_hz: float = 1000.0
+    name: str  #: Full name, with its leading slash.
+    source: str  #: Host that publishes.
+    target: str  #: Host that subscribes.
+    size_bytes: int  #: CDR size of a message.
+    rate_min_hz: float = 1.0  #: Below this it is of no use.
+    rate_max_hz: float = 1000.0  #: The most that it could be sent.
+    #: Mean time between changes of its value; what a higher rate is worth follows from it.
     change_s: float = 1.0
-    weight: float = 1.0
+    weight: float = 1.0  #: What it is worth beside the others.
+    #: Whether a local cache holds repeated values back (paper B, section 2.2): then only changes travel, and
+    #: the rate is that of the readings.
     cached: bool = False
+    #: BEST_EFFORT topics cost no acknowledgements, and lose what the medium loses.
     reliability: Reliability = Reliability.RELIABLE
+    #: With Fast DDS it decides when heartbeats come (`repairs`), and so rates and depths.
     durability: Durability = Durability.VOLATILE
 
     @property
@@ -62,22 +51,14 @@ class Topic:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicFile:
-    """What a file of topics says.
+    """What a file of topics says."""
 
-    Attributes:
-        topics: In the file's order.
-        medium: The link that all of them share.
-        vendor: The DDS implementation, with the file's timing where it says any.
-        utilisation_max: The most of the medium's time that may be planned.
-        residual_loss: Share of samples that may stay lost after repairs.
-        agents: Hosts that the printed problem counts as agents; by default all that publish.
-    """
-
-    topics: tuple[Topic, ...]
-    medium: Medium = field(default_factory=Medium)
-    vendor: Vendor = FAST_DDS
-    utilisation_max: float = 0.9
-    residual_loss: float = 1e-4
+    topics: tuple[Topic, ...]  #: In the file's order.
+    medium: Medium = field(default_factory=Medium)  #: The link that all of them share.
+    vendor: Vendor = FAST_DDS  #: The DDS implementation, with the file's timing where it says any.
+    utilisation_max: float = 0.9  #: The most of the medium's time that may be planned.
+    residual_loss: float = 1e-4  #: Share of samples that may stay lost after repairs.
+    #: Hosts that the printed problem counts as agents; by default all that publish.
     agents: tuple[str, ...] = ()
 
     def limited_to(self, rate_max_hz: float | None) -> TopicFile:

@@ -20,27 +20,6 @@ if TYPE_CHECKING:
     from sfglab.bus.actions import ActionClient, ActionServer, ActionServerOptions
     from sfglab.bus.actions.engine import ExecuteCallback
 
-__all__ = [
-    "Callback",
-    "Client",
-    "Clock",
-    "EndpointAdded",
-    "EndpointEvent",
-    "EndpointInfo",
-    "EndpointKind",
-    "EndpointRemoved",
-    "Graph",
-    "Handler",
-    "MessageInfo",
-    "MessageType",
-    "Node",
-    "NodeInfo",
-    "Publisher",
-    "Service",
-    "Subscription",
-    "Timer",
-    "Transport",
-]
 
 Transport = Literal["dds", "shm"]
 MessageType = str | type[Any]
@@ -57,68 +36,42 @@ class EndpointKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MessageInfo:
-    """What is known about a received message beside its content.
+    """What is known about a received message beside its content."""
 
-    Attributes:
-        source_timestamp_ns: When it was published, by the publisher's clock (Unix time, nanoseconds).
-        received_timestamp_ns: When it was taken from the transport, by this host's clock (Unix time, ns).
-        publisher_gid: The 16-byte DDS GUID of the publisher; zeros when it was already gone.
-    """
-
-    source_timestamp_ns: int
-    received_timestamp_ns: int
-    publisher_gid: bytes
+    source_timestamp_ns: int  #: When it was published, by the publisher's clock (Unix time, nanoseconds).
+    received_timestamp_ns: int  #: When it was taken from the transport, by this host's clock (Unix time, ns).
+    publisher_gid: bytes  #: The 16-byte DDS GUID of the publisher; zeros when it was already gone.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndpointInfo:
-    """One publisher or subscription in the computation graph.
+    """One publisher or subscription in the computation graph."""
 
-    Attributes:
-        kind: Publisher or subscription.
-        topic: The ROS topic ("/chatter"), or the DDS topic as it is when it has no ROS name.
-        type: The ROS type ("std_msgs/msg/String"), or the DDS type as it is when it has no ROS name.
-        gid: The endpoint's 16-byte DDS GUID.
-        qos: What the endpoint offers or requests.
-        transport: "dds", or "shm" for the presence of a shared-memory endpoint.
-        participant: The 16-byte GUID of its participant.
-        host: Which host it lives on: a host id of sfglab, else a host name, else empty.
-        node: The full name of the node that owns it, else empty. Of nodes that are not sfglab's it is known
-            only once the graph was asked for nodes.
-        dds_topic: The topic on the wire ("rt/chatter").
-        user_data: The endpoint's DDS USER_DATA.
-    """
-
-    kind: EndpointKind
-    topic: str
-    type: str
-    gid: bytes
-    qos: QoSProfile
-    transport: Transport = "dds"
-    participant: bytes = b""
-    host: str = ""
+    kind: EndpointKind  #: Publisher or subscription.
+    topic: str  #: The ROS topic ("/chatter"), or the DDS topic as it is when it has no ROS name.
+    type: str  #: The ROS type ("std_msgs/msg/String"), or the DDS type as it is when it has no ROS name.
+    gid: bytes  #: The endpoint's 16-byte DDS GUID.
+    qos: QoSProfile  #: What the endpoint offers or requests.
+    transport: Transport = "dds"  #: "dds", or "shm" for the presence of a shared-memory endpoint.
+    participant: bytes = b""  #: The 16-byte GUID of its participant.
+    host: str = ""  #: Which host it lives on: a host id of sfglab, else a host name, else empty.
+    #: The full name of the node that owns it, else empty. Of nodes that are not sfglab's it is known only once
+    #: the graph was asked for nodes.
     node: str = ""
-    dds_topic: str = ""
-    user_data: bytes = b""
+    dds_topic: str = ""  #: The topic on the wire ("rt/chatter").
+    user_data: bytes = b""  #: The endpoint's DDS USER_DATA.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeInfo:
-    """A node of the computation graph, as its participant announces it.
+    """A node of the computation graph, as its participant announces it."""
 
-    Attributes:
-        namespace: The node's namespace, "/" for the root.
-        name: Its name.
-        participant: The 16-byte GUID of its participant.
-        readers: The 16-byte GUIDs of its subscriptions, services' and clients' included, in its own order.
-        writers: The same of its publishers.
-    """
-
-    namespace: str
-    name: str
-    participant: bytes
+    namespace: str  #: The node's namespace, "/" for the root.
+    name: str  #: Its name.
+    participant: bytes  #: The 16-byte GUID of its participant.
+    #: The 16-byte GUIDs of its subscriptions, services' and clients' included, in its own order.
     readers: tuple[bytes, ...] = ()
-    writers: tuple[bytes, ...] = ()
+    writers: tuple[bytes, ...] = ()  #: The same of its publishers.
 
     @property
     def full_name(self) -> str:
@@ -128,24 +81,16 @@ class NodeInfo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndpointAdded:
-    """An endpoint appeared, or one that was known changed what it says about itself.
+    """An endpoint appeared, or one that was known changed what it says about itself."""
 
-    Attributes:
-        endpoint: The endpoint.
-    """
-
-    endpoint: EndpointInfo
+    endpoint: EndpointInfo  #: The endpoint.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndpointRemoved:
-    """An endpoint was closed, or its participant's lease ran out.
+    """An endpoint was closed, or its participant's lease ran out."""
 
-    Attributes:
-        endpoint: The endpoint as it was last known.
-    """
-
-    endpoint: EndpointInfo
+    endpoint: EndpointInfo  #: The endpoint as it was last known.
 
 
 EndpointEvent = EndpointAdded | EndpointRemoved

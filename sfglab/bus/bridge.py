@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["LoopBridge", "Signal"]
 
 _log = logging.getLogger(__name__)
 

@@ -8,8 +8,6 @@ import logging
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-__all__ = ["Calls", "OnError"]
-
 _log = logging.getLogger("sfglab.bus")
 
 OnError = Callable[[BaseException, str], None]

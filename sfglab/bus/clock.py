@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 
     from sfglab.bus.calls import Calls
 
-__all__ = ["SystemClock", "Timer"]
-
 
 class SystemClock:
     """The host's clock, as ROS 2 stamps messages with it."""

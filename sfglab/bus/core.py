@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from sfglab.bus.inbox import Inbox
     from sfglab.bus.transports import ServiceReader, ServiceSide, ServiceWriter
 
-__all__ = ["Core", "Owned"]
-
 
 class Owned(Protocol):
     """Something that ends with its node."""

@@ -20,19 +20,6 @@ from __future__ import annotations
 
 from sfglab.errors import SfglabError
 
-__all__ = [
-    "BusError",
-    "ClosedError",
-    "DiscoveryTimeoutError",
-    "DomainError",
-    "InvalidMessageError",
-    "MessageTooLargeError",
-    "PublishError",
-    "ReceiveTimeoutError",
-    "ServiceTimeoutError",
-    "WrongTypeError",
-]
-
 
 class BusError(SfglabError):
     """The root of the bus's errors."""

@@ -17,19 +17,6 @@ from sfglab.bus.switch import Switch
 if TYPE_CHECKING:
     from sfglab.qos import QoSProfile
 
-__all__ = [
-    "Forward",
-    "ForwardCounts",
-    "Forwarder",
-    "ForwardingNode",
-    "Inlet",
-    "Outlet",
-    "RawEndpoint",
-    "RawOutlet",
-    "Sink",
-    "Transform",
-    "open_forwarder",
-]
 
 Transform = Callable[[bytes], bytes | None]
 """Changes a sample on its way: CDR in, CDR out, None drops it. The same object back means: as it was."""
@@ -40,20 +27,14 @@ Sink = Callable[[bytes, MessageInfo], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RawEndpoint:
-    """What an inlet or outlet is to be.
+    """What an inlet or outlet is to be."""
 
-    Attributes:
-        dds_topic: The topic on the wire: "rt/tf", "rq/global/go2/get_metadataRequest".
-        type: As `EndpointInfo.type` names it: the ROS type, or the DDS type when it has no ROS name. On topics
-            below "rq/" and "rr/" the CDR begins with the 16 bytes of `sfglab.messages.frame_service`.
-        qos: What is requested or offered.
-        user_data: The endpoint's USER_DATA, which the others' graphs show.
-    """
-
-    dds_topic: str
+    dds_topic: str  #: The topic on the wire: "rt/tf", "rq/global/go2/get_metadataRequest".
+    #: As `EndpointInfo.type` names it: the ROS type, or the DDS type when it has no ROS name. On topics below
+    #: "rq/" and "rr/" the CDR begins with the 16 bytes of `sfglab.messages.frame_service`.
     type: str
-    qos: QoSProfile
-    user_data: bytes = b""
+    qos: QoSProfile  #: What is requested or offered.
+    user_data: bytes = b""  #: The endpoint's USER_DATA, which the others' graphs show.
 
 
 class Outlet(Protocol):
@@ -112,18 +93,13 @@ class ForwardingNode(Node, Protocol):
 
 @dataclass(slots=True)
 class ForwardCounts:
-    """What a forward did so far.
+    """What a forward did so far."""
 
-    Attributes:
-        forwarded: Samples handed to an outlet.
-        dropped: Samples that were not: of refused sources, by the transform, pushed out while they were held,
-            or refused by the target's middleware.
-        bytes: Size of the CDR that was forwarded.
-    """
-
-    forwarded: int = 0
+    forwarded: int = 0  #: Samples handed to an outlet.
+    #: Samples that were not: of refused sources, by the transform, pushed out while they were held, or refused
+    #: by the target's middleware.
     dropped: int = 0
-    bytes: int = 0
+    bytes: int = 0  #: Size of the CDR that was forwarded.
 
 
 class Forward(Protocol):

@@ -19,8 +19,6 @@ from sfglab.bus.bridge import Signal
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Iterable
 
-__all__ = ["Graph"]
-
 
 class Graph:
     """All endpoints of the node's domain, its own included.

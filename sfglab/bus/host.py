@@ -6,8 +6,6 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
-__all__ = ["host_id"]
-
 
 @cache
 def _of(boot_id: str, namespace: str) -> str:

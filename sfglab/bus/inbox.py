@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from sfglab.bus.calls import Calls
     from sfglab.bus.queue import Sample, SampleQueue
 
-__all__ = ["Inbox"]
 
 # Whoever reads a flood gives the loop to others after so many samples.
 _MAX_PER_WAKE = 32

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from sfglab.bus.graph import Graph
     from sfglab.bus.transports import Target
 
-__all__ = ["MismatchWatch"]
 
 _log = logging.getLogger("sfglab.bus")
 

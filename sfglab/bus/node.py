@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from sfglab.bus.calls import OnError
     from sfglab.bus.graph import Graph
 
-__all__ = ["Node"]
-
 
 class Node:
     """A participant in the computation graph, on the running asyncio loop.

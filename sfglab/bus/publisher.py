@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from sfglab.bus.bridge import Signal
     from sfglab.bus.core import Core
 
-__all__ = ["Publisher", "Writer", "checked_type"]
-
 
 class Writer(Protocol):
     """A transport's outgoing side."""

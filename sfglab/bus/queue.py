@@ -15,7 +15,6 @@ from sfglab.qos import History, QoSProfile
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["KEEP_ALL_LIMIT_BYTES", "Sample", "SampleQueue"]
 
 KEEP_ALL_LIMIT_BYTES = 256 * 2**20
 """How much a KEEP_ALL subscription may queue; beyond it even KEEP_ALL drops the oldest, and counts."""

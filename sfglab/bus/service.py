@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from sfglab.bus.api import Handler
     from sfglab.bus.core import Core
 
-__all__ = ["Client", "Service"]
 
 # rmw_cyclonedds keeps all requests and replies, whatever depth the profile says (rmw_node.cpp).
 _QOS = QoSProfile(history=History.KEEP_ALL, reliability=SERVICES.reliability)

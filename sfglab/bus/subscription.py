@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from sfglab.bus.mismatch import MismatchWatch
     from sfglab.bus.queue import Sample
 
-__all__ = ["Incoming", "Reader", "Subscription"]
-
 
 class Reader(Protocol):
     """A transport's incoming side."""

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["HELD_SAMPLES", "Switch"]
 
 HELD_SAMPLES = 256
 """How many samples of a source that nobody judged yet are kept; the oldest go first."""

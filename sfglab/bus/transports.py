@@ -21,18 +21,6 @@ if TYPE_CHECKING:
     from sfglab.bus.subscription import Reader
     from sfglab.qos import QoSProfile
 
-__all__ = [
-    "DEFAULT_MAX_MESSAGE_BYTES",
-    "ServiceReader",
-    "ServiceSide",
-    "ServiceWriter",
-    "Target",
-    "TransportError",
-    "check_transport",
-    "open_reader",
-    "open_service_side",
-    "open_writer",
-]
 
 DEFAULT_MAX_MESSAGE_BYTES = 64 * 2**20
 """An uncompressed 4K image has 25 MB; a cloud of two million points 64 MB."""

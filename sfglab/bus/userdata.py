@@ -6,8 +6,6 @@ way, and readers ignore keys that they do not know.
 
 from __future__ import annotations
 
-__all__ = ["HOST_KEY", "NODE_KEY", "SHM_KEY", "SHM_PARTITION", "entries", "user_data"]
-
 NODE_KEY = "sfglab.node"
 HOST_KEY = "sfglab.host"
 SHM_KEY = "sfglab.shm"

@@ -9,8 +9,6 @@ import typer
 
 from sfglab.pipes import run
 
-__all__ = ["add_to"]
-
 
 def add_to(app: typer.Typer) -> None:
     """Add these commands to a program."""

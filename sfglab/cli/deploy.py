@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from sfglab.deploy.preparing import FleetSource
     from sfglab.deploy.rollout import Prospect
 
-__all__ = ["app"]
 
 app = typer.Typer(
     help="A fleet's machines: what they have, what they are given, and bringing it there.", no_args_is_help=True

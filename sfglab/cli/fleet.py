@@ -7,8 +7,6 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["app"]
-
 app = typer.Typer(
     help="A fleet file: what crosses its borders, and routers' configurations for it.", no_args_is_help=True
 )

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from sfglab.bus import Node
     from sfglab.spatial.execution import AgentSetup, Ended, Execution, Order
 
-__all__ = ["app"]
 
 app = typer.Typer(
     help="Trajectories carried out: a simulated agent, and sending an agent along its trajectory.",

@@ -13,8 +13,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from sfglab.soc import CommunicationMapping, Graph, Topic
 
-__all__ = ["add_to"]
-
 
 class _Rule(StrEnum):
     PAPER = "paper"

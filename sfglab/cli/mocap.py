@@ -29,7 +29,6 @@ if TYPE_CHECKING:
         OffsetEstimate,
     )
 
-__all__ = ["add_to"]
 
 _POSES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
 

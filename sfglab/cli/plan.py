@@ -7,8 +7,6 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["add_to"]
-
 
 def plan(
     scene: Annotated[Path, typer.Argument(help="A scene file, e.g. data/scenes/hall.yaml")],

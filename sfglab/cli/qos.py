@@ -13,8 +13,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from sfglab.arp import Plan, TopicFile, TopicPlan
 
-__all__ = ["add_to"]
-
 
 class _Format(StrEnum):
     TABLE = "table"

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from sfglab.view import Report, Session, ViewOptions
 
-__all__ = ["add_to"]
 
 _SERVED_PORT = 9876
 """Where `serve` waits when nothing else is said; the viewer's own default."""

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["has_start_code", "is_entry_point", "nal_unit_types"]
 
 _H264_ENTRY = frozenset({5, 7})  # IDR slice, sequence parameter set
 _H265_ENTRY = frozenset({*range(16, 24), 32, 33})  # IRAP slices, video and sequence parameter sets

@@ -22,21 +22,6 @@ if TYPE_CHECKING:
 
     from sfglab.codecs.libav import EncodedFrame, H264Settings
 
-__all__ = [
-    "COMPRESSED_IMAGE",
-    "COMPRESSED_VIDEO",
-    "FFMPEG_PACKET",
-    "VIDEO_CODECS",
-    "CompressedImageFields",
-    "CompressedVideoFields",
-    "FfmpegEncoding",
-    "FfmpegPacketFields",
-    "compressed_depth_fields",
-    "compressed_image_fields",
-    "compressed_video_fields",
-    "ffmpeg_packet_fields",
-    "parse_ffmpeg_encoding",
-]
 
 FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
@@ -55,64 +40,39 @@ _CODEC_PREFIXES = ("h264", "hevc")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FfmpegPacketFields:
-    """The fields of FFMPEGPacket without its header.
+    """The fields of FFMPEGPacket without its header."""
 
-    Attributes:
-        width: Pixels per row.
-        height: Rows.
-        encoding: ``codec;av_pix_fmt;cv_bridge_format;ros_encoding``.
-        pts: Number of the frame from 0, not a time.
-        flags: FFmpeg's packet flags; bit 0 marks a key frame.
-        is_bigendian: Whether the source pixels were.
-        data: One access unit.
-    """
-
-    width: int
-    height: int
-    encoding: str
-    pts: int
-    flags: int
-    is_bigendian: bool
-    data: bytes
+    width: int  #: Pixels per row.
+    height: int  #: Rows.
+    encoding: str  #: ``codec;av_pix_fmt;cv_bridge_format;ros_encoding``.
+    pts: int  #: Number of the frame from 0, not a time.
+    flags: int  #: FFmpeg's packet flags; bit 0 marks a key frame.
+    is_bigendian: bool  #: Whether the source pixels were.
+    data: bytes  #: One access unit.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CompressedImageFields:
-    """The fields of CompressedImage without its header.
+    """The fields of CompressedImage without its header."""
 
-    Attributes:
-        format: What `data` is, in the words of the transport that reads it.
-        data: The compressed image.
-    """
-
-    format: str
-    data: bytes
+    format: str  #: What `data` is, in the words of the transport that reads it.
+    data: bytes  #: The compressed image.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CompressedVideoFields:
-    """The fields of CompressedVideo without its time and frame.
+    """The fields of CompressedVideo without its time and frame."""
 
-    Attributes:
-        data: One access unit, Annex B.
-        format: ``"h264"``.
-    """
-
-    data: bytes
-    format: str
+    data: bytes  #: One access unit, Annex B.
+    format: str  #: ``"h264"``.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FfmpegEncoding:
-    """What the `encoding` field of FFMPEGPacket says.
+    """What the `encoding` field of FFMPEGPacket says."""
 
-    Attributes:
-        codec: ``"h264"``, ``"hevc"``, or whatever else was named.
-        ros_encoding: Encoding of the image before compression; empty in older packets.
-    """
-
-    codec: str
-    ros_encoding: str
+    codec: str  #: ``"h264"``, ``"hevc"``, or whatever else was named.
+    ros_encoding: str  #: Encoding of the image before compression; empty in older packets.
 
 
 def ffmpeg_packet_fields(frame: EncodedFrame, settings: H264Settings) -> FfmpegPacketFields:

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from av import VideoFrame
     from numpy.typing import NDArray
 
-__all__ = ["DecodedImage", "ImageDecoder", "image_decoder"]
 
 _HINTS = ("h264", "hevc", "jpeg", "png", "rvl")
 _VIDEO = ("h264", "hevc")
@@ -38,19 +37,13 @@ _LOADED_WITH = {"jpeg": "sfglab.codecs.still", "png": "sfglab.codecs.still", "rv
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecodedImage:
-    """One picture.
+    """One picture."""
 
-    Attributes:
-        array: Pixels, contiguous, shape (rows, columns) or (rows, columns, channels).
-        encoding: ROS image encoding of `array`, such as ``"bgr8"``, ``"16UC1"`` or ``"32FC1"``.
-        is_key: Whether a decoder could have started here.
-        intact: False from a video packet that is known to be missing until the next key frame. Only
-            FFMPEGPacket counts its packets; elsewhere a loss goes unnoticed.
-    """
-
-    array: NDArray[Any]
-    encoding: str
-    is_key: bool
+    array: NDArray[Any]  #: Pixels, contiguous, shape (rows, columns) or (rows, columns, channels).
+    encoding: str  #: ROS image encoding of `array`, such as ``"bgr8"``, ``"16UC1"`` or ``"32FC1"``.
+    is_key: bool  #: Whether a decoder could have started here.
+    #: False from a video packet that is known to be missing until the next key frame. Only FFMPEGPacket counts
+    #: its packets; elsewhere a loss goes unnoticed.
     intact: bool
 
 

@@ -21,14 +21,6 @@ from sfglab.codecs.errors import BitstreamError, CodecError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = [
-    "DEPTH_MAX_M",
-    "PNG_LEVEL",
-    "DepthFormat",
-    "decode_depth",
-    "encode_depth",
-    "parse_depth_format",
-]
 
 PNG_LEVEL = 9
 """The plugin's default (``png_level``), which takes 20 to 50 times as long as level 1 to
@@ -45,15 +37,10 @@ _RVL_SIZE = struct.Struct("<II")  # columns, rows
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthFormat:
-    """What the `format` field of a compressed depth message says.
+    """What the `format` field of a compressed depth message says."""
 
-    Attributes:
-        encoding: ROS image encoding such as ``"16UC1"``; empty if an old writer left it out.
-        codec: ``"png"`` or ``"rvl"``.
-    """
-
-    encoding: str
-    codec: str
+    encoding: str  #: ROS image encoding such as ``"16UC1"``; empty if an old writer left it out.
+    codec: str  #: ``"png"`` or ``"rvl"``.
 
     def __str__(self) -> str:
         return f"{self.encoding}; compressedDepth {self.codec}"

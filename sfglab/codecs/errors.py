@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from sfglab.errors import SfglabError
 
-__all__ = ["MAX_PIXELS", "BitstreamError", "CodecError", "CodecUnavailableError", "check_size"]
-
 MAX_PIXELS = 2**26
 """Largest frame that is decoded (8192 x 8192), so that a hostile header cannot ask for more memory."""
 

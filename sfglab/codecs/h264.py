@@ -24,15 +24,6 @@ from sfglab.codecs.probe import choose_decoder, choose_encoder, why
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = [
-    "TABLE_2",
-    "DecoderState",
-    "EncodedFrame",
-    "H264Decoder",
-    "H264Encoder",
-    "H264Settings",
-    "VideoDecoder",
-]
 
 _log = logging.getLogger(__name__)
 

@@ -24,7 +24,6 @@ from sfglab.codecs.errors import MAX_PIXELS, CodecError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["TABLE_2", "DecoderSession", "EncodedFrame", "EncoderSession", "H264Settings"]
 
 # BT.601, limited range: the matrix of swscale's defaults, which ffmpeg_image_transport uses on both sides
 # without looking at the stream (ffmpeg_encoder_decoder, encoder.cpp and decoder.cpp), and of OpenCV's YUV
@@ -35,25 +34,16 @@ _RANGE = ColorRange.MPEG
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class H264Settings:
-    """How a camera stream is encoded.
+    """How a camera stream is encoded."""
 
-    Attributes:
-        width: Pixels per row, even.
-        height: Rows, even.
-        fps: Frames per second.
-        bitrate_bps: Constant bit rate in bits per second.
-        gop: Frames from one key frame to the next.
-        encoder: ``"auto"``, or an FFmpeg encoder such as ``"libx264"`` or ``"h264_nvenc"``.
-        vbv_frames: Size of the rate control's buffer, in frames of average size. 1 gives packets of equal
-            size; 15 to 30 give better pictures, key frames of about three times the average and bursts.
-    """
-
-    width: int
-    height: int
-    fps: float
-    bitrate_bps: int
-    gop: int
-    encoder: str = "auto"
+    width: int  #: Pixels per row, even.
+    height: int  #: Rows, even.
+    fps: float  #: Frames per second.
+    bitrate_bps: int  #: Constant bit rate in bits per second.
+    gop: int  #: Frames from one key frame to the next.
+    encoder: str = "auto"  #: ``"auto"``, or an FFmpeg encoder such as ``"libx264"`` or ``"h264_nvenc"``.
+    #: Size of the rate control's buffer, in frames of average size. 1 gives packets of equal size; 15 to 30
+    #: give better pictures, key frames of about three times the average and bursts.
     vbv_frames: float = 1.0
 
     def __post_init__(self) -> None:
@@ -80,17 +70,11 @@ TABLE_2 = H264Settings(width=640, height=360, fps=30, bitrate_bps=4_000_000, gop
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncodedFrame:
-    """One access unit of H.264.
+    """One access unit of H.264."""
 
-    Attributes:
-        data: Annex B bytes; key frames hold the parameter sets.
-        pts: Number of the frame, from 0.
-        is_key: Whether a decoder may start here.
-    """
-
-    data: bytes
-    pts: int
-    is_key: bool
+    data: bytes  #: Annex B bytes; key frames hold the parameter sets.
+    pts: int  #: Number of the frame, from 0.
+    is_key: bool  #: Whether a decoder may start here.
 
 
 def _private_options(name: str, settings: H264Settings) -> dict[str, str]:

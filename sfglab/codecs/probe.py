@@ -25,20 +25,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = [
-    "DECODERS",
-    "ENCODERS",
-    "SOFTWARE",
-    "Choice",
-    "CodecProbe",
-    "available_decoders",
-    "available_encoders",
-    "choose_decoder",
-    "choose_encoder",
-    "probe_decoder",
-    "probe_encoder",
-    "why",
-]
 
 ENCODERS = (
     "h264_nvmpi",
@@ -65,32 +51,20 @@ _FAILURES = (av.FFmpegError, OSError, RuntimeError, ValueError)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CodecProbe:
-    """The verdict on one encoder or decoder.
+    """The verdict on one encoder or decoder."""
 
-    Attributes:
-        name: FFmpeg's name.
-        works: Whether it encoded or decoded the trial frames at once and well.
-        reason: Why not; or what was seen.
-        hardware: Whether it is a piece of hardware.
-    """
-
-    name: str
-    works: bool
-    reason: str
-    hardware: bool
+    name: str  #: FFmpeg's name.
+    works: bool  #: Whether it encoded or decoded the trial frames at once and well.
+    reason: str  #: Why not; or what was seen.
+    hardware: bool  #: Whether it is a piece of hardware.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """The codec that was chosen.
+    """The codec that was chosen."""
 
-    Attributes:
-        name: FFmpeg's name.
-        fallback_reason: Why it is not a preferred one; None if nothing better was wanted.
-    """
-
-    name: str
-    fallback_reason: str | None
+    name: str  #: FFmpeg's name.
+    fallback_reason: str | None  #: Why it is not a preferred one; None if nothing better was wanted.
 
 
 def available_encoders() -> tuple[CodecProbe, ...]:

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["RvlError", "decode", "encode"]
 
 _log = logging.getLogger(__name__)
 

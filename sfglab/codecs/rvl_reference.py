@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["decode_nibbles", "encode_nibbles"]
-
 
 def encode_nibbles(pixels: NDArray[np.uint16], nibbles: NDArray[np.uint8]) -> int:
     """Write depth pixels as RVL nibbles, before they are packed eight to a word.

@@ -17,7 +17,6 @@ from sfglab.codecs.errors import BitstreamError, CodecError, check_size
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["JPEG_QUALITY", "decode_still", "encode_jpeg", "encode_png"]
 
 JPEG_QUALITY = 95
 """The default of compressed_image_transport."""

@@ -28,17 +28,6 @@ if TYPE_CHECKING:
 
     from sfglab.deploy.deployment import Deployment
 
-__all__ = [
-    "MANIFEST",
-    "Bundle",
-    "Member",
-    "bundle_of",
-    "pack",
-    "render_bundle",
-    "unpack",
-    "workspace_members",
-    "write_bundle",
-]
 
 MANIFEST = "manifest.json"
 """What belongs to a bundle, with digests; written last, so that a bundle without it is not complete."""
@@ -51,32 +40,20 @@ _DIGITS = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Member:
-    """A file as a machine has it.
+    """A file as a machine has it."""
 
-    Attributes:
-        data: Its bytes.
-        mode: Its permissions.
-    """
-
-    data: bytes
-    mode: int
+    data: bytes  #: Its bytes.
+    mode: int  #: Its permissions.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bundle:
-    """An agent's files.
+    """An agent's files."""
 
-    Attributes:
-        agent: The agent.
-        tag: The release's name, and the tag of its image.
-        image: The image that the release runs.
-        members: Files by path within the agent's folder, the manifest last.
-    """
-
-    agent: str
-    tag: str
-    image: str
-    members: dict[str, Member]
+    agent: str  #: The agent.
+    tag: str  #: The release's name, and the tag of its image.
+    image: str  #: The image that the release runs.
+    members: dict[str, Member]  #: Files by path within the agent's folder, the manifest last.
 
 
 def render_bundle(deployment: Deployment) -> dict[str, BundleFile]:

@@ -16,7 +16,6 @@ from sfglab.fleet.fleet_file import Accelerator, RosDistribution, RouterSoftware
 if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
 
-__all__ = ["compose_files", "compose_project", "development_overlay"]
 
 FLEET_FILE = "/etc/sfglab/fleet.yaml"
 USER = "10001:10001"

@@ -15,7 +15,6 @@ from sfglab.fleet.fleet_file import Accelerator, Fleet, HostSpec
 if TYPE_CHECKING:
     from sfglab.fleet.fleet_file import AgentSpec, DeploymentSpec
 
-__all__ = ["HOME", "Deployment", "Release", "deployment_of"]
 
 HOME = "/opt/sfglab"
 """Where machines keep what they are given, one folder an agent."""
@@ -23,46 +22,27 @@ HOME = "/opt/sfglab"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Release:
-    """What goes into an application image, and where it comes from.
+    """What goes into an application image, and where it comes from."""
 
-    Attributes:
-        version: Of sfglab.
-        wheel: File name of sfglab's wheel.
-        wheel_sha256: Its digest, as hexadecimal digits.
-        lock: The pinned lock file's text: names, versions and digests of all that runs beside it.
-        fleet_text: The fleet file, as it was read.
-        revision: Commit the wheel was built from; empty where it is not known.
-        created: When that was, as RFC 3339 has it; empty where it is not known.
-    """
-
-    version: str
-    wheel: str
-    wheel_sha256: str
-    lock: str
-    fleet_text: str
-    revision: str = ""
-    created: str = ""
+    version: str  #: Of sfglab.
+    wheel: str  #: File name of sfglab's wheel.
+    wheel_sha256: str  #: Its digest, as hexadecimal digits.
+    lock: str  #: The pinned lock file's text: names, versions and digests of all that runs beside it.
+    fleet_text: str  #: The fleet file, as it was read.
+    revision: str = ""  #: Commit the wheel was built from; empty where it is not known.
+    created: str = ""  #: When that was, as RFC 3339 has it; empty where it is not known.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Deployment:
-    """One agent on its machine.
+    """One agent on its machine."""
 
-    Attributes:
-        fleet: The fleet.
-        agent: The agent.
-        host: Its machine.
-        accelerator: What its images are made for.
-        network: Where its containers stand.
-        release: What runs in them.
-    """
-
-    fleet: Fleet
-    agent: AgentSpec
-    host: HostSpec
-    accelerator: Accelerator
-    network: NetworkPlan
-    release: Release
+    fleet: Fleet  #: The fleet.
+    agent: AgentSpec  #: The agent.
+    host: HostSpec  #: Its machine.
+    accelerator: Accelerator  #: What its images are made for.
+    network: NetworkPlan  #: Where its containers stand.
+    release: Release  #: What runs in them.
 
     @property
     def common(self) -> DeploymentSpec:

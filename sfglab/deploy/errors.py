@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from sfglab.errors import SfglabError
 
-__all__ = ["DeployError"]
-
 
 class DeployError(SfglabError, ValueError):
     """A fleet that cannot be deployed as it is described, or a machine that does not take it."""

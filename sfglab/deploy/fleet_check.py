@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from sfglab.deploy.preparing import Detect, FleetSource
     from sfglab.fleet.border import Finding
 
-__all__ = ["check_fleet", "fails"]
-
 
 def check_fleet(
     source: FleetSource, release: Release, *, agents: Sequence[str] = (), detect: Detect = lambda _: None

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from fnmatch import fnmatchcase
 
-__all__ = ["meaning_of"]
-
 _MEANINGS = (
     ("Dockerfile", "the image in three layers: hardware base, adapter, application"),
     (".dockerignore", "what the builder may see: the folder image and the workspace, nothing else"),

@@ -16,7 +16,6 @@ from sfglab.fleet.fleet_file import ContainerNetwork
 if TYPE_CHECKING:
     from sfglab.fleet.fleet_file import AgentSpec, Fleet, HostSpec
 
-__all__ = ["NetworkPlan", "domain_ports", "plan_network"]
 
 LAST_EPHEMERAL_FREE_PORT = 32767
 """The last port below those that Linux gives to anybody who asks (net.ipv4.ip_local_port_range)."""
@@ -27,27 +26,17 @@ _CONTAINER_INTERFACE = "eth0"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NetworkPlan:
-    """Domains and interfaces of an agent's two containers.
+    """Domains and interfaces of an agent's two containers."""
 
-    Attributes:
-        local_domain: The agent's own domain.
-        global_domain: The domain that all routers join.
-        bridge: Name of the agent's bridge on the host; empty where its container stands on the host's network.
-        agent_interface: Where the agent's container speaks its own domain.
-        router_interface: Where the router meets it.
-        global_interface: Where the router meets the other agents; None leaves the choice to DDS.
-        local_ports: First and last UDP port of its own domain, which nobody outside may reach.
-        global_ports: First and last UDP port of the global domain.
-    """
-
-    local_domain: int
-    global_domain: int
+    local_domain: int  #: The agent's own domain.
+    global_domain: int  #: The domain that all routers join.
+    #: Name of the agent's bridge on the host; empty where its container stands on the host's network.
     bridge: str
-    agent_interface: str
-    router_interface: str
-    global_interface: str | None
-    local_ports: tuple[int, int]
-    global_ports: tuple[int, int]
+    agent_interface: str  #: Where the agent's container speaks its own domain.
+    router_interface: str  #: Where the router meets it.
+    global_interface: str | None  #: Where the router meets the other agents; None leaves the choice to DDS.
+    local_ports: tuple[int, int]  #: First and last UDP port of its own domain, which nobody outside may reach.
+    global_ports: tuple[int, int]  #: First and last UDP port of the global domain.
 
 
 def domain_ports(domain: int) -> tuple[int, int]:

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from sfglab.deploy.deployment import Release
     from sfglab.fleet.fleet_file import AgentSpec, Fleet, HostSpec
 
-__all__ = ["Detect", "FleetSource", "describe", "load_source", "prepare", "prepare_agent", "with_accelerator"]
 
 Detect = Callable[["HostSpec"], "Accelerator | None"]
 """Asked for the accelerator of a machine whose fleet file leaves it to detection."""
@@ -30,17 +29,11 @@ Detect = Callable[["HostSpec"], "Accelerator | None"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FleetSource:
-    """A fleet and where it was read.
+    """A fleet and where it was read."""
 
-    Attributes:
-        fleet: The fleet.
-        path: Its file.
-        text: What stands in it.
-    """
-
-    fleet: Fleet
-    path: Path
-    text: str
+    fleet: Fleet  #: The fleet.
+    path: Path  #: Its file.
+    text: str  #: What stands in it.
 
     @property
     def folder(self) -> Path:

@@ -14,7 +14,6 @@ from sfglab.deploy.errors import DeployError
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["run_heard", "run_streaming"]
 
 _GRACE_S = 10.0
 _LAST_WORDS = 20

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from sfglab.documents import Place
     from sfglab.fleet.fleet_file import AgentSpec, Fleet, HostSpec
 
-__all__ = ["RULES", "check_rules"]
 
 _OWN_CONTROLLERS = "robots whose own controllers speak DDS"
 

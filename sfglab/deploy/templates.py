@@ -5,8 +5,6 @@ from __future__ import annotations
 import shlex
 from typing import Any
 
-__all__ = ["render"]
-
 
 def render(package: str, name: str, **values: Any) -> str:
     """Return a template of a package with its holes filled; ``value | sh`` quotes for a shell.

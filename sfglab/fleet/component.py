@@ -22,7 +22,6 @@ from sfglab.pipes import claim_standard_output, run, standard_input_lines
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
-__all__ = ["Report", "run_component"]
 
 Report = dict[str, Any]
 

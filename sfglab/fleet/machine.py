@@ -15,7 +15,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-__all__ = ["BackOff", "IllegalInputError", "Machine"]
 
 S = TypeVar("S", bound=Enum)
 I = TypeVar("I", bound=Enum)  # noqa: E741 - stands beside S and A, for inputs
@@ -100,19 +99,12 @@ class Machine(Generic[S, I, A]):
 
 @dataclass(slots=True, kw_only=True)
 class BackOff:
-    """Waits between tries that double up to a limit, and start over after a try that lasted.
+    """Waits between tries that double up to a limit, and start over after a try that lasted."""
 
-    Attributes:
-        first_ns: The first wait.
-        limit_ns: The longest wait.
-        stable_ns: A try that lasted this long has proved itself: the next wait is the first one again.
-        failures: How many tries have failed.
-    """
-
-    first_ns: int
-    limit_ns: int
-    stable_ns: int
-    failures: int = 0
+    first_ns: int  #: The first wait.
+    limit_ns: int  #: The longest wait.
+    stable_ns: int  #: A try that lasted this long has proved itself: the next wait is the first one again.
+    failures: int = 0  #: How many tries have failed.
     _doublings: int = 0
 
     def next_ns(self, lasted_ns: int) -> int:

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
-__all__ = ["Browser", "BrowserError"]
 
 _START_S = 20.0
 _ANSWER_S = 15.0

@@ -10,39 +10,25 @@ from sfglab.lab.stats import Estimate
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["CheckRow", "Share", "share_of_checks"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckRow:
-    """How often one property was checked and how often it held.
+    """How often one property was checked and how often it held."""
 
-    Attributes:
-        check: The property.
-        checked: Cases it was checked on.
-        held: Cases in which it held.
-        example: A case in which it did not; else one in which it did.
-    """
-
-    check: str
-    checked: int
-    held: int
-    example: str
+    check: str  #: The property.
+    checked: int  #: Cases it was checked on.
+    held: int  #: Cases in which it held.
+    example: str  #: A case in which it did not; else one in which it did.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """How much of a table of checks holds.
+    """How much of a table of checks holds."""
 
-    Attributes:
-        estimate: The share in the group where it is lowest: many checks of one kind hide none of another.
-        groups: ``held of checked`` by group.
-        reason: The properties that did not always hold, each with an example; empty: none.
-    """
-
+    #: The share in the group where it is lowest: many checks of one kind hide none of another.
     estimate: Estimate
-    groups: dict[str, str]
-    reason: str
+    groups: dict[str, str]  #: ``held of checked`` by group.
+    reason: str  #: The properties that did not always hold, each with an example; empty: none.
 
 
 def share_of_checks(table: pd.DataFrame, group: str) -> Share:

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.stats import Estimate
 
-__all__ = ["Claim", "ClaimsError", "Entry", "How", "Measured", "Verdict", "judge", "load_claims", "render"]
 
 _KEYS = {"id", "where", "says", "paper", "unit", "band", "better", "experiment"}
 _REQUIRED = _KEYS - {"better"}
@@ -49,44 +48,28 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Claim:
-    """One claim of a paper, as ``data/claims.yaml`` states it.
+    """One claim of a paper, as ``data/claims.yaml`` states it."""
 
-    Attributes:
-        id: Short, stable name.
-        where: Paper and place.
-        says: The statement.
-        paper: The paper's figure in `unit`; None where the statement is not a number.
-        unit: Unit of the paper's figure and of ours.
-        band: Lowest and highest figure that counts as reproduced.
-        better: ``above`` or ``below``: the end of the band beyond which our figure is better; None: neither.
-        experiment: Name of the experiment that measures it; None: there is none yet.
-    """
-
-    id: str
-    where: str
-    says: str
-    paper: float | None
-    unit: str
-    band: tuple[float, float]
+    id: str  #: Short, stable name.
+    where: str  #: Paper and place.
+    says: str  #: The statement.
+    paper: float | None  #: The paper's figure in `unit`; None where the statement is not a number.
+    unit: str  #: Unit of the paper's figure and of ours.
+    band: tuple[float, float]  #: Lowest and highest figure that counts as reproduced.
+    #: ``above`` or ``below``: the end of the band beyond which our figure is better; None: neither.
     better: str | None = None
-    experiment: str | None = None
+    experiment: str | None = None  #: Name of the experiment that measures it; None: there is none yet.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
-    """Our figure for one claim, computed from a log.
+    """Our figure for one claim, computed from a log."""
 
-    Attributes:
-        estimate: Median or fitted value with its 95 % interval.
-        how: How it was obtained.
-        details: Further figures that belong to it, as text by name.
-        reason: Why it deviates from the paper's, where that is known.
-    """
-
-    estimate: Estimate
-    how: How
+    estimate: Estimate  #: Median or fitted value with its 95 % interval.
+    how: How  #: How it was obtained.
+    #: Further figures that belong to it, as text by name.
     details: Mapping[str, str] = field(default_factory=dict)
-    reason: str = ""
+    reason: str = ""  #: Why it deviates from the paper's, where that is known.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,43 +13,28 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-__all__ = ["CpuLedger", "CpuSample", "ProcessReading", "tree"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessReading:
-    """What one process has used since its start.
+    """What one process has used since its start."""
 
-    Attributes:
-        pid: The process.
-        parent: Its parent at the time of reading.
-        started_ns: When it started, on a clock that all readings share; tells it from a later owner of the pid.
-        own_ns: CPU time of all its threads, in nanoseconds.
-        reaped_ns: CPU time of its children that ended and were waited for, with their own such children.
-    """
-
-    pid: int
-    parent: int
+    pid: int  #: The process.
+    parent: int  #: Its parent at the time of reading.
+    #: When it started, on a clock that all readings share; tells it from a later owner of the pid.
     started_ns: int
-    own_ns: int
+    own_ns: int  #: CPU time of all its threads, in nanoseconds.
+    #: CPU time of its children that ended and were waited for, with their own such children.
     reaped_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CpuSample:
-    """CPU time of a tree since the first sample.
+    """CPU time of a tree since the first sample."""
 
-    Attributes:
-        t_ns: When it was taken.
-        cpu_ns_total: CPU time of all processes, alive or ended, in nanoseconds; never falls.
-        per_pid: The part of each living process itself, in nanoseconds.
-        ended: Processes that were seen before and ended since the previous sample.
-    """
-
-    t_ns: int
-    cpu_ns_total: int
-    per_pid: Mapping[int, int]
-    ended: int
+    t_ns: int  #: When it was taken.
+    cpu_ns_total: int  #: CPU time of all processes, alive or ended, in nanoseconds; never falls.
+    per_pid: Mapping[int, int]  #: The part of each living process itself, in nanoseconds.
+    ended: int  #: Processes that were seen before and ended since the previous sample.
 
 
 def tree(parents: Mapping[int, int], roots: Iterable[int]) -> set[int]:

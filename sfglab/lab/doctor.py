@@ -29,7 +29,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["Finding", "Level", "diagnose", "render"]
 
 _MIB = 1 << 20
 _LOOPBACK = "127.0.0.1"
@@ -53,19 +52,12 @@ class Level(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One thing that was looked at.
+    """One thing that was looked at."""
 
-    Attributes:
-        topic: What it is about.
-        level: How well it works.
-        said: What was found.
-        consequence: What an experiment does with that.
-    """
-
-    topic: str
-    level: Level
-    said: str
-    consequence: str
+    topic: str  #: What it is about.
+    level: Level  #: How well it works.
+    said: str  #: What was found.
+    consequence: str  #: What an experiment does with that.
 
     @property
     def ok(self) -> bool:

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-__all__ = ["COLORS", "MARKERS", "PAPER_STYLE", "file_sha256", "house_style", "save_figure"]
 
 # Okabe and Ito's palette, distinct for all common kinds of colour blindness; ordered by lightness so that
 # the two first differ in grey as well.

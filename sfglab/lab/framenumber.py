@@ -18,7 +18,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["CELLS", "CELL_PX", "FrameNumberError", "read_number", "read_number_flat", "stamp_number"]
 
 CELL_PX = 16
 """Side of a cell in pixels: one macroblock of H.264 (ITU-T H.264, clause 3)."""

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from sfglab.lab.claims import Measured
     from sfglab.lab.paths import Project
 
-__all__ = ["compute_ledger", "find_log", "new_log", "redraw_figures", "save_figures"]
 
 _LOG = logging.getLogger(__name__)
 

@@ -22,19 +22,6 @@ from sfglab.lab.cpu_ledger import CpuLedger, CpuSample, ProcessReading, tree
 if TYPE_CHECKING:
     from sfglab.lab.hosts import InterfaceBytes
 
-__all__ = [
-    "CpuMeter",
-    "HasInterface",
-    "InterfaceMeter",
-    "MeterError",
-    "MeterRow",
-    "Pids",
-    "ProcessStat",
-    "Window",
-    "counted",
-    "measure",
-    "process_table",
-]
 
 Pids = Iterable[int] | Callable[[], Iterable[int]]
 """Processes, or a function that is asked for them anew at each sample."""
@@ -57,34 +44,21 @@ class HasInterface(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeterRow:
-    """What one label used during one window; None where that was not measured.
+    """What one label used during one window; None where that was not measured."""
 
-    Attributes:
-        t_ns: End of the window on the run's clock.
-        window_s: Its length in seconds.
-        label: What was measured.
-        cpu_percent: CPU time of its processes; 100 is one core.
-        processes_ended: Processes of it that ended meanwhile, whose last reading is in `cpu_percent`.
-        rx_bps: Bits per second received at its interface.
-        tx_bps: Bits per second sent there.
-        rx_packets_per_s: Frames per second received there.
-        machine_cpu_percent: All other work on the machine, on all cores together: busy time minus everything
-            labelled. The kernel gives busy time in ticks of 10 ms for each core.
-        steal_percent: Time that the hypervisor gave to others.
-        load1: Load average of the last minute.
-    """
-
-    t_ns: int
-    window_s: float
-    label: str
-    cpu_percent: float | None
-    processes_ended: int
-    rx_bps: float | None
-    tx_bps: float | None
-    rx_packets_per_s: float | None
+    t_ns: int  #: End of the window on the run's clock.
+    window_s: float  #: Its length in seconds.
+    label: str  #: What was measured.
+    cpu_percent: float | None  #: CPU time of its processes; 100 is one core.
+    processes_ended: int  #: Processes of it that ended meanwhile, whose last reading is in `cpu_percent`.
+    rx_bps: float | None  #: Bits per second received at its interface.
+    tx_bps: float | None  #: Bits per second sent there.
+    rx_packets_per_s: float | None  #: Frames per second received there.
+    #: All other work on the machine, on all cores together: busy time minus everything labelled. The kernel
+    #: gives busy time in ticks of 10 ms for each core.
     machine_cpu_percent: float
-    steal_percent: float
-    load1: float
+    steal_percent: float  #: Time that the hypervisor gave to others.
+    load1: float  #: Load average of the last minute.
 
 
 def counted(before: int, after: int) -> int:
@@ -106,19 +80,12 @@ def _percent(cpu_ns: float, window_ns: int) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessStat:
-    """What ``/proc/PID/stat`` says of a process (proc(5)), times in nanoseconds at the grain of a tick.
+    """What ``/proc/PID/stat`` says of a process (proc(5)), times in nanoseconds at the grain of a tick."""
 
-    Attributes:
-        parent: Its parent.
-        started_ns: Its start since the machine's.
-        own_ns: CPU time of all its threads.
-        reaped_ns: CPU time of children that it waited for.
-    """
-
-    parent: int
-    started_ns: int
-    own_ns: int
-    reaped_ns: int
+    parent: int  #: Its parent.
+    started_ns: int  #: Its start since the machine's.
+    own_ns: int  #: CPU time of all its threads.
+    reaped_ns: int  #: CPU time of children that it waited for.
 
 
 def _stat_from(line: bytes) -> ProcessStat:

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 _COLUMNS = ["claim", "where", "paper", "ours", "unit", "how", "verdict"]
 
-__all__ = ["check", "claims_of", "ledger_table", "new_log", "picture", "save_figures", "words"]
-
 
 def new_log(name: str, profile: str) -> Path:
     """Return the path of a new run's log.

@@ -25,17 +25,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.paths import Project
 
-__all__ = [
-    "PROFILES",
-    "NotebookError",
-    "Outcome",
-    "check_parameters",
-    "find_notebooks",
-    "normalise",
-    "read_parameters",
-    "run_notebook",
-    "run_notebooks",
-]
 
 PROFILES = ("smoke", "quick", "paper")
 """Seconds, for CI; a few minutes for everything; the papers' full counts."""
@@ -52,17 +41,11 @@ class NotebookError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """How one notebook ended.
+    """How one notebook ended."""
 
-    Attributes:
-        name: The notebook's name without suffix.
-        seconds: Wall time.
-        error: What went wrong, one line; empty when it ran through.
-    """
-
-    name: str
-    seconds: float
-    error: str = ""
+    name: str  #: The notebook's name without suffix.
+    seconds: float  #: Wall time.
+    error: str = ""  #: What went wrong, one line; empty when it ran through.
 
 
 def _say(text: str) -> None:

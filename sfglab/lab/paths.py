@@ -12,8 +12,6 @@ from pathlib import Path
 
 from sfglab.errors import SfglabError
 
-__all__ = ["Project", "ProjectNotFoundError", "find_project"]
-
 _MARK = Path("data") / "claims.yaml"
 
 
@@ -23,13 +21,9 @@ class ProjectNotFoundError(SfglabError, FileNotFoundError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Project:
-    """The folders of a checkout.
+    """The folders of a checkout."""
 
-    Attributes:
-        root: The top folder.
-    """
-
-    root: Path
+    root: Path  #: The top folder.
 
     @property
     def data(self) -> Path:

@@ -11,8 +11,6 @@ from tqdm import tqdm
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-__all__ = ["progress_bar"]
-
 
 @contextmanager
 def progress_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:

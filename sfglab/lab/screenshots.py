@@ -21,7 +21,6 @@ from sfglab.view.planner import Planner
 if TYPE_CHECKING:
     from sfglab.spatial.scene import Scene
 
-__all__ = ["main", "planner_editor", "with_conflict"]
 
 _SIZE = (1400, 800)
 _TIME_S = 3.2

@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.visualisation.moments import Moment
 
-__all__ = ["ScreenshotError", "main", "record_fleet", "take_picture"]
 
 _MOMENTS = 40
 _WINDOW = "1600x900"

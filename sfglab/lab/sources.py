@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     Image = NDArray[np.uint8]
     Depth = NDArray[np.uint16]
 
-__all__ = ["DEPTH_STAMP_MM", "Frame", "Source", "SourceError", "open_source"]
 
 PHOTOGRAPHS = ("coffee", "astronaut", "chelsea", "rocket")
 
@@ -48,16 +47,11 @@ class SourceError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """One frame of a source.
+    """One frame of a source."""
 
-    Attributes:
-        number: Counter from 0.
-        bgr: Colour image, shape (H, W, 3), uint8.
-        depth_mm: Depth in millimetres, shape (H, W), uint16, 0 where unknown; None without depth.
-    """
-
-    number: int
-    bgr: NDArray[Any]
+    number: int  #: Counter from 0.
+    bgr: NDArray[Any]  #: Colour image, shape (H, W, 3), uint8.
+    #: Depth in millimetres, shape (H, W), uint16, 0 where unknown; None without depth.
     depth_mm: NDArray[Any] | None = None
 
 

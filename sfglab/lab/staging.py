@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Self
 if TYPE_CHECKING:
     from types import TracebackType
 
-__all__ = ["Staged"]
-
 
 class Staged(ABC):
     """An async context manager that starts things on entering and ends them on leaving.

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["Estimate", "StatsError", "bootstrap", "line_fit", "median_of"]
 
 RESAMPLES = 2000
 INTERVAL = (2.5, 97.5)
@@ -33,19 +32,12 @@ class StatsError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """A figure with its 95 % interval.
+    """A figure with its 95 % interval."""
 
-    Attributes:
-        value: The estimate from all samples.
-        low: Lower end of the interval.
-        high: Upper end of the interval.
-        unit: Unit of all three.
-    """
-
-    value: float
-    low: float
-    high: float
-    unit: str
+    value: float  #: The estimate from all samples.
+    low: float  #: Lower end of the interval.
+    high: float  #: Upper end of the interval.
+    unit: str  #: Unit of all three.
 
     def __str__(self) -> str:
         return f"{self.value:.3g} {self.unit} [{self.low:.3g}, {self.high:.3g}]"

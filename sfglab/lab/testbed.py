@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from types import TracebackType
 
-__all__ = ["CountsBytes", "Testbed"]
-
 
 class CountsBytes(Protocol):
     """Something with an interface whose bytes are counted."""

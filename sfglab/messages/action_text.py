@@ -9,8 +9,6 @@ import re
 
 from sfglab.errors import SfglabError
 
-__all__ = ["ActionTextError", "action_texts"]
-
 _ACTION_RULE = re.compile(r"^---[ \t]*$", re.MULTILINE)
 _ACTION_PARTS = ("Goal", "Result", "Feedback")
 _GOAL_ID = "unique_identifier_msgs/UUID goal_id\n"

@@ -21,32 +21,21 @@ from sfglab.messages.store import (
 if TYPE_CHECKING:
     from sfglab.messages.store import ServiceType
 
-__all__ = ["ActionType", "action_type", "register_action"]
 
 _MARK = "_FeedbackMessage"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ActionType:
-    """An action as message types, all dataclasses with `__msgtype__`.
+    """An action as message types, all dataclasses with `__msgtype__`."""
 
-    Attributes:
-        name: Such as `sfglab_interfaces/action/FollowTrajectory`.
-        goal: What is to be done.
-        result: What came of it.
-        feedback: How far it has come.
-        send_goal: The service that asks for a goal.
-        get_result: The service that waits for its result.
-        feedback_message: What is published: a goal's id and its feedback.
-    """
-
-    name: str
-    goal: type[Any]
-    result: type[Any]
-    feedback: type[Any]
-    send_goal: ServiceType
-    get_result: ServiceType
-    feedback_message: type[Any]
+    name: str  #: Such as `sfglab_interfaces/action/FollowTrajectory`.
+    goal: type[Any]  #: What is to be done.
+    result: type[Any]  #: What came of it.
+    feedback: type[Any]  #: How far it has come.
+    send_goal: ServiceType  #: The service that asks for a goal.
+    get_result: ServiceType  #: The service that waits for its result.
+    feedback_message: type[Any]  #: What is published: a goal's id and its feedback.
 
 
 def action_type(name: str) -> ActionType:

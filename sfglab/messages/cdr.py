@@ -23,15 +23,6 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
     from typing_extensions import Buffer
 
-__all__ = [
-    "CdrError",
-    "decoder",
-    "decoder_from_definition",
-    "deserialize",
-    "serialize",
-    "serialize_into",
-    "serialized_size",
-]
 
 _HEADER = b"\x00\x01\x00\x00"  # CDR_LE, no options
 _WHOLE: Any = (int, np.integer, np.bool_)

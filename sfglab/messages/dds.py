@@ -13,20 +13,11 @@ from typing import TYPE_CHECKING, Any
 from cyclonedds.idl import IdlStruct, make_idl_struct, types
 
 from sfglab.messages.store import message_type, service_type, type_name, type_store
-from sfglab.messages.typenames import TypeNameError, dds_type_name, ros_type_name
+from sfglab.messages.typenames import TypeNameError, dds_type_name
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc
 
-__all__ = [
-    "TypeNameError",
-    "dds_type_name",
-    "idl_struct",
-    "opaque_idl_struct",
-    "ros_type_name",
-    "service_half_idl_struct",
-    "service_idl_struct",
-]
 
 _PRIMITIVES: dict[str, Any] = {
     "bool": bool,

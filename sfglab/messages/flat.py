@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc
     from rosbags.typesys.store import Typestore
 
-__all__ = ["flat_reader"]
 
 _START = 4  # CDR counts positions, and so alignment, from behind its 4-byte header
 _LITTLE = 0x0100  # the header 00 01 00 00, CDR_LE without options, read as a little-endian number

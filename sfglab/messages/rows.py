@@ -6,7 +6,6 @@ Knows how a frozen dataclass becomes `sfglab_rows/msg/<ClassName>`. Refuses to k
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import re
 import typing
 from collections.abc import Sequence
@@ -17,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfglab.errors import SfglabError
+from sfglab.fields import field_docs
 from sfglab.messages.store import numpy_dtype, register
-
-__all__ = ["RowTypeError", "row_message", "row_type"]
 
 _PACKAGE = "sfglab_rows"
 _SCALARS = {bool: "bool", int: "int64", float: "float64", str: "string"}
@@ -27,7 +25,6 @@ _ARRAY_KINDS = "biuf"
 # rosidl's rules (rosidl_adapter, parser.py): what a foreign tool would otherwise refuse to read.
 _CLASS_NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
 _FIELD_NAME = re.compile(r"[a-z](?:_?[a-z0-9]+)*")
-_DOC_LINE = re.compile(r"(\w+)(?: \([^)]*\))?: (.+)")
 # Annotations may name these although the module imports them for type checkers only.
 _KNOWN = {"np": np, "NDArray": NDArray, "Sequence": Sequence}
 _types: dict[type[Any], tuple[type[Any], dict[str, str]]] = {}
@@ -71,19 +68,6 @@ def _field_type(hint: Any, place: str) -> str:
     )
 
 
-def _field_docs(row_class: type[Any]) -> dict[str, str]:
-    """Return the texts of the `Attributes:` section of a Google docstring."""
-    _, _, section = (inspect.getdoc(row_class) or "").partition("Attributes:\n")
-    docs: dict[str, str] = {}
-    last = ""
-    for line in section.split("\n\n", 1)[0].splitlines():
-        if line.startswith("     ") and last:
-            docs[last] += f" {line.strip()}"
-        elif found := _DOC_LINE.fullmatch(line.strip()):
-            last, docs[found[1]] = found[1], found[2]
-    return docs
-
-
 def _fields(row_class: type[Any]) -> dict[str, str]:
     """Return the words of the interface language for each field, by name."""
     name = row_class.__name__
@@ -106,7 +90,7 @@ def _fields(row_class: type[Any]) -> dict[str, str]:
 
 def _registered(row_class: type[Any]) -> tuple[type[Any], dict[str, str]]:
     if row_class not in _types:
-        fields, docs = _fields(row_class), _field_docs(row_class)
+        fields, docs = _fields(row_class), field_docs(row_class)
         lines = [
             f"{word} {name}" + (f"  # {docs[name]}" if name in docs else "") for name, word in fields.items()
         ]
@@ -119,7 +103,7 @@ def row_type(row_class: type[Any]) -> type[Any]:
 
     Args:
         row_class: A dataclass of int (as int64), float (float64), bool, str, enums of text (string), lists and
-            tuples of any length of these, and NumPy arrays of numbers. Its docstring's `Attributes:` become
+            tuples of any length of these, and NumPy arrays of numbers. Its fields' documentation becomes
             the comments of the definition.
 
     Returns:

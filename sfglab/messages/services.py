@@ -11,8 +11,6 @@ from typing import NamedTuple
 
 from sfglab.errors import SfglabError
 
-__all__ = ["ServiceFrame", "ServiceFrameError", "frame_service", "unframe_service"]
-
 _ENCAPSULATION_BYTES = 4
 _FRAME = {0: struct.Struct(">Qq"), 1: struct.Struct("<Qq")}  # by the second octet of the encapsulation
 

@@ -10,8 +10,6 @@ from typing import Any
 from sfglab.errors import SfglabError
 from sfglab.messages.store import message_type
 
-__all__ = ["StampError", "ns_from_stamp", "stamp_from_ns"]
-
 _NS_PER_S = 1_000_000_000
 _SECONDS = range(-(2**31), 2**31)
 

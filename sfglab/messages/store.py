@@ -25,17 +25,6 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc, Typesdict
     from rosbags.typesys.store import Typestore
 
-__all__ = [
-    "ServiceType",
-    "TypeConflictError",
-    "UnknownTypeError",
-    "default_message",
-    "definition",
-    "message_type",
-    "message_types",
-    "service_type",
-    "type_name",
-]
 
 _RULE = "=" * 80
 _FOLDER = re.compile("/(?:srv|action)/")
@@ -72,17 +61,11 @@ class TypeConflictError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServiceType:
-    """A service as a pair of message types.
+    """A service as a pair of message types."""
 
-    Attributes:
-        name: Such as `std_srvs/srv/Empty`, or one of an action's, such as `pkg/action/Name_SendGoal`.
-        request: The type of requests; a dataclass with `__msgtype__`.
-        response: The type of responses; a dataclass with `__msgtype__`.
-    """
-
-    name: str
-    request: type[Any]
-    response: type[Any]
+    name: str  #: Such as `std_srvs/srv/Empty`, or one of an action's, such as `pkg/action/Name_SendGoal`.
+    request: type[Any]  #: The type of requests; a dataclass with `__msgtype__`.
+    response: type[Any]  #: The type of responses; a dataclass with `__msgtype__`.
 
 
 def parse_definition(name: str, text: str) -> Typesdict:

@@ -9,8 +9,6 @@ import re
 
 from sfglab.errors import SfglabError
 
-__all__ = ["TypeNameError", "dds_type_name", "ros_type_name"]
-
 # rosidl_adapter's rules for packages and messages (Humble); services add _Request, _Response and _Event.
 _PACKAGE = r"[a-z](?:_?[a-z0-9]+)*"
 _NAME = r"[A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)*"

@@ -17,7 +17,6 @@ from sfglab.names.vocabulary import Component, check_unmistakable
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["AGENT_VARIABLE", "default_agent", "sanitize_agent", "validate_agent"]
 
 AGENT_VARIABLE = "SFG_AGENT_NAME"
 """The environment variable that names the agent."""

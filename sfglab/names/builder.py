@@ -13,7 +13,6 @@ from sfglab.names.vocabulary import Component, Custom, Resource, Scope, Stream, 
 if TYPE_CHECKING:
     from sfglab.names.fqn import ComponentSegment, ResourceSegment, StreamSegment
 
-__all__ = ["RosFqnBuilder"]
 
 _T = TypeVar("_T", Component, Stream, Resource)
 

@@ -11,19 +11,6 @@ from enum import Enum
 
 from sfglab.names.grammar import ResourceKind, is_wire_ros_name, validate_ros_name
 
-__all__ = [
-    "ActionNames",
-    "DdsRole",
-    "WireName",
-    "dds_action",
-    "dds_names",
-    "dds_service",
-    "dds_topic",
-    "ros_name_from_dds",
-    "router_breaks",
-    "router_hazards",
-]
-
 _REQUEST = "Request"
 _REPLY = "Reply"
 
@@ -41,15 +28,10 @@ _TAIL = {DdsRole.TOPIC: "", DdsRole.REQUEST: _REQUEST, DdsRole.REPLY: _REPLY}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WireName:
-    """The ROS side of a DDS topic name.
+    """The ROS side of a DDS topic name."""
 
-    Attributes:
-        role: Topic, or one half of a service.
-        name: Absolute ROS name; of an action's parts with `/_action/` in it.
-    """
-
-    role: DdsRole
-    name: str
+    role: DdsRole  #: Topic, or one half of a service.
+    name: str  #: Absolute ROS name; of an action's parts with `/_action/` in it.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

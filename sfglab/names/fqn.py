@@ -34,8 +34,6 @@ from sfglab.names.vocabulary import (
     read_standard,
 )
 
-__all__ = ["ComponentSegment", "ResourceSegment", "RosFqn", "StreamSegment", "parse"]
-
 ComponentSegment: TypeAlias = Component | Suffixed[Component] | Custom
 StreamSegment: TypeAlias = Stream | Suffixed[Stream] | Custom
 ResourceSegment: TypeAlias = Resource | Suffixed[Resource] | Custom
@@ -52,22 +50,15 @@ _SHAPE = "/scope[/agent[/component[/stream]]]/resource"
 class RosFqn:
     """One name as the tuple (scope, agent, component, stream, resource); `str()` is the ROS name.
 
-    Attributes:
-        scope: Local or global.
-        agent: Whose name it is, or None.
-        component: Part of the agent, or None.
-        stream: Data stream of the component, or None.
-        resource: What is published, called or commanded.
-
     Raises:
         FqnError: Naming the segment that the schema does not allow.
     """
 
-    scope: Scope
-    agent: str | None = None
-    component: ComponentSegment | None = None
-    stream: StreamSegment | None = None
-    resource: ResourceSegment
+    scope: Scope  #: Local or global.
+    agent: str | None = None  #: Whose name it is, or None.
+    component: ComponentSegment | None = None  #: Part of the agent, or None.
+    stream: StreamSegment | None = None  #: Data stream of the component, or None.
+    resource: ResourceSegment  #: What is published, called or commanded.
 
     def __post_init__(self) -> None:
         _check_types(self)

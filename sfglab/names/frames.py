@@ -8,8 +8,6 @@ and for those who read frames.
 
 from __future__ import annotations
 
-__all__ = ["SHARED_FRAMES", "frame_owner", "prefixed_frame"]
-
 SHARED_FRAMES = ("map", "earth", "world")
 """Roots that all agents mean by the same name: REP 105's, without `odom`, which every agent has of its own."""
 

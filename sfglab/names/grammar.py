@@ -11,18 +11,6 @@ from enum import Enum
 
 from sfglab.errors import SfglabError
 
-__all__ = [
-    "TF",
-    "TF_STATIC",
-    "FqnError",
-    "ResourceKind",
-    "check_words",
-    "is_wire_ros_name",
-    "max_name_length",
-    "resolve",
-    "validate_ros_name",
-]
-
 TF = "/tf"
 """The transform topic: routed by Table 1 of paper A, but outside the schema."""
 

@@ -12,40 +12,25 @@ from sfglab.names.vocabulary import After, Component, Resource, Scope, Stream
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["SchemaEdge", "SchemaNode", "SchemaTable", "all_standard_fqns", "schema_table"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SchemaNode:
-    """One kind of segment.
+    """One kind of segment."""
 
-    Attributes:
-        name: scope, agent, component, stream or resource.
-        mandatory: Whether every name has it.
-        extensible: Whether it takes suffixes and `Custom`.
-        values: The standard values; none for the agent, which is resolved at run time.
-    """
-
-    name: str
-    mandatory: bool
-    extensible: bool
-    values: tuple[str, ...]
+    name: str  #: scope, agent, component, stream or resource.
+    mandatory: bool  #: Whether every name has it.
+    extensible: bool  #: Whether it takes suffixes and `Custom`.
+    values: tuple[str, ...]  #: The standard values; none for the agent, which is resolved at run time.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SchemaEdge:
-    """One step from a segment to the next.
+    """One step from a segment to the next."""
 
-    Attributes:
-        source: Name of the node it leaves.
-        target: Name of the node it enters.
-        after: The constraint on a path into the resource; None on the other steps.
-        resources: The standard resources that the constraint permits; empty on the other steps.
-    """
-
-    source: str
-    target: str
-    after: After | None = None
+    source: str  #: Name of the node it leaves.
+    target: str  #: Name of the node it enters.
+    after: After | None = None  #: The constraint on a path into the resource; None on the other steps.
+    #: The standard resources that the constraint permits; empty on the other steps.
     resources: tuple[Resource, ...] = ()
 
 

@@ -24,18 +24,6 @@ from typing import Generic, Self, TypeVar
 
 from sfglab.names.grammar import FqnError, ResourceKind, check_words
 
-__all__ = [
-    "After",
-    "Component",
-    "Custom",
-    "Resource",
-    "Scope",
-    "Stream",
-    "Suffixed",
-    "check_unmistakable",
-    "read_standard",
-]
-
 _SUFFIX = re.compile(r"[A-Za-z0-9]+(?:_[A-Za-z0-9]+)*")
 _DIGITS = re.compile(r"[0-9]+")
 
@@ -197,15 +185,10 @@ StandardT = TypeVar("StandardT", bound=_Standard)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Suffixed(Generic[StandardT]):
-    """A standard value with more granularity, for example a front and a rear camera.
+    """A standard value with more granularity, for example a front and a rear camera."""
 
-    Attributes:
-        base: The standard value.
-        suffix: Letters and digits, with single underscores between them.
-    """
-
-    base: StandardT
-    suffix: str
+    base: StandardT  #: The standard value.
+    suffix: str  #: Letters and digits, with single underscores between them.
 
     def __post_init__(self) -> None:
         label = type(self.base).__name__.lower()
@@ -228,14 +211,11 @@ class Suffixed(Generic[StandardT]):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Custom:
-    """A segment that the standard does not know: the escape hatch of paper A, section 4.1.
+    """A segment that the standard does not know: the escape hatch of paper A, section 4.1."""
 
-    Attributes:
-        text: Letters and digits in words joined by single underscores, starting with a letter.
-        kind: For a resource: topic, service or action. Leave it for a component or a stream.
-    """
-
+    #: Letters and digits in words joined by single underscores, starting with a letter.
     text: str = field(kw_only=False)
+    #: For a resource: topic, service or action. Leave it for a component or a stream.
     kind: ResourceKind = ResourceKind.TOPIC
 
     def __post_init__(self) -> None:

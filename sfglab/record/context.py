@@ -18,8 +18,6 @@ import psutil
 
 import sfglab
 
-__all__ = ["run_context"]
-
 _LIBRARIES = (
     "av",
     "cvxpy",

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from sfglab.qos import QoSProfile
 
-__all__ = ["offered_qos_profiles", "strings_from_values", "values_from_strings"]
 
 # rmw/types.h; rosbag2 (Humble, metadata version 5) writes the numbers.
 _HISTORY = {History.KEEP_LAST: 1, History.KEEP_ALL: 2}

@@ -9,15 +9,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = [
-    "LogClosedError",
-    "LogExistsError",
-    "LogFormatError",
-    "LogInputError",
-    "LogLookupError",
-    "LogMissingError",
-]
-
 
 class LogExistsError(SfglabError, FileExistsError):
     """A log is to be written where a file is.

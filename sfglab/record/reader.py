@@ -34,20 +34,13 @@ if TYPE_CHECKING:
     from mcap.records import Channel, Schema
     from mcap.summary import Summary
 
-__all__ = ["DecodedMessage", "LogMessage", "LogReader", "TopicInfo"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicInfo:
-    """What a log has of one topic.
+    """What a log has of one topic."""
 
-    Attributes:
-        type_name: ROS type of its messages.
-        count: How many.
-    """
-
-    type_name: str
-    count: int
+    type_name: str  #: ROS type of its messages.
+    count: int  #: How many.
 
 
 class LogMessage(NamedTuple):

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from typing import BinaryIO
 
-__all__ = ["DAMAGE", "MAGIC", "Scan", "UnchunkedError", "has_sound_index", "scan"]
 
 MAGIC = b"\x89MCAP0\r\n"
 _RECORD_HEAD = struct.Struct("<BQ")
@@ -52,15 +51,10 @@ class UnchunkedError(Exception):
 
 @dataclass(kw_only=True)
 class Scan:
-    """What was found so far.
+    """What was found so far."""
 
-    Attributes:
-        summary: The index that the file lacks.
-        complete: Whether the data section ends as it should.
-    """
-
-    summary: Summary = field(default_factory=Summary)
-    complete: bool = False
+    summary: Summary = field(default_factory=Summary)  #: The index that the file lacks.
+    complete: bool = False  #: Whether the data section ends as it should.
 
 
 def has_sound_index(stream: BinaryIO, size: int) -> bool:

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from sfglab.qos import QoSProfile
 
-__all__ = ["TABLE_PREFIX", "TIME_COLUMN", "LogWriter"]
 
 TABLE_PREFIX = "/table/"
 TIME_COLUMN = "log_time_ns"

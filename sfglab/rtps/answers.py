@@ -34,8 +34,6 @@ from sfglab.rtps.state import (
 )
 from sfglab.rtps.world import compiled
 
-__all__ = ["answer", "drop_overflow", "make_room_behind_gap", "repair_in_bursts", "request"]
-
 # Compiled code takes plain integers.
 _ACK, _GAP, _BURST = int(Frame.ACKNACK), int(Frame.GAP), int(Frame.BURST)
 _LATE = int(Fate.LATE)

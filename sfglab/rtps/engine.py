@@ -44,7 +44,6 @@ from sfglab.rtps.writer import hear_acknack, heartbeat, repair, write
 if TYPE_CHECKING:
     from sfglab.rtps.state import Params, State
 
-__all__ = ["advance", "publish", "simulate"]
 
 # Compiled code takes plain integers.
 _PUBLISH, _SENT, _ARRIVED, _HEARTBEAT, _ACKNACK, _SERVED = (

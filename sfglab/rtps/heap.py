@@ -16,7 +16,6 @@ from sfglab.rtps.world import compiled
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["new_heap", "pop", "push"]
 
 _FIELDS = 2
 _ARGUMENT_BITS, _KIND_BITS = 20, 3

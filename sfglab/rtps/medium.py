@@ -14,8 +14,6 @@ from sfglab.rtps.heap import push
 from sfglab.rtps.state import Count, Drop, Event, FlowColumn, Frame, TimingColumn
 from sfglab.rtps.world import compiled
 
-__all__ = ["BURST_ROOM", "arrived_frame", "burst_most", "claim", "send_next", "sent_frame", "uniform"]
-
 # Bytes of a frame. Ethernet 14, IPv4 20, UDP 8; RTPS header 20; submessages: INFO_DST 16, INFO_TS 12, DATA 24
 # and the payload, HEARTBEAT 32, ACKNACK 28 and a bitmap of 32, GAP 32 (RTPS 2.5, 9.4).
 _BASE = 14 + 20 + 8 + 20

@@ -21,7 +21,6 @@ from sfglab.rtps.state import FlowColumn, Params, Sizes, State, TimingColumn, ne
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["Flow", "Medium", "ModelError", "Scenario", "compile_scenario", "run"]
 
 _S = 1_000_000_000
 _SMALLEST_FRAME_BYTES = 62
@@ -33,86 +32,51 @@ class ModelError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flow:
-    """One topic with its writer and its reader.
+    """One topic with its writer and its reader."""
 
-    Attributes:
-        name: For messages and tables.
-        source: Host of the writer.
-        target: Host of the reader.
-        size_bytes: CDR size of a sample.
-        rate_hz: How often a sample is published; 0: only when a chain publishes it.
-        phase_s: When the first one is published, seconds.
-        qos: Of the writer; its deadline is watched, not enforced.
-        reader_depth: History of the reader, KEEP_LAST; None: as the writer's.
-        executor: Whose time it costs when a sample is taken; None: one of its own.
-        service_s: How much, seconds.
-        compare_s: What a repeated value costs instead, seconds, where cache control discards it before it is
-            processed (paper B, section 2.3); None: no cache control.
-        change_s: Mean time between changes of the value, seconds; 0: every sample differs.
-        cached: Whether a local cache holds repeated values back (paper B, section 2.2).
-        max_silence_s: The local cache's longest silence, seconds; None: none.
-        then: Name of the flow that is published, with the same value, when a sample was processed.
-    """
-
-    name: str
-    source: str
-    target: str
-    size_bytes: int = 24
-    rate_hz: float = 0.0
-    phase_s: float = 0.0
-    qos: QoSProfile = DEFAULT
-    reader_depth: int | None = None
-    executor: str | None = None
-    service_s: float = 0.0
+    name: str  #: For messages and tables.
+    source: str  #: Host of the writer.
+    target: str  #: Host of the reader.
+    size_bytes: int = 24  #: CDR size of a sample.
+    rate_hz: float = 0.0  #: How often a sample is published; 0: only when a chain publishes it.
+    phase_s: float = 0.0  #: When the first one is published, seconds.
+    qos: QoSProfile = DEFAULT  #: Of the writer; its deadline is watched, not enforced.
+    reader_depth: int | None = None  #: History of the reader, KEEP_LAST; None: as the writer's.
+    executor: str | None = None  #: Whose time it costs when a sample is taken; None: one of its own.
+    service_s: float = 0.0  #: How much, seconds.
+    #: What a repeated value costs instead, seconds, where cache control discards it before it is processed
+    #: (paper B, section 2.3); None: no cache control.
     compare_s: float | None = None
-    change_s: float = 0.0
-    cached: bool = False
-    max_silence_s: float | None = None
+    change_s: float = 0.0  #: Mean time between changes of the value, seconds; 0: every sample differs.
+    cached: bool = False  #: Whether a local cache holds repeated values back (paper B, section 2.2).
+    max_silence_s: float | None = None  #: The local cache's longest silence, seconds; None: none.
+    #: Name of the flow that is published, with the same value, when a sample was processed.
     then: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Medium:
-    """What carries the frames.
+    """What carries the frames."""
 
-    Attributes:
-        rate_bps: Bits a second.
-        loss: Share of frames that are lost, after whatever the medium itself repeats.
-        shared: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
-        overhead_s: Airtime of a frame beside its bits: preamble, gaps, acknowledgement.
-        contention: By which share each further host that wants to send stretches a frame.
-        latency_s: From the end of sending to arrival.
-        queue_frames: Frames that a host's queue holds; more are dropped.
-    """
-
-    rate_bps: float = 20e6
-    loss: float = 0.01
-    shared: bool = True
-    overhead_s: float = 300e-6
-    contention: float = 0.15
-    latency_s: float = 0.0
-    queue_frames: int = 500
+    rate_bps: float = 20e6  #: Bits a second.
+    loss: float = 0.01  #: Share of frames that are lost, after whatever the medium itself repeats.
+    shared: bool = True  #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
+    overhead_s: float = 300e-6  #: Airtime of a frame beside its bits: preamble, gaps, acknowledgement.
+    contention: float = 0.15  #: By which share each further host that wants to send stretches a frame.
+    latency_s: float = 0.0  #: From the end of sending to arrival.
+    queue_frames: int = 500  #: Frames that a host's queue holds; more are dropped.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """Everything that a run needs but the seed.
+    """Everything that a run needs but the seed."""
 
-    Attributes:
-        flows: The topics.
-        medium: The medium.
-        vendor: Timing of the protocol.
-        duration_s: How long is published, seconds.
-        drain_s: How long repairs go on afterwards, seconds.
-        unacked_most: Unacknowledged samples at which a KEEP_ALL writer refuses more.
-    """
-
-    flows: tuple[Flow, ...]
-    medium: Medium = Medium()
-    vendor: Vendor = FAST_DDS
-    duration_s: float = 60.0
-    drain_s: float = 10.0
-    unacked_most: int = 5000
+    flows: tuple[Flow, ...]  #: The topics.
+    medium: Medium = Medium()  #: The medium.
+    vendor: Vendor = FAST_DDS  #: Timing of the protocol.
+    duration_s: float = 60.0  #: How long is published, seconds.
+    drain_s: float = 10.0  #: How long repairs go on afterwards, seconds.
+    unacked_most: int = 5000  #: Unacknowledged samples at which a KEEP_ALL writer refuses more.
 
     def __post_init__(self) -> None:
         names = [flow.name for flow in self.flows]

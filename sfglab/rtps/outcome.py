@@ -16,30 +16,18 @@ if TYPE_CHECKING:
 
     from sfglab.rtps.state import Params, State
 
-__all__ = ["FlowOutcome", "Outcome", "outcome_of"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlowOutcome:
-    """One flow's samples, in the order of their sequence numbers.
+    """One flow's samples, in the order of their sequence numbers."""
 
-    Attributes:
-        name: The flow.
-        published_ns: When each was published, shape (n,).
-        received_ns: When the application was done with it, 0 where it never was, shape (n,).
-        value: Number of the value that it carries, shape (n,).
-        fate: A `Fate` each, shape (n,).
-        dropped: A `Drop` each: where its first frame was lost, shape (n,).
-        deadline_ns: The agreed longest gap between samples; None: none.
-    """
-
-    name: str
-    published_ns: NDArray[np.int64]
-    received_ns: NDArray[np.int64]
-    value: NDArray[np.int32]
-    fate: NDArray[np.int8]
-    dropped: NDArray[np.int8]
-    deadline_ns: int | None = None
+    name: str  #: The flow.
+    published_ns: NDArray[np.int64]  #: When each was published, shape (n,).
+    received_ns: NDArray[np.int64]  #: When the application was done with it, 0 where it never was, shape (n,).
+    value: NDArray[np.int32]  #: Number of the value that it carries, shape (n,).
+    fate: NDArray[np.int8]  #: A `Fate` each, shape (n,).
+    dropped: NDArray[np.int8]  #: A `Drop` each: where its first frame was lost, shape (n,).
+    deadline_ns: int | None = None  #: The agreed longest gap between samples; None: none.
 
     @property
     def delivered(self) -> NDArray[np.bool_]:
@@ -66,15 +54,10 @@ class FlowOutcome:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """A whole run.
+    """A whole run."""
 
-    Attributes:
-        flows: By name.
-        counts: What the protocol and the medium did, by `Count`'s names in lower case.
-    """
-
-    flows: dict[str, FlowOutcome]
-    counts: dict[str, int]
+    flows: dict[str, FlowOutcome]  #: By name.
+    counts: dict[str, int]  #: What the protocol and the medium did, by `Count`'s names in lower case.
 
 
 def outcome_of(flows: Sequence[Any], params: Params, state: State) -> Outcome:

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 
 from sfglab.errors import SfglabError
 
-__all__ = ["CYCLONE_DDS", "FAST_DDS", "PRESETS", "Vendor", "VendorError"]
-
 MS = 1_000_000
 S = 1_000_000_000
 
@@ -22,44 +20,34 @@ class VendorError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vendor:
-    """How one DDS implementation times its reliability protocol (RTPS 2.5, clause 8.4).
+    """How one DDS implementation times its reliability protocol (RTPS 2.5, clause 8.4)."""
 
-    Attributes:
-        name: Of the implementation.
-        heartbeat_ns: Period of heartbeats while something is unacknowledged.
-        heartbeat_max_ns: The period doubles with each heartbeat that brings no progress, up to this; equal to
-            `heartbeat_ns` where it does not.
-        piggyback_when_full: A heartbeat travels with each sample while the writer's history is full: of samples
-            that are unacknowledged, and with TRANSIENT_LOCAL durability of any.
-        nack_delay_ns: From the first heartbeat that shows a gap to the reader's request.
-        ack_delay_ns: From a heartbeat that shows no gap to the reader's acknowledgement.
-        nack_response_ns: From a request to the writer's repair.
-        nack_most: Samples that one request can ask for: a bitmap has 256 bits (RTPS 2.5, clause 9.4.2.6).
-        prompt: A heartbeat travels with every sample. The reader answers each at once: with a request if it
-            lacks something that it has not asked for yet, with an acknowledgement only if it is asked.
-            `nack_delay_ns` is then how long it waits before it asks for the same again, `ack_delay_ns` before
-            it acknowledges the same again. The writer's repairs end with a heartbeat to which the reader may
-            ask again at once, and it sends a periodic one only if it has sent no other for a period, which
-            does not grow.
-        final_within_ns: A heartbeat that travels with a sample asks for no answer (it is FINAL) when the sample
-            before is younger than this; 0: it always asks.
-        reorder_most: Samples that wait behind a gap, apart from the reader's history; beyond that the newest is
-            dropped. 0: they wait in the reader's history.
-        burst_bytes: RTPS message in which repairs travel together; 0: each has a frame of its own.
-    """
-
-    name: str
-    heartbeat_ns: int
+    name: str  #: Of the implementation.
+    heartbeat_ns: int  #: Period of heartbeats while something is unacknowledged.
+    #: The period doubles with each heartbeat that brings no progress, up to this; equal to `heartbeat_ns` where
+    #: it does not.
     heartbeat_max_ns: int
+    #: A heartbeat travels with each sample while the writer's history is full: of samples that are
+    #: unacknowledged, and with TRANSIENT_LOCAL durability of any.
     piggyback_when_full: bool
-    nack_delay_ns: int
-    ack_delay_ns: int
-    nack_response_ns: int
+    nack_delay_ns: int  #: From the first heartbeat that shows a gap to the reader's request.
+    ack_delay_ns: int  #: From a heartbeat that shows no gap to the reader's acknowledgement.
+    nack_response_ns: int  #: From a request to the writer's repair.
+    #: Samples that one request can ask for: a bitmap has 256 bits (RTPS 2.5, clause 9.4.2.6).
     nack_most: int = 256
+    #: A heartbeat travels with every sample. The reader answers each at once: with a request if it lacks
+    #: something that it has not asked for yet, with an acknowledgement only if it is asked. `nack_delay_ns` is
+    #: then how long it waits before it asks for the same again, `ack_delay_ns` before it acknowledges the same
+    #: again. The writer's repairs end with a heartbeat to which the reader may ask again at once, and it sends
+    #: a periodic one only if it has sent no other for a period, which does not grow.
     prompt: bool = False
+    #: A heartbeat that travels with a sample asks for no answer (it is FINAL) when the sample before is younger
+    #: than this; 0: it always asks.
     final_within_ns: int = 0
+    #: Samples that wait behind a gap, apart from the reader's history; beyond that the newest is dropped. 0:
+    #: they wait in the reader's history.
     reorder_most: int = 0
-    burst_bytes: int = 0
+    burst_bytes: int = 0  #: RTPS message in which repairs travel together; 0: each has a frame of its own.
 
     def __post_init__(self) -> None:
         if not 0 < self.heartbeat_ns <= self.heartbeat_max_ns:

@@ -30,8 +30,6 @@ from sfglab.rtps.state import (
 )
 from sfglab.rtps.world import compiled
 
-__all__ = ["hear_gap", "hear_heartbeat", "hear_samples"]
-
 # Compiled code takes plain integers.
 _ACKNACK = int(Event.ACKNACK)
 _DATA = int(Frame.DATA)

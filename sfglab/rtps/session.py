@@ -19,28 +19,19 @@ if TYPE_CHECKING:
     from sfglab.rtps.model import Scenario
     from sfglab.rtps.outcome import Outcome
 
-__all__ = ["Delivery", "Session"]
 
 _MOST_ANSWERS = 200_000
 
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """A sample in the application's hands.
+    """A sample in the application's hands."""
 
-    Attributes:
-        flow: Whose.
-        value: Number of its value.
-        published_ns: When it was published.
-        now_ns: When the executor was done with it.
-        repeated: Whether cache control found it equal to the one before, and discarded it.
-    """
-
-    flow: str
-    value: int
-    published_ns: int
-    now_ns: int
-    repeated: bool
+    flow: str  #: Whose.
+    value: int  #: Number of its value.
+    published_ns: int  #: When it was published.
+    now_ns: int  #: When the executor was done with it.
+    repeated: bool  #: Whether cache control found it equal to the one before, and discarded it.
 
 
 class Session:

@@ -5,8 +5,6 @@ Knows headers and submessages; refuses to know queues and clocks. A test holds i
 
 from __future__ import annotations
 
-__all__ = ["ACKNACK_BYTES", "data_bytes"]
-
 # Ethernet 14, IPv4 20, UDP 8; RTPS header 20 (RTPS 2.5, clause 9.4).
 _BASE = 14 + 20 + 8 + 20
 _INFO_TS, _DATA, _HEARTBEAT = 12, 24, 32

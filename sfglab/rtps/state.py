@@ -13,20 +13,6 @@ import numpy as np
 
 from sfglab.rtps.heap import new_heap, push
 
-__all__ = [
-    "Count",
-    "Drop",
-    "Event",
-    "Fate",
-    "FlowColumn",
-    "Frame",
-    "Params",
-    "Sizes",
-    "State",
-    "TimingColumn",
-    "new_state",
-]
-
 
 class Event(IntEnum):
     """Kinds of events; the argument is a flow, a transmitter or a server."""

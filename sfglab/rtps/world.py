@@ -37,7 +37,6 @@ from numba.np.arrayobj import get_itemsize, make_array, populate_array
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["World", "compiled"]
 
 _F = TypeVar("_F", bound="Callable[..., object]")
 

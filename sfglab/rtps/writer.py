@@ -32,8 +32,6 @@ from sfglab.rtps.state import (
 )
 from sfglab.rtps.world import compiled
 
-__all__ = ["hear_acknack", "heartbeat", "repair", "write"]
-
 # Compiled code takes plain integers.
 _HEARTBEAT, _REPAIR = int(Event.HEARTBEAT), int(Event.REPAIR)
 _DATA, _HB, _GAP = int(Frame.DATA), int(Frame.HEARTBEAT), int(Frame.GAP)

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from sfglab.soc.graph import Graph, Node, Topic
 
-__all__ = ["build_cfg"]
 
 _GENERAL = {
     "TargetBoard": "zcu104,0",

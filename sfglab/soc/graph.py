@@ -18,18 +18,6 @@ from sfglab.documents import DocumentError, Place, suggestion
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-__all__ = [
-    "Edge",
-    "EdgeKind",
-    "Graph",
-    "GraphError",
-    "Implementation",
-    "Node",
-    "Placement",
-    "Topic",
-    "TopicMapping",
-]
-
 
 class Placement(Enum):
     """Where a ROS node runs: N_SW or N_HW."""
@@ -83,35 +71,22 @@ class GraphError(DocumentError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Implementation:
-    """A node's implementation in the configurable logic.
+    """A node's implementation in the configurable logic."""
 
-    Attributes:
-        lut: Look-up tables that it takes.
-        bram: Block memories of 36 kbit that it takes; a half is one of 18 kbit.
-        time_s: Time of one activation, s.
-    """
-
-    lut: int = 0
-    bram: float = 0.0
-    time_s: float = 0.0
+    lut: int = 0  #: Look-up tables that it takes.
+    bram: float = 0.0  #: Block memories of 36 kbit that it takes; a half is one of 18 kbit.
+    time_s: float = 0.0  #: Time of one activation, s.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Node:
-    """A ROS node.
+    """A ROS node."""
 
-    Attributes:
-        name: Its name in the graph.
-        placement: Where it runs.
-        rate_hz: Activations per second; 0 where unknown.
-        software_s: Time of one activation in software, s; 0 where unknown.
-        hardware: Its implementation in hardware; None where there is none, or nothing is known of it.
-    """
-
-    name: str
-    placement: Placement = Placement.SOFTWARE
-    rate_hz: float = 0.0
-    software_s: float = 0.0
+    name: str  #: Its name in the graph.
+    placement: Placement = Placement.SOFTWARE  #: Where it runs.
+    rate_hz: float = 0.0  #: Activations per second; 0 where unknown.
+    software_s: float = 0.0  #: Time of one activation in software, s; 0 where unknown.
+    #: Its implementation in hardware; None where there is none, or nothing is known of it.
     hardware: Implementation | None = None
 
     @property
@@ -122,24 +97,15 @@ class Node:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topic:
-    """A ROS topic with its edges.
+    """A ROS topic with its edges."""
 
-    Attributes:
-        name: Its name in the graph.
-        publishers: Names of the nodes of E_pub^t.
-        subscribers: Names of the nodes of E_sub^t.
-        type: ROS type of its messages; empty where unknown.
-        size_bytes: Size of a message; None where unknown.
-        rate_hz: Messages per second of all publishers together; None where unknown.
-        mapping: How it is implemented; in software unless something else is said, as in the paper.
-    """
-
-    name: str
-    publishers: tuple[str, ...]
-    subscribers: tuple[str, ...] = ()
-    type: str = ""
-    size_bytes: int | None = None
-    rate_hz: float | None = None
+    name: str  #: Its name in the graph.
+    publishers: tuple[str, ...]  #: Names of the nodes of E_pub^t.
+    subscribers: tuple[str, ...] = ()  #: Names of the nodes of E_sub^t.
+    type: str = ""  #: ROS type of its messages; empty where unknown.
+    size_bytes: int | None = None  #: Size of a message; None where unknown.
+    rate_hz: float | None = None  #: Messages per second of all publishers together; None where unknown.
+    #: How it is implemented; in software unless something else is said, as in the paper.
     mapping: TopicMapping = TopicMapping.SOFTWARE
 
     @property
@@ -150,17 +116,11 @@ class Topic:
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
 class Edge:
-    """One edge of E.
+    """One edge of E."""
 
-    Attributes:
-        topic: Its topic.
-        node: Its node.
-        kind: In which direction.
-    """
-
-    topic: str
-    node: str
-    kind: EdgeKind
+    topic: str  #: Its topic.
+    node: str  #: Its node.
+    kind: EdgeKind  #: In which direction.
 
     def __str__(self) -> str:
         ends = (self.node, self.topic) if self.kind is EdgeKind.PUBLISH else (self.topic, self.node)
@@ -171,21 +131,15 @@ class Edge:
 class Graph:
     """A computation graph, valid from its making on.
 
-    Attributes:
-        nodes: N, in the order in which they were named.
-        topics: T, likewise.
-        name: What it is called.
-        description: Where it comes from and what it is for.
-
     Raises:
         GraphError: A name is empty or stands twice, an edge names a node that there is not or stands twice, a
             topic has no publisher, a number has no meaning, or a hardware-mapped topic has a node in software.
     """
 
-    nodes: tuple[Node, ...]
-    topics: tuple[Topic, ...] = ()
-    name: str = ""
-    description: str = ""
+    nodes: tuple[Node, ...]  #: N, in the order in which they were named.
+    topics: tuple[Topic, ...] = ()  #: T, likewise.
+    name: str = ""  #: What it is called.
+    description: str = ""  #: Where it comes from and what it is for.
 
     def __post_init__(self) -> None:
         _check_names("nodes", [node.name for node in self.nodes])

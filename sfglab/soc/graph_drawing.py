@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from sfglab.soc.layout import Layout, Vertex
     from sfglab.soc.mapping import CommunicationMapping
 
-__all__ = ["draw_graph", "draw_legend", "draw_mapping"]
 
 # Okabe and Ito's palette, distinct for all common kinds of colour blindness; light where text stands on it.
 CROSSING, PLAIN, OUTLINE, FRAME = "#D55E00", "#666666", "#0072B2", "#333333"

@@ -20,15 +20,6 @@ if TYPE_CHECKING:
     from sfglab.bus import EndpointInfo
     from sfglab.record import LogReader
 
-__all__ = [
-    "METADATA",
-    "ImportedGraph",
-    "LeftOut",
-    "graph_from_endpoints",
-    "graph_from_log",
-    "graph_metadata",
-    "watch_graph",
-]
 
 METADATA = "computation_graph"
 """Name of the metadata record in which a log says who publishes and who subscribes; see `graph_metadata`."""
@@ -39,28 +30,18 @@ _SAMPLES = 200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeftOut:
-    """A topic that is not in the graph.
+    """A topic that is not in the graph."""
 
-    Attributes:
-        topic: Its name.
-        why: Why not.
-    """
-
-    topic: str
-    why: str
+    topic: str  #: Its name.
+    why: str  #: Why not.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportedGraph:
-    """A graph and what is missing from it.
+    """A graph and what is missing from it."""
 
-    Attributes:
-        graph: All nodes in software.
-        left_out: Topics that are not in it.
-    """
-
-    graph: Graph
-    left_out: tuple[LeftOut, ...] = ()
+    graph: Graph  #: All nodes in software.
+    left_out: tuple[LeftOut, ...] = ()  #: Topics that are not in it.
 
 
 def graph_metadata(graph: Graph) -> dict[str, Any]:

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from sfglab.documents import Section
 
-__all__ = ["graph_text", "load_graph", "read_graph", "save_graph"]
 
 _WIDTH = 110
 _RARE_BREAKS = frozenset("\x85\u2028\u2029")

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from sfglab.soc.graph import Edge, Graph
 
-__all__ = ["Layout", "Vertex", "ends_of", "layered_layout", "node_vertex", "topic_vertex"]
 
 Vertex = tuple[str, ...]
 """``("node", name)`` or ``("topic", name)``: a node and a topic may have the same name."""
@@ -31,15 +30,11 @@ _BEND_ROOM = 0.6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """Places in a plane; the unit is the distance of two layers, and of two neighbours in one.
+    """Places in a plane; the unit is the distance of two layers, and of two neighbours in one."""
 
-    Attributes:
-        places: Of each node and topic: x, its layer from 0, and y, upwards.
-        routes: Of each edge: where it starts, bends and ends.
-    """
-
+    #: Of each node and topic: x, its layer from 0, and y, upwards.
     places: Mapping[Vertex, tuple[float, float]]
-    routes: Mapping[Edge, tuple[tuple[float, float], ...]]
+    routes: Mapping[Edge, tuple[tuple[float, float], ...]]  #: Of each edge: where it starts, bends and ends.
 
 
 def node_vertex(name: str) -> Vertex:

@@ -16,30 +16,13 @@ if TYPE_CHECKING:
 
     from sfglab.soc.graph import Edge, Graph, Topic
 
-__all__ = [
-    "CommunicationMapping",
-    "Crossing",
-    "carriages_per_message",
-    "crossing_edges",
-    "hardware_subgraphs",
-    "in_software",
-    "map_communication",
-    "more_than_one_hardware_subscriber",
-    "with_hardware_topics",
-]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crossing:
-    """Edges that cross the boundary between software and hardware.
+    """Edges that cross the boundary between software and hardware."""
 
-    Attributes:
-        publications: Those of E_pub.
-        subscriptions: Those of E_sub.
-    """
-
-    publications: tuple[Edge, ...]
-    subscriptions: tuple[Edge, ...]
+    publications: tuple[Edge, ...]  #: Those of E_pub.
+    subscriptions: tuple[Edge, ...]  #: Those of E_sub.
 
     def __len__(self) -> int:
         return len(self.publications) + len(self.subscriptions)
@@ -50,17 +33,11 @@ class Crossing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommunicationMapping:
-    """The three states of the graph's topics that section 5 walks through.
+    """The three states of the graph's topics that section 5 walks through."""
 
-    Attributes:
-        software: All topics in software, the default (Fig. 8b).
-        hardware: Topics among hardware nodes alone in hardware, the others in software (Fig. 8c).
-        gateways: Topics between both sides at gateways where the rule wants it (Fig. 8d): the result.
-    """
-
-    software: Graph
-    hardware: Graph
-    gateways: Graph
+    software: Graph  #: All topics in software, the default (Fig. 8b).
+    hardware: Graph  #: Topics among hardware nodes alone in hardware, the others in software (Fig. 8c).
+    gateways: Graph  #: Topics between both sides at gateways where the rule wants it (Fig. 8d): the result.
 
     @property
     def stages(self) -> tuple[Graph, Graph, Graph]:

@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from sfglab.soc.graph import Graph, Topic
     from sfglab.soc.platform import Load, Platform
 
-__all__ = ["NodeMapping", "PlacementError", "build_programme", "place_nodes"]
 
 _MS = 1e3
 """The programme counts in milliseconds each second: numbers near 1 suit the solver's tolerances."""
@@ -59,17 +58,11 @@ class PlacementError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeMapping:
-    """A graph with nodes placed and topics mapped, and how good that is.
+    """A graph with nodes placed and topics mapped, and how good that is."""
 
-    Attributes:
-        graph: The graph.
-        load: What it takes.
-        bound_s: No mapping takes less than this, seconds each second.
-    """
-
-    graph: Graph
-    load: Load
-    bound_s: float
+    graph: Graph  #: The graph.
+    load: Load  #: What it takes.
+    bound_s: float  #: No mapping takes less than this, seconds each second.
 
     @property
     def gap(self) -> float:
@@ -84,17 +77,11 @@ class NodeMapping:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Programme:
-    """The programme with its handles, unsolved.
+    """The programme with its handles, unsolved."""
 
-    Attributes:
-        problem: CVXPY's problem; its value is in milliseconds each second.
-        in_hardware: Boolean variable: x, in the order of the graph's nodes.
-        at_gateway: Boolean variable: y, in the order of the graph's topics; None where there are none.
-    """
-
-    problem: Any
-    in_hardware: Any
-    at_gateway: Any
+    problem: Any  #: CVXPY's problem; its value is in milliseconds each second.
+    in_hardware: Any  #: Boolean variable: x, in the order of the graph's nodes.
+    at_gateway: Any  #: Boolean variable: y, in the order of the graph's topics; None where there are none.
 
 
 def build_programme(

@@ -17,44 +17,21 @@ if TYPE_CHECKING:
     from sfglab.soc.graph import Graph, Node, Topic
     from sfglab.soc.memory import Costs
 
-__all__ = [
-    "ZCU104",
-    "Load",
-    "Platform",
-    "assess",
-    "carriage_load",
-    "gateway_load",
-    "hardware_load",
-    "platform_from_costs",
-    "software_load",
-    "topic_load",
-]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Platform:
-    """A system-on-chip with one memory interface that all hardware nodes and gateways share.
+    """A system-on-chip with one memory interface that all hardware nodes and gateways share."""
 
-    Attributes:
-        name: What it is called.
-        lut: Look-up tables for nodes and gateways.
-        bram: Block memories of 36 kbit for them.
-        bytes_per_s: Rate at which a message is carried, bytes/s.
-        carriage_s: Fixed time of one carriage of a software-mapped topic, s.
-        gateway_s: Fixed time of one carriage through a gateway, s.
-        gateway_lut: Look-up tables of one gateway; ours takes 654, 702 and 688 with 2, 4 and 8 subscribers
-            (`sfglab.soc.rtl.gateway_area`, in the log of the experiment `transfer`).
-        gateway_bram: Block memories of one gateway.
-    """
-
-    name: str
-    lut: int
-    bram: float
-    bytes_per_s: float
-    carriage_s: float
-    gateway_s: float
+    name: str  #: What it is called.
+    lut: int  #: Look-up tables for nodes and gateways.
+    bram: float  #: Block memories of 36 kbit for them.
+    bytes_per_s: float  #: Rate at which a message is carried, bytes/s.
+    carriage_s: float  #: Fixed time of one carriage of a software-mapped topic, s.
+    gateway_s: float  #: Fixed time of one carriage through a gateway, s.
+    #: Look-up tables of one gateway; ours takes 654, 702 and 688 with 2, 4 and 8 subscribers
+    #: (`sfglab.soc.rtl.gateway_area`, in the log of the experiment `transfer`).
     gateway_lut: int = 690
-    gateway_bram: float = 0.0
+    gateway_bram: float = 0.0  #: Block memories of one gateway.
 
     def __post_init__(self) -> None:
         for key in ("lut", "bram", "gateway_lut", "gateway_bram", "carriage_s", "gateway_s"):
@@ -100,21 +77,13 @@ itself takes; a gateway's LUTs are those of our core with 2 to 8 subscribers.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """What a mapped graph takes; times are seconds of work in each second of operation, added up.
+    """What a mapped graph takes; times are seconds of work in each second of operation, added up."""
 
-    Attributes:
-        software_s: Nodes in software.
-        hardware_s: Nodes in hardware.
-        communication_s: Carriages across the memory interface.
-        lut: Look-up tables of nodes and gateways.
-        bram: Block memories of both.
-    """
-
-    software_s: float
-    hardware_s: float
-    communication_s: float
-    lut: int
-    bram: float
+    software_s: float  #: Nodes in software.
+    hardware_s: float  #: Nodes in hardware.
+    communication_s: float  #: Carriages across the memory interface.
+    lut: int  #: Look-up tables of nodes and gateways.
+    bram: float  #: Block memories of both.
 
     @property
     def total_s(self) -> float:

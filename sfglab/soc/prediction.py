@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from sfglab.soc.graph import Graph, Topic
     from sfglab.soc.memory import Costs
 
-__all__ = ["faster_by_gateway", "transfer_s"]
 
 _TRANSPORTS = {
     TopicMapping.SOFTWARE: Transport.SMT,

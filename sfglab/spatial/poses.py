@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from scipy.spatial.transform import Rotation
 
-__all__ = ["Pose", "PoseError", "Quat", "StampedTransform", "Vec3"]
 
 Vec3 = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
@@ -58,16 +57,12 @@ class Pose:
 
     Quaternions of another length than 1 are normalised; q and -q are the same orientation, see `same_as`.
 
-    Attributes:
-        position_m: x, y, z.
-        quat_xyzw: Unit quaternion x, y, z, w.
-
     Raises:
         PoseError: A number is not finite, the quaternion is shorter than 1e-6, or the counts are not 3 and 4.
     """
 
-    position_m: Vec3 = (0.0, 0.0, 0.0)
-    quat_xyzw: Quat = (0.0, 0.0, 0.0, 1.0)
+    position_m: Vec3 = (0.0, 0.0, 0.0)  #: x, y, z.
+    quat_xyzw: Quat = (0.0, 0.0, 0.0, 1.0)  #: Unit quaternion x, y, z, w.
 
     def __post_init__(self) -> None:
         position, quat = _checked(self.position_m, self.quat_xyzw, "pose")
@@ -231,19 +226,12 @@ class Pose:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StampedTransform:
-    """Where a child frame is in its parent, at a time.
+    """Where a child frame is in its parent, at a time."""
 
-    Attributes:
-        parent: The frame that the pose is given in (`header.frame_id`).
-        child: The frame that is placed (`child_frame_id`).
-        stamp_ns: When, in nanoseconds since the epoch.
-        pose: ``parent_from_child``.
-    """
-
-    parent: str
-    child: str
-    stamp_ns: int
-    pose: Pose
+    parent: str  #: The frame that the pose is given in (`header.frame_id`).
+    child: str  #: The frame that is placed (`child_frame_id`).
+    stamp_ns: int  #: When, in nanoseconds since the epoch.
+    pose: Pose  #: ``parent_from_child``.
 
     @classmethod
     def from_msg(cls, message: Any, *, place: str = "transform") -> Self:

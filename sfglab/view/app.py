@@ -25,51 +25,32 @@ if TYPE_CHECKING:
     from sfglab.bus import Node
     from sfglab.view.session import Display
 
-__all__ = ["Report", "ViewOptions", "report_of", "session_for", "view_live", "view_log"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewOptions:
-    """How to look.
+    """How to look."""
 
-    Attributes:
-        to: Where to show it; see `open_canvas`.
-        fleet: A fleet file, for the layout, the expected agents and the border; None for none.
-        frame: The frame in which space is drawn; empty: the viewer's choice, or ``map`` with a fleet file.
-        topics: Only topics with one of these beginnings; empty for all.
-        memory: How much a viewer that is started here may keep.
-        thin: Whether a log is thinned out by the visualizers' rate budgets, as the bus always is.
-    """
-
-    to: tuple[str, ...] = ("viewer",)
+    to: tuple[str, ...] = ("viewer",)  #: Where to show it; see `open_canvas`.
+    #: A fleet file, for the layout, the expected agents and the border; None for none.
     fleet: Path | None = None
+    #: The frame in which space is drawn; empty: the viewer's choice, or ``map`` with a fleet file.
     frame: str = ""
-    topics: tuple[str, ...] = ()
-    memory: str = "25%"
-    thin: bool = False
+    topics: tuple[str, ...] = ()  #: Only topics with one of these beginnings; empty for all.
+    memory: str = "25%"  #: How much a viewer that is started here may keep.
+    thin: bool = False  #: Whether a log is thinned out by the visualizers' rate budgets, as the bus always is.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """What became of one display's messages.
+    """What became of one display's messages."""
 
-    Attributes:
-        display: Its id.
-        topics: What it looked at.
-        received: Messages that reached it.
-        shown: Updates drawn.
-        dropped: Messages and sets passed over.
-        errors: Updates that could not be drawn.
-        last_error: Why the latest could not.
-    """
-
-    display: str
-    topics: tuple[str, ...]
-    received: int
-    shown: int
-    dropped: int
-    errors: int
-    last_error: str
+    display: str  #: Its id.
+    topics: tuple[str, ...]  #: What it looked at.
+    received: int  #: Messages that reached it.
+    shown: int  #: Updates drawn.
+    dropped: int  #: Messages and sets passed over.
+    errors: int  #: Updates that could not be drawn.
+    last_error: str  #: Why the latest could not.
 
 
 def session_for(topics: Mapping[str, str], options: ViewOptions) -> Session:

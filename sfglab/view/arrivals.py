@@ -16,7 +16,6 @@ from sfglab.messages.store import type_store
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["Arrival", "capture_ns", "decoded"]
 
 _STAMP = {b"\0\0": struct.Struct(">iI"), b"\0\1": struct.Struct("<iI")}
 """By the encapsulation that CDR begins with (OMG RTPS 2.5, clause 10.2): plain CDR, big and little endian."""

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from sfglab.fleet.fleet_file import Fleet
 
-__all__ = ["Camera", "Layout", "blueprint", "layout_of_fleet", "layout_of_topics"]
 
 _PICTURES = (
     "sensor_msgs/msg/Image",
@@ -29,31 +28,20 @@ _PICTURES = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
-    """A view of one stream of pictures.
+    """A view of one stream of pictures."""
 
-    Attributes:
-        name: For people.
-        entity: What it shows.
-    """
-
-    name: str
-    entity: str
+    name: str  #: For people.
+    entity: str  #: What it shows.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """What a viewer shows side by side.
+    """What a viewer shows side by side."""
 
-    Attributes:
-        frame: The frame in which space is drawn; empty leaves the choice to the viewer.
-        agents: Whose heartbeats and states are drawn.
-        cameras: One view each.
-        communication: Whether heartbeats and states are drawn; without `agents` those of all that turn up.
-    """
-
-    frame: str = ""
-    agents: tuple[str, ...] = ()
-    cameras: tuple[Camera, ...] = ()
+    frame: str = ""  #: The frame in which space is drawn; empty leaves the choice to the viewer.
+    agents: tuple[str, ...] = ()  #: Whose heartbeats and states are drawn.
+    cameras: tuple[Camera, ...] = ()  #: One view each.
+    #: Whether heartbeats and states are drawn; without `agents` those of all that turn up.
     communication: bool = False
 
 

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from sfglab.view.session import Session
     from sfglab.view.stage import Job
 
-__all__ = ["Bridge", "requested", "strongest"]
 
 _TICK_S = 0.05
 _MOST_DISPLAYS = 500

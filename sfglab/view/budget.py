@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from sfglab.view.errors import SettingError
 
-__all__ = ["RateBudget"]
-
 _NS_PER_S = 1_000_000_000
 
 

@@ -12,16 +12,6 @@ from enum import Enum
 from sfglab.names import FqnError, Resource, Scope, parse, validate_agent
 from sfglab.view.errors import SettingError
 
-__all__ = [
-    "LATE_PERIODS",
-    "LOST_PERIODS",
-    "AgentLink",
-    "FleetLinks",
-    "Life",
-    "Services",
-    "decoded_stream_agent",
-]
-
 LATE_PERIODS = 1.5
 """A heartbeat is late when it is this many of its own periods old."""
 
@@ -54,27 +44,16 @@ class Services(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentLink:
-    """One agent at one moment.
+    """One agent at one moment."""
 
-    Attributes:
-        agent: Its name.
-        life: How it is.
-        age_ns: Since its last heartbeat was received; None before the first.
-        restarts: How often it came back as another incarnation.
-        decoders: Whether its streams are decoded here.
-        decoded: How many of them are.
-        dropped: Messages of its topics that were passed over before they were shown.
-        lost: Messages of its topics that did not arrive.
-    """
-
-    agent: str
-    life: Life
-    age_ns: int | None
-    restarts: int
-    decoders: Services
-    decoded: int
-    dropped: int
-    lost: int
+    agent: str  #: Its name.
+    life: Life  #: How it is.
+    age_ns: int | None  #: Since its last heartbeat was received; None before the first.
+    restarts: int  #: How often it came back as another incarnation.
+    decoders: Services  #: Whether its streams are decoded here.
+    decoded: int  #: How many of them are.
+    dropped: int  #: Messages of its topics that were passed over before they were shown.
+    lost: int  #: Messages of its topics that did not arrive.
 
 
 @dataclass(slots=True)

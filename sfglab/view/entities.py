@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from sfglab.names import FqnError, parse
 
-__all__ = ["AGENTS", "agent_of_topic", "agent_root", "entity_of_topic"]
-
 AGENTS = "/agents"
 """The root of all agents."""
 

@@ -9,8 +9,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["ContentError", "SessionError", "SettingError", "SinkError", "SourceError", "ViewError"]
-
 
 class ViewError(SfglabError):
     """Anything that the view refuses or cannot do."""

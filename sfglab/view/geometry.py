@@ -16,18 +16,6 @@ from sfglab.view.errors import ContentError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = [
-    "DEPTH_ENCODINGS",
-    "cloud_colors",
-    "cloud_points",
-    "colors_by_value",
-    "covariance_ellipsoid",
-    "depth_in_m",
-    "depth_points",
-    "pinhole_matrix",
-    "pixels",
-    "scan_points",
-]
 
 _CHANNELS = {
     "mono8": (np.uint8, 1),

@@ -19,8 +19,6 @@ from sfglab.view.errors import SourceError
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
-__all__ = ["Log", "open_log"]
-
 
 class Log:
     """A log to read once or several times; made by `open_log`."""

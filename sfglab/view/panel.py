@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from sfglab.view.parameters import Parameter
     from sfglab.view.session import Display, Session
 
-__all__ = ["Panel", "widgets"]
 
 Topics = Callable[[], Mapping[str, str]]
 

@@ -14,7 +14,6 @@ from sfglab.view.errors import SettingError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-__all__ = ["Parameter", "Setting", "check_all"]
 
 Setting = bool | int | float | str
 """What a parameter can hold."""
@@ -22,23 +21,14 @@ Setting = bool | int | float | str
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
-    """One thing to tune.
+    """One thing to tune."""
 
-    Attributes:
-        name: A Python identifier.
-        default: Its first value, which also says its type.
-        help: What it does, for people, with its unit.
-        minimum: Smallest number; None for no bound.
-        maximum: Largest number; None for no bound.
-        choices: The allowed texts; empty allows all.
-    """
-
-    name: str
-    default: Setting
-    help: str
-    minimum: float | None = None
-    maximum: float | None = None
-    choices: tuple[str, ...] = ()
+    name: str  #: A Python identifier.
+    default: Setting  #: Its first value, which also says its type.
+    help: str  #: What it does, for people, with its unit.
+    minimum: float | None = None  #: Smallest number; None for no bound.
+    maximum: float | None = None  #: Largest number; None for no bound.
+    choices: tuple[str, ...] = ()  #: The allowed texts; empty allows all.
 
     @property
     def kind(self) -> type[Setting]:

@@ -13,8 +13,6 @@ from sfglab.view.errors import SessionError
 from sfglab.view.visualizer import Visualizer
 from sfglab.view.visualizers import BUILT_IN
 
-__all__ = ["GROUP", "Registry", "available", "find"]
-
 GROUP = "sfglab.visualizers"
 """The entry points' group."""
 

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from sfglab.view.arrivals import Arrival
     from sfglab.view.session import Session
 
-__all__ = ["replay", "wanted_topics"]
 
 _STEP_NS = 100_000_000
 _MOST_STEPS = 3000

@@ -19,7 +19,6 @@ from sfglab.view.sdk import rerun
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["CAPTURE", "NOTEBOOK", "RECEIVED", "WINDOW_BYTES", "RerunCanvas", "open_canvas"]
 
 NOTEBOOK = "notebook"
 """The place that is the running cell."""

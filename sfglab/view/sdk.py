@@ -6,8 +6,6 @@ from typing import Any
 
 from sfglab.errors import MissingExtraError
 
-__all__ = ["rerun"]
-
 
 def rerun() -> Any:
     """Return the Rerun SDK.

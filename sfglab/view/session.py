@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from sfglab.view.sync import SyncPolicy
     from sfglab.view.visualizer import Input, Visualizer
 
-__all__ = ["Change", "Changed", "Display", "Offer", "Session"]
-
 
 class Changed(Enum):
     """What happened to a display."""
@@ -39,27 +37,17 @@ class Changed(Enum):
 
 @dataclass(slots=True, kw_only=True)
 class Display:
-    """One visualizer that looks at certain topics. Changed by its session only.
+    """One visualizer that looks at certain topics. Changed by its session only."""
 
-    Attributes:
-        id: Unique in its session, stable.
-        visualizer: What draws.
-        slot: Its queues.
-        sync: Which messages belong together.
-        qos: Requested instead of what the input declares, by role.
-        enabled: Whether messages reach it.
-        errors: Updates that could not be shown.
-        last_error: Why the latest of these could not be.
-    """
-
-    id: str
-    visualizer: Visualizer
-    slot: Slot[Any]
-    sync: SyncPolicy
+    id: str  #: Unique in its session, stable.
+    visualizer: Visualizer  #: What draws.
+    slot: Slot[Any]  #: Its queues.
+    sync: SyncPolicy  #: Which messages belong together.
+    #: Requested instead of what the input declares, by role.
     qos: dict[str, QoSProfile] = field(default_factory=dict)
-    enabled: bool = True
-    errors: int = 0
-    last_error: str = ""
+    enabled: bool = True  #: Whether messages reach it.
+    errors: int = 0  #: Updates that could not be shown.
+    last_error: str = ""  #: Why the latest of these could not be.
 
     @property
     def inputs(self) -> tuple[tuple[Input, str, QoSProfile], ...]:
@@ -71,28 +59,18 @@ class Display:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """Something that happened to a display.
+    """Something that happened to a display."""
 
-    Attributes:
-        what: What.
-        display: Which; after a removal the one that was.
-    """
-
-    what: Changed
-    display: Display
+    what: Changed  #: What.
+    display: Display  #: Which; after a removal the one that was.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Offer:
-    """A visualizer that could be added.
+    """A visualizer that could be added."""
 
-    Attributes:
-        kind: Its name.
-        topics: Topic by role.
-    """
-
-    kind: str
-    topics: Mapping[str, str]
+    kind: str  #: Its name.
+    topics: Mapping[str, str]  #: Topic by role.
 
 
 class Session:

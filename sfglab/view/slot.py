@@ -17,30 +17,20 @@ from sfglab.view.sync import Matched, SyncPolicy, synchronizer
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["Counts", "Slot", "Taken"]
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Counts:
-    """What has become of a slot's messages.
+    """What has become of a slot's messages."""
 
-    Attributes:
-        received: Messages offered.
-        shown: Sets taken.
-        waiting: Messages that wait for partners and sets that wait for their turn.
-        unmatched: Messages without partners, or out of order.
-        over_budget: Sets that the rate budget stopped.
-        pushed_out: Sets that a newer one pushed out of the queue.
-    """
-
-    received: int
-    shown: int
-    waiting: int
-    unmatched: int
-    over_budget: int
-    pushed_out: int
+    received: int  #: Messages offered.
+    shown: int  #: Sets taken.
+    waiting: int  #: Messages that wait for partners and sets that wait for their turn.
+    unmatched: int  #: Messages without partners, or out of order.
+    over_budget: int  #: Sets that the rate budget stopped.
+    pushed_out: int  #: Sets that a newer one pushed out of the queue.
 
     @property
     def dropped(self) -> int:

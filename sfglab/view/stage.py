@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from sfglab.view.session import Session
     from sfglab.view.slot import Taken
 
-__all__ = ["Job", "Stage", "Surface"]
 
 _NS_PER_S = 1_000_000_000
 

@@ -16,17 +16,6 @@ from typing import Generic, TypeVar
 
 from sfglab.view.errors import SettingError
 
-__all__ = [
-    "Approximate",
-    "Exact",
-    "Independent",
-    "Latest",
-    "Matched",
-    "SyncPolicy",
-    "Synchronizer",
-    "synchronizer",
-]
-
 T = TypeVar("T")
 
 
@@ -37,13 +26,9 @@ class Independent:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exact:
-    """The stamps of a set are equal.
+    """The stamps of a set are equal."""
 
-    Attributes:
-        depth: Items of each topic that wait for their partners.
-    """
-
-    depth: int = 10
+    depth: int = 10  #: Items of each topic that wait for their partners.
 
     def __post_init__(self) -> None:
         _check_depth(self.depth)
@@ -56,14 +41,10 @@ class Approximate:
     The pivot is the latest of the topics' oldest waiting items: no set without it can still get better. Its
     partners are the nearest items of the other topics, which is known once these have reached its stamp; so a
     set whose stamps differ comes out with the next item of the topic that is behind, or when a queue is full.
-
-    Attributes:
-        slop_ns: Largest difference between two stamps of a set, in nanoseconds.
-        depth: Items of each topic that wait for their partners.
     """
 
-    slop_ns: int = 50_000_000
-    depth: int = 10
+    slop_ns: int = 50_000_000  #: Largest difference between two stamps of a set, in nanoseconds.
+    depth: int = 10  #: Items of each topic that wait for their partners.
 
     def __post_init__(self) -> None:
         _check_depth(self.depth)
@@ -88,13 +69,9 @@ SyncPolicy = Independent | Exact | Approximate | Latest
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Matched(Generic[T]):
-    """Items that belong together.
+    """Items that belong together."""
 
-    Attributes:
-        items: Stamp (ns) and item by topic.
-    """
-
-    items: dict[str, tuple[int, T]]
+    items: dict[str, tuple[int, T]]  #: Stamp (ns) and item by topic.
 
     @property
     def stamp_ns(self) -> int:

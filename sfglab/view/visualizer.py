@@ -30,31 +30,20 @@ if TYPE_CHECKING:
 
     from sfglab.bus import EndpointEvent
 
-__all__ = ["Canvas", "Input", "TopicHealth", "Update", "Visualizer"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Input:
-    """A topic that a visualizer needs.
+    """A topic that a visualizer needs."""
 
-    Attributes:
-        role: What the visualizer calls it.
-        type: ROS type of its messages.
-        pattern: Topics that it offers itself for; ``*`` stands for any characters.
-        sibling: Last segment of the topic beside the first input's that this one is bound to by itself, such as
-            ``camera_info``; empty for none.
-        optional: Whether the visualizer also works without.
-        steady: Whether one message may hold for good, as a calibration that is published once.
-        qos: What is requested.
-    """
-
-    role: str
-    type: str
-    pattern: str = "*"
+    role: str  #: What the visualizer calls it.
+    type: str  #: ROS type of its messages.
+    pattern: str = "*"  #: Topics that it offers itself for; ``*`` stands for any characters.
+    #: Last segment of the topic beside the first input's that this one is bound to by itself, such as
+    #: ``camera_info``; empty for none.
     sibling: str = ""
-    optional: bool = False
-    steady: bool = False
-    qos: QoSProfile = SENSOR_DATA
+    optional: bool = False  #: Whether the visualizer also works without.
+    steady: bool = False  #: Whether one message may hold for good, as a calibration that is published once.
+    qos: QoSProfile = SENSOR_DATA  #: What is requested.
 
     def fits(self, topic: str, type_name: str) -> bool:
         """Return whether a topic can be this input."""
@@ -63,18 +52,12 @@ class Input:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Update:
-    """Messages that belong together.
+    """Messages that belong together."""
 
-    Attributes:
-        messages: Decoded, by role.
-        stamp_ns: When the first was captured, on its sender's clock; without a stamp, when it was received.
-        received_ns: When the last of them was received, on this host's or the log's clock.
-        lost: Sets of messages that were passed over since the last update, by a full queue or the rate budget.
-    """
-
-    messages: Mapping[str, Any]
-    stamp_ns: int
-    received_ns: int
+    messages: Mapping[str, Any]  #: Decoded, by role.
+    stamp_ns: int  #: When the first was captured, on its sender's clock; without a stamp, when it was received.
+    received_ns: int  #: When the last of them was received, on this host's or the log's clock.
+    #: Sets of messages that were passed over since the last update, by a full queue or the rate budget.
     lost: int = 0
 
     def __getitem__(self, role: str) -> Any:
@@ -89,19 +72,12 @@ class Update:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicHealth:
-    """What has become of a topic's messages up to now, added up over all that show it.
+    """What has become of a topic's messages up to now, added up over all that show it."""
 
-    Attributes:
-        topic: Its name.
-        received: Messages that arrived.
-        dropped: Of those, passed over by a bounded queue, by synchronisation or by a rate budget.
-        lost: Messages that the transport knows not to have arrived.
-    """
-
-    topic: str
-    received: int
-    dropped: int
-    lost: int
+    topic: str  #: Its name.
+    received: int  #: Messages that arrived.
+    dropped: int  #: Of those, passed over by a bounded queue, by synchronisation or by a rate budget.
+    lost: int  #: Messages that the transport knows not to have arrived.
 
 
 class Canvas(Protocol):

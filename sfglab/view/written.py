@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
-__all__ = ["qos_from_values", "qos_to_values", "sync_from_values", "sync_to_values"]
-
 _POLICIES: dict[str, type[SyncPolicy]] = {
     kind.__name__.lower(): kind for kind in (Independent, Exact, Approximate, Latest)
 }

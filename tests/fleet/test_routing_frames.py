@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.fleet.routing import Direction
-from sfglab.fleet.routing.frames import SHARED_FRAMES, FrameClaims, FrameClashError, Frames
+from sfglab.fleet.routing.frames import FrameClaims, FrameClashError, Frames
 from sfglab.fleet.routing.transforms import TF_TYPE, TransformGate
 from sfglab.messages import default_message, deserialize, message_type, serialize
+from sfglab.names import SHARED_FRAMES
 
 GO2 = Frames(agent="go2", placed_by_others=frozenset({"base"}))
 names = st.from_regex(r"[a-z][a-z0-9_]{0,8}", fullmatch=True)

@@ -6,7 +6,8 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from sfglab.arp.exports.cyclone import cyclone_xml
-from sfglab.arp.exports.fast_dds import ExportError, fast_dds_xml
+from sfglab.arp.exports.document import ExportError
+from sfglab.arp.exports.fast_dds import fast_dds_xml
 from sfglab.arp.exports.ros2 import ros2_parameters
 
 if TYPE_CHECKING:

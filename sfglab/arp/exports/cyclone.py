@@ -15,7 +15,6 @@ from sfglab.rtps import CYCLONE_DDS
 if TYPE_CHECKING:
     from sfglab.arp.plan import Plan
 
-__all__ = ["cyclone_xml"]
 
 _NAMESPACE = "https://cdds.io/config"
 _LEAST_NS = 5_000_000

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from sfglab.arp.plan import Plan, TopicPlan
     from sfglab.rtps import Vendor
 
-__all__ = ["ExportError", "child", "new_comment", "rate_text", "render", "require_vendor", "summary"]
-
 
 class ExportError(SfglabError, ValueError):
     """A plan that the format cannot express."""

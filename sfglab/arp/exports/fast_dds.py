@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from sfglab.arp.plan import Plan, TopicPlan
     from sfglab.rtps import Vendor
 
-__all__ = ["ExportError", "fast_dds_xml"]
 
 _NAMESPACES = {2: "http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles", 3: "http://www.eprosima.com"}
 _TIMES = {

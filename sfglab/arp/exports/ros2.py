@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from sfglab.arp.plan import Plan
     from sfglab.qos import QoSProfile
 
-__all__ = ["ros2_parameters"]
 
 _HOW = """\
 # Use: ros2 run PACKAGE NODE --ros-args --params-file THIS_FILE

@@ -18,7 +18,6 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["AREAS", "HALF_WIDTH_M", "HOME", "WAYPOINTS", "Area", "Box", "course_length_m", "winding_rad"]
 
 HALF_WIDTH_M = 0.5
 """Half of a corridor: 1 m is the narrowest that building codes allow for one person, and five robots wide."""
@@ -35,17 +34,11 @@ _BOX_LONG_M, _BOX_DEEP_M = 0.3, 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box:
-    """A cardboard box at a wall, 0.3 m along it and 0.2 m deep.
+    """A cardboard box at a wall, 0.3 m along it and 0.2 m deep."""
 
-    Attributes:
-        leg: Which corridor: the one that begins at this waypoint.
-        along_m: Its middle, from that waypoint.
-        side: ``left`` or ``right``, as robots drive.
-    """
-
-    leg: int
-    along_m: float
-    side: str
+    leg: int  #: Which corridor: the one that begins at this waypoint.
+    along_m: float  #: Its middle, from that waypoint.
+    side: str  #: ``left`` or ``right``, as robots drive.
 
     def corners(self) -> NDArray[np.float64]:
         """Return its four corners, shape (4, 2)."""
@@ -61,15 +54,10 @@ class Box:
 
 @dataclass(frozen=True, kw_only=True)
 class Area:
-    """One robot's hallway.
+    """One robot's hallway."""
 
-    Attributes:
-        robot: Whose.
-        boxes: What stands in it.
-    """
-
-    robot: str
-    boxes: tuple[Box, ...] = ()
+    robot: str  #: Whose.
+    boxes: tuple[Box, ...] = ()  #: What stands in it.
 
     @cached_property
     def segments(self) -> NDArray[np.float64]:

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["BEAMS_DEG", "NO_ECHO", "SCAN_HZ", "range_from_step", "step_from_range"]
-
 BEAMS_DEG = (0, 45, 90, 135, 180, 225, 270, 315)
 """Directions, counter-clockwise from ahead: paper B, section 3.2."""
 

@@ -15,16 +15,6 @@ from sfglab.arp.hallway.lidar import BEAMS_DEG, range_from_step
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = [
-    "SAFE_M",
-    "SPEED_M_S",
-    "STOP",
-    "ActuationNode",
-    "Command",
-    "LocalisationNode",
-    "SensingNode",
-    "View",
-]
 
 SPEED_M_S = 0.22
 """The constant velocity: the highest of a TurtleBot3 Burger."""
@@ -40,15 +30,10 @@ _TURN_OFFSET = 1 << 14
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What a robot is told: to move or not, and how fast to turn.
+    """What a robot is told: to move or not, and how fast to turn."""
 
-    Attributes:
-        moving: At the constant velocity, or not at all.
-        turn_mrad_s: Milliradians a second, to the left.
-    """
-
-    moving: bool
-    turn_mrad_s: int = 0
+    moving: bool  #: At the constant velocity, or not at all.
+    turn_mrad_s: int = 0  #: Milliradians a second, to the left.
 
     @property
     def speed_m_s(self) -> float:
@@ -107,29 +92,18 @@ class ActuationNode:
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """Where a robot is, seen from its own beams.
+    """Where a robot is, seen from its own beams."""
 
-    Attributes:
-        ahead_m: Range ahead.
-        left_m: Range 45 degrees to the left of ahead.
-        right_m: The same to the right.
-        beside_left_m: Range to the left.
-        beside_right_m: Range to the right.
-        heading_left_rad: Heading towards the wall on the left, from that wall; None where it is not straight.
-        heading_right_rad: The same (positive is still to the left) from the wall on the right.
-        offset_m: How far left of the middle, from the straight walls; None without any.
-        obstacle: Whether something ahead is closer than is safe.
-    """
-
-    ahead_m: float
-    left_m: float
-    right_m: float
-    beside_left_m: float
-    beside_right_m: float
+    ahead_m: float  #: Range ahead.
+    left_m: float  #: Range 45 degrees to the left of ahead.
+    right_m: float  #: The same to the right.
+    beside_left_m: float  #: Range to the left.
+    beside_right_m: float  #: Range to the right.
+    #: Heading towards the wall on the left, from that wall; None where it is not straight.
     heading_left_rad: float | None
-    heading_right_rad: float | None
-    offset_m: float | None
-    obstacle: bool
+    heading_right_rad: float | None  #: The same (positive is still to the left) from the wall on the right.
+    offset_m: float | None  #: How far left of the middle, from the straight walls; None without any.
+    obstacle: bool  #: Whether something ahead is closer than is safe.
 
     @property
     def heading_rad(self) -> float | None:

@@ -16,7 +16,6 @@ from sfglab.arp.hallway.nodes import SPEED_M_S, Command
 if TYPE_CHECKING:
     from sfglab.arp.hallway.nodes import View
 
-__all__ = ["TRANSITIONS", "TURN_MRAD_S", "Manoeuvre", "PlanningNode", "Sight", "command_for"]
 
 TURN_MRAD_S = round(1000 * SPEED_M_S / HALF_WIDTH_M)
 """In a corner: an arc from the middle of one corridor to the middle of the next."""
@@ -72,13 +71,9 @@ _EVADE_RAD_S = 0.2
 
 @dataclass
 class PlanningNode:
-    """Robot 1's planning.
+    """Robot 1's planning."""
 
-    Attributes:
-        manoeuvre: What it has decided last.
-    """
-
-    manoeuvre: Manoeuvre = Manoeuvre.FORWARD
+    manoeuvre: Manoeuvre = Manoeuvre.FORWARD  #: What it has decided last.
     _turns: int = field(default=0, repr=False)
     _home_m: float | None = field(default=None, repr=False)
 

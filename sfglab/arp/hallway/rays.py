@@ -12,8 +12,6 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-__all__ = ["clearances", "drive", "scan"]
-
 
 @nb.njit(cache=True, nogil=True)
 def scan(walls: Any, pose: Any, angles: Any, ranges: Any) -> None:

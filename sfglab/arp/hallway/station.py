@@ -14,7 +14,6 @@ from sfglab.arp.hallway.planning import Manoeuvre, PlanningNode, command_for
 if TYPE_CHECKING:
     from sfglab.arp.hallway.nodes import View
 
-__all__ = ["LEADER", "Station"]
 
 LEADER = 0
 """Whose planning moves all."""

@@ -12,7 +12,6 @@ from sfglab.arp.hallway.world import RADIUS_M
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["LIMIT_S", "End", "Verdict", "judge"]
 
 LIMIT_S = 120.0
 """When a run is given up: the round takes 77 s at the constant velocity."""
@@ -31,15 +30,10 @@ class End(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """The end of a run.
+    """The end of a run."""
 
-    Attributes:
-        end: How.
-        robot: Index of who failed; -1: nobody, or nobody alone.
-    """
-
-    end: End
-    robot: int = -1
+    end: End  #: How.
+    robot: int = -1  #: Index of who failed; -1: nobody, or nobody alone.
 
 
 def judge(

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from sfglab.arp.hallway.course import Area
     from sfglab.arp.hallway.nodes import Command
 
-__all__ = ["RADIUS_M", "STEP_NS", "World"]
 
 RADIUS_M = 0.105
 """Of the robot's body; closer to a wall is a contact."""

@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from sfglab.bus.service import Client
     from sfglab.bus.subscription import Subscription
 
-__all__ = ["ActionClient", "ClientGoalHandle"]
-
 
 class ClientGoalHandle:
     """One accepted goal, at the client that sent it; made by `ActionClient.send_goal`.

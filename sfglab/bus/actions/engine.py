@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     CancelCallback = Callable[[ServerGoalHandle], Awaitable[CancelResponse] | CancelResponse]
     ExecuteCallback = Callable[[ServerGoalHandle], Any]
 
-__all__ = ["ActionServerOptions", "Goals"]
 
 # rcl_action's default in Humble, 15 minutes; later releases have 10 s.
 _RESULT_TIMEOUT_S = 900.0

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from sfglab.bus.errors import BusError
 
-__all__ = ["ActionServerGoneError", "GoalRejectedError", "GoalTransitionError", "UnknownGoalError"]
-
 
 class GoalRejectedError(BusError, RuntimeError):
     """A server does not take a goal.

@@ -16,19 +16,6 @@ from sfglab.bus.actions.errors import GoalTransitionError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = [
-    "NO_GOAL_ID",
-    "TERMINAL",
-    "TRANSITIONS",
-    "CancelCode",
-    "CancelPlan",
-    "Goal",
-    "GoalBook",
-    "GoalEvent",
-    "GoalStatus",
-    "is_allowed",
-    "next_status",
-]
 
 NO_GOAL_ID = bytes(16)
 
@@ -104,32 +91,21 @@ def next_status(goal_id: bytes, status: GoalStatus, event: GoalEvent) -> GoalSta
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Goal:
-    """What a server remembers of a goal.
+    """What a server remembers of a goal."""
 
-    Attributes:
-        goal_id: 16 bytes, chosen by the client.
-        accepted_ns: When it was accepted, by the server's clock (Unix time, nanoseconds).
-        status: Its status.
-        ended_ns: When it ended, by a clock of the server that never jumps (nanoseconds); None while it runs.
-    """
-
-    goal_id: bytes
-    accepted_ns: int
-    status: GoalStatus = GoalStatus.ACCEPTED
+    goal_id: bytes  #: 16 bytes, chosen by the client.
+    accepted_ns: int  #: When it was accepted, by the server's clock (Unix time, nanoseconds).
+    status: GoalStatus = GoalStatus.ACCEPTED  #: Its status.
+    #: When it ended, by a clock of the server that never jumps (nanoseconds); None while it runs.
     ended_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CancelPlan:
-    """Which goals a request to cancel is about.
+    """Which goals a request to cancel is about."""
 
-    Attributes:
-        code: NONE, or why there are none.
-        goal_ids: The goals that may go to CANCELING, oldest first.
-    """
-
-    code: CancelCode
-    goal_ids: tuple[bytes, ...] = ()
+    code: CancelCode  #: NONE, or why there are none.
+    goal_ids: tuple[bytes, ...] = ()  #: The goals that may go to CANCELING, oldest first.
 
 
 class GoalBook:

@@ -14,8 +14,6 @@ from sfglab.bus.actions.goals import TERMINAL, GoalEvent, GoalStatus
 if TYPE_CHECKING:
     from sfglab.bus.actions.engine import Goals
 
-__all__ = ["CancelResponse", "GoalResponse", "Running", "ServerGoalHandle"]
-
 
 class GoalResponse(Enum):
     """What a goal callback says."""

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     FeedbackCallback = Callable[[Any], Awaitable[None] | None]
 
-__all__ = ["CancelReply", "GoalResult", "Router", "Sent"]
 
 # What `feedback()` keeps of a goal until it is read.
 _FEEDBACK_DEPTH = 100
@@ -32,28 +31,18 @@ _ENDED_DEPTH = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoalResult:
-    """How a goal ended.
+    """How a goal ended."""
 
-    Attributes:
-        status: SUCCEEDED, CANCELED or ABORTED.
-        result: The result message.
-    """
-
-    status: GoalStatus
-    result: Any
+    status: GoalStatus  #: SUCCEEDED, CANCELED or ABORTED.
+    result: Any  #: The result message.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CancelReply:
-    """What came of a request to cancel.
+    """What came of a request to cancel."""
 
-    Attributes:
-        code: NONE when goals are being canceled, or there was none to cancel; else why not.
-        goal_ids: The goals that are being canceled.
-    """
-
-    code: CancelCode
-    goal_ids: tuple[bytes, ...] = ()
+    code: CancelCode  #: NONE when goals are being canceled, or there was none to cancel; else why not.
+    goal_ids: tuple[bytes, ...] = ()  #: The goals that are being canceled.
 
 
 class Sent:

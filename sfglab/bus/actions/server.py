@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from sfglab.bus.core import Core
     from sfglab.bus.publisher import Publisher
 
-__all__ = ["ActionServer"]
-
 
 class ActionServer:
     """An action's server; made by `Node.create_action_server`.

@@ -20,20 +20,6 @@ from sfglab.qos import DEFAULT, LATCHED
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = [
-    "CANCEL_GOAL",
-    "FEEDBACK_QOS",
-    "STATUS",
-    "STATUS_QOS",
-    "ActionTopics",
-    "action_topics",
-    "goal_id_from",
-    "goal_info",
-    "read_goal_info",
-    "read_statuses",
-    "status_array",
-    "uuid_message",
-]
 
 CANCEL_GOAL = "action_msgs/srv/CancelGoal"
 STATUS = "action_msgs/msg/GoalStatusArray"

@@ -12,31 +12,6 @@ import ctypes as ct
 from functools import cache
 from typing import Any
 
-__all__ = [
-    "ALIVE",
-    "ANY_STATE",
-    "BUILTIN_PARTICIPANT",
-    "BUILTIN_PUBLICATION",
-    "BUILTIN_SUBSCRIPTION",
-    "INFINITY_NS",
-    "RETCODE_ERROR",
-    "RETCODE_TIMEOUT",
-    "SDK_DATA",
-    "STATUS_PUBLICATION_MATCHED",
-    "STATUS_SAMPLE_LOST",
-    "STATUS_SUBSCRIPTION_MATCHED",
-    "TIMESTAMP_INVALID",
-    "TIMESTAMP_OFFSET",
-    "Endpoint",
-    "IoVec",
-    "MatchedStatus",
-    "Participant",
-    "SampleInfo",
-    "SampleLostStatus",
-    "error_text",
-    "library",
-]
-
 INFINITY_NS = 2**63 - 1
 ANY_STATE = 0x7F  # any sample, view and instance state (dds.h)
 ALIVE = 16  # DDS_ALIVE_INSTANCE_STATE

@@ -14,8 +14,6 @@ from xml.sax.saxutils import quoteattr
 
 from sfglab.bus.errors import DomainError
 
-__all__ = ["DomainConfig", "DomainOptions", "Multicast", "check_interface", "domain_xml"]
-
 Multicast = Literal["default", "spdp", "true", "false"]
 
 # RTPS 2.5, clause 9.6.1.1: ports are 7400 + 250 * domain id (+ offsets), so 233 leaves the 16-bit range.
@@ -36,23 +34,17 @@ class DomainOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DomainConfig:
-    """How one process takes part in one DDS domain; all its nodes of that domain share it.
+    """How one process takes part in one DDS domain; all its nodes of that domain share it."""
 
-    Attributes:
-        domain_id: 0 to 232.
-        interface: The network interface, e.g. "lo" or "eth0"; None lets Cyclone choose.
-        multicast: Cyclone's AllowMulticast: "spdp" only finds participants by multicast, "false" never
-            uses it and finds participants on this host only.
-        lease_s: After how many silent seconds others declare this process dead; at least 0.1.
-        external_domain_id: The domain that is joined on the network, 0 to 232; None is `domain_id`. Cyclone
-            keeps one set of sockets and threads for each `domain_id`, so several of them with one external id
-            are, for everybody else, as many processes in one domain.
-    """
-
-    domain_id: int = 0
-    interface: str | None = None
+    domain_id: int = 0  #: 0 to 232.
+    interface: str | None = None  #: The network interface, e.g. "lo" or "eth0"; None lets Cyclone choose.
+    #: Cyclone's AllowMulticast: "spdp" only finds participants by multicast, "false" never uses it and finds
+    #: participants on this host only.
     multicast: Multicast = "default"
-    lease_s: float = 10.0
+    lease_s: float = 10.0  #: After how many silent seconds others declare this process dead; at least 0.1.
+    #: The domain that is joined on the network, 0 to 232; None is `domain_id`. Cyclone keeps one set of sockets
+    #: and threads for each `domain_id`, so several of them with one external id are, for everybody else, as
+    #: many processes in one domain.
     external_domain_id: int | None = None
 
     @property

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from sfglab.bus.dds.participant import DdsParticipant
     from sfglab.bus.queue import Sample
 
-__all__ = ["Change", "Discovery"]
 
 _BATCH = 128
 _BUILTIN_TYPES = b"org::eclipse::cyclonedds::builtin::"

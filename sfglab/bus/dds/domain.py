@@ -13,8 +13,6 @@ from sfglab.bus.dds.clib import error_text, library
 from sfglab.bus.dds.config import DomainConfig, check_interface, domain_xml
 from sfglab.bus.errors import DomainError
 
-__all__ = ["join", "leave"]
-
 
 @dataclass(slots=True)
 class _Joined:

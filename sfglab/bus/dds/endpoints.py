@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from sfglab.bus.dds.waiter import Waiter
     from sfglab.bus.queue import Sample
 
-__all__ = ["UNKNOWN_GID", "RawReader", "RawWriter", "delete_writer", "entity_guid", "matched_gid"]
 
 _BATCH = 64
 _MAX_MATCHED = 4096

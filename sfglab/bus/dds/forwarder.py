@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from sfglab.bus.forwarding import Outlet, RawEndpoint, Transform
     from sfglab.bus.node import Node
 
-__all__ = ["DdsForward", "DdsForwarder"]
 
 _log = logging.getLogger("sfglab.bus")
 _BATCH = 64

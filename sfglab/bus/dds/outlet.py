@@ -16,7 +16,6 @@ from sfglab.bus.dds.samples import sertype_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["MAX_BLOCKING_NS", "DdsOutlet"]
 
 MAX_BLOCKING_NS = 5_000_000
 """How long a KEEP_ALL writer may block on slow readers, nanoseconds: meanwhile no other topic is served."""

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from sfglab.bus.dds.qos import EndpointOptions
     from sfglab.qos import QoSProfile
 
-__all__ = ["DdsParticipant"]
-
 
 class DdsParticipant:
     """Joins a domain and creates raw readers and writers there.

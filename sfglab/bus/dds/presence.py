@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from sfglab.bus.dds.participant import DdsParticipant
     from sfglab.bus.graph import Graph
 
-__all__ = ["INFO_TOPIC", "READER_QOS", "Presence", "gid_bytes", "info_type", "pack_nodes", "unpack_nodes"]
 
 INFO_TOPIC = "ros_discovery_info"
 _TYPE = "rmw_dds_common::msg::dds_::{}_"

@@ -13,15 +13,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Unpack
 
-__all__ = [
-    "EndpointOptions",
-    "endpoint_qos",
-    "partitions",
-    "profile_from_dds",
-    "qos_object",
-    "string_property",
-    "user_data",
-]
 
 _RELIABILITY = (Reliability.BEST_EFFORT, Reliability.RELIABLE)
 _HISTORY = (History.KEEP_LAST, History.KEEP_ALL)

@@ -10,15 +10,6 @@ from typing import Any
 
 from sfglab.bus.dds.clib import SDK_DATA, TIMESTAMP_INVALID, TIMESTAMP_OFFSET, IoVec, library
 
-__all__ = [
-    "CDR_HEADER_BYTES",
-    "bytes_from_serdata",
-    "serdata_from_bytes",
-    "sertype_of",
-    "source_timestamp_ns",
-    "stamp",
-]
-
 CDR_HEADER_BYTES = 4
 _PADDING = ct.create_string_buffer(4)
 _PADDING_ADDRESS = ct.addressof(_PADDING)

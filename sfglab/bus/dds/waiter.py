@@ -18,7 +18,6 @@ from sfglab.bus.dds.clib import ANY_STATE, INFINITY_NS, library
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["Waiter"]
 
 _log = logging.getLogger(__name__)
 _MAX_TRIGGERED = 64

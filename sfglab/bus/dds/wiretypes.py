@@ -12,8 +12,6 @@ from typing import Any
 
 from sfglab.messages import UnknownTypeError
 
-__all__ = ["wire_type"]
-
 _log = logging.getLogger("sfglab.bus")
 _SERVICE_PREFIXES = ("rq/", "rr/")
 

@@ -12,8 +12,6 @@ import numpy as np
 from sfglab.bus.errors import BusError
 from sfglab.bus.shm.wire import DATA_OFFSET_BYTES, HEADER_BYTES
 
-__all__ = ["ArenaMap", "OwnArena"]
-
 # linux/fcntl.h; the fcntl module lacks these in some builds.
 _F_ADD_SEALS, _F_GET_SEALS = 1033, 1034
 _F_SEAL_SEAL, _F_SEAL_SHRINK, _F_SEAL_GROW = 1, 2, 4

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from sfglab.bus.shm.slots import SlotPool
     from sfglab.bus.shm.wire import Announcement
 
-__all__ = ["MAX_CREDITS", "Fanout", "credits_of", "returns_of"]
 
 MAX_CREDITS = 64
 """The most slots one subscriber may hold; all their datagrams fit into a socket's default buffer."""

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from sfglab.bus.graph import Graph
     from sfglab.qos import QoSProfile
 
-__all__ = ["Presence"]
-
 
 class Presence:
     """The DDS side of one shared-memory endpoint.

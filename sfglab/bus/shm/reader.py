@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from sfglab.bus.inbox import Inbox
     from sfglab.bus.shm.presence import Presence
 
-__all__ = ["ShmReader"]
 
 _log = logging.getLogger(__name__)
 _RETRY_S = 0.02

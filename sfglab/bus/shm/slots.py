@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from sfglab.bus.shm.wire import DATA_OFFSET_BYTES, HEADER_BYTES, PAGE_BYTES
 
-__all__ = ["SlotPool"]
-
 # Sizes are rounded up to four steps per octave, so at most a fifth of a slot is unused.
 _STEPS_PER_OCTAVE = 4
 

@@ -7,8 +7,6 @@ import secrets
 import socket
 import struct
 
-__all__ = ["address", "connect", "listen", "same_user"]
-
 _UCRED = struct.Struct("3i")  # pid, uid, gid (unix(7), SO_PEERCRED)
 _BACKLOG = 128
 

@@ -20,26 +20,6 @@ from sfglab.bus.errors import BusError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = [
-    "ANNOUNCE_BYTES",
-    "DATA_OFFSET_BYTES",
-    "HEADER_BYTES",
-    "HELLO_BYTES",
-    "PAGE_BYTES",
-    "RETURN_BYTES",
-    "RETURN_MAX",
-    "Announcement",
-    "Hello",
-    "ProtocolError",
-    "pack_announcement",
-    "pack_hello",
-    "pack_returns",
-    "pack_welcome",
-    "unpack_announcement",
-    "unpack_hello",
-    "unpack_returns",
-    "unpack_welcome",
-]
 
 PAGE_BYTES = 4096
 HEADER_BYTES = PAGE_BYTES

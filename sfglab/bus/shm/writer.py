@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from sfglab.bus.bridge import LoopBridge
     from sfglab.bus.shm.presence import Presence
 
-__all__ = ["ARENA_MESSAGES", "ShmWriter"]
 
 _log = logging.getLogger(__name__)
 

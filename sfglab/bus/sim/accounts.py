@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from sfglab.bus.sim.loop import VirtualLoop
     from sfglab.bus.sim.participant import Host, Participant
 
-__all__ = ["Accounts"]
 
 # One heartbeat of a writer covers what it has sent in this time: Cyclone's Internal/HeartbeatInterval.
 HEARTBEAT_NS = 100_000_000

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from sfglab.bus.sim.participant import Participant
     from sfglab.bus.sim.reader import Reader
 
-__all__ = ["Audience"]
-
 
 class Audience:
     """Who hears a writer.

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from sfglab.bus.sim.reader import Reader
     from sfglab.bus.sim.writer import Writer
 
-__all__ = ["Channel", "Network"]
-
 
 class _Entry:
     """A sample that a reliable channel has not delivered yet: arrived, or given up, or still on its way."""

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Self
 if TYPE_CHECKING:
     from sfglab.bus.sim.link import Costs, Timing
 
-__all__ = ["Clockwork", "ns_from_s"]
-
 
 def ns_from_s(duration_s: float) -> int:
     """Return a duration in whole nanoseconds."""

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from sfglab.bus.sim.participant import Participant
     from sfglab.bus.transports import ServiceSide, Target
 
-__all__ = ["SimCore"]
-
 
 class SimCore:
     """A participant, its graph, and the endpoints, timers and tasks to end.

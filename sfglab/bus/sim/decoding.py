@@ -9,7 +9,6 @@ from sfglab.messages import decoder
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["SharedDecoder"]
 
 _LIMIT_BYTES = 64 * 2**20
 _OVERHEAD_BYTES = 1000

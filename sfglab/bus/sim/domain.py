@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from sfglab.bus.sim.world import World
     from sfglab.bus.sim.writer import Writer
 
-__all__ = ["Domain", "Observer", "Topic", "Watch"]
-
 
 _LOOK_AGAIN_NS = 1_000_000_000
 """How often a partitioned world looks whether somebody still believes in an endpoint that is retracted."""

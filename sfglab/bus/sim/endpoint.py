@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from sfglab.bus.sim.domain import Observer
     from sfglab.bus.sim.participant import Participant
 
-__all__ = ["Endpoint", "Item"]
 
 Item = tuple[int, bytes, int]
 """A sample on its way: sequence number from 1, CDR, source time stamp (ns)."""

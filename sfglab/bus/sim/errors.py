@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     import asyncio
     from collections.abc import Iterable
 
-__all__ = ["DeadlockError", "NotSimulatedError", "SimulationError", "TimeLimitError", "WorldError"]
 
 _SHOWN_TASKS = 5
 

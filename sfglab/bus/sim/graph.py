@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from sfglab.bus.sim.endpoint import Endpoint
     from sfglab.bus.sim.participant import Participant
 
-__all__ = ["SimGraph"]
-
 
 class SimGraph(Graph):
     """All endpoints that a participant knows of, its own included.

@@ -8,27 +8,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["NEVER_NS", "Gap", "known_spans"]
-
 NEVER_NS = 2**62
 """Later than every time of a simulation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A time in which two participants do not hear each other.
+    """A time in which two participants do not hear each other."""
 
-    Attributes:
-        start_ns: From when on.
-        end_ns: Until when; `NEVER_NS` while it lasts.
-        lost_ns: When the silent one's lease runs out.
-        back_ns: When the two know of each other what there is to know, after the end.
-    """
-
-    start_ns: int
-    end_ns: int
-    lost_ns: int
-    back_ns: int
+    start_ns: int  #: From when on.
+    end_ns: int  #: Until when; `NEVER_NS` while it lasts.
+    lost_ns: int  #: When the silent one's lease runs out.
+    back_ns: int  #: When the two know of each other what there is to know, after the end.
 
 
 def known_spans(learnt_ns: int, forgotten_ns: int, gaps: list[Gap]) -> list[tuple[int, int]]:

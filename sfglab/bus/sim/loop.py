@@ -18,7 +18,6 @@ from sfglab.bus.sim.errors import DeadlockError, NotSimulatedError, TimeLimitErr
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-__all__ = ["START_NS", "VirtualLoop"]
 
 START_NS = 1_767_225_600_000_000_000
 """Where virtual time begins: 2026-01-01, Unix time in nanoseconds, so that stamps look like stamps."""

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from sfglab.bus.sim.loop import VirtualLoop
     from sfglab.bus.sim.participant import Participant
 
-__all__ = ["SimClock", "SimNode"]
-
 
 class SimClock:
     """The time of a simulated world.

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from sfglab.bus.sim.endpoint import Endpoint
     from sfglab.bus.sim.link import LinkModel
 
-__all__ = ["Host", "Participant", "Partition", "Process"]
 
 _KINDS = 4  # of `traffic.Load`
 

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from sfglab.bus.queue import Sample
     from sfglab.bus.sim.core import SimCore
 
-__all__ = ["SimInlet", "SimOutlet"]
-
 
 class SimInlet:
     """A raw reader that hands each sample to a sink.

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from sfglab.bus.queue import Sample
     from sfglab.bus.sim.writer import Writer
 
-__all__ = ["Reader"]
-
 
 class Reader(Endpoint):
     """Takes samples from the writers that it knows.

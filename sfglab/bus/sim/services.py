@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from sfglab.bus.sim.reader import Reader
     from sfglab.bus.sim.writer import Writer
 
-__all__ = ["Services"]
 
 # Behind the 4 bytes of encapsulation: the client's GUID and the request's number (`frame_service`).
 _HEADER = slice(4, 20)

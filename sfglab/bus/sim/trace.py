@@ -6,24 +6,15 @@ import hashlib
 import struct
 from dataclasses import dataclass
 
-__all__ = ["TraceDigest", "TraceEvent"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TraceEvent:
-    """Something that happened.
+    """Something that happened."""
 
-    Attributes:
-        time_ns: When, virtual nanoseconds since the start.
-        what: "join", "leave", "crash", "open", "close", "send", "take", "part" or "heal".
-        gid: Of the endpoint or participant; empty for what happens to the network.
-        data: The sample's CDR, the topic of what is opened, the name of who joins.
-    """
-
-    time_ns: int
-    what: str
-    gid: bytes
-    data: bytes
+    time_ns: int  #: When, virtual nanoseconds since the start.
+    what: str  #: "join", "leave", "crash", "open", "close", "send", "take", "part" or "heal".
+    gid: bytes  #: Of the endpoint or participant; empty for what happens to the network.
+    data: bytes  #: The sample's CDR, the topic of what is opened, the name of who joins.
 
 
 class TraceDigest:

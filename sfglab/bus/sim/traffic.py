@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Self
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["HostTraffic", "KindBytes", "Load"]
-
 
 class Load(IntEnum):
     """What bytes are for."""
@@ -30,19 +28,12 @@ class Load(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KindBytes:
-    """Bytes of Ethernet frames in one direction, by what they were for.
+    """Bytes of Ethernet frames in one direction, by what they were for."""
 
-    Attributes:
-        data: Samples, with the heartbeats in their packets.
-        acks: Heartbeats and acknowledgements of samples.
-        discovery: Announcements of participants and endpoints, and of liveliness.
-        discovery_acks: Heartbeats and acknowledgements of discovery.
-    """
-
-    data: int = 0
-    acks: int = 0
-    discovery: int = 0
-    discovery_acks: int = 0
+    data: int = 0  #: Samples, with the heartbeats in their packets.
+    acks: int = 0  #: Heartbeats and acknowledgements of samples.
+    discovery: int = 0  #: Announcements of participants and endpoints, and of liveliness.
+    discovery_acks: int = 0  #: Heartbeats and acknowledgements of discovery.
 
     @property
     def total(self) -> int:
@@ -71,15 +62,10 @@ class KindBytes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HostTraffic:
-    """What one host's interface to the network has carried.
+    """What one host's interface to the network has carried."""
 
-    Attributes:
-        rx: Into the host.
-        tx: Out of it.
-    """
-
-    rx: KindBytes = KindBytes()
-    tx: KindBytes = KindBytes()
+    rx: KindBytes = KindBytes()  #: Into the host.
+    tx: KindBytes = KindBytes()  #: Out of it.
 
     def since(self, earlier: HostTraffic) -> HostTraffic:
         """Return what has come on top of an earlier count."""

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from sfglab.bus.sim.loop import VirtualLoop
     from sfglab.bus.sim.participant import Participant, Partition
 
-__all__ = ["Views"]
 
 _CROSSINGS = 4
 """Of the network, until two participants have met: SPDP, the answer with a heartbeat, a request, the data."""

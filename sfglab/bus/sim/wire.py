@@ -17,25 +17,6 @@ from sfglab.qos import Durability, History, QoSProfile, Reliability
 if TYPE_CHECKING:
     from sfglab.bus.api import EndpointInfo
 
-__all__ = [
-    "ACKNACK_BYTES",
-    "HEARTBEAT_BYTES",
-    "HELLO_ROUND_ACKS_BYTES",
-    "HELLO_ROUND_BYTES",
-    "LIVELINESS_BYTES",
-    "MATCH_ACKS_BYTES",
-    "MATCH_BYTES",
-    "PRESENCE_BYTES",
-    "RETRACTION_BYTES",
-    "acquaintance_bytes",
-    "announcement_bytes",
-    "data_bytes",
-    "departure_bytes",
-    "history_bytes",
-    "presentation_bytes",
-    "retold_bytes",
-    "submessage_bytes",
-]
 
 _ETHERNET, _IP, _UDP = 14, 20, 8
 _MTU_PAYLOAD = 1480  # of an IP fragment: 1500 - 20

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
     from sfglab.bus.calls import OnError
 
-__all__ = ["NodeOptions", "Reach", "World", "WorldOptions", "run_simulated"]
 
 T = TypeVar("T")
 Reach = Literal["network", "host"]

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from sfglab.bus.sim.participant import Participant
     from sfglab.bus.sim.reader import Reader
 
-__all__ = ["Writer"]
 
 # A reader acknowledges at once what comes after so long a silence, and a burst once.
 _QUIET_NS = 100_000_000

@@ -26,28 +26,20 @@ if TYPE_CHECKING:
     from sfglab.fleet.border import Finding
     from sfglab.fleet.routing import Policy
 
-__all__ = ["OwnRules", "check_bundle", "own_rules"]
 
 EDITOR = (".devcontainer/*", ".vscode/*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OwnRules:
-    """Rules of ours for files of a kind, which stand beside what renders them.
+    """Rules of ours for files of a kind, which stand beside what renders them."""
 
-    Attributes:
-        check: What is asked.
-        pattern: Which files, as in ``systemd/*.service``; that there is one is asked too.
-        rules: Takes a file's text and its name without folders, returns findings; errors fail.
-        program: What they also ask where it is installed; empty: none.
-        install: The command that installs it.
-    """
-
-    check: str
-    pattern: str
+    check: str  #: What is asked.
+    pattern: str  #: Which files, as in ``systemd/*.service``; that there is one is asked too.
+    #: Takes a file's text and its name without folders, returns findings; errors fail.
     rules: Callable[[str, str], Iterable[Finding]]
-    program: str = ""
-    install: str = ""
+    program: str = ""  #: What they also ask where it is installed; empty: none.
+    install: str = ""  #: The command that installs it.
 
 
 def own_rules() -> tuple[OwnRules, ...]:

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
     from sfglab.deploy.files import BundleFile
 
-__all__ = ["BASE", "OVERLAY", "check_compose"]
 
 BASE, OVERLAY = "compose.yaml", "compose.dev.yaml"
 SCHEMA = "Compose Specification"

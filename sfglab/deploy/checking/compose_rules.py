@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from sfglab.deploy.deployment import Deployment
 
-__all__ = ["RULES", "Project", "Rule"]
 
 AGENT, ROUTER = "agent", "router"
 _NVIDIA = (Accelerator.CUDA, Accelerator.JETSON)
@@ -56,21 +55,13 @@ _DEBUGGER = "SYS_PTRACE"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Project:
-    """One Compose file and what it is asked against.
+    """One Compose file and what it is asked against."""
 
-    Attributes:
-        values: What stands in it.
-        base: What stands in the file that it overlays; empty where it overlays none.
-        overlay: Whether it overlays another.
-        deployment: What the fleet file says.
-        variables: Names that the folder's files of variables define.
-    """
-
-    values: dict[str, Any]
-    base: dict[str, Any]
-    overlay: bool
-    deployment: Deployment
-    variables: frozenset[str]
+    values: dict[str, Any]  #: What stands in it.
+    base: dict[str, Any]  #: What stands in the file that it overlays; empty where it overlays none.
+    overlay: bool  #: Whether it overlays another.
+    deployment: Deployment  #: What the fleet file says.
+    variables: frozenset[str]  #: Names that the folder's files of variables define.
 
     def services(self) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yield the services by name."""
@@ -83,17 +74,11 @@ class Project:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
-    """A rule.
+    """A rule."""
 
-    Attributes:
-        name: What holds where it is kept.
-        wrong: Yields where it is not.
-        overlay: Whether development keeps it too.
-    """
-
-    name: str
-    wrong: Callable[[Project], Iterator[str]]
-    overlay: bool = False
+    name: str  #: What holds where it is kept.
+    wrong: Callable[[Project], Iterator[str]]  #: Yields where it is not.
+    overlay: bool = False  #: Whether development keeps it too.
 
 
 def _services(project: Project) -> Iterator[str]:

@@ -12,17 +12,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = [
-    "Mount",
-    "Variable",
-    "environment",
-    "mounts",
-    "named",
-    "references",
-    "scalars",
-    "variables",
-    "without_variables",
-]
 
 _VARIABLE = re.compile(r"\$(?:\$|(?P<plain>[A-Za-z_]\w*)|\{(?P<name>[A-Za-z_]\w*)(?P<rest>[^}]*)\})")
 _DEFAULT = re.compile(r"\$\{[A-Za-z_]\w*:?-([^}]*)\}")
@@ -31,32 +20,20 @@ _PLAIN = "plain"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variable:
-    """A variable in a text.
+    """A variable in a text."""
 
-    Attributes:
-        name: Its name.
-        must_be_set: Compose ends with an error where it is not set.
-        has_default: Something else is taken where it is not set.
-    """
-
-    name: str
-    must_be_set: bool
-    has_default: bool
+    name: str  #: Its name.
+    must_be_set: bool  #: Compose ends with an error where it is not set.
+    has_default: bool  #: Something else is taken where it is not set.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mount:
-    """A volume of a service.
+    """A volume of a service."""
 
-    Attributes:
-        source: Folder of the machine, or name of a volume; empty where it has none.
-        bind: Whether it is a folder of the machine.
-        read_only: Whether the container cannot write to it.
-    """
-
-    source: str
-    bind: bool
-    read_only: bool
+    source: str  #: Folder of the machine, or name of a volume; empty where it has none.
+    bind: bool  #: Whether it is a folder of the machine.
+    read_only: bool  #: Whether the container cannot write to it.
 
 
 def scalars(value: Any, *, key: str = "") -> list[str]:

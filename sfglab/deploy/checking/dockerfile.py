@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
     from sfglab.deploy.files import BundleFile
 
-__all__ = ["check_dockerfiles"]
 
 LINTER = "hadolint"
 NAME = "Dockerfile"

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from sfglab.deploy.files import BundleFile
 
-__all__ = ["SECRET_NAME", "check_secrets", "leaks"]
 
 SECRET_NAME = re.compile(
     r"(?:^|_)(?:password|passwd|passphrase|secret|token|credentials?|(?:api|access|private|auth|secret)?_?key)s?$",

@@ -21,7 +21,6 @@ from sfglab.deploy.errors import DeployError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["EXTRA", "MissingProgramError", "answer_of", "find_program", "run_program"]
 
 EXTRA = "pip install 'sfglab[deploy]'"
 """What installs every checker that a package index has."""

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from sfglab.deploy.files import BundleFile
 
-__all__ = ["check_shell", "shell_scripts"]
 
 LINTER = "shellcheck"
 STARTS = "programs can be started"

@@ -13,7 +13,6 @@ from sfglab.deploy.errors import DeployError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-__all__ = ["SkippedError", "State", "Verdict", "render_verdicts", "verdict_of"]
 
 _WIDTH = 110
 
@@ -28,19 +27,12 @@ class State(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """What one check says of one subject.
+    """What one check says of one subject."""
 
-    Attributes:
-        check: What was asked.
-        subject: Of what, a file of the folder.
-        state: What became of it.
-        says: What is wrong, or what is missing to ask; mostly empty where it holds.
-    """
-
-    check: str
-    subject: str
-    state: State
-    says: str = ""
+    check: str  #: What was asked.
+    subject: str  #: Of what, a file of the folder.
+    state: State  #: What became of it.
+    says: str = ""  #: What is wrong, or what is missing to ask; mostly empty where it holds.
 
 
 class SkippedError(DeployError):

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from sfglab.deploy.files import BundleFile
     from sfglab.fleet.border import Finding
 
-__all__ = ["check_editor"]
 
 CONTAINER = ".devcontainer/devcontainer.json"
 EXTENSIONS = ".vscode/extensions.json"

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from sfglab.deploy.files import BundleFile
     from sfglab.fleet.border import Finding
 
-__all__ = ["check_container"]
 
 _NEEDED = ("name", "dockerComposeFile", "service", "workspaceFolder", "remoteUser")
 _COMMANDS = (

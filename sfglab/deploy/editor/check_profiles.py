@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from sfglab.fleet.border import Finding
 
-__all__ = ["check_profiles", "check_tasks"]
 
 _COMMON = (
     "name",

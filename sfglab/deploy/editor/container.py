@@ -14,7 +14,6 @@ from sfglab.fleet.fleet_file import RosDistribution
 if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
 
-__all__ = ["WORKSPACE", "container_settings"]
 
 WORKSPACE = "/workspace"
 """Where the user's workspace stands in the container."""

@@ -20,7 +20,6 @@ from sfglab.fleet.fleet_file import RosDistribution
 if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
 
-__all__ = ["DEBUGPY_PORT", "debug_profiles"]
 
 DEBUGPY_PORT = 5678
 """Where ``python -m debugpy --listen 5678 ...`` waits; its own documentation's example."""

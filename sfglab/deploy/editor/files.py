@@ -14,8 +14,6 @@ from sfglab.deploy.files import BundleFile
 if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
 
-__all__ = ["editor_files"]
-
 
 def editor_files(deployment: Deployment) -> dict[str, BundleFile]:
     """Return the development container and the settings of VS Code for one agent (paper A, section 4.4).

@@ -11,17 +11,6 @@ from sfglab.fleet.border import Finding, Severity
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-__all__ = [
-    "bad_entries",
-    "bad_extensions",
-    "bad_keys",
-    "bad_variables",
-    "entries",
-    "fault",
-    "listed",
-    "mapping_at",
-    "texts",
-]
 
 _EXTENSION = re.compile(r"[A-Za-z0-9][A-Za-z0-9-]*\.[A-Za-z0-9][A-Za-z0-9._-]*")
 """``publisher.name``, as in the marketplace."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from sfglab.fleet.fleet_file import RosDistribution
 
-__all__ = ["ENVIRONMENT_FILE", "INTERPRETER", "PYTHON", "build_command", "environment_command", "sourced"]
-
 PYTHON = {RosDistribution.HUMBLE: "3.10", RosDistribution.JAZZY: "3.12"}
 """Python of the Ubuntu that a distribution is made for (REP 2000)."""
 

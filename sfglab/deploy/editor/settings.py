@@ -12,8 +12,6 @@ from typing import Any
 from sfglab.deploy.editor.ros import ENVIRONMENT_FILE, INTERPRETER, PYTHON
 from sfglab.fleet.fleet_file import RosDistribution
 
-__all__ = ["DEBUGGERS", "EXTENSIONS", "FORMATTERS", "workspace_settings"]
-
 _CLANGD = "llvm-vs-code-extensions.vscode-clangd"
 
 DEBUGGERS = {"debugpy": "ms-python.debugpy", "lldb": "vadimcn.vscode-lldb"}

@@ -10,8 +10,6 @@ from typing import Any
 from sfglab.deploy.editor.ros import build_command, environment_command, sourced
 from sfglab.fleet.fleet_file import RosDistribution
 
-__all__ = ["BUILD_ALL", "ENVIRONMENT", "FLEET_FILE", "build_tasks"]
-
 FLEET_FILE = "/etc/sfglab/fleet.yaml"
 ENVIRONMENT = "ROS environment"
 BUILD = "colcon build"

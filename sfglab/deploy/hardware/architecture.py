@@ -16,7 +16,6 @@ from sfglab.fleet.fleet_file import Architecture
 if TYPE_CHECKING:
     from sfglab.deploy.hardware.files import MachineFiles
 
-__all__ = ["MACHINES", "elf_header", "find_architecture"]
 
 MACHINES = {3: "386", 8: "mips", 20: "ppc", 21: "ppc64", 22: "s390x", 40: "arm", 62: "amd64", 183: "arm64"} | {
     243: "riscv64",

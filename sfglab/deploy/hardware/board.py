@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
     from sfglab.deploy.hardware.files import MachineFiles
 
-__all__ = ["find_compatible", "find_groups", "find_model", "find_operating_system", "in_container"]
 
 UNKNOWN = "unknown"
 _TREES = ("/proc/device-tree", "/sys/firmware/devicetree/base")  # the first is a link to the second

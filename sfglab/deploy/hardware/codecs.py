@@ -12,8 +12,6 @@ from sfglab.deploy.hardware.detection import detect
 from sfglab.deploy.hardware.machine import CodecRole, ExpectedCodec, Machine
 from sfglab.fleet.fleet_file import Accelerator
 
-__all__ = ["CodecFound", "codecs_found", "expected_codecs"]
-
 _SOFTWARE = (
     ExpectedCodec(name="libx264", role=CodecRole.ENCODER, why="the processor; the wheels of PyAV have it"),
     ExpectedCodec(name="h264", role=CodecRole.DECODER, why="the processor; part of FFmpeg"),
@@ -22,23 +20,14 @@ _SOFTWARE = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CodecFound:
-    """One codec, as expected and as tried.
+    """One codec, as expected and as tried."""
 
-    Attributes:
-        name: FFmpeg's name.
-        role: Encoder or decoder.
-        expected: Whether the machine lets one expect it.
-        works: Whether it encoded or decoded in this process.
-        tried: What was seen when it was tried.
-        why: Why it is expected or not.
-    """
-
-    name: str
-    role: CodecRole
-    expected: bool
-    works: bool
-    tried: str
-    why: str
+    name: str  #: FFmpeg's name.
+    role: CodecRole  #: Encoder or decoder.
+    expected: bool  #: Whether the machine lets one expect it.
+    works: bool  #: Whether it encoded or decoded in this process.
+    tried: str  #: What was seen when it was tried.
+    why: str  #: Why it is expected or not.
 
 
 def expected_codecs(machine: Machine) -> tuple[ExpectedCodec, ...]:

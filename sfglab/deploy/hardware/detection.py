@@ -22,7 +22,6 @@ from sfglab.fleet.fleet_file import Accelerator
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["PREFERENCE", "detect"]
 
 PREFERENCE = (
     Preference(

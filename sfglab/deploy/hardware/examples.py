@@ -17,26 +17,16 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-__all__ = ["EXAMPLES", "ExampleMachine", "write_example"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExampleMachine:
-    """A machine made up from documentation.
+    """A machine made up from documentation."""
 
-    Attributes:
-        description: What it is, and where its facts are from.
-        files: Contents by path below its root; empty for device nodes.
-        links: Targets of symbolic links by path below its root.
-        elf: Architecture of its programs; text for one that there are no images for.
-        expected: The accelerator that its images must be made for.
-    """
-
-    description: str
-    files: Mapping[str, str]
-    links: Mapping[str, str]
-    elf: Architecture | str
-    expected: Accelerator
+    description: str  #: What it is, and where its facts are from.
+    files: Mapping[str, str]  #: Contents by path below its root; empty for device nodes.
+    links: Mapping[str, str]  #: Targets of symbolic links by path below its root.
+    elf: Architecture | str  #: Architecture of its programs; text for one that there are no images for.
+    expected: Accelerator  #: The accelerator that its images must be made for.
 
     @property
     def elf_name(self) -> str:

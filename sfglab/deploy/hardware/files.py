@@ -13,8 +13,6 @@ from pathlib import Path, PurePosixPath
 
 from sfglab.deploy.errors import DeployError
 
-__all__ = ["MachineFiles", "plain"]
-
 _MOST_BYTES = 65536
 _MOST_LINKS = 40  # Linux gives up after as many: path_resolution(7)
 _LONGEST = 160
@@ -22,13 +20,9 @@ _LONGEST = 160
 
 @dataclass(frozen=True, slots=True)
 class MachineFiles:
-    """A machine's files.
+    """A machine's files."""
 
-    Attributes:
-        root: Folder that stands for ``/``.
-    """
-
-    root: Path
+    root: Path  #: Folder that stands for ``/``.
 
     def __post_init__(self) -> None:
         try:

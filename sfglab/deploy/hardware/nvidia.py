@@ -18,7 +18,6 @@ from sfglab.fleet.fleet_file import Accelerator
 if TYPE_CHECKING:
     from sfglab.deploy.hardware.files import MachineFiles
 
-__all__ = ["JETPACKS", "find_cuda", "find_jetpack", "find_jetson"]
 
 JETPACKS = {28: 3, 31: 4, 32: 4, 34: 5, 35: 5, 36: 6, 38: 7, 39: 7}
 """Major version of JetPack by that of Jetson Linux, or L4T.

@@ -11,7 +11,6 @@ from sfglab.deploy.hardware.machine import Source
 if TYPE_CHECKING:
     from sfglab.deploy.hardware.files import MachineFiles
 
-__all__ = ["VENDORS", "display_controllers", "read_id"]
 
 VENDORS = {"0x1002": "AMD", "0x8086": "Intel", "0x10de": "NVIDIA", "0x1af4": "virtio", "0x1234": "QEMU"}
 """Makers by the number that the PCI-SIG gave them."""

@@ -12,7 +12,6 @@ from sfglab.fleet.fleet_file import Accelerator
 if TYPE_CHECKING:
     from sfglab.deploy.hardware.files import MachineFiles
 
-__all__ = ["ROCM_TARGETS", "find_rocm", "find_vaapi", "gfx_name"]
 
 AMD, INTEL = "0x1002", "0x8086"
 

@@ -10,8 +10,6 @@ if TYPE_CHECKING:
     from sfglab.deploy.hardware.codecs import CodecFound
     from sfglab.deploy.hardware.machine import DeviceGroup, Evidence, Machine
 
-__all__ = ["render_machine"]
-
 
 def render_machine(machine: Machine, codecs: Sequence[CodecFound] | None = None) -> str:
     """Return a report of a machine.

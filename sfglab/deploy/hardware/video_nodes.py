@@ -12,7 +12,6 @@ from sfglab.fleet.fleet_file import Accelerator
 if TYPE_CHECKING:
     from sfglab.deploy.hardware.files import MachineFiles
 
-__all__ = ["find_v4l2"]
 
 _H264 = {
     "bcm2835-codec-decode": CodecRole.DECODER,

@@ -18,7 +18,6 @@ from sfglab.deploy.templates import render
 if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
 
-__all__ = ["HOOKS", "Hook", "host_files"]
 
 STATE = "/var/lib/sfglab"
 """Where machines keep what a run of the hooks still owes, one folder an agent."""

@@ -17,7 +17,6 @@ from sfglab.deploy.templates import render
 if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
 
-__all__ = ["firewall_left_out", "firewall_rules", "firewall_table"]
 
 # Linux, dev_valid_name(): at most 15 bytes, no '/', ':' or space. nft knows no escapes, and '*' is a wildcard.
 _INTERFACE = re.compile(r"(?!\.{1,2}$)[A-Za-z0-9_.@-]{1,15}")

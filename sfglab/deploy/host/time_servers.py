@@ -11,20 +11,14 @@ if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
     from sfglab.fleet.fleet_file import AgentSpec
 
-__all__ = ["TimePlan", "plan_time"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimePlan:
-    """What a machine does about time.
+    """What a machine does about time."""
 
-    Attributes:
-        servers: Names or addresses of the machines that it asks, in the order of the fleet file.
-        serves: Whether it is a time server itself.
-    """
-
+    #: Names or addresses of the machines that it asks, in the order of the fleet file.
     servers: tuple[str, ...]
-    serves: bool
+    serves: bool  #: Whether it is a time server itself.
 
 
 def plan_time(deployment: Deployment) -> TimePlan:

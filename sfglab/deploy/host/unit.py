@@ -10,7 +10,6 @@ from sfglab.deploy.templates import render
 if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
 
-__all__ = ["project_name", "service_unit"]
 
 _UNSAFE = re.compile(r"[^\w .:()-]+", re.ASCII)
 

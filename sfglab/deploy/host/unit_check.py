@@ -22,7 +22,6 @@ from sfglab.fleet.border import Finding, Severity
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["check_unit"]
 
 ANALYZE = "systemd-analyze"
 STAND_INS = ("docker.service",)

@@ -15,7 +15,6 @@ from sfglab.fleet.border import Finding, Severity
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["check_lines"]
 
 _WORDS = {
     "Unit": """

@@ -19,7 +19,6 @@ from sfglab.fleet.fleet_file import Accelerator, Architecture, RosDistribution
 if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
 
-__all__ = ["JETPACK", "BaseImage", "Distribution", "base_of"]
 
 JETPACK = 6
 """The JetPack that the base image of Jetsons belongs to (L4T r36); its libraries fit no other."""
@@ -35,23 +34,14 @@ class Distribution(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BaseImage:
-    """What the hardware-dependent layer starts from.
+    """What the hardware-dependent layer starts from."""
 
-    Attributes:
-        image: The image, with a tag that does not move.
-        distribution: What is in it.
-        packages: Debian packages that the accelerator needs.
-        environment: Variables that the accelerator's runtime reads.
-        python: Version of the Python that sfglab runs on, as in ``3.11``.
-        python_packages: Debian packages that bring it.
-    """
-
-    image: str
-    distribution: Distribution
-    packages: tuple[str, ...]
-    environment: tuple[tuple[str, str], ...]
-    python: str
-    python_packages: tuple[str, ...]
+    image: str  #: The image, with a tag that does not move.
+    distribution: Distribution  #: What is in it.
+    packages: tuple[str, ...]  #: Debian packages that the accelerator needs.
+    environment: tuple[tuple[str, str], ...]  #: Variables that the accelerator's runtime reads.
+    python: str  #: Version of the Python that sfglab runs on, as in ``3.11``.
+    python_packages: tuple[str, ...]  #: Debian packages that bring it.
 
     @property
     def interpreter(self) -> str:

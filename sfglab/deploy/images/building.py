@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from sfglab.deploy.deployment import Deployment
 
-__all__ = ["BUILDERS", "build_command", "find_builder"]
 
 BUILDERS: dict[str, tuple[str, ...]] = {
     "docker": ("docker", "build"),

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
     from sfglab.deploy.images.bases import BaseImage
 
-__all__ = ["FLEET_FILE", "OVERLAY", "STAGES", "USER_ID", "VENV", "image_files"]
 
 STAGES = ("base", "adapter", "application")
 """The three layers of the paper, in their order."""
@@ -45,38 +44,23 @@ argument OFFLINE=1, nothing is downloaded at all.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Cyclone:
-    """Eclipse Cyclone DDS as source.
+    """Eclipse Cyclone DDS as source."""
 
-    Attributes:
-        version: Its tag, and that of the Python binding on PyPI.
-        commit: What the tag names.
-        repository: Where it is fetched from.
-        prefix: Where it is installed.
-        packages: Debian packages that build it.
-    """
-
-    version: str = "11.0.1"
-    commit: str = "e54e991f75a3e67f8e628da3171122e36ea5b872"
-    repository: str = "https://github.com/eclipse-cyclonedds/cyclonedds.git"
-    prefix: str = "/opt/cyclonedds"
-    packages: tuple[str, ...] = ()
+    version: str = "11.0.1"  #: Its tag, and that of the Python binding on PyPI.
+    commit: str = "e54e991f75a3e67f8e628da3171122e36ea5b872"  #: What the tag names.
+    repository: str = "https://github.com/eclipse-cyclonedds/cyclonedds.git"  #: Where it is fetched from.
+    prefix: str = "/opt/cyclonedds"  #: Where it is installed.
+    packages: tuple[str, ...] = ()  #: Debian packages that build it.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Ros:
-    """Where ROS 2 comes from.
+    """Where ROS 2 comes from."""
 
-    Attributes:
-        distribution: Its name.
-        archive: Its Debian packages.
-        key: The archive's signing key.
-        fingerprint: The key's, as Open Robotics publishes it.
-    """
-
-    distribution: str
-    archive: str = "http://packages.ros.org/ros2/ubuntu"
-    key: str = "https://raw.githubusercontent.com/ros/rosdistro/master/ros.key"
-    fingerprint: str = "C1CF6E31E6BADE8868B172B4F42ED6FBAB17C654"
+    distribution: str  #: Its name.
+    archive: str = "http://packages.ros.org/ros2/ubuntu"  #: Its Debian packages.
+    key: str = "https://raw.githubusercontent.com/ros/rosdistro/master/ros.key"  #: The archive's signing key.
+    fingerprint: str = "C1CF6E31E6BADE8868B172B4F42ED6FBAB17C654"  #: The key's, as Open Robotics publishes it.
 
     @property
     def packages(self) -> tuple[str, ...]:

@@ -19,7 +19,6 @@ from sfglab.fleet.border import Finding, Severity
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["check_dockerfile"]
 
 _SECRET = re.compile(
     r"(?:^|_)(?:PASSWORD|PASSWD|TOKEN|SECRET|CREDENTIALS?|(?:API|PRIVATE|ACCESS)?_?KEY)(?:_|$)", re.IGNORECASE

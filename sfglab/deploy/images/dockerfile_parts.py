@@ -12,8 +12,6 @@ from itertools import pairwise
 
 from sfglab.deploy.errors import DeployError
 
-__all__ = ["INSTRUCTIONS", "Instruction", "Stage", "parse_dockerfile", "stages_of"]
-
 INSTRUCTIONS = (
     *("ADD", "ARG", "CMD", "COPY", "ENTRYPOINT", "ENV", "EXPOSE", "FROM", "HEALTHCHECK", "LABEL", "ONBUILD"),
     *("RUN", "SHELL", "STOPSIGNAL", "USER", "VOLUME", "WORKDIR"),
@@ -26,34 +24,21 @@ _FROM = re.compile(r"(?:--platform=\S+\s+)?(?P<image>\S+)(?:\s+[Aa][Ss]\s+(?P<na
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Instruction:
-    """One instruction.
+    """One instruction."""
 
-    Attributes:
-        name: In capitals, as in ``RUN``.
-        value: What follows it, continued lines joined and comments between them left out.
-        line: Where it starts, from 1.
-    """
-
-    name: str
-    value: str
-    line: int
+    name: str  #: In capitals, as in ``RUN``.
+    value: str  #: What follows it, continued lines joined and comments between them left out.
+    line: int  #: Where it starts, from 1.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:
-    """From one FROM to the next.
+    """From one FROM to the next."""
 
-    Attributes:
-        name: What it is called; empty without a name.
-        image: What it starts from, as it is written.
-        line: Where it starts.
-        instructions: What follows its FROM.
-    """
-
-    name: str
-    image: str
-    line: int
-    instructions: tuple[Instruction, ...]
+    name: str  #: What it is called; empty without a name.
+    image: str  #: What it starts from, as it is written.
+    line: int  #: Where it starts.
+    instructions: tuple[Instruction, ...]  #: What follows its FROM.
 
 
 def parse_dockerfile(text: str) -> tuple[Instruction, ...]:

@@ -15,7 +15,6 @@ from sfglab.fleet.fleet_file import Architecture
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["AGENT_ROOTS", "MACHINES", "agent_lock", "split_lock"]
 
 AGENT_ROOTS = (
     "av",  # sfglab.codecs: H.264

@@ -23,7 +23,6 @@ from sfglab.deploy.images.dockerfile import image_files
 if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
 
-__all__ = ["LOCK_FILE", "SOURCE", "build_wheel", "make_release", "release_tag"]
 
 SOURCE = Path(sfglab.__file__).parents[1]
 """The folder that this package runs from: what is released is what runs here, if it is a checkout."""

@@ -11,7 +11,6 @@ from sfglab.deploy.errors import DeployError
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["with_version"]
 
 _NAME = "sfglab"
 

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
     from sfglab.deploy.deployment import Deployment
 
-__all__ = ["TrialCheck", "trial_build", "why_not"]
 
 TOOLS = ("buildah", "debootstrap")
 BASE = "localhost/sfglab-trial-base:bookworm"
@@ -45,32 +44,20 @@ _CACHED = "--> Using cache"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrialCheck:
-    """What one question to a real image gave.
+    """What one question to a real image gave."""
 
-    Attributes:
-        check: What should hold.
-        holds: Whether it does; None if nobody could ask.
-        seen: What was seen, or why nobody could ask.
-    """
-
-    check: str
-    holds: bool | None
-    seen: str
+    check: str  #: What should hold.
+    holds: bool | None  #: Whether it does; None if nobody could ask.
+    seen: str  #: What was seen, or why nobody could ask.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Workshop:
-    """A builder with its own store, apart from the machine's.
+    """A builder with its own store, apart from the machine's."""
 
-    Attributes:
-        folder: Where everything lies.
-        say: Told what the builder says.
-        driver: How the store keeps layers.
-    """
-
-    folder: Path
-    say: Callable[[str], None]
-    driver: str = "overlay"
+    folder: Path  #: Where everything lies.
+    say: Callable[[str], None]  #: Told what the builder says.
+    driver: str = "overlay"  #: How the store keeps layers.
 
     def command(self, *arguments: str) -> list[str]:
         """Return a buildah command on the store."""

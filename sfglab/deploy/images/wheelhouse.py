@@ -14,7 +14,6 @@ from sfglab.deploy.images.lock import MACHINES
 if TYPE_CHECKING:
     from sfglab.fleet.fleet_file import Architecture
 
-__all__ = ["wheelhouse"]
 
 _GLIBC_MINORS = (17, 24, 26, 27, 28, 31, 34, 35)
 """Wheels for these versions of glibc 2 and older run on all our bases: the oldest, Ubuntu 22.04, has 2.35."""

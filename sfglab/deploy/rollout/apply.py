@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from sfglab.deploy.rollout.plan import Plan
     from sfglab.deploy.rollout.transport import Transport
 
-__all__ = ["KEPT", "Step", "apply_plan", "look", "look_and_plan", "released", "releases", "steps"]
 
 KEPT = 5
 """Releases whose files a machine keeps."""
@@ -34,16 +33,11 @@ _BUILT = " ".join(f"--exclude=./workspace/{name}" for name in ("build", "install
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """A command that follows when the files are there.
+    """A command that follows when the files are there."""
 
-    Attributes:
-        what: What it does, for people.
-        script: For a shell on the machine.
-        on_system: It talks to the running system, so that a folder in place of a machine goes without.
-    """
-
-    what: str
-    script: str
+    what: str  #: What it does, for people.
+    script: str  #: For a shell on the machine.
+    #: It talks to the running system, so that a folder in place of a machine goes without.
     on_system: bool = True
 
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from sfglab.deploy.rollout.transport import Transport
     from sfglab.fleet.fleet_file import HostSpec
 
-__all__ = ["accelerator_of", "copy_facts", "detect_over", "machine_of"]
 
 NODES = (
     "/.dockerenv /dev/dri/* /dev/dxg /dev/kfd /dev/nvgpu/*/* /dev/nvhost-* /dev/nvidia* /dev/nvmap "

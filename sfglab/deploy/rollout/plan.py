@@ -14,7 +14,6 @@ from sfglab.deploy.bundle import ENVIRONMENT, MANIFEST, Bundle, Member
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-__all__ = ["Change", "FileChange", "Plan", "plan_changes"]
 
 _RESTARTING = ("compose.yaml", ENVIRONMENT, "router/")
 """What containers take in only when they are started anew."""
@@ -31,38 +30,23 @@ class Change(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileChange:
-    """One file.
+    """One file."""
 
-    Attributes:
-        path: Within the agent's folder.
-        change: What happens to it.
-        remark: What else is worth knowing, as that somebody changed it on the machine.
-        diff: Unified diff of its text; empty where there is none to show.
-    """
-
-    path: str
-    change: Change
-    remark: str = ""
-    diff: str = ""
+    path: str  #: Within the agent's folder.
+    change: Change  #: What happens to it.
+    remark: str = ""  #: What else is worth knowing, as that somebody changed it on the machine.
+    diff: str = ""  #: Unified diff of its text; empty where there is none to show.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What applying a bundle would do.
+    """What applying a bundle would do."""
 
-    Attributes:
-        agent: The agent.
-        before: The release on the machine; empty: none.
-        after: The release of the bundle.
-        files: Every file that is or will be there.
-        restart: Whether the containers start anew.
-    """
-
-    agent: str
-    before: str
-    after: str
-    files: tuple[FileChange, ...]
-    restart: bool
+    agent: str  #: The agent.
+    before: str  #: The release on the machine; empty: none.
+    after: str  #: The release of the bundle.
+    files: tuple[FileChange, ...]  #: Every file that is or will be there.
+    restart: bool  #: Whether the containers start anew.
 
     @property
     def nothing(self) -> bool:

@@ -14,26 +14,16 @@ if TYPE_CHECKING:
     from sfglab.deploy.rollout.apply import Step
     from sfglab.deploy.rollout.plan import Plan
 
-__all__ = ["Prospect", "render_prospects"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prospect:
-    """What is to happen to one agent.
+    """What is to happen to one agent."""
 
-    Attributes:
-        agent: The agent.
-        machine: Where.
-        plan: What would change; None where the machine could not be looked at.
-        steps: Commands that follow.
-        problem: Why it could not be looked at; empty when it was.
-    """
-
-    agent: str
-    machine: str
-    plan: Plan | None
-    steps: tuple[Step, ...] = ()
-    problem: str = ""
+    agent: str  #: The agent.
+    machine: str  #: Where.
+    plan: Plan | None  #: What would change; None where the machine could not be looked at.
+    steps: tuple[Step, ...] = ()  #: Commands that follow.
+    problem: str = ""  #: Why it could not be looked at; empty when it was.
 
 
 def render_prospects(prospects: Sequence[Prospect], *, diff: bool = False) -> str:

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from sfglab.fleet.fleet_file import HostSpec
 
-__all__ = ["Local", "Ssh", "Transport", "is_here", "transport_to"]
 
 CONNECT_S = 10
 """How long an SSH connection may take."""
@@ -66,13 +65,9 @@ class Transport(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Local:
-    """This machine.
+    """This machine."""
 
-    Attributes:
-        folder: What stands for its root; ``/`` is the machine itself.
-    """
-
-    folder: Path = Path("/")
+    folder: Path = Path("/")  #: What stands for its root; ``/`` is the machine itself.
 
     @property
     def name(self) -> str:
@@ -98,15 +93,10 @@ class Local:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ssh:
-    """Another machine.
+    """Another machine."""
 
-    Attributes:
-        address: ``[user@]host``.
-        program: The SSH client.
-    """
-
-    address: str
-    program: str = "ssh"
+    address: str  #: ``[user@]host``.
+    program: str = "ssh"  #: The SSH client.
 
     @property
     def name(self) -> str:

@@ -11,7 +11,6 @@ from sfglab.fleet.fleet_file import RouterSoftware
 if TYPE_CHECKING:
     from sfglab.fleet.fleet_file import Fleet
 
-__all__ = ["ROUTER_FILES", "render_router_file"]
 
 ROUTER_FILES = {
     RouterSoftware.DDS_ROUTER: "router/dds-router.yaml",

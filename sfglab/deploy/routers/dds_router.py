@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from sfglab.fleet.fleet_file import Fleet
 
-__all__ = ["VERSION", "accepts", "header", "render_dds_router", "whitelist_of"]
 
 VERSION = "v5.0"
 LOCAL, GLOBAL = "local", "global"

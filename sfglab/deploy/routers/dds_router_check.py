@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from sfglab.documents import KeyPath
     from sfglab.fleet.routing import Policy
 
-__all__ = ["check_dds_router"]
 
 VERSIONS = ("v1.0", "v2.0", "v3.0", "v3.1", "v4.0", VERSION)
 

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from sfglab.documents import Document
     from sfglab.fleet.routing import Policy
 
-__all__ = ["MEANINGS", "check_policy"]
 
 Config = dict[str, Any]
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.border import Meeting
     from sfglab.fleet.fleet_file import Fleet
 
-__all__ = ["render_domain_bridge"]
-
 
 def render_domain_bridge(fleet: Fleet, agent: str) -> str:
     """Return the YAML file for one agent's `domain_bridge`; the same fleet gives the same text.

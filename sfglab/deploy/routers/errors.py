@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from sfglab.errors import SfglabError
 
-__all__ = ["RouterFileError"]
-
 
 class RouterFileError(SfglabError, ValueError):
     """A policy that a router's configuration cannot express, or a target that there is not."""

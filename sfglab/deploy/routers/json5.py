@@ -12,8 +12,6 @@ import re
 
 from sfglab.documents import Document
 
-__all__ = ["read_json5"]
-
 _TOKEN = re.compile(
     r"""
       (?P<string>"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*')

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from sfglab.fleet.routing import Direction, ForwardRule, Policy
 
-__all__ = ["NamePattern", "action_names", "both", "service_names", "topic_names"]
 
 _SIMPLE = re.compile(r"(rt|rq|rr)(/[A-Za-z0-9_/]*)(\*?)")
 _TAILS = {DdsRole.TOPIC: "", DdsRole.REQUEST: "Request", DdsRole.REPLY: "Reply"}
@@ -27,15 +26,10 @@ _TAILS = {DdsRole.TOPIC: "", DdsRole.REQUEST: "Request", DdsRole.REPLY: "Reply"}
 
 @dataclass(frozen=True, slots=True, order=True)
 class NamePattern:
-    """A set of absolute ROS names.
+    """A set of absolute ROS names."""
 
-    Attributes:
-        start: The whole name, or its beginning.
-        open: Whether anything may follow.
-    """
-
-    start: str
-    open: bool
+    start: str  #: The whole name, or its beginning.
+    open: bool  #: Whether anything may follow.
 
     def matches(self, name: str) -> bool:
         """Return whether a ROS name is in the set."""

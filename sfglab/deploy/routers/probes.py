@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["probe_names"]
 
 PLAIN = ("rt/chatter", "rt/rosout", "rt/parameter_events", "rt/local/go2/x", "rt/tf2", "ros_discovery_info")
 FILLINGS = ("", "a", "a/b", "aRequest", "aReply", "a/_action/status")

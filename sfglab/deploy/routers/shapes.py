@@ -12,8 +12,6 @@ from typing import Any, TypeAlias
 from sfglab.documents import Document, KeyPath, suggestion
 from sfglab.fleet.border import Finding, Severity
 
-__all__ = ["Check", "anything", "fault", "flag", "listing", "mapping", "number", "text", "whole"]
-
 Check: TypeAlias = Callable[[Document, KeyPath, Any], Iterator[Finding]]
 
 

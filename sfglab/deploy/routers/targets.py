@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.fleet_file import Fleet
     from sfglab.fleet.routing import Policy
 
-__all__ = ["TARGETS", "check_file", "render_router"]
 
 TARGETS: dict[str, Callable[[Fleet, str], str]] = {
     "dds-router": render_dds_router,

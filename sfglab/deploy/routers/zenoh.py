@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.fleet_file import Fleet
     from sfglab.fleet.routing import Policy
 
-__all__ = ["KINDS", "bridged_names", "render_zenoh_acl", "render_zenoh_bridge"]
 
 KINDS = (
     "publishers",

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from sfglab.documents import Document, KeyPath
     from sfglab.fleet.routing import Policy
 
-__all__ = ["check_access_control", "includes", "permits"]
 
 Control = dict[str, Any]
 HERE = ("access_control",)

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from sfglab.documents import Document, KeyPath
     from sfglab.fleet.routing import Policy
 
-__all__ = ["check_zenoh"]
 
 BRIDGE = ("plugins", "ros2dds")
 _NOT_RUST = re.compile(r"\(\?(?:=|!|<=|<!|P=)|\\[1-9]")

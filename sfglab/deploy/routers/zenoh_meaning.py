@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from sfglab.documents import Document
     from sfglab.fleet.routing import Policy
 
-__all__ = ["BRIDGE_MEANINGS", "bridges", "check_bridge_policy", "policy_bridges"]
 
 Bridge = dict[str, Any]
 PLUGIN = ("plugins", "ros2dds")

@@ -28,20 +28,13 @@ if TYPE_CHECKING:
     from sfglab.fleet.agent.plan import AgentConfig
     from sfglab.fleet.component import Report
 
-__all__ = ["SupervisorConfig", "main", "serve_agent"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SupervisorConfig:
-    """What an agent's process is told: the result of `plan`.
+    """What an agent's process is told: the result of `plan`."""
 
-    Attributes:
-        components: The processes to run.
-        timing: The waits of every component.
-    """
-
-    components: tuple[Component, ...]
-    timing: Timing = field(default_factory=Timing)
+    components: tuple[Component, ...]  #: The processes to run.
+    timing: Timing = field(default_factory=Timing)  #: The waits of every component.
 
     @classmethod
     def of_agent(cls, config: AgentConfig) -> SupervisorConfig:

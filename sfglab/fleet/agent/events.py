@@ -12,54 +12,33 @@ if TYPE_CHECKING:
     from sfglab.fleet.agent.supervision import State
     from sfglab.fleet.component import Report
 
-__all__ = ["AgentEvent", "Changed", "Complete", "Said", "Wrote", "report_from_event"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Changed:
-    """A component's life went on.
+    """A component's life went on."""
 
-    Attributes:
-        component: Its name.
-        state: Where it stands now.
-        pid: Its process; None while there is none.
-        crashes: How often it has ended although it was wanted.
-        why: How its process ended or what is waited for; empty when there is nothing to say.
-        retry_s: Wait before it is started again, seconds; None when no start is waited for.
-    """
-
-    component: str
-    state: State
-    pid: int | None = None
-    crashes: int = 0
-    why: str = ""
-    retry_s: float | None = None
+    component: str  #: Its name.
+    state: State  #: Where it stands now.
+    pid: int | None = None  #: Its process; None while there is none.
+    crashes: int = 0  #: How often it has ended although it was wanted.
+    why: str = ""  #: How its process ended or what is waited for; empty when there is nothing to say.
+    retry_s: float | None = None  #: Wait before it is started again, seconds; None when no start is waited for.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Said:
-    """A component reported something that is its own business.
+    """A component reported something that is its own business."""
 
-    Attributes:
-        component: Its name.
-        report: The report.
-    """
-
-    component: str
-    report: Report
+    component: str  #: Its name.
+    report: Report  #: The report.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wrote:
-    """A component wrote a line on standard error.
+    """A component wrote a line on standard error."""
 
-    Attributes:
-        component: Its name.
-        line: The line.
-    """
-
-    component: str
-    line: str
+    component: str  #: Its name.
+    line: str  #: The line.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

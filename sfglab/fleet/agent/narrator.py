@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.agent.plan import AgentConfig
     from sfglab.fleet.component import Report
 
-__all__ = ["Narrator"]
-
 
 class Narrator:
     """Tells events to a person.

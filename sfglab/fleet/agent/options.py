@@ -11,20 +11,13 @@ from sfglab.fleet.agent.plan import MAX_DOMAIN, AgentConfig, PlanError, config_f
 if TYPE_CHECKING:
     from sfglab.fleet.fleet_file import Fleet
 
-__all__ = ["SideOptions", "config_from_options"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SideOptions:
-    """What is said of one side of the border; None: nothing.
+    """What is said of one side of the border; None: nothing."""
 
-    Attributes:
-        domain_id: DDS domain.
-        interface: Network interface by name.
-    """
-
-    domain_id: int | None = None
-    interface: str | None = None
+    domain_id: int | None = None  #: DDS domain.
+    interface: str | None = None  #: Network interface by name.
 
     def over(self, address: BusAddress) -> BusAddress:
         """Return an address with what is said here in place of what it says."""

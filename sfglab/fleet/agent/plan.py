@@ -19,12 +19,11 @@ from sfglab.fleet.discovery.orders import Timing as DiscoveryTiming
 from sfglab.fleet.keeper.app import KeeperConfig
 from sfglab.fleet.routing import TABLE_1, ForwardRule
 from sfglab.fleet.routing.app import RouterConfig
-from sfglab.fleet.routing.frames import SHARED_FRAMES
 from sfglab.fleet.status.app import StatusConfig
 from sfglab.fleet.status.description import AgentDescription, SensorDescription, StreamDescription
 from sfglab.fleet.status.provider import StatusSettings
 from sfglab.fleet.status.schedule import Schedule
-from sfglab.names import Resource, RosFqnBuilder, Scope
+from sfglab.names import SHARED_FRAMES, Resource, RosFqnBuilder, Scope
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -32,16 +31,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.address import BusAddress
     from sfglab.fleet.fleet_file import Fleet, SensorSpec
 
-__all__ = [
-    "COMPONENTS",
-    "AgentConfig",
-    "Component",
-    "PlanError",
-    "config_from_fleet",
-    "plan",
-    "router_config",
-    "without",
-]
 
 COMPONENTS = ("router", "status", "discoverer", "keeper", "decoder")
 """The components of an agent, in the order in which they are started."""
@@ -55,55 +44,33 @@ class PlanError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Component:
-    """One process of an agent.
+    """One process of an agent."""
 
-    Attributes:
-        name: What it is called in messages.
-        argv: Program and arguments.
-    """
-
-    name: str
-    argv: tuple[str, ...]
+    name: str  #: What it is called in messages.
+    argv: tuple[str, ...]  #: Program and arguments.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentConfig:
-    """What an agent is.
+    """What an agent is."""
 
-    Attributes:
-        agent: Its name.
-        local: Its own domain, D_i in the paper.
-        remote: The domain that all agents share, D_0 in the paper.
-        components: Which of `COMPONENTS` it runs.
-        sensors: What its metadata announces.
-        rules: What crosses its border.
-        prefix_frames: Whether its transforms leave under its name.
-        shared_frames: Frames that all agents mean by the same name.
-        placed_by_others: Its frames that others may give a parent.
-        linger_s: How long a decoding pipeline outlives its last subscriber, seconds.
-        replay: Whether its decoder joins streams by their senders' replays.
-        spare: Whether its decoder keeps a pipeline process warm.
-        schedule: When it beats.
-        discovery: How long its discoverer waits for what.
-        detect: Whether its metadata says which accelerators work here, which takes a trial of each.
-        supervision: How long its components may take, and when they are tried again.
-    """
-
-    agent: str
-    local: BusAddress
-    remote: BusAddress
-    components: tuple[str, ...] = COMPONENTS
-    sensors: tuple[SensorDescription, ...] = ()
-    rules: tuple[ForwardRule, ...] = TABLE_1
-    prefix_frames: bool = True
-    shared_frames: tuple[str, ...] = SHARED_FRAMES
-    placed_by_others: tuple[str, ...] = ()
-    linger_s: float = 1.0
-    replay: bool = True
-    spare: bool = True
-    schedule: Schedule = field(default_factory=Schedule)
+    agent: str  #: Its name.
+    local: BusAddress  #: Its own domain, D_i in the paper.
+    remote: BusAddress  #: The domain that all agents share, D_0 in the paper.
+    components: tuple[str, ...] = COMPONENTS  #: Which of `COMPONENTS` it runs.
+    sensors: tuple[SensorDescription, ...] = ()  #: What its metadata announces.
+    rules: tuple[ForwardRule, ...] = TABLE_1  #: What crosses its border.
+    prefix_frames: bool = True  #: Whether its transforms leave under its name.
+    shared_frames: tuple[str, ...] = SHARED_FRAMES  #: Frames that all agents mean by the same name.
+    placed_by_others: tuple[str, ...] = ()  #: Its frames that others may give a parent.
+    linger_s: float = 1.0  #: How long a decoding pipeline outlives its last subscriber, seconds.
+    replay: bool = True  #: Whether its decoder joins streams by their senders' replays.
+    spare: bool = True  #: Whether its decoder keeps a pipeline process warm.
+    schedule: Schedule = field(default_factory=Schedule)  #: When it beats.
+    #: How long its discoverer waits for what.
     discovery: DiscoveryTiming = field(default_factory=DiscoveryTiming)
-    detect: bool = True
+    detect: bool = True  #: Whether its metadata says which accelerators work here, which takes a trial of each.
+    #: How long its components may take, and when they are tried again.
     supervision: Timing = field(default_factory=Timing)
 
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from sfglab.fleet.agent.plan import Component
 
-__all__ = ["ComponentProcess", "Ended", "Heard", "Printed", "Reported"]
 
 LINE_LIMIT_BYTES = 1 << 22
 GROUP_GRACE_S = 1.0
@@ -44,13 +43,9 @@ class Printed:
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """The process is gone, and so is everything it had started.
+    """The process is gone, and so is everything it had started."""
 
-    Attributes:
-        status: Its exit status; below zero, the signal that ended it.
-    """
-
-    status: int
+    status: int  #: Its exit status; below zero, the signal that ended it.
 
 
 Heard = Reported | Printed | Ended

@@ -13,8 +13,6 @@ from enum import Enum, auto
 
 from sfglab.fleet.machine import BackOff, Machine
 
-__all__ = ["REST", "TRANSITIONS", "Action", "Input", "State", "Supervision", "Timing"]
-
 
 class State(Enum):
     """Where a component stands."""
@@ -107,20 +105,16 @@ TRANSITIONS: dict[tuple[State, Input], tuple[State, Action | None]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timing:
-    """How long a component waits for what, in nanoseconds.
+    """How long a component waits for what, in nanoseconds."""
 
-    Attributes:
-        start_ns: A component that does not serve after this long is ended and started anew.
-        stop_ns: A component that was told to end and has not after this long is ended by force.
-        backoff_ns: Wait before the first new try after a crash; it doubles with each further crash.
-        backoff_max_ns: The longest wait between tries.
-        stable_ns: A component that served this long has proved itself: the next crash waits `backoff_ns` again.
-    """
-
+    #: A component that does not serve after this long is ended and started anew.
     start_ns: int = 30_000_000_000
+    #: A component that was told to end and has not after this long is ended by force.
     stop_ns: int = 5_000_000_000
+    #: Wait before the first new try after a crash; it doubles with each further crash.
     backoff_ns: int = 200_000_000
-    backoff_max_ns: int = 10_000_000_000
+    backoff_max_ns: int = 10_000_000_000  #: The longest wait between tries.
+    #: A component that served this long has proved itself: the next crash waits `backoff_ns` again.
     stable_ns: int = 10_000_000_000
 
 

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.agent.plan import Component
     from sfglab.fleet.agent.process import Heard
 
-__all__ = ["Agent", "ComponentError"]
-
 
 class ComponentError(SfglabError, RuntimeError):
     """A component cannot start as it is configured.

@@ -22,24 +22,15 @@ if TYPE_CHECKING:
     from sfglab.fleet.border.uses import View
     from sfglab.fleet.fleet_file import AgentSpec, FrameSpec
 
-__all__ = ["Edge", "check_frames", "edges_of", "roots_of"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Edge:
-    """One transform as others hear it.
+    """One transform as others hear it."""
 
-    Attributes:
-        agent: Who broadcasts it.
-        child: The frame that is placed, with prefix.
-        parent: The frame in which it is placed, with prefix.
-        frame: As the agent's nodes write it.
-    """
-
-    agent: str
-    child: str
-    parent: str
-    frame: FrameSpec
+    agent: str  #: Who broadcasts it.
+    child: str  #: The frame that is placed, with prefix.
+    parent: str  #: The frame in which it is placed, with prefix.
+    frame: FrameSpec  #: As the agent's nodes write it.
 
     @property
     def place(self) -> Place:

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.border.report import Finding
     from sfglab.fleet.fleet_file import Fleet
 
-__all__ = ["CHECKS", "lint", "lint_file"]
 
 CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
     check_domains,

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.border.uses import Use, View
     from sfglab.fleet.fleet_file import AgentSpec
 
-__all__ = ["ENDPOINT_BYTES", "PAIR_BYTES", "ROS_ENDPOINTS", "discovery", "loads", "transform_bytes"]
 
 ROS_ENDPOINTS = 17
 """What every ROS 2 process has by itself: rosout, parameter events both ways, six parameter services with two

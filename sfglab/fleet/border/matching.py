@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from sfglab.fleet.border.uses import Use, View
 
-__all__ = ["check_qos", "check_static_transforms", "check_types"]
-
 
 def check_qos(view: View) -> Iterator[Finding]:
     """Find subscribers that request more than a publisher in reach offers."""

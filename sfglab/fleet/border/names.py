@@ -17,14 +17,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.border.uses import Meeting, View
     from sfglab.fleet.fleet_file import AgentSpec
 
-__all__ = [
-    "check_agents_named",
-    "check_descriptions",
-    "check_domains",
-    "check_publishers",
-    "check_schema",
-    "check_topics_cross",
-]
 
 LAST_SAFE_DOMAIN = 101
 """Above it, ports fall into Linux' ephemeral range (ROS 2 documentation, "The ROS_DOMAIN_ID")."""

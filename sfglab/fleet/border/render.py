@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from sfglab.fleet.border.report import AgentLoad, Announcements, Discovery, Finding, Report
 
-__all__ = ["render", "render_findings"]
-
 
 def render(report: Report) -> str:
     """Return a report as text: findings, who hears what, discovery, and what crosses each border."""

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from sfglab.fleet.border.uses import Meeting, View
 
-__all__ = ["check_hazards", "check_rule_pairs", "check_servers"]
-
 
 def check_rule_pairs(view: View) -> Iterator[Finding]:
     """Find rules that let one half of services pass and not the other, or only one way."""

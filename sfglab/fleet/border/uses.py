@@ -22,51 +22,30 @@ if TYPE_CHECKING:
 
     from sfglab.fleet.fleet_file import AgentSpec, Fleet
 
-__all__ = ["Meeting", "Use", "View", "get_metadata_name", "heartbeat_name"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Use:
-    """One agent's use of one name.
+    """One agent's use of one name."""
 
-    Attributes:
-        agent: Who.
-        name: ROS name.
-        kind: Topic, service or action.
-        speaks: Publishes or serves it; else subscribes or calls it.
-        type: ROS type; empty where unknown.
-        qos: Of a topic's endpoints; None where unknown.
-        count: Endpoints, or servers and clients.
-        rate_hz: Messages a second; None where unknown.
-        size_bytes: Of a message; None where unknown.
-        implied: Not written in the file as such.
-        place: Where it comes from.
-    """
-
-    agent: str
-    name: str
-    kind: ResourceKind
-    speaks: bool
-    type: str = ""
-    qos: QoSProfile | None = None
-    count: int = 1
-    rate_hz: float | None = None
-    size_bytes: int | None = None
-    implied: bool = False
-    place: Place = NOWHERE
+    agent: str  #: Who.
+    name: str  #: ROS name.
+    kind: ResourceKind  #: Topic, service or action.
+    speaks: bool  #: Publishes or serves it; else subscribes or calls it.
+    type: str = ""  #: ROS type; empty where unknown.
+    qos: QoSProfile | None = None  #: Of a topic's endpoints; None where unknown.
+    count: int = 1  #: Endpoints, or servers and clients.
+    rate_hz: float | None = None  #: Messages a second; None where unknown.
+    size_bytes: int | None = None  #: Of a message; None where unknown.
+    implied: bool = False  #: Not written in the file as such.
+    place: Place = NOWHERE  #: Where it comes from.
 
 
 @dataclass(slots=True)
 class Meeting:
-    """Everybody who uses one name.
+    """Everybody who uses one name."""
 
-    Attributes:
-        speakers: Uses that publish or serve.
-        hearers: Uses that subscribe or call.
-    """
-
-    speakers: list[Use] = field(default_factory=list)
-    hearers: list[Use] = field(default_factory=list)
+    speakers: list[Use] = field(default_factory=list)  #: Uses that publish or serve.
+    hearers: list[Use] = field(default_factory=list)  #: Uses that subscribe or call.
 
     @property
     def first(self) -> Use:

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from sfglab.bus.api import Node
     from sfglab.fleet.discovery.listener import Change
 
-__all__ = ["agent_changes"]
-
 
 async def agent_changes(node: Node, topic: str, known: KnownAgents | None = None) -> AsyncIterator[Change]:
     """Yield every change of what remote agents offer, those first that the discoverer has announced before.

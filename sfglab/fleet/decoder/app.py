@@ -28,30 +28,20 @@ if TYPE_CHECKING:
     from sfglab.fleet.component import Report
     from sfglab.fleet.decoder.node import PipelineStatus
 
-__all__ = ["DecoderConfig", "main", "run_decoder", "serve_terminal"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecoderConfig:
-    """What a decoder process is told.
+    """What a decoder process is told."""
 
-    Attributes:
-        remote: Where remote streams arrive.
-        local: Where local subscribers are.
-        streams: Remote topics to offer from the start, by their names in the schema.
-        discovery_topic: Topic of discovery events; empty: none is listened to.
-        linger_s: How long a pipeline outlives its last subscriber, seconds.
-        replay: Whether streams are joined by their sender's replay, if it offers one; in paper A the decoder
-            waits for the next key frame.
-        spare: Whether a pipeline process waits, warm, for the next stream; in paper A it is loaded on demand.
-    """
-
-    remote: BusAddress
-    local: BusAddress
-    streams: tuple[str, ...] = ()
-    discovery_topic: str = ""
-    linger_s: float = 1.0
+    remote: BusAddress  #: Where remote streams arrive.
+    local: BusAddress  #: Where local subscribers are.
+    streams: tuple[str, ...] = ()  #: Remote topics to offer from the start, by their names in the schema.
+    discovery_topic: str = ""  #: Topic of discovery events; empty: none is listened to.
+    linger_s: float = 1.0  #: How long a pipeline outlives its last subscriber, seconds.
+    #: Whether streams are joined by their sender's replay, if it offers one; in paper A the decoder waits for
+    #: the next key frame.
     replay: bool = True
+    #: Whether a pipeline process waits, warm, for the next stream; in paper A it is loaded on demand.
     spare: bool = True
 
     def to_json(self) -> str:

@@ -13,8 +13,6 @@ from sfglab.bus.api import EndpointAdded, EndpointKind
 if TYPE_CHECKING:
     from sfglab.bus.api import EndpointEvent, Transport
 
-__all__ = ["Demand"]
-
 
 class Demand:
     """The local subscriptions of all topics, by topic and transport."""

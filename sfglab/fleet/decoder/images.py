@@ -17,8 +17,6 @@ from sfglab.messages import default_message, serialize
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["image_bytes", "image_prefix", "write_image"]
-
 
 def image_prefix(header: Any, pixels: NDArray[np.generic], encoding: str) -> bytes:
     """Return the CDR of an Image up to its first pixel.

@@ -16,8 +16,6 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Generic, TypeVar
 
-__all__ = ["Joiner", "Phase", "Source", "Step"]
-
 M = TypeVar("M")
 
 MOST_AHEAD = 512
@@ -44,15 +42,10 @@ class Phase(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Step(Generic[M]):
-    """What to decode next.
+    """What to decode next."""
 
-    Attributes:
-        packet: Whatever stands for the packet.
-        show: Whether its picture is wanted; if not, it is decoded for the pictures that follow.
-    """
-
-    packet: M
-    show: bool
+    packet: M  #: Whatever stands for the packet.
+    show: bool  #: Whether its picture is wanted; if not, it is decoded for the pictures that follow.
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,6 @@ from enum import Enum, auto
 
 from sfglab.fleet.machine import BackOff, Machine
 
-__all__ = ["TRANSITIONS", "Action", "Input", "Lifecycle", "State", "Timing"]
-
 
 class State(Enum):
     """Where a pipeline stands."""
@@ -116,22 +114,17 @@ TRANSITIONS: dict[tuple[State, Input], tuple[State, Action | None]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timing:
-    """How long a pipeline waits for what, in nanoseconds.
+    """How long a pipeline waits for what, in nanoseconds."""
 
-    Attributes:
-        start_ns: A pipeline that has not reported after this long is ended and started anew.
-        stop_ns: A pipeline that was told to end and has not after this long is ended by force.
-        linger_ns: How long a pipeline outlives its last subscriber.
-        backoff_ns: Wait before the first new try after a crash; it doubles with each further crash.
-        backoff_max_ns: The longest wait between tries.
-        stable_ns: A pipeline that ran this long has proved itself: the next crash waits `backoff_ns` again.
-    """
-
+    #: A pipeline that has not reported after this long is ended and started anew.
     start_ns: int = 10_000_000_000
+    #: A pipeline that was told to end and has not after this long is ended by force.
     stop_ns: int = 2_000_000_000
-    linger_ns: int = 1_000_000_000
+    linger_ns: int = 1_000_000_000  #: How long a pipeline outlives its last subscriber.
+    #: Wait before the first new try after a crash; it doubles with each further crash.
     backoff_ns: int = 100_000_000
-    backoff_max_ns: int = 5_000_000_000
+    backoff_max_ns: int = 5_000_000_000  #: The longest wait between tries.
+    #: A pipeline that ran this long has proved itself: the next crash waits `backoff_ns` again.
     stable_ns: int = 10_000_000_000
 
 

@@ -27,30 +27,20 @@ if TYPE_CHECKING:
     from sfglab.fleet.decoder.protocol import Line
     from sfglab.fleet.discovery.listener import Change
 
-__all__ = ["AgentDecoder", "PipelineStatus"]
 
 _LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PipelineStatus:
-    """One stream, as the decoder sees it now.
+    """One stream, as the decoder sees it now."""
 
-    Attributes:
-        local_topic: The local topic.
-        source_topic: The remote topic.
-        state: Name of the life cycle's state.
-        subscribers: Local subscriptions.
-        crashes: How often its pipeline ended although it was wanted.
-        statistics: Its latest counts; None before the first.
-    """
-
-    local_topic: str
-    source_topic: str
-    state: str
-    subscribers: int
-    crashes: int
-    statistics: Statistics | None
+    local_topic: str  #: The local topic.
+    source_topic: str  #: The remote topic.
+    state: str  #: Name of the life cycle's state.
+    subscribers: int  #: Local subscriptions.
+    crashes: int  #: How often its pipeline ended although it was wanted.
+    statistics: Statistics | None  #: Its latest counts; None before the first.
 
 
 @dataclass(slots=True)

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from sfglab.bus.api import Node, Publisher, Subscription
 
-__all__ = ["PATIENCE_S", "Counters", "Outputs", "run_pipeline"]
 
 LOCAL_QOS = QoSProfile(depth=5)
 """Reliable on the device, so that every subscription matches: no less may be offered than is asked for."""

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.decoder.protocol import Line
     from sfglab.fleet.decoder.worker import WorkerConfig
 
-__all__ = ["PoolError", "Worker", "WorkerPool"]
 
 END_GRACE_S = 2.0
 REFILL_DELAY_S = 2.0

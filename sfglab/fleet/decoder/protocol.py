@@ -11,21 +11,6 @@ from typing import Any
 
 from sfglab.errors import SfglabError
 
-__all__ = [
-    "RELAY",
-    "Close",
-    "Closed",
-    "Failed",
-    "Open",
-    "Opened",
-    "ProtocolError",
-    "Ready",
-    "Serve",
-    "Statistics",
-    "decode_line",
-    "encode_line",
-]
-
 RELAY = "relay"
 """Codec hint of a pipeline that passes messages on as they are."""
 
@@ -36,23 +21,14 @@ class ProtocolError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Open:
-    """To a worker: run this pipeline.
+    """To a worker: run this pipeline."""
 
-    Attributes:
-        source_topic: The remote topic to subscribe to.
-        source_type: Its ROS type.
-        codec: Hint for the codec where the type alone does not tell ("h264", "rvl", ...); may be empty.
-        local_topic: The local topic to publish on.
-        replay_topic: Where the stream's last group of pictures may be replayed; empty: nowhere.
-        transports: By which transports the local topic is wanted.
-    """
-
-    source_topic: str
-    source_type: str
-    codec: str
-    local_topic: str
-    replay_topic: str
-    transports: tuple[str, ...]
+    source_topic: str  #: The remote topic to subscribe to.
+    source_type: str  #: Its ROS type.
+    codec: str  #: Hint for the codec where the type alone does not tell ("h264", "rvl", ...); may be empty.
+    local_topic: str  #: The local topic to publish on.
+    replay_topic: str  #: Where the stream's last group of pictures may be replayed; empty: nowhere.
+    transports: tuple[str, ...]  #: By which transports the local topic is wanted.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,32 +60,20 @@ class Closed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Failed:
-    """From a worker: the pipeline could not be opened or broke.
+    """From a worker: the pipeline could not be opened or broke."""
 
-    Attributes:
-        why: One sentence.
-    """
-
-    why: str
+    why: str  #: One sentence.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statistics:
-    """From a worker, now and then: what the pipeline has done since it was opened.
+    """From a worker, now and then: what the pipeline has done since it was opened."""
 
-    Attributes:
-        received: Messages from the remote stream.
-        replayed: Messages from its replay.
-        published: Images handed to local subscribers.
-        broken: Messages that could not be decoded.
-        last_error: The latest decoding error; empty without one.
-    """
-
-    received: int
-    replayed: int
-    published: int
-    broken: int
-    last_error: str
+    received: int  #: Messages from the remote stream.
+    replayed: int  #: Messages from its replay.
+    published: int  #: Images handed to local subscribers.
+    broken: int  #: Messages that could not be decoded.
+    last_error: str  #: The latest decoding error; empty without one.
 
 
 Line = Open | Serve | Close | Ready | Opened | Closed | Failed | Statistics

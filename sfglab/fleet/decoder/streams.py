@@ -18,7 +18,6 @@ from sfglab.names import FqnError, Resource, RosFqn, Scope, parse
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["Route", "StreamError", "routes_of_agent", "routes_of_topic"]
 
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
@@ -43,23 +42,14 @@ class StreamError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Route:
-    """One remote topic and the local topic that offers it.
+    """One remote topic and the local topic that offers it."""
 
-    Attributes:
-        agent: The remote agent.
-        source_topic: The remote topic.
-        source_type: Its ROS type.
-        codec: Codec hint, or `RELAY` for messages that pass unchanged.
-        local_topic: The local topic.
-        replay_topic: Where its sender may replay the last group of pictures; empty: nowhere.
-    """
-
-    agent: str
-    source_topic: str
-    source_type: str
-    codec: str
-    local_topic: str
-    replay_topic: str = ""
+    agent: str  #: The remote agent.
+    source_topic: str  #: The remote topic.
+    source_type: str  #: Its ROS type.
+    codec: str  #: Codec hint, or `RELAY` for messages that pass unchanged.
+    local_topic: str  #: The local topic.
+    replay_topic: str = ""  #: Where its sender may replay the last group of pictures; empty: nowhere.
 
 
 def routes_of_topic(topic: str) -> tuple[Route, Route]:

@@ -40,22 +40,16 @@ if TYPE_CHECKING:
     from sfglab.bus.api import Node
     from sfglab.fleet.decoder.protocol import Line
 
-__all__ = ["PipelineWorker", "WorkerConfig", "main"]
 
 REPORT_PERIOD_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorkerConfig:
-    """A worker's two sides; equal addresses share one node.
+    """A worker's two sides; equal addresses share one node."""
 
-    Attributes:
-        remote: Where the compressed streams are.
-        local: Where the decoded topics go.
-    """
-
-    remote: BusAddress
-    local: BusAddress
+    remote: BusAddress  #: Where the compressed streams are.
+    local: BusAddress  #: Where the decoded topics go.
 
     def to_json(self) -> str:
         """Return the configuration as the worker's argument."""

@@ -26,22 +26,14 @@ if TYPE_CHECKING:
     from sfglab.fleet.discovery.node import DiscoveryStatus
     from sfglab.fleet.discovery.orders import Announce, Move
 
-__all__ = ["DiscoveryConfig", "main", "run_discoverer"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiscoveryConfig:
-    """What a discoverer's process is told.
+    """What a discoverer's process is told."""
 
-    Attributes:
-        address: The agent's local domain.
-        settings: Whose discoverer it is, and how it works.
-        report_moves: Whether every transition is reported.
-    """
-
-    address: BusAddress
-    settings: DiscoverySettings
-    report_moves: bool = False
+    address: BusAddress  #: The agent's local domain.
+    settings: DiscoverySettings  #: Whose discoverer it is, and how it works.
+    report_moves: bool = False  #: Whether every transition is reported.
 
     def to_json(self) -> str:
         """Return the configuration as a process's argument."""

@@ -6,39 +6,24 @@ from dataclasses import dataclass
 
 from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Action, Asking, Input, State, Told
 
-__all__ = ["Edge", "Node", "diagram"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Node:
-    """A state and its place in the grid.
+    """A state and its place in the grid."""
 
-    Attributes:
-        state: The state.
-        row: 0 for what local consumers have not heard of, 1 for what is there, 2 for what is lost.
-        column: 0 when nothing is asked, 1 while a query is outstanding, 2 while the next one waits.
-    """
-
-    state: State
-    row: int
-    column: int
+    state: State  #: The state.
+    row: int  #: 0 for what local consumers have not heard of, 1 for what is there, 2 for what is lost.
+    column: int  #: 0 when nothing is asked, 1 while a query is outstanding, 2 while the next one waits.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Edge:
-    """A transition.
+    """A transition."""
 
-    Attributes:
-        source: Where it starts.
-        given: What happened.
-        target: Where it ends.
-        actions: What is done.
-    """
-
-    source: State
-    given: Input
-    target: State
-    actions: tuple[Action, ...]
+    source: State  #: Where it starts.
+    given: Input  #: What happened.
+    target: State  #: Where it ends.
+    actions: tuple[Action, ...]  #: What is done.
 
     @property
     def label(self) -> str:

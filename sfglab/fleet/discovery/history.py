@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from collections import deque
 
-__all__ = ["History"]
-
 
 class History:
     """The agents of the last events.

@@ -13,8 +13,6 @@ from enum import Enum, auto
 
 from sfglab.fleet.machine import IllegalInputError
 
-__all__ = ["ANNOUNCEMENTS", "TRANSITIONS", "Action", "Asking", "Input", "Lifecycle", "State", "Told"]
-
 
 class Told(Enum):
     """What local consumers have been told of an agent: the rows of the grid."""

@@ -16,16 +16,6 @@ from sfglab.qos import Durability, QoSProfile
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = [
-    "DISCOVERY_EVENT",
-    "DISCOVERY_QOS",
-    "HISTORY",
-    "Change",
-    "KnownAgents",
-    "Offered",
-    "Withdrawn",
-    "discovery_topic",
-]
 
 DISCOVERY_EVENT = "sfglab_interfaces/msg/AgentDiscoveryEvent"
 """The type of discovery events."""
@@ -54,26 +44,17 @@ def discovery_topic(agent: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Offered:
-    """An agent is there, and this is what it offers from now on.
+    """An agent is there, and this is what it offers from now on."""
 
-    Attributes:
-        agent: Its name.
-        metadata: Its description, a ``sfglab_interfaces/msg/AgentMetadata``.
-    """
-
-    agent: str
-    metadata: Any
+    agent: str  #: Its name.
+    metadata: Any  #: Its description, a ``sfglab_interfaces/msg/AgentMetadata``.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Withdrawn:
-    """An agent is not there any more.
+    """An agent is not there any more."""
 
-    Attributes:
-        agent: Its name.
-    """
-
-    agent: str
+    agent: str  #: Its name.
 
 
 Change = Offered | Withdrawn

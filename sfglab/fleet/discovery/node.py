@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from sfglab.bus.api import Node, Publisher, Subscription
     from sfglab.fleet.discovery.orders import AgentStatus, Move, Order
 
-__all__ = ["AgentDiscoverer", "DiscoverySettings", "DiscoveryStatus"]
 
 _LOG = logging.getLogger(__name__)
 _HEARTBEATS = replace(LATCHED, depth=1000)  # of all agents together, for they share one topic
@@ -47,24 +46,16 @@ _MARGIN = 50
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiscoverySettings:
-    """What a discoverer is told.
+    """What a discoverer is told."""
 
-    Attributes:
-        agent: Its own agent, whose heartbeats it ignores.
-        timing: The waits.
-        limits: The bounds.
-        find_timeout_s: How long an agent's service may take to be found, seconds. In a fleet that
-            starts together this takes long, and longer when those who look for it give up and begin anew.
-        query_timeout_s: How long an agent may take to answer then, seconds.
-        max_queries: Queries that may be under way at once, to different agents; others wait in order.
-    """
-
-    agent: str
-    timing: Timing = field(default_factory=Timing)
-    limits: Limits = field(default_factory=Limits)
+    agent: str  #: Its own agent, whose heartbeats it ignores.
+    timing: Timing = field(default_factory=Timing)  #: The waits.
+    limits: Limits = field(default_factory=Limits)  #: The bounds.
+    #: How long an agent's service may take to be found, seconds. In a fleet that starts together this takes
+    #: long, and longer when those who look for it give up and begin anew.
     find_timeout_s: float = 5.0
-    query_timeout_s: float = 2.0
-    max_queries: int = 8
+    query_timeout_s: float = 2.0  #: How long an agent may take to answer then, seconds.
+    max_queries: int = 8  #: Queries that may be under way at once, to different agents; others wait in order.
 
     def __post_init__(self) -> None:
         validate_agent(self.agent)
@@ -77,15 +68,10 @@ class DiscoverySettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiscoveryStatus:
-    """What a discoverer knows now.
+    """What a discoverer knows now."""
 
-    Attributes:
-        agents: The remote agents, by name.
-        counts: How often what happened; see `Registry.counts`. ``event_<name>`` counts events.
-    """
-
-    agents: tuple[AgentStatus, ...]
-    counts: dict[str, int]
+    agents: tuple[AgentStatus, ...]  #: The remote agents, by name.
+    counts: dict[str, int]  #: How often what happened; see `Registry.counts`. ``event_<name>`` counts events.
 
 
 class AgentDiscoverer:

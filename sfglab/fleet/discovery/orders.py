@@ -10,8 +10,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from sfglab.fleet.discovery.lifecycle import Action, Input, State
 
-__all__ = ["Abandon", "AgentStatus", "Announce", "Answer", "Ask", "Move", "Order", "Timing", "TimingError"]
-
 
 class TimingError(SfglabError, ValueError):
     """Waits with which a discoverer could not work.
@@ -29,21 +27,13 @@ class TimingError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timing:
-    """How long a discoverer waits for what.
+    """How long a discoverer waits for what."""
 
-    Attributes:
-        missed: An agent is lost when this many of its announced periods pass without a heartbeat.
-        slack_ns: Time on top of that, for the network.
-        backoff_ns: Wait after the first failed query; it doubles with each further one.
-        backoff_max_ns: The longest wait between queries.
-        forget_ns: How long a lost agent is remembered.
-    """
-
-    missed: float = 3.0
-    slack_ns: int = 500_000_000
-    backoff_ns: int = 250_000_000
-    backoff_max_ns: int = 10_000_000_000
-    forget_ns: int = 600_000_000_000
+    missed: float = 3.0  #: An agent is lost when this many of its announced periods pass without a heartbeat.
+    slack_ns: int = 500_000_000  #: Time on top of that, for the network.
+    backoff_ns: int = 250_000_000  #: Wait after the first failed query; it doubles with each further one.
+    backoff_max_ns: int = 10_000_000_000  #: The longest wait between queries.
+    forget_ns: int = 600_000_000_000  #: How long a lost agent is remembered.
 
     def __post_init__(self) -> None:
         for name in ("missed", "slack_ns", "backoff_ns", "backoff_max_ns", "forget_ns"):
@@ -53,45 +43,28 @@ class Timing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ask:
-    """Ask an agent for its metadata, and say `answered` or `failed` with the same query.
+    """Ask an agent for its metadata, and say `answered` or `failed` with the same query."""
 
-    Attributes:
-        agent: Whom.
-        query: Which query it is; no two are the same.
-    """
-
-    agent: str
-    query: int
+    agent: str  #: Whom.
+    query: int  #: Which query it is; no two are the same.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Abandon:
-    """Give up a query.
+    """Give up a query."""
 
-    Attributes:
-        agent: Who was asked.
-        query: Which query.
-    """
-
-    agent: str
-    query: int
+    agent: str  #: Who was asked.
+    query: int  #: Which query.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Announce:
-    """Tell local consumers.
+    """Tell local consumers."""
 
-    Attributes:
-        agent: Of whom.
-        event: The event, by the name of a constant of ``AgentDiscoveryEvent``.
-        incarnation: Which start of the agent the description is from.
-        metadata: Its last known description.
-    """
-
-    agent: str
-    event: str
-    incarnation: int
-    metadata: Any
+    agent: str  #: Of whom.
+    event: str  #: The event, by the name of a constant of ``AgentDiscoveryEvent``.
+    incarnation: int  #: Which start of the agent the description is from.
+    metadata: Any  #: Its last known description.
 
 
 Order = Ask | Abandon | Announce
@@ -99,56 +72,32 @@ Order = Ask | Abandon | Announce
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """What an agent answered.
+    """What an agent answered."""
 
-    Attributes:
-        agent: Whose description it claims to be.
-        incarnation: Which start of it.
-        revision: Which revision.
-        metadata: The description.
-    """
-
-    agent: str
-    incarnation: int
-    revision: int
-    metadata: Any
+    agent: str  #: Whose description it claims to be.
+    incarnation: int  #: Which start of it.
+    revision: int  #: Which revision.
+    metadata: Any  #: The description.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """A transition that was taken.
+    """A transition that was taken."""
 
-    Attributes:
-        agent: Whose.
-        before: State before.
-        given: Input.
-        after: State after.
-        actions: What was done.
-    """
-
-    agent: str
-    before: State
-    given: Input
-    after: State
-    actions: tuple[Action, ...]
+    agent: str  #: Whose.
+    before: State  #: State before.
+    given: Input  #: Input.
+    after: State  #: State after.
+    actions: tuple[Action, ...]  #: What was done.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentStatus:
-    """One remote agent as the registry sees it.
+    """One remote agent as the registry sees it."""
 
-    Attributes:
-        agent: Its name.
-        state: Where it stands.
-        incarnation: Which start of it was heard last.
-        revision: Which revision of its description was heard last.
-        failures: Queries that failed since the last one that did not.
-        heard_ns: When it was heard last, on the caller's clock.
-    """
-
-    agent: str
-    state: State
-    incarnation: int
-    revision: int
-    failures: int
-    heard_ns: int
+    agent: str  #: Its name.
+    state: State  #: Where it stands.
+    incarnation: int  #: Which start of it was heard last.
+    revision: int  #: Which revision of its description was heard last.
+    failures: int  #: Queries that failed since the last one that did not.
+    heard_ns: int  #: When it was heard last, on the caller's clock.

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.discovery.orders import Answer, Order
     from sfglab.fleet.status.heartbeat import Heartbeat
 
-__all__ = ["Registry"]
-
 
 _OF_NO_USE = tuple(state for state, given in TRANSITIONS if given is Input.EXPIRED)
 
@@ -46,20 +44,14 @@ class _Version(NamedTuple):
 
 @dataclass(slots=True)
 class _Remote:
-    """What is known of one agent.
-
-    Attributes:
-        wanted: What its heartbeats say that there is to know.
-        held: What the description is of that was announced; None before the first.
-        query: The outstanding query.
-    """
+    """What is known of one agent."""
 
     life: Lifecycle
     backoff: BackOff
-    wanted: _Version
-    held: _Version | None = None
+    wanted: _Version  #: What its heartbeats say that there is to know.
+    held: _Version | None = None  #: What the description is of that was announced; None before the first.
     metadata: Any = None
-    query: int | None = None
+    query: int | None = None  #: The outstanding query.
     heard_ns: int = 0
     silent_ns: int = 0
     retry_ns: int = 0

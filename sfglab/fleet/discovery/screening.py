@@ -20,7 +20,6 @@ from sfglab.names import FqnError
 if TYPE_CHECKING:
     from sfglab.fleet.status.heartbeat import Heartbeat
 
-__all__ = ["Limits", "LimitsError", "Refusal", "Screen"]
 
 _MAX_NAME_LENGTH = 255
 _MAX_VERSION_LENGTH = 128
@@ -60,23 +59,15 @@ class LimitsError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """How much a discoverer takes in. A fleet in start-up sends one heartbeat a second and agent.
+    """How much a discoverer takes in. A fleet in start-up sends one heartbeat a second and agent."""
 
-    Attributes:
-        max_agents: Remote agents that are kept track of, at most 900: consumers that come late hear of each.
-        beats_per_s: Heartbeats per second that one publisher may send for long.
-        burst: Heartbeats that one publisher may send at once.
-        total_per_s: The same for all publishers together.
-        total_burst: The same for all publishers together.
-        max_metadata_bytes: Longest description, serialized.
-    """
-
+    #: Remote agents that are kept track of, at most 900: consumers that come late hear of each.
     max_agents: int = 500
-    beats_per_s: float = 25.0
-    burst: int = 50
-    total_per_s: float = 1000.0
-    total_burst: int = 5000
-    max_metadata_bytes: int = 65_536
+    beats_per_s: float = 25.0  #: Heartbeats per second that one publisher may send for long.
+    burst: int = 50  #: Heartbeats that one publisher may send at once.
+    total_per_s: float = 1000.0  #: The same for all publishers together.
+    total_burst: int = 5000  #: The same for all publishers together.
+    max_metadata_bytes: int = 65_536  #: Longest description, serialized.
 
     def __post_init__(self) -> None:
         if not 1 <= self.max_agents <= 900:

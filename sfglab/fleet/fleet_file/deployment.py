@@ -10,16 +10,6 @@ from enum import Enum
 
 from sfglab.documents import NOWHERE, Place
 
-__all__ = [
-    "Accelerator",
-    "Architecture",
-    "ContainerNetwork",
-    "DeploymentSpec",
-    "HostSpec",
-    "RosDistribution",
-    "RouterSoftware",
-]
-
 
 class Architecture(Enum):
     """A processor architecture, by its name in container images."""
@@ -64,50 +54,32 @@ class ContainerNetwork(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HostSpec:
-    """The machine that an agent runs on.
+    """The machine that an agent runs on."""
 
-    Attributes:
-        model: Maker and model, for people.
-        address: Where SSH reaches it, ``[user@]host``; empty: it is this machine.
-        architecture: Its processor's.
-        accelerator: What it has; None leaves it to detection.
-        network: What the agent's container sees: a bridge of its own, or, for robots whose own controllers
-            speak DDS over a cable, the host's interfaces.
-        devices: Device nodes that the agent needs beside its accelerator's, as in ``/dev/video0``.
-        workspace: Folder of the user's colcon workspace, relative to the fleet file; empty: none.
-        packages: Debian packages that the agent's own software needs.
-        launch: Program and arguments of the user's software, beside the agent; empty: none.
-        place: Where it stands.
-    """
-
-    model: str = ""
-    address: str = ""
-    architecture: Architecture = Architecture.AMD64
-    accelerator: Accelerator | None = None
+    model: str = ""  #: Maker and model, for people.
+    address: str = ""  #: Where SSH reaches it, ``[user@]host``; empty: it is this machine.
+    architecture: Architecture = Architecture.AMD64  #: Its processor's.
+    accelerator: Accelerator | None = None  #: What it has; None leaves it to detection.
+    #: What the agent's container sees: a bridge of its own, or, for robots whose own controllers speak DDS over
+    #: a cable, the host's interfaces.
     network: ContainerNetwork = ContainerNetwork.BRIDGE
+    #: Device nodes that the agent needs beside its accelerator's, as in ``/dev/video0``.
     devices: tuple[str, ...] = ()
-    workspace: str = ""
-    packages: tuple[str, ...] = ()
+    workspace: str = ""  #: Folder of the user's colcon workspace, relative to the fleet file; empty: none.
+    packages: tuple[str, ...] = ()  #: Debian packages that the agent's own software needs.
+    #: Program and arguments of the user's software, beside the agent; empty: none.
     launch: tuple[str, ...] = ()
-    place: Place = field(default=NOWHERE, compare=False, repr=False)
+    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeploymentSpec:
-    """What is the same for all machines of a fleet.
+    """What is the same for all machines of a fleet."""
 
-    Attributes:
-        images: Where its images belong, a repository prefix as in ``localhost/esslingen``.
-        ros: The ROS 2 distribution inside the images.
-        router: What runs in the second container.
-        router_image: Image of another's router; empty for our own.
-        time_servers: Agents or hosts whose clocks count.
-        place: Where it stands.
-    """
-
+    #: Where its images belong, a repository prefix as in ``localhost/esslingen``.
     images: str = "localhost/fleet"
-    ros: RosDistribution = RosDistribution.NONE
-    router: RouterSoftware = RouterSoftware.SFGLAB
-    router_image: str = ""
-    time_servers: tuple[str, ...] = ()
-    place: Place = field(default=NOWHERE, compare=False, repr=False)
+    ros: RosDistribution = RosDistribution.NONE  #: The ROS 2 distribution inside the images.
+    router: RouterSoftware = RouterSoftware.SFGLAB  #: What runs in the second container.
+    router_image: str = ""  #: Image of another's router; empty for our own.
+    time_servers: tuple[str, ...] = ()  #: Agents or hosts whose clocks count.
+    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.

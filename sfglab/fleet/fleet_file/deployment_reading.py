@@ -18,7 +18,6 @@ from sfglab.fleet.fleet_file.deployment import (
 if TYPE_CHECKING:
     from sfglab.documents import Section
 
-__all__ = ["AUTO", "read_deployment", "read_host"]
 
 AUTO = "auto"
 """In place of an accelerator's name: found out on the machine."""

@@ -10,8 +10,6 @@ from sfglab.fleet.status.description import AgentDescription, SensorDescription,
 if TYPE_CHECKING:
     from sfglab.fleet.fleet_file.model import AgentSpec, Fleet, StreamSpec
 
-__all__ = ["description_of", "router_config_of"]
-
 
 def router_config_of(fleet: Fleet, agent: str) -> RouterConfig:
     """Return what the fleet file says of an agent's router.

@@ -14,23 +14,11 @@ from sfglab.errors import SfglabError
 from sfglab.fleet.address import BusAddress
 from sfglab.fleet.fleet_file.deployment import DeploymentSpec
 from sfglab.fleet.routing import Policy
-from sfglab.fleet.routing.frames import SHARED_FRAMES
+from sfglab.names import SHARED_FRAMES
 
 if TYPE_CHECKING:
     from sfglab.fleet.fleet_file.deployment import HostSpec
     from sfglab.qos import QoSProfile
-
-__all__ = [
-    "AgentSpec",
-    "Fleet",
-    "FrameSpec",
-    "FrameTree",
-    "NameUse",
-    "SensorSpec",
-    "StreamSpec",
-    "TopicUse",
-    "UnknownAgentError",
-]
 
 
 class UnknownAgentError(SfglabError, LookupError):
@@ -39,167 +27,99 @@ class UnknownAgentError(SfglabError, LookupError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicUse:
-    """A topic that an agent's nodes publish or subscribe.
+    """A topic that an agent's nodes publish or subscribe."""
 
-    Attributes:
-        name: Absolute ROS name.
-        type: ROS type; empty where the file does not say.
-        qos: What its endpoints offer or request; None where the file does not say.
-        rate_hz: Messages a second of all its publishers here; None where the file does not say.
-        size_bytes: Mean serialized size; None where the file does not say.
-        count: Endpoints of this agent.
-        place: Where it stands.
-    """
-
-    name: str
-    type: str = ""
-    qos: QoSProfile | None = None
+    name: str  #: Absolute ROS name.
+    type: str = ""  #: ROS type; empty where the file does not say.
+    qos: QoSProfile | None = None  #: What its endpoints offer or request; None where the file does not say.
+    #: Messages a second of all its publishers here; None where the file does not say.
     rate_hz: float | None = None
-    size_bytes: int | None = None
-    count: int = 1
-    place: Place = field(default=NOWHERE, compare=False, repr=False)
+    size_bytes: int | None = None  #: Mean serialized size; None where the file does not say.
+    count: int = 1  #: Endpoints of this agent.
+    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NameUse:
-    """A service or an action that an agent serves or calls.
+    """A service or an action that an agent serves or calls."""
 
-    Attributes:
-        name: Absolute ROS name.
-        type: ROS type; empty where the file does not say.
-        place: Where it stands.
-    """
-
-    name: str
-    type: str = ""
-    place: Place = field(default=NOWHERE, compare=False, repr=False)
+    name: str  #: Absolute ROS name.
+    type: str = ""  #: ROS type; empty where the file does not say.
+    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamSpec:
-    """A sensor's compressed stream, as the agent's metadata announces it (sfglab_interfaces/msg/StreamInfo).
+    """A sensor's compressed stream, as the agent's metadata announces it (sfglab_interfaces/msg/StreamInfo)."""
 
-    Attributes:
-        topic: Global topic that carries it.
-        type: ROS type of its messages.
-        codec: ``h264``, ``rvl``, ``png`` or ``jpeg``.
-        width: Pixels.
-        height: Pixels.
-        rate_hz: Messages a second.
-        size_bytes: Mean serialized size of a message; None where the file does not say.
-        decoded_topic: Where the decoded stream belongs; empty: derived from `topic`.
-        camera_info_topic: Where the calibration is published; empty: nowhere.
-        place: Where it stands.
-    """
-
-    topic: str
-    type: str
-    codec: str
-    width: int
-    height: int
-    rate_hz: float
-    size_bytes: int | None = None
-    decoded_topic: str = ""
-    camera_info_topic: str = ""
-    place: Place = field(default=NOWHERE, compare=False, repr=False)
+    topic: str  #: Global topic that carries it.
+    type: str  #: ROS type of its messages.
+    codec: str  #: ``h264``, ``rvl``, ``png`` or ``jpeg``.
+    width: int  #: Pixels.
+    height: int  #: Pixels.
+    rate_hz: float  #: Messages a second.
+    size_bytes: int | None = None  #: Mean serialized size of a message; None where the file does not say.
+    decoded_topic: str = ""  #: Where the decoded stream belongs; empty: derived from `topic`.
+    camera_info_topic: str = ""  #: Where the calibration is published; empty: nowhere.
+    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorSpec:
-    """A sensor and what it sends (sfglab_interfaces/msg/SensorInfo).
+    """A sensor and what it sends (sfglab_interfaces/msg/SensorInfo)."""
 
-    Attributes:
-        name: Unique within its agent.
-        model: Maker and model, for people.
-        streams: What leaves the agent.
-        place: Where it stands.
-    """
-
-    name: str
-    model: str = ""
-    streams: tuple[StreamSpec, ...] = ()
-    place: Place = field(default=NOWHERE, compare=False, repr=False)
+    name: str  #: Unique within its agent.
+    model: str = ""  #: Maker and model, for people.
+    streams: tuple[StreamSpec, ...] = ()  #: What leaves the agent.
+    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameSpec:
-    """One transform that an agent broadcasts, with frame names as its nodes write them.
+    """One transform that an agent broadcasts, with frame names as its nodes write them."""
 
-    Attributes:
-        child: The frame that is placed.
-        parent: The frame in which it is placed.
-        static: Sent once on /tf_static instead of again and again on /tf.
-        rate_hz: How often it is sent when it is not static.
-        place: Where it stands.
-    """
-
-    child: str
-    parent: str
-    static: bool = False
-    rate_hz: float = 0.0
-    place: Place = field(default=NOWHERE, compare=False, repr=False)
+    child: str  #: The frame that is placed.
+    parent: str  #: The frame in which it is placed.
+    static: bool = False  #: Sent once on /tf_static instead of again and again on /tf.
+    rate_hz: float = 0.0  #: How often it is sent when it is not static.
+    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameTree:
-    """The transforms of one agent.
+    """The transforms of one agent."""
 
-    Attributes:
-        frames: One transform each.
-        prefix_frames: Frames leave the agent as ``<agent>/<frame>``, as paper A, section 4.1 asks.
-        shared_frames: Frames that all agents mean by the same name and that are never prefixed.
-        placed_by_others: Frames of this agent, without prefix, that others may give a parent.
-        static_broadcasters: Nodes that publish on /tf_static.
-        place: Where it stands.
-    """
-
-    frames: tuple[FrameSpec, ...] = ()
-    prefix_frames: bool = True
+    frames: tuple[FrameSpec, ...] = ()  #: One transform each.
+    prefix_frames: bool = True  #: Frames leave the agent as ``<agent>/<frame>``, as paper A, section 4.1 asks.
+    #: Frames that all agents mean by the same name and that are never prefixed.
     shared_frames: tuple[str, ...] = SHARED_FRAMES
+    #: Frames of this agent, without prefix, that others may give a parent.
     placed_by_others: tuple[str, ...] = ()
-    static_broadcasters: int = 1
-    place: Place = field(default=NOWHERE, compare=False, repr=False)
+    static_broadcasters: int = 1  #: Nodes that publish on /tf_static.
+    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentSpec:
-    """One agent: a computer, or several, behind one router.
+    """One agent: a computer, or several, behind one router."""
 
-    Attributes:
-        name: The agent segment of its names.
-        domain: Its own DDS domain, D_i in the paper.
-        global_interface: Interface to the other agents; None leaves the choice to DDS.
-        local_interface: Interface of its own domain; None leaves the choice to DDS.
-        processes: ROS processes, each a DDS participant.
-        lifecycle: Whether it runs status provider and discoverer (paper A, section 4.2).
-        sensors: What its metadata announces.
-        tf: Its transforms.
-        publishes: Topics, without those of `sensors`, `tf` and `lifecycle`.
-        subscribes: Topics.
-        serves: Services.
-        calls: Services.
-        action_servers: Actions.
-        action_clients: Actions.
-        host: The machine it runs on; None where the file does not say, so that it cannot be deployed.
-        place: Where it stands.
-    """
-
-    name: str
-    domain: int
-    global_interface: str | None = None
-    local_interface: str | None = None
-    processes: int = 1
-    lifecycle: bool = True
-    sensors: tuple[SensorSpec, ...] = ()
-    tf: FrameTree = field(default_factory=FrameTree)
-    publishes: tuple[TopicUse, ...] = ()
-    subscribes: tuple[TopicUse, ...] = ()
-    serves: tuple[NameUse, ...] = ()
-    calls: tuple[NameUse, ...] = ()
-    action_servers: tuple[NameUse, ...] = ()
-    action_clients: tuple[NameUse, ...] = ()
+    name: str  #: The agent segment of its names.
+    domain: int  #: Its own DDS domain, D_i in the paper.
+    global_interface: str | None = None  #: Interface to the other agents; None leaves the choice to DDS.
+    local_interface: str | None = None  #: Interface of its own domain; None leaves the choice to DDS.
+    processes: int = 1  #: ROS processes, each a DDS participant.
+    lifecycle: bool = True  #: Whether it runs status provider and discoverer (paper A, section 4.2).
+    sensors: tuple[SensorSpec, ...] = ()  #: What its metadata announces.
+    tf: FrameTree = field(default_factory=FrameTree)  #: Its transforms.
+    publishes: tuple[TopicUse, ...] = ()  #: Topics, without those of `sensors`, `tf` and `lifecycle`.
+    subscribes: tuple[TopicUse, ...] = ()  #: Topics.
+    serves: tuple[NameUse, ...] = ()  #: Services.
+    calls: tuple[NameUse, ...] = ()  #: Services.
+    action_servers: tuple[NameUse, ...] = ()  #: Actions.
+    action_clients: tuple[NameUse, ...] = ()  #: Actions.
+    #: The machine it runs on; None where the file does not say, so that it cannot be deployed.
     host: HostSpec | None = None
-    place: Place = field(default=NOWHERE, compare=False, repr=False)
+    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
     @property
     def streams(self) -> tuple[StreamSpec, ...]:
@@ -209,25 +129,17 @@ class AgentSpec:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fleet:
-    """Agents that share a global domain.
+    """Agents that share a global domain."""
 
-    Attributes:
-        name: What the fleet is called.
-        global_domain: The domain that all routers join, D_0 in the paper.
-        policy: What crosses.
-        agents: The agents, in the order of the file.
-        deployment: What is the same on all their machines.
-        rule_places: Where each rule of the policy stands; empty where the file names a known one.
-        place: Where it stands.
-    """
-
-    name: str
-    global_domain: int = 0
-    policy: Policy = field(default_factory=Policy)
-    agents: tuple[AgentSpec, ...] = ()
+    name: str  #: What the fleet is called.
+    global_domain: int = 0  #: The domain that all routers join, D_0 in the paper.
+    policy: Policy = field(default_factory=Policy)  #: What crosses.
+    agents: tuple[AgentSpec, ...] = ()  #: The agents, in the order of the file.
+    #: What is the same on all their machines.
     deployment: DeploymentSpec = field(default_factory=DeploymentSpec)
+    #: Where each rule of the policy stands; empty where the file names a known one.
     rule_places: tuple[Place, ...] = field(default=(), compare=False, repr=False)
-    place: Place = field(default=NOWHERE, compare=False, repr=False)
+    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
     def agent(self, name: str) -> AgentSpec:
         """Return an agent by its name.

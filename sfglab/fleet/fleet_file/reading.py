@@ -22,8 +22,7 @@ from sfglab.fleet.fleet_file.model import (
     TopicUse,
 )
 from sfglab.fleet.routing import TABLE_1, Direction, ForwardRule, Policy
-from sfglab.fleet.routing.frames import SHARED_FRAMES
-from sfglab.names import FqnError, ResourceKind, validate_agent, validate_ros_name
+from sfglab.names import SHARED_FRAMES, FqnError, ResourceKind, validate_agent, validate_ros_name
 from sfglab.qos import (
     COMPRESSED_STREAM,
     DEFAULT,
@@ -39,7 +38,6 @@ from sfglab.qos import (
 if TYPE_CHECKING:
     from enum import Enum
 
-__all__ = ["MAX_DOMAIN", "load_fleet", "read_fleet"]
 
 MAX_DOMAIN = 232
 """The last domain whose ports exist (RTPS 2.5, clause 9.6.2.3)."""

@@ -20,18 +20,12 @@ if TYPE_CHECKING:
 
     from sfglab.fleet.component import Report
 
-__all__ = ["KeeperConfig", "main", "run_keeper"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeeperConfig(KeeperSettings):
-    """What a keeper's process is told, beside what it keeps.
+    """What a keeper's process is told, beside what it keeps."""
 
-    Attributes:
-        address: The agent's own domain.
-    """
-
-    address: BusAddress
+    address: BusAddress  #: The agent's own domain.
 
     def to_json(self) -> str:
         """Return the configuration as a process's argument."""

@@ -10,8 +10,6 @@ from typing import Generic, TypeVar
 
 from sfglab.errors import SfglabError
 
-__all__ = ["GopCache", "Limits", "LimitsError"]
-
 M = TypeVar("M")
 
 
@@ -21,15 +19,10 @@ class LimitsError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """How much of one stream is kept.
+    """How much of one stream is kept."""
 
-    Attributes:
-        packets: The longest group of pictures, in packets.
-        size_bytes: The largest one. The default is two seconds of 32 Mbit/s.
-    """
-
-    packets: int = 256
-    size_bytes: int = 8_000_000
+    packets: int = 256  #: The longest group of pictures, in packets.
+    size_bytes: int = 8_000_000  #: The largest one. The default is two seconds of 32 Mbit/s.
 
     def __post_init__(self) -> None:
         for name in ("packets", "size_bytes"):

@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 
     from sfglab.bus.api import EndpointEvent, Node
 
-__all__ = ["KeeperError", "KeeperSettings", "Replayed", "StreamKeeper"]
-
 
 class KeeperError(SfglabError, ValueError):
     """A stream that cannot be replayed, or a limit beyond what a replay can hold."""
@@ -53,18 +51,13 @@ class KeeperError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeeperSettings:
-    """What a keeper keeps.
+    """What a keeper keeps."""
 
-    Attributes:
-        streams: The compressed streams, by their topics.
-        limits: How much of each.
-        settle_s: How long after its first reader appeared a replay is sent, seconds. A router opens both its
-            sides at once, and what is sent before its other side is matched has to be asked for again: over two
-            routers a replay took 0.11 s without this wait and 0.02 s with it.
-    """
-
-    streams: tuple[str, ...] = ()
-    limits: Limits = field(default_factory=Limits)
+    streams: tuple[str, ...] = ()  #: The compressed streams, by their topics.
+    limits: Limits = field(default_factory=Limits)  #: How much of each.
+    #: How long after its first reader appeared a replay is sent, seconds. A router opens both its sides at
+    #: once, and what is sent before its other side is matched has to be asked for again: over two routers a
+    #: replay took 0.11 s without this wait and 0.02 s with it.
     settle_s: float = 0.01
 
     def __post_init__(self) -> None:
@@ -79,21 +72,13 @@ class KeeperSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Replayed:
-    """One replay that was sent.
+    """One replay that was sent."""
 
-    Attributes:
-        topic: The stream's topic.
-        packets: Packets since the last key frame.
-        size_bytes: Their size.
-        gaps: How often packets of the stream went missing on their way here.
-        overflows: How often a group of pictures was longer than what is kept.
-    """
-
-    topic: str
-    packets: int
-    size_bytes: int
-    gaps: int
-    overflows: int
+    topic: str  #: The stream's topic.
+    packets: int  #: Packets since the last key frame.
+    size_bytes: int  #: Their size.
+    gaps: int  #: How often packets of the stream went missing on their way here.
+    overflows: int  #: How often a group of pictures was longer than what is kept.
 
 
 class StreamKeeper:

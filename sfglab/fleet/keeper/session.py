@@ -9,8 +9,6 @@ from enum import Enum, auto
 
 from sfglab.fleet.machine import Machine
 
-__all__ = ["TRANSITIONS", "Action", "Input", "State", "session"]
-
 
 class State(Enum):
     """Where a stream's replay stands."""

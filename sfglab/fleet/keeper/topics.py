@@ -10,8 +10,6 @@ from dataclasses import replace
 from sfglab.names import FqnError, Resource, Suffixed, parse
 from sfglab.qos import Durability, QoSProfile
 
-__all__ = ["FFMPEG_PACKET", "FLAG_DISCARD", "FLAG_KEY", "REPLAY_DEPTH", "REPLAY_QOS", "replay_topic"]
-
 FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
 """The type of streams that can be replayed, and of their replays."""
 

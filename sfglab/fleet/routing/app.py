@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from sfglab.fleet.component import Report
 
-__all__ = ["RouterConfig", "RouterConfigError", "main", "run_router", "serve_terminal"]
-
 
 class RouterConfigError(SfglabError, ValueError):
     """A router's configuration that no router could follow."""
@@ -34,15 +32,10 @@ class RouterConfigError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RouterConfig(RouterSettings):
-    """What a router's process is told, beside what every router is.
+    """What a router's process is told, beside what every router is."""
 
-    Attributes:
-        local: The agent's domain.
-        remote: The global domain.
-    """
-
-    local: BusAddress
-    remote: BusAddress
+    local: BusAddress  #: The agent's domain.
+    remote: BusAddress  #: The global domain.
 
     def __post_init__(self) -> None:
         RouterSettings.__post_init__(self)

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.routing.policy import Side
     from sfglab.fleet.routing.transforms import TransformGate
 
-__all__ = ["Carrier", "PathStatus"]
 
 _log = logging.getLogger(__name__)
 _TF_TOPICS = frozenset({dds_topic(TF), dds_topic(TF_STATIC)})
@@ -36,27 +35,16 @@ _TF_TOPICS = frozenset({dds_topic(TF), dds_topic(TF_STATIC)})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PathStatus:
-    """One path that is open.
+    """One path that is open."""
 
-    Attributes:
-        topic: The topic on the wire.
-        type: Its type.
-        direction: "outward" or "inward".
-        readers: How many readers the router has for it.
-        writers: How many writers.
-        forwarded: Samples forwarded since it was opened.
-        dropped: Samples not forwarded.
-        bytes: CDR forwarded, in bytes.
-    """
-
-    topic: str
-    type: str
-    direction: str
-    readers: int
-    writers: int
-    forwarded: int
-    dropped: int
-    bytes: int
+    topic: str  #: The topic on the wire.
+    type: str  #: Its type.
+    direction: str  #: "outward" or "inward".
+    readers: int  #: How many readers the router has for it.
+    writers: int  #: How many writers.
+    forwarded: int  #: Samples forwarded since it was opened.
+    dropped: int  #: Samples not forwarded.
+    bytes: int  #: CDR forwarded, in bytes.
 
 
 @dataclass(slots=True)

@@ -15,8 +15,6 @@ from sfglab.errors import SfglabError
 from sfglab.fleet.routing.policy import Direction
 from sfglab.names import SHARED_FRAMES, frame_owner, prefixed_frame
 
-__all__ = ["SHARED_FRAMES", "FrameClaims", "FrameClashError", "Frames"]
-
 
 class FrameClashError(SfglabError, ValueError):
     """A transform that would move a frame of somebody else.
@@ -34,17 +32,13 @@ class FrameClashError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frames:
-    """The names of one agent's frames.
+    """The names of one agent's frames."""
 
-    Attributes:
-        agent: The agent.
-        shared: Frames that all mean by the same name and that are never prefixed.
-        placed_by_others: Frames of the agent, without prefix, that others may give a parent, as motion
-            capture does with a robot's base (paper A, section 4.5).
-    """
-
-    agent: str
+    agent: str  #: The agent.
+    #: Frames that all mean by the same name and that are never prefixed.
     shared: frozenset[str] = frozenset(SHARED_FRAMES)
+    #: Frames of the agent, without prefix, that others may give a parent, as motion capture does with a robot's
+    #: base (paper A, section 4.5).
     placed_by_others: frozenset[str] = frozenset()
 
     def outward(self, frame: str) -> str:

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from sfglab.bus.api import EndpointEvent, EndpointInfo, Graph
 
-__all__ = ["Interest"]
 
 _OTHER = {
     EndpointKind.PUBLISHER: EndpointKind.SUBSCRIPTION,

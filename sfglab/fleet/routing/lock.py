@@ -13,8 +13,6 @@ from typing import Self
 
 from sfglab.errors import SfglabError
 
-__all__ = ["PairLock", "RouterRunningError"]
-
 _PEER = struct.Struct("3i")  # struct ucred: pid, uid, gid
 
 

@@ -14,7 +14,6 @@ from sfglab.qos import DEFAULT, Durability, History, QoSProfile, Reliability
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["READER_DEPTH", "announced_qos", "offered_qos", "requested_qos"]
 
 READER_DEPTH = 256
 """A router that is late must not lose what its reader's cache cannot hold, so the cache is deep."""

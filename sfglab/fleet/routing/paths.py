@@ -24,22 +24,14 @@ if TYPE_CHECKING:
 
     from sfglab.bus.api import EndpointInfo
 
-__all__ = ["Held", "Path", "PathState", "ReaderSpec", "Setup", "Verdict", "WriterSpec", "wanted"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
 class Path:
-    """The way of one topic across the border.
+    """The way of one topic across the border."""
 
-    Attributes:
-        dds_topic: The topic on the wire.
-        type: As `EndpointInfo.type` names it; endpoints of another type are another path.
-        outward: Whether it leads from the local domain to the global one.
-    """
-
-    dds_topic: str
-    type: str
-    outward: bool
+    dds_topic: str  #: The topic on the wire.
+    type: str  #: As `EndpointInfo.type` names it; endpoints of another type are another path.
+    outward: bool  #: Whether it leads from the local domain to the global one.
 
     @property
     def direction(self) -> Direction:
@@ -49,31 +41,21 @@ class Path:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReaderSpec:
-    """A reader of the router, in the source's domain.
+    """A reader of the router, in the source's domain."""
 
-    Attributes:
-        path: What for.
-        qos: What it requests.
-    """
-
-    path: Path
-    qos: QoSProfile
+    path: Path  #: What for.
+    qos: QoSProfile  #: What it requests.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WriterSpec:
-    """A writer of the router, in the target's domain.
+    """A writer of the router, in the target's domain."""
 
-    Attributes:
-        path: What for.
-        qos: What it offers.
-        source: The one source that it stands for, if that one's samples are latched: several in one writer
-            would push each other out of its history, and stay when their source has gone. Empty: all
-            volatile sources that offer the same.
-    """
-
-    path: Path
-    qos: QoSProfile
+    path: Path  #: What for.
+    qos: QoSProfile  #: What it offers.
+    #: The one source that it stands for, if that one's samples are latched: several in one writer would push
+    #: each other out of its history, and stay when their source has gone. Empty: all volatile sources that
+    #: offer the same.
     source: bytes = b""
 
 
@@ -98,21 +80,16 @@ class Setup:
 
 @dataclass(slots=True)
 class PathState:
-    """What is known about one path.
+    """What is known about one path."""
 
-    Attributes:
-        sources: Publishers in the source's domain whose samples may cross, by gid.
-        sinks: Subscriptions in the target's domain that count, by gid.
-        barred: Publishers in the source's domain whose samples may not cross, by gid.
-        held: Those of `sources` whose samples have to wait.
-        setup: What is open now.
-    """
-
+    #: Publishers in the source's domain whose samples may cross, by gid.
     sources: dict[bytes, EndpointInfo] = field(default_factory=dict)
+    #: Subscriptions in the target's domain that count, by gid.
     sinks: dict[bytes, EndpointInfo] = field(default_factory=dict)
+    #: Publishers in the source's domain whose samples may not cross, by gid.
     barred: dict[bytes, EndpointInfo] = field(default_factory=dict)
-    held: set[bytes] = field(default_factory=set)
-    setup: Setup = field(default_factory=Setup)
+    held: set[bytes] = field(default_factory=set)  #: Those of `sources` whose samples have to wait.
+    setup: Setup = field(default_factory=Setup)  #: What is open now.
 
     def __contains__(self, gid: bytes) -> bool:
         return any(gid in part for part in (self.sources, self.sinks, self.barred))

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from sfglab.bus.api import EndpointEvent
 
-__all__ = ["ROUTER_KEY", "Action", "Close", "Forget", "Judge", "Open", "Plan"]
 
 ROUTER_KEY = "sfglab.router"
 """USER_DATA of a router's endpoints says under this key which pair of domains it serves."""
@@ -33,52 +32,33 @@ ROUTER_KEY = "sfglab.router"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Open:
-    """Open a reader or writer.
+    """Open a reader or writer."""
 
-    Attributes:
-        what: Which.
-    """
-
-    what: ReaderSpec | WriterSpec
+    what: ReaderSpec | WriterSpec  #: Which.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Close:
-    """Close a reader or writer.
+    """Close a reader or writer."""
 
-    Attributes:
-        what: Which.
-    """
-
-    what: ReaderSpec | WriterSpec
+    what: ReaderSpec | WriterSpec  #: Which.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judge:
-    """Say where the samples go that a reader gets from a source.
+    """Say where the samples go that a reader gets from a source."""
 
-    Attributes:
-        reader: An open reader.
-        source: The publisher.
-        writer: An open writer; None: they are dropped.
-    """
-
-    reader: ReaderSpec
-    source: EndpointInfo
-    writer: WriterSpec | None
+    reader: ReaderSpec  #: An open reader.
+    source: EndpointInfo  #: The publisher.
+    writer: WriterSpec | None  #: An open writer; None: they are dropped.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Forget:
-    """Forget a source that has gone.
+    """Forget a source that has gone."""
 
-    Attributes:
-        reader: An open reader.
-        source: The publisher's gid.
-    """
-
-    reader: ReaderSpec
-    source: bytes
+    reader: ReaderSpec  #: An open reader.
+    source: bytes  #: The publisher's gid.
 
 
 Action = Open | Close | Judge | Forget

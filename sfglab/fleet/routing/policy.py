@@ -12,8 +12,6 @@ from fnmatch import fnmatchcase
 
 from sfglab.names import ResourceKind, dds_names
 
-__all__ = ["TABLE_1", "Crossing", "Direction", "ForwardRule", "Policy", "Side"]
-
 
 class Side(Enum):
     """One of the two domains that a router joins."""
@@ -59,17 +57,11 @@ class Crossing(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForwardRule:
-    """One row of Table 1.
+    """One row of Table 1."""
 
-    Attributes:
-        pattern: DDS topic names; ``*`` stands for any characters, slashes included, as in the DDS Router.
-        description: For people.
-        directions: The ways it is open.
-    """
-
-    pattern: str
-    description: str
-    directions: frozenset[Direction] = frozenset(Direction)
+    pattern: str  #: DDS topic names; ``*`` stands for any characters, slashes included, as in the DDS Router.
+    description: str  #: For people.
+    directions: frozenset[Direction] = frozenset(Direction)  #: The ways it is open.
 
     def matches(self, dds_name: str) -> bool:
         """Return whether a DDS topic name falls under this rule."""
@@ -88,13 +80,9 @@ TABLE_1 = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Policy:
-    """The set F_forward of Eq. 1 as rules.
+    """The set F_forward of Eq. 1 as rules."""
 
-    Attributes:
-        rules: What may cross; everything else stays where it is.
-    """
-
-    rules: tuple[ForwardRule, ...] = TABLE_1
+    rules: tuple[ForwardRule, ...] = TABLE_1  #: What may cross; everything else stays where it is.
 
     def crosses(self, dds_name: str, direction: Direction) -> bool:
         """Return whether samples of a DDS topic cross the border this way.

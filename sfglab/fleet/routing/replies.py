@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from sfglab.bus.api import EndpointInfo
     from sfglab.fleet.routing.paths import Path
 
-__all__ = ["PATIENCE_NS", "Replies"]
 
 PATIENCE_NS = 2_000_000_000
 """How long requests wait for a reply reader, nanoseconds: several repairs of a lost discovery message."""

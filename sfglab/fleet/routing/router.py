@@ -16,12 +16,12 @@ from functools import partial
 from typing import TYPE_CHECKING, cast
 
 from sfglab.fleet.routing.carrier import Carrier
-from sfglab.fleet.routing.frames import SHARED_FRAMES, Frames
+from sfglab.fleet.routing.frames import Frames
 from sfglab.fleet.routing.interest import Interest
 from sfglab.fleet.routing.plan import Plan
 from sfglab.fleet.routing.policy import TABLE_1, ForwardRule, Policy, Side
 from sfglab.fleet.routing.transforms import TransformGate
-from sfglab.names import validate_agent
+from sfglab.names import SHARED_FRAMES, validate_agent
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from sfglab.bus.forwarding import ForwardingNode
     from sfglab.fleet.routing.carrier import PathStatus
 
-__all__ = ["STATUS_PERIOD_S", "Router", "RouterSettings", "RouterStatus"]
 
 STATUS_PERIOD_S = 5.0
 """How often the status is told when nothing changes, seconds."""
@@ -41,22 +40,16 @@ _RESOLUTION_NS = 1_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RouterSettings:
-    """What a router does.
+    """What a router does."""
 
-    Attributes:
-        agent: Whose router it is.
-        rules: What crosses the border; by default Table 1 of paper A.
-        linger_s: How long a path outlives its last publisher or subscription, seconds.
-        prefix_frames: Whether transforms leave under the agent's prefix, and are dropped when they clash.
-        shared_frames: Frames that all agents mean by the same name and that are never prefixed.
-        placed_by_others: Frames of the agent, without prefix, that others may give a parent.
-    """
-
-    agent: str
-    rules: tuple[ForwardRule, ...] = TABLE_1
-    linger_s: float = 1.0
+    agent: str  #: Whose router it is.
+    rules: tuple[ForwardRule, ...] = TABLE_1  #: What crosses the border; by default Table 1 of paper A.
+    linger_s: float = 1.0  #: How long a path outlives its last publisher or subscription, seconds.
+    #: Whether transforms leave under the agent's prefix, and are dropped when they clash.
     prefix_frames: bool = True
+    #: Frames that all agents mean by the same name and that are never prefixed.
     shared_frames: tuple[str, ...] = SHARED_FRAMES
+    #: Frames of the agent, without prefix, that others may give a parent.
     placed_by_others: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -74,15 +67,10 @@ class RouterSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RouterStatus:
-    """What a router does now.
+    """What a router does now."""
 
-    Attributes:
-        paths: All open paths.
-        clashed: Transforms that were dropped because their frames clash.
-    """
-
-    paths: tuple[PathStatus, ...] = ()
-    clashed: int = 0
+    paths: tuple[PathStatus, ...] = ()  #: All open paths.
+    clashed: int = 0  #: Transforms that were dropped because their frames clash.
 
 
 class Router:

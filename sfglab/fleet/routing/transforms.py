@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from sfglab.bus.forwarding import Transform
 
-__all__ = ["TF_TYPE", "FrameCounts", "TransformGate"]
 
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 _log = logging.getLogger(__name__)
@@ -28,15 +27,10 @@ _MAX_SAID = 1000
 
 @dataclass(slots=True)
 class FrameCounts:
-    """What happened to transforms at the border.
+    """What happened to transforms at the border."""
 
-    Attributes:
-        prefixed: Transforms that got other names on their way out.
-        clashed: Transforms that were dropped.
-    """
-
-    prefixed: int = 0
-    clashed: int = 0
+    prefixed: int = 0  #: Transforms that got other names on their way out.
+    clashed: int = 0  #: Transforms that were dropped.
 
 
 class TransformGate:

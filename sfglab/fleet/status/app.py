@@ -25,25 +25,17 @@ if TYPE_CHECKING:
     from sfglab.fleet.component import Report
     from sfglab.fleet.status.heartbeat import Heartbeat
 
-__all__ = ["StatusConfig", "main", "run_status"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StatusConfig:
-    """What a status provider's process is told.
+    """What a status provider's process is told."""
 
-    Attributes:
-        address: The agent's local domain.
-        settings: What is said, and when.
-        detect: Whether software and accelerators are found out, in place of those described. Trying the
-            accelerators takes a while; heartbeats do not wait for it, the description is updated.
-        report_beats: Whether every heartbeat is reported.
-    """
-
-    address: BusAddress
-    settings: StatusSettings
+    address: BusAddress  #: The agent's local domain.
+    settings: StatusSettings  #: What is said, and when.
+    #: Whether software and accelerators are found out, in place of those described. Trying the accelerators
+    #: takes a while; heartbeats do not wait for it, the description is updated.
     detect: bool = True
-    report_beats: bool = False
+    report_beats: bool = False  #: Whether every heartbeat is reported.
 
     def to_json(self) -> str:
         """Return the configuration as a process's argument."""

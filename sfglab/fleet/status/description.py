@@ -16,8 +16,6 @@ from sfglab.names import FqnError, Scope, parse
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["AgentDescription", "DescriptionError", "SensorDescription", "StreamDescription"]
-
 
 class DescriptionError(SfglabError, ValueError):
     """A description that others could not use.
@@ -33,27 +31,16 @@ class DescriptionError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamDescription:
-    """One stream of a sensor, as it crosses the agent's border; see ``StreamInfo.msg``.
+    """One stream of a sensor, as it crosses the agent's border; see ``StreamInfo.msg``."""
 
-    Attributes:
-        topic: The global topic of the stream.
-        type: ROS type of its messages.
-        codec: ``h264``, ``rvl``, ``png`` or ``jpeg``.
-        decoded_topic: Where the decoded stream belongs; empty: derived from `topic`.
-        camera_info_topic: The global topic of the calibration; empty: there is none.
-        width: Pixels.
-        height: Pixels.
-        rate_hz: Nominal rate, messages per second.
-    """
-
-    topic: str
-    type: str
-    codec: str
-    decoded_topic: str = ""
-    camera_info_topic: str = ""
-    width: int = 0
-    height: int = 0
-    rate_hz: float = 0.0
+    topic: str  #: The global topic of the stream.
+    type: str  #: ROS type of its messages.
+    codec: str  #: ``h264``, ``rvl``, ``png`` or ``jpeg``.
+    decoded_topic: str = ""  #: Where the decoded stream belongs; empty: derived from `topic`.
+    camera_info_topic: str = ""  #: The global topic of the calibration; empty: there is none.
+    width: int = 0  #: Pixels.
+    height: int = 0  #: Pixels.
+    rate_hz: float = 0.0  #: Nominal rate, messages per second.
 
     def to_message(self) -> Any:
         """Return the ``StreamInfo``."""
@@ -64,17 +51,11 @@ class StreamDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorDescription:
-    """A sensor; see ``SensorInfo.msg``.
+    """A sensor; see ``SensorInfo.msg``."""
 
-    Attributes:
-        name: Unique within its agent.
-        model: Maker and model, for people.
-        streams: What leaves the agent.
-    """
-
-    name: str
-    model: str = ""
-    streams: tuple[StreamDescription, ...] = ()
+    name: str  #: Unique within its agent.
+    model: str = ""  #: Maker and model, for people.
+    streams: tuple[StreamDescription, ...] = ()  #: What leaves the agent.
 
     def to_message(self) -> Any:
         """Return the ``SensorInfo``."""
@@ -85,17 +66,11 @@ class SensorDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentDescription:
-    """What an agent answers to whoever discovers it.
+    """What an agent answers to whoever discovers it."""
 
-    Attributes:
-        sensors: Its sensors.
-        accelerators: Codecs that work in hardware, by FFmpeg's names.
-        software: Components and versions.
-    """
-
-    sensors: tuple[SensorDescription, ...] = ()
-    accelerators: tuple[str, ...] = ()
-    software: tuple[str, ...] = ()
+    sensors: tuple[SensorDescription, ...] = ()  #: Its sensors.
+    accelerators: tuple[str, ...] = ()  #: Codecs that work in hardware, by FFmpeg's names.
+    software: tuple[str, ...] = ()  #: Components and versions.
 
     def check(self, agent: str) -> None:
         """Refuse what would be of no use to others.

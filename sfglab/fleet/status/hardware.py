@@ -6,8 +6,6 @@ from importlib.metadata import version
 
 from sfglab import __version__
 
-__all__ = ["accelerators", "software"]
-
 _LIBRARIES = ("cyclonedds", "av", "numpy")
 
 

@@ -13,16 +13,6 @@ from typing import Any
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.names import Resource, RosFqnBuilder, Scope
 
-__all__ = [
-    "AGENT_HEARTBEAT",
-    "AGENT_METADATA",
-    "GET_METADATA",
-    "Heartbeat",
-    "Phase",
-    "heartbeat_topic",
-    "metadata_service",
-]
-
 AGENT_HEARTBEAT = "sfglab_interfaces/msg/AgentHeartbeat"
 AGENT_METADATA = "sfglab_interfaces/msg/AgentMetadata"
 GET_METADATA = "sfglab_interfaces/srv/GetMetadata"
@@ -53,23 +43,14 @@ class Phase(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Heartbeat:
-    """A heartbeat, as it was sent or heard; what was heard may hold anything.
+    """A heartbeat, as it was sent or heard; what was heard may hold anything."""
 
-    Attributes:
-        agent: Who sends it.
-        incarnation: When that agent started, nanoseconds on its clock.
-        revision: How often its description has changed since then.
-        phase: A `Phase` as a number.
-        period_s: Time until its next heartbeat, seconds.
-        version: Version of its software.
-    """
-
-    agent: str
-    incarnation: int
-    revision: int
-    phase: int
-    period_s: float
-    version: str
+    agent: str  #: Who sends it.
+    incarnation: int  #: When that agent started, nanoseconds on its clock.
+    revision: int  #: How often its description has changed since then.
+    phase: int  #: A `Phase` as a number.
+    period_s: float  #: Time until its next heartbeat, seconds.
+    version: str  #: Version of its software.
 
     def to_message(self, stamp_ns: int) -> Any:
         """Return the ``AgentHeartbeat`` that is sent at `stamp_ns`, nanoseconds since the epoch."""

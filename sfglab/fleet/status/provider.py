@@ -29,22 +29,14 @@ if TYPE_CHECKING:
 
     from sfglab.bus.api import Node, Publisher
 
-__all__ = ["StatusProvider", "StatusSettings"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StatusSettings:
-    """What a status provider says, and when.
+    """What a status provider says, and when."""
 
-    Attributes:
-        agent: The agent's name.
-        description: What it is.
-        schedule: When it beats.
-    """
-
-    agent: str
-    description: AgentDescription = field(default_factory=AgentDescription)
-    schedule: Schedule = field(default_factory=Schedule)
+    agent: str  #: The agent's name.
+    description: AgentDescription = field(default_factory=AgentDescription)  #: What it is.
+    schedule: Schedule = field(default_factory=Schedule)  #: When it beats.
 
     def __post_init__(self) -> None:
         validate_agent(self.agent)

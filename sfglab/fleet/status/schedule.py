@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from sfglab.errors import SfglabError
 from sfglab.fleet.status.heartbeat import Phase
 
-__all__ = ["MAX_PERIOD_S", "MIN_PERIOD_S", "Schedule", "ScheduleError"]
-
 MIN_PERIOD_S = 0.05
 """The shortest period that is believed; below it, heartbeats would be traffic."""
 
@@ -42,16 +40,11 @@ class Schedule:
 
     The start-up phase lasts whole periods: it ends with the first of its instants at or after `startup_s`,
     which is the first one of the steady state.
-
-    Attributes:
-        startup_period_s: Period in the start-up phase, seconds.
-        steady_period_s: Period afterwards, seconds.
-        startup_s: How long the start-up phase lasts, seconds; 0: there is none.
     """
 
-    startup_period_s: float = 1.0
-    steady_period_s: float = 5.0
-    startup_s: float = 10.0
+    startup_period_s: float = 1.0  #: Period in the start-up phase, seconds.
+    steady_period_s: float = 5.0  #: Period afterwards, seconds.
+    startup_s: float = 10.0  #: How long the start-up phase lasts, seconds; 0: there is none.
 
     def __post_init__(self) -> None:
         for name in ("startup_period_s", "steady_period_s"):

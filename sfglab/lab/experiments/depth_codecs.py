@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.lab.claims import How, Measured
-from sfglab.lab.experiments.profiles import ConfigError, of_profile
+from sfglab.lab.experiments.profiles import of_profile
 from sfglab.lab.figures import COLORS, house_style
 from sfglab.lab.progress import progress_bar
 from sfglab.lab.sources import open_source
@@ -29,17 +29,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "NAME",
-    "CodingRow",
-    "Config",
-    "ConfigError",
-    "figures",
-    "load_codings",
-    "measure_claims",
-    "run",
-    "summary",
-]
 
 NAME = "depth_codecs"
 CODECS: dict[str, dict[str, Any]] = {
@@ -54,17 +43,11 @@ LABELS = {"rvl": "RVL", "png": "PNG (default,\nlevel 9)", "png_fast": "PNG\n(lev
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """What is compared.
+    """What is compared."""
 
-    Attributes:
-        frames: Depth frames, each coded by both codecs.
-        source: Source of frames with depth.
-        seed: Seed of the view's path and of the codecs' order.
-    """
-
-    frames: int = 40
-    source: str = "stereo"
-    seed: int = 0
+    frames: int = 40  #: Depth frames, each coded by both codecs.
+    source: str = "stereo"  #: Source of frames with depth.
+    seed: int = 0  #: Seed of the view's path and of the codecs' order.
 
     @classmethod
     def of_profile(cls, profile: str, *, source: str = "stereo", seed: int = 0) -> Config:
@@ -90,25 +73,15 @@ _PROFILES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CodingRow:
-    """One frame coded by one codec.
+    """One frame coded by one codec."""
 
-    Attributes:
-        frame: Number of the frame.
-        codec: One of `CODECS`.
-        encode_ms: CPU time to encode, milliseconds.
-        decode_ms: CPU time to decode, milliseconds.
-        raw_bytes: Size before.
-        coded_bytes: Size after.
-        exact: Whether the decoded frame equals the original in every bit.
-    """
-
-    frame: int
-    codec: str
-    encode_ms: float
-    decode_ms: float
-    raw_bytes: int
-    coded_bytes: int
-    exact: bool
+    frame: int  #: Number of the frame.
+    codec: str  #: One of `CODECS`.
+    encode_ms: float  #: CPU time to encode, milliseconds.
+    decode_ms: float  #: CPU time to decode, milliseconds.
+    raw_bytes: int  #: Size before.
+    coded_bytes: int  #: Size after.
+    exact: bool  #: Whether the decoded frame equals the original in every bit.
 
 
 def _code(number: int, depth: Any, codec: str) -> CodingRow:

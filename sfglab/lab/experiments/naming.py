@@ -15,7 +15,7 @@ import numpy as np
 
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.claims import How, Measured
-from sfglab.lab.experiments.profiles import ConfigError, of_profile
+from sfglab.lab.experiments.profiles import of_profile
 from sfglab.lab.figures import COLORS, house_style
 from sfglab.lab.stats import Estimate
 from sfglab.names import (
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 
     from sfglab.names import SchemaNode
 
-__all__ = ["NAME", "Config", "ConfigError", "draw_schema", "figures", "load_checks", "measure_claims", "run"]
 
 NAME = "naming"
 AGENT = "go2"
@@ -65,15 +64,10 @@ HOST_NAMES = ("Go2-Jetson.local", "steamdeck", "raspberry-pi-5", "Workstation_79
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """How much is checked.
+    """How much is checked."""
 
-    Attributes:
-        samples: Random names with suffixes and custom segments.
-        seed: Seed of the sample.
-    """
-
-    samples: int = 2000
-    seed: int = 0
+    samples: int = 2000  #: Random names with suffixes and custom segments.
+    seed: int = 0  #: Seed of the sample.
 
     @classmethod
     def of_profile(cls, profile: str, *, seed: int = 0) -> Config:

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from _typeshed import DataclassInstance
 
-__all__ = ["ConfigError", "of_profile"]
 
 T = TypeVar("T", bound="DataclassInstance")
 

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["Air", "AirTerms", "HostUse", "Sent"]
 
 F = TypeVar("F")
 _S = 1_000_000_000
@@ -24,25 +23,15 @@ _S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AirTerms:
-    """What a `sfglab.rtps.Medium` says, in the machine's units.
+    """What a `sfglab.rtps.Medium` says, in the machine's units."""
 
-    Attributes:
-        rate_bps: Bits a second.
-        loss: Share of frames that a receiver does not get.
-        shared: One half-duplex medium for all hosts; else each host sends independently.
-        overhead_ns: Airtime of a frame beside its bits.
-        contention: By which share each further host that wants to send stretches a frame.
-        latency_ns: From the end of sending to arrival.
-        queue_frames: Frames that a host's queue holds.
-    """
-
-    rate_bps: float
-    loss: float
-    shared: bool
-    overhead_ns: int
-    contention: float
-    latency_ns: int
-    queue_frames: int
+    rate_bps: float  #: Bits a second.
+    loss: float  #: Share of frames that a receiver does not get.
+    shared: bool  #: One half-duplex medium for all hosts; else each host sends independently.
+    overhead_ns: int  #: Airtime of a frame beside its bits.
+    contention: float  #: By which share each further host that wants to send stretches a frame.
+    latency_ns: int  #: From the end of sending to arrival.
+    queue_frames: int  #: Frames that a host's queue holds.
 
     @classmethod
     def of(cls, medium: Mapping[str, Any]) -> AirTerms:
@@ -73,19 +62,12 @@ class Sent(NamedTuple, Generic[F]):
 
 @dataclass(slots=True, kw_only=True)
 class HostUse:
-    """What a host has done with the medium.
+    """What a host has done with the medium."""
 
-    Attributes:
-        frames: Frames that it sent.
-        bytes_: Their bytes.
-        airtime_ns: How long they were on air.
-        queue_full: Frames that found its queue full.
-    """
-
-    frames: int = 0
-    bytes_: int = 0
-    airtime_ns: int = 0
-    queue_full: int = 0
+    frames: int = 0  #: Frames that it sent.
+    bytes_: int = 0  #: Their bytes.
+    airtime_ns: int = 0  #: How long they were on air.
+    queue_full: int = 0  #: Frames that found its queue full.
 
 
 @dataclass(slots=True)

@@ -19,8 +19,6 @@ from typing import IO, Any
 
 from sfglab.lab.hosts.errors import HostsError, HostsUnavailableError
 
-__all__ = ["ENTER", "Channel"]
-
 ENTER = (sys.executable, "-I", "-S", str(Path(__file__).with_name("enter.py")))
 """Command line of the script that makes or joins namespaces; without site it starts in about 15 ms."""
 

@@ -13,8 +13,6 @@ import ctypes
 import os
 import sys
 
-__all__ = ["CLONE_NEWNET", "CLONE_NEWUSER", "join", "new", "setns", "unshare"]
-
 # linux/sched.h
 CLONE_NEWUSER = 0x10000000
 CLONE_NEWNET = 0x40000000

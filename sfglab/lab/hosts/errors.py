@@ -9,14 +9,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = [
-    "HostNameError",
-    "HostsError",
-    "HostsUnavailableError",
-    "LinkControlError",
-    "LinkError",
-    "UnknownHostError",
-]
 
 _REMEDY = (
     "Try one of: run as root; allow user namespaces (sysctl user.max_user_namespaces and max_net_namespaces "

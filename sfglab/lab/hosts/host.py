@@ -13,7 +13,6 @@ from sfglab.lab.hosts.errors import HostsError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Host", "InterfaceBytes"]
 
 INTERFACE = "eth0"
 

@@ -34,7 +34,6 @@ from sfglab.lab.hosts.wiring import Port, Wiring
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["main"]
 
 _MAX_REQUEST_BYTES = 65536
 

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 
 from sfglab.lab.hosts.errors import LinkError
 
-__all__ = ["FRAME_BYTES", "Link", "LinkCounters"]
-
 FRAME_BYTES = 1514
 """A full Ethernet frame without its checksum: 1500 B of payload and 14 B of header (IEEE 802.3, clause 3)."""
 
@@ -24,17 +22,13 @@ _DEFAULT_QUEUE_S = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Link:
-    """The emulated properties of one host's link, equal in both directions.
+    """The emulated properties of one host's link, equal in both directions."""
 
-    Attributes:
-        rate_bps: Rate of Ethernet frames in bit/s; None is unlimited.
-        loss: Probability in [0, 1] with which a frame is lost, drawn anew for each frame and direction.
-        queue_bytes: Size of the drop-tail queue before a limited rate; None is 100 ms at that rate, but at
-            least ten full frames.
-    """
-
-    rate_bps: float | None = None
+    rate_bps: float | None = None  #: Rate of Ethernet frames in bit/s; None is unlimited.
+    #: Probability in [0, 1] with which a frame is lost, drawn anew for each frame and direction.
     loss: float = 0.0
+    #: Size of the drop-tail queue before a limited rate; None is 100 ms at that rate, but at least ten full
+    #: frames.
     queue_bytes: int | None = None
 
     def __post_init__(self) -> None:
@@ -75,20 +69,11 @@ class Link:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkCounters:
-    """What a link has lost since it was last set; up is from the host into the network, down the reverse.
+    """What a link has lost since it was last set; up is from the host into the network, down the reverse."""
 
-    Attributes:
-        lost_up_packets: Frames from the host dropped by `Link.loss`.
-        lost_up_bytes: Their bytes, without the Ethernet header.
-        lost_down_packets: Frames to the host dropped by `Link.loss`.
-        lost_down_bytes: Their bytes, without the Ethernet header.
-        overflow_up_packets: Frames from the host that found the queue full.
-        overflow_down_packets: Frames to the host that found the queue full.
-    """
-
-    lost_up_packets: int = 0
-    lost_up_bytes: int = 0
-    lost_down_packets: int = 0
-    lost_down_bytes: int = 0
-    overflow_up_packets: int = 0
-    overflow_down_packets: int = 0
+    lost_up_packets: int = 0  #: Frames from the host dropped by `Link.loss`.
+    lost_up_bytes: int = 0  #: Their bytes, without the Ethernet header.
+    lost_down_packets: int = 0  #: Frames to the host dropped by `Link.loss`.
+    lost_down_bytes: int = 0  #: Their bytes, without the Ethernet header.
+    overflow_up_packets: int = 0  #: Frames from the host that found the queue full.
+    overflow_down_packets: int = 0  #: Frames to the host that found the queue full.

@@ -27,24 +27,17 @@ if TYPE_CHECKING:
 
     from sfglab.rtps import Medium
 
-__all__ = ["Capability", "Network"]
 
 _HOW = {None: "auto", False: "root", True: "rootless"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Capability:
-    """Whether this machine can run test hosts.
+    """Whether this machine can run test hosts."""
 
-    Attributes:
-        ok: It can.
-        how: As root, rootless in a user namespace, or not at all.
-        reason: What stands against it; empty when nothing does.
-    """
-
-    ok: bool
-    how: Literal["root", "rootless", "none"]
-    reason: str = ""
+    ok: bool  #: It can.
+    how: Literal["root", "rootless", "none"]  #: As root, rootless in a user namespace, or not at all.
+    reason: str = ""  #: What stands against it; empty when nothing does.
 
 
 class Network:

@@ -20,7 +20,6 @@ from sfglab.lab.hosts.errors import HostsError
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
-__all__ = ["end_members", "members"]
 
 # A killed process is gone within milliseconds, unless it is stuck in a device driver.
 _KILL_TIMEOUT_S = 5.0

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["RadioCounters", "RadioHost", "Relay"]
 
 _ANSWER_TIMEOUT_S = 10.0
 _END_TIMEOUT_S = 2.0
@@ -26,46 +25,28 @@ _MAX_ANSWER_BYTES = 65536
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RadioHost:
-    """What one host has done with the medium since it was set.
+    """What one host has done with the medium since it was set."""
 
-    Attributes:
-        frames: Frames that it sent.
-        bytes_: Their bytes: Ethernet header and payload, no checksum.
-        airtime_s: How long they were on air, seconds.
-        queue_full: Frames that found its queue full.
-        lost: Frames of it that a receiver did not get, each receiver counted.
-    """
-
-    frames: int
-    bytes_: int
-    airtime_s: float
-    queue_full: int
-    lost: int
+    frames: int  #: Frames that it sent.
+    bytes_: int  #: Their bytes: Ethernet header and payload, no checksum.
+    airtime_s: float  #: How long they were on air, seconds.
+    queue_full: int  #: Frames that found its queue full.
+    lost: int  #: Frames of it that a receiver did not get, each receiver counted.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RadioCounters:
-    """What the radio has done since its medium was set, and whether it kept up.
+    """What the radio has done since its medium was set, and whether it kept up."""
 
-    Attributes:
-        hosts: By name.
-        delivered: Frames that reached a receiver, each receiver counted.
-        late: Of those, frames that were delivered more than `late_after_s` after they were due.
-        late_after_s: What counts as late, seconds.
-        late_mean_s: Mean delay beyond the due time, of all frames, seconds.
-        late_most_s: The longest of these delays, seconds.
-        overrun: Frames that the kernel dropped because the relay did not take them, or did not take from it.
-        elapsed_s: How long ago the medium was set, seconds.
-    """
-
-    hosts: dict[str, RadioHost] = field(default_factory=dict)
-    delivered: int = 0
-    late: int = 0
-    late_after_s: float = 0.0
-    late_mean_s: float = 0.0
-    late_most_s: float = 0.0
+    hosts: dict[str, RadioHost] = field(default_factory=dict)  #: By name.
+    delivered: int = 0  #: Frames that reached a receiver, each receiver counted.
+    late: int = 0  #: Of those, frames that were delivered more than `late_after_s` after they were due.
+    late_after_s: float = 0.0  #: What counts as late, seconds.
+    late_mean_s: float = 0.0  #: Mean delay beyond the due time, of all frames, seconds.
+    late_most_s: float = 0.0  #: The longest of these delays, seconds.
+    #: Frames that the kernel dropped because the relay did not take them, or did not take from it.
     overrun: int = 0
-    elapsed_s: float = 0.0
+    elapsed_s: float = 0.0  #: How long ago the medium was set, seconds.
 
     @classmethod
     def of(cls, values: dict[str, Any]) -> RadioCounters:

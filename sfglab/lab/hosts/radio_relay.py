@@ -22,8 +22,6 @@ from typing import Any, NamedTuple
 
 from sfglab.lab.hosts.air import Air, AirTerms, Sent
 
-__all__ = ["main"]
-
 # linux/if_ether.h, linux/if_packet.h, asm-generic/socket.h, linux/prctl.h
 _ETH_P_ALL = 0x0003
 _SOL_PACKET, _PACKET_STATISTICS, _PACKET_IGNORE_OUTGOING = 263, 6, 23

@@ -21,7 +21,6 @@ from sfglab.lab.hosts.link import Link, LinkCounters
 if TYPE_CHECKING:
     from sfglab.lab.hosts.wiring import Port, Wiring
 
-__all__ = ["Shaping"]
 
 _NFPROTO_BRIDGE = 7  # linux/netfilter.h
 _NAME_BYTES = 16  # IFNAMSIZ, linux/if.h

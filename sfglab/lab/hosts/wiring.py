@@ -23,7 +23,6 @@ from sfglab.lab.hosts.enter import CLONE_NEWNET, setns
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["INTERFACE", "Port", "Wiring"]
 
 INTERFACE = "eth0"
 _BRIDGE = "br0"
@@ -41,21 +40,13 @@ _ETHTOOL_STXCSUM = 0x17
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Port:
-    """Where a host is plugged in.
+    """Where a host is plugged in."""
 
-    Attributes:
-        number: The last byte of the host's address.
-        outer: Name of the cable's end at the bridge.
-        outer_index: Its interface index, in the hub's namespace.
-        inner_index: Index of the host's ``eth0``, in the host's namespace.
-        namespace: Descriptor of the host's network namespace, which stays open.
-    """
-
-    number: int
-    outer: str
-    outer_index: int
-    inner_index: int
-    namespace: int
+    number: int  #: The last byte of the host's address.
+    outer: str  #: Name of the cable's end at the bridge.
+    outer_index: int  #: Its interface index, in the hub's namespace.
+    inner_index: int  #: Index of the host's ``eth0``, in the host's namespace.
+    namespace: int  #: Descriptor of the host's network namespace, which stays open.
 
     @property
     def address(self) -> str:

@@ -18,54 +18,33 @@ from sfglab.lab.sweep.rows import text_from_result
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["Done", "Failure", "Job", "run_batch"]
-
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One point and seed to run.
+    """One point and seed to run."""
 
-    Attributes:
-        index: Of the point.
-        point: The point.
-        seed: The seed.
-    """
-
-    index: int
-    point: object
-    seed: int
+    index: int  #: Of the point.
+    point: object  #: The point.
+    seed: int  #: The seed.
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A job that failed.
+    """A job that failed."""
 
-    Attributes:
-        job: Which; None: the worker's code is another version, and nothing was run.
-        reason: Type and text of the error.
-        trace: Where it was raised.
-        interrupt: Whether it was an order to stop (Ctrl-C) and no error.
-    """
-
-    job: Job | None
-    reason: str
-    trace: str = ""
-    interrupt: bool = False
+    job: Job | None  #: Which; None: the worker's code is another version, and nothing was run.
+    reason: str  #: Type and text of the error.
+    trace: str = ""  #: Where it was raised.
+    interrupt: bool = False  #: Whether it was an order to stop (Ctrl-C) and no error.
 
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """What became of a batch.
+    """What became of a batch."""
 
-    Attributes:
-        finished: Results, in the jobs' order.
-        busy_s: How long it took.
-        failure: The first failure, which ended it; None: all are finished.
-    """
-
-    finished: tuple[Finished, ...]
-    busy_s: float
-    failure: Failure | None = None
+    finished: tuple[Finished, ...]  #: Results, in the jobs' order.
+    busy_s: float  #: How long it took.
+    failure: Failure | None = None  #: The first failure, which ended it; None: all are finished.
 
 
 def run_batch(task: Callable[..., object], code: str, jobs: Sequence[Job]) -> Done:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from sfglab.errors import SfglabError
 
-__all__ = ["JournalError", "SweepError"]
-
 
 class SweepError(SfglabError, RuntimeError):
     """A sweep that cannot be run, or whose task failed.

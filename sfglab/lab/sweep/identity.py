@@ -19,7 +19,6 @@ from sfglab.lab.sweep.errors import SweepError
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["code_digest", "identity_of", "name_of"]
 
 # They have a part in the last bit of a float.
 _NUMERIC = ("llvmlite", "numba", "numpy", "scipy")

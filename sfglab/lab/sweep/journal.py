@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from types import TracebackType
     from typing import Self
 
-__all__ = ["Finished", "Journal", "journals"]
 
 _log = logging.getLogger(__name__)
 
@@ -34,17 +33,11 @@ _VERSION = 1
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """A line of the journal.
+    """A line of the journal."""
 
-    Attributes:
-        point: Index of the point.
-        seed: The seed.
-        text: The result, see `rows`.
-    """
-
-    point: int
-    seed: int
-    text: str
+    point: int  #: Index of the point.
+    seed: int  #: The seed.
+    text: str  #: The result, see `rows`.
 
 
 @contextmanager

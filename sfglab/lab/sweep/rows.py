@@ -16,8 +16,6 @@ import numpy as np
 
 from sfglab.lab.sweep.errors import SweepError
 
-__all__ = ["result_from_text", "text_from_result"]
-
 _PLAIN = (bool, int, float, str, type(None))
 
 

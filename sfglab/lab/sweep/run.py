@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-__all__ = ["sweep"]
 
 P = TypeVar("P")
 R = TypeVar("R")

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-__all__ = ["SCHEDULER_VARIABLE", "Workers", "connected"]
 
 SCHEDULER_VARIABLE = "SFGLAB_SCHEDULER"
 """Environment variable with a scheduler's address, for programs that do not name one."""
@@ -34,21 +33,17 @@ _LOOPBACK = "127.0.0.1"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Workers:
-    """Who does the work.
+    """Who does the work."""
 
-    Attributes:
-        count: How many local workers; None: as many as this process may use cores.
-        threads: Whether they are threads of this process instead of processes of their own. For tasks that
-            spend their time in compiled code that releases the lock, such as `sfglab.rtps.run`: two threads
-            are as fast as two processes there, and start in 0.05 s where processes need 0.7 s, their first
-            imports another second, and their end 0.6 s. Python code in threads takes turns. An interrupted
-            sweep waits for the tasks that its threads are at; processes are ended at once.
-        scheduler: Address of a running scheduler, ``tcp://host:port``, instead of local workers; None: what
-            the environment variable ``SFGLAB_SCHEDULER`` says, if anything.
-    """
-
-    count: int | None = None
+    count: int | None = None  #: How many local workers; None: as many as this process may use cores.
+    #: Whether they are threads of this process instead of processes of their own. For tasks that spend their
+    #: time in compiled code that releases the lock, such as `sfglab.rtps.run`: two threads are as fast as two
+    #: processes there, and start in 0.05 s where processes need 0.7 s, their first imports another second, and
+    #: their end 0.6 s. Python code in threads takes turns. An interrupted sweep waits for the tasks that its
+    #: threads are at; processes are ended at once.
     threads: bool = False
+    #: Address of a running scheduler, ``tcp://host:port``, instead of local workers; None: what the environment
+    #: variable ``SFGLAB_SCHEDULER`` says, if anything.
     scheduler: str | None = None
 
     def __post_init__(self) -> None:

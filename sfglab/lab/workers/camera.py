@@ -39,8 +39,6 @@ if TYPE_CHECKING:
 
     from sfglab.bus.api import Publisher
 
-__all__ = ["CameraConfig", "main", "run_camera"]
-
 
 _Sent = tuple[int, int, int]
 """Number, capture stamp (ns) and compressed size of a frame."""
@@ -53,41 +51,23 @@ class _Shooting(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraConfig:
-    """What the camera process is told.
+    """What the camera process is told."""
 
-    Attributes:
-        domain_id: DDS domain.
-        interface: Network interface.
-        multicast: How far DDS uses multicast.
-        topic: The compressed topic.
-        codec: ``h264`` (colour) or ``rvl`` (depth).
-        source: Source of frames, as `open_source` takes it.
-        seed: Seed of the source.
-        width: Width in pixels.
-        height: Height in pixels.
-        fps: Frames a second.
-        bitrate_bps: Bits a second of H.264.
-        gop: Frames from key frame to key frame.
-        encoder: H.264 encoder by FFmpeg's name, or ``auto``.
-        frame_id: TF frame of the camera.
-        copies: Where else the same messages go: mappings with ``domain_id``, ``interface``, ``multicast`` and
-            ``topic``.
-    """
-
-    domain_id: int
-    interface: str | None
-    multicast: str
-    topic: str
-    codec: str = "h264"
-    source: str = "photos"
-    seed: int = 0
-    width: int = 640
-    height: int = 360
-    fps: float = 30.0
-    bitrate_bps: int = 4_000_000
-    gop: int = 30
-    encoder: str = "auto"
-    frame_id: str = "camera_front"
+    domain_id: int  #: DDS domain.
+    interface: str | None  #: Network interface.
+    multicast: str  #: How far DDS uses multicast.
+    topic: str  #: The compressed topic.
+    codec: str = "h264"  #: ``h264`` (colour) or ``rvl`` (depth).
+    source: str = "photos"  #: Source of frames, as `open_source` takes it.
+    seed: int = 0  #: Seed of the source.
+    width: int = 640  #: Width in pixels.
+    height: int = 360  #: Height in pixels.
+    fps: float = 30.0  #: Frames a second.
+    bitrate_bps: int = 4_000_000  #: Bits a second of H.264.
+    gop: int = 30  #: Frames from key frame to key frame.
+    encoder: str = "auto"  #: H.264 encoder by FFmpeg's name, or ``auto``.
+    frame_id: str = "camera_front"  #: TF frame of the camera.
+    #: Where else the same messages go: mappings with ``domain_id``, ``interface``, ``multicast`` and ``topic``.
     copies: tuple[dict[str, Any], ...] = ()
 
     def to_json(self) -> str:

@@ -17,7 +17,6 @@ from sfglab.lab.hosts.enter import CLONE_NEWNET, unshare
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["INTERFACE", "enter_container"]
 
 INTERFACE = "eth0"
 _SUBNET = "10.88.0."

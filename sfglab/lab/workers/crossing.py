@@ -24,8 +24,6 @@ import numpy as np
 from sfglab.errors import SfglabError
 from sfglab.pipes import claim_standard_output
 
-__all__ = ["SPARE_BYTES", "CrossingConfig", "CrossingError", "Round", "message_of", "random_bytes"]
-
 SPARE_BYTES = 1 << 16
 """How much more random data there is than the largest message: each round's message begins elsewhere in it."""
 
@@ -36,21 +34,14 @@ class CrossingError(SfglabError, RuntimeError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrossingConfig:
-    """What a process of the crossing is told.
+    """What a process of the crossing is told."""
 
-    Attributes:
-        role: ``software``, ``subscriber``, ``publisher``, ``gateway`` or ``reader``.
-        links: File descriptors of its sockets and pipes, by the peer's name; ``wake`` is where it is woken.
-        shared: File descriptor of the hardware side's memory; -1: it stands on the software's side.
-        largest_bytes: Size of the largest message.
-        seed: Of the random data.
-    """
-
-    role: str
+    role: str  #: ``software``, ``subscriber``, ``publisher``, ``gateway`` or ``reader``.
+    #: File descriptors of its sockets and pipes, by the peer's name; ``wake`` is where it is woken.
     links: dict[str, int]
-    shared: int
-    largest_bytes: int
-    seed: int
+    shared: int  #: File descriptor of the hardware side's memory; -1: it stands on the software's side.
+    largest_bytes: int  #: Size of the largest message.
+    seed: int  #: Of the random data.
 
     def to_json(self) -> str:
         """Return the configuration as a process's argument."""
@@ -64,23 +55,14 @@ class CrossingConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Round:
-    """One message.
+    """One message."""
 
-    Attributes:
-        publisher: ``software`` or ``hardware``.
-        gateway: Whether the topic is a gateway; else it is software-mapped.
-        message_bytes: A multiple of 8.
-        offset: Where in the random data the message begins.
-        order: Whom the topic in software delivers to, in this order.
-        woken: Whom the hardware's side wakes, in this order.
-    """
-
-    publisher: str
-    gateway: bool
-    message_bytes: int
-    offset: int
-    order: tuple[str, ...]
-    woken: tuple[str, ...]
+    publisher: str  #: ``software`` or ``hardware``.
+    gateway: bool  #: Whether the topic is a gateway; else it is software-mapped.
+    message_bytes: int  #: A multiple of 8.
+    offset: int  #: Where in the random data the message begins.
+    order: tuple[str, ...]  #: Whom the topic in software delivers to, in this order.
+    woken: tuple[str, ...]  #: Whom the hardware's side wakes, in this order.
 
 
 def random_bytes(largest_bytes: int, seed: int) -> bytes:

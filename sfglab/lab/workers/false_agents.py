@@ -32,20 +32,13 @@ if TYPE_CHECKING:
 
     from sfglab.bus import Node, Publisher
 
-__all__ = ["FakeConfig"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FakeConfig:
-    """What the process is told.
+    """What the process is told."""
 
-    Attributes:
-        address: Where its agents are.
-        late_s: How long a late answer takes, seconds.
-    """
-
-    address: BusAddress
-    late_s: float
+    address: BusAddress  #: Where its agents are.
+    late_s: float  #: How long a late answer takes, seconds.
 
     def to_json(self) -> str:
         """Return the configuration as a process's argument."""

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
     from sfglab.bus.dds.participant import DdsParticipant
 
-__all__ = ["PartFlow", "Player", "Received", "Written", "text_of", "value_of"]
 
 _S = 1_000_000_000
 _TYPE = "std_msgs/msg/String"
@@ -44,45 +43,25 @@ _DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz-_"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartFlow:
-    """A flow as a process is told of it; fields as `sfglab.rtps.Flow`'s.
+    """A flow as a process is told of it; fields as `sfglab.rtps.Flow`'s."""
 
-    Attributes:
-        name: Also of the topic.
-        writes: Whether this process publishes it.
-        reads: Whether this process receives it.
-        size_bytes: CDR size of a sample.
-        rate_hz: How often it is published; 0: only by a chain.
-        phase_s: When first.
-        depth: Of the writer's history; 0: KEEP_ALL.
-        reader_depth: Of the reader's history; 0: KEEP_ALL.
-        reliable: Whether both are RELIABLE.
-        deadline_ns: DEADLINE of both; None: none.
-        executor: Whose time samples cost; one of its own when empty.
-        service_s: How much.
-        compare_s: What a repeated value costs with cache control; None: there is none.
-        change_s: Mean time between changes of the value; 0: every sample differs.
-        cached: Whether a local cache holds repeated values back.
-        max_silence_s: Its longest silence; None: none.
-        then: Flow that is published when a sample was processed.
-    """
-
-    name: str
-    writes: bool
-    reads: bool
-    size_bytes: int
-    rate_hz: float
-    phase_s: float
-    depth: int
-    reader_depth: int
-    reliable: bool
-    deadline_ns: int | None
-    executor: str
-    service_s: float
-    compare_s: float | None
-    change_s: float
-    cached: bool
-    max_silence_s: float | None
-    then: str | None
+    name: str  #: Also of the topic.
+    writes: bool  #: Whether this process publishes it.
+    reads: bool  #: Whether this process receives it.
+    size_bytes: int  #: CDR size of a sample.
+    rate_hz: float  #: How often it is published; 0: only by a chain.
+    phase_s: float  #: When first.
+    depth: int  #: Of the writer's history; 0: KEEP_ALL.
+    reader_depth: int  #: Of the reader's history; 0: KEEP_ALL.
+    reliable: bool  #: Whether both are RELIABLE.
+    deadline_ns: int | None  #: DEADLINE of both; None: none.
+    executor: str  #: Whose time samples cost; one of its own when empty.
+    service_s: float  #: How much.
+    compare_s: float | None  #: What a repeated value costs with cache control; None: there is none.
+    change_s: float  #: Mean time between changes of the value; 0: every sample differs.
+    cached: bool  #: Whether a local cache holds repeated values back.
+    max_silence_s: float | None  #: Its longest silence; None: none.
+    then: str | None  #: Flow that is published when a sample was processed.
 
     def qos(self, depth: int) -> QoSProfile:
         """Return the QoS of an endpoint with such a history."""
@@ -119,38 +98,23 @@ def value_of(cdr: bytes) -> int:
 
 @dataclass(slots=True)
 class Written:
-    """What a writer has published: a time stamp is a sample's identity.
+    """What a writer has published: a time stamp is a sample's identity."""
 
-    Attributes:
-        due_ns: When it should have been, Unix nanoseconds.
-        sent_ns: When it was; also its source time stamp.
-        value: Number of the value.
-        held: Values that the local cache held back.
-        refused: Samples that DDS refused.
-    """
-
-    due_ns: list[int] = field(default_factory=list)
-    sent_ns: list[int] = field(default_factory=list)
-    value: list[int] = field(default_factory=list)
-    held: int = 0
-    refused: int = 0
+    due_ns: list[int] = field(default_factory=list)  #: When it should have been, Unix nanoseconds.
+    sent_ns: list[int] = field(default_factory=list)  #: When it was; also its source time stamp.
+    value: list[int] = field(default_factory=list)  #: Number of the value.
+    held: int = 0  #: Values that the local cache held back.
+    refused: int = 0  #: Samples that DDS refused.
 
 
 @dataclass(slots=True)
 class Received:
-    """What a reader has given to its executor.
+    """What a reader has given to its executor."""
 
-    Attributes:
-        sent_ns: Source time stamp of each sample.
-        taken_ns: When it was taken from the reader.
-        done_ns: When the executor was done with it.
-        compared: Samples that cache control discarded.
-    """
-
-    sent_ns: list[int] = field(default_factory=list)
-    taken_ns: list[int] = field(default_factory=list)
-    done_ns: list[int] = field(default_factory=list)
-    compared: int = 0
+    sent_ns: list[int] = field(default_factory=list)  #: Source time stamp of each sample.
+    taken_ns: list[int] = field(default_factory=list)  #: When it was taken from the reader.
+    done_ns: list[int] = field(default_factory=list)  #: When the executor was done with it.
+    compared: int = 0  #: Samples that cache control discarded.
 
 
 class _Sensor:

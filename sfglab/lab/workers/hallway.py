@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from sfglab.bus import Node
     from sfglab.fleet.component import Report
 
-__all__ = ["STATION", "HallwayConfig", "Robot", "StationShell"]
 
 STATION = "station"
 BEAM, COMMAND = "std_msgs/msg/Float32", "geometry_msgs/msg/Twist"
@@ -53,25 +52,15 @@ _SCAN_STEPS = round(1e9 / SCAN_HZ / STEP_NS)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HallwayConfig:
-    """What a process is told.
+    """What a process is told."""
 
-    Attributes:
-        role: A robot's name, or ``station``.
-        address: Where on the bus it stands.
-        rate_hz: Rate of each topic.
-        depth: Of each history.
-        local_cache: Whether robots hold repeated values back.
-        cache_control: Whether the station discards repeated values.
-        seed: Of the physics.
-    """
-
-    role: str
-    address: BusAddress
-    rate_hz: float
-    depth: int
-    local_cache: bool
-    cache_control: bool
-    seed: int = 0
+    role: str  #: A robot's name, or ``station``.
+    address: BusAddress  #: Where on the bus it stands.
+    rate_hz: float  #: Rate of each topic.
+    depth: int  #: Of each history.
+    local_cache: bool  #: Whether robots hold repeated values back.
+    cache_control: bool  #: Whether the station discards repeated values.
+    seed: int = 0  #: Of the physics.
 
     @property
     def qos(self) -> QoSProfile:

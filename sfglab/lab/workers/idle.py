@@ -12,8 +12,6 @@ import os
 import runpy
 import sys
 
-__all__ = ["main"]
-
 _MESSAGES = (
     "sfglab_interfaces/msg/AgentHeartbeat",
     "sfglab_interfaces/msg/AgentDiscoveryEvent",

@@ -12,22 +12,14 @@ import sys
 from contextlib import AsyncExitStack
 from dataclasses import asdict, dataclass
 
-__all__ = ["OnlookerConfig", "look"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnlookerConfig:
-    """Where to look, and how long.
+    """Where to look, and how long."""
 
-    Attributes:
-        domains: DDS domains.
-        interface: Network interface.
-        seconds: For how long.
-    """
-
-    domains: tuple[int, ...]
-    interface: str
-    seconds: float
+    domains: tuple[int, ...]  #: DDS domains.
+    interface: str  #: Network interface.
+    seconds: float  #: For how long.
 
     def to_json(self) -> str:
         """Return the configuration as a process's argument."""

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from sfglab.bus.api import EndpointInfo, Service, Subscription
     from sfglab.fleet.component import Report
 
-__all__ = ["TRANSFORMS", "Party", "PartyConfig", "TopicUse", "main"]
 
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 SERVICE = "sfglab_interfaces/srv/GetMetadata"
@@ -46,21 +45,13 @@ LATE = QoSProfile(depth=100, durability=LATCHED.durability)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicUse:
-    """One topic and what the party does with it.
+    """One topic and what the party does with it."""
 
-    Attributes:
-        name: ROS name.
-        type: ROS type.
-        latched: Published once, transient local.
-        publish: Whether it publishes.
-        subscribe: Whether it subscribes.
-    """
-
-    name: str
-    type: str
-    latched: bool
-    publish: bool
-    subscribe: bool
+    name: str  #: ROS name.
+    type: str  #: ROS type.
+    latched: bool  #: Published once, transient local.
+    publish: bool  #: Whether it publishes.
+    subscribe: bool  #: Whether it subscribes.
 
     @property
     def qos(self) -> QoSProfile:
@@ -70,23 +61,14 @@ class TopicUse:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartyConfig:
-    """What a party is told when it starts.
+    """What a party is told when it starts."""
 
-    Attributes:
-        party: Its name.
-        address: Where on the bus it stands.
-        behind_router: Whether its transforms get its prefix from a router; else it writes it itself.
-        topics: What it does.
-        serves: Services that it answers.
-        rate_hz: Messages a second on every topic that is not latched.
-    """
-
-    party: str
-    address: BusAddress
-    behind_router: bool
-    topics: tuple[TopicUse, ...]
-    serves: tuple[str, ...]
-    rate_hz: float
+    party: str  #: Its name.
+    address: BusAddress  #: Where on the bus it stands.
+    behind_router: bool  #: Whether its transforms get its prefix from a router; else it writes it itself.
+    topics: tuple[TopicUse, ...]  #: What it does.
+    serves: tuple[str, ...]  #: Services that it answers.
+    rate_hz: float  #: Messages a second on every topic that is not latched.
 
     def to_json(self) -> str:
         """Return the configuration as the process's argument."""

@@ -11,7 +11,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["LineProcess", "WorkerError"]
 
 LINE_LIMIT_BYTES = 1 << 22
 

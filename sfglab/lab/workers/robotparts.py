@@ -24,7 +24,6 @@ from sfglab.lab.workers.flowplay import PartFlow, Player
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["PartsConfig"]
 
 _LOOK_S = 0.02
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
@@ -32,17 +31,11 @@ _PR_SET_TIMERSLACK = 29  # linux/prctl.h
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartsConfig:
-    """What the process is told.
+    """What the process is told."""
 
-    Attributes:
-        host: Its name, for messages.
-        interface: Of the host, to the others.
-        domain_id: The DDS domain.
-    """
-
-    host: str
-    interface: str
-    domain_id: int
+    host: str  #: Its name, for messages.
+    interface: str  #: Of the host, to the others.
+    domain_id: int  #: The DDS domain.
 
     def to_json(self) -> str:
         """Return the configuration as a process's argument."""

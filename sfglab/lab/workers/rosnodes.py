@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.workers.rosstack import EndpointPlan
 
-__all__ = ["RosNodesConfig", "main"]
 
 _POLL_S = 0.02
 _BATCH = 256
@@ -49,25 +48,15 @@ _ROS_TOPICS = (b"rt/", b"rq/", b"rr/", b"ros_discovery_info")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosNodesConfig:
-    """What the process is told.
+    """What the process is told."""
 
-    Attributes:
-        namespace: Namespace of the nodes and of their topics.
-        domain_id: The domain to join.
-        interface: Its network interface.
-        multicast: How far DDS uses multicast there.
-        talkers: Publishing nodes; the n-th talker and the n-th listener share a topic.
-        listeners: Subscribing nodes.
-        peers: How many other agents there are in the domain, each with as many nodes.
-    """
-
-    namespace: str
-    domain_id: int
-    interface: str
-    multicast: Any = "default"
-    talkers: int = 10
-    listeners: int = 10
-    peers: int = 0
+    namespace: str  #: Namespace of the nodes and of their topics.
+    domain_id: int  #: The domain to join.
+    interface: str  #: Its network interface.
+    multicast: Any = "default"  #: How far DDS uses multicast there.
+    talkers: int = 10  #: Publishing nodes; the n-th talker and the n-th listener share a topic.
+    listeners: int = 10  #: Subscribing nodes.
+    peers: int = 0  #: How many other agents there are in the domain, each with as many nodes.
 
     def to_json(self) -> str:
         """Return the configuration as the process's argument."""

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
     from sfglab.bus.dds.config import DomainConfig
 
-__all__ = ["LISTENER", "TALKER", "EndpointPlan", "RosStack", "endpoints_of"]
 
 TALKER, LISTENER = "talker", "listener"
 _NS_PER_S = 1_000_000_000
@@ -53,21 +52,13 @@ _INFO_TYPE = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndpointPlan:
-    """One endpoint of a node.
+    """One endpoint of a node."""
 
-    Attributes:
-        writer: Whether it writes.
-        topic: The topic on the wire.
-        type: The type on the wire.
-        qos: What it offers or requests.
-        user_data: Its USER_DATA.
-    """
-
-    writer: bool
-    topic: str
-    type: str
-    qos: QoSProfile
-    user_data: bytes = b""
+    writer: bool  #: Whether it writes.
+    topic: str  #: The topic on the wire.
+    type: str  #: The type on the wire.
+    qos: QoSProfile  #: What it offers or requests.
+    user_data: bytes = b""  #: Its USER_DATA.
 
 
 def endpoints_of(role: str, node: str, topic: str) -> tuple[EndpointPlan, ...]:

@@ -23,7 +23,6 @@ from sfglab.record import LogReader
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["CAMERA_HZ", "CAMERA_SIZE", "CAMERA_TOPIC", "main", "picture"]
 
 CAMERA_TOPIC = "/global/go2/camera_front/color/image_rect"
 CAMERA_HZ = 30.0

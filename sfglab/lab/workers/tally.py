@@ -8,30 +8,18 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from sfglab.bus.api import MessageInfo
 
-__all__ = ["Tally"]
-
 
 @dataclass(slots=True)
 class Tally:
-    """What arrived of one source under one name.
+    """What arrived of one source under one name."""
 
-    Attributes:
-        numbers: Numbers that arrived.
-        received: Messages, repeated ones counted again.
-        repeated: Messages whose number had arrived before.
-        disordered: Messages that arrived after a later number.
-        restamped: Messages whose source time stamp is not the publisher's.
-        misnamed: Transforms without their source's prefix, or with one that they must not have.
-        ages_ns: From publishing to receiving.
-    """
-
-    numbers: set[int] = field(default_factory=set)
-    received: int = 0
-    repeated: int = 0
-    disordered: int = 0
-    restamped: int = 0
-    misnamed: int = 0
-    ages_ns: list[int] = field(default_factory=list)
+    numbers: set[int] = field(default_factory=set)  #: Numbers that arrived.
+    received: int = 0  #: Messages, repeated ones counted again.
+    repeated: int = 0  #: Messages whose number had arrived before.
+    disordered: int = 0  #: Messages that arrived after a later number.
+    restamped: int = 0  #: Messages whose source time stamp is not the publisher's.
+    misnamed: int = 0  #: Transforms without their source's prefix, or with one that they must not have.
+    ages_ns: list[int] = field(default_factory=list)  #: From publishing to receiving.
 
     def note(self, number: int, stamp_ns: int, info: MessageInfo) -> None:
         """Count one message."""

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["MODES", "Seen", "ViewerConfig", "main"]
 
 MODES = ("standard", "proxy", "network")
 PAIRS_KEPT = 30
@@ -40,25 +39,16 @@ IMAGE = "sensor_msgs/msg/Image"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewerConfig:
-    """What a viewer is told when it starts.
+    """What a viewer is told when it starts."""
 
-    Attributes:
-        remote: Keyword arguments of the node on the remote streams' domain.
-        local: Keyword arguments of the node on the local domain.
-        remote_topic: The compressed topic.
-        remote_type: Its type.
-        codec: Codec hint.
-        local_topic: The decoded topic.
-        joined: Whether its nodes are in their domains all the time, as a display's are, and its codec is
-            loaded; else they join with each order to look.
-    """
-
-    remote: dict[str, Any]
-    local: dict[str, Any]
-    remote_topic: str
-    remote_type: str
-    codec: str
-    local_topic: str
+    remote: dict[str, Any]  #: Keyword arguments of the node on the remote streams' domain.
+    local: dict[str, Any]  #: Keyword arguments of the node on the local domain.
+    remote_topic: str  #: The compressed topic.
+    remote_type: str  #: Its type.
+    codec: str  #: Codec hint.
+    local_topic: str  #: The decoded topic.
+    #: Whether its nodes are in their domains all the time, as a display's are, and its codec is loaded; else
+    #: they join with each order to look.
     joined: bool = False
 
     def to_json(self) -> str:
@@ -68,28 +58,19 @@ class ViewerConfig:
 
 @dataclass(slots=True)
 class Seen:
-    """What a viewer has seen since it was told to look.
+    """What a viewer has seen since it was told to look."""
 
-    Attributes:
-        frames: Messages or pictures.
-        unreadable: Pictures whose number could not be read.
-        missed: Numbers skipped between two pictures.
-        disordered: Pictures that were not newer than the one before.
-        broken: Messages that could not be decoded.
-        checksum: Exclusive or of all pixels, as 64-bit words.
-        pairs: Number and capture stamp (ns) of the latest pictures.
-        ages_ns: From capture stamp to the picture in hand, of the latest pictures.
-        sightings: Number, and when the picture was in hand (Unix time, ns), of the latest pictures.
-    """
-
-    frames: int = 0
-    unreadable: int = 0
-    missed: int = 0
-    disordered: int = 0
-    broken: int = 0
-    checksum: int = 0
+    frames: int = 0  #: Messages or pictures.
+    unreadable: int = 0  #: Pictures whose number could not be read.
+    missed: int = 0  #: Numbers skipped between two pictures.
+    disordered: int = 0  #: Pictures that were not newer than the one before.
+    broken: int = 0  #: Messages that could not be decoded.
+    checksum: int = 0  #: Exclusive or of all pixels, as 64-bit words.
+    #: Number and capture stamp (ns) of the latest pictures.
     pairs: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=PAIRS_KEPT))
+    #: From capture stamp to the picture in hand, of the latest pictures.
     ages_ns: deque[int] = field(default_factory=lambda: deque(maxlen=10 * PAIRS_KEPT))
+    #: Number, and when the picture was in hand (Unix time, ns), of the latest pictures.
     sightings: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=10 * PAIRS_KEPT))
     _last: int | None = None
 

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from sfglab.bus import Node
     from sfglab.bus.api import Subscription
 
-__all__ = ["WireConfig"]
 
 QOS = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1000)
 ASK_TIMEOUT_S = 10.0
@@ -34,15 +33,10 @@ ASK_TIMEOUT_S = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WireConfig:
-    """What a listener is told.
+    """What a listener is told."""
 
-    Attributes:
-        address: Where it listens.
-        topics: Type by topic.
-    """
-
-    address: BusAddress
-    topics: dict[str, str]
+    address: BusAddress  #: Where it listens.
+    topics: dict[str, str]  #: Type by topic.
 
     def to_json(self) -> str:
         """Return the configuration as a process's argument."""

@@ -12,7 +12,6 @@ from sfglab.soc.driving.ports import Ports
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["PORTS", "blur"]
 
 PORTS = Ports(node="gaussian_blur", subscribes=("/A",), publishes=("/blurred",))
 

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 from sfglab.soc.driving.ports import Ports
 
-__all__ = ["PORTS", "CarState", "Chassis", "Drive", "drive"]
-
 PORTS = Ports(node="car", subscribes=("/cmd_vel",), publishes=())
 
 
@@ -33,23 +31,14 @@ class CarState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chassis:
-    """What the car can do: a model car of 1:10, all values assumed.
+    """What the car can do: a model car of 1:10, all values assumed."""
 
-    Attributes:
-        wheelbase_m: Between the axles.
-        width_m: Over the wheels.
-        acceleration_mps2: Highest, also when braking.
-        steer_rad: Largest angle of the front wheels.
-        steer_rate_rps: How fast they turn.
-        steer_bias_rad: What the wheels really stand at when they should stand straight.
-    """
-
-    wheelbase_m: float = 0.26
-    width_m: float = 0.18
-    acceleration_mps2: float = 1.5
-    steer_rad: float = 0.5
-    steer_rate_rps: float = 3.0
-    steer_bias_rad: float = 0.0
+    wheelbase_m: float = 0.26  #: Between the axles.
+    width_m: float = 0.18  #: Over the wheels.
+    acceleration_mps2: float = 1.5  #: Highest, also when braking.
+    steer_rad: float = 0.5  #: Largest angle of the front wheels.
+    steer_rate_rps: float = 3.0  #: How fast they turn.
+    steer_bias_rad: float = 0.0  #: What the wheels really stand at when they should stand straight.
 
 
 def drive(state: CarState, command: Drive, *, dt_s: float, chassis: Chassis) -> CarState:

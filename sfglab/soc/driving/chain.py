@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     from sfglab.soc.graph import Graph, Topic
 
-__all__ = ["CHAIN", "SHARED_TOPIC", "Chain", "ChainError", "Order"]
 
 CHAIN = ("compensation", "gaussian_blur", "lane_planner", "polyfit", "lane_control")
 """The chain's nodes, in order: our reading of Fig. 9."""
@@ -44,16 +43,12 @@ class ChainError(SfglabError, ValueError):
 
 @dataclass(frozen=True)  # without slots: what is computed stays
 class Chain:
-    """The chain's transfers in a graph.
+    """The chain's transfers in a graph."""
 
-    Attributes:
-        graph: With the chain's nodes placed; topics between two hardware nodes alone are hardware-mapped, the
-            others software-mapped, whatever the graph says.
-        costs: The memory model's constants.
-    """
-
+    #: With the chain's nodes placed; topics between two hardware nodes alone are hardware-mapped, the others
+    #: software-mapped, whatever the graph says.
     graph: Graph
-    costs: Costs = STORED
+    costs: Costs = STORED  #: The memory model's constants.
 
     def __post_init__(self) -> None:
         """Refuse a graph that has no chain, or one that the model cannot time."""

@@ -12,7 +12,6 @@ from sfglab.soc.driving.ports import Ports
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["PORTS", "compensate", "stretch"]
 
 PORTS = Ports(node="compensation", subscribes=("/image",), publishes=("/A",))
 

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from sfglab.soc.driving.odometry import Pose
     from sfglab.soc.driving.polyfit import Lane
 
-__all__ = ["PORTS", "Control", "LaneControl"]
 
 PORTS = Ports(
     node="lane_control",
@@ -29,19 +28,12 @@ PORTS = Ports(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Control:
-    """Constants of the controller, all chosen here (the paper gives none).
+    """Constants of the controller, all chosen here (the paper gives none)."""
 
-    Attributes:
-        speed_mps: On a straight lane.
-        lookahead_m: How far ahead the car aims.
-        lateral_mps2: Highest lateral acceleration; bends are taken slower for it.
-        arrived_m: How near a remembered point is not aimed at any more.
-    """
-
-    speed_mps: float = 0.9
-    lookahead_m: float = 0.9
-    lateral_mps2: float = 0.35
-    arrived_m: float = 0.3
+    speed_mps: float = 0.9  #: On a straight lane.
+    lookahead_m: float = 0.9  #: How far ahead the car aims.
+    lateral_mps2: float = 0.35  #: Highest lateral acceleration; bends are taken slower for it.
+    arrived_m: float = 0.3  #: How near a remembered point is not aimed at any more.
 
 
 class LaneControl:

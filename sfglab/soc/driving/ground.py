@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from sfglab.soc.driving.town import Town
 
-__all__ = ["GRASS_BGR", "Ground", "draw_ground"]
 
 GRASS_BGR = (66, 96, 74)
 _ASPHALT, _WHITE, _YELLOW = (92, 90, 88), (225, 228, 230), (40, 190, 225)
@@ -27,15 +26,10 @@ _SHIFT = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ground:
-    """A picture of the ground.
+    """A picture of the ground."""
 
-    Attributes:
-        bgr: Rows from south to north, columns from west to east.
-        picture_from_town: Matrix from (x, y, 1) in metres to its pixels (u, v, 1).
-    """
-
-    bgr: NDArray[np.uint8]
-    picture_from_town: NDArray[np.float64]
+    bgr: NDArray[np.uint8]  #: Rows from south to north, columns from west to east.
+    picture_from_town: NDArray[np.float64]  #: Matrix from (x, y, 1) in metres to its pixels (u, v, 1).
 
 
 def draw_ground(town: Town, rng: np.random.Generator) -> Ground:

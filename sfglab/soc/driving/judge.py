@@ -16,49 +16,31 @@ if TYPE_CHECKING:
 
     from sfglab.soc.driving.town import Place, Town
 
-__all__ = ["Judge", "Rules", "Verdict"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rules:
-    """What the judge asks for.
+    """What the judge asks for."""
 
-    Attributes:
-        lateral_m: Farther from the lane's middle a wheel leaves the lane (half a lane less half a car of 18
-            cm).
-        red_lights: Fewest that the car must have stopped at.
-        grace_s: A line crossed so soon after the light turned red is not held against the car: at 0.9 m/s it
-            brakes for 0.6 s, and a look takes it some frames.
-        stop_m: How near before its line a car stops for a light.
-        timeout_s: A lap that takes longer has failed.
-    """
-
+    #: Farther from the lane's middle a wheel leaves the lane (half a lane less half a car of 18 cm).
     lateral_m: float = LANE_M / 2 - 0.09
-    red_lights: int = 3
+    red_lights: int = 3  #: Fewest that the car must have stopped at.
+    #: A line crossed so soon after the light turned red is not held against the car: at 0.9 m/s it brakes for
+    #: 0.6 s, and a look takes it some frames.
     grace_s: float = 1.0
-    stop_m: float = 2.0
-    timeout_s: float = 150.0
+    stop_m: float = 2.0  #: How near before its line a car stops for a light.
+    timeout_s: float = 150.0  #: A lap that takes longer has failed.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """What the judge saw.
+    """What the judge saw."""
 
-    Attributes:
-        completed: Whether the car came round.
-        red_lights_obeyed: Red lights that it stopped at and did not run.
-        red_lights_run: Lines that it crossed at red.
-        largest_lateral_m: Largest distance of the rear axle from the lane's middle.
-        lap_s: Time of the run, in the town.
-        passed: Whether the rules are met.
-    """
-
-    completed: bool
-    red_lights_obeyed: int
-    red_lights_run: int
-    largest_lateral_m: float
-    lap_s: float
-    passed: bool
+    completed: bool  #: Whether the car came round.
+    red_lights_obeyed: int  #: Red lights that it stopped at and did not run.
+    red_lights_run: int  #: Lines that it crossed at red.
+    largest_lateral_m: float  #: Largest distance of the rear axle from the lane's middle.
+    lap_s: float  #: Time of the run, in the town.
+    passed: bool  #: Whether the rules are met.
 
 
 class Judge:

@@ -17,7 +17,6 @@ from sfglab.soc.driving.ports import Ports
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["PORTS", "WHITE", "YELLOW", "BirdView", "lane_mask", "marking_mask"]
 
 PORTS = Ports(node="lane_planner", subscribes=("/blurred",), publishes=("/lane_mask",))
 
@@ -30,21 +29,13 @@ _WHITE_HSV = ((0, 0, 175), (179, 60, 255))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BirdView:
-    """The ground ahead from above: forward is up, the car below the middle of the lowest row.
+    """The ground ahead from above: forward is up, the car below the middle of the lowest row."""
 
-    Attributes:
-        camera: Whose images are warped.
-        near_m: Distance of the lower edge.
-        pixel_m: Side of a pixel.
-        width: Columns.
-        height: Rows.
-    """
-
-    camera: Camera = field(default_factory=Camera)
-    near_m: float = 0.58
-    pixel_m: float = 0.01
-    width: int = 320
-    height: int = 240
+    camera: Camera = field(default_factory=Camera)  #: Whose images are warped.
+    near_m: float = 0.58  #: Distance of the lower edge.
+    pixel_m: float = 0.01  #: Side of a pixel.
+    width: int = 320  #: Columns.
+    height: int = 240  #: Rows.
 
     @property
     def ground_from_bird(self) -> NDArray[np.float64]:

@@ -20,7 +20,6 @@ from sfglab.soc.driving.ports import Ports
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["GREEN_PORTS", "RED_PORTS", "Colour", "Lamp", "LightDetector", "find_lamps"]
 
 RED_PORTS = Ports(node="red_light_detection", subscribes=("/A", "/green_light"), publishes=("/red_light",))
 GREEN_PORTS = Ports(node="green_light_detection", subscribes=("/A", "/red_light"), publishes=("/green_light",))

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
     from sfglab.soc.driving.town import Town
 
-__all__ = ["Frame", "Lap", "Stack", "Stopwatch", "run_lap"]
 
 _BIAS_RAD = 0.02
 """Largest error of a car's steering, drawn for each run; the nodes are not told."""
@@ -58,24 +57,15 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lap:
-    """A run's record.
+    """A run's record."""
 
-    Attributes:
-        seed: Of the town.
-        verdict: The judge's.
-        frames: Images seen.
-        lanes_missed: Of them, those in which no lane was found.
-        odometry_error_m: Distance between where the odometry ends and where the car is.
-        odometry_lost: Frames that the odometry could not match.
-        node_s: Mean seconds a frame by node; empty without a clock. `camera` is the renderer.
-    """
-
-    seed: int
-    verdict: Verdict
-    frames: int
-    lanes_missed: int
-    odometry_error_m: float
-    odometry_lost: int
+    seed: int  #: Of the town.
+    verdict: Verdict  #: The judge's.
+    frames: int  #: Images seen.
+    lanes_missed: int  #: Of them, those in which no lane was found.
+    odometry_error_m: float  #: Distance between where the odometry ends and where the car is.
+    odometry_lost: int  #: Frames that the odometry could not match.
+    #: Mean seconds a frame by node; empty without a clock. `camera` is the renderer.
     node_s: dict[str, float] = field(default_factory=dict)
 
 

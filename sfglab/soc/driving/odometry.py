@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from sfglab.soc.driving.optics import Camera
 
-__all__ = ["PORTS", "Pose", "VisualOdometry", "planar_motion"]
 
 PORTS = Ports(node="visual_odometry", subscribes=("/A",), publishes=("/pose",))
 

@@ -18,8 +18,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Camera", "CameraError"]
-
 
 class CameraError(SfglabError, ValueError):
     """A camera that could not see the road."""
@@ -32,18 +30,12 @@ class Camera:
     320 x 240 by default: lane markings of 5 cm still cover 4 pixels at 3 m, a lamp 8 pixels of radius where
     the car has to brake, and a frame goes through all nodes in a few milliseconds. Everything scales with the
     width.
-
-    Attributes:
-        width: Pixels a row.
-        height: Rows.
-        mount_m: Height above the ground.
-        pitch_rad: Downwards.
     """
 
-    width: int = 320
-    height: int = 240
-    mount_m: float = 0.35
-    pitch_rad: float = math.radians(6.0)
+    width: int = 320  #: Pixels a row.
+    height: int = 240  #: Rows.
+    mount_m: float = 0.35  #: Height above the ground.
+    pitch_rad: float = math.radians(6.0)  #: Downwards.
 
     def __post_init__(self) -> None:
         if min(self.width, self.height) < 16 or self.mount_m <= 0 or not 0 <= self.pitch_rad < 1:

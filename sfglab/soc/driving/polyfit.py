@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from sfglab.soc.driving.lanes import BirdView
 
-__all__ = ["PORTS", "Lane", "fit_lane"]
 
 PORTS = Ports(node="polyfit", subscribes=("/lane_mask",), publishes=("/lane",))
 

@@ -4,19 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["Ports"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ports:
-    """A node's topics, named as in the graph of paper C, Fig. 9.
+    """A node's topics, named as in the graph of paper C, Fig. 9."""
 
-    Attributes:
-        node: Its name.
-        subscribes: Topics that it hears.
-        publishes: Topics that it says something on.
-    """
-
-    node: str
-    subscribes: tuple[str, ...]
-    publishes: tuple[str, ...]
+    node: str  #: Its name.
+    subscribes: tuple[str, ...]  #: Topics that it hears.
+    publishes: tuple[str, ...]  #: Topics that it says something on.

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from sfglab.soc.driving.optics import Camera
     from sfglab.soc.driving.town import Building, Town
 
-__all__ = ["PORTS", "Scene"]
 
 PORTS = Ports(node="camera", subscribes=(), publishes=("/image",))
 

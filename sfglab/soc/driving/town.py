@@ -16,7 +16,6 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["LANE_M", "LINE_M", "Building", "Light", "Place", "Road", "Signals", "Town", "make_town"]
 
 LANE_M, LINE_M = 0.5, 0.05
 """Between the lines' middles, and a line's width: about a tenth of a town's road."""
@@ -95,18 +94,13 @@ class Building:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """A traffic light on the right of the lane.
+    """A traffic light on the right of the lane."""
 
-    Attributes:
-        stop_m: Its stop line, along the car's lane.
-        wait_s: A light that rests in red, as those with an induction loop do, turns green so long after a car
-            came near, and stays so; None for one that changes by the clock.
-        offset_s: When the clock's first red begins.
-    """
-
-    stop_m: float
+    stop_m: float  #: Its stop line, along the car's lane.
+    #: A light that rests in red, as those with an induction loop do, turns green so long after a car came near,
+    #: and stays so; None for one that changes by the clock.
     wait_s: float | None = None
-    offset_s: float = 0.0
+    offset_s: float = 0.0  #: When the clock's first red begins.
 
     def red_since_s(self, now_s: float, arrived_s: float | None) -> float | None:
         """Return since when it has been red; None while it is green.
@@ -123,19 +117,12 @@ class Light:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Town:
-    """All that stands in it.
+    """All that stands in it."""
 
-    Attributes:
-        road: The yellow line.
-        lane: The middle of the car's lane.
-        buildings: In no order.
-        lights: In the order of the lane.
-    """
-
-    road: Road
-    lane: Road
-    buildings: tuple[Building, ...]
-    lights: tuple[Light, ...]
+    road: Road  #: The yellow line.
+    lane: Road  #: The middle of the car's lane.
+    buildings: tuple[Building, ...]  #: In no order.
+    lights: tuple[Light, ...]  #: In the order of the lane.
 
 
 class Signals:

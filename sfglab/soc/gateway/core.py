@@ -25,20 +25,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = [
-    "TABLE",
-    "Core",
-    "Drive",
-    "IllegalInputError",
-    "Input",
-    "Latch",
-    "Move",
-    "Row",
-    "State",
-    "Table",
-    "filtered",
-]
-
 
 class State(Enum):
     """Where the core stands; `_HOLDING`: while it also holds a message of the SMT that the HMT has not seen."""
@@ -148,27 +134,18 @@ class Latch(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """Where an input leads.
+    """Where an input leads."""
 
-    Attributes:
-        to: The next state.
-        latch: The register that takes the input's value; None: the input has none.
-    """
-
-    to: State
-    latch: Latch | None = None
+    to: State  #: The next state.
+    latch: Latch | None = None  #: The register that takes the input's value; None: the input has none.
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One state of the table.
+    """One state of the table."""
 
-    Attributes:
-        drive: What the outputs do in this state.
-        moves: Where each input leads; an input that is not listed cannot occur here.
-    """
-
-    drive: Drive
+    drive: Drive  #: What the outputs do in this state.
+    #: Where each input leads; an input that is not listed cannot occur here.
     moves: Mapping[Input, Move] = field(hash=False)
 
 

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     Points = NDArray[np.float64]
 
-__all__ = ["PLACES", "Arrow", "arrows", "draw_core"]
 
 PLACES: dict[State, tuple[int, int]] = {
     State.START: (2, 0),
@@ -58,17 +57,11 @@ _OSIF, _HMT, _INNER = "#F5D67B", "#A8D4F0", "#FFFFFF"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arrow:
-    """One arrow of the figure.
+    """One arrow of the figure."""
 
-    Attributes:
-        source: Where it starts.
-        given: The input on it.
-        target: Where it ends.
-    """
-
-    source: State
-    given: Input
-    target: State
+    source: State  #: Where it starts.
+    given: Input  #: The input on it.
+    target: State  #: Where it ends.
 
 
 def arrows(table: Table = TABLE) -> list[Arrow]:

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from sfglab.soc.gateway.core import State, Table
     from sfglab.soc.gateway.world import Bound, World
 
-__all__ = ["Counterexample", "Exploration", "ExplorationLimitError", "explore"]
-
 
 class ExplorationLimitError(SfglabError, OverflowError):
     """A bound leads to more worlds than allowed.
@@ -41,17 +39,11 @@ class ExplorationLimitError(SfglabError, OverflowError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Counterexample:
-    """A shortest way to something that must not happen.
+    """A shortest way to something that must not happen."""
 
-    Attributes:
-        property: What is violated, in words.
-        trace: The steps that lead there, in order, each with its actor.
-        last: The last world before the violation, or the first one without a way to the end.
-    """
-
-    property: str
-    trace: tuple[str, ...]
-    last: World
+    property: str  #: What is violated, in words.
+    trace: tuple[str, ...]  #: The steps that lead there, in order, each with its actor.
+    last: World  #: The last world before the violation, or the first one without a way to the end.
 
     def __str__(self) -> str:
         lines = [f"{i:3d}  {line}" for i, line in enumerate(self.trace, start=1)]
@@ -60,21 +52,13 @@ class Counterexample:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exploration:
-    """What an exploration found.
+    """What an exploration found."""
 
-    Attributes:
-        worlds: Reachable moments.
-        steps: Steps between them.
-        depth: Length of the longest of the shortest ways.
-        visited: The core's states that occurred.
-        counterexample: A violation; None: every property holds within the bound.
-    """
-
-    worlds: int
-    steps: int
-    depth: int
-    visited: frozenset[State]
-    counterexample: Counterexample | None
+    worlds: int  #: Reachable moments.
+    steps: int  #: Steps between them.
+    depth: int  #: Length of the longest of the shortest ways.
+    visited: frozenset[State]  #: The core's states that occurred.
+    counterexample: Counterexample | None  #: A violation; None: every property holds within the bound.
 
 
 class _Graph:

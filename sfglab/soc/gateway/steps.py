@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from sfglab.soc.gateway.core import Table
     from sfglab.soc.gateway.world import Bound
 
-__all__ = ["Fault", "Step", "steps"]
-
 
 class Fault(NamedTuple):
     """Something that must not happen, in place of the world it leads to."""

@@ -16,19 +16,6 @@ from sfglab.soc.gateway.core import Input, State
 if TYPE_CHECKING:
     from sfglab.soc.gateway.core import Drive
 
-__all__ = [
-    "FIRST_PORT",
-    "GATEWAY",
-    "OWN_PORT",
-    "SENDING",
-    "Bound",
-    "Broadcast",
-    "Message",
-    "World",
-    "first_world",
-    "in_flight",
-    "is_finished",
-]
 
 GATEWAY = -1
 """The publisher id under which the core forwards."""
@@ -42,27 +29,17 @@ FIRST_PORT = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bound:
-    """How much happens in an exploration, and what the surroundings are like.
+    """How much happens in an exploration, and what the surroundings are like."""
 
-    Attributes:
-        software: How many messages each software publisher sends.
-        hardware: How many messages each hardware publisher sends.
-        subscribers: Hardware subscribers besides the core.
-        calls: How many calls to the delegate may wait.
-        echoes: Both topics return the core's own messages to it, so that its filters have to work.
-        listens_while_blocked: The delegate hears a cancel while it waits for a message, as it must.
-        answers_once: The delegate gives one answer per request, as it must; else also one per cancel.
-        port_messages: Whole messages that the core's port of the HMT can store; 0: it is a stream.
-    """
-
-    software: tuple[int, ...] = (2,)
-    hardware: tuple[int, ...] = (2,)
-    subscribers: int = 1
-    calls: int = 1
-    echoes: bool = True
-    listens_while_blocked: bool = True
+    software: tuple[int, ...] = (2,)  #: How many messages each software publisher sends.
+    hardware: tuple[int, ...] = (2,)  #: How many messages each hardware publisher sends.
+    subscribers: int = 1  #: Hardware subscribers besides the core.
+    calls: int = 1  #: How many calls to the delegate may wait.
+    echoes: bool = True  #: Both topics return the core's own messages to it, so that its filters have to work.
+    listens_while_blocked: bool = True  #: The delegate hears a cancel while it waits for a message, as it must.
+    #: The delegate gives one answer per request, as it must; else also one per cancel.
     answers_once: bool = True
-    port_messages: int = 0
+    port_messages: int = 0  #: Whole messages that the core's port of the HMT can store; 0: it is a stream.
 
     @property
     def totals(self) -> tuple[int, ...]:

@@ -16,7 +16,6 @@ from sfglab.soc.memory.transfer import Setup, Transport, transfer_times
 if TYPE_CHECKING:
     from sfglab.soc.memory.transfer import Times
 
-__all__ = ["LARGEST_BYTES", "Judge", "break_even_bytes", "faster_transport", "judged_s"]
 
 LARGEST_BYTES = 1 << 30
 """Where the search for a break-even ends."""

@@ -12,8 +12,6 @@ from enum import Enum
 
 from sfglab.soc.memory.memif import Forwarding, MemoryInterface, MemoryInterfaceError
 
-__all__ = ["CUT_THROUGH", "FITTED_NAMES", "STORED", "Constant", "Costs", "Origin", "constants"]
-
 
 class Origin(Enum):
     """Where a constant comes from."""
@@ -25,47 +23,31 @@ class Origin(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Constant:
-    """A constant of the model, for a table.
+    """A constant of the model, for a table."""
 
-    Attributes:
-        name: Of the field of `Costs` or `MemoryInterface`.
-        value: In its unit.
-        unit: As text.
-        origin: Where it comes from.
-        reason: Why this value, or what it stands for.
-    """
-
-    name: str
-    value: float
-    unit: str
-    origin: Origin
-    reason: str
+    name: str  #: Of the field of `Costs` or `MemoryInterface`.
+    value: float  #: In its unit.
+    unit: str  #: As text.
+    origin: Origin  #: Where it comes from.
+    reason: str  #: Why this value, or what it stands for.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Costs:
-    """The model's constants.
+    """The model's constants."""
 
-    Attributes:
-        memory: The memory interface.
-        delegate_s: A hardware node's call to its delegate thread and the answer (OSIF round trip).
-        publish_s: A publication on a software-mapped topic: fixed part.
-        publish_s_per_byte: The same: for each byte of the message.
-        deliver_s: Its delivery to one reader, which follow one another: fixed part, with the reader's wake-up.
-        deliver_s_per_byte: The same: for each byte of the message.
-        endpoint_s: What a hardware node spends on a message before it sends or after it has received, whatever
-            the topic; also the gateway core, when it forwards.
-        cancel_s: A gateway core's cancel: interrupting the blocked delegate, and its answer.
-    """
-
-    memory: MemoryInterface
+    memory: MemoryInterface  #: The memory interface.
+    #: A hardware node's call to its delegate thread and the answer (OSIF round trip).
     delegate_s: float = 80e-6
-    publish_s: float = 80e-6
-    publish_s_per_byte: float
+    publish_s: float = 80e-6  #: A publication on a software-mapped topic: fixed part.
+    publish_s_per_byte: float  #: The same: for each byte of the message.
+    #: Its delivery to one reader, which follow one another: fixed part, with the reader's wake-up.
     deliver_s: float
-    deliver_s_per_byte: float
+    deliver_s_per_byte: float  #: The same: for each byte of the message.
+    #: What a hardware node spends on a message before it sends or after it has received, whatever the topic;
+    #: also the gateway core, when it forwards.
     endpoint_s: float
-    cancel_s: float
+    cancel_s: float  #: A gateway core's cancel: interrupting the blocked delegate, and its answer.
 
     def __post_init__(self) -> None:
         """Refuse negative costs."""

@@ -15,8 +15,6 @@ from sfglab.errors import SfglabError
 from sfglab.soc.memory.costs import FITTED_NAMES, STORED, Costs
 from sfglab.soc.memory.stated import Residual, residuals
 
-__all__ = ["Fit", "FitError", "Variant", "fit", "sensitivity"]
-
 
 class FitError(SfglabError, RuntimeError):
     """The solver found no minimum."""
@@ -24,32 +22,20 @@ class FitError(SfglabError, RuntimeError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """A fit and how good it is.
+    """A fit and how good it is."""
 
-    Attributes:
-        costs: The constants, fitted and standing.
-        residuals: Every stated number beside the model's.
-        rms: Root mean square of the residuals' logarithms.
-    """
-
-    costs: Costs
-    residuals: tuple[Residual, ...]
-    rms: float
+    costs: Costs  #: The constants, fitted and standing.
+    residuals: tuple[Residual, ...]  #: Every stated number beside the model's.
+    rms: float  #: Root mean square of the residuals' logarithms.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variant:
-    """A fit with one assumed constant changed.
+    """A fit with one assumed constant changed."""
 
-    Attributes:
-        name: Of the constant.
-        factor: By which it was multiplied.
-        fit: What the others become, and how good that is.
-    """
-
-    name: str
-    factor: float
-    fit: Fit
+    name: str  #: Of the constant.
+    factor: float  #: By which it was multiplied.
+    fit: Fit  #: What the others become, and how good that is.
 
     @property
     def worst(self) -> float:

@@ -16,8 +16,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Forwarding", "MemoryInterface", "MemoryInterfaceError", "round_robin_s", "shared_s"]
-
 
 class MemoryInterfaceError(SfglabError, ValueError):
     """A number that no memory interface or transfer can have."""
@@ -34,25 +32,15 @@ class Forwarding(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MemoryInterface:
-    """Cycles of the MEMIF and of a stream beside it.
+    """Cycles of the MEMIF and of a stream beside it."""
 
-    Attributes:
-        width_bytes: Bytes a cycle, of MEMIF and streams alike.
-        clock_hz: The system clock.
-        chunk_bytes: Bytes of one request.
-        control_cycles: Cycles of a request in which neither address nor data are under way.
-        read_latency_cycles: From a read request to its first word.
-        write_latency_cycles: From a write's last word to its response.
-        forwarding: How a gateway core passes chunks on.
-    """
-
-    width_bytes: int = 8
-    clock_hz: float = 100e6
-    chunk_bytes: int = 256
-    control_cycles: float = 4.0
-    read_latency_cycles: float = 30.0
-    write_latency_cycles: float = 9.0
-    forwarding: Forwarding = Forwarding.STORED
+    width_bytes: int = 8  #: Bytes a cycle, of MEMIF and streams alike.
+    clock_hz: float = 100e6  #: The system clock.
+    chunk_bytes: int = 256  #: Bytes of one request.
+    control_cycles: float = 4.0  #: Cycles of a request in which neither address nor data are under way.
+    read_latency_cycles: float = 30.0  #: From a read request to its first word.
+    write_latency_cycles: float = 9.0  #: From a write's last word to its response.
+    forwarding: Forwarding = Forwarding.STORED  #: How a gateway core passes chunks on.
 
     def __post_init__(self) -> None:
         """Refuse widths, clocks and cycles that make no sense."""

@@ -17,20 +17,6 @@ from sfglab.soc.memory.transfer import Setup, Side, Transport, transfer_times
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = [
-    "MESSAGE_BYTES",
-    "STATED",
-    "SUBSCRIBERS",
-    "TENDENCIES",
-    "Panel",
-    "Residual",
-    "SpeedUp",
-    "Stated",
-    "Tendency",
-    "residuals",
-    "speed_ups",
-    "tendencies",
-]
 
 MESSAGE_BYTES = (10_000, 100_000, 1_000_000, 10_000_000)
 """Image sizes of section 4."""
@@ -52,21 +38,13 @@ _HH, _HS, _SH, _SS = Panel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpeedUp:
-    """A bar of Fig. 6 or 7.
+    """A bar of Fig. 6 or 7."""
 
-    Attributes:
-        panel: From whom to whom.
-        message_bytes: Size of the message.
-        subscribers: Subscribing hardware nodes.
-        smt_s: Transfer time over a software-mapped topic.
-        gateway_s: Transfer time through a gateway.
-    """
-
-    panel: Panel
-    message_bytes: int
-    subscribers: int
-    smt_s: float
-    gateway_s: float
+    panel: Panel  #: From whom to whom.
+    message_bytes: int  #: Size of the message.
+    subscribers: int  #: Subscribing hardware nodes.
+    smt_s: float  #: Transfer time over a software-mapped topic.
+    gateway_s: float  #: Transfer time through a gateway.
 
     @property
     def ratio(self) -> float:
@@ -104,36 +82,22 @@ def _speed_up(panel: Panel, subscribers: int, message_bytes: int, costs: Costs) 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stated:
-    """A number that the paper states.
+    """A number that the paper states."""
 
-    Attributes:
-        panel: Whose speed-up.
-        value: The number.
-        pick: Which of the panel's bars it is.
-        text: How the paper puts it.
-    """
-
-    panel: Panel
-    value: float
-    pick: Callable[[Sequence[SpeedUp]], float]
-    text: str
+    panel: Panel  #: Whose speed-up.
+    value: float  #: The number.
+    pick: Callable[[Sequence[SpeedUp]], float]  #: Which of the panel's bars it is.
+    text: str  #: How the paper puts it.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Residual:
-    """A stated number beside the model's.
+    """A stated number beside the model's."""
 
-    Attributes:
-        panel: Whose speed-up.
-        text: How the paper puts it.
-        stated: The paper's number.
-        model: The model's.
-    """
-
-    panel: Panel
-    text: str
-    stated: float
-    model: float
+    panel: Panel  #: Whose speed-up.
+    text: str  #: How the paper puts it.
+    stated: float  #: The paper's number.
+    model: float  #: The model's.
 
     @property
     def relative(self) -> float:
@@ -143,17 +107,11 @@ class Residual:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tendency:
-    """A sentence of the paper without a number; it is no part of any fit.
+    """A sentence of the paper without a number; it is no part of any fit."""
 
-    Attributes:
-        panel: Whose speed-up.
-        text: What the paper says, as it is read here.
-        holds: Whether it is so, given the panel's bars.
-    """
-
-    panel: Panel
-    text: str
-    holds: Callable[[Sequence[SpeedUp]], bool]
+    panel: Panel  #: Whose speed-up.
+    text: str  #: What the paper says, as it is read here.
+    holds: Callable[[Sequence[SpeedUp]], bool]  #: Whether it is so, given the panel's bars.
 
 
 def _least(bars: Sequence[SpeedUp]) -> float:

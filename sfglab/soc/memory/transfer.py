@@ -16,8 +16,6 @@ from enum import Enum
 from sfglab.soc.memory.costs import STORED, Costs
 from sfglab.soc.memory.memif import MemoryInterfaceError
 
-__all__ = ["Setup", "Side", "Times", "Transport", "transfer_times"]
-
 
 class Side(Enum):
     """Where a node runs."""
@@ -36,21 +34,13 @@ class Transport(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """One publisher, its topic and its subscribers (paper C, Fig. 5).
+    """One publisher, its topic and its subscribers (paper C, Fig. 5)."""
 
-    Attributes:
-        publisher: Where the publisher runs.
-        transport: What the topic is mapped to.
-        message_bytes: Size of the message.
-        hardware: Subscribing hardware nodes.
-        software: Subscribing software nodes; the paper has one.
-    """
-
-    publisher: Side
-    transport: Transport
-    message_bytes: int
-    hardware: int
-    software: int = 1
+    publisher: Side  #: Where the publisher runs.
+    transport: Transport  #: What the topic is mapped to.
+    message_bytes: int  #: Size of the message.
+    hardware: int  #: Subscribing hardware nodes.
+    software: int = 1  #: Subscribing software nodes; the paper has one.
 
     def __post_init__(self) -> None:
         """Refuse what no topic can carry."""
@@ -62,14 +52,10 @@ class Setup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Times:
-    """Transfer times from the start of the publication, in seconds.
+    """Transfer times from the start of the publication, in seconds."""
 
-    Attributes:
-        hardware_s: Until the last hardware subscriber has the message; None: there is none.
-        software_s: Until a software subscriber has it, mean over the order of deliveries; None: there is none.
-    """
-
-    hardware_s: float | None
+    hardware_s: float | None  #: Until the last hardware subscriber has the message; None: there is none.
+    #: Until a software subscriber has it, mean over the order of deliveries; None: there is none.
     software_s: float | None
 
 

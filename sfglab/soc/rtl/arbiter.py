@@ -19,8 +19,6 @@ from sfglab.soc.rtl.memif import MemoryPort
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Arbiter"]
-
 
 class Arbiter(Elaboratable):
     """Joins masters to one memory.

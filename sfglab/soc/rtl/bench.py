@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from sfglab.soc.rtl.memif import MemoryPort
     from sfglab.soc.rtl.topic import Stream
 
-__all__ = ["OUTPUT_WORD", "OWN_HMT", "OWN_SMT", "WORD_FACTOR", "Bench", "Delays", "SlowMemory"]
 
 OWN_SMT, OWN_HMT = 0x5_0001, 0x4_0001
 """Ids of the core on both topics."""
@@ -35,15 +34,10 @@ WORD_FACTOR = 0x9E37_79B9_7F4A_7C15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Delays:
-    """Cycles that the memory takes.
+    """Cycles that the memory takes."""
 
-    Attributes:
-        read: From the address to the first word, not counting either.
-        write: From the last word to the response, counting the latter; at least 1.
-    """
-
-    read: int = 30
-    write: int = 9
+    read: int = 30  #: From the address to the first word, not counting either.
+    write: int = 9  #: From the last word to the response, counting the latter; at least 1.
 
 
 class SlowMemory(Elaboratable):

@@ -27,8 +27,6 @@ from sfglab.soc.rtl.shared import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["LawCheck", "MemoryPath", "PathCycles", "check_law", "path_cycles", "path_law"]
-
 
 class MemoryPath(Enum):
     """What a message does at the memory interface."""
@@ -45,48 +43,28 @@ class MemoryPath(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PathCycles:
-    """Cycles of a message by law and model.
+    """Cycles of a message by law and model."""
 
-    Attributes:
-        path: What the message does.
-        nodes: Hardware nodes that receive it.
-        message_bytes: Its size.
-        law_cycles: By the law of the simulated hardware.
-        model_cycles: By the model.
-        residual: Model over law, less 1.
-    """
-
-    path: MemoryPath
-    nodes: int
-    message_bytes: int
-    law_cycles: float
-    model_cycles: float
-    residual: float
+    path: MemoryPath  #: What the message does.
+    nodes: int  #: Hardware nodes that receive it.
+    message_bytes: int  #: Its size.
+    law_cycles: float  #: By the law of the simulated hardware.
+    model_cycles: float  #: By the model.
+    residual: float  #: Model over law, less 1.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawCheck:
-    """Cycles of a message in simulation, by law and by model.
+    """Cycles of a message in simulation, by law and by model."""
 
-    Attributes:
-        path: What the message does.
-        nodes: Hardware nodes that receive it.
-        message_bytes: Its size.
-        simulated_cycles: Of the hardware.
-        law_cycles: By the law that smaller messages gave.
-        model_cycles: By the model.
-        law_residual: Law over simulation, less 1.
-        model_residual: Model over simulation, less 1.
-    """
-
-    path: MemoryPath
-    nodes: int
-    message_bytes: int
-    simulated_cycles: int
-    law_cycles: float
-    model_cycles: float
-    law_residual: float
-    model_residual: float
+    path: MemoryPath  #: What the message does.
+    nodes: int  #: Hardware nodes that receive it.
+    message_bytes: int  #: Its size.
+    simulated_cycles: int  #: Of the hardware.
+    law_cycles: float  #: By the law that smaller messages gave.
+    model_cycles: float  #: By the model.
+    law_residual: float  #: Law over simulation, less 1.
+    model_residual: float  #: Model over simulation, less 1.
 
 
 def path_law(path: MemoryPath, nodes: int, delays: Delays | None = None) -> CycleLaw:

@@ -16,7 +16,6 @@ from sfglab.soc.gateway import TABLE, Drive, Input, Latch, State
 if TYPE_CHECKING:
     from sfglab.soc.gateway.core import Table
 
-__all__ = ["ADDRESS_BITS", "Control", "drive_code", "input_code", "state_code"]
 
 ADDRESS_BITS = 64
 """Of addresses and of the words of OSIF, MEMIF and streams (ReconROS, 64-bit template)."""

@@ -20,8 +20,6 @@ from sfglab.soc.rtl.topic import Broadcast, Stream, Turns
 if TYPE_CHECKING:
     from sfglab.soc.gateway.core import Table
 
-__all__ = ["Answer", "Call", "Gateway"]
-
 
 class Call(IntEnum):
     """What the core asks its delegate for."""

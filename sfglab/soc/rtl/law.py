@@ -19,22 +19,6 @@ from sfglab.soc.rtl.memif import CHUNK_WORDS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = [
-    "CHUNK_BYTES",
-    "LAW_CHUNKS",
-    "PERIOD_S",
-    "STEP_CYCLES",
-    "WORD_BYTES",
-    "CycleLaw",
-    "HardwareError",
-    "Transfer",
-    "TransferCycles",
-    "compare_words",
-    "law_through",
-    "measured_law",
-    "model_cycles",
-    "simulate_transfer",
-]
 
 LAW_CHUNKS = (2, 8)
 """Sizes from which a law is made."""
@@ -54,21 +38,13 @@ class HardwareError(SfglabError, RuntimeError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Transfer:
-    """What is simulated.
+    """What is simulated."""
 
-    Attributes:
-        message_bytes: A multiple of 8.
-        subscribers: Hardware subscribers.
-        from_software: From memory to the stream, else from the stream to memory.
-        delays: Of the memory.
-        stalled: Of eight cycles, how many each subscriber does not listen, 0 to 7.
-    """
-
-    message_bytes: int
-    subscribers: int
-    from_software: bool
-    delays: Delays = field(default_factory=Delays)
-    stalled: int = 0
+    message_bytes: int  #: A multiple of 8.
+    subscribers: int  #: Hardware subscribers.
+    from_software: bool  #: From memory to the stream, else from the stream to memory.
+    delays: Delays = field(default_factory=Delays)  #: Of the memory.
+    stalled: int = 0  #: Of eight cycles, how many each subscriber does not listen, 0 to 7.
 
     def __post_init__(self) -> None:
         """Refuse what the gateway cannot carry."""
@@ -84,28 +60,18 @@ class Transfer:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransferCycles:
-    """A simulated transfer.
+    """A simulated transfer."""
 
-    Attributes:
-        transfer: What was simulated.
-        cycles: From the start of the core's transfer to its last beat, inclusive.
-    """
-
-    transfer: Transfer
-    cycles: int
+    transfer: Transfer  #: What was simulated.
+    cycles: int  #: From the start of the core's transfer to its last beat, inclusive.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CycleLaw:
-    """Cycles of messages of whole chunks.
+    """Cycles of messages of whole chunks."""
 
-    Attributes:
-        fixed_cycles: Of a message.
-        chunk_cycles: Of each chunk.
-    """
-
-    fixed_cycles: float
-    chunk_cycles: float
+    fixed_cycles: float  #: Of a message.
+    chunk_cycles: float  #: Of each chunk.
 
     def cycles(self, message_bytes: int) -> float:
         """Return the cycles of a message; a last chunk that is not full counts as if it were."""

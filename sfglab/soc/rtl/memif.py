@@ -13,8 +13,6 @@ from amaranth import Elaboratable, Module, Signal
 
 from sfglab.soc.rtl.control import ADDRESS_BITS
 
-__all__ = ["CHUNK_WORDS", "MemoryMaster", "MemoryPort"]
-
 CHUNK_WORDS = 32
 """Words of the longest request: 256 bytes of 64 bits."""
 

@@ -16,8 +16,6 @@ from sfglab.soc.rtl.control import ADDRESS_BITS
 from sfglab.soc.rtl.memif import CHUNK_WORDS, MemoryMaster
 from sfglab.soc.rtl.topic import Stream
 
-__all__ = ["COUNT_BITS", "Mover"]
-
 COUNT_BITS = 32
 """Of a message's number of words."""
 _CHUNK_BYTES = CHUNK_WORDS * ADDRESS_BITS // 8

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from sfglab.soc.gateway.core import Table
 
-__all__ = ["ARBITER_PROPERTIES", "PROPERTIES", "arbiter_is_fair", "control_is_safe"]
 
 PROPERTIES = (
     "the state register holds a state",

@@ -22,8 +22,6 @@ from sfglab.soc.rtl.mover import COUNT_BITS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["ChunkNode", "ChunkReader", "ChunkWriter", "ReadersBench"]
-
 
 class ChunkNode(Elaboratable):
     """Moves one message, chunk after chunk without a pause of its own; what words do is its subclass's.

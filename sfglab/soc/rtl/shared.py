@@ -29,14 +29,6 @@ from sfglab.soc.rtl.readers import ReadersBench
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = [
-    "Reading",
-    "ReadingCycles",
-    "measured_readers_law",
-    "measured_writer_law",
-    "model_reading_cycles",
-    "simulate_readers",
-]
 
 _CYCLES_PER_WORD = 8
 """More than any delay below makes a word take; above it, `Delays` counts."""
@@ -44,22 +36,16 @@ _CYCLES_PER_WORD = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """What is simulated: hardware nodes that each read one message from the same memory.
+    """What is simulated: hardware nodes that each read one message from the same memory."""
 
-    Attributes:
-        message_bytes: A multiple of 8.
-        readers: How many nodes read.
-        releases: For each reader, the cycle from which on it wants the message; empty: all at once.
-        written: A publisher in hardware first writes the message over the same interface; `releases` then count
-            from when it has.
-        delays: Of the memory.
-    """
-
-    message_bytes: int
-    readers: int
+    message_bytes: int  #: A multiple of 8.
+    readers: int  #: How many nodes read.
+    #: For each reader, the cycle from which on it wants the message; empty: all at once.
     releases: tuple[int, ...] = ()
+    #: A publisher in hardware first writes the message over the same interface; `releases` then count from when
+    #: it has.
     written: bool = False
-    delays: Delays = field(default_factory=Delays)
+    delays: Delays = field(default_factory=Delays)  #: Of the memory.
 
     def __post_init__(self) -> None:
         """Refuse what cannot be read."""
@@ -78,21 +64,13 @@ class Reading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingCycles:
-    """A simulated reading.
+    """A simulated reading."""
 
-    Attributes:
-        message_bytes: Size of the message.
-        readers: How many nodes read it.
-        write_cycles: Of the publisher; 0 if the message was there.
-        read_cycles: From when the message is there until the last reader has it.
-        ends: For each reader, until it has it.
-    """
-
-    message_bytes: int
-    readers: int
-    write_cycles: int
-    read_cycles: int
-    ends: tuple[int, ...]
+    message_bytes: int  #: Size of the message.
+    readers: int  #: How many nodes read it.
+    write_cycles: int  #: Of the publisher; 0 if the message was there.
+    read_cycles: int  #: From when the message is there until the last reader has it.
+    ends: tuple[int, ...]  #: For each reader, until it has it.
 
 
 def simulate_readers(reading: Reading) -> ReadingCycles:

@@ -25,16 +25,6 @@ from sfglab.soc.rtl.memif import MemoryPort
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = [
-    "ArbiterArea",
-    "GatewayArea",
-    "YosysError",
-    "arbiter_area",
-    "gateway_area",
-    "gateway_verilog",
-    "run_yosys",
-    "yosys_is_there",
-]
 
 _RAM = re.compile(r"RAM\d+")
 _RAM_LUTS = 8
@@ -47,23 +37,14 @@ class YosysError(SfglabError, RuntimeError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GatewayArea:
-    """What a gateway takes of the device.
+    """What a gateway takes of the device."""
 
-    Attributes:
-        subscribers: Hardware subscribers besides the core's own port.
-        luts: Look-up tables of logic.
-        ram_cells: Cells of distributed memory (the chunk buffer); each takes eight look-up tables.
-        flip_flops: Flip-flops.
-        carries: Carry cells.
-        block_rams: Block memories.
-    """
-
-    subscribers: int
-    luts: int
-    ram_cells: int
-    flip_flops: int
-    carries: int
-    block_rams: int
+    subscribers: int  #: Hardware subscribers besides the core's own port.
+    luts: int  #: Look-up tables of logic.
+    ram_cells: int  #: Cells of distributed memory (the chunk buffer); each takes eight look-up tables.
+    flip_flops: int  #: Flip-flops.
+    carries: int  #: Carry cells.
+    block_rams: int  #: Block memories.
 
     @property
     def all_luts(self) -> int:
@@ -73,19 +54,12 @@ class GatewayArea:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArbiterArea:
-    """What the arbiter of the memory interface takes of the device.
+    """What the arbiter of the memory interface takes of the device."""
 
-    Attributes:
-        masters: Nodes and gateways that share the interface.
-        luts: Look-up tables.
-        flip_flops: Flip-flops.
-        carries: Carry cells.
-    """
-
-    masters: int
-    luts: int
-    flip_flops: int
-    carries: int
+    masters: int  #: Nodes and gateways that share the interface.
+    luts: int  #: Look-up tables.
+    flip_flops: int  #: Flip-flops.
+    carries: int  #: Carry cells.
 
 
 def yosys_is_there() -> bool:

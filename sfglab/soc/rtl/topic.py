@@ -14,8 +14,6 @@ from amaranth import Cat, Elaboratable, Module, Mux, Signal
 
 from sfglab.soc.rtl.control import ADDRESS_BITS
 
-__all__ = ["Broadcast", "Stream", "Turns"]
-
 
 class Stream:
     """The wires of a stream; (f) who sends drives, (t) who receives.

@@ -17,7 +17,6 @@ from sfglab.spatial.trajectory import Limits
 if TYPE_CHECKING:
     from sfglab.spatial.poses import Vec3
 
-__all__ = ["AgentState", "Dynamics", "DynamicsError", "Target", "braked", "steered"]
 
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 _STANDS_M_S = 1e-9
@@ -30,17 +29,11 @@ class DynamicsError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentState:
-    """Where an agent is and how it moves.
+    """Where an agent is and how it moves."""
 
-    Attributes:
-        pose: In the fixed frame.
-        velocity_m_s: In the fixed frame.
-        yaw_rate_rad_s: About the fixed z axis, of the last step.
-    """
-
-    pose: Pose = field(default_factory=Pose)
-    velocity_m_s: Vec3 = _ZERO
-    yaw_rate_rad_s: float = 0.0
+    pose: Pose = field(default_factory=Pose)  #: In the fixed frame.
+    velocity_m_s: Vec3 = _ZERO  #: In the fixed frame.
+    yaw_rate_rad_s: float = 0.0  #: About the fixed z axis, of the last step.
 
     @property
     def speed_m_s(self) -> float:
@@ -52,18 +45,14 @@ class AgentState:
 class Dynamics:
     """How an agent answers.
 
-    Attributes:
-        limits: Never exceeded, whatever is asked for; the yaw rate's bounds the whole turn's rate.
-        lag_s: Time constant of the velocity; 0: only the limits hold it back.
-        gain_per_s: How much velocity is added to a target's for every metre that is missing.
-
     Raises:
         DynamicsError: A number is negative or not finite, or gain times lag is above 1/4, where it overshoots.
     """
 
+    #: Never exceeded, whatever is asked for; the yaw rate's bounds the whole turn's rate.
     limits: Limits = field(default_factory=Limits)
-    lag_s: float = 0.1
-    gain_per_s: float = 2.0
+    lag_s: float = 0.1  #: Time constant of the velocity; 0: only the limits hold it back.
+    gain_per_s: float = 2.0  #: How much velocity is added to a target's for every metre that is missing.
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.lag_s < math.inf or not 0.0 < self.gain_per_s < math.inf:
@@ -76,15 +65,10 @@ class Dynamics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """Where to be, and how fast to be moving there.
+    """Where to be, and how fast to be moving there."""
 
-    Attributes:
-        pose: In the fixed frame.
-        velocity_m_s: In the fixed frame.
-    """
-
-    pose: Pose
-    velocity_m_s: Vec3 = _ZERO
+    pose: Pose  #: In the fixed frame.
+    velocity_m_s: Vec3 = _ZERO  #: In the fixed frame.
 
 
 def steered(state: AgentState, target: Target, dt_s: float, dynamics: Dynamics) -> AgentState:

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene import Scene
     from sfglab.spatial.trajectory import Trajectory
 
-__all__ = ["ExecuteOptions", "Execution", "execute", "scene_orders", "send"]
-
 
 class ExecuteOptions(TypedDict, total=False):
     """How a trajectory is sent.

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.poses import Pose
     from sfglab.spatial.trajectory import Trajectory
 
-__all__ = ["TRANSITIONS", "Follower", "FollowerEvent", "Phase", "Progress", "Tolerances"]
 
 _NS_PER_S = 1_000_000_000
 _SUBSTEP_NS = 20_000_000
@@ -67,49 +66,30 @@ TRANSITIONS: dict[Phase, dict[FollowerEvent, Phase]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tolerances:
-    """How well an agent has to follow.
+    """How well an agent has to follow."""
 
-    Attributes:
-        start_m: How far it may be from where the trajectory is when the goal is taken.
-        path_m: How far it may ever be from where it should be then; None: as far as it likes. A plan may leave
-            its first waypoint at full speed, which an agent at rest reaches only v^2 / (2 a) later.
-        goal_m: How far from the last pose it may stop.
-        goal_rad: The same for its orientation.
-        goal_m_s: How fast it may still be there.
-        settle_s: How long after the trajectory's end it may take to get there.
-    """
-
-    start_m: float = 0.5
+    start_m: float = 0.5  #: How far it may be from where the trajectory is when the goal is taken.
+    #: How far it may ever be from where it should be then; None: as far as it likes. A plan may leave its first
+    #: waypoint at full speed, which an agent at rest reaches only v^2 / (2 a) later.
     path_m: float | None = 1.0
-    goal_m: float = 0.05
-    goal_rad: float = 0.1
-    goal_m_s: float = 0.02
-    settle_s: float = 10.0
+    goal_m: float = 0.05  #: How far from the last pose it may stop.
+    goal_rad: float = 0.1  #: The same for its orientation.
+    goal_m_s: float = 0.02  #: How fast it may still be there.
+    settle_s: float = 10.0  #: How long after the trajectory's end it may take to get there.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Progress:
-    """How it stands at a time.
+    """How it stands at a time."""
 
-    Attributes:
-        phase: What the agent is doing.
-        share: Of the trajectory's duration that is over, 0 to 1.
-        time_ns: Since the trajectory's time 0; negative before it.
-        state: Where the agent is.
-        target: Where it should be.
-        error_m: From one to the other.
-        largest_error_m: The largest so far.
-        outcome: How it ended; None before the end.
-    """
-
-    phase: Phase
-    share: float
-    time_ns: int
-    state: AgentState
-    target: Pose
-    error_m: float
-    largest_error_m: float
-    outcome: Outcome | None
+    phase: Phase  #: What the agent is doing.
+    share: float  #: Of the trajectory's duration that is over, 0 to 1.
+    time_ns: int  #: Since the trajectory's time 0; negative before it.
+    state: AgentState  #: Where the agent is.
+    target: Pose  #: Where it should be.
+    error_m: float  #: From one to the other.
+    largest_error_m: float  #: The largest so far.
+    outcome: Outcome | None  #: How it ended; None before the end.
 
 
 @dataclass(slots=True, kw_only=True)

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.poses import Pose
     from sfglab.spatial.trajectory import Trajectory
 
-__all__ = ["ExecutionError", "Order", "RefusalError", "Rules", "judge"]
 
 _NS_PER_S = 1e9
 
@@ -41,38 +40,23 @@ class RefusalError(ExecutionError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Order:
-    """A trajectory and who is to move along it.
+    """A trajectory and who is to move along it."""
 
-    Attributes:
-        agent: Its name.
-        trajectory: Where to be when.
-        frame_id: The frame of its poses.
-        start_ns: Its time 0, in nanoseconds since the epoch; 0: when the server takes it.
-    """
-
-    agent: str
-    trajectory: Trajectory
-    frame_id: str = "map"
-    start_ns: int = 0
+    agent: str  #: Its name.
+    trajectory: Trajectory  #: Where to be when.
+    frame_id: str = "map"  #: The frame of its poses.
+    start_ns: int = 0  #: Its time 0, in nanoseconds since the epoch; 0: when the server takes it.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rules:
-    """What an agent takes.
+    """What an agent takes."""
 
-    Attributes:
-        agent: Its name.
-        frame_id: The frame it is moved in.
-        limits: What it can do.
-        slack: By which share a trajectory may exceed the limits: what rounding does.
-        start_m: How far it may be from where the trajectory is.
-    """
-
-    agent: str
-    frame_id: str
-    limits: Limits
-    start_m: float
-    slack: float = 1e-3
+    agent: str  #: Its name.
+    frame_id: str  #: The frame it is moved in.
+    limits: Limits  #: What it can do.
+    start_m: float  #: How far it may be from where the trajectory is.
+    slack: float = 1e-3  #: By which share a trajectory may exceed the limits: what rounding does.
 
 
 def judge(order: Order, rules: Rules, pose: Pose, now_ns: int) -> None:

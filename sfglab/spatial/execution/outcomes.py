@@ -10,8 +10,6 @@ from enum import Enum
 
 from sfglab.bus import GoalStatus
 
-__all__ = ["OUTCOMES", "Ending", "Outcome", "outcome_of"]
-
 
 class Outcome(Enum):
     """How it ended; `OUTCOMES` has the meanings."""
@@ -33,19 +31,12 @@ class Outcome(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ending:
-    """What an outcome is on the wire and to people.
+    """What an outcome is on the wire and to people."""
 
-    Attributes:
-        status: The goal's last status.
-        code: `error_code` of `sfglab_interfaces/action/FollowTrajectory`.
-        refused: The agent never moved for this goal.
-        meaning: One clause.
-    """
-
-    status: GoalStatus
-    code: int
-    refused: bool
-    meaning: str
+    status: GoalStatus  #: The goal's last status.
+    code: int  #: `error_code` of `sfglab_interfaces/action/FollowTrajectory`.
+    refused: bool  #: The agent never moved for this goal.
+    meaning: str  #: One clause.
 
 
 def _refused(code: int, meaning: str) -> Ending:

@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.execution.follower import Progress
     from sfglab.spatial.execution.judging import Order
 
-__all__ = ["AgentSetup", "TrajectoryServer"]
 
 _FEEDBACK_EVERY = 5
 """Steps from one feedback to the next."""
@@ -48,25 +47,17 @@ _NS_PER_S = 1e9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentSetup:
-    """A simulated agent before it moves.
+    """A simulated agent before it moves."""
 
-    Attributes:
-        pose: Where it stands.
-        frame_id: The frame of its poses.
-        dynamics: How it answers.
-        tolerances: How well it has to follow.
-        preempt: A second goal takes the place of the first; else the second is refused as `Outcome.BUSY`.
-        explain: Refused goals are taken and aborted at once, with the reason; else they are just not taken.
-        period_s: From one step to the next; poses leave at each.
-    """
-
-    pose: Pose = field(default_factory=Pose)
-    frame_id: str = "map"
-    dynamics: Dynamics = field(default_factory=Dynamics)
-    tolerances: Tolerances = field(default_factory=Tolerances)
+    pose: Pose = field(default_factory=Pose)  #: Where it stands.
+    frame_id: str = "map"  #: The frame of its poses.
+    dynamics: Dynamics = field(default_factory=Dynamics)  #: How it answers.
+    tolerances: Tolerances = field(default_factory=Tolerances)  #: How well it has to follow.
+    #: A second goal takes the place of the first; else the second is refused as `Outcome.BUSY`.
     preempt: bool = False
+    #: Refused goals are taken and aborted at once, with the reason; else they are just not taken.
     explain: bool = True
-    period_s: float = 0.02
+    period_s: float = 0.02  #: From one step to the next; poses leave at each.
 
 
 class TrajectoryServer:

@@ -28,18 +28,6 @@ if TYPE_CHECKING:
 
     from sfglab.spatial.execution.follower import Progress
 
-__all__ = [
-    "FOLLOW_TRAJECTORY",
-    "ActionDialect",
-    "Ended",
-    "Feedback",
-    "action_name",
-    "feedback_message",
-    "goal_message",
-    "order_from_goal",
-    "result_message",
-    "stamped_pose",
-]
 
 _NS_PER_S = 1_000_000_000
 _POLYLINE_STEP_NS = 100_000_000
@@ -48,32 +36,20 @@ _TYPE = "sfglab_interfaces/action/FollowTrajectory"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Feedback:
-    """What a server says on the way.
+    """What a server says on the way."""
 
-    Attributes:
-        share: Of the trajectory's duration that is over, 0 to 1.
-        pose: Where the agent is; None where the action does not say.
-        error_m: From there to where it should be; None likewise.
-    """
-
-    share: float
-    pose: Pose | None = None
-    error_m: float | None = None
+    share: float  #: Of the trajectory's duration that is over, 0 to 1.
+    pose: Pose | None = None  #: Where the agent is; None where the action does not say.
+    error_m: float | None = None  #: From there to where it should be; None likewise.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ended:
-    """How an execution ended.
+    """How an execution ended."""
 
-    Attributes:
-        outcome: How.
-        text: Why, for people; empty after success.
-        pose: Where the agent was at the end; None where the action does not say.
-    """
-
-    outcome: Outcome
-    text: str = ""
-    pose: Pose | None = None
+    outcome: Outcome  #: How.
+    text: str = ""  #: Why, for people; empty after success.
+    pose: Pose | None = None  #: Where the agent was at the end; None where the action does not say.
 
     def __str__(self) -> str:
         said = self.text or OUTCOMES[self.outcome].meaning
@@ -82,19 +58,12 @@ class Ended:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ActionDialect:
-    """How orders are said in one type of action.
+    """How orders are said in one type of action."""
 
-    Attributes:
-        type: ROS type of the action.
-        goal: From an order to a goal message.
-        feedback: From a feedback message to what we read of it.
-        result: From a goal's end to what we read of it.
-    """
-
-    type: str
-    goal: Callable[[Order], Any]
-    feedback: Callable[[Any], Feedback]
-    result: Callable[[GoalResult], Ended]
+    type: str  #: ROS type of the action.
+    goal: Callable[[Order], Any]  #: From an order to a goal message.
+    feedback: Callable[[Any], Feedback]  #: From a feedback message to what we read of it.
+    result: Callable[[GoalResult], Ended]  #: From a goal's end to what we read of it.
 
 
 def action_name(agent: str) -> str:

@@ -28,36 +28,23 @@ from sfglab.spatial.poses import Pose
 if TYPE_CHECKING:
     from sfglab.spatial.poses import StampedTransform
 
-__all__ = ["Edge", "FrameBuffer"]
 
 _ALWAYS = np.iinfo(np.int64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Edge:
-    """What was observed of one edge from one publisher.
+    """What was observed of one edge from one publisher."""
 
-    Attributes:
-        child: The frame that is placed.
-        parent: The frame in which it is placed.
-        static: Whether it came as a static transform.
-        authority: Who published it; empty when unknown.
-        count: How many transforms came.
-        first_ns: The stamp of the first one that came.
-        last_ns: The stamp of the last one that came.
-        backwards: How often a stamp was older than the one that came before it.
-        back_ns: The largest step back, ns.
-    """
-
-    child: str
-    parent: str
-    static: bool = False
-    authority: str = ""
-    count: int = 1
-    first_ns: int = 0
-    last_ns: int = 0
-    backwards: int = 0
-    back_ns: int = 0
+    child: str  #: The frame that is placed.
+    parent: str  #: The frame in which it is placed.
+    static: bool = False  #: Whether it came as a static transform.
+    authority: str = ""  #: Who published it; empty when unknown.
+    count: int = 1  #: How many transforms came.
+    first_ns: int = 0  #: The stamp of the first one that came.
+    last_ns: int = 0  #: The stamp of the last one that came.
+    backwards: int = 0  #: How often a stamp was older than the one that came before it.
+    back_ns: int = 0  #: The largest step back, ns.
 
 
 @dataclass(slots=True)

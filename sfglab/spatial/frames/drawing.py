@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.frames.buffer import Edge
     from sfglab.spatial.frames.lint import FrameFinding
 
-__all__ = ["draw_tree", "tree_layout"]
 
 # Okabe and Ito's palette, distinct for all common kinds of colour blindness.
 WRONG, OUTSIDE, PLAIN = "#D55E00", "#0072B2", "#666666"

@@ -9,15 +9,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = [
-    "ExtrapolationError",
-    "FrameError",
-    "FrameInputError",
-    "FrameLoopError",
-    "NotConnectedError",
-    "UnknownFrameError",
-]
-
 
 class FrameError(SfglabError):
     """A transform that cannot be had, or cannot be taken."""

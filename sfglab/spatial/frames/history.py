@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from sfglab.spatial.poses import Pose
 
-__all__ = ["History", "Insertion"]
 
 _PARENT, _STATIC, _FIRST, _COUNT = range(4)
 _SMALLEST_BLOCK = 16

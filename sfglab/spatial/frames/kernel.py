@@ -18,7 +18,6 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["FOUND", "NOT_CONNECTED", "common_interval", "look_up"]
 
 _log = logging.getLogger(__name__)
 

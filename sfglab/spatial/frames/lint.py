@@ -17,25 +17,17 @@ if TYPE_CHECKING:
     from sfglab.spatial.frames.buffer import Edge
     from sfglab.spatial.frames.naming import FrameRule
 
-__all__ = ["FrameFinding", "lint_frames", "roots_of"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameFinding:
-    """One fault of a tree.
+    """One fault of a tree."""
 
-    Attributes:
-        code: "two-parents", "two-publishers", "static-and-dynamic", "loop", "second-root", "unreachable",
-            "name" or "backwards".
-        frames: The frames that it is about.
-        what: What was found.
-        why: What comes of it.
-    """
-
+    #: "two-parents", "two-publishers", "static-and-dynamic", "loop", "second-root", "unreachable", "name" or
+    #: "backwards".
     code: str
-    frames: tuple[str, ...]
-    what: str
-    why: str
+    frames: tuple[str, ...]  #: The frames that it is about.
+    what: str  #: What was found.
+    why: str  #: What comes of it.
 
     def __str__(self) -> str:
         return f"{self.code}: {self.what} ({self.why})"

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.frames.buffer import FrameBuffer
     from sfglab.spatial.poses import Pose
 
-__all__ = ["TF_QOS", "TF_STATIC_QOS", "TRANSFORMS", "FramesListener", "TransformIntake", "fill_from_log"]
 
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 TF_QOS = QoSProfile(depth=100)

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from sfglab.names import SHARED_FRAMES as _SHARED
 from sfglab.names import frame_owner, prefixed_frame, validate_agent
 
-__all__ = ["SHARED_FRAMES", "FrameRule", "agent_of", "prefixed"]
-
 SHARED_FRAMES = frozenset(_SHARED)
 """Roots that all agents mean by the same name."""
 
@@ -32,16 +30,12 @@ def agent_of(frame: str) -> str:
 class FrameRule:
     """Which names frames may have.
 
-    Attributes:
-        agents: Agents whose prefixes are known.
-        shared: Frames without prefix that are allowed.
-
     Raises:
         FqnError: A name is none that an agent may bear.
     """
 
-    agents: frozenset[str]
-    shared: frozenset[str] = SHARED_FRAMES
+    agents: frozenset[str]  #: Agents whose prefixes are known.
+    shared: frozenset[str] = SHARED_FRAMES  #: Frames without prefix that are allowed.
 
     def __post_init__(self) -> None:
         for agent in self.agents:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from sfglab.spatial.mocap.bridge import BridgeOptions, MocapBridge
 from sfglab.spatial.mocap.capture import Capture, Lapse, MocapError, MocapSource, Sight
 from sfglab.spatial.mocap.core import BridgeCore, Latency, MocapObjectStatus
+from sfglab.spatial.mocap.hand_eye import OffsetError, PosePair
 from sfglab.spatial.mocap.mapping import (
     MappedObject,
     MappingError,
@@ -12,7 +13,7 @@ from sfglab.spatial.mocap.mapping import (
     load_mapping,
     read_mapping,
 )
-from sfglab.spatial.mocap.offset import OffsetError, OffsetEstimate, PosePair, estimate_offset, pose_pairs
+from sfglab.spatial.mocap.offset import OffsetEstimate, estimate_offset, pose_pairs
 from sfglab.spatial.mocap.placing import (
     PlacingError,
     direct_name,

@@ -19,24 +19,18 @@ if TYPE_CHECKING:
     from sfglab.spatial.mocap.core import MocapObjectStatus
     from sfglab.spatial.mocap.mapping import MocapMapping
 
-__all__ = ["BridgeOptions", "MocapBridge"]
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BridgeOptions:
-    """How a bridge behaves.
+    """How a bridge behaves."""
 
-    Attributes:
-        reach_s: How far the agents' transforms may be continued when they lag behind the cameras.
-        agent: The agent on which the bridge runs, for the status topic's name; empty: nobody's in particular.
-        status_period_s: Time between two messages about the status.
-    """
-
-    reach_s: float = 0.1
+    reach_s: float = 0.1  #: How far the agents' transforms may be continued when they lag behind the cameras.
+    #: The agent on which the bridge runs, for the status topic's name; empty: nobody's in particular.
     agent: str = ""
-    status_period_s: float = 1.0
+    status_period_s: float = 1.0  #: Time between two messages about the status.
 
 
 class MocapBridge:

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Mapping
     from contextlib import AbstractAsyncContextManager
 
-__all__ = ["Capture", "Lapse", "MocapError", "MocapSource", "Sight"]
-
 
 class MocapError(SfglabError):
     """Motion capture that cannot be had, or cannot be used."""
@@ -35,19 +33,12 @@ Sight = Pose | Lapse
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Capture:
-    """All objects at one time.
+    """All objects at one time."""
 
-    Attributes:
-        number: The system's frame number; None when it has none.
-        capture_ns: When the cameras saw it, by this host's clock.
-        receipt_ns: When it arrived here, by the same clock.
-        sights: What is known of each object, by its id in the capture system.
-    """
-
-    number: int | None
-    capture_ns: int
-    receipt_ns: int
-    sights: Mapping[str, Sight]
+    number: int | None  #: The system's frame number; None when it has none.
+    capture_ns: int  #: When the cameras saw it, by this host's clock.
+    receipt_ns: int  #: When it arrived here, by the same clock.
+    sights: Mapping[str, Sight]  #: What is known of each object, by its id in the capture system.
 
 
 class MocapSource(Protocol):

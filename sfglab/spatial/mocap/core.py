@@ -23,53 +23,33 @@ if TYPE_CHECKING:
     from sfglab.spatial.mocap.capture import Capture, Sight
     from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
 
-__all__ = ["BridgeCore", "Latency", "MocapObjectStatus"]
 
 _WINDOW = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Latency:
-    """A delay over the last 1000 transforms.
+    """A delay over the last 1000 transforms."""
 
-    Attributes:
-        median_ns: Its median; None before the first.
-        largest_ns: The largest one ever.
-    """
-
-    median_ns: float | None = None
-    largest_ns: int | None = None
+    median_ns: float | None = None  #: Its median; None before the first.
+    largest_ns: int | None = None  #: The largest one ever.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MocapObjectStatus:
-    """How it stands with one object.
+    """How it stands with one object."""
 
-    Attributes:
-        object_id: Its id in the capture system.
-        frame: The frame that was published for it last; empty before the first.
-        state: What is known of it.
-        published: How many transforms left.
-        unplaced: How many believed poses could not be published, because the agent's tree did not allow it.
-        verdicts: How many sights got each verdict (`Verdict.value`).
-        absent: In how many captures it did not occur at all.
-        capture_ns: The stamp of the last transform; None before the first.
-        receipt_latency: From capture to receipt.
-        publication_latency: From receipt to publication.
-        problem: Why the last believed pose was not published; empty when it was.
-    """
-
-    object_id: str
-    frame: str
-    state: TrackState
-    published: int
-    unplaced: int
-    verdicts: Mapping[str, int]
-    absent: int
-    capture_ns: int | None
-    receipt_latency: Latency
-    publication_latency: Latency
-    problem: str
+    object_id: str  #: Its id in the capture system.
+    frame: str  #: The frame that was published for it last; empty before the first.
+    state: TrackState  #: What is known of it.
+    published: int  #: How many transforms left.
+    unplaced: int  #: How many believed poses could not be published, because the agent's tree did not allow it.
+    verdicts: Mapping[str, int]  #: How many sights got each verdict (`Verdict.value`).
+    absent: int  #: In how many captures it did not occur at all.
+    capture_ns: int | None  #: The stamp of the last transform; None before the first.
+    receipt_latency: Latency  #: From capture to receipt.
+    publication_latency: Latency  #: From receipt to publication.
+    problem: str  #: Why the last believed pose was not published; empty when it was.
 
 
 @dataclass(slots=True)

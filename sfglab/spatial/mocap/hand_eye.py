@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from scipy.spatial.transform import Rotation
 
-__all__ = ["EQUAL", "Guess", "OffsetError", "PosePair", "Problem", "starts"]
 
 _ALONE = 0.999
 _SURE_M = 1e-5
@@ -37,17 +36,11 @@ class OffsetError(MocapError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PosePair:
-    """The same moment seen by both.
+    """The same moment seen by both."""
 
-    Attributes:
-        world_from_object: What the cameras say.
-        odom_from_base: What the robot says.
-        time_ns: When; where all pairs have the same time, nothing can drift.
-    """
-
-    world_from_object: Pose
-    odom_from_base: Pose
-    time_ns: int = 0
+    world_from_object: Pose  #: What the cameras say.
+    odom_from_base: Pose  #: What the robot says.
+    time_ns: int = 0  #: When; where all pairs have the same time, nothing can drift.
 
 
 class Guess(NamedTuple):

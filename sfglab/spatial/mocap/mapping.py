@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from sfglab.documents import KeyPath, Section
 
-__all__ = ["MappedObject", "MappingError", "MocapMapping", "load_mapping", "read_mapping"]
-
 
 _ABSENT = object()
 
@@ -32,20 +30,14 @@ class MappingError(DocumentError, MocapError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MappedObject:
-    """One object of the capture system.
+    """One object of the capture system."""
 
-    Attributes:
-        id: Its name there.
-        via: The proxy: the frame of the agent's tree that the object stands for, as "agent_x/markers".
-        frame: The frame that is published, as "agent_x/base"; empty for whatever is the root of the agent's
-            tree.
-        offset: Where `via` is in the object's own frame (``object_from_via``); the same place by default, else
-            as `estimate_offset` finds it.
-    """
-
-    id: str
-    via: str
+    id: str  #: Its name there.
+    via: str  #: The proxy: the frame of the agent's tree that the object stands for, as "agent_x/markers".
+    #: The frame that is published, as "agent_x/base"; empty for whatever is the root of the agent's tree.
     frame: str = ""
+    #: Where `via` is in the object's own frame (``object_from_via``); the same place by default, else as
+    #: `estimate_offset` finds it.
     offset: Pose = field(default_factory=Pose)
 
 
@@ -53,18 +45,13 @@ class MappedObject:
 class MocapMapping:
     """All objects, and what they can physically do.
 
-    Attributes:
-        world: The frame in which the capture system measures.
-        objects: The objects, by their ids.
-        limits: What no object outdoes.
-
     Raises:
         MappingError: Two objects stand for one frame, or a frame is the world.
     """
 
-    world: str
-    objects: Mapping[str, MappedObject]
-    limits: Limits = field(default_factory=Limits)
+    world: str  #: The frame in which the capture system measures.
+    objects: Mapping[str, MappedObject]  #: The objects, by their ids.
+    limits: Limits = field(default_factory=Limits)  #: What no object outdoes.
 
     def __post_init__(self) -> None:
         def refusal(path: KeyPath, frame: str, allowed: str) -> DocumentError:

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.frames import FrameBuffer
     from sfglab.spatial.mocap.capture import Capture
 
-__all__ = ["OffsetError", "OffsetEstimate", "PosePair", "estimate_offset", "pose_pairs"]
 
 _FEWEST = 6
 _UNSEEN = 1e-7
@@ -41,27 +40,17 @@ _ROUNDS = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OffsetEstimate:
-    """The offset and its uncertainty.
+    """The offset and its uncertainty."""
 
-    Attributes:
-        object_from_base: The base in the object's frame, X.
-        world_from_odom: The odometry in the world, Z; in the middle of the recording if it drifts.
-        covariance: Of X: turn about the base's x, y, z (rad), then position in the object's frame (m); 6 x 6.
-        residual_m: Standard deviation of the position that remains unexplained, per axis.
-        residual_rad: The same of the orientation.
-        pairs: How many moments were used.
-        drift_m_s: How fast the odometry walks in the world.
-        drift_rad_s: How fast it turns.
-    """
-
-    object_from_base: Pose
-    world_from_odom: Pose
+    object_from_base: Pose  #: The base in the object's frame, X.
+    world_from_odom: Pose  #: The odometry in the world, Z; in the middle of the recording if it drifts.
+    #: Of X: turn about the base's x, y, z (rad), then position in the object's frame (m); 6 x 6.
     covariance: tuple[tuple[float, ...], ...]
-    residual_m: float
-    residual_rad: float
-    pairs: int
-    drift_m_s: float = 0.0
-    drift_rad_s: float = 0.0
+    residual_m: float  #: Standard deviation of the position that remains unexplained, per axis.
+    residual_rad: float  #: The same of the orientation.
+    pairs: int  #: How many moments were used.
+    drift_m_s: float = 0.0  #: How fast the odometry walks in the world.
+    drift_rad_s: float = 0.0  #: How fast it turns.
 
     @property
     def sigma_rad(self) -> Vec3:

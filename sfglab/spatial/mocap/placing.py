@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.mocap.capture import Capture
     from sfglab.spatial.mocap.mapping import MappedObject
 
-__all__ = ["PlacingError", "direct_name", "direct_transforms", "place_via_proxy", "root_below"]
-
 
 class PlacingError(MocapError, ValueError):
     """A frame that must not be published, because the tree would break.

@@ -17,7 +17,6 @@ from sfglab.spatial.mocap.tracking import TrackState, Verdict
 if TYPE_CHECKING:
     from sfglab.spatial.mocap.core import BridgeCore, Latency, MocapObjectStatus
 
-__all__ = ["STATUS", "STATUS_QOS", "status_message", "status_topic"]
 
 STATUS = "sfglab_interfaces/msg/MocapStatus"
 STATUS_QOS = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.mocap.capture import Sight
     from sfglab.spatial.poses import Pose
 
-__all__ = ["TRANSITIONS", "Doubt", "Limits", "Track", "TrackState", "Verdict", "judge"]
-
 
 class TrackState(Enum):
     """What is known of an object."""
@@ -88,57 +86,34 @@ TRANSITIONS: dict[tuple[TrackState, Verdict], TrackState] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What no object outdoes, and how long an impossible place must be held to be believed.
+    """What no object outdoes, and how long an impossible place must be held to be believed."""
 
-    Attributes:
-        speed_m_s: The highest speed.
-        turn_rad_s: The highest rate of turn.
-        slack_m: How far apart two poses may always be, for noise.
-        slack_rad: By how much two poses may always differ in orientation.
-        believe_after_s: After how long at an impossible place the object is believed to be there.
-    """
-
-    speed_m_s: float = 10.0
-    turn_rad_s: float = 12.0
-    slack_m: float = 0.02
-    slack_rad: float = 0.2
-    believe_after_s: float = 0.5
+    speed_m_s: float = 10.0  #: The highest speed.
+    turn_rad_s: float = 12.0  #: The highest rate of turn.
+    slack_m: float = 0.02  #: How far apart two poses may always be, for noise.
+    slack_rad: float = 0.2  #: By how much two poses may always differ in orientation.
+    believe_after_s: float = 0.5  #: After how long at an impossible place the object is believed to be there.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Doubt:
-    """A place where an object is seen although it cannot be there.
+    """A place where an object is seen although it cannot be there."""
 
-    Attributes:
-        pose: Where it was seen last.
-        seen_ns: The capture time of that.
-        since_ns: Since when it is seen there.
-        verdict: Why it cannot be there.
-    """
-
-    pose: Pose
-    seen_ns: int
-    since_ns: int
-    verdict: Verdict
+    pose: Pose  #: Where it was seen last.
+    seen_ns: int  #: The capture time of that.
+    since_ns: int  #: Since when it is seen there.
+    verdict: Verdict  #: Why it cannot be there.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Track:
-    """What is remembered of one object.
+    """What is remembered of one object."""
 
-    Attributes:
-        state: What is known of it.
-        seen_ns: The newest capture time.
-        pose: The last pose that was believed; None before the first.
-        pose_ns: Its capture time.
-        doubt: Where it is seen although it cannot be there; None when it is not.
-    """
-
-    state: TrackState = TrackState.ABSENT
-    seen_ns: int | None = None
-    pose: Pose | None = None
-    pose_ns: int = 0
-    doubt: Doubt | None = None
+    state: TrackState = TrackState.ABSENT  #: What is known of it.
+    seen_ns: int | None = None  #: The newest capture time.
+    pose: Pose | None = None  #: The last pose that was believed; None before the first.
+    pose_ns: int = 0  #: Its capture time.
+    doubt: Doubt | None = None  #: Where it is seen although it cannot be there; None when it is not.
 
 
 def judge(track: Track, sight: Sight, capture_ns: int, limits: Limits) -> tuple[Track, Verdict]:

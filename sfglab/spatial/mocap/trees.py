@@ -16,25 +16,19 @@ if TYPE_CHECKING:
     from sfglab.spatial.mocap.capture import Capture
     from sfglab.spatial.mocap.mapping import MocapMapping
 
-__all__ = ["MocapTrees", "mocap_trees"]
 
 _ROBOT, _CAMERAS = "robot", "mocap"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MocapTrees:
-    """One robot's tree with motion capture joined to it in three ways; see `lint_frames` for what is wrong.
+    """One robot's tree with motion capture joined to it in three ways; see `lint_frames` for what is wrong."""
 
-    Attributes:
-        direct: With the direct receiver's transforms: Fig. 6, left.
-        renamed: With the same under the right names, as if the receiver could be told: "even if this naming
-            conflict were resolved".
-        proxy: With the bridge's: Fig. 6, right.
-    """
-
-    direct: FrameBuffer
+    direct: FrameBuffer  #: With the direct receiver's transforms: Fig. 6, left.
+    #: With the same under the right names, as if the receiver could be told: "even if this naming conflict were
+    #: resolved".
     renamed: FrameBuffer
-    proxy: FrameBuffer
+    proxy: FrameBuffer  #: With the bridge's: Fig. 6, right.
 
 
 def mocap_trees(

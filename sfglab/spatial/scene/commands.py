@@ -19,18 +19,6 @@ from sfglab.spatial.scene.objects import (
 from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Draft, Scene
 from sfglab.spatial.trajectory import Align
 
-__all__ = [
-    "Add",
-    "Command",
-    "Move",
-    "Remove",
-    "Rename",
-    "SetPose",
-    "SetProperty",
-    "SetScene",
-    "Several",
-]
-
 
 class Command(Protocol):
     """An edit."""
@@ -49,15 +37,10 @@ class Command(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Add:
-    """Put new objects into the scene.
+    """Put new objects into the scene."""
 
-    Attributes:
-        objects: Parents before what they hold, ids from the scene's `next_id` on.
-        index: Where the first one stands among its siblings; at the end where it is None.
-    """
-
-    objects: tuple[SceneObject, ...]
-    index: int | None = None
+    objects: tuple[SceneObject, ...]  #: Parents before what they hold, ids from the scene's `next_id` on.
+    index: int | None = None  #: Where the first one stands among its siblings; at the end where it is None.
 
     @property
     def label(self) -> str:
@@ -81,13 +64,9 @@ class Add:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remove:
-    """Take objects out of the scene, with all they hold.
+    """Take objects out of the scene, with all they hold."""
 
-    Attributes:
-        ids: Which; one that lies inside another one of them goes with it.
-    """
-
-    ids: tuple[int, ...]
+    ids: tuple[int, ...]  #: Which; one that lies inside another one of them goes with it.
 
     @property
     def label(self) -> str:
@@ -108,18 +87,13 @@ class Remove:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """Put an object under another parent, or elsewhere among its siblings.
+    """Put an object under another parent, or elsewhere among its siblings."""
 
-    Attributes:
-        id: Which.
-        parent: The new parent's id, or `ROOT`.
-        index: Where among the siblings there, counted without it; at the end where it is None.
-        keep_place: It stays where it is in the scene and gets another pose in its parent; else the reverse.
-    """
-
-    id: int
-    parent: int
+    id: int  #: Which.
+    parent: int  #: The new parent's id, or `ROOT`.
+    #: Where among the siblings there, counted without it; at the end where it is None.
     index: int | None = None
+    #: It stays where it is in the scene and gets another pose in its parent; else the reverse.
     keep_place: bool = True
 
     @property
@@ -144,15 +118,10 @@ class Move:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rename:
-    """Give an object another name.
+    """Give an object another name."""
 
-    Attributes:
-        id: Which.
-        name: 1 to 100 printable characters; for a waypoint also none.
-    """
-
-    id: int
-    name: str
+    id: int  #: Which.
+    name: str  #: 1 to 100 printable characters; for a waypoint also none.
 
     @property
     def label(self) -> str:
@@ -166,15 +135,10 @@ class Rename:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetPose:
-    """Put an object elsewhere in its parent; an aligned waypoint keeps looking along its segment.
+    """Put an object elsewhere in its parent; an aligned waypoint keeps looking along its segment."""
 
-    Attributes:
-        id: Which.
-        pose: Where, in its parent.
-    """
-
-    id: int
-    pose: Pose
+    id: int  #: Which.
+    pose: Pose  #: Where, in its parent.
 
     @property
     def label(self) -> str:
@@ -194,17 +158,11 @@ class SetPose:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetProperty:
-    """Change what an object is: a radius, a shape, an interpolation, an alignment.
+    """Change what an object is: a radius, a shape, an interpolation, an alignment."""
 
-    Attributes:
-        id: Which object.
-        key: The property's name.
-        value: Typed, or plain as in a file.
-    """
-
-    id: int
-    key: str
-    value: Any
+    id: int  #: Which object.
+    key: str  #: The property's name.
+    value: Any  #: Typed, or plain as in a file.
 
     @property
     def label(self) -> str:
@@ -225,15 +183,10 @@ class SetProperty:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetScene:
-    """Change what the scene says of itself.
+    """Change what the scene says of itself."""
 
-    Attributes:
-        key: ``name``, ``frame_id`` or ``margin_m``.
-        value: Its new value.
-    """
-
-    key: str
-    value: Any
+    key: str  #: ``name``, ``frame_id`` or ``margin_m``.
+    value: Any  #: Its new value.
 
     @property
     def label(self) -> str:
@@ -250,15 +203,10 @@ class SetScene:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Several:
-    """Edits one after another, as one; all of them or none.
+    """Edits one after another, as one; all of them or none."""
 
-    Attributes:
-        commands: What to do, in order.
-        label: What they do together.
-    """
-
-    commands: tuple[Command, ...]
-    label: str
+    commands: tuple[Command, ...]  #: What to do, in order.
+    label: str  #: What they do together.
 
     def apply(self, scene: Scene) -> Scene:
         """Return the scene after all of them."""

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene.tree import Scene
     from sfglab.spatial.trajectory import Approach, ObstacleApproach, Shape, Trajectory
 
-__all__ = ["Conflict", "ConflictKind", "conflicts"]
 
 _TOLERANCE_M = 1e-3
 
@@ -65,21 +64,13 @@ class ConflictKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conflict:
-    """A warning.
+    """A warning."""
 
-    Attributes:
-        kind: What is wrong.
-        objects: Ids of whom it concerns.
-        text: One sentence for people, with value and what is allowed.
-        time_s: When it is worst; None where time does not matter.
-        position_m: Where then, in the scene's frame; None where place does not matter.
-    """
-
-    kind: ConflictKind
-    objects: tuple[int, ...]
-    text: str
-    time_s: float | None = None
-    position_m: Vec3 | None = None
+    kind: ConflictKind  #: What is wrong.
+    objects: tuple[int, ...]  #: Ids of whom it concerns.
+    text: str  #: One sentence for people, with value and what is allowed.
+    time_s: float | None = None  #: When it is worst; None where time does not matter.
+    position_m: Vec3 | None = None  #: Where then, in the scene's frame; None where place does not matter.
 
 
 def conflicts(scene: Scene) -> tuple[Conflict, ...]:

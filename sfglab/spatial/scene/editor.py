@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene.ghosts import Ghost
     from sfglab.spatial.trajectory import Trajectory
 
-__all__ = ["Change", "ChangeKind", "Editor"]
 
 _NS_PER_S = 1_000_000_000
 _STEP_NS = _NS_PER_S
@@ -60,21 +59,13 @@ class ChangeKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """What listeners hear.
+    """What listeners hear."""
 
-    Attributes:
-        kind: What happened.
-        label: Of the step, where it is one.
-        added: Ids that are new.
-        removed: Ids that are gone.
-        changed: Ids whose object is another now, or that hold others or in another order; 0 is the scene
-            itself.
-    """
-
-    kind: ChangeKind
-    label: str = ""
-    added: tuple[int, ...] = ()
-    removed: tuple[int, ...] = ()
+    kind: ChangeKind  #: What happened.
+    label: str = ""  #: Of the step, where it is one.
+    added: tuple[int, ...] = ()  #: Ids that are new.
+    removed: tuple[int, ...] = ()  #: Ids that are gone.
+    #: Ids whose object is another now, or that hold others or in another order; 0 is the scene itself.
     changed: tuple[int, ...] = ()
 
 

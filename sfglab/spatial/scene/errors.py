@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 
     from sfglab.documents import DocumentError
 
-__all__ = ["SceneError"]
-
 
 class SceneError(SfglabError, ValueError):
     """A scene, an edit of one, or a scene file that is not allowed; nothing was changed.

@@ -14,8 +14,6 @@ from sfglab.spatial.scene.writing import scene_text
 if TYPE_CHECKING:
     from sfglab.spatial.scene.tree import Scene
 
-__all__ = ["load_scene", "save_scene"]
-
 
 def load_scene(path: Path) -> Scene:
     """Read a scene from a file.

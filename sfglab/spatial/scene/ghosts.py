@@ -12,26 +12,16 @@ if TYPE_CHECKING:
     from sfglab.spatial.poses import Pose
     from sfglab.spatial.scene.tree import Scene
 
-__all__ = ["Ghost", "ghosts", "time_span_s"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ghost:
-    """An agent at a time.
+    """An agent at a time."""
 
-    Attributes:
-        agent: Its id.
-        name: Its name.
-        pose: Where it is in the scene's frame.
-        speed_m_s: How fast; 0 before its trajectory's start, after its end, and without one.
-        driving: Its trajectory covers this time.
-    """
-
-    agent: int
-    name: str
-    pose: Pose
-    speed_m_s: float
-    driving: bool
+    agent: int  #: Its id.
+    name: str  #: Its name.
+    pose: Pose  #: Where it is in the scene's frame.
+    speed_m_s: float  #: How fast; 0 before its trajectory's start, after its end, and without one.
+    driving: bool  #: Its trajectory covers this time.
 
 
 def ghosts(scene: Scene, time_s: float) -> tuple[Ghost, ...]:

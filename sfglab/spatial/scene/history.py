@@ -15,26 +15,18 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene.commands import Command
     from sfglab.spatial.scene.tree import Scene
 
-__all__ = ["History", "Step"]
 
 _DEPTH = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """An edit that was done.
+    """An edit that was done."""
 
-    Attributes:
-        label: What it did.
-        before: The scene before it.
-        after: The scene after it.
-        drag: The drag that it belongs to; None for an edit of its own.
-    """
-
-    label: str
-    before: Scene
-    after: Scene
-    drag: str | None = None
+    label: str  #: What it did.
+    before: Scene  #: The scene before it.
+    after: Scene  #: The scene after it.
+    drag: str | None = None  #: The drag that it belongs to; None for an edit of its own.
 
 
 class History:

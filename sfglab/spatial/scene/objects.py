@@ -15,21 +15,6 @@ from sfglab.spatial.scene.errors import SceneError
 from sfglab.spatial.scene.properties import Property, as_name, choice, length, reference, shape
 from sfglab.spatial.trajectory import LATEST_NS, Align, Interpolation, Limits, Shape, Sphere
 
-__all__ = [
-    "KINDS",
-    "ROOT",
-    "AgentObject",
-    "Group",
-    "ObstacleObject",
-    "SceneObject",
-    "TrajectoryObject",
-    "WaypointObject",
-    "ZoneObject",
-    "ZoneRule",
-    "checked_object",
-    "place_of",
-]
-
 ROOT = 0
 """The parent of what stands at the top; no object has this id."""
 _FARTHEST_M = 1e6
@@ -49,24 +34,15 @@ class ZoneRule(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneObject:
-    """What all objects have.
+    """What all objects have."""
 
-    Attributes:
-        id: A whole number from 1, never given to another object.
-        name: For people; several objects may share one.
-        parent: Id of the group or trajectory that holds it, or `ROOT`.
-        pose: Where it is in its parent.
-        kind: Its word in files.
-        properties: What it has beyond this.
-    """
+    kind: ClassVar[str] = ""  #: Its word in files.
+    properties: ClassVar[tuple[Property, ...]] = ()  #: What it has beyond this.
 
-    kind: ClassVar[str] = ""
-    properties: ClassVar[tuple[Property, ...]] = ()
-
-    id: int
-    name: str
-    parent: int = ROOT
-    pose: Pose = field(default_factory=Pose)
+    id: int  #: A whole number from 1, never given to another object.
+    name: str  #: For people; several objects may share one.
+    parent: int = ROOT  #: Id of the group or trajectory that holds it, or `ROOT`.
+    pose: Pose = field(default_factory=Pose)  #: Where it is in its parent.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,14 +54,7 @@ class Group(SceneObject):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentObject(SceneObject):
-    """A robot. Its pose counts as long as no trajectory moves it.
-
-    Attributes:
-        radius_m: Of the sphere around its origin that nothing may enter.
-        speed_m_s: Its highest speed; None for no limit, as for the next two.
-        acceleration_m_s2: Its highest acceleration.
-        yaw_rate_rad_s: Its highest yaw rate.
-    """
+    """A robot. Its pose counts as long as no trajectory moves it."""
 
     kind: ClassVar[str] = "agent"
     properties: ClassVar[tuple[Property, ...]] = (
@@ -95,10 +64,10 @@ class AgentObject(SceneObject):
         length("yaw_rate_rad_s", optional=True),
     )
 
-    radius_m: float = 0.3
-    speed_m_s: float | None = None
-    acceleration_m_s2: float | None = None
-    yaw_rate_rad_s: float | None = None
+    radius_m: float = 0.3  #: Of the sphere around its origin that nothing may enter.
+    speed_m_s: float | None = None  #: Its highest speed; None for no limit, as for the next two.
+    acceleration_m_s2: float | None = None  #: Its highest acceleration.
+    yaw_rate_rad_s: float | None = None  #: Its highest yaw rate.
 
     @property
     def limits(self) -> Limits:
@@ -112,42 +81,28 @@ class AgentObject(SceneObject):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObstacleObject(SceneObject):
-    """A body that stands still and that no agent may touch.
-
-    Attributes:
-        shape: The body, centred at the pose.
-    """
+    """A body that stands still and that no agent may touch."""
 
     kind: ClassVar[str] = "obstacle"
     properties: ClassVar[tuple[Property, ...]] = (shape("shape"),)
 
-    shape: Shape = field(default_factory=lambda: Sphere(radius_m=0.5))
+    shape: Shape = field(default_factory=lambda: Sphere(radius_m=0.5))  #: The body, centred at the pose.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZoneObject(SceneObject):
-    """A part of space with a rule.
-
-    Attributes:
-        shape: The part, centred at the pose.
-        rule: What it is for.
-    """
+    """A part of space with a rule."""
 
     kind: ClassVar[str] = "zone"
     properties: ClassVar[tuple[Property, ...]] = (shape("shape"), choice("rule", ZoneRule))
 
-    shape: Shape = field(default_factory=lambda: Sphere(radius_m=0.5))
-    rule: ZoneRule = ZoneRule.FORBIDDEN
+    shape: Shape = field(default_factory=lambda: Sphere(radius_m=0.5))  #: The part, centred at the pose.
+    rule: ZoneRule = ZoneRule.FORBIDDEN  #: What it is for.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrajectoryObject(SceneObject):
-    """Holds waypoints, in order of time.
-
-    Attributes:
-        agent: Id of the agent that drives it; an agent drives one trajectory at most. None: nobody does yet.
-        interpolation: How to go from one waypoint to the next.
-    """
+    """Holds waypoints, in order of time."""
 
     kind: ClassVar[str] = "trajectory"
     properties: ClassVar[tuple[Property, ...]] = (
@@ -155,25 +110,21 @@ class TrajectoryObject(SceneObject):
         choice("interpolation", Interpolation),
     )
 
+    #: Id of the agent that drives it; an agent drives one trajectory at most. None: nobody does yet.
     agent: int | None = None
-    interpolation: Interpolation = Interpolation.POLYLINE
+    interpolation: Interpolation = Interpolation.POLYLINE  #: How to go from one waypoint to the next.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WaypointObject(SceneObject):
-    """Where a trajectory is at a time. It has a name only where somebody gave it one.
-
-    Attributes:
-        time_ns: Since the scene's time 0; no two of a trajectory share one.
-        align: What its x axis follows. Unless `Align.NONE`, its orientation is derived and setting one changes
-            nothing.
-    """
+    """Where a trajectory is at a time. It has a name only where somebody gave it one."""
 
     kind: ClassVar[str] = "waypoint"
     properties: ClassVar[tuple[Property, ...]] = (choice("align", Align),)
 
     name: str = ""
-    time_ns: int = 0
+    time_ns: int = 0  #: Since the scene's time 0; no two of a trajectory share one.
+    #: What its x axis follows. Unless `Align.NONE`, its orientation is derived and setting one changes nothing.
     align: Align = Align.NONE
 
 

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from sfglab.spatial.trajectory import Shape
 
-__all__ = ["Property", "as_name", "choice", "length", "reference", "shape", "text"]
 
 _LONGEST = 100
 _SHAPES: dict[str, type[Shape]] = {"box": Box, "sphere": Sphere, "cylinder": Cylinder}
@@ -27,20 +26,14 @@ _SHAPES: dict[str, type[Shape]] = {"box": Box, "sphere": Sphere, "cylinder": Cyl
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Property:
-    """One property of a kind of object.
+    """One property of a kind of object."""
 
-    Attributes:
-        name: Its name, with unit.
-        allowed: What it may be, in words.
-        parse: From a typed or plain value to the typed one; raises ValueError or TypeError.
-        plain: From the typed value to what stands in a file.
-        choices: What may be chosen from, for a form; empty where anything else is asked for.
-    """
-
-    name: str
-    allowed: str
+    name: str  #: Its name, with unit.
+    allowed: str  #: What it may be, in words.
+    #: From a typed or plain value to the typed one; raises ValueError or TypeError.
     parse: Callable[[Any], Any]
-    plain: Callable[[Any], Any] = lambda value: value
+    plain: Callable[[Any], Any] = lambda value: value  #: From the typed value to what stands in a file.
+    #: What may be chosen from, for a form; empty where anything else is asked for.
     choices: tuple[str, ...] = ()
 
     def typed(self, value: Any, place: str) -> Any:

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from sfglab.documents import Section
     from sfglab.spatial.scene.properties import Property
 
-__all__ = ["read_scene"]
 
 _NS_PER_S = 1_000_000_000
 _LATEST_S = LATEST_NS // _NS_PER_S

@@ -13,20 +13,13 @@ from sfglab.spatial.trajectory import Align, Limits, Trajectory, TrajectoryError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["AlignWaypoints", "Retime", "SetTime", "Stretch"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetTime:
-    """Give a waypoint another time; where that is beyond a neighbour's, their order changes.
+    """Give a waypoint another time; where that is beyond a neighbour's, their order changes."""
 
-    Attributes:
-        id: Which waypoint.
-        time_ns: Its time, which no other waypoint of the trajectory has.
-    """
-
-    id: int
-    time_ns: int
+    id: int  #: Which waypoint.
+    time_ns: int  #: Its time, which no other waypoint of the trajectory has.
 
     @property
     def label(self) -> str:
@@ -42,15 +35,10 @@ class SetTime:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlignWaypoints:
-    """Let all waypoints of a trajectory look along a neighbouring segment, or none. Paper A, section 4.5.
+    """Let all waypoints of a trajectory look along a neighbouring segment, or none. Paper A, section 4.5."""
 
-    Attributes:
-        id: The trajectory.
-        align: Along which segment.
-    """
-
-    id: int
-    align: Align
+    id: int  #: The trajectory.
+    align: Align  #: Along which segment.
 
     @property
     def label(self) -> str:
@@ -71,15 +59,10 @@ class AlignWaypoints:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Retime:
-    """Slow a trajectory down along its path until limits hold.
+    """Slow a trajectory down along its path until limits hold."""
 
-    Attributes:
-        id: The trajectory.
-        limits: What must hold; its agent's where it is None.
-    """
-
-    id: int
-    limits: Limits | None = None
+    id: int  #: The trajectory.
+    limits: Limits | None = None  #: What must hold; its agent's where it is None.
 
     @property
     def label(self) -> str:
@@ -100,15 +83,10 @@ class Retime:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stretch:
-    """Let a trajectory take longer, or less long, from its first waypoint's time on.
+    """Let a trajectory take longer, or less long, from its first waypoint's time on."""
 
-    Attributes:
-        id: The trajectory.
-        factor: By how much every duration grows.
-    """
-
-    id: int
-    factor: float
+    id: int  #: The trajectory.
+    factor: float  #: By how much every duration grows.
 
     @property
     def label(self) -> str:

@@ -30,7 +30,6 @@ from sfglab.spatial.trajectory import Trajectory, Waypoint, aligned_quat, in_fra
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-__all__ = ["SCENE_PROPERTIES", "Draft", "Scene"]
 
 _SAME_RAD = 1e-9
 """A waypoint aligned as well as this is left alone, so that files read back byte by byte."""
@@ -41,22 +40,14 @@ SCENE_PROPERTIES = (text("name"), text("frame_id"), length("margin_m", zero=True
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """A tree of objects.
+    """A tree of objects."""
 
-    Attributes:
-        name: For people.
-        frame_id: The frame of what stands at the top, for messages.
-        margin_m: How far agents must stay apart beyond their radii.
-        next_id: The least id that no object of this scene ever had.
-        objects: Every object by id.
-        children: Ids that `ROOT`, a group or a trajectory holds, in order; a trajectory's in order of time.
-    """
-
-    name: str = "scene"
-    frame_id: str = "map"
-    margin_m: float = 0.1
-    next_id: int = 1
-    objects: Mapping[int, SceneObject] = field(default_factory=dict)
+    name: str = "scene"  #: For people.
+    frame_id: str = "map"  #: The frame of what stands at the top, for messages.
+    margin_m: float = 0.1  #: How far agents must stay apart beyond their radii.
+    next_id: int = 1  #: The least id that no object of this scene ever had.
+    objects: Mapping[int, SceneObject] = field(default_factory=dict)  #: Every object by id.
+    #: Ids that `ROOT`, a group or a trajectory holds, in order; a trajectory's in order of time.
     children: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
 
     def get(self, id_: int) -> SceneObject:

@@ -17,7 +17,6 @@ from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Scene
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["FORMAT", "scene_text"]
 
 FORMAT = 1
 """The version of the file format."""

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from sfglab.spatial.trajectory.path import Trajectory
 
-__all__ = ["Align", "align_waypoint", "aligned_quat", "heading_quat"]
 
 _FLAT_M = 1e-9
 """Horizontal distances up to here say nothing about a heading."""

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.trajectory.path import Trajectory
     from sfglab.spatial.trajectory.shapes import Shape
 
-__all__ = ["TOLERANCE_M", "Approach", "ObstacleApproach", "closest_approach", "closest_to_shape"]
 
 TOLERANCE_M = 1e-4
 """How far a spline's closest distance may be above the true one, unless asked otherwise."""
@@ -41,40 +40,24 @@ _ROUNDS_ON_CURVES = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Approach:
-    """The moment at which two agents are closest; the first of several equal ones.
+    """The moment at which two agents are closest; the first of several equal ones."""
 
-    Attributes:
-        time_s: When.
-        distance_m: Between their centres.
-        clearance_m: Between their hulls; negative where they overlap.
-        position_a_m: Where the first is then.
-        position_b_m: Where the second is then.
-        tolerance_m: The true least distance is at most this much smaller; 0 for polylines.
-    """
-
-    time_s: float
-    distance_m: float
-    clearance_m: float
-    position_a_m: Vec3
-    position_b_m: Vec3
-    tolerance_m: float
+    time_s: float  #: When.
+    distance_m: float  #: Between their centres.
+    clearance_m: float  #: Between their hulls; negative where they overlap.
+    position_a_m: Vec3  #: Where the first is then.
+    position_b_m: Vec3  #: Where the second is then.
+    tolerance_m: float  #: The true least distance is at most this much smaller; 0 for polylines.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObstacleApproach:
-    """The moment at which an agent is closest to a body, or deepest inside.
+    """The moment at which an agent is closest to a body, or deepest inside."""
 
-    Attributes:
-        time_s: When.
-        clearance_m: Between the agent's hull and the surface; negative where they overlap.
-        position_m: Where the agent's centre is then.
-        tolerance_m: The true least clearance is at most this much smaller; 0 for polylines.
-    """
-
-    time_s: float
-    clearance_m: float
-    position_m: Vec3
-    tolerance_m: float
+    time_s: float  #: When.
+    clearance_m: float  #: Between the agent's hull and the surface; negative where they overlap.
+    position_m: Vec3  #: Where the agent's centre is then.
+    tolerance_m: float  #: The true least clearance is at most this much smaller; 0 for polylines.
 
 
 def closest_approach(

@@ -12,8 +12,6 @@ from decimal import Decimal, InvalidOperation
 from sfglab.spatial.poses import Pose, PoseError
 from sfglab.spatial.trajectory.path import Interpolation, Trajectory, TrajectoryError
 
-__all__ = ["COLUMNS", "csv_from_trajectory", "trajectory_from_csv"]
-
 COLUMNS = ("time_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 _NS_PER_S = 1_000_000_000
 

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.trajectory.motion import Motion
     from sfglab.spatial.trajectory.path import Trajectory
 
-__all__ = ["LimitViolation", "Limits", "Peaks", "Quantity", "limit_violations", "peaks"]
 
 _GRID = 65
 _ZOOMS = 3
@@ -53,18 +52,13 @@ class Quantity(Enum):
 class Limits:
     """What an agent can do; None is no limit.
 
-    Attributes:
-        speed_m_s: Above zero.
-        acceleration_m_s2: Above zero.
-        yaw_rate_rad_s: Above zero.
-
     Raises:
         TrajectoryError: A limit is not a finite number above zero.
     """
 
-    speed_m_s: float | None = None
-    acceleration_m_s2: float | None = None
-    yaw_rate_rad_s: float | None = None
+    speed_m_s: float | None = None  #: Above zero.
+    acceleration_m_s2: float | None = None  #: Above zero.
+    yaw_rate_rad_s: float | None = None  #: Above zero.
 
     def __post_init__(self) -> None:
         for quantity in Quantity:
@@ -80,23 +74,14 @@ class Limits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LimitViolation:
-    """A segment, or a polyline's corner, where a limit is exceeded.
+    """A segment, or a polyline's corner, where a limit is exceeded."""
 
-    Attributes:
-        quantity: Which limit.
-        segment: From 0; a corner counts to the segment that leaves it.
-        time_s: Where it is exceeded most.
-        position_m: The position then.
-        value: In the quantity's unit.
-        limit: What is allowed.
-    """
-
-    quantity: Quantity
-    segment: int
-    time_s: float
-    position_m: Vec3
-    value: float
-    limit: float
+    quantity: Quantity  #: Which limit.
+    segment: int  #: From 0; a corner counts to the segment that leaves it.
+    time_s: float  #: Where it is exceeded most.
+    position_m: Vec3  #: The position then.
+    value: float  #: In the quantity's unit.
+    limit: float  #: What is allowed.
 
     def __str__(self) -> str:
         x, y, z = self.position_m
@@ -106,15 +91,10 @@ class LimitViolation:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Peaks:
-    """The largest value of a quantity in every segment.
+    """The largest value of a quantity in every segment."""
 
-    Attributes:
-        values: Shape (n - 1,), in the quantity's unit.
-        times_s: When, shape (n - 1,).
-    """
-
-    values: NDArray[np.float64]
-    times_s: NDArray[np.float64]
+    values: NDArray[np.float64]  #: Shape (n - 1,), in the quantity's unit.
+    times_s: NDArray[np.float64]  #: When, shape (n - 1,).
 
 
 def peaks(trajectory: Trajectory, quantity: Quantity) -> Peaks:

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
     from sfglab.spatial.trajectory.path import Waypoint
 
-__all__ = ["Motion", "Samples", "motion_of", "pose_at", "resampled", "sample"]
 
 _TOGETHER_M = 1e-9
 """Waypoints of a spline that are closer than this are one place."""
@@ -43,23 +42,15 @@ _NS_PER_S = 1e9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Samples:
-    """A trajectory at n times.
+    """A trajectory at n times."""
 
-    Attributes:
-        times_s: When, shape (n,).
-        positions_m: Shape (n, 3).
-        quats_xyzw: Shape (n, 4); a sign says nothing.
-        velocities_m_s: Shape (n, 3); at a waypoint, of the segment that leaves.
-        accelerations_m_s2: Shape (n, 3); inside a polyline's segments it is zero, its corners are for `limits`.
-        angular_rad_s: Angular velocity in the fixed frame, shape (n, 3).
-    """
-
-    times_s: NDArray[np.float64]
-    positions_m: NDArray[np.float64]
-    quats_xyzw: NDArray[np.float64]
-    velocities_m_s: NDArray[np.float64]
+    times_s: NDArray[np.float64]  #: When, shape (n,).
+    positions_m: NDArray[np.float64]  #: Shape (n, 3).
+    quats_xyzw: NDArray[np.float64]  #: Shape (n, 4); a sign says nothing.
+    velocities_m_s: NDArray[np.float64]  #: Shape (n, 3); at a waypoint, of the segment that leaves.
+    #: Shape (n, 3); inside a polyline's segments it is zero, its corners are for `limits`.
     accelerations_m_s2: NDArray[np.float64]
-    angular_rad_s: NDArray[np.float64]
+    angular_rad_s: NDArray[np.float64]  #: Angular velocity in the fixed frame, shape (n, 3).
 
     @property
     def speeds_m_s(self) -> NDArray[np.float64]:

@@ -19,17 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 
-__all__ = [
-    "LATEST_NS",
-    "Interpolation",
-    "Trajectory",
-    "TrajectoryError",
-    "Waypoint",
-    "in_frame",
-    "stretched",
-    "with_durations",
-]
-
 LATEST_NS = 10**15
 """Eleven days. Up to here a time in seconds, as a float with nine decimals, gives back its nanoseconds."""
 
@@ -68,31 +57,22 @@ class Interpolation(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Waypoint:
-    """Where to be, and when.
+    """Where to be, and when."""
 
-    Attributes:
-        time_ns: Since the trajectory's time 0, 0 to `LATEST_NS`.
-        pose: Where, and how turned.
-    """
-
-    time_ns: int
-    pose: Pose
+    time_ns: int  #: Since the trajectory's time 0, 0 to `LATEST_NS`.
+    pose: Pose  #: Where, and how turned.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trajectory:
     """Waypoints in order of time. Before the first and after the last, one stands there.
 
-    Attributes:
-        waypoints: At least one; their times grow strictly.
-        interpolation: How to go from one to the next.
-
     Raises:
         TrajectoryError: There is no waypoint, a time is out of range, or times do not grow.
     """
 
-    waypoints: tuple[Waypoint, ...]
-    interpolation: Interpolation = Interpolation.POLYLINE
+    waypoints: tuple[Waypoint, ...]  #: At least one; their times grow strictly.
+    interpolation: Interpolation = Interpolation.POLYLINE  #: How to go from one to the next.
 
     def __post_init__(self) -> None:
         if not self.waypoints:

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.trajectory.limits import Limits
     from sfglab.spatial.trajectory.path import Trajectory
 
-__all__ = ["retimed"]
 
 _LOCAL_ROUNDS = 30
 _CLOSE = 1e-6

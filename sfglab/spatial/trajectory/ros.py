@@ -17,12 +17,6 @@ from sfglab.spatial.trajectory.path import Interpolation, Trajectory, Trajectory
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = [
-    "multi_dof_from_trajectory",
-    "path_from_trajectory",
-    "trajectory_from_multi_dof",
-    "trajectory_from_path",
-]
 
 _NS_PER_S = 1_000_000_000
 

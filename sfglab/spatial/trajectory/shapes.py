@@ -16,8 +16,6 @@ from sfglab.spatial.trajectory.path import TrajectoryError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Box", "Cylinder", "Shape", "Sphere"]
-
 
 class _Body:
     __slots__ = ()
@@ -31,13 +29,9 @@ class _Body:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box(_Body):
-    """A box.
+    """A box."""
 
-    Attributes:
-        size_m: Lengths along x, y and z.
-    """
-
-    size_m: tuple[float, float, float]
+    size_m: tuple[float, float, float]  #: Lengths along x, y and z.
 
     @property
     def reach_m(self) -> float:
@@ -51,13 +45,9 @@ class Box(_Body):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sphere(_Body):
-    """A sphere.
+    """A sphere."""
 
-    Attributes:
-        radius_m: Its radius.
-    """
-
-    radius_m: float
+    radius_m: float  #: Its radius.
 
     @property
     def reach_m(self) -> float:
@@ -71,15 +61,10 @@ class Sphere(_Body):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cylinder(_Body):
-    """A cylinder, upright along z.
+    """A cylinder, upright along z."""
 
-    Attributes:
-        radius_m: Its radius.
-        height_m: Its height, half of it below the centre.
-    """
-
-    radius_m: float
-    height_m: float
+    radius_m: float  #: Its radius.
+    height_m: float  #: Its height, half of it below the centre.
 
     @property
     def reach_m(self) -> float:

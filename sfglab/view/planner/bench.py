@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene import Change, Editor
     from sfglab.view.planner.desk import Desk
 
-__all__ = ["Bench", "Part"]
-
 
 class Part(Protocol):
     """A part of the window: it shows what the editor has, and leaves what people want at the desk."""
@@ -23,19 +21,12 @@ class Part(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """What a part works with.
+    """What a part works with."""
 
-    Attributes:
-        viser: The library.
-        server: Its server; what is added to it, every browser shows.
-        editor: The scene in work; touched on the desk's thread only.
-        desk: The thread.
-    """
-
-    viser: Any
-    server: Any
-    editor: Editor
-    desk: Desk
+    viser: Any  #: The library.
+    server: Any  #: Its server; what is added to it, every browser shows.
+    editor: Editor  #: The scene in work; touched on the desk's thread only.
+    desk: Desk  #: The thread.
 
     def on(
         self,

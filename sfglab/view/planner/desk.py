@@ -17,7 +17,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
-__all__ = ["Desk"]
 
 _log = logging.getLogger(__name__)
 _T = TypeVar("_T")

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.trajectory import Shape
     from sfglab.view.planner.looks import Colour
 
-__all__ = ["Drawing"]
 
 _OBSTACLE: Colour = (125, 130, 140)
 _FORBIDDEN: Colour = (214, 60, 60)

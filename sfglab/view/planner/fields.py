@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene import Command, Property, Scene, SceneObject
     from sfglab.spatial.trajectory import Shape
 
-__all__ = ["Field", "FieldKind", "label_of", "property_fields", "titled"]
 
 _NONE = "none"
 _SHAPES = ("box", "sphere", "cylinder")
@@ -47,27 +46,16 @@ class FieldKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Field:
-    """One field.
+    """One field."""
 
-    Attributes:
-        key: Its name among the object's fields.
-        label: What people read, with unit.
-        kind: How it is typed.
-        value: What stands in it: str, float, three floats, or bool.
-        command: From a new value to the edit.
-        choices: Of a CHOICE.
-        hint: What is allowed.
-        enabled: Whether it can be changed now.
-    """
-
-    key: str
-    label: str
-    kind: FieldKind
-    value: Any
-    command: Callable[[Any], Command]
-    choices: tuple[str, ...] = ()
-    hint: str = ""
-    enabled: bool = True
+    key: str  #: Its name among the object's fields.
+    label: str  #: What people read, with unit.
+    kind: FieldKind  #: How it is typed.
+    value: Any  #: What stands in it: str, float, three floats, or bool.
+    command: Callable[[Any], Command]  #: From a new value to the edit.
+    choices: tuple[str, ...] = ()  #: Of a CHOICE.
+    hint: str = ""  #: What is allowed.
+    enabled: bool = True  #: Whether it can be changed now.
 
 
 def property_fields(scene: Scene, thing: SceneObject, prop: Property) -> Iterator[Field]:

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.poses import Vec3
     from sfglab.spatial.scene import Command, Scene, SceneObject
 
-__all__ = ["fields_of", "yaw_pitch_roll_deg"]
 
 _DECIMALS = 6
 _DECIMALS_DEG = 2

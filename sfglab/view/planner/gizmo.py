@@ -12,7 +12,6 @@ from sfglab.view.planner.looks import wxyz
 if TYPE_CHECKING:
     from sfglab.view.planner.bench import Bench
 
-__all__ = ["Gizmo"]
 
 _SCALE = 1.6
 

@@ -11,8 +11,6 @@ from sfglab.errors import MissingExtraError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["quiet", "viser"]
-
 
 def viser() -> Any:
     """Return viser.

@@ -21,18 +21,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene import Scene
     from sfglab.spatial.trajectory import Trajectory
 
-__all__ = [
-    "NOBODY",
-    "Colour",
-    "agent_colours",
-    "camera_for",
-    "line_of",
-    "linear",
-    "outline_of",
-    "ramp",
-    "top_speed_m_s",
-    "wxyz",
-]
 
 Colour = tuple[int, int, int]
 

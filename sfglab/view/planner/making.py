@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.poses import Vec3
     from sfglab.spatial.scene import Editor, Scene
 
-__all__ = ["ADDABLE", "add", "add_waypoint", "insert_waypoint"]
 
 ADDABLE = ("agent", "obstacle", "zone", "trajectory", "group")
 """What the toolbar adds."""

@@ -10,7 +10,6 @@ from sfglab.spatial.scene import ROOT, SceneObject, TrajectoryObject, WaypointOb
 if TYPE_CHECKING:
     from sfglab.spatial.scene import Scene
 
-__all__ = ["MOST_ROWS", "TreeRow", "open_trajectory", "rows_of", "title_of"]
 
 MOST_ROWS = 300
 """A browser shows so many buttons at once with ease."""
@@ -18,21 +17,13 @@ MOST_ROWS = 300
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TreeRow:
-    """One object in the list.
+    """One object in the list."""
 
-    Attributes:
-        id: Its id.
-        kind: Its kind's word.
-        depth: How many parents it has.
-        text: What people read.
-        selected: Whether it is selected.
-    """
-
-    id: int
-    kind: str
-    depth: int
-    text: str
-    selected: bool
+    id: int  #: Its id.
+    kind: str  #: Its kind's word.
+    depth: int  #: How many parents it has.
+    text: str  #: What people read.
+    selected: bool  #: Whether it is selected.
 
 
 def rows_of(scene: Scene, selection: tuple[int, ...]) -> tuple[TreeRow, ...]:

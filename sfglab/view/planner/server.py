@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
     from sfglab.spatial.scene import Change, Conflict, Scene
 
-__all__ = ["DEFAULT_PORT", "Planner", "PlannerError", "show_planner"]
 
 DEFAULT_PORT = 8092
 _log = logging.getLogger(__name__)

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene import Change, Conflict, Scene
     from sfglab.view.planner.bench import Bench
 
-__all__ = ["Viewport", "concerned"]
 
 _FLOOR_M = 40.0
 

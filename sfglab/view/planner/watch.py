@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from sfglab.spatial.scene import Conflict, Scene
 
-__all__ = ["ConflictWatch"]
-
 
 class ConflictWatch:
     """Checks the newest scene that it was shown, and leaves out those between.

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["CompressedDepthCloud", "DepthCloud", "LaserScan", "PointCloud"]
 
 _RADIUS = Parameter(
     name="radius_m",

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 Color = tuple[int, int, int]
 
-__all__ = ["LIFE_COLORS", "AgentStatus", "Communication", "border_edges", "describe"]
 
 LIFE_COLORS = {
     Life.SILENT: (150, 150, 150),

@@ -19,7 +19,6 @@ from sfglab.view.visualizer import Canvas, Input, Update, Visualizer
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["CameraModel", "CompressedImage", "Image", "image_plane"]
 
 _OPACITY = Parameter(
     name="opacity", default=1.0, minimum=0.0, maximum=1.0, help="1 hides what is behind the picture"

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["Marker", "MarkerArray"]
 
 _ADD, _DELETE, _DELETE_ALL = 0, 2, 3
 _ARROW, _CUBE, _SPHERE, _CYLINDER, _LINE_STRIP, _LINE_LIST = 0, 1, 2, 3, 4, 5

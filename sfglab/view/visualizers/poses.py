@@ -19,7 +19,6 @@ from sfglab.view.visualizer import Canvas, Input, Update, Visualizer
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Imu", "Odometry", "Path", "Pose", "StaticTransforms", "Transforms", "pose_arrays"]
 
 _TF = "tf2_msgs/msg/TFMessage"
 _MOST_FRAMES = 10_000

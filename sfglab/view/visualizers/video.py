@@ -20,7 +20,6 @@ from sfglab.view.visualizers.images import image_plane
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["CompressedImageVideo", "FfmpegVideo", "FoxgloveVideo", "has_key_frame"]
 
 _CODECS = {"h264": "H264", "hevc": "H265", "h265": "H265", "av1": "AV1"}
 _IDR = {"h264": lambda first: first & 31 == 5, "h265": lambda first: 16 <= first >> 1 & 63 <= 21}

@@ -10,9 +10,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.experiments.balancing.analysis import load_results, measure_claims, saved, staleness
-from sfglab.lab.experiments.balancing.config import Config, ConfigError
+from sfglab.lab.experiments.balancing.config import Config
 from sfglab.lab.experiments.balancing.figure import figure_caches, figure_qos, figure_stale
 from sfglab.lab.experiments.balancing.run import run
+from sfglab.lab.experiments.profiles import ConfigError
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,34 +14,22 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-__all__ = ["Results", "load_results", "measure_claims", "saved", "staleness"]
 
 TABLES = ("table_one", "cache", "check", "stale", "shown", "balance", "front")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """The tables of one run, as `rows` describes them.
+    """The tables of one run, as `rows` describes them."""
 
-    Attributes:
-        table_one: Table 1 beside what is sent.
-        cache: What the caches did with readings.
-        check: Properties, how often checked and how often held.
-        stale: Runs over links with losses.
-        shown: Courses of examples.
-        balance: Eq. 6 solved twice.
-        front: Points of the Pareto front of our own problem.
-        config: The run's configuration.
-    """
-
-    table_one: pd.DataFrame
-    cache: pd.DataFrame
-    check: pd.DataFrame
-    stale: pd.DataFrame
-    shown: pd.DataFrame
-    balance: pd.DataFrame
-    front: pd.DataFrame
-    config: dict[str, Any]
+    table_one: pd.DataFrame  #: Table 1 beside what is sent.
+    cache: pd.DataFrame  #: What the caches did with readings.
+    check: pd.DataFrame  #: Properties, how often checked and how often held.
+    stale: pd.DataFrame  #: Runs over links with losses.
+    shown: pd.DataFrame  #: Courses of examples.
+    balance: pd.DataFrame  #: Eq. 6 solved twice.
+    front: pd.DataFrame  #: Points of the Pareto front of our own problem.
+    config: dict[str, Any]  #: The run's configuration.
 
 
 def load_results(log: Path) -> Results:

@@ -22,34 +22,22 @@ if TYPE_CHECKING:
     from sfglab.arp.sensors import Sensor
     from sfglab.lab.experiments.balancing.config import Config
 
-__all__ = ["Passage", "cache_rows", "pass_through"]
 
 SILENCE_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Passage:
-    """What became of a sensor's readings.
+    """What became of a sensor's readings."""
 
-    Attributes:
-        values: The readings.
-        sent: For each, whether the local cache let it pass.
-        refreshed: How many passed because of the silence.
-        held_bytes: What the local cache says it saved.
-        size_bytes: Size of one message.
-        planned: For each, whether cache control let it pass, all readings being sent.
-        planned_after: For each, whether it passed both.
-        known: What planning works with after each reading, both caches in use.
-    """
-
-    values: list[Any]
-    sent: list[bool]
-    refreshed: int
-    held_bytes: int
-    size_bytes: int
-    planned: list[bool]
-    planned_after: list[bool]
-    known: list[Any]
+    values: list[Any]  #: The readings.
+    sent: list[bool]  #: For each, whether the local cache let it pass.
+    refreshed: int  #: How many passed because of the silence.
+    held_bytes: int  #: What the local cache says it saved.
+    size_bytes: int  #: Size of one message.
+    planned: list[bool]  #: For each, whether cache control let it pass, all readings being sent.
+    planned_after: list[bool]  #: For each, whether it passed both.
+    known: list[Any]  #: What planning works with after each reading, both caches in use.
 
 
 @dataclass(slots=True)

@@ -5,42 +5,27 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sfglab.arp.methods import RATES_HZ
-from sfglab.lab.experiments.profiles import ConfigError, of_profile
-
-__all__ = ["Config", "ConfigError"]
+from sfglab.lab.experiments.profiles import of_profile
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """The whole run.
+    """The whole run."""
 
-    Attributes:
-        profile: Name of the profile it came from.
-        readings_s: How long each sensor is read, seconds of its own time.
-        rates_hz: At which rates it is read.
-        stale_s: How long each link with losses is simulated, seconds.
-        stale_seeds: With how many seeds.
-        silences_s: Longest silences of the local cache, seconds; 0: none, as in the paper.
-        loss: Share of frames that these links lose.
-        topics: Values of T_avg, as topics of one agent, for which Eq. 6 is solved.
-        rates_min_hz: Values of Rmin for which it is solved.
-        topic_file: Topics that our own problem is solved for, in the data folder.
-        weights: Points of the Pareto front of our own problem.
-        seed: Seed of everything that is drawn.
-    """
-
-    profile: str
-    readings_s: float
-    rates_hz: tuple[int, ...] = RATES_HZ
-    stale_s: float = 600.0
-    stale_seeds: int = 20
+    profile: str  #: Name of the profile it came from.
+    readings_s: float  #: How long each sensor is read, seconds of its own time.
+    rates_hz: tuple[int, ...] = RATES_HZ  #: At which rates it is read.
+    stale_s: float = 600.0  #: How long each link with losses is simulated, seconds.
+    stale_seeds: int = 20  #: With how many seeds.
+    #: Longest silences of the local cache, seconds; 0: none, as in the paper.
     silences_s: tuple[float, ...] = (0.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
-    loss: float = 0.2
+    loss: float = 0.2  #: Share of frames that these links lose.
+    #: Values of T_avg, as topics of one agent, for which Eq. 6 is solved.
     topics: tuple[tuple[int, ...], ...] = ((6, 5, 5), (7, 6, 6), (8, 5, 5), (8, 6, 6), (9, 9, 9), (10,))
-    rates_min_hz: tuple[float, ...] = (0.5, 1.0, 10.0)
-    topic_file: str = "qos/paper_b.yaml"
-    weights: int = 25
-    seed: int = 0
+    rates_min_hz: tuple[float, ...] = (0.5, 1.0, 10.0)  #: Values of Rmin for which it is solved.
+    topic_file: str = "qos/paper_b.yaml"  #: Topics that our own problem is solved for, in the data folder.
+    weights: int = 25  #: Points of the Pareto front of our own problem.
+    seed: int = 0  #: Seed of everything that is drawn.
 
     @classmethod
     def of_profile(cls, profile: str, *, seed: int = 0) -> Config:

@@ -14,16 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "draw_caches",
-    "draw_course",
-    "draw_front",
-    "draw_optimum",
-    "draw_stale",
-    "figure_caches",
-    "figure_qos",
-    "figure_stale",
-]
 
 _SHADES = ("third", "proxy", "fourth", "standard")
 

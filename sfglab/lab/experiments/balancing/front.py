@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from sfglab.arp.plan import Plan
     from sfglab.lab.experiments.balancing.config import Config
 
-__all__ = ["front_rows"]
-
 
 def front_rows(config: Config) -> list[FrontRow]:
     """Return the front and the printed optimum for every Rmax.

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from sfglab.arp.balancing import Balance
     from sfglab.lab.experiments.balancing.config import Config
 
-__all__ = ["WEIGHTS", "balance_checks", "balance_rows"]
 
 WEIGHTS = (0.05, 0.5, 0.95)
 _TOLERANCE = 1e-5

@@ -13,7 +13,6 @@ import numpy as np
 if TYPE_CHECKING:
     from sfglab.arp.sensors import Sensor
 
-__all__ = ["readings"]
 
 _STATES: dict[str, tuple[Any, Any]] = {
     "flame": (False, True),

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.balancing.config import Config
 
-__all__ = ["run"]
-
 
 def run(config: Config, path: Path) -> Path:
     """Run the experiment; nothing in it depends on the machine's speed.

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.balancing.config import Config
     from sfglab.rtps import FlowOutcome
 
-__all__ = ["QOS", "SENSOR", "SHOWN", "stale_rows"]
 
 SENSOR = "pir"
 RATE_HZ = 100.0

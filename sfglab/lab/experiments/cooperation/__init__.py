@@ -19,7 +19,7 @@ from sfglab.lab.experiments.cooperation.analysis import (
     staleness,
 )
 from sfglab.lab.experiments.cooperation.animation import film, show_film
-from sfglab.lab.experiments.cooperation.config import Config, ConfigError
+from sfglab.lab.experiments.cooperation.config import Config
 from sfglab.lab.experiments.cooperation.figure import (
     figure_16,
     figure_17_18,
@@ -29,6 +29,7 @@ from sfglab.lab.experiments.cooperation.figure import (
 )
 from sfglab.lab.experiments.cooperation.replay import write_rerun
 from sfglab.lab.experiments.cooperation.run import run
+from sfglab.lab.experiments.profiles import ConfigError
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -26,18 +26,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = [
-    "Results",
-    "contrasts",
-    "difference",
-    "failures",
-    "lines_of",
-    "load_results",
-    "measure_claims",
-    "rates",
-    "staleness",
-    "wilson",
-]
 
 AS_IS = "Fast DDS, 1 % loss"
 _Z = 1.959963984540054  # of 95 %
@@ -45,23 +33,14 @@ _Z = 1.959963984540054  # of 95 %
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """The tables of one run.
+    """The tables of one run."""
 
-    Attributes:
-        courses: One line a run, with ``success``.
-        contrasts: The same of the contrasts; None without any.
-        tracks: Where robots were, in the runs that are drawn; None without any.
-        examples: The drawn runs' lines by name.
-        config: The run's configuration.
-        live: What is to be said of the live drive.
-    """
-
-    courses: pd.DataFrame
-    contrasts: pd.DataFrame | None
-    tracks: pd.DataFrame | None
-    examples: dict[str, Any]
-    config: dict[str, Any]
-    live: dict[str, Any]
+    courses: pd.DataFrame  #: One line a run, with ``success``.
+    contrasts: pd.DataFrame | None  #: The same of the contrasts; None without any.
+    tracks: pd.DataFrame | None  #: Where robots were, in the runs that are drawn; None without any.
+    examples: dict[str, Any]  #: The drawn runs' lines by name.
+    config: dict[str, Any]  #: The run's configuration.
+    live: dict[str, Any]  #: What is to be said of the live drive.
 
 
 def load_results(log: Path) -> Results:

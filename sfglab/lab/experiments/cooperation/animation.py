@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.cooperation.analysis import Results
 
-__all__ = ["film", "frames_of", "show_film"]
 
 _SPEED = 5  # times real time
 _FPS = 10

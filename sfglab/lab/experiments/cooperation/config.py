@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from sfglab.arp.balancing import BalanceInput, balance
 from sfglab.arp.hallway import AREAS, BEAMS_DEG
 from sfglab.arp.methods import METHODS, RATES_HZ
-from sfglab.lab.experiments.profiles import ConfigError, of_profile
+from sfglab.lab.experiments.profiles import of_profile
 from sfglab.rtps import Medium
-
-__all__ = ["DEPTHS", "OPTIMUM", "Config", "ConfigError", "Point", "Setting", "points_of", "setting_of"]
 
 DEPTHS = (1, 10, 1000)
 """Of Table 2, without optimisation: the paper does not say which depth Fig. 16 had, so the smallest, ROS 2's
@@ -27,34 +25,21 @@ _MEDIUM = Medium()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Point:
-    """One cell: a method at a rate and a depth, over one medium.
+    """One cell: a method at a rate and a depth, over one medium."""
 
-    Attributes:
-        method: One of `METHODS`.
-        rate_max_hz: Rmax.
-        depth: Of Table 2; `OPTIMUM`: D of Eq. 6, only with OPT.
-        vendor: A name in `PRESETS`.
-        medium: What carries the frames.
-    """
-
-    method: str
-    rate_max_hz: int
-    depth: int
-    vendor: str = "fast_dds"
-    medium: Medium = _MEDIUM
+    method: str  #: One of `METHODS`.
+    rate_max_hz: int  #: Rmax.
+    depth: int  #: Of Table 2; `OPTIMUM`: D of Eq. 6, only with OPT.
+    vendor: str = "fast_dds"  #: A name in `PRESETS`.
+    medium: Medium = _MEDIUM  #: What carries the frames.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """What a point comes to.
+    """What a point comes to."""
 
-    Attributes:
-        rate_hz: Rate of each topic.
-        depth: Depth of each writer's and reader's history.
-    """
-
-    rate_hz: float
-    depth: int
+    rate_hz: float  #: Rate of each topic.
+    depth: int  #: Depth of each writer's and reader's history.
 
 
 def setting_of(point: Point) -> Setting:
@@ -69,24 +54,16 @@ def setting_of(point: Point) -> Setting:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """The whole run.
+    """The whole run."""
 
-    Attributes:
-        profile: Name of the profile it came from.
-        rates_hz: The values of Rmax.
-        seeds: How many runs of each point.
-        contrast_seeds: How many of each point of the contrasts: no loss, another vendor's timing, and the rate
-            of Eq. 6 without its depth.
-        live_s: How long the live robots drive, seconds; 0: none is run.
-        seed: The first seed.
-    """
-
-    profile: str
-    rates_hz: tuple[int, ...] = RATES_HZ
-    seeds: int = 6
+    profile: str  #: Name of the profile it came from.
+    rates_hz: tuple[int, ...] = RATES_HZ  #: The values of Rmax.
+    seeds: int = 6  #: How many runs of each point.
+    #: How many of each point of the contrasts: no loss, another vendor's timing, and the rate of Eq. 6 without
+    #: its depth.
     contrast_seeds: int = 2
-    live_s: float = 0.0
-    seed: int = 0
+    live_s: float = 0.0  #: How long the live robots drive, seconds; 0: none is run.
+    seed: int = 0  #: The first seed.
 
     @classmethod
     def of_profile(cls, profile: str, *, seed: int = 0) -> Config:

@@ -24,17 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "draw_area",
-    "draw_rates",
-    "draw_staleness",
-    "draw_track",
-    "figure_16",
-    "figure_17_18",
-    "figure_contrasts",
-    "figure_live",
-    "figure_staleness",
-]
 
 RUN_COLORS = {
     "success": COLORS["third"],

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.cooperation.config import Point
     from sfglab.lab.hosts import Host, RadioCounters
 
-__all__ = ["LIVE", "LiveDrive", "drive_live"]
 
 LIVE = "live"
 DOMAIN = 47
@@ -36,21 +35,13 @@ _POLL_S = 0.1
 
 @dataclass(kw_only=True)
 class LiveDrive:
-    """What came of a live drive.
+    """What came of a live drive."""
 
-    Attributes:
-        tracks: Where every robot was at each turn of its LIDAR.
-        verdict: How it ended; None: the time was over.
-        lasted_s: How long it was driven.
-        held: Share of values that the local caches held back.
-        radio: What the radio did.
-    """
-
-    tracks: list[TrackRow] = field(default_factory=list)
-    verdict: Verdict | None = None
-    lasted_s: float = 0.0
-    held: float = 0.0
-    radio: RadioCounters | None = None
+    tracks: list[TrackRow] = field(default_factory=list)  #: Where every robot was at each turn of its LIDAR.
+    verdict: Verdict | None = None  #: How it ended; None: the time was over.
+    lasted_s: float = 0.0  #: How long it was driven.
+    held: float = 0.0  #: Share of values that the local caches held back.
+    radio: RadioCounters | None = None  #: What the radio did.
 
 
 class _Reports:

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.cooperation.rows import TrackRow
     from sfglab.record import LogWriter
 
-__all__ = ["AREA_SHIFT_M", "scan_at", "write_messages", "write_rerun"]
 
 AREA_SHIFT_M = 7.0
 """How far apart areas are drawn, to the right."""

@@ -4,86 +4,46 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["CourseRow", "TrackRow"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CourseRow:
-    """One simulated run: how it ended, and how its messages did.
+    """One simulated run: how it ended, and how its messages did."""
 
-    Attributes:
-        method: One of `METHODS`.
-        rate_max_hz: Rmax.
-        depth: Option of Table 2; 0: the optimum.
-        vendor: Name of the preset that times the protocol.
-        loss: Share of frames that the medium lost.
-        seed: Of physics and medium.
-        rate_hz: At which each topic was sent.
-        depth_used: Depth of the writers' history.
-        end: An `End`.
-        robot: Who failed, ``robot1`` to ``robot3``; empty: nobody, or nobody alone.
-        ended_s: When.
-        wound: Rounds that the slowest robot had come by then.
-        airtime: Share of the time that the medium was taken.
-        beams_sent: Beams' samples that were published.
-        held: Values that local caches held back.
-        compared: Values that cache control discarded.
-        processed: Values that planning and actuation worked on.
-        queue_full: Frames dropped because a host's queue was full.
-        beams_lost: Share of the beams' samples that the station never had, or not by the end.
-        beam_p50_ms: Median time from a beam's publication until it was processed; NaN: nothing arrived.
-        beam_p99_ms: The same, of which one in a hundred is longer.
-        command_p50_ms: Median time from a command's publication until it was executed.
-        command_p99_ms: The same, of which one in a hundred is longer.
-        stale_s: Longest time that something sent was newer than what its reader had.
-        stale_flow: Topic that it was on.
-    """
-
-    method: str
-    rate_max_hz: int
-    depth: int
-    vendor: str
-    loss: float
-    seed: int
-    rate_hz: float
-    depth_used: int
-    end: str
-    robot: str
-    ended_s: float
-    wound: float
-    airtime: float
-    beams_sent: int
-    held: int
-    compared: int
-    processed: int
-    queue_full: int
-    beams_lost: float
-    beam_p50_ms: float
-    beam_p99_ms: float
-    command_p50_ms: float
-    command_p99_ms: float
-    stale_s: float
-    stale_flow: str
+    method: str  #: One of `METHODS`.
+    rate_max_hz: int  #: Rmax.
+    depth: int  #: Option of Table 2; 0: the optimum.
+    vendor: str  #: Name of the preset that times the protocol.
+    loss: float  #: Share of frames that the medium lost.
+    seed: int  #: Of physics and medium.
+    rate_hz: float  #: At which each topic was sent.
+    depth_used: int  #: Depth of the writers' history.
+    end: str  #: An `End`.
+    robot: str  #: Who failed, ``robot1`` to ``robot3``; empty: nobody, or nobody alone.
+    ended_s: float  #: When.
+    wound: float  #: Rounds that the slowest robot had come by then.
+    airtime: float  #: Share of the time that the medium was taken.
+    beams_sent: int  #: Beams' samples that were published.
+    held: int  #: Values that local caches held back.
+    compared: int  #: Values that cache control discarded.
+    processed: int  #: Values that planning and actuation worked on.
+    queue_full: int  #: Frames dropped because a host's queue was full.
+    beams_lost: float  #: Share of the beams' samples that the station never had, or not by the end.
+    beam_p50_ms: float  #: Median time from a beam's publication until it was processed; NaN: nothing arrived.
+    beam_p99_ms: float  #: The same, of which one in a hundred is longer.
+    command_p50_ms: float  #: Median time from a command's publication until it was executed.
+    command_p99_ms: float  #: The same, of which one in a hundred is longer.
+    stale_s: float  #: Longest time that something sent was newer than what its reader had.
+    stale_flow: str  #: Topic that it was on.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackRow:
-    """Where a robot was, in one of the runs that are drawn.
+    """Where a robot was, in one of the runs that are drawn."""
 
-    Attributes:
-        run: ``success``, ``failure``, ``live`` or ``simulated`` (live's twin).
-        robot: Its name.
-        t_s: Since the start.
-        x_m: To the right.
-        y_m: Up.
-        heading_rad: From x to y.
-        manoeuvre: What the station had released.
-    """
-
-    run: str
-    robot: str
-    t_s: float
-    x_m: float
-    y_m: float
-    heading_rad: float
-    manoeuvre: str
+    run: str  #: ``success``, ``failure``, ``live`` or ``simulated`` (live's twin).
+    robot: str  #: Its name.
+    t_s: float  #: Since the start.
+    x_m: float  #: To the right.
+    y_m: float  #: Up.
+    heading_rad: float  #: From x to y.
+    manoeuvre: str  #: What the station had released.

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.cooperation.rows import CourseRow, TrackRow
 
-__all__ = ["LIVE_POINT", "contrasts_of", "examples_of", "run"]
 
 LIVE_POINT = Point(method="OPT+LC", rate_max_hz=100, depth=OPTIMUM, vendor="cyclone_dds")
 """What is driven live, and simulated beside it: the live bus is Cyclone DDS."""

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.cooperation.config import Point
     from sfglab.rtps import Outcome
 
-__all__ = ["COMMAND_BYTES", "ROBOTS", "SimulatedRun", "run_point", "scenario_of"]
 
 ROBOTS = tuple(area.robot for area in AREAS)
 BEAM_BYTES = 24

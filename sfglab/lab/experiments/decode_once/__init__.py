@@ -17,9 +17,10 @@ from sfglab.lab.experiments.decode_once.analysis import (
     slopes,
     stream_facts,
 )
-from sfglab.lab.experiments.decode_once.config import Config, ConfigError, Stage
+from sfglab.lab.experiments.decode_once.config import Config, Stage
 from sfglab.lab.experiments.decode_once.figure import figure_8
 from sfglab.lab.experiments.decode_once.run import run
+from sfglab.lab.experiments.profiles import ConfigError
 
 if TYPE_CHECKING:
     from pathlib import Path

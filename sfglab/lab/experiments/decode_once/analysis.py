@@ -23,43 +23,21 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = [
-    "CostModel",
-    "Results",
-    "Slopes",
-    "cost_model",
-    "frame_checks",
-    "load_results",
-    "measure_claims",
-    "slopes",
-    "stream_facts",
-]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """The tables of one run.
+    """The tables of one run."""
 
-    Attributes:
-        cells: One line a cell: codec, mode, subscribers, repeat and the medians and deviations of its
-            readings at the consumer (``cpu``, ``cpu_sd``, ``rx``, ``rx_sd``) and at the edge (``edge_cpu``).
-        readings: One line a reading at the consumer, with its cell's columns.
-        views: One line a subscriber and cell.
-        pairs: Numbers and stamps that subscribers held.
-        camera: Numbers, stamps and sizes that the camera sent.
-        config: The run's configuration.
-        hosts: What the hosts were.
-        streams: Metadata of each stream by codec.
-    """
-
+    #: One line a cell: codec, mode, subscribers, repeat and the medians and deviations of its readings at the
+    #: consumer (``cpu``, ``cpu_sd``, ``rx``, ``rx_sd``) and at the edge (``edge_cpu``).
     cells: pd.DataFrame
-    readings: pd.DataFrame
-    views: pd.DataFrame
-    pairs: pd.DataFrame
-    camera: pd.DataFrame
-    config: dict[str, Any]
-    hosts: dict[str, Any]
-    streams: dict[str, dict[str, Any]]
+    readings: pd.DataFrame  #: One line a reading at the consumer, with its cell's columns.
+    views: pd.DataFrame  #: One line a subscriber and cell.
+    pairs: pd.DataFrame  #: Numbers and stamps that subscribers held.
+    camera: pd.DataFrame  #: Numbers, stamps and sizes that the camera sent.
+    config: dict[str, Any]  #: The run's configuration.
+    hosts: dict[str, Any]  #: What the hosts were.
+    streams: dict[str, dict[str, Any]]  #: Metadata of each stream by codec.
 
     @property
     def codecs(self) -> tuple[str, ...]:
@@ -117,21 +95,13 @@ def _slope(points: Floats) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slopes:
-    """How the consumer's load grows with every further subscriber.
+    """How the consumer's load grows with every further subscriber."""
 
-    Attributes:
-        cpu_standard: Per cent of one core per subscriber, each decoding for itself.
-        cpu_proxy: The same through the decoder.
-        reduction: How much less that is, per cent.
-        net_standard: Mbit/s per subscriber at the consumer's interface, standard.
-        net_proxy: The same through the decoder.
-    """
-
-    cpu_standard: Estimate
-    cpu_proxy: Estimate
-    reduction: Estimate
-    net_standard: Estimate
-    net_proxy: Estimate
+    cpu_standard: Estimate  #: Per cent of one core per subscriber, each decoding for itself.
+    cpu_proxy: Estimate  #: The same through the decoder.
+    reduction: Estimate  #: How much less that is, per cent.
+    net_standard: Estimate  #: Mbit/s per subscriber at the consumer's interface, standard.
+    net_proxy: Estimate  #: The same through the decoder.
 
 
 def slopes(results: Results, codec: str = "h264") -> Slopes:
@@ -159,23 +129,14 @@ def slopes(results: Results, codec: str = "h264") -> Slopes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CostModel:
-    """Eq. 2 and 3 fitted to the cells of one stream, in per cent of one core.
+    """Eq. 2 and 3 fitted to the cells of one stream, in per cent of one core."""
 
-    Attributes:
-        net: c_net, receiving the compressed stream once.
-        dec: c_dec, decoding it once (and looking at the pixels).
-        ipc: c_ipc, handing decoded pictures to one local subscriber (and its look at the pixels).
-        explained: Share of the loads' variance that the equations explain, 1 at most.
-        residual: Root mean square of the residuals relative to the mean load, per cent.
-        residuals: One line a cell: mode, subscribers, measured, fitted.
-    """
-
-    net: Estimate
-    dec: Estimate
-    ipc: Estimate
-    explained: Estimate
-    residual: Estimate
-    residuals: pd.DataFrame
+    net: Estimate  #: c_net, receiving the compressed stream once.
+    dec: Estimate  #: c_dec, decoding it once (and looking at the pixels).
+    ipc: Estimate  #: c_ipc, handing decoded pictures to one local subscriber (and its look at the pixels).
+    explained: Estimate  #: Share of the loads' variance that the equations explain, 1 at most.
+    residual: Estimate  #: Root mean square of the residuals relative to the mean load, per cent.
+    residuals: pd.DataFrame  #: One line a cell: mode, subscribers, measured, fitted.
 
 
 def _design(mode: str, count: float) -> tuple[float, float, float]:
@@ -246,23 +207,14 @@ def frame_checks(results: Results) -> pd.DataFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamFacts:
-    """What the recorded H.264 messages say of the stream (paper A, Table 2).
+    """What the recorded H.264 messages say of the stream (paper A, Table 2)."""
 
-    Attributes:
-        bitrate: Mbit/s of the payload.
-        width: Pixels.
-        height: Pixels.
-        fps: Frames a second, by the capture stamps.
-        gop: Frames from key frame to key frame; 0 with fewer than two key frames.
-        encoder: FFmpeg's name.
-    """
-
-    bitrate: Estimate
-    width: int
-    height: int
-    fps: float
-    gop: int
-    encoder: str
+    bitrate: Estimate  #: Mbit/s of the payload.
+    width: int  #: Pixels.
+    height: int  #: Pixels.
+    fps: float  #: Frames a second, by the capture stamps.
+    gop: int  #: Frames from key frame to key frame; 0 with fewer than two key frames.
+    encoder: str  #: FFmpeg's name.
 
     def __str__(self) -> str:
         return (

@@ -4,58 +4,38 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from sfglab.lab.experiments.profiles import ConfigError, of_profile
-
-__all__ = ["Config", "ConfigError", "Stage"]
+from sfglab.lab.experiments.profiles import of_profile
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:
-    """One camera stream and how often it is measured with how many subscribers.
+    """One camera stream and how often it is measured with how many subscribers."""
 
-    Attributes:
-        codec: ``h264`` (colour) or ``rvl`` (depth).
-        source: Where frames come from, as `open_source` takes it.
-        counts: Numbers of local subscribers.
-        network_counts: Numbers of subscribers that receive without decoding, to tell network from decoding.
-        repeats: How often every pair of cells is measured.
-    """
-
-    codec: str
-    source: str
-    counts: tuple[int, ...]
+    codec: str  #: ``h264`` (colour) or ``rvl`` (depth).
+    source: str  #: Where frames come from, as `open_source` takes it.
+    counts: tuple[int, ...]  #: Numbers of local subscribers.
+    #: Numbers of subscribers that receive without decoding, to tell network from decoding.
     network_counts: tuple[int, ...] = ()
-    repeats: int = 1
+    repeats: int = 1  #: How often every pair of cells is measured.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """The whole run.
+    """The whole run."""
 
-    Attributes:
-        profile: Name of the profile it came from.
-        stages: Streams, one after the other.
-        samples: Meter readings in a cell.
-        period_s: Time between readings, seconds.
-        settle_s: Wait in a cell between the last subscriber's first frame and the first reading, seconds.
-        raw_s: How long the camera's raw messages are recorded into the log, seconds.
-        raw_bytes: The most that is recorded of one stream.
-        encoder: H.264 encoder by FFmpeg's name, or ``auto``.
-        multicast: How far DDS uses multicast between hosts: ``spdp`` (discovery only, as Cyclone DDS does on
-            Wi-Fi, the paper's network) or ``default`` (data too, on a wired link).
-        seed: Seed of the frames' path and of the order of cells.
-    """
-
-    profile: str
-    stages: tuple[Stage, ...]
-    samples: int
-    period_s: float
+    profile: str  #: Name of the profile it came from.
+    stages: tuple[Stage, ...]  #: Streams, one after the other.
+    samples: int  #: Meter readings in a cell.
+    period_s: float  #: Time between readings, seconds.
+    #: Wait in a cell between the last subscriber's first frame and the first reading, seconds.
     settle_s: float = 0.5
-    raw_s: float = 3.0
-    raw_bytes: int = 1_200_000
-    encoder: str = "auto"
+    raw_s: float = 3.0  #: How long the camera's raw messages are recorded into the log, seconds.
+    raw_bytes: int = 1_200_000  #: The most that is recorded of one stream.
+    encoder: str = "auto"  #: H.264 encoder by FFmpeg's name, or ``auto``.
+    #: How far DDS uses multicast between hosts: ``spdp`` (discovery only, as Cyclone DDS does on Wi-Fi, the
+    #: paper's network) or ``default`` (data too, on a wired link).
     multicast: str = "spdp"
-    seed: int = 0
+    seed: int = 0  #: Seed of the frames' path and of the order of cells.
 
     @classmethod
     def of_profile(cls, profile: str, *, source: str = "photos", seed: int = 0) -> Config:

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_cost_model", "draw_cpu", "draw_network", "figure_8"]
 
 PAPER_CPU = {"standard": 6.5, "proxy": 1.8}
 """Per cent of one core per subscriber (paper A, section 5.2)."""

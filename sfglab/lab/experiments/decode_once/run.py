@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.decode_once.stage import View
     from sfglab.lab.meters import MeterRow
 
-__all__ = ["cells_of", "run"]
 
 MBIT = 1e6
 

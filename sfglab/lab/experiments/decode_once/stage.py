@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.decode_once.config import Config, Stage
     from sfglab.lab.testbed import Testbed
 
-__all__ = ["Running", "View"]
 
 REMOTE_DOMAIN = 0
 LOCAL_DOMAIN = 7

@@ -17,30 +17,18 @@ from sfglab.record import LogReader
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["Results", "load_results", "measure_claims", "text_of"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """The tables of one run.
+    """The tables of one run."""
 
-    Attributes:
-        checks: What was checked, with its group.
-        unchecked: What could not be, and why.
-        detected: What detection says of this machine and of made-up ones.
-        files: What each machine is given.
-        layers: The layers of each agent's image.
-        refused: Broken fleets and what was said of them.
-        config: The run's configuration.
-    """
-
-    checks: pd.DataFrame
-    unchecked: pd.DataFrame
-    detected: pd.DataFrame
-    files: pd.DataFrame
-    layers: pd.DataFrame
-    refused: pd.DataFrame
-    config: dict[str, Any]
+    checks: pd.DataFrame  #: What was checked, with its group.
+    unchecked: pd.DataFrame  #: What could not be, and why.
+    detected: pd.DataFrame  #: What detection says of this machine and of made-up ones.
+    files: pd.DataFrame  #: What each machine is given.
+    layers: pd.DataFrame  #: The layers of each agent's image.
+    refused: pd.DataFrame  #: Broken fleets and what was said of them.
+    config: dict[str, Any]  #: The run's configuration.
 
 
 def load_results(log: Path) -> Results:

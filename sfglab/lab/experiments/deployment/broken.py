@@ -4,24 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["BROKEN", "BrokenFleet", "break_fleet"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BrokenFleet:
-    """One change.
+    """One change."""
 
-    Attributes:
-        fault: What is wrong with it, for people.
-        old: What stands in the paper's fleet file.
-        new: What stands there instead.
-        words: What the refusal must say: where, what is given or what is allowed.
-    """
-
-    fault: str
-    old: str
-    new: str
-    words: tuple[str, ...]
+    fault: str  #: What is wrong with it, for people.
+    old: str  #: What stands in the paper's fleet file.
+    new: str  #: What stands there instead.
+    words: tuple[str, ...]  #: What the refusal must say: where, what is given or what is allowed.
 
 
 BROKEN = (

@@ -6,28 +6,18 @@ from dataclasses import dataclass
 
 from sfglab.lab.experiments.profiles import of_profile
 
-__all__ = ["Config"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """The whole run.
+    """The whole run."""
 
-    Attributes:
-        profile: Name of the profile it came from.
-        agents: Whose files are rendered, checked and applied; none: all.
-        fleet_file: The fleet, in the data folder.
-        containers: Agents whose containers' commands are run over DDS between namespaces; none: not at all.
-        build: Whether images are built, where the tools are.
-        seed: Of nothing that is random; for the record.
-    """
-
-    profile: str
-    agents: tuple[str, ...] = ()
-    fleet_file: str = "fleets/esslingen.yaml"
+    profile: str  #: Name of the profile it came from.
+    agents: tuple[str, ...] = ()  #: Whose files are rendered, checked and applied; none: all.
+    fleet_file: str = "fleets/esslingen.yaml"  #: The fleet, in the data folder.
+    #: Agents whose containers' commands are run over DDS between namespaces; none: not at all.
     containers: tuple[str, ...] = ("go2", "pi1", "workstation")
-    build: bool = True
-    seed: int = 0
+    build: bool = True  #: Whether images are built, where the tools are.
+    seed: int = 0  #: Of nothing that is random; for the record.
 
     @classmethod
     def of_profile(cls, profile: str, *, seed: int = 0) -> Config:

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
     from sfglab.lab.hosts import Host
 
-__all__ = ["container_checks"]
 
 OUTSIDER = "outsider"
 MEETING_S = 30.0

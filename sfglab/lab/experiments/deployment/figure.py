@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.deployment.analysis import Results
 
-__all__ = ["figure_checks", "figure_layers"]
 
 _LAYERS = {"base": COLORS["standard"], "adapter": COLORS["proxy"], "application": COLORS["third"]}
 """Paper A, Fig. 5, from the hardware upwards."""

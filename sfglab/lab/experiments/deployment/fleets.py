@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from sfglab.deploy.checking import Verdict
     from sfglab.deploy.deployment import Deployment, Release
 
-__all__ = ["file_rows", "layer_rows", "refused_rows", "release_checks", "verdict_rows"]
 
 LAYERS = ("base", "adapter", "application")
 """Paper A, Fig. 5, from the hardware upwards."""

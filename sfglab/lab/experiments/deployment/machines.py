@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from sfglab.deploy.bundle import Bundle
     from sfglab.deploy.deployment import Deployment
 
-__all__ = ["detected_rows", "detection_checks", "held", "hook_checks", "rollout_checks"]
 
 _HOOKS_S = 60.0
 _EXTENSION = "50-mine.sh"

@@ -6,100 +6,60 @@ from dataclasses import dataclass
 
 from sfglab.lab.checks import CheckRow
 
-__all__ = ["BundleFileRow", "DeployCheckRow", "DetectedRow", "LayerRow", "RefusedFleetRow", "UncheckedRow"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeployCheckRow(CheckRow):
-    """A property that was checked.
+    """A property that was checked."""
 
-    Attributes:
-        group: Which part of the deployment it is of.
-    """
-
-    group: str
+    group: str  #: Which part of the deployment it is of.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UncheckedRow:
-    """A property that nobody could check here.
+    """A property that nobody could check here."""
 
-    Attributes:
-        group: Which part of the deployment it is of.
-        check: The property.
-        why: What is missing.
-    """
-
-    group: str
-    check: str
-    why: str
+    group: str  #: Which part of the deployment it is of.
+    check: str  #: The property.
+    why: str  #: What is missing.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DetectedRow:
-    """What detection says of a machine.
+    """What detection says of a machine."""
 
-    Attributes:
-        machine: Its name among the examples, or ``this machine``.
-        accelerator: What its images are made for.
-        why: The reason for it.
-        instead: Accelerators that are there and were not taken, and those that could be thought to be there.
-    """
-
-    machine: str
-    accelerator: str
-    why: str
+    machine: str  #: Its name among the examples, or ``this machine``.
+    accelerator: str  #: What its images are made for.
+    why: str  #: The reason for it.
+    #: Accelerators that are there and were not taken, and those that could be thought to be there.
     instead: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BundleFileRow:
-    """A file that a machine is given.
+    """A file that a machine is given."""
 
-    Attributes:
-        agent: Whose machine.
-        path: Within the agent's folder.
-        meaning: What it is for.
-        size_bytes: Its size.
-        lines: Its lines; 0 for what is no text.
-        sha256: Its digest.
-    """
-
-    agent: str
-    path: str
-    meaning: str
-    size_bytes: int
-    lines: int
-    sha256: str
+    agent: str  #: Whose machine.
+    path: str  #: Within the agent's folder.
+    meaning: str  #: What it is for.
+    size_bytes: int  #: Its size.
+    lines: int  #: Its lines; 0 for what is no text.
+    sha256: str  #: Its digest.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LayerRow:
-    """One layer of an agent's image.
+    """One layer of an agent's image."""
 
-    Attributes:
-        agent: Whose.
-        layer: ``base``, ``adapter`` or ``application``.
-        says: What makes it differ from other agents' layers.
-        digest: Of its instructions and all below; equal digests are one layer.
-    """
-
-    agent: str
-    layer: str
-    says: str
-    digest: str
+    agent: str  #: Whose.
+    layer: str  #: ``base``, ``adapter`` or ``application``.
+    says: str  #: What makes it differ from other agents' layers.
+    digest: str  #: Of its instructions and all below; equal digests are one layer.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefusedFleetRow:
-    """A broken fleet and what `sfglab deploy check` says of it.
+    """A broken fleet and what `sfglab deploy check` says of it."""
 
-    Attributes:
-        fault: What is wrong with it.
-        refused: Whether it was refused in the words that name it.
-        said: The words.
-    """
-
-    fault: str
-    refused: bool
-    said: str
+    fault: str  #: What is wrong with it.
+    refused: bool  #: Whether it was refused in the words that name it.
+    said: str  #: The words.

@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
     from sfglab.lab.experiments.deployment.config import Config
 
-__all__ = ["run"]
 
 _STEPS = 7
 _OF_ALL = ("Dockerfile", "compose.yaml")

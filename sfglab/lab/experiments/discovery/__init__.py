@@ -11,9 +11,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.experiments.discovery.analysis import load_results, measure_claims, samples, summary
-from sfglab.lab.experiments.discovery.config import Config, ConfigError, Scale, Stage
+from sfglab.lab.experiments.discovery.config import Config, Scale, Stage
 from sfglab.lab.experiments.discovery.figure import figure_9, figure_scale
 from sfglab.lab.experiments.discovery.run import run
+from sfglab.lab.experiments.profiles import ConfigError
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["Results", "load_results", "measure_claims", "samples", "summary"]
 
 PAPERS_LARGEST = 6
 """Agents of the fleet that the claims are about; a run with smaller ones only does not answer them."""
@@ -35,22 +34,15 @@ _KEYS = ["mode", "agents", "talkers", "listeners"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """The tables of one run.
+    """The tables of one run."""
 
-    Attributes:
-        hosts: One line an agent of a live fleet: its fleet's columns (``mode``, ``agents``, ``repeat`` ...)
-            with its own ``resolved_s``, ``own_bytes``, ``fleet_bytes`` and ``censored``.
-        cells: One line a live fleet.
-        simulated: One line an agent of a simulated fleet.
-        config: The run's configuration.
-        setting: What the hosts were.
-    """
-
+    #: One line an agent of a live fleet: its fleet's columns (``mode``, ``agents``, ``repeat`` ...) with its
+    #: own ``resolved_s``, ``own_bytes``, ``fleet_bytes`` and ``censored``.
     hosts: pd.DataFrame
-    cells: pd.DataFrame
-    simulated: pd.DataFrame
-    config: dict[str, Any]
-    setting: dict[str, Any]
+    cells: pd.DataFrame  #: One line a live fleet.
+    simulated: pd.DataFrame  #: One line an agent of a simulated fleet.
+    config: dict[str, Any]  #: The run's configuration.
+    setting: dict[str, Any]  #: What the hosts were.
 
     def main_nodes(self) -> tuple[int, int]:
         """Return the numbers of talkers and listeners of the agents that both modes were measured with.

@@ -6,8 +6,6 @@ from dataclasses import dataclass, field
 
 from sfglab.lab.experiments.profiles import ConfigError, of_profile
 
-__all__ = ["PROFILES", "ROUTED", "STANDARD", "Config", "ConfigError", "Scale", "Stage"]
-
 STANDARD, ROUTED = "standard", "routed"
 
 
@@ -15,22 +13,15 @@ STANDARD, ROUTED = "standard", "routed"
 class Stage:
     """Live fleets of one kind.
 
-    Attributes:
-        mode: ``standard`` or ``routed``.
-        agents: Sizes of the fleet.
-        talkers: Publishing nodes of each agent.
-        listeners: Subscribing nodes of each agent.
-        repeats: How often each fleet is started.
-
     Raises:
         ConfigError: There is no such mode, or an agent would have no peer or no node.
     """
 
-    mode: str
-    agents: tuple[int, ...]
-    talkers: int = 10
-    listeners: int = 10
-    repeats: int = 1
+    mode: str  #: ``standard`` or ``routed``.
+    agents: tuple[int, ...]  #: Sizes of the fleet.
+    talkers: int = 10  #: Publishing nodes of each agent.
+    listeners: int = 10  #: Subscribing nodes of each agent.
+    repeats: int = 1  #: How often each fleet is started.
 
     def __post_init__(self) -> None:
         if self.mode not in (STANDARD, ROUTED):
@@ -44,40 +35,24 @@ class Stage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scale:
-    """Simulated fleets, see `simulated`.
+    """Simulated fleets, see `simulated`."""
 
-    Attributes:
-        agents: Sizes of the fleet.
-        talkers: Publishing nodes of each agent.
-        listeners: Subscribing nodes of each agent.
-        repeats: How many seeds each.
-    """
-
-    agents: tuple[int, ...] = ()
-    talkers: int = 10
-    listeners: int = 10
-    repeats: int = 1
+    agents: tuple[int, ...] = ()  #: Sizes of the fleet.
+    talkers: int = 10  #: Publishing nodes of each agent.
+    listeners: int = 10  #: Subscribing nodes of each agent.
+    repeats: int = 1  #: How many seeds each.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """The whole run.
+    """The whole run."""
 
-    Attributes:
-        profile: Name of the profile it came from.
-        stages: Live fleets; cells of one size and kind of agents are run side by side.
-        simulated: Simulated fleets.
-        timeout_s: When a fleet that is not complete is given up, seconds after its start.
-        multicast: How far DDS uses multicast between agents: ``default`` is ROS 2's.
-        seed: Seed of the order of cells, and of what is simulated.
-    """
-
-    profile: str
-    stages: tuple[Stage, ...]
-    simulated: Scale = field(default_factory=Scale)
-    timeout_s: float = 120.0
-    multicast: str = "default"
-    seed: int = 0
+    profile: str  #: Name of the profile it came from.
+    stages: tuple[Stage, ...]  #: Live fleets; cells of one size and kind of agents are run side by side.
+    simulated: Scale = field(default_factory=Scale)  #: Simulated fleets.
+    timeout_s: float = 120.0  #: When a fleet that is not complete is given up, seconds after its start.
+    multicast: str = "default"  #: How far DDS uses multicast between agents: ``default`` is ROS 2's.
+    seed: int = 0  #: Seed of the order of cells, and of what is simulated.
 
     @classmethod
     def of_profile(cls, profile: str, *, seed: int = 0) -> Config:

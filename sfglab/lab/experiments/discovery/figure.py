@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["draw_fleet", "figure_9", "figure_scale"]
 
 MODES = {STANDARD: "standard", ROUTED: "proxy"}
 LABELS = {STANDARD: "standard: one domain", ROUTED: "routed: a domain for each agent"}

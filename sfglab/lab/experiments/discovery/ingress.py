@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.testbed import CountsBytes
 
-__all__ = ["Ingress"]
 
 _PERIOD_S = 0.02
 

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.discovery.config import Config
     from sfglab.lab.meters import MeterRow
 
-__all__ = ["cells_of", "run"]
 
 _SIMULATED = "sfglab.lab.experiments.discovery.simulated"
 

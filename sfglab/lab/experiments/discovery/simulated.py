@@ -39,19 +39,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.discovery.orders import Announce
     from sfglab.lab.experiments.discovery.config import Config
 
-__all__ = [
-    "CORES",
-    "LIMIT_S",
-    "ROUTED_COSTS",
-    "STANDARD_COSTS",
-    "Fleet",
-    "FleetOutcome",
-    "HostOutcome",
-    "fleets_of",
-    "run_fleet",
-    "simulate_fleet",
-    "simulated_rows",
-]
 
 CORES = 4
 """Of an agent's computer: a Raspberry Pi 5 in paper A, section 5.1."""
@@ -72,21 +59,13 @@ _LOCAL_DOMAIN = 1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fleet:
-    """One simulated fleet.
+    """One simulated fleet."""
 
-    Attributes:
-        mode: ``standard`` or ``routed``.
-        agents: How many.
-        talkers: Publishing nodes of each agent.
-        listeners: Subscribing nodes of each agent.
-        seed: Of the world.
-    """
-
-    mode: str
-    agents: int
-    talkers: int = 10
-    listeners: int = 10
-    seed: int = 0
+    mode: str  #: ``standard`` or ``routed``.
+    agents: int  #: How many.
+    talkers: int = 10  #: Publishing nodes of each agent.
+    listeners: int = 10  #: Subscribing nodes of each agent.
+    seed: int = 0  #: Of the world.
 
     @property
     def nodes(self) -> int:
@@ -96,34 +75,21 @@ class Fleet:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HostOutcome:
-    """What came of one agent.
+    """What came of one agent."""
 
-    Attributes:
-        resolved_s: When it had resolved all its peers, seconds since the start; `LIMIT_S` if it had not.
-        rx_bytes: Received at its interface until then.
-        censored: Whether it was given up.
-        spent_s: What its processes had spent by then, seconds of one core.
-    """
-
-    resolved_s: float
-    rx_bytes: int
-    censored: bool
-    spent_s: float
+    resolved_s: float  #: When it had resolved all its peers, seconds since the start; `LIMIT_S` if it had not.
+    rx_bytes: int  #: Received at its interface until then.
+    censored: bool  #: Whether it was given up.
+    spent_s: float  #: What its processes had spent by then, seconds of one core.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FleetOutcome:
-    """What came of a fleet.
+    """What came of a fleet."""
 
-    Attributes:
-        hosts: One for each agent.
-        endpoints: How many endpoints the global domain had when the last agent was complete.
-        announced: How many it had had in all by then.
-    """
-
-    hosts: tuple[HostOutcome, ...]
-    endpoints: int
-    announced: int
+    hosts: tuple[HostOutcome, ...]  #: One for each agent.
+    endpoints: int  #: How many endpoints the global domain had when the last agent was complete.
+    announced: int  #: How many it had had in all by then.
 
 
 def fleets_of(config: Config) -> list[Fleet]:

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.discovery.config import Config
     from sfglab.lab.testbed import Testbed
 
-__all__ = ["Cell", "Fleet", "host_names"]
 
 GLOBAL_DOMAIN = 0
 _LOAD_S = 60.0
@@ -46,21 +45,13 @@ def host_names(count: int) -> list[str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """A fleet to be started once.
+    """A fleet to be started once."""
 
-    Attributes:
-        mode: ``standard`` or ``routed``.
-        agents: How many.
-        talkers: Publishing nodes of each.
-        listeners: Subscribing nodes of each.
-        repeat: Which repetition.
-    """
-
-    mode: str
-    agents: int
-    talkers: int
-    listeners: int
-    repeat: int
+    mode: str  #: ``standard`` or ``routed``.
+    agents: int  #: How many.
+    talkers: int  #: Publishing nodes of each.
+    listeners: int  #: Subscribing nodes of each.
+    repeat: int  #: Which repetition.
 
 
 class Fleet(Staged):

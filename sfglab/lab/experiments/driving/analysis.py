@@ -27,21 +27,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = [
-    "Picture",
-    "Results",
-    "Stop",
-    "chain_ms",
-    "chain_table",
-    "lines_of",
-    "load_pictures",
-    "load_results",
-    "node_table",
-    "parts_ms",
-    "ratio",
-    "saved_ms",
-    "stops",
-]
 
 _STORED = "stored"
 _STANDING_MPS = 0.02
@@ -50,40 +35,24 @@ _MS = 1e3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """The tables of one run.
+    """The tables of one run."""
 
-    Attributes:
-        laps: One line a lap.
-        chain: One line a frame of the drive that the chain was timed in.
-        nodes: What the graph assumes of the chain's nodes.
-        transfers: The memory model's transfers.
-        tracks: The drawn lap's moments.
-        town: The drawn lap's town, see `town_metadata`.
-        config: The run's configuration.
-    """
-
-    laps: pd.DataFrame
-    chain: pd.DataFrame
-    nodes: pd.DataFrame
-    transfers: pd.DataFrame
-    tracks: pd.DataFrame
-    town: dict[str, Any]
-    config: dict[str, Any]
+    laps: pd.DataFrame  #: One line a lap.
+    chain: pd.DataFrame  #: One line a frame of the drive that the chain was timed in.
+    nodes: pd.DataFrame  #: What the graph assumes of the chain's nodes.
+    transfers: pd.DataFrame  #: The memory model's transfers.
+    tracks: pd.DataFrame  #: The drawn lap's moments.
+    town: dict[str, Any]  #: The drawn lap's town, see `town_metadata`.
+    config: dict[str, Any]  #: The run's configuration.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """What the camera and the lane planner said at a moment of the drawn lap.
+    """What the camera and the lane planner said at a moment of the drawn lap."""
 
-    Attributes:
-        t_s: When.
-        bgr: The camera's image, as small as the log has it.
-        mask: The bird's view.
-    """
-
-    t_s: float
-    bgr: NDArray[np.uint8]
-    mask: NDArray[np.uint8]
+    t_s: float  #: When.
+    bgr: NDArray[np.uint8]  #: The camera's image, as small as the log has it.
+    mask: NDArray[np.uint8]  #: The bird's view.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

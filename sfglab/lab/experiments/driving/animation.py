@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.driving.analysis import Results
 
-__all__ = ["film", "frames_of", "show_film"]
 
 _FPS = 8
 _WIDTH, _HEIGHT = 1184, 384

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
     from sfglab.soc.driving import Lap
 
-__all__ = ["chain_of", "drive_lap", "lap_row", "nodes_of", "time_chain", "transfers_of"]
-
 
 def drive_lap(point: LapPoint, seed: int) -> DrivingLapRow:
     """Drive one lap; all but the node times depends on the arguments alone.

@@ -18,7 +18,6 @@ from sfglab.soc.driving import CHAIN
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["measure_claims"]
 
 _CUT_THROUGH = "cut-through"
 _MS = 1e3

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from sfglab.lab.experiments.profiles import of_profile
 
-__all__ = ["MAPPINGS", "PAPER_MS", "READINGS", "ChainPoint", "Config", "LapPoint"]
-
 MAPPINGS = ("software", "gateway")
 """What topic A is mapped to, in the paper's two versions."""
 
@@ -24,49 +22,30 @@ compares is how topic A travels between them. That was decided before either was
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LapPoint:
-    """What every seed drives.
+    """What every seed drives."""
 
-    Attributes:
-        limit_s: Time in the town after which a lap has failed.
-    """
-
-    limit_s: float
+    limit_s: float  #: Time in the town after which a lap has failed.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChainPoint:
-    """What the chain is timed by.
+    """What the chain is timed by."""
 
-    Attributes:
-        limit_s: Time in the town after which it ends, at the latest.
-        width: Of the camera's images, whose size is that of topic A's messages in the graph.
-        height: The same.
-        graph_file: The graph, in the data folder.
-    """
-
-    limit_s: float
-    width: int = 640
-    height: int = 480
-    graph_file: str = "graphs/driving.yaml"
+    limit_s: float  #: Time in the town after which it ends, at the latest.
+    width: int = 640  #: Of the camera's images, whose size is that of topic A's messages in the graph.
+    height: int = 480  #: The same.
+    graph_file: str = "graphs/driving.yaml"  #: The graph, in the data folder.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """The whole run.
+    """The whole run."""
 
-    Attributes:
-        profile: Name of the profile it came from.
-        laps: How many towns are driven round.
-        lap: What is driven in each.
-        chain: What the chain is timed by.
-        seed: The first town's.
-    """
-
-    profile: str
-    laps: int = 20
-    lap: LapPoint = LapPoint(limit_s=150.0)
-    chain: ChainPoint = ChainPoint(limit_s=150.0)
-    seed: int = 0
+    profile: str  #: Name of the profile it came from.
+    laps: int = 20  #: How many towns are driven round.
+    lap: LapPoint = LapPoint(limit_s=150.0)  #: What is driven in each.
+    chain: ChainPoint = ChainPoint(limit_s=150.0)  #: What the chain is timed by.
+    seed: int = 0  #: The first town's.
 
     @classmethod
     def of_profile(cls, profile: str, *, seed: int = 0) -> Config:

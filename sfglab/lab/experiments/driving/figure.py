@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["figure_chain", "figure_lap", "figure_laps"]
 
 _COLORS = {"software": COLORS["standard"], "gateway": COLORS["proxy"]}
 _SAID = {"software": "A in software", "gateway": "A with a gateway"}

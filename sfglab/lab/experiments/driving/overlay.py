@@ -14,7 +14,6 @@ from sfglab.soc.driving.lanes import WHITE, YELLOW, BirdView
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["draw_bird", "draw_lane"]
 
 _LANE_BGR = (230, 140, 20)
 _SHIFT = 4

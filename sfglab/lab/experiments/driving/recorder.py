@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from sfglab.soc.driving import Frame, Lap, Town
     from sfglab.soc.driving.car import CarState
 
-__all__ = ["PICTURE_SIZE", "Moment", "Recorder", "record_lap", "town_metadata"]
 
 PICTURE_SIZE = (240, 180)
 """Width and height of pictures in the log; the camera's are larger."""
@@ -33,17 +32,11 @@ _STANDING_MPS = 0.02
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Moment:
-    """A moment as it goes into the log.
+    """A moment as it goes into the log."""
 
-    Attributes:
-        row: What there is in numbers.
-        image_jpeg: The camera's image, smaller; empty without one.
-        mask_png: The lane planner's bird's view; empty without one.
-    """
-
-    row: DrivingTrackRow
-    image_jpeg: bytes = b""
-    mask_png: bytes = b""
+    row: DrivingTrackRow  #: What there is in numbers.
+    image_jpeg: bytes = b""  #: The camera's image, smaller; empty without one.
+    mask_png: bytes = b""  #: The lane planner's bird's view; empty without one.
 
 
 def record_lap(seed: int, limit_s: float) -> tuple[Lap, list[Moment]]:

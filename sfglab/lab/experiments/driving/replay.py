@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.driving.rows import DrivingTrackRow
     from sfglab.record import LogWriter
 
-__all__ = ["IMAGE_TOPIC", "MASK_TOPIC", "lane_points", "road_lines", "write_messages", "write_rerun"]
 
 IMAGE_TOPIC, MASK_TOPIC = "/image/compressed", "/lane_mask/compressed"
 

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.driving.rows import DrivingLapRow
     from sfglab.soc.driving import Lap
 
-__all__ = ["run"]
 
 _LOCAL, _ALONE = Workers(), Workers(count=1)
 _S = 1_000_000_000

@@ -14,26 +14,17 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-__all__ = ["Results", "load_results", "measure_claims"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """The tables of one run.
+    """The tables of one run."""
 
-    Attributes:
-        explorations: One line a bound.
-        unclaimed: The same of a core that does not claim the hardware's topic; none in logs of before.
-        checks: Coverage, and bent arrows.
-        stages: The stages of Fig. 8.
-        config: The run's configuration.
-    """
-
-    explorations: pd.DataFrame
+    explorations: pd.DataFrame  #: One line a bound.
+    #: The same of a core that does not claim the hardware's topic; none in logs of before.
     unclaimed: pd.DataFrame
-    checks: pd.DataFrame
-    stages: pd.DataFrame
-    config: dict[str, Any]
+    checks: pd.DataFrame  #: Coverage, and bent arrows.
+    stages: pd.DataFrame  #: The stages of Fig. 8.
+    config: dict[str, Any]  #: The run's configuration.
 
 
 def load_results(log: Path) -> Results:

@@ -7,26 +7,16 @@ from dataclasses import dataclass
 from sfglab.lab.experiments.profiles import of_profile
 from sfglab.soc.gateway import Bound
 
-__all__ = ["Config"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """How much is explored.
+    """How much is explored."""
 
-    Attributes:
-        profile: Name of the profile it came from.
-        bounds: What is explored with the core's table, and with the one that does not claim.
-        bent: Whether the same is asked of every table with one arrow bent.
-        graph_file: The example, in the data folder.
-        seed: For the other experiments' sake; nothing is drawn here.
-    """
-
-    profile: str
-    bounds: tuple[Bound, ...]
-    bent: bool = True
-    graph_file: str = "graphs/figure_8.yaml"
-    seed: int = 0
+    profile: str  #: Name of the profile it came from.
+    bounds: tuple[Bound, ...]  #: What is explored with the core's table, and with the one that does not claim.
+    bent: bool = True  #: Whether the same is asked of every table with one arrow bent.
+    graph_file: str = "graphs/figure_8.yaml"  #: The example, in the data folder.
+    seed: int = 0  #: For the other experiments' sake; nothing is drawn here.
 
     @classmethod
     def of_profile(cls, profile: str, *, seed: int = 0) -> Config:

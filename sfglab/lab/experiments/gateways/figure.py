@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.gateways.analysis import Results
 
-__all__ = ["figure_core", "figure_mapping"]
-
 
 def figure_core(results: Results) -> tuple[Figure, dict[str, Any]]:
     """Draw the core from its table."""

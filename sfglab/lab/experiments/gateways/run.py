@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.gateways.config import Config
     from sfglab.soc.graph import Graph
 
-__all__ = ["run", "unclaimed"]
-
 
 def run(config: Config, path: Path) -> Path:
     """Explore, bend and map; nothing depends on the machine's speed.

@@ -11,9 +11,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.experiments.latency.analysis import checks, load_results, measure_claims
-from sfglab.lab.experiments.latency.config import Config, ConfigError
+from sfglab.lab.experiments.latency.config import Config
 from sfglab.lab.experiments.latency.figure import figure_10
 from sfglab.lab.experiments.latency.run import run
+from sfglab.lab.experiments.profiles import ConfigError
 
 if TYPE_CHECKING:
     from pathlib import Path

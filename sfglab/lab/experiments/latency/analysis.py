@@ -25,40 +25,20 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = [
-    "Results",
-    "added",
-    "checks",
-    "first_mean",
-    "first_ratio",
-    "glass_median",
-    "idle_cost",
-    "load_results",
-    "look_medians",
-    "measure_claims",
-]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """The tables of one run.
+    """The tables of one run."""
 
-    Attributes:
-        looks: One line a look: its row, ``first_ms`` from the order to the first picture in hand, and
-            ``first_age_ms`` from that picture's capture; NaN for a picture that the camera did not send.
-        sights: One line a picture in a steady look: look, repeat, path, number, ``glass_ms`` from its capture.
-        idle: What the edge paid while nobody looked.
-        config: The run's configuration.
-        hosts: What the hosts were.
-        stream: What the stream was.
-    """
-
+    #: One line a look: its row, ``first_ms`` from the order to the first picture in hand, and ``first_age_ms``
+    #: from that picture's capture; NaN for a picture that the camera did not send.
     looks: pd.DataFrame
+    #: One line a picture in a steady look: look, repeat, path, number, ``glass_ms`` from its capture.
     sights: pd.DataFrame
-    idle: pd.DataFrame
-    config: dict[str, Any]
-    hosts: dict[str, Any]
-    stream: dict[str, Any]
+    idle: pd.DataFrame  #: What the edge paid while nobody looked.
+    config: dict[str, Any]  #: The run's configuration.
+    hosts: dict[str, Any]  #: What the hosts were.
+    stream: dict[str, Any]  #: What the stream was.
 
 
 def load_results(log: Path) -> Results:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sfglab.lab.experiments.profiles import ConfigError, of_profile
-
-__all__ = ["GLASS_PATHS", "PATHS", "Config", "ConfigError"]
+from sfglab.lab.experiments.profiles import of_profile
 
 PATHS = ("standard", "decoder", "agent", "on_demand")
 """The ways from camera to viewer; see `stage`."""
@@ -17,30 +15,19 @@ GLASS_PATHS = ("standard", "decoder", "agent")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """The whole run.
+    """The whole run."""
 
-    Attributes:
-        profile: Name of the profile it came from.
-        repeats: How often every path is subscribed to.
-        look_s: How long the viewer looks on after its first picture, seconds.
-        skipped: Pictures at the beginning of a look that do not count for glass-to-glass.
-        idle_s: How long the idle load is measured, seconds.
-        source: Where frames come from, as `open_source` takes it.
-        encoder: H.264 encoder by FFmpeg's name, or ``auto``.
-        multicast: How far DDS uses multicast between hosts: ``spdp`` (discovery only, as Cyclone DDS does on
-            Wi-Fi, the paper's network) or ``default`` (data too, on a wired link).
-        seed: Seed of the frames' path, the phases and the order of paths.
-    """
-
-    profile: str
-    repeats: int
-    look_s: float
-    skipped: int = 3
-    idle_s: float = 3.0
-    source: str = "photos"
-    encoder: str = "auto"
+    profile: str  #: Name of the profile it came from.
+    repeats: int  #: How often every path is subscribed to.
+    look_s: float  #: How long the viewer looks on after its first picture, seconds.
+    skipped: int = 3  #: Pictures at the beginning of a look that do not count for glass-to-glass.
+    idle_s: float = 3.0  #: How long the idle load is measured, seconds.
+    source: str = "photos"  #: Where frames come from, as `open_source` takes it.
+    encoder: str = "auto"  #: H.264 encoder by FFmpeg's name, or ``auto``.
+    #: How far DDS uses multicast between hosts: ``spdp`` (discovery only, as Cyclone DDS does on Wi-Fi, the
+    #: paper's network) or ``default`` (data too, on a wired link).
     multicast: str = "spdp"
-    seed: int = 0
+    seed: int = 0  #: Seed of the frames' path, the phases and the order of paths.
 
     @classmethod
     def of_profile(cls, profile: str, *, source: str = "photos", seed: int = 0) -> Config:

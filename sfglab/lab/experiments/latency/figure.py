@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.stats import Estimate
 
-__all__ = ["draw_first", "draw_glass", "figure_10"]
 
 PAPER_ADDED_MS = 2.6
 PAPER_FIRST_MS = {"standard": 570.0, "on_demand": 1095.0}

@@ -20,24 +20,17 @@ from sfglab.record import LogWriter, run_context
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["Look", "looks_of", "run"]
 
 MBIT = 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """One subscription to be made.
+    """One subscription to be made."""
 
-    Attributes:
-        repeat: Which repetition.
-        path: One of `PATHS`.
-        phase: When in the group of pictures, 0 to 1.
-    """
-
-    repeat: int
-    path: str
-    phase: float
+    repeat: int  #: Which repetition.
+    path: str  #: One of `PATHS`.
+    phase: float  #: When in the group of pictures, 0 to 1.
 
 
 def looks_of(config: Config, *, rng: np.random.Generator) -> list[Look]:

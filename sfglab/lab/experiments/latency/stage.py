@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.latency.config import Config
     from sfglab.lab.testbed import Testbed
 
-__all__ = ["Running"]
 
 GLOBAL_DOMAIN, EDGE_DOMAIN, CONSUMER_DOMAIN = 0, 41, 42
 START_S = 60.0

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.experiments.lifecycle.analysis import Transitions, measure_claims, transitions
 from sfglab.lab.experiments.lifecycle.beats import heartbeat_checks, intervals
-from sfglab.lab.experiments.lifecycle.config import Config, ConfigError
+from sfglab.lab.experiments.lifecycle.config import Config
 from sfglab.lab.experiments.lifecycle.figure import draw_heartbeats
 from sfglab.lab.experiments.lifecycle.results import Results, load_results
 from sfglab.lab.experiments.lifecycle.run import run
 from sfglab.lab.experiments.lifecycle.statechart import draw_states
+from sfglab.lab.experiments.profiles import ConfigError
 
 if TYPE_CHECKING:
     from pathlib import Path

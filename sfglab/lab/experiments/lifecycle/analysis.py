@@ -25,12 +25,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.lifecycle.results import Results
 
-__all__ = [
-    "WALKER",
-    "Transitions",
-    "measure_claims",
-    "transitions",
-]
 
 WALKER = "walker"
 """The agent whose status process is a real one; all others are false agents."""
@@ -42,21 +36,14 @@ _ON_ITS_WAY_NS = 1_250_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Transitions:
-    """The table's transitions and how often each was taken.
+    """The table's transitions and how often each was taken."""
 
-    Attributes:
-        taken: How often, by (state, input); every transition of the table is there.
-        strange: Transitions of the log that the table does not have, or has otherwise.
-        queries: How many queries arrived at false agents.
-        doubled: How many of them arrived while an earlier one to the same agent was outstanding.
-        announced: Discovery events that the transitions say were published, by name.
-    """
-
+    #: How often, by (state, input); every transition of the table is there.
     taken: dict[tuple[State, Input], int]
-    strange: int
-    queries: int
-    doubled: int
-    announced: dict[str, int]
+    strange: int  #: Transitions of the log that the table does not have, or has otherwise.
+    queries: int  #: How many queries arrived at false agents.
+    doubled: int  #: How many of them arrived while an earlier one to the same agent was outstanding.
+    announced: dict[str, int]  #: Discovery events that the transitions say were published, by name.
 
     @property
     def reached(self) -> float:

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.lifecycle.results import Results
 
-__all__ = ["PAPER_SERVICE", "PAPER_TOPIC", "Check", "heartbeat_checks", "intervals"]
 
 PAPER_TOPIC = "/global/agent_heartbeat"
 PAPER_SERVICE = "/global/{agent}/get_metadata"
@@ -48,19 +47,12 @@ def intervals(results: Results, listener: str = "first") -> pd.DataFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """Something that the paper states of heartbeats, and whether it was so.
+    """Something that the paper states of heartbeats, and whether it was so."""
 
-    Attributes:
-        what: The statement.
-        agent: Of which agent; empty: of all.
-        held: Whether it was so.
-        seen: What was seen.
-    """
-
-    what: str
-    agent: str
-    held: bool
-    seen: str
+    what: str  #: The statement.
+    agent: str  #: Of which agent; empty: of all.
+    held: bool  #: Whether it was so.
+    seen: str  #: What was seen.
 
 
 def heartbeat_checks(results: Results) -> list[Check]:

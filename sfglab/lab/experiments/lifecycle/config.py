@@ -6,44 +6,32 @@ from dataclasses import dataclass, field
 
 from sfglab.fleet.discovery.orders import Timing
 from sfglab.fleet.status.schedule import Schedule
-from sfglab.lab.experiments.profiles import ConfigError, of_profile
-
-__all__ = ["Config", "ConfigError"]
+from sfglab.lab.experiments.profiles import of_profile
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """The whole run.
+    """The whole run."""
 
-    Attributes:
-        profile: Name of the profile it came from.
-        agents: Status providers whose heartbeats are timed.
-        routed: Whether each of them is in a domain of its own behind a router, as the paper has it, so that
-            what is timed has crossed its agent's border; else they are in the global domain themselves. The
-            transitions are always run there, without routers in between.
-        schedule: Their schedule. The periods are the paper's in every profile but ``smoke``; the length of the
-            start-up phase, which the paper does not state, is shortened.
-        steady_beats: Heartbeats in the steady state that are waited for, per agent.
-        tolerance: How far a median period may be from the one announced or stated, relative to it.
-        walker_period_s: Period of the status process that is stopped and killed, seconds.
-        timing: The discoverer's waits while it is led through its transitions: short, so that all of them fit
-            into seconds.
-        query_timeout_s: Its time limit for answers, seconds.
-        attempts: How often the false agents try a transition that was missed, as on a machine that stalls.
-        seed: Kept for the record; nothing is drawn.
-    """
-
-    profile: str
-    agents: int = 3
+    profile: str  #: Name of the profile it came from.
+    agents: int = 3  #: Status providers whose heartbeats are timed.
+    #: Whether each of them is in a domain of its own behind a router, as the paper has it, so that what is
+    #: timed has crossed its agent's border; else they are in the global domain themselves. The transitions are
+    #: always run there, without routers in between.
     routed: bool = True
+    #: Their schedule. The periods are the paper's in every profile but ``smoke``; the length of the start-up
+    #: phase, which the paper does not state, is shortened.
     schedule: Schedule = field(default_factory=Schedule)
-    steady_beats: int = 4
-    tolerance: float = 0.05
-    walker_period_s: float = 1.0
+    steady_beats: int = 4  #: Heartbeats in the steady state that are waited for, per agent.
+    tolerance: float = 0.05  #: How far a median period may be from the one announced or stated, relative to it.
+    walker_period_s: float = 1.0  #: Period of the status process that is stopped and killed, seconds.
+    #: The discoverer's waits while it is led through its transitions: short, so that all of them fit into
+    #: seconds.
     timing: Timing = field(default_factory=lambda: _timing(1.0))
-    query_timeout_s: float = 1.0
+    query_timeout_s: float = 1.0  #: Its time limit for answers, seconds.
+    #: How often the false agents try a transition that was missed, as on a machine that stalls.
     attempts: int = 3
-    seed: int = 0
+    seed: int = 0  #: Kept for the record; nothing is drawn.
 
     @property
     def at_paper_periods(self) -> bool:

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.lifecycle.results import Results
 
-__all__ = ["draw_heartbeats"]
 
 PAPER_PERIODS = {0: 1.0, 1: 5.0}
 """Seconds by phase (paper A, section 4.2)."""

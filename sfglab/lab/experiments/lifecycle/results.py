@@ -14,38 +14,22 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-__all__ = ["Results", "load_results"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """The tables of one run; see `rows`.
+    """The tables of one run; see `rows`."""
 
-    Attributes:
-        beats: Heartbeats of the first part, as both listeners heard them.
-        joins: When the listeners of the first part joined.
-        endpoints: Publishers of heartbeats in the graph.
-        answers: Calls of the metadata services.
-        moves: Transitions.
-        queries: Queries that arrived at false agents.
-        faults: What was done to provoke transitions.
-        counts: The discoverers' counters at the end.
-        events: Raw discovery events that a listener heard, by name of the event.
-        config: The run's configuration.
-        hosts: What the hosts were.
-    """
-
-    beats: pd.DataFrame
-    joins: pd.DataFrame
-    endpoints: pd.DataFrame
-    answers: pd.DataFrame
-    moves: pd.DataFrame
-    queries: pd.DataFrame
-    faults: pd.DataFrame
-    counts: pd.DataFrame
-    events: dict[str, int]
-    config: dict[str, Any]
-    hosts: dict[str, Any]
+    beats: pd.DataFrame  #: Heartbeats of the first part, as both listeners heard them.
+    joins: pd.DataFrame  #: When the listeners of the first part joined.
+    endpoints: pd.DataFrame  #: Publishers of heartbeats in the graph.
+    answers: pd.DataFrame  #: Calls of the metadata services.
+    moves: pd.DataFrame  #: Transitions.
+    queries: pd.DataFrame  #: Queries that arrived at false agents.
+    faults: pd.DataFrame  #: What was done to provoke transitions.
+    counts: pd.DataFrame  #: The discoverers' counters at the end.
+    events: dict[str, int]  #: Raw discovery events that a listener heard, by name of the event.
+    config: dict[str, Any]  #: The run's configuration.
+    hosts: dict[str, Any]  #: What the hosts were.
 
     @property
     def at_paper_periods(self) -> bool:

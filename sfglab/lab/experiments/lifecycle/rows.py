@@ -4,148 +4,86 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["AnswerRow", "BeatRow", "CountRow", "FaultRow", "JoinRow", "MoveRow", "QueryRow", "WireEndpointRow"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BeatRow:
-    """A heartbeat as a listener on another host heard it.
+    """A heartbeat as a listener on another host heard it."""
 
-    Attributes:
-        listener: ``first``, or ``late`` for the one that joined in the steady state.
-        agent: Who sent it.
-        incarnation: Which start of the agent.
-        revision: Which revision of its description.
-        phase: 0 start-up, 1 steady.
-        period_s: The time that it announces until the next one, seconds.
-        sent_ns: When it was published, nanoseconds since the epoch.
-        received_ns: When the listener took it.
-        gid: The publisher's GUID, hexadecimal.
-    """
-
-    listener: str
-    agent: str
-    incarnation: int
-    revision: int
-    phase: int
-    period_s: float
-    sent_ns: int
-    received_ns: int
-    gid: str
+    listener: str  #: ``first``, or ``late`` for the one that joined in the steady state.
+    agent: str  #: Who sent it.
+    incarnation: int  #: Which start of the agent.
+    revision: int  #: Which revision of its description.
+    phase: int  #: 0 start-up, 1 steady.
+    period_s: float  #: The time that it announces until the next one, seconds.
+    sent_ns: int  #: When it was published, nanoseconds since the epoch.
+    received_ns: int  #: When the listener took it.
+    gid: str  #: The publisher's GUID, hexadecimal.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JoinRow:
-    """A listener that joined the domain.
+    """A listener that joined the domain."""
 
-    Attributes:
-        listener: Which one.
-        t_ns: When it made its subscription, nanoseconds since the epoch.
-    """
-
-    listener: str
-    t_ns: int
+    listener: str  #: Which one.
+    t_ns: int  #: When it made its subscription, nanoseconds since the epoch.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WireEndpointRow:
-    """A publisher of heartbeats as the listener's graph showed it.
+    """A publisher of heartbeats as the listener's graph showed it."""
 
-    Attributes:
-        topic: ROS topic.
-        type: ROS type.
-        reliability: What is offered.
-        durability: What is offered.
-        gid: Its GUID, hexadecimal.
-    """
-
-    topic: str
-    type: str
-    reliability: str
-    durability: str
-    gid: str
+    topic: str  #: ROS topic.
+    type: str  #: ROS type.
+    reliability: str  #: What is offered.
+    durability: str  #: What is offered.
+    gid: str  #: Its GUID, hexadecimal.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnswerRow:
-    """A call of an agent's metadata service from another host.
+    """A call of an agent's metadata service from another host."""
 
-    Attributes:
-        agent: Who was asked.
-        service: Under which name.
-        answered: Whether an answer came.
-        incarnation: Which start of the agent it describes.
-        took_s: From the call to the answer, finding the service included, seconds.
-    """
-
-    agent: str
-    service: str
-    answered: bool
-    incarnation: int
-    took_s: float
+    agent: str  #: Who was asked.
+    service: str  #: Under which name.
+    answered: bool  #: Whether an answer came.
+    incarnation: int  #: Which start of the agent it describes.
+    took_s: float  #: From the call to the answer, finding the service included, seconds.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MoveRow:
-    """A transition that a discoverer took.
+    """A transition that a discoverer took."""
 
-    Attributes:
-        discoverer: The agent that it belongs to.
-        agent: The remote agent.
-        before: State before.
-        given: Input.
-        after: State after.
-        actions: What was done, joined by ``;``.
-        t_ns: When, nanoseconds since the epoch.
-    """
-
-    discoverer: str
-    agent: str
-    before: str
-    given: str
-    after: str
-    actions: str
-    t_ns: int
+    discoverer: str  #: The agent that it belongs to.
+    agent: str  #: The remote agent.
+    before: str  #: State before.
+    given: str  #: Input.
+    after: str  #: State after.
+    actions: str  #: What was done, joined by ``;``.
+    t_ns: int  #: When, nanoseconds since the epoch.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QueryRow:
-    """A query that arrived at a false agent.
+    """A query that arrived at a false agent."""
 
-    Attributes:
-        agent: Who was asked.
-        t_ns: When it arrived, nanoseconds since the epoch.
-    """
-
-    agent: str
-    t_ns: int
+    agent: str  #: Who was asked.
+    t_ns: int  #: When it arrived, nanoseconds since the epoch.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FaultRow:
-    """Something that was done to provoke a transition.
+    """Something that was done to provoke a transition."""
 
-    Attributes:
-        agent: To whom.
-        what: What was done.
-        t_ns: When, nanoseconds since the epoch.
-    """
-
-    agent: str
-    what: str
-    t_ns: int
+    agent: str  #: To whom.
+    what: str  #: What was done.
+    t_ns: int  #: When, nanoseconds since the epoch.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CountRow:
-    """One of a discoverer's counters at the end.
+    """One of a discoverer's counters at the end."""
 
-    Attributes:
-        discoverer: The agent that it belongs to.
-        name: The counter.
-        count: Its value.
-    """
-
-    discoverer: str
-    name: str
-    count: int
+    discoverer: str  #: The agent that it belongs to.
+    name: str  #: The counter.
+    count: int  #: Its value.

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.address import BusAddress
     from sfglab.lab.experiments.lifecycle.config import Config
 
-__all__ = ["run"]
 
 ROBOT, STATION = "robot", "station"
 GATE = "gate"

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.lifecycle.rows import MoveRow
     from sfglab.lab.experiments.lifecycle.stage import Member, Recorder
 
-__all__ = ["Puppet", "crowd", "puppet_show", "walk"]
 
 FOREVER_S = 30.0
 """A period that is announced so that nobody is missed."""

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from sfglab.lab.testbed import Testbed
     from sfglab.record import LogWriter
 
-__all__ = ["Crew", "Member", "Recorder", "Seen", "together"]
 
 GLOBAL_DOMAIN = 0
 LOOPBACK_DOMAIN = 93

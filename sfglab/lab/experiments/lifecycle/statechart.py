@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     Point = tuple[float, float]
     Taken = dict[tuple[State, Input], int]
 
-__all__ = ["draw_states", "draw_table"]
 
 # Where things stand: presentation only. What there is to draw, and its words, come from the table.
 _X = (0.0, 6.6, 13.2)

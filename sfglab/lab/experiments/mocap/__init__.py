@@ -10,9 +10,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.experiments.mocap.analysis import checks, errors, load_results, measure_claims, offsets
-from sfglab.lab.experiments.mocap.config import Config, ConfigError
+from sfglab.lab.experiments.mocap.config import Config
 from sfglab.lab.experiments.mocap.figure import mocap_error, mocap_offset, mocap_trees
 from sfglab.lab.experiments.mocap.run import run
+from sfglab.lab.experiments.profiles import ConfigError
 
 if TYPE_CHECKING:
     from pathlib import Path

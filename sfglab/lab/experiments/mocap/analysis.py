@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-__all__ = ["Results", "checks", "errors", "findings_of", "load_results", "measure_claims", "offsets", "tree_of"]
 
 RIGHT_MM = 20.0
 """A tenth of how far the markers are from the base: whoever takes one frame for the other is further off."""
@@ -51,31 +50,18 @@ _TABLES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """The tables of one run.
+    """The tables of one run."""
 
-    Attributes:
-        edges: All edges of all trees, by ``where`` (figure 6, or a live round) and ``way``.
-        looks: One line a live look through the bridge's tree.
-        tries: How live looks ended, by round and way.
-        heard: Times of the bridge's transforms.
-        spells: When the cameras of a live round were wrong.
-        confusion: What was really there, and the bridge's verdict.
-        checks: The checks without network: trees, and faults.
-        offsets: One line an estimate of the offset.
-        config: The run's configuration.
-        hosts: What the hosts were.
-    """
-
-    edges: pd.DataFrame
-    looks: pd.DataFrame
-    tries: pd.DataFrame
-    heard: pd.DataFrame
-    spells: pd.DataFrame
-    confusion: pd.DataFrame
-    checks: pd.DataFrame
-    offsets: pd.DataFrame
-    config: dict[str, Any]
-    hosts: dict[str, Any]
+    edges: pd.DataFrame  #: All edges of all trees, by ``where`` (figure 6, or a live round) and ``way``.
+    looks: pd.DataFrame  #: One line a live look through the bridge's tree.
+    tries: pd.DataFrame  #: How live looks ended, by round and way.
+    heard: pd.DataFrame  #: Times of the bridge's transforms.
+    spells: pd.DataFrame  #: When the cameras of a live round were wrong.
+    confusion: pd.DataFrame  #: What was really there, and the bridge's verdict.
+    checks: pd.DataFrame  #: The checks without network: trees, and faults.
+    offsets: pd.DataFrame  #: One line an estimate of the offset.
+    config: dict[str, Any]  #: The run's configuration.
+    hosts: dict[str, Any]  #: What the hosts were.
 
 
 def load_results(log: Path) -> Results:

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.mocap.config import Config
     from sfglab.spatial.mocap import OffsetEstimate
 
-__all__ = ["CASES", "offset_rows"]
 
 ODOM, BASE = f"{AGENT}/odom", f"{AGENT}/base"
 CASES = ((False, True), (True, True), (True, False))

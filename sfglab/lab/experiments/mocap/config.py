@@ -6,13 +6,12 @@ import json
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from sfglab.lab.experiments.profiles import ConfigError, of_profile
+from sfglab.lab.experiments.profiles import of_profile
 from sfglab.spatial.mocap import SyntheticConfig
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["FAULTY", "IDEAL", "ROUNDS", "TAIL_S", "WAYS", "Config", "ConfigError", "MocapWorkerConfig"]
 
 FAULTY = SyntheticConfig(occlusions_hz=0.5, occlusion_s=0.15, flips_hz=0.5, flip_s=0.1, dropped=0.02)
 """Cameras with noise and every fault."""
@@ -27,29 +26,17 @@ ROUNDS = {"faulty": FAULTY, "ideal": IDEAL}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """The whole run.
+    """The whole run."""
 
-    Attributes:
-        profile: Name of the profile it came from.
-        trees: Random robots whose trees motion capture joins, beside the paper's example.
-        rounds: The live rounds: names in `ROUNDS`.
-        live_s: How long a live round lasts, seconds.
-        fault_s: How long every recording with faults lasts, seconds.
-        fault_recordings: How many of those there are.
-        lengths_s: Lengths of the motions from which the offset is estimated, seconds.
-        recordings: How many motions there are of each length.
-        seed: Seed of everything that is drawn.
-    """
-
-    profile: str
-    trees: int
-    rounds: tuple[str, ...]
-    live_s: float
-    fault_s: float
-    fault_recordings: int
-    lengths_s: tuple[float, ...]
-    recordings: int
-    seed: int = 0
+    profile: str  #: Name of the profile it came from.
+    trees: int  #: Random robots whose trees motion capture joins, beside the paper's example.
+    rounds: tuple[str, ...]  #: The live rounds: names in `ROUNDS`.
+    live_s: float  #: How long a live round lasts, seconds.
+    fault_s: float  #: How long every recording with faults lasts, seconds.
+    fault_recordings: int  #: How many of those there are.
+    lengths_s: tuple[float, ...]  #: Lengths of the motions from which the offset is estimated, seconds.
+    recordings: int  #: How many motions there are of each length.
+    seed: int = 0  #: Seed of everything that is drawn.
 
     @classmethod
     def of_profile(cls, profile: str, *, seed: int = 0) -> Config:
@@ -67,19 +54,12 @@ class Config:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MocapWorkerConfig:
-    """What a part does.
+    """What a part does."""
 
-    Attributes:
-        role: ``robot``, ``bridge`` or ``listener``.
-        domains: The domain of each of `WAYS`.
-        interface: Towards the others.
-        seed: Of the cameras' noise and faults, and of the listener's times.
-    """
-
-    role: str
-    domains: Mapping[str, int]
-    interface: str
-    seed: int
+    role: str  #: ``robot``, ``bridge`` or ``listener``.
+    domains: Mapping[str, int]  #: The domain of each of `WAYS`.
+    interface: str  #: Towards the others.
+    seed: int  #: Of the cameras' noise and faults, and of the listener's times.
 
     def to_json(self) -> str:
         """Return it as a command line argument."""

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.mocap.config import Config
     from sfglab.spatial.mocap import TrueCapture
 
-__all__ = ["fault_rows"]
 
 _BELIEVED = frozenset(v.value for v in Verdict if v.believed)
 _TURNED_RAD = 2.5

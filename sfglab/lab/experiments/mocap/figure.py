@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.mocap.analysis import Results
 
-__all__ = ["mocap_error", "mocap_offset", "mocap_trees"]
 
 _TITLES = {
     "direct": "Direct receiver (Fig. 6, left)",

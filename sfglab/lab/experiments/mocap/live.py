@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from sfglab.lab.testbed import Testbed
     from sfglab.spatial.mocap import TrueCapture
 
-__all__ = ["HOSTS", "LiveStage", "live_rows", "live_tree"]
 
 HOSTS = {"robot": "agent_x", "bridge": "mocap", "listener": "viewer"}
 _DOMAINS = {way: 51 + place for place, way in enumerate(WAYS)}

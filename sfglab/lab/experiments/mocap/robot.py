@@ -10,18 +10,6 @@ import math
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.mocap import MappedObject, MocapMapping, SyntheticMotion
 
-__all__ = [
-    "AGENT",
-    "CAMERA",
-    "MOTION",
-    "OBJECT",
-    "WORLD",
-    "description",
-    "mapping",
-    "motions",
-    "world_from_camera",
-]
-
 AGENT, WORLD, OBJECT = "agent_x", "map", "agent_x/markers"
 CAMERA = f"{AGENT}/camera"
 MOTION = SyntheticMotion()

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.mocap.config import Config
 
-__all__ = ["run"]
-
 
 async def run(config: Config, path: Path, *, separate: bool | None = None) -> Path:
     """Run the experiment.

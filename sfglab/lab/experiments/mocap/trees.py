@@ -17,7 +17,6 @@ from sfglab.spatial.mocap import Capture, MappedObject, MocapMapping, MocapTrees
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-__all__ = ["RULE", "edge_rows", "figure_6", "tree_checks"]
 
 RULE = FrameRule(agents=frozenset({AGENT}))
 _LARGEST = 12

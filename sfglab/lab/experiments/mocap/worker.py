@@ -50,7 +50,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.component import Report
     from sfglab.spatial.mocap import Capture, MocapSource
 
-__all__ = ["main"]
 
 MOTION_HZ, LOOK_HZ = 50.0, 50.0
 _EARLY_NS = 500_000_000

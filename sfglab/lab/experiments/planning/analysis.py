@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     Holds = Callable[[Any], bool]
 
-__all__ = ["Results", "apart_m", "checks", "load_results", "measure_claims"]
 
 _EXACT_TABLES = ("geometry", "exchange", "editing", "disk")
 _GROUPS = {"disk": "editing", "fault": "editing"}
@@ -40,27 +39,16 @@ _GRID_S = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """The tables of one run.
+    """The tables of one run."""
 
-    Attributes:
-        checks: The exact checks, with their group.
-        contrast: The same check where it must fail now and then.
-        faults: One line a kind of broken file.
-        goals: One line a goal.
-        tracks: Where the scene's agents were.
-        samples: The drawn example.
-        scene: The scene that was driven.
-        config: The run's configuration.
-    """
-
-    checks: pd.DataFrame
-    contrast: pd.DataFrame
-    faults: pd.DataFrame
-    goals: pd.DataFrame
-    tracks: pd.DataFrame
-    samples: pd.DataFrame
-    scene: Scene
-    config: dict[str, Any]
+    checks: pd.DataFrame  #: The exact checks, with their group.
+    contrast: pd.DataFrame  #: The same check where it must fail now and then.
+    faults: pd.DataFrame  #: One line a kind of broken file.
+    goals: pd.DataFrame  #: One line a goal.
+    tracks: pd.DataFrame  #: Where the scene's agents were.
+    samples: pd.DataFrame  #: The drawn example.
+    scene: Scene  #: The scene that was driven.
+    config: dict[str, Any]  #: The run's configuration.
 
     @property
     def how(self) -> How:

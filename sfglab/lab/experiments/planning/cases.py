@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     Trial = Callable[[np.random.Generator], str]
 
-__all__ = ["EITHER", "checked", "random_limits", "random_pose", "random_trajectory"]
 
 EITHER = tuple(Interpolation)
 _NS_PER_S = 1_000_000_000

@@ -6,32 +6,20 @@ from dataclasses import dataclass
 
 from sfglab.lab.experiments.profiles import of_profile
 
-__all__ = ["Config"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """The whole run.
+    """The whole run."""
 
-    Attributes:
-        profile: Name of the profile it came from.
-        cases: Random cases of each property of trajectories and exchange.
-        edit_cases: Random sequences of edits of each property of editing.
-        kills: Writers of a file that are killed.
-        live: Whether the action runs over DDS, on the loopback interface; else on the simulated bus.
-        domain: Which DDS domain.
-        scene_file: The scene whose agents are sent along, in the data folder.
-        seed: Of all cases.
-    """
-
-    profile: str
-    cases: int = 100
-    edit_cases: int = 40
-    kills: int = 4
+    profile: str  #: Name of the profile it came from.
+    cases: int = 100  #: Random cases of each property of trajectories and exchange.
+    edit_cases: int = 40  #: Random sequences of edits of each property of editing.
+    kills: int = 4  #: Writers of a file that are killed.
+    #: Whether the action runs over DDS, on the loopback interface; else on the simulated bus.
     live: bool = True
-    domain: int = 57
-    scene_file: str = "scenes/hall.yaml"
-    seed: int = 0
+    domain: int = 57  #: Which DDS domain.
+    scene_file: str = "scenes/hall.yaml"  #: The scene whose agents are sent along, in the data folder.
+    seed: int = 0  #: Of all cases.
 
     @classmethod
     def of_profile(cls, profile: str, *, seed: int = 0) -> Config:

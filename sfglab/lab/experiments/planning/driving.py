@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
     MakeNode = Callable[[str], Any]
 
-__all__ = ["GONE", "Driven", "drive_scene", "try_goals"]
 
 GONE = "server gone"
 _NS_PER_S = 1_000_000_000
@@ -53,21 +52,14 @@ _MOVING = 0.1
 
 @dataclass(slots=True, kw_only=True)
 class Driven:
-    """What came of driving a scene.
+    """What came of driving a scene."""
 
-    Attributes:
-        start_ns: The scene's time 0.
-        goals: One row an agent.
-        tracks: Where everybody was.
-        poses: Topic, time and message of what was heard of the agents.
-        orders: What was sent.
-    """
-
-    start_ns: int = 0
-    goals: list[PlanningGoalRow] = field(default_factory=list)
-    tracks: list[PlanningTrackRow] = field(default_factory=list)
+    start_ns: int = 0  #: The scene's time 0.
+    goals: list[PlanningGoalRow] = field(default_factory=list)  #: One row an agent.
+    tracks: list[PlanningTrackRow] = field(default_factory=list)  #: Where everybody was.
+    #: Topic, time and message of what was heard of the agents.
     poses: list[tuple[str, int, Any]] = field(default_factory=list)
-    orders: tuple[Order, ...] = ()
+    orders: tuple[Order, ...] = ()  #: What was sent.
 
 
 async def drive_scene(node: MakeNode, scene: Scene) -> Driven:

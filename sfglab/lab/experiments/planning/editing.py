@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 
     Trial = Callable[[np.random.Generator], str]
 
-__all__ = ["EDITING", "fault_rows", "survives_kills"]
 
 _EDITS = 25
 _NAMES = ("go2", "spot", "yes", "a: b", '"quoted" \\', "Halle 5 (Süd)", "null")

@@ -15,7 +15,6 @@ from sfglab.spatial.trajectory import Interpolation, Limits, Quantity, Trajector
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["EXAMPLE_LIMITS", "EXAMPLE_M", "example_rows"]
 
 EXAMPLE_LIMITS = Limits(speed_m_s=1.0, acceleration_m_s2=1.0)
 EXAMPLE_M = ((0.0, 0.0), (1.2, 0.3), (1.5, 1.5), (3.0, 1.5), (3.3, 1.3), (5.0, 0.0))

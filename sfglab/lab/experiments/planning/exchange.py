@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
     Trial = Callable[[np.random.Generator], str]
 
-__all__ = ["EXCHANGE"]
-
 
 def _sent(message: Any) -> Any:
     """Return a message as it arrives: through bytes as they are on the wire."""

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from sfglab.spatial import Pose
     from sfglab.spatial.trajectory import Shape, Trajectory
 
-__all__ = ["figure_interpolation", "figure_scene"]
 
 _LINES = {Interpolation.POLYLINE: COLORS["network"], Interpolation.CATMULL_ROM: COLORS["fourth"]}
 _WAYS = {Interpolation.POLYLINE: "polyline (paper)", Interpolation.CATMULL_ROM: "Catmull-Rom (ours)"}

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     Trial = Callable[[np.random.Generator], str]
     Floats = NDArray[np.float64]
 
-__all__ = ["GEOMETRY", "loops", "planar_curve", "uniform_curve", "uniform_has_no_loop"]
 
 _NS_PER_S = 1_000_000_000
 _SPLINE, _LINE = (Interpolation.CATMULL_ROM,), (Interpolation.POLYLINE,)

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.planning.rows import PlanningGoalRow
     from sfglab.spatial.scene import Scene
 
-__all__ = ["run"]
 
 _NS_PER_S = 1_000_000_000
 _PATH_STEP_NS = 200_000_000

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sfglab.lab.experiments.profiles import ConfigError
 from sfglab.lab.experiments.routing.analysis import checks, latencies, load_results, measure_claims
-from sfglab.lab.experiments.routing.config import Config, ConfigError
+from sfglab.lab.experiments.routing.config import Config
 from sfglab.lab.experiments.routing.figure import routing_border
 from sfglab.lab.experiments.routing.run import run
 

@@ -24,35 +24,24 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-__all__ = ["Results", "checks", "latencies", "load_results", "measure_claims"]
 
 GLOBAL = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """The tables of one run.
+    """The tables of one run."""
 
-    Attributes:
-        parties: One line a party.
-        heard: One line a topic, source and hearer; ``allowed`` says whether Table 1 names the topic, ``across``
-            whether the two are in different domains.
-        endpoints: What was seen in the global domain beside the parties' own endpoints.
-        calls: One line a service and caller, with ``allowed`` and ``across``.
-        latched: What late joiners heard of static transforms.
-        policy: The policy's own checks.
-        config: The run's configuration.
-        hosts: What the hosts were.
-    """
-
-    parties: pd.DataFrame
+    parties: pd.DataFrame  #: One line a party.
+    #: One line a topic, source and hearer; ``allowed`` says whether Table 1 names the topic, ``across`` whether
+    #: the two are in different domains.
     heard: pd.DataFrame
-    endpoints: pd.DataFrame
-    calls: pd.DataFrame
-    latched: pd.DataFrame
-    policy: pd.DataFrame
-    config: dict[str, Any]
-    hosts: dict[str, Any]
+    endpoints: pd.DataFrame  #: What was seen in the global domain beside the parties' own endpoints.
+    calls: pd.DataFrame  #: One line a service and caller, with ``allowed`` and ``across``.
+    latched: pd.DataFrame  #: What late joiners heard of static transforms.
+    policy: pd.DataFrame  #: The policy's own checks.
+    config: dict[str, Any]  #: The run's configuration.
+    hosts: dict[str, Any]  #: What the hosts were.
 
 
 def load_results(log: Path) -> Results:

@@ -4,34 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sfglab.lab.experiments.profiles import ConfigError, of_profile
-
-__all__ = ["Config", "ConfigError"]
+from sfglab.lab.experiments.profiles import of_profile
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """The whole run.
+    """The whole run."""
 
-    Attributes:
-        profile: Name of the profile it came from.
-        agents: Agents behind a router each; two parties in the global domain come in addition.
-        seconds: How long everybody talks at least, seconds.
-        rate_hz: Messages a second of every party on every topic.
-        busy: Further local topics of every agent.
-        random_names: Random DDS names that the policy is asked about.
-        call_s: How long a caller waits for a server that it must not reach, seconds.
-        seed: Seed of the random names.
-    """
-
-    profile: str
-    agents: int
-    seconds: float
-    rate_hz: float
-    busy: int
-    random_names: int
-    call_s: float = 1.0
-    seed: int = 0
+    profile: str  #: Name of the profile it came from.
+    agents: int  #: Agents behind a router each; two parties in the global domain come in addition.
+    seconds: float  #: How long everybody talks at least, seconds.
+    rate_hz: float  #: Messages a second of every party on every topic.
+    busy: int  #: Further local topics of every agent.
+    random_names: int  #: Random DDS names that the policy is asked about.
+    call_s: float = 1.0  #: How long a caller waits for a server that it must not reach, seconds.
+    seed: int = 0  #: Seed of the random names.
 
     @classmethod
     def of_profile(cls, profile: str, *, seed: int = 0) -> Config:

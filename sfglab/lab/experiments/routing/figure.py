@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["Cell", "cells_of", "draw_latencies", "draw_matrix", "routing_border"]
 
 AGENT, GROUND = "agent_1", "ground_1"
 HEARD, FORBIDDEN, SILENT, MISSING = COLORS["proxy"], COLORS["standard"], "#ececec", COLORS["fourth"]
@@ -24,19 +23,12 @@ _OWN = {AGENT: "<agent>", GROUND: "<agent>"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """One name and one domain.
+    """One name and one domain."""
 
-    Attributes:
-        name: The topic on the wire, with ``<agent>`` for its publisher.
-        domain: Where it was listened for.
-        heard: Share of the messages that arrived, of calls that were answered.
-        allowed: Whether it may be heard there.
-    """
-
-    name: str
-    domain: int
-    heard: float
-    allowed: bool
+    name: str  #: The topic on the wire, with ``<agent>`` for its publisher.
+    domain: int  #: Where it was listened for.
+    heard: float  #: Share of the messages that arrived, of calls that were answered.
+    allowed: bool  #: Whether it may be heard there.
 
     @property
     def color(self) -> str:

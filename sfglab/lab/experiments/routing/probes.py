@@ -18,15 +18,6 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-__all__ = [
-    "NEAR_MISSES",
-    "STRING",
-    "Topic",
-    "in_table_1",
-    "random_dds_names",
-    "service_names",
-    "topics",
-]
 
 STRING = "std_msgs/msg/String"
 
@@ -52,21 +43,13 @@ DEEP = "/global/deeper/than/the/schema/goes/x"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topic:
-    """A topic of the experiment.
+    """A topic of the experiment."""
 
-    Attributes:
-        name: ROS name.
-        type: ROS type.
-        publishers: Parties that publish it.
-        subscribers: Parties that subscribe it.
-        latched: Published once, transient local.
-    """
-
-    name: str
-    type: str
-    publishers: tuple[str, ...]
-    subscribers: tuple[str, ...]
-    latched: bool = False
+    name: str  #: ROS name.
+    type: str  #: ROS type.
+    publishers: tuple[str, ...]  #: Parties that publish it.
+    subscribers: tuple[str, ...]  #: Parties that subscribe it.
+    latched: bool = False  #: Published once, transient local.
 
 
 def in_table_1(dds_name: str) -> bool:

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.routing.rows import PartyRow
     from sfglab.names import RosFqn
 
-__all__ = ["policy_rows", "run"]
 
 AGENT = "go2"
 _Name = TypeVar("_Name", str, "RosFqn")

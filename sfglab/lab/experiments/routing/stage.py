@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.routing.probes import Topic
     from sfglab.lab.testbed import Testbed
 
-__all__ = ["Stage", "parties_of"]
 
 GLOBAL_DOMAIN = 0
 OTHERS = ("ground_1", "ground_2")

@@ -20,18 +20,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.stats import Estimate
 
-__all__ = [
-    "MAIN",
-    "Results",
-    "bars_of",
-    "live_agreement",
-    "live_note",
-    "live_speed_up",
-    "live_table",
-    "load_results",
-    "memory_speed_ups",
-    "rtl_residual",
-]
 
 MAIN = "stored"
 """The constants by which claims are judged; the other set is told beside."""
@@ -58,43 +46,24 @@ _OPTIONAL = {"laws": "law", "cycles": "cycles", "areas": "area", "live": "crossi
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """The tables of one run; those of parts that were left out are empty.
+    """The tables of one run; those of parts that were left out are empty."""
 
-    Attributes:
-        bars: As `TransferBarRow`, with ``ratio``.
-        stated: As `StatedRow`, with ``residual``.
-        tendencies: As `TendencyRow`.
-        constants: As `ConstantRow`.
-        refits: As `RefitRow`.
-        variants: As `VariantRow`.
-        laws: As `CycleLawRow`.
-        cycles: As `CycleCheckRow`.
-        areas: As `AreaRow`.
-        live: As `CrossingRow`.
-        break_even: As `BreakEvenRow`.
-        sized: As `SizedMappingRow`.
-        placed: As `PlacedRow`.
-        config: The run's configuration.
-        machine: Its machine.
-        missing: Which parts were left out, and why.
-    """
-
-    bars: pd.DataFrame
-    stated: pd.DataFrame
-    tendencies: pd.DataFrame
-    constants: pd.DataFrame
-    refits: pd.DataFrame
-    variants: pd.DataFrame
-    laws: pd.DataFrame
-    cycles: pd.DataFrame
-    areas: pd.DataFrame
-    live: pd.DataFrame
-    break_even: pd.DataFrame
-    sized: pd.DataFrame
-    placed: pd.DataFrame
-    config: dict[str, Any]
-    machine: dict[str, Any]
-    missing: dict[str, Any]
+    bars: pd.DataFrame  #: As `TransferBarRow`, with ``ratio``.
+    stated: pd.DataFrame  #: As `StatedRow`, with ``residual``.
+    tendencies: pd.DataFrame  #: As `TendencyRow`.
+    constants: pd.DataFrame  #: As `ConstantRow`.
+    refits: pd.DataFrame  #: As `RefitRow`.
+    variants: pd.DataFrame  #: As `VariantRow`.
+    laws: pd.DataFrame  #: As `CycleLawRow`.
+    cycles: pd.DataFrame  #: As `CycleCheckRow`.
+    areas: pd.DataFrame  #: As `AreaRow`.
+    live: pd.DataFrame  #: As `CrossingRow`.
+    break_even: pd.DataFrame  #: As `BreakEvenRow`.
+    sized: pd.DataFrame  #: As `SizedMappingRow`.
+    placed: pd.DataFrame  #: As `PlacedRow`.
+    config: dict[str, Any]  #: The run's configuration.
+    machine: dict[str, Any]  #: Its machine.
+    missing: dict[str, Any]  #: Which parts were left out, and why.
 
 
 def load_results(log: Path) -> Results:

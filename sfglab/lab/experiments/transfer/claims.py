@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-__all__ = ["fit_meaning", "measure_claims"]
-
 
 def fit_meaning(results: Results, model: str = MAIN) -> dict[str, str]:
     """Return what the model's agreement with the stated numbers is worth, for the ledger.
@@ -68,21 +66,14 @@ def fit_meaning(results: Results, model: str = MAIN) -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Asked:
-    """What a claim asks of its panel.
+    """What a claim asks of its panel."""
 
-    Attributes:
-        panel: From whom to whom.
-        bar: Which of the panel's speed-ups it is about, by subscribers and size.
-        slower: The figure is how many times as slow; else how many times as fast.
-        other: What else the paper states of the panel, beside ours.
-        unit: Of the figure.
-    """
-
-    panel: Panel
+    panel: Panel  #: From whom to whom.
+    #: Which of the panel's speed-ups it is about, by subscribers and size.
     bar: Callable[[pd.Series[float]], tuple[int, int]]
-    slower: bool = False
-    other: Callable[[pd.Series[float]], str]
-    unit: str
+    slower: bool = False  #: The figure is how many times as slow; else how many times as fast.
+    other: Callable[[pd.Series[float]], str]  #: What else the paper states of the panel, beside ours.
+    unit: str  #: Of the figure.
 
     def value(self, ratios: pd.Series[float]) -> float:
         """Return the claim's figure."""

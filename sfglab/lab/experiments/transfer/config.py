@@ -7,46 +7,27 @@ from dataclasses import dataclass
 from sfglab.lab.experiments.profiles import of_profile
 from sfglab.soc.memory import MESSAGE_BYTES, SUBSCRIBERS
 
-__all__ = ["Config"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """The whole run.
+    """The whole run."""
 
-    Attributes:
-        profile: Name of the profile it came from.
-        refits: Starts from which the model is fitted anew.
-        rtl_subscribers: Numbers of hardware subscribers for which the hardware is simulated.
-        rtl_check_bytes: Bytes that the hardware moves where a law of cycles is checked; a multiple of 64.
-        areas: Whether the gateway is synthesised.
-        live_bytes: Message sizes across processes; multiples of 8.
-        live_subscribers: Numbers of subscribing processes on the hardware's side.
-        live_rounds: How often every cell is repeated; 0: nothing is live.
-        most_subscribers: Largest number of hardware subscribers in the break-even chart.
-        sizes: How many sizes the topics of Fig. 8 take, from 100 B to 10 MB.
-        small_graphs: Random graphs on which node mapping is compared with brute force.
-        small_nodes: Their largest number of nodes.
-        large_graphs: Random graphs on which node mapping is timed.
-        large_nodes: Their number of nodes.
-        seed: Seed of everything that is drawn.
-    """
-
-    profile: str
-    refits: int
+    profile: str  #: Name of the profile it came from.
+    refits: int  #: Starts from which the model is fitted anew.
+    #: Numbers of hardware subscribers for which the hardware is simulated.
     rtl_subscribers: tuple[int, ...] = SUBSCRIBERS
-    rtl_check_bytes: int
-    areas: bool = True
-    live_bytes: tuple[int, ...] = MESSAGE_BYTES
-    live_subscribers: tuple[int, ...] = SUBSCRIBERS
-    live_rounds: int
-    most_subscribers: int = 16
-    sizes: int = 26
-    small_graphs: int
-    small_nodes: int
-    large_graphs: int
-    large_nodes: int
-    seed: int = 0
+    rtl_check_bytes: int  #: Bytes that the hardware moves where a law of cycles is checked; a multiple of 64.
+    areas: bool = True  #: Whether the gateway is synthesised.
+    live_bytes: tuple[int, ...] = MESSAGE_BYTES  #: Message sizes across processes; multiples of 8.
+    live_subscribers: tuple[int, ...] = SUBSCRIBERS  #: Numbers of subscribing processes on the hardware's side.
+    live_rounds: int  #: How often every cell is repeated; 0: nothing is live.
+    most_subscribers: int = 16  #: Largest number of hardware subscribers in the break-even chart.
+    sizes: int = 26  #: How many sizes the topics of Fig. 8 take, from 100 B to 10 MB.
+    small_graphs: int  #: Random graphs on which node mapping is compared with brute force.
+    small_nodes: int  #: Their largest number of nodes.
+    large_graphs: int  #: Random graphs on which node mapping is timed.
+    large_nodes: int  #: Their number of nodes.
+    seed: int = 0  #: Seed of everything that is drawn.
 
     @classmethod
     def of_profile(cls, profile: str, *, seed: int = 0) -> Config:

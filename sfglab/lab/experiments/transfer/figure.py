@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["NODE_COLORS", "NODE_MARKERS", "SIZE_LABELS", "figure_live", "figure_transfer"]
 
 TRANSPORT_COLORS = {"smt": COLORS["standard"], "gateway": COLORS["proxy"]}
 NODE_COLORS = ("#E69F00", COLORS["fourth"], COLORS["third"])

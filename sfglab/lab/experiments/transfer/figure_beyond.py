@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["figure_break_even", "figure_residuals"]
 
 MODEL_STYLES = {MAIN: ("proxy", "core stores a chunk"), "cut-through": ("standard", "core cuts through")}
 JUDGE_STYLES = {

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.transfer.analysis import Results
 
-__all__ = ["figure_node_mapping"]
 
 BASELINES = {
     "same_without_gateways": "same placement,\nno gateways",

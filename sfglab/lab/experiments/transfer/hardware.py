@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from sfglab.soc.memory import Costs, MemoryInterface
     from sfglab.soc.rtl import Delays
 
-__all__ = ["IN", "OUT", "READS", "WRITE", "area_rows", "bars_with_laws", "hardware_rows", "what_is_missing"]
 
 OUT, IN, READS, WRITE = (
     "gateway, memory to stream",

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.transfer.config import Config
 
-__all__ = ["Cell", "Crossing", "cells_of", "crossings"]
 
 TIMEOUT_S = 20.0
 NOTICE_S = 0.3
@@ -39,17 +38,11 @@ _MODULE = "sfglab.lab.workers.crossing"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """What is asked of both kinds of topic.
+    """What is asked of both kinds of topic."""
 
-    Attributes:
-        publisher: ``software`` or ``hardware``.
-        message_bytes: Size of the message.
-        subscribers: Subscribing processes on the hardware's side.
-    """
-
-    publisher: str
-    message_bytes: int
-    subscribers: int
+    publisher: str  #: ``software`` or ``hardware``.
+    message_bytes: int  #: Size of the message.
+    subscribers: int  #: Subscribing processes on the hardware's side.
 
 
 def cells_of(config: Config) -> list[Cell]:

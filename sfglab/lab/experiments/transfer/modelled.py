@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
     from sfglab.soc.memory import Costs, Fit, SpeedUp
 
-__all__ = ["MODELS", "bar_row", "model_rows"]
 
 MODELS = {"stored": STORED, "cut-through": CUT_THROUGH}
 """Both sets of constants; the first is the better fit and the one that claims are judged by."""

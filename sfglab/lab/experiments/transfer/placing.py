@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
     from sfglab.soc import Platform
 
-__all__ = ["brute_force_s", "greedy_placement", "placed_rows", "random_graph"]
 
 TOPICS_PER_NODE = 0.6
 AREA_SHARE = 0.5

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.transfer.config import Config
 
-__all__ = ["run"]
 
 GRAPH_FILE = "graphs/figure_8.yaml"
 

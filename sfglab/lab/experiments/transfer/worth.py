@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
     from sfglab.soc import Graph, Topic
 
-__all__ = ["JUDGES", "RULES", "break_even_rows", "sized_mapping_rows"]
 
 JUDGES = {"hardware": Judge.HARDWARE, "software": Judge.SOFTWARE, "last": Judge.LAST}
 

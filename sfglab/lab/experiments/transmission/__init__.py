@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sfglab.lab.experiments.profiles import ConfigError
 from sfglab.lab.experiments.transmission.analysis import (
     agreement,
     cells,
@@ -16,7 +17,7 @@ from sfglab.lab.experiments.transmission.analysis import (
     measure_claims,
     order,
 )
-from sfglab.lab.experiments.transmission.config import Config, ConfigError, Point, grid
+from sfglab.lab.experiments.transmission.config import Config, Point, grid
 from sfglab.lab.experiments.transmission.figure import (
     figure_beyond,
     figure_fates,

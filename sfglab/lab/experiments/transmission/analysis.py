@@ -20,18 +20,6 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-__all__ = [
-    "BEST",
-    "LOSSES",
-    "TIE",
-    "Results",
-    "agreement",
-    "cells",
-    "compare_ways",
-    "load_results",
-    "measure_claims",
-    "order",
-]
 
 BEST = "OPT+LC"
 """The paper's winner."""
@@ -53,23 +41,15 @@ TIE = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """The tables of one run.
+    """The tables of one run."""
 
-    Attributes:
-        cells: One line for each cell and seed, as `TransmissionRow`, and ``loss``.
-        lossless: The same cells with one seed, over an air that loses nothing.
-        beyond: One line for each way, Rmax and seed, as `BeyondRow`.
-        live: One line for each live cell and group of flows, as `LiveRow`; empty where nothing ran live.
-        hindrance: What hindered the live cells; empty when nothing did.
-        config: The run's configuration.
-    """
-
-    cells: pd.DataFrame
-    lossless: pd.DataFrame
-    beyond: pd.DataFrame
+    cells: pd.DataFrame  #: One line for each cell and seed, as `TransmissionRow`, and ``loss``.
+    lossless: pd.DataFrame  #: The same cells with one seed, over an air that loses nothing.
+    beyond: pd.DataFrame  #: One line for each way, Rmax and seed, as `BeyondRow`.
+    #: One line for each live cell and group of flows, as `LiveRow`; empty where nothing ran live.
     live: pd.DataFrame
-    hindrance: str
-    config: dict[str, Any]
+    hindrance: str  #: What hindered the live cells; empty when nothing did.
+    config: dict[str, Any]  #: The run's configuration.
 
 
 def load_results(log: Path) -> Results:

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.transmission.config import Config
     from sfglab.rtps import Flow, FlowOutcome, Scenario
 
-__all__ = ["WAYS", "Way", "own_plan", "simulate_way", "up_to_date", "ways"]
 
 WAYS = {
     "none": ("none", "10"),
@@ -46,17 +45,11 @@ HELLO_CHANGE_S = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Way:
-    """A cell of the comparison: a task's point.
+    """A cell of the comparison: a task's point."""
 
-    Attributes:
-        rate_max_hz: Rmax.
-        name: One of `WAYS`.
-        duration_s: Simulated seconds.
-    """
-
-    rate_max_hz: int
-    name: str
-    duration_s: float
+    rate_max_hz: int  #: Rmax.
+    name: str  #: One of `WAYS`.
+    duration_s: float  #: Simulated seconds.
 
 
 def ways(config: Config) -> list[Way]:

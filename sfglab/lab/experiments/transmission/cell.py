@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.transmission.config import Point
     from sfglab.rtps import FlowOutcome, Outcome, Scenario
 
-__all__ = ["hello_latency_ms", "hello_losses", "row_of", "simulate_cell"]
-
 
 def simulate_cell(point: Point, seed: int) -> TransmissionRow:
     """Run one cell with one seed."""

@@ -8,29 +8,19 @@ from sfglab.arp.methods import DEPTHS, METHODS, RATES_HZ
 from sfglab.lab.experiments.profiles import ConfigError, of_profile
 from sfglab.rtps import Medium
 
-__all__ = ["OPT_DEPTH", "Config", "ConfigError", "Point", "grid", "live_cells"]
-
 OPT_DEPTH = "opt"
 """The depth that Eq. 6 gives."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Point:
-    """One cell of the grid.
+    """One cell of the grid."""
 
-    Attributes:
-        rate_max_hz: Rmax.
-        depth: A number as text, or ``opt``.
-        method: One of `METHODS`.
-        duration_s: How long is published, simulated seconds.
-        loss: Share of frames that the air loses.
-    """
-
-    rate_max_hz: int
-    depth: str
-    method: str
-    duration_s: float
-    loss: float = Medium().loss
+    rate_max_hz: int  #: Rmax.
+    depth: str  #: A number as text, or ``opt``.
+    method: str  #: One of `METHODS`.
+    duration_s: float  #: How long is published, simulated seconds.
+    loss: float = Medium().loss  #: Share of frames that the air loses.
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -43,33 +33,20 @@ class Point:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """The whole run.
+    """The whole run."""
 
-    Attributes:
-        profile: Name of the profile it came from.
-        seeds: How many seeds each cell is run with.
-        duration_s: Simulated seconds of a cell.
-        rates_hz: Values of Rmax.
-        depths: Values of DEPTH beside the optimum.
-        methods: Names of methods.
-        live_s: How long each live cell is, seconds; 0: none is run.
-        live_rates_hz: Rmax of the live cells.
-        live_depths: DEPTH of the live cells; optimised methods run with ``opt`` as well.
-        live_methods: Methods of the live cells.
-        seed: The first seed.
-    """
-
-    profile: str
-    seeds: int
-    duration_s: float
-    rates_hz: tuple[int, ...] = RATES_HZ
-    depths: tuple[int, ...] = DEPTHS
-    methods: tuple[str, ...] = tuple(METHODS)
-    live_s: float = 8.0
-    live_rates_hz: tuple[int, ...] = (100, 200)
+    profile: str  #: Name of the profile it came from.
+    seeds: int  #: How many seeds each cell is run with.
+    duration_s: float  #: Simulated seconds of a cell.
+    rates_hz: tuple[int, ...] = RATES_HZ  #: Values of Rmax.
+    depths: tuple[int, ...] = DEPTHS  #: Values of DEPTH beside the optimum.
+    methods: tuple[str, ...] = tuple(METHODS)  #: Names of methods.
+    live_s: float = 8.0  #: How long each live cell is, seconds; 0: none is run.
+    live_rates_hz: tuple[int, ...] = (100, 200)  #: Rmax of the live cells.
+    #: DEPTH of the live cells; optimised methods run with ``opt`` as well.
     live_depths: tuple[str, ...] = ("1", "10", "1000")
-    live_methods: tuple[str, ...] = ("none", "OPT+LC")
-    seed: int = 0
+    live_methods: tuple[str, ...] = ("none", "OPT+LC")  #: Methods of the live cells.
+    seed: int = 0  #: The first seed.
 
     @classmethod
     def of_profile(cls, profile: str, *, seed: int = 0) -> Config:

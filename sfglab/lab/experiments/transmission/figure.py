@@ -26,15 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "METHOD_STYLES",
-    "draw_panel",
-    "figure_beyond",
-    "figure_fates",
-    "figure_latency",
-    "figure_live",
-    "figure_loss",
-]
 
 METHOD_STYLES: dict[str, dict[str, Any]] = {
     "none": {"color": "black", "marker": "o", "linestyle": "-"},

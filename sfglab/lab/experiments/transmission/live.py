@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from sfglab.lab.hosts import RadioCounters
     from sfglab.rtps import Scenario
 
-__all__ = ["LiveStage", "Played", "hosts_of"]
 
 START_S = 30.0
 MATCH_S = 30.0
@@ -55,30 +54,22 @@ _S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Played:
-    """What a live run came to.
+    """What a live run came to."""
 
-    Attributes:
-        scenario: What the model has to run beside it: as asked, with the drain that it had, and with `delay_s`
-            as latency of the medium.
-        delay_s: What kernel, relay and DDS add to a sample's airtime between the applications, measured
-            with one topic alone on the same medium without losses.
-        outcome: As the model's; a sample that never came has the fate UNDERWAY, as nobody saw why. Counts are
-            those that can be seen: ``lost``, ``queue_full``, ``bytes``, ``airtime_ns``, ``held``, ``compared``.
-        radio: The medium's own counters.
-        busy: Share of a core that each host's process used.
-        late_p95_s: How late each host's process published, 95th percentile, seconds.
-        take_s: What one sample cost the receiving process, by host, seconds.
-        refused: Samples that DDS refused.
-    """
-
+    #: What the model has to run beside it: as asked, with the drain that it had, and with `delay_s` as latency
+    #: of the medium.
     scenario: Scenario
+    #: What kernel, relay and DDS add to a sample's airtime between the applications, measured with one topic
+    #: alone on the same medium without losses.
     delay_s: float
+    #: As the model's; a sample that never came has the fate UNDERWAY, as nobody saw why. Counts are those that
+    #: can be seen: ``lost``, ``queue_full``, ``bytes``, ``airtime_ns``, ``held``, ``compared``.
     outcome: Outcome
-    radio: RadioCounters
-    busy: dict[str, float]
-    late_p95_s: dict[str, float]
-    take_s: dict[str, float]
-    refused: int
+    radio: RadioCounters  #: The medium's own counters.
+    busy: dict[str, float]  #: Share of a core that each host's process used.
+    late_p95_s: dict[str, float]  #: How late each host's process published, 95th percentile, seconds.
+    take_s: dict[str, float]  #: What one sample cost the receiving process, by host, seconds.
+    refused: int  #: Samples that DDS refused.
 
     @property
     def kept_up(self) -> bool:

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.transmission.live import Played
     from sfglab.rtps import FlowOutcome, Outcome
 
-__all__ = ["GROUPS", "LATENCY_WITHIN", "LOSS_WITHIN", "LiveRow", "Measured", "compare", "measure"]
 
 LOSS_WITHIN = 0.03
 LATENCY_WITHIN = 0.30
@@ -34,64 +33,36 @@ GROUPS = ("sensors", "hello_up", "hello")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
-    """What one group of flows came to.
+    """What one group of flows came to."""
 
-    Attributes:
-        published: Samples.
-        loss: Share of them that never arrived; NaN without samples.
-        p50_ms: Median latency of those that did; NaN when none did.
-    """
-
-    published: int
-    loss: float
-    p50_ms: float
+    published: int  #: Samples.
+    loss: float  #: Share of them that never arrived; NaN without samples.
+    p50_ms: float  #: Median latency of those that did; NaN when none did.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveRow:
-    """One group of flows of one cell, live and simulated.
+    """One group of flows of one cell, live and simulated."""
 
-    Attributes:
-        rate_max_hz: Rmax.
-        depth: DEPTH as the grid has it.
-        method: The method.
-        group: One of `GROUPS`.
-        duration_s: How long was published, seconds.
-        published: Samples, live.
-        loss_live: Share of them that never arrived.
-        loss_model: The same in the model, all seeds together.
-        p50_live_ms: Median latency.
-        p50_model_ms: The same in the model.
-        frames: Frames on air, live.
-        frames_lost: Those that the radio lost.
-        queue_full: Frames that found their sender's queue full.
-        air_share: Share of the time that the air was in use.
-        kept_up: Whether relay and processes kept to their schedules.
-        late_mean_ms: How much later than due the relay delivered, on average.
-        delay_ms: What the hosts need themselves, by `Played.delay_s`; the model has it too.
-        loss_agrees: Whether the losses differ by no more than `LOSS_WITHIN`.
-        latency_agrees: Whether the medians differ by no more than `LATENCY_WITHIN` of the live one.
-    """
-
-    rate_max_hz: int
-    depth: str
-    method: str
-    group: str
-    duration_s: float
-    published: int
-    loss_live: float
-    loss_model: float
-    p50_live_ms: float
-    p50_model_ms: float
-    frames: int
-    frames_lost: int
-    queue_full: int
-    air_share: float
-    kept_up: bool
-    late_mean_ms: float
-    delay_ms: float
-    loss_agrees: bool
-    latency_agrees: bool
+    rate_max_hz: int  #: Rmax.
+    depth: str  #: DEPTH as the grid has it.
+    method: str  #: The method.
+    group: str  #: One of `GROUPS`.
+    duration_s: float  #: How long was published, seconds.
+    published: int  #: Samples, live.
+    loss_live: float  #: Share of them that never arrived.
+    loss_model: float  #: The same in the model, all seeds together.
+    p50_live_ms: float  #: Median latency.
+    p50_model_ms: float  #: The same in the model.
+    frames: int  #: Frames on air, live.
+    frames_lost: int  #: Those that the radio lost.
+    queue_full: int  #: Frames that found their sender's queue full.
+    air_share: float  #: Share of the time that the air was in use.
+    kept_up: bool  #: Whether relay and processes kept to their schedules.
+    late_mean_ms: float  #: How much later than due the relay delivered, on average.
+    delay_ms: float  #: What the hosts need themselves, by `Played.delay_s`; the model has it too.
+    loss_agrees: bool  #: Whether the losses differ by no more than `LOSS_WITHIN`.
+    latency_agrees: bool  #: Whether the medians differ by no more than `LATENCY_WITHIN` of the live one.
 
 
 def measure(outcomes: Sequence[Outcome], group: str) -> Measured:

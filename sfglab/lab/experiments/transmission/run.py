@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.transmission.config import Point
     from sfglab.rtps import Scenario
 
-__all__ = ["run"]
 
 P = TypeVar("P")
 

@@ -22,7 +22,6 @@ from sfglab.rtps import FAST_DDS, Flow, Medium, Scenario
 if TYPE_CHECKING:
     from sfglab.rtps import Vendor
 
-__all__ = ["HELLO_DOWN", "HELLO_UP", "STATION", "balance_of", "rate_and_depth", "scenario_of"]
 
 STATION = "station"
 HELLO_UP, HELLO_DOWN = "robot1/hello", "robot1/move"

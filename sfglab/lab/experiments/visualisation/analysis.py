@@ -19,7 +19,6 @@ from sfglab.view.rerunning import WINDOW_BYTES
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["BOUND_BYTES", "Results", "added_ms", "checks", "latency_table", "load_results", "measure_claims"]
 
 BOUND_BYTES = WINDOW_BYTES + 2 * PICTURE_BYTES
 """What may wait at most: a window of drawn pictures, the one that fills it, and one that waits for its turn."""
@@ -27,21 +26,13 @@ BOUND_BYTES = WINDOW_BYTES + 2 * PICTURE_BYTES
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """The tables of one run.
+    """The tables of one run."""
 
-    Attributes:
-        checks: What was compared while it ran, one line a property.
-        clouds: Points of depth images, one line an image.
-        times: Pictures of both arms.
-        memory: Moments with a sink that stands still for a while.
-        config: The run's configuration.
-    """
-
-    checks: pd.DataFrame
-    clouds: pd.DataFrame
-    times: pd.DataFrame
-    memory: pd.DataFrame
-    config: dict[str, Any]
+    checks: pd.DataFrame  #: What was compared while it ran, one line a property.
+    clouds: pd.DataFrame  #: Points of depth images, one line an image.
+    times: pd.DataFrame  #: Pictures of both arms.
+    memory: pd.DataFrame  #: Moments with a sink that stands still for a while.
+    config: dict[str, Any]  #: The run's configuration.
 
 
 def load_results(log: Path) -> Results:

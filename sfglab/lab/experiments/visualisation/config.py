@@ -6,37 +6,23 @@ from dataclasses import dataclass
 
 from sfglab.lab.experiments.profiles import of_profile
 
-__all__ = ["ADDED_MS", "Config"]
-
 ADDED_MS = 5.0
 """Median time that the bridge may add to a picture of 640 x 360, ms; ours, the paper states none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """The whole run.
+    """The whole run."""
 
-    Attributes:
-        profile: Name of the profile it came from.
-        moments: How often every topic of the scene speaks.
-        clouds: Depth images of 640 x 360 whose points are compared.
-        streams: Random streams that are synchronised.
-        rounds: How often both arms of the latency are timed, in turn.
-        pictures: Pictures of an arm in one round.
-        stopped_s: How long the slow sink stands still.
-        observed_s: How long pictures are counted under a rate budget.
-        seed: Seed of the pictures and of the streams.
-    """
-
-    profile: str
-    moments: int = 10
-    clouds: int = 10
-    streams: int = 200
-    rounds: int = 4
-    pictures: int = 60
-    stopped_s: float = 4.0
-    observed_s: float = 1.5
-    seed: int = 0
+    profile: str  #: Name of the profile it came from.
+    moments: int = 10  #: How often every topic of the scene speaks.
+    clouds: int = 10  #: Depth images of 640 x 360 whose points are compared.
+    streams: int = 200  #: Random streams that are synchronised.
+    rounds: int = 4  #: How often both arms of the latency are timed, in turn.
+    pictures: int = 60  #: Pictures of an arm in one round.
+    stopped_s: float = 4.0  #: How long the slow sink stands still.
+    observed_s: float = 1.5  #: How long pictures are counted under a rate budget.
+    seed: int = 0  #: Seed of the pictures and of the streams.
 
     @classmethod
     def of_profile(cls, profile: str, *, seed: int = 0) -> Config:

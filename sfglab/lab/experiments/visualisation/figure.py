@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.visualisation.analysis import Results
 
-__all__ = ["figure_latency", "figure_points"]
 
 _ARMS = {"bare": ("standard", "Rerun alone"), "bridge": ("proxy", "through the bridge")}
 _MIB = 2**20

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from sfglab.view import Display
 
-__all__ = ["Sheet", "check_handling"]
 
 _SOON_S = 5.0
 _LIMIT_HZ = 5.0

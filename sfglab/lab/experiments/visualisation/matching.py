@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.visualisation.moments import Moment
 
-__all__ = ["Cloud", "check_clouds", "check_matching", "show_clouds"]
 
 _TOPICS = ("image", "info", "depth")
 _PERIOD_NS = 33_333_333
@@ -86,21 +85,13 @@ def _matched_as_sent(policy: Any, jitter_ns: int, rng: Any) -> tuple[int, int]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cloud:
-    """A depth image as points: what the recording holds, and the reference.
+    """A depth image as points: what the recording holds, and the reference."""
 
-    Attributes:
-        moment: The picture and its depth.
-        shown: Points of the recording, metres, shape (N, 3).
-        colors: Their colours, shape (N, 3).
-        expected: Points of the reference.
-        expected_colors: Their colours.
-    """
-
-    moment: Moment
-    shown: NDArray[np.float64]
-    colors: NDArray[np.uint8]
-    expected: NDArray[np.float64]
-    expected_colors: NDArray[np.uint8]
+    moment: Moment  #: The picture and its depth.
+    shown: NDArray[np.float64]  #: Points of the recording, metres, shape (N, 3).
+    colors: NDArray[np.uint8]  #: Their colours, shape (N, 3).
+    expected: NDArray[np.float64]  #: Points of the reference.
+    expected_colors: NDArray[np.uint8]  #: Their colours.
 
     @property
     def errors_m(self) -> NDArray[np.float64]:

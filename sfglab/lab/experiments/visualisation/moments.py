@@ -13,18 +13,6 @@ from sfglab.messages import default_message, message_type, stamp_from_ns
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = [
-    "CAMERA",
-    "PERIOD_NS",
-    "RECEIVED_AFTER_NS",
-    "SIZE",
-    "START_NS",
-    "Moment",
-    "back_projected",
-    "camera_info",
-    "image_message",
-    "scene_moments",
-]
 
 START_NS = 1_700_000_000_000_000_000
 """The first moment; any time will do, this one is easily recognised."""
@@ -41,17 +29,11 @@ CAMERA = "go2/camera_front_color"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Moment:
-    """What the fleet looks like at one time.
+    """What the fleet looks like at one time."""
 
-    Attributes:
-        number: Counter from 0.
-        rgb: A picture, shape (H, W, 3).
-        depth_mm: Depth registered to it, shape (H, W).
-    """
-
-    number: int
-    rgb: NDArray[np.uint8]
-    depth_mm: NDArray[np.uint16]
+    number: int  #: Counter from 0.
+    rgb: NDArray[np.uint8]  #: A picture, shape (H, W, 3).
+    depth_mm: NDArray[np.uint16]  #: Depth registered to it, shape (H, W).
 
     @property
     def stamp_ns(self) -> int:

@@ -10,60 +10,37 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiments.visualisation.moments import Moment
 
-__all__ = ["Part", "Place", "Speaker"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Where something is shown.
+    """Where something is shown."""
 
-    Attributes:
-        entity: Its entity.
-        component: Of the archetype that shows it.
-        is_timeless: Whether it is shown for all times.
-    """
-
-    entity: str
-    component: str
-    is_timeless: bool = False
+    entity: str  #: Its entity.
+    component: str  #: Of the archetype that shows it.
+    is_timeless: bool = False  #: Whether it is shown for all times.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """One topic and what a recording must hold of it.
+    """One topic and what a recording must hold of it."""
 
-    Attributes:
-        kind: The visualizer that is asked for.
-        topic: Its topic.
-        type: Its ROS type.
-        messages: One a moment, None where it does not speak.
-        place: Where it is shown; None where nothing is compared message by message.
-        expected: What a recording must hold there, one array or list of texts for each message.
-    """
-
-    kind: str
-    topic: str
-    type: str
-    messages: tuple[Any, ...]
-    place: Place | None = None
+    kind: str  #: The visualizer that is asked for.
+    topic: str  #: Its topic.
+    type: str  #: Its ROS type.
+    messages: tuple[Any, ...]  #: One a moment, None where it does not speak.
+    place: Place | None = None  #: Where it is shown; None where nothing is compared message by message.
+    #: What a recording must hold there, one array or list of texts for each message.
     expected: tuple[Any, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Speaker:
-    """A topic and how its messages are made.
+    """A topic and how its messages are made."""
 
-    Attributes:
-        kind: The visualizer that is asked for.
-        topic: Its topic.
-        type: Its ROS type.
-        say: Makes the message of a moment, or None.
-    """
-
-    kind: str
-    topic: str
-    type: str
-    say: Callable[[Moment], Any]
+    kind: str  #: The visualizer that is asked for.
+    topic: str  #: Its topic.
+    type: str  #: Its ROS type.
+    say: Callable[[Moment], Any]  #: Makes the message of a moment, or None.
 
     def part(self, moments: Sequence[Moment]) -> Part:
         """Return its part of a scene, nothing expected of it."""

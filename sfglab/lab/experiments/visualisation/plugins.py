@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-__all__ = ["BATTERY", "PLUGIN", "check_plugins", "installed"]
 
 BATTERY = "sensor_msgs/msg/BatteryState"
 

@@ -12,22 +12,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["Shown", "read_blueprint", "read_recording", "rows_of"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shown:
-    """One component at one entity and time.
+    """One component at one entity and time."""
 
-    Attributes:
-        capture_ns: On the timeline of the senders' stamps; None for what holds at all times.
-        received_ns: On that of this host; None likewise.
-        content: Numbers of whatever nesting as a flat array; texts as a list.
-    """
-
-    capture_ns: int | None
-    received_ns: int | None
-    content: NDArray[Any] | list[str]
+    capture_ns: int | None  #: On the timeline of the senders' stamps; None for what holds at all times.
+    received_ns: int | None  #: On that of this host; None likewise.
+    content: NDArray[Any] | list[str]  #: Numbers of whatever nesting as a flat array; texts as a list.
 
 
 def read_recording(path: Path) -> dict[tuple[str, str], list[Shown]]:

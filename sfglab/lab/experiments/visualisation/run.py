@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.visualisation.matching import Cloud
     from sfglab.lab.experiments.visualisation.moments import Moment
 
-__all__ = ["CLOUD", "FLEET_FILE", "PICTURE", "run"]
 
 FLEET_FILE = "fleets/lab.yaml"
 """Whose layout is checked, in the data folder."""

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     Said = tuple[Speaker, str, str, Callable[[Moment], Any]]
 
-__all__ = ["make_parts"]
 
 _TF, _MARKER = "tf2_msgs/msg/TFMessage", "visualization_msgs/msg/Marker"
 _MOUNT = np.array([0.25, 0.0, 0.125])

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.visualisation.moments import Moment
     from sfglab.lab.experiments.visualisation.parts import Part
 
-__all__ = ["pictures", "points", "videos"]
 
 _IMAGE = "sensor_msgs/msg/Image"
 _COLOR, _DEPTH = "/local/go2/camera_front/color", "/local/go2/camera_front/aligned_depth"

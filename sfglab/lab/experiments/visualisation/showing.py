@@ -30,16 +30,6 @@ if TYPE_CHECKING:
 
     Recording = dict[tuple[str, str], list[Shown]]
 
-__all__ = [
-    "WORKER",
-    "check_fleet",
-    "check_sources",
-    "check_visualizers",
-    "process",
-    "show_live",
-    "show_log",
-    "write_scene",
-]
 
 WORKER = "sfglab.lab.workers.sights"
 _REACH_S = 10.0

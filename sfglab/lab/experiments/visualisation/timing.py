@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
     from sfglab.view import Display, RerunCanvas
 
-__all__ = ["PICTURE_BYTES", "free_port", "sink_process", "time_pictures", "watch_memory"]
 
 PICTURE_BYTES = 640 * 360 * 3
 _SAMPLE_S = 0.05

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from sfglab.record import LogReader
     from sfglab.spatial.mocap.capture import Sight
 
-__all__ = ["POSE", "TRANSFORM", "LogSource", "TopicSource", "capture_of"]
 
 POSE = "geometry_msgs/msg/PoseStamped"
 TRANSFORM = "geometry_msgs/msg/TransformStamped"

@@ -22,26 +22,18 @@ if TYPE_CHECKING:
     from sfglab.bus.api import Clock
     from sfglab.spatial.mocap.capture import Sight
 
-__all__ = ["SyntheticConfig", "SyntheticMotion", "SyntheticSource", "TrueCapture", "synthetic_captures"]
 
 _HALF_TURN = Pose(quat_xyzw=(0.0, 0.0, 1.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SyntheticMotion:
-    """A closed way in space: an ellipse that heads where it goes, rises and falls, and rolls and pitches.
+    """A closed way in space: an ellipse that heads where it goes, rises and falls, and rolls and pitches."""
 
-    Attributes:
-        centre_m: The middle.
-        radii_m: Half axes along x, y and z.
-        period_s: Time for one round.
-        sway_rad: Amplitude of roll and pitch.
-    """
-
-    centre_m: tuple[float, float, float] = (0.0, 0.0, 0.5)
-    radii_m: tuple[float, float, float] = (2.0, 1.0, 0.1)
-    period_s: float = 10.0
-    sway_rad: float = 0.15
+    centre_m: tuple[float, float, float] = (0.0, 0.0, 0.5)  #: The middle.
+    radii_m: tuple[float, float, float] = (2.0, 1.0, 0.1)  #: Half axes along x, y and z.
+    period_s: float = 10.0  #: Time for one round.
+    sway_rad: float = 0.15  #: Amplitude of roll and pitch.
 
     def pose_at(self, time_s: float) -> Pose:
         """Return where the object is."""
@@ -58,31 +50,18 @@ class SyntheticMotion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SyntheticConfig:
-    """How well a capture system sees; rates are per object and second, durations means of exponential ones.
+    """How well a capture system sees; rates are per object and second, durations means of exponential ones."""
 
-    Attributes:
-        rate_hz: Captures a second.
-        noise_m: Standard deviation of every coordinate.
-        noise_rad: Standard deviation of the turn about every axis.
-        occlusions_hz: How often an object gets hidden.
-        occlusion_s: For how long.
-        flips_hz: How often an object's pattern is taken for itself turned by half a turn.
-        flip_s: For how long.
-        dropped: Share of captures that never arrive.
-        latency_s: From capture to receipt, at least.
-        jitter_s: Mean of the exponential part of the latency.
-    """
-
-    rate_hz: float = 100.0
-    noise_m: float = 0.0005
-    noise_rad: float = 0.002
-    occlusions_hz: float = 0.0
-    occlusion_s: float = 0.2
-    flips_hz: float = 0.0
-    flip_s: float = 0.05
-    dropped: float = 0.0
-    latency_s: float = 0.006
-    jitter_s: float = 0.0005
+    rate_hz: float = 100.0  #: Captures a second.
+    noise_m: float = 0.0005  #: Standard deviation of every coordinate.
+    noise_rad: float = 0.002  #: Standard deviation of the turn about every axis.
+    occlusions_hz: float = 0.0  #: How often an object gets hidden.
+    occlusion_s: float = 0.2  #: For how long.
+    flips_hz: float = 0.0  #: How often an object's pattern is taken for itself turned by half a turn.
+    flip_s: float = 0.05  #: For how long.
+    dropped: float = 0.0  #: Share of captures that never arrive.
+    latency_s: float = 0.006  #: From capture to receipt, at least.
+    jitter_s: float = 0.0005  #: Mean of the exponential part of the latency.
 
     def __post_init__(self) -> None:
         for name in ("rate_hz", "occlusion_s", "flip_s"):
@@ -97,17 +76,11 @@ class SyntheticConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrueCapture:
-    """A capture and what was really there.
+    """A capture and what was really there."""
 
-    Attributes:
-        capture: What the system says.
-        truth: Where the objects were.
-        flipped: Objects that it says were turned by half a turn, and were not.
-    """
-
-    capture: Capture
-    truth: Mapping[str, Pose]
-    flipped: frozenset[str]
+    capture: Capture  #: What the system says.
+    truth: Mapping[str, Pose]  #: Where the objects were.
+    flipped: frozenset[str]  #: Objects that it says were turned by half a turn, and were not.
 
 
 def synthetic_captures(

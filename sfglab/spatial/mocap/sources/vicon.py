@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from sfglab.bus.api import Clock
     from sfglab.spatial.mocap.capture import Sight
 
-__all__ = ["ViconError", "ViconMissingError", "ViconSource"]
 
 _MODULE = "pyvicon_datastream"
 _NO_FRAME_PAUSE_S = 0.002

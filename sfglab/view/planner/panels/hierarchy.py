@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene import Change
     from sfglab.view.planner.bench import Bench
 
-__all__ = ["Hierarchy"]
 
 _ICONS = {
     "group": "FOLDER",

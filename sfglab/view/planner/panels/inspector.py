@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene import Change
     from sfglab.view.planner.bench import Bench
 
-__all__ = ["Inspector"]
 
 _TYPING_S = 0.5
 _STEP = 0.05

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene import Change
     from sfglab.view.planner.bench import Bench
 
-__all__ = ["Timeline"]
 
 _TICK_S = 0.05
 _STEP_S = 0.01

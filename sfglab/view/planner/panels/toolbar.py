@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene import Change
     from sfglab.view.planner.bench import Bench
 
-__all__ = ["Toolbar"]
 
 # Buttons in pairs, everything else over the whole width.
 _STYLE = """<style>

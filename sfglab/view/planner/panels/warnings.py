@@ -8,7 +8,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene import Change, Conflict
     from sfglab.view.planner.bench import Bench
 
-__all__ = ["Warnings"]
 
 _MOST = 50
 # Sentences, not captions: they wrap.

@@ -1,0 +1,195 @@
+"""Fields of dataclasses: their documentation, their bounds, and their values as JSON and back.
+
+A field is documented once, on its own line after ``#:`` or on the lines above it, and bounded by `between`.
+Forms, schemas of logs and references of file formats read both here. Knows dataclasses; refuses to know what
+they describe.
+"""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import sys
+import types
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import cache
+from typing import Any, TypeVar
+
+from sfglab.errors import InvalidValueError
+
+T = TypeVar("T")
+_BOUNDS = "bounds"
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """What a field may hold, both ends included."""
+
+    low: float  #: Lowest value.
+    high: float  #: Highest value.
+    log: bool = False  #: Whether steps are ratios, so that a slider has a logarithmic scale.
+
+    def __str__(self) -> str:
+        return f"{self.low:g} to {self.high:g}"
+
+
+def between(default: T, low: float, high: float, *, log: bool = False) -> T:
+    """Bound a field of a dataclass, whose default this is.
+
+    Args:
+        default: The field's default.
+        low: Lowest value that is allowed.
+        high: Highest value that is allowed.
+        log: Whether its steps are ratios.
+    """
+    return dataclasses.field(default=default, metadata={_BOUNDS: Bounds(low, high, log)})
+
+
+def bounds_of(row_class: type[Any]) -> dict[str, Bounds]:
+    """Return the bounds of a dataclass's bounded fields, by name."""
+    return {f.name: f.metadata[_BOUNDS] for f in dataclasses.fields(row_class) if _BOUNDS in f.metadata}
+
+
+def check_bounds(value: Any) -> None:
+    """Check the bounded fields of a dataclass.
+
+    Raises:
+        InvalidValueError: A field lies beyond its bounds.
+    """
+    for name, bounds in bounds_of(type(value)).items():
+        given = getattr(value, name)
+        if not bounds.low <= given <= bounds.high:
+            raise InvalidValueError(name, given, str(bounds))
+
+
+def field_docs(row_class: type[Any]) -> dict[str, str]:
+    """Return the documentation of a dataclass's fields, inherited ones included; empty without source files."""
+    docs: dict[str, str] = {}
+    for base in reversed(row_class.__mro__):
+        docs |= _module_docs(base.__module__).get(base.__qualname__, {})
+    return docs
+
+
+@cache
+def _module_docs(module: str) -> dict[str, dict[str, str]]:
+    """Return the texts of all fields of a module's classes, by the class's qualified name."""
+    try:
+        text = inspect.getsource(sys.modules[module])
+    except (KeyError, OSError, TypeError):
+        return {}
+    found: dict[str, dict[str, str]] = {}
+    _collect(ast.parse(text), "", text.splitlines(), found)
+    return found
+
+
+def _collect(node: ast.AST, prefix: str, lines: list[str], found: dict[str, dict[str, str]]) -> None:
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.ClassDef):
+            name = prefix + child.name
+            texts = {
+                s.target.id: _text(s, lines)
+                for s in child.body
+                if isinstance(s, ast.AnnAssign) and isinstance(s.target, ast.Name)
+            }
+            found[name] = {field: text for field, text in texts.items() if text}
+            _collect(child, f"{name}.", lines, found)
+        elif isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef):
+            _collect(child, f"{prefix}{child.name}.<locals>.", lines, found)
+        else:
+            _collect(child, prefix, lines, found)
+
+
+def _text(field: ast.AnnAssign, lines: list[str]) -> str:
+    """Return what stands behind ``#:`` on a field's last line, else on the lines directly above it."""
+    last = lines[(field.end_lineno or field.lineno) - 1].encode()[field.end_col_offset or 0 :].decode()
+    if "#:" in last:
+        return last.partition("#:")[2].strip()
+    above: list[str] = []
+    line = field.lineno - 2
+    while line >= 0 and lines[line].strip().startswith("#:"):
+        above.insert(0, lines[line].strip().removeprefix("#:").strip())
+        line -= 1
+    return " ".join(above)
+
+
+def to_json(value: Any) -> Any:
+    """Return a value as JSON has it: dataclasses as objects, enums by their value, tuples as lists."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: to_json(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, Mapping):
+        return {str(to_json(k)): to_json(v) for k, v in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [to_json(v) for v in value]
+    return value
+
+
+def from_json(hint: Any, value: Any) -> Any:  # noqa: PLR0911  # one return a kind of type
+    """Return a JSON value as an annotated type: what `to_json` of such a value gave, or a value of it already.
+
+    Keys that a dataclass does not have are left out, fields that are missing take their defaults: what another
+    version wrote stays readable.
+
+    Args:
+        hint: A dataclass, enum, container, union or plain type. Fields' types must be importable at run time.
+        value: The JSON value.
+
+    Raises:
+        InvalidValueError: The value has no form in that type.
+    """
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if dataclasses.is_dataclass(hint) and isinstance(hint, type) and isinstance(value, Mapping):
+        return _dataclass_from_json(hint, value)
+    if origin in (typing.Union, types.UnionType):
+        return _union_from_json(arguments, value)
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return _made(hint, value)
+    if origin is tuple and isinstance(value, Sequence) and not isinstance(value, str):
+        each = arguments[:1] * len(value) if arguments[1:] == (...,) else arguments
+        return tuple(from_json(h, v) for h, v in zip(each, value, strict=True))
+    if (
+        origin in (list, Sequence, frozenset, set)
+        and isinstance(value, Sequence)
+        and not isinstance(value, str)
+    ):
+        made = (from_json(arguments[0], v) for v in value)
+        return tuple(made) if origin is Sequence else origin(made)
+    if origin in (dict, Mapping) and isinstance(value, Mapping):
+        return {from_json(arguments[0], k): from_json(arguments[1], v) for k, v in value.items()}
+    return _made(hint, value) if hint in (float, int) and not isinstance(value, bool) else value
+
+
+def _dataclass_from_json(hint: type[Any], value: Mapping[str, Any]) -> Any:
+    hints = typing.get_type_hints(hint)
+    fields = [f.name for f in dataclasses.fields(hint) if f.init and f.name in value]
+    try:
+        return hint(**{name: from_json(hints[name], value[name]) for name in fields})
+    except (TypeError, KeyError) as error:
+        raise InvalidValueError(hint.__name__, dict(value), str(error)) from error
+
+
+def _union_from_json(options: tuple[Any, ...], value: Any) -> Any:
+    if value is None and type(None) in options:
+        return None
+    for option in options:
+        if isinstance(option, type) and isinstance(value, option):
+            return value
+    refused: Exception | None = None
+    for option in options:
+        try:
+            return from_json(option, value)
+        except (TypeError, ValueError) as error:
+            refused = error
+    raise InvalidValueError("value", value, " or ".join(map(str, options))) from refused
+
+
+def _made(hint: Any, value: Any) -> Any:
+    try:
+        return hint(value)
+    except (TypeError, ValueError) as error:
+        raise InvalidValueError("value", value, hint.__name__) from error
