@@ -29,20 +29,15 @@ class Side(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LatencyRow:
-    """One measurement.
+    """One measurement."""
 
-    Attributes:
-        sent: Messages that were sent.
-        mean_s: Mean latency, in seconds; it has a long
-            explanation.
-        side: Which side.
-    """
-
-    sent: int
+    sent: int  #: Messages that were sent.
+    #: Mean latency, in seconds; it has a long
+    #: explanation.
     mean_s: float
     lossless: bool
     agent: str
-    side: Side
+    side: Side  #: Which side.
     samples_s: tuple[float, ...]
     sizes: list[int]
     names: list[str]
