@@ -287,6 +287,7 @@ class SimpyModel:
             return
         channel.arrived[sample] = RECEIVED
         channel.behind_gap += 1
+        channel.oldest = min(channel.oldest, sample)
         if sample == channel.next:
             self.advance(channel)
         if len(channel.history) + channel.behind_gap <= channel.reader_depth:

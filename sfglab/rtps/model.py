@@ -24,6 +24,10 @@ if TYPE_CHECKING:
 
 _S = 1_000_000_000
 _SMALLEST_FRAME_BYTES = 62
+_NOT_NEGATIVE = (
+    *("rate_hz", "phase_s", "size_bytes", "reader_depth"),
+    *("service_s", "compare_s", "change_s", "max_silence_s"),
+)
 
 
 class ModelError(SfglabError, ValueError):
@@ -41,7 +45,7 @@ class Flow:
     rate_hz: float = 0.0  #: How often a sample is published; 0: only when a chain publishes it.
     phase_s: float = 0.0  #: When the first one is published, seconds.
     qos: QoSProfile = DEFAULT  #: Of the writer; its deadline is watched, not enforced.
-    reader_depth: int | None = None  #: History of the reader, KEEP_LAST; None: as the writer's.
+    reader_depth: int | None = None  #: History of the reader; 0: KEEP_ALL; None: as the writer's.
     executor: str | None = None  #: Whose time it costs when a sample is taken; None: one of its own.
     service_s: float = 0.0  #: How much, seconds.
     #: What a repeated value costs instead, seconds, where cache control discards it before it is processed
@@ -89,6 +93,10 @@ class Scenario:
             raise ModelError(
                 f"medium: given {medium}; allowed are 0 <= loss < 1, rate_bps > 0, queue_frames >= 1"
             )
+        if min(medium.overhead_s, medium.contention, medium.latency_s) < 0:
+            raise ModelError(
+                f"medium: given {medium}; overhead_s, contention and latency_s must not be negative"
+            )
         if not self.duration_s > 0 or self.drain_s < 0:
             raise ModelError(
                 f"duration_s, drain_s: given {self.duration_s}, {self.drain_s}; needed is > 0, >= 0"
@@ -98,10 +106,9 @@ class Scenario:
 def _check_flow(flow: Flow, names: list[str]) -> None:
     if flow.then is not None and flow.then not in names:
         raise ModelError(f"flow {flow.name!r}: then: given {flow.then!r}, allowed are {', '.join(names)}")
-    if flow.rate_hz < 0 or flow.size_bytes < 0 or flow.service_s < 0 or flow.change_s < 0:
-        raise ModelError(
-            f"flow {flow.name!r}: rate_hz, size_bytes, service_s and change_s must not be negative"
-        )
+    for field in _NOT_NEGATIVE:
+        if (getattr(flow, field) or 0) < 0:
+            raise ModelError(f"flow {flow.name!r}: {field}: given {getattr(flow, field)}, must not be negative")
     if flow.rate_hz > 0 and flow.rate_hz > 1e9:
         raise ModelError(f"flow {flow.name!r}: rate_hz: given {flow.rate_hz:g}, allowed are up to 1e9")
 
@@ -206,7 +213,7 @@ def _timing(scenario: Scenario) -> np.ndarray:
 
 def _most_samples(scenario: Scenario) -> int:
     """Return how many samples one flow can have at most; a chain publishes once for each that it follows."""
-    own = {f.name: (int(scenario.duration_s * f.rate_hz) + 2 if f.rate_hz else 0) for f in scenario.flows}
+    own = {flow.name: scheduled_samples(scenario, flow) for flow in scenario.flows}
     most = own
     for _ in scenario.flows:  # a chain is as long as there are flows, at most; a ring has no end
         before, most = most, dict(own)
@@ -216,6 +223,11 @@ def _most_samples(scenario: Scenario) -> int:
         if most == before:
             return max(most.values())
     return max(sum(own.values()), *most.values())
+
+
+def scheduled_samples(scenario: Scenario, flow: Flow) -> int:
+    """Return how many samples a flow publishes by itself at most."""
+    return _ns(scenario.duration_s) // _ns(1 / flow.rate_hz) + 2 if flow.rate_hz else 0
 
 
 def _most_under_way(medium: Medium) -> int:

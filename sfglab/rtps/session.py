@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sfglab.rtps.model import ModelError, compile_scenario
+from sfglab.rtps.model import ModelError, compile_scenario, scheduled_samples
 from sfglab.rtps.outcome import outcome_of
 from sfglab.rtps.state import D_FLOW, D_SAMPLE, D_SKIPPED, SET, W_VALUE, FlowColumn
 
@@ -131,5 +131,5 @@ class Session:
 
 def _room(scenario: Scenario) -> int:
     """Return how many samples a flow can have: its own schedule's, or answers to what others deliver."""
-    scheduled = [int(scenario.duration_s * flow.rate_hz) + 2 for flow in scenario.flows]
-    return max(*scheduled, min(sum(scheduled), _MOST_ANSWERS))
+    scheduled = [scheduled_samples(scenario, flow) for flow in scenario.flows]
+    return max(2, *scheduled, min(sum(scheduled), _MOST_ANSWERS))

@@ -232,8 +232,11 @@ def test_bad_scenarios_are_refused_with_the_place():
         Scenario(flows=(replace(flow, then="b"),))
     with pytest.raises(ModelError, match="loss"):
         Scenario(flows=(flow,), medium=Medium(loss=1.0))
-    with pytest.raises(ModelError, match="negative"):
-        Scenario(flows=(replace(flow, rate_hz=-1.0),))
+    for field in ("rate_hz", "phase_s", "reader_depth", "compare_s"):
+        with pytest.raises(ModelError, match=f"{field}: given -1, must not be negative"):
+            Scenario(flows=(replace(flow, **{field: -1}),))
+    with pytest.raises(ModelError, match="latency_s must not be negative"):
+        Scenario(flows=(flow,), medium=Medium(latency_s=-1.0))
     with pytest.raises(VendorError, match="heartbeat"):
         replace(FAST_DDS, heartbeat_ns=0)
     assert isinstance(FAST_DDS, Vendor)
