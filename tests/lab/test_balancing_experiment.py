@@ -15,9 +15,10 @@ from sfglab.lab.claims import How
 from sfglab.lab.experiments import balancing
 from sfglab.lab.experiments.balancing import caches
 from sfglab.lab.experiments.balancing import stale as stale_module
-from sfglab.lab.experiments.balancing.config import Config, ConfigError
+from sfglab.lab.experiments.balancing.config import Config
 from sfglab.lab.experiments.balancing.optimum import balance_checks, balance_rows
 from sfglab.lab.experiments.balancing.readings import readings
+from sfglab.lab.experiments.profiles import ConfigError
 from sfglab.qos import QoSProfile
 from sfglab.record import LogReader
 from sfglab.rtps import Drop, Fate, FlowOutcome

@@ -19,7 +19,6 @@ from sfglab.lab.experiments.cooperation.config import (
     DEPTHS,
     OPTIMUM,
     Config,
-    ConfigError,
     Point,
     points_of,
     setting_of,
@@ -31,6 +30,7 @@ from sfglab.lab.experiments.cooperation.simulated import (
     run_point,
     scenario_of,
 )
+from sfglab.lab.experiments.profiles import ConfigError
 from sfglab.lab.workers.hallway import COMMAND
 from sfglab.messages import default_message, serialized_size
 from sfglab.qos import QoSProfile

@@ -15,9 +15,10 @@ import psutil
 import pytest
 
 from sfglab.lab.experiments import decode_once
-from sfglab.lab.experiments.decode_once.config import Config, ConfigError, Stage
+from sfglab.lab.experiments.decode_once.config import Config, Stage
 from sfglab.lab.experiments.decode_once.rows import CameraRow, CellRow, LoadRow, PairRow, ViewRow
 from sfglab.lab.experiments.decode_once.run import cells_of
+from sfglab.lab.experiments.profiles import ConfigError
 from sfglab.lab.hosts import Network
 from sfglab.record import LogWriter
 

@@ -11,9 +11,10 @@ import pytest
 
 from sfglab.lab.experiments import latency
 from sfglab.lab.experiments.latency.analysis import added, first_mean, first_ratio, glass_median, idle_cost
-from sfglab.lab.experiments.latency.config import PATHS, Config, ConfigError
+from sfglab.lab.experiments.latency.config import PATHS, Config
 from sfglab.lab.experiments.latency.rows import IdleRow, LookRow, ShotRow, SightRow
 from sfglab.lab.experiments.latency.run import looks_of
+from sfglab.lab.experiments.profiles import ConfigError
 from sfglab.lab.hosts import Network
 from sfglab.record import LogWriter
 

@@ -11,7 +11,7 @@ import pytest
 from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Input, State
 from sfglab.fleet.status.schedule import Schedule
 from sfglab.lab.experiments import lifecycle
-from sfglab.lab.experiments.lifecycle.config import Config, ConfigError
+from sfglab.lab.experiments.lifecycle.config import Config
 from sfglab.lab.experiments.lifecycle.rows import (
     AnswerRow,
     BeatRow,
@@ -22,6 +22,7 @@ from sfglab.lab.experiments.lifecycle.rows import (
     QueryRow,
     WireEndpointRow,
 )
+from sfglab.lab.experiments.profiles import ConfigError
 from sfglab.record import LogReader, LogWriter
 
 S = 1_000_000_000

@@ -12,11 +12,12 @@ from sfglab.lab.checks import CheckRow
 from sfglab.lab.experiments import mocap
 from sfglab.lab.experiments.mocap import faults
 from sfglab.lab.experiments.mocap.calibration import CASES, offset_rows
-from sfglab.lab.experiments.mocap.config import WAYS, Config, ConfigError
+from sfglab.lab.experiments.mocap.config import WAYS, Config
 from sfglab.lab.experiments.mocap.live import live_rows
 from sfglab.lab.experiments.mocap.robot import motions, world_from_camera
 from sfglab.lab.experiments.mocap.rows import ConfusionRow, OffsetRow
 from sfglab.lab.experiments.mocap.trees import RULE, edge_rows, figure_6, tree_checks
+from sfglab.lab.experiments.profiles import ConfigError
 from sfglab.record import LogReader, LogWriter
 from sfglab.spatial import Pose
 from sfglab.spatial.frames import FrameBuffer, fill_from_log, lint_frames

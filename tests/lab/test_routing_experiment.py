@@ -13,8 +13,9 @@ from sfglab.bus.api import MessageInfo
 from sfglab.fleet.routing import Direction, Policy
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.experiments import routing
+from sfglab.lab.experiments.profiles import ConfigError
 from sfglab.lab.experiments.routing.analysis import checks, latencies, load_results, measure_claims
-from sfglab.lab.experiments.routing.config import Config, ConfigError
+from sfglab.lab.experiments.routing.config import Config
 from sfglab.lab.experiments.routing.figure import FORBIDDEN, HEARD, MISSING, SILENT, cells_of
 from sfglab.lab.experiments.routing.probes import (
     NEAR_MISSES,
