@@ -122,7 +122,7 @@ def test_a_reader_that_lets_faults_pass_fails_the_check(monkeypatch):
 
 
 def test_an_undo_that_forgets_fails_its_check(monkeypatch):
-    monkeypatch.setattr("sfglab.spatial.scene.history.History.undo", lambda *_: None)
+    monkeypatch.setattr("sfglab.spatial.scene.commands.History.undo", lambda *_: None)
     [row] = cases.checked([editing.EDITING[0]], 3, seed=1)
     assert row.held == 0
     assert row.example.startswith("undoing")

@@ -1,21 +1,27 @@
-"""A simulated agent: a point with a heading that is steered within its limits.
+"""A simulated agent: a point with a heading that is steered within its limits along a timed trajectory.
 
 First order in velocity: it nears what is wanted with a time constant, and no faster than its acceleration
-allows. Orientation turns along the shortest way. Knows nothing of trajectories (`follower`) and clocks.
+allows. Orientation turns along the shortest way. A state machine over the time that it is given: it follows
+until the trajectory's time is over, settles at its end, and brakes when it is told to stop, when it is too far
+from where it should be, or when it does not arrive. Refuses to know clocks and messages.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
+from sfglab.spatial.execution.orders import Outcome
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.trajectory import Limits
+from sfglab.spatial.trajectory import Limits, pose_at, sample
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from sfglab.spatial.poses import Vec3
+    from sfglab.spatial.trajectory import Trajectory
 
 
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -149,3 +155,195 @@ def _scaled(a: Vec3, by: float) -> Vec3:
 def _at_most(a: Vec3, limit: float | None) -> Vec3:
     length = math.hypot(*a)
     return a if limit is None or length <= limit else _scaled(a, limit / length)
+
+
+_SUBSTEP_NS = 20_000_000
+_LONGEST_NS = 10 * NS_PER_S
+"""A clock that leaps moves nobody for longer than this."""
+
+
+class Phase(Enum):
+    """What the agent is doing."""
+
+    DRIVING = "driving"
+    SETTLING = "settling"
+    BRAKING = "braking"
+    ENDED = "ended"
+
+
+class FollowerEvent(Enum):
+    """What happens on the way."""
+
+    TIME_OVER = "the trajectory's time is over"
+    ARRIVED = "the agent stands at the end"
+    TOO_LATE = "the agent does not arrive"
+    PATH_LEFT = "the agent is too far from where it should be"
+    STOP = "somebody says stop"
+    STANDS = "the agent stands"
+
+
+TRANSITIONS: dict[Phase, dict[FollowerEvent, Phase]] = {
+    Phase.DRIVING: {
+        FollowerEvent.TIME_OVER: Phase.SETTLING,
+        FollowerEvent.PATH_LEFT: Phase.BRAKING,
+        FollowerEvent.STOP: Phase.BRAKING,
+    },
+    Phase.SETTLING: {
+        FollowerEvent.ARRIVED: Phase.ENDED,
+        FollowerEvent.TOO_LATE: Phase.BRAKING,
+        FollowerEvent.PATH_LEFT: Phase.BRAKING,
+        FollowerEvent.STOP: Phase.BRAKING,
+    },
+    Phase.BRAKING: {FollowerEvent.STANDS: Phase.ENDED},
+    Phase.ENDED: {},
+}
+"""Which phase follows which; what is not in it changes nothing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tolerances:
+    """How well an agent has to follow."""
+
+    start_m: float = 0.5  #: How far it may be from where the trajectory is when the goal is taken.
+    #: How far it may ever be from where it should be then; None: as far as it likes. A plan may leave its first
+    #: waypoint at full speed, which an agent at rest reaches only v^2 / (2 a) later.
+    path_m: float | None = 1.0
+    goal_m: float = 0.05  #: How far from the last pose it may stop.
+    goal_rad: float = 0.1  #: The same for its orientation.
+    goal_m_s: float = 0.02  #: How fast it may still be there.
+    settle_s: float = 10.0  #: How long after the trajectory's end it may take to get there.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Progress:
+    """How it stands at a time."""
+
+    phase: Phase  #: What the agent is doing.
+    share: float  #: Of the trajectory's duration that is over, 0 to 1.
+    time_ns: int  #: Since the trajectory's time 0; negative before it.
+    state: AgentState  #: Where the agent is.
+    target: Pose  #: Where it should be.
+    error_m: float  #: From one to the other.
+    largest_error_m: float  #: The largest so far.
+    outcome: Outcome | None  #: How it ended; None before the end.
+
+
+@dataclass(slots=True, kw_only=True)
+class _Way:
+    """What changes on the way."""
+
+    state: AgentState
+    last_ns: int
+    phase: Phase = Phase.DRIVING
+    outcome: Outcome | None = None
+    error_m: float = 0.0
+    largest_m: float = 0.0
+
+
+class Follower:
+    """Moves an agent along one trajectory.
+
+    Args:
+        trajectory: Where to be when, in the agent's frame.
+        state: The agent as it is now.
+        now_ns: Now; the clock is the caller's.
+        start_ns: The trajectory's time 0 by that clock; it may lie ahead, and the agent goes to the start.
+        dynamics: How the agent answers.
+        tolerances: How well it has to follow.
+    """
+
+    def __init__(  # noqa: PLR0913 - what belongs to a way is many things, and each is said by name
+        self,
+        trajectory: Trajectory,
+        *,
+        state: AgentState,
+        now_ns: int,
+        start_ns: int,
+        dynamics: Dynamics,
+        tolerances: Tolerances,
+    ) -> None:
+        self._trajectory = trajectory
+        self._start_ns = start_ns
+        self._dynamics = dynamics
+        self._tolerances = tolerances
+        self._way = _Way(state=state, last_ns=now_ns)
+
+    def stop(self, outcome: Outcome) -> None:
+        """Brake from here on, and end with an outcome; once it brakes already, nothing changes."""
+        self._happens(FollowerEvent.STOP, outcome)
+
+    def step(self, now_ns: int) -> Progress:
+        """Move the agent to a later time and return how it stands; an earlier time changes nothing."""
+        way = self._way
+        begin_ns, way.last_ns = max(way.last_ns, now_ns - _LONGEST_NS), max(way.last_ns, now_ns)
+        count = math.ceil(max(0, now_ns - begin_ns) / _SUBSTEP_NS)
+        times_ns = [begin_ns + (now_ns - begin_ns) * i // count for i in range(1, count + 1)] if count else []
+        if times_ns:
+            self._move(begin_ns, times_ns)
+        return self.progress
+
+    @property
+    def progress(self) -> Progress:
+        """How it stood after the latest step."""
+        way, points = self._way, self._trajectory
+        time_ns = way.last_ns - self._start_ns
+        span_ns = points.end_ns - points.start_ns
+        share = (time_ns - points.start_ns) / span_ns if span_ns else float(time_ns >= points.start_ns)
+        return Progress(
+            phase=way.phase,
+            share=min(max(share, 0.0), 1.0),
+            time_ns=time_ns,
+            state=way.state,
+            target=pose_at(points, time_ns / NS_PER_S),
+            error_m=way.error_m,
+            largest_error_m=way.largest_m,
+            outcome=way.outcome if way.phase is Phase.ENDED else None,
+        )
+
+    def _move(self, begin_ns: int, times_ns: list[int]) -> None:
+        found = sample(self._trajectory, [(t - self._start_ns) / NS_PER_S for t in times_ns])
+        for index, time_ns in enumerate(times_ns):
+            if self._way.phase is Phase.ENDED:
+                return
+            vx, vy, vz = found.velocities_m_s[index].tolist()
+            target = Target(pose=found.pose(index), velocity_m_s=(vx, vy, vz))
+            self._substep(target, time_ns, (time_ns - begin_ns) / NS_PER_S)
+            begin_ns = time_ns
+
+    def _substep(self, target: Target, time_ns: int, dt_s: float) -> None:
+        way = self._way
+        if dt_s <= 0.0:
+            return
+        if way.phase is Phase.BRAKING:
+            way.state = braked(way.state, dt_s, self._dynamics)
+        else:
+            way.state = steered(way.state, target, dt_s, self._dynamics)
+        way.error_m = way.state.pose.distance_m(target.pose)
+        if way.phase is not Phase.BRAKING:
+            way.largest_m = max(way.largest_m, way.error_m)
+        self._judge(target.pose, time_ns - self._start_ns)
+
+    def _judge(self, target: Pose, time_ns: int) -> None:
+        way, allowed = self._way, self._tolerances
+        if way.state.speed_m_s == 0.0:
+            self._happens(FollowerEvent.STANDS)
+        if allowed.path_m is not None and way.error_m > allowed.path_m:
+            self._happens(FollowerEvent.PATH_LEFT, Outcome.PATH_LEFT)
+        if time_ns >= self._trajectory.end_ns:
+            self._happens(FollowerEvent.TIME_OVER)
+            if self._arrived(target):
+                self._happens(FollowerEvent.ARRIVED, Outcome.SUCCEEDED)
+        if time_ns > self._trajectory.end_ns + allowed.settle_s * NS_PER_S:
+            self._happens(FollowerEvent.TOO_LATE, Outcome.GOAL_MISSED)
+
+    def _arrived(self, target: Pose) -> bool:
+        state, allowed = self._way.state, self._tolerances
+        near = self._way.error_m <= allowed.goal_m and state.speed_m_s <= allowed.goal_m_s
+        return near and state.pose.angle_rad(target) <= allowed.goal_rad
+
+    def _happens(self, event: FollowerEvent, outcome: Outcome | None = None) -> None:
+        way = self._way
+        following = TRANSITIONS[way.phase].get(event)
+        if following is not None:
+            way.phase = following
+            way.outcome = outcome or way.outcome

@@ -7,9 +7,15 @@ import contextlib
 from typing import TYPE_CHECKING, TypedDict
 
 from sfglab.bus import BusError, GoalRejectedError
-from sfglab.spatial.execution.judging import ExecutionError, Order
-from sfglab.spatial.execution.outcomes import OUTCOMES, Outcome
-from sfglab.spatial.execution.wire import FOLLOW_TRAJECTORY, Ended, action_name
+from sfglab.spatial.execution.orders import (
+    FOLLOW_TRAJECTORY,
+    OUTCOMES,
+    Ended,
+    ExecutionError,
+    Order,
+    Outcome,
+    action_name,
+)
 from sfglab.spatial.scene import AgentObject
 
 if TYPE_CHECKING:
@@ -18,7 +24,7 @@ if TYPE_CHECKING:
 
     from sfglab.bus import ClientGoalHandle
     from sfglab.bus.api import Node
-    from sfglab.spatial.execution.wire import ActionDialect, Feedback
+    from sfglab.spatial.execution.orders import ActionDialect, Feedback
     from sfglab.spatial.scene import Scene
     from sfglab.spatial.trajectory import Trajectory
 

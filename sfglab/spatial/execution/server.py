@@ -15,14 +15,16 @@ import numpy as np
 from sfglab.bus import CancelResponse, GoalResponse, GoalStatus
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.names import TF, Resource, RosFqnBuilder, Scope
-from sfglab.spatial.execution.agent import AgentState, Dynamics, braked
-from sfglab.spatial.execution.follower import Follower, Tolerances
-from sfglab.spatial.execution.judging import RefusalError, Rules, judge
-from sfglab.spatial.execution.outcomes import OUTCOMES, Outcome
-from sfglab.spatial.execution.wire import (
+from sfglab.spatial.execution.agent import AgentState, Dynamics, Follower, Tolerances, braked
+from sfglab.spatial.execution.orders import (
     FOLLOW_TRAJECTORY,
+    OUTCOMES,
+    Outcome,
+    RefusalError,
+    Rules,
     action_name,
     feedback_message,
+    judge,
     order_from_goal,
     result_message,
     stamped_pose,
@@ -30,19 +32,19 @@ from sfglab.spatial.execution.wire import (
 from sfglab.spatial.frames import TF_QOS, TRANSFORMS
 from sfglab.spatial.poses import Pose, StampedTransform
 from sfglab.spatial.trajectory import Trajectory, motion_of
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from types import TracebackType
 
     from sfglab.bus import ServerGoalHandle
     from sfglab.bus.api import Node
-    from sfglab.spatial.execution.follower import Progress
-    from sfglab.spatial.execution.judging import Order
+    from sfglab.spatial.execution.agent import Progress
+    from sfglab.spatial.execution.orders import Order
 
 
 _FEEDBACK_EVERY = 5
 """Steps from one feedback to the next."""
-_NS_PER_S = 1e9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -198,7 +200,7 @@ class TrajectoryServer:
     def _tick(self) -> None:
         """Move the agent to now, and say where it is."""
         now_ns = self._node.get_clock().now_ns()
-        dt_s, self._stepped_ns = (now_ns - self._stepped_ns) / _NS_PER_S, now_ns
+        dt_s, self._stepped_ns = (now_ns - self._stepped_ns) / NS_PER_S, now_ns
         if self._run is not None:
             self._advance(self._run, now_ns)
         elif dt_s > 0.0 and self._state.speed_m_s > 0.0:

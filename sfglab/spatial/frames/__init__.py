@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from sfglab.spatial.frames.buffer import Edge, FrameBuffer
-from sfglab.spatial.frames.drawing import draw_tree, tree_layout
-from sfglab.spatial.frames.errors import (
+from sfglab.spatial.frames.buffer import (
+    Edge,
     ExtrapolationError,
+    FrameBuffer,
     FrameError,
     FrameInputError,
     FrameLoopError,
     NotConnectedError,
     UnknownFrameError,
 )
+from sfglab.spatial.frames.drawing import draw_tree, tree_layout
 from sfglab.spatial.frames.history import Insertion
-from sfglab.spatial.frames.lint import FrameFinding, lint_frames, roots_of
+from sfglab.spatial.frames.lint import (
+    SHARED_FRAMES,
+    FrameFinding,
+    FrameRule,
+    agent_of,
+    lint_frames,
+    prefixed,
+    roots_of,
+)
 from sfglab.spatial.frames.listener import (
     TF_QOS,
     TF_STATIC_QOS,
@@ -22,7 +31,6 @@ from sfglab.spatial.frames.listener import (
     TransformIntake,
     fill_from_log,
 )
-from sfglab.spatial.frames.naming import SHARED_FRAMES, FrameRule, agent_of, prefixed
 
 __all__ = [
     "SHARED_FRAMES",

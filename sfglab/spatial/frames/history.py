@@ -1,4 +1,4 @@
-"""Where all frames were: rows of stamps and poses, ascending, in arrays that the compiled walk reads.
+"""Rows of stamps and poses of all frames, ascending, in arrays that the compiled walk reads.
 
 Every frame owns a block of the pool; a block that is full is moved to its own beginning where that is free, or
 to one of twice the size. Rows older than the history are forgotten as new ones come. Knows numbers only.

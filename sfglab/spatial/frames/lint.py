@@ -1,21 +1,74 @@
-"""What is wrong with a tree of frames, said before anybody stumbles over it.
+"""Faults of a tree of frames, said before anybody stumbles over them: parents, loops, roots, names, time.
 
 tf2 takes what comes: with two parents the frame jumps between them, with two roots a look-up fails much later
-and elsewhere. Pure: judges edges that were observed; refuses to know how they came.
+and elsewhere. Paper A, section 4.1, asks for prefixes, ``<agent>/<frame>``, so that the frames of different
+agents do not clash; the rule itself is `sfglab.names`', which the fleet's routers follow too. Pure: judges
+edges that were observed; refuses to know how they came.
 """
 
 from __future__ import annotations
 
+import difflib
 from collections import defaultdict
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING
 
+from sfglab.names import SHARED_FRAMES as _SHARED
+from sfglab.names import frame_owner, prefixed_frame, validate_agent
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from sfglab.spatial.frames.buffer import Edge
-    from sfglab.spatial.frames.naming import FrameRule
+
+
+SHARED_FRAMES = frozenset(_SHARED)
+"""Roots that all agents mean by the same name."""
+
+
+def prefixed(frame: str, agent: str, *, shared: frozenset[str] = SHARED_FRAMES) -> str:
+    """Return what an agent's frame is called by everybody else, see `sfglab.names.prefixed_frame`."""
+    return prefixed_frame(frame, agent, shared=shared)
+
+
+def agent_of(frame: str) -> str:
+    """Return the agent whose frame it is; empty for a frame without prefix."""
+    return frame_owner(frame)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameRule:
+    """Which names frames may have.
+
+    Raises:
+        FqnError: A name is none that an agent may bear.
+    """
+
+    agents: frozenset[str]  #: Agents whose prefixes are known.
+    shared: frozenset[str] = SHARED_FRAMES  #: Frames without prefix that are allowed.
+
+    def __post_init__(self) -> None:
+        for agent in self.agents:
+            validate_agent(agent)
+
+    def problem(self, frame: str, known: frozenset[str] = frozenset()) -> str | None:
+        """Say what is wrong with a name, or return None.
+
+        Args:
+            frame: The name.
+            known: Names among which to look for what was meant.
+        """
+        agent, slash, rest = frame.partition("/")
+        if frame in self.shared or (slash and agent in self.agents and rest and not rest.startswith("/")):
+            return None
+        fitting = sorted(name for name in known - {frame} if self.problem(name) is None)
+        near = difflib.get_close_matches(frame, fitting, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        allowed = f"<agent>/<frame> of {', '.join(sorted(self.agents)) or 'no agent'}"
+        return (
+            f"given {frame!r}, allowed are {allowed}, and {', '.join(sorted(self.shared)) or 'nothing'}{hint}"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, Self
 from sfglab.errors import SfglabError
 from sfglab.names import TF, TF_STATIC
 from sfglab.qos import Durability, QoSProfile
-from sfglab.spatial.frames.errors import ExtrapolationError, NotConnectedError, UnknownFrameError
-from sfglab.spatial.frames.naming import SHARED_FRAMES, prefixed
+from sfglab.spatial.frames.buffer import ExtrapolationError, NotConnectedError, UnknownFrameError
+from sfglab.spatial.frames.lint import SHARED_FRAMES, prefixed
 from sfglab.spatial.poses import StampedTransform
 
 if TYPE_CHECKING:

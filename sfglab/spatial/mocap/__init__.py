@@ -2,40 +2,47 @@
 
 from __future__ import annotations
 
-from sfglab.spatial.mocap.bridge import BridgeOptions, MocapBridge
-from sfglab.spatial.mocap.capture import Capture, Lapse, MocapError, MocapSource, Sight
-from sfglab.spatial.mocap.core import BridgeCore, Latency, MocapObjectStatus
-from sfglab.spatial.mocap.hand_eye import OffsetError, PosePair
+from sfglab.spatial.mocap.bridge import (
+    STATUS,
+    STATUS_QOS,
+    BridgeOptions,
+    MocapBridge,
+    status_message,
+    status_topic,
+)
+from sfglab.spatial.mocap.core import BridgeCore, MocapObjectStatus, MocapTrees, mocap_trees
 from sfglab.spatial.mocap.mapping import (
     MappedObject,
     MappingError,
     MocapMapping,
-    load_mapping,
-    read_mapping,
-)
-from sfglab.spatial.mocap.offset import OffsetEstimate, estimate_offset, pose_pairs
-from sfglab.spatial.mocap.placing import (
     PlacingError,
     direct_name,
     direct_transforms,
+    load_mapping,
     place_via_proxy,
-    root_below,
+    read_mapping,
 )
-from sfglab.spatial.mocap.sources import (
-    LogSource,
+from sfglab.spatial.mocap.offset import OffsetError, OffsetEstimate, PosePair, estimate_offset, pose_pairs
+from sfglab.spatial.mocap.sources import LogSource, TopicSource, ViconError, ViconMissingError, ViconSource
+from sfglab.spatial.mocap.synthetic import (
     SyntheticConfig,
     SyntheticMotion,
     SyntheticSource,
-    TopicSource,
     TrueCapture,
-    ViconError,
-    ViconMissingError,
-    ViconSource,
     synthetic_captures,
 )
-from sfglab.spatial.mocap.status import STATUS, STATUS_QOS, status_message, status_topic
-from sfglab.spatial.mocap.tracking import TRANSITIONS, Doubt, Limits, Track, TrackState, Verdict, judge
-from sfglab.spatial.mocap.trees import MocapTrees, mocap_trees
+from sfglab.spatial.mocap.tracking import (
+    TRANSITIONS,
+    Capture,
+    Lapse,
+    Limits,
+    MocapError,
+    MocapSource,
+    Track,
+    TrackState,
+    Verdict,
+    judge,
+)
 
 __all__ = [
     "STATUS",
@@ -44,9 +51,7 @@ __all__ = [
     "BridgeCore",
     "BridgeOptions",
     "Capture",
-    "Doubt",
     "Lapse",
-    "Latency",
     "Limits",
     "LogSource",
     "MappedObject",
@@ -61,7 +66,6 @@ __all__ = [
     "OffsetEstimate",
     "PlacingError",
     "PosePair",
-    "Sight",
     "SyntheticConfig",
     "SyntheticMotion",
     "SyntheticSource",
@@ -82,7 +86,6 @@ __all__ = [
     "place_via_proxy",
     "pose_pairs",
     "read_mapping",
-    "root_below",
     "status_message",
     "status_topic",
     "synthetic_captures",

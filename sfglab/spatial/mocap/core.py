@@ -11,17 +11,17 @@ from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sfglab.spatial.frames import FrameError
-from sfglab.spatial.mocap.placing import PlacingError, place_via_proxy
+from sfglab.spatial.frames import FrameBuffer, FrameError
+from sfglab.spatial.mocap.mapping import PlacingError, direct_name, direct_transforms, place_via_proxy
 from sfglab.spatial.mocap.tracking import Track, TrackState, judge
 from sfglab.spatial.poses import Pose, StampedTransform
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
-    from sfglab.spatial.frames import FrameBuffer
-    from sfglab.spatial.mocap.capture import Capture, Sight
     from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
+    from sfglab.spatial.mocap.tracking import Capture, Sight
 
 
 _WINDOW = 1000
@@ -98,7 +98,7 @@ class BridgeCore:
     def __init__(self, mapping: MocapMapping, buffer: FrameBuffer, *, reach_s: float = 0.1) -> None:
         self._mapping = mapping
         self._buffer = buffer
-        self._reach_ns = round(reach_s * 1e9)
+        self._reach_ns = round(reach_s * NS_PER_S)
         self._objects = {id_: _Object(mapped) for id_, mapped in mapping.objects.items()}
         self._holders: dict[str, str] = {}
         self._number: int | None = None
@@ -198,3 +198,52 @@ class BridgeCore:
         if holder != mapped.id:
             raise PlacingError(transform.child, f"object {holder!r} moves it already")
         return transform
+
+
+_ROBOT, _CAMERAS = "robot", "mocap"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MocapTrees:
+    """One robot's tree with motion capture joined to it in three ways; see `lint_frames` for what is wrong."""
+
+    direct: FrameBuffer  #: With the direct receiver's transforms: Fig. 6, left.
+    #: With the same under the right names, as if the receiver could be told: "even if this naming conflict were
+    #: resolved".
+    renamed: FrameBuffer
+    proxy: FrameBuffer  #: With the bridge's: Fig. 6, right.
+
+
+def mocap_trees(
+    description: Sequence[StampedTransform], mapping: MocapMapping, captures: Sequence[Capture]
+) -> MocapTrees:
+    """Join captures to a robot's tree in three ways.
+
+    Args:
+        description: The robot's own frames, all static.
+        mapping: Which object stands for which frame.
+        captures: What the cameras say.
+    """
+    direct, renamed, proxy = (_described(description) for _ in range(3))
+    right = {direct_name(id_): mapped.via for id_, mapped in mapping.objects.items()}
+    core = BridgeCore(mapping, proxy)
+    for capture in captures:
+        for transform in direct_transforms(capture, world=mapping.world):
+            direct.insert(transform, authority=_CAMERAS)
+            renamed.insert(_under(transform, right.get(transform.child, transform.child)), authority=_CAMERAS)
+        for transform in core.take(capture, capture.receipt_ns):
+            proxy.insert(transform, authority=_CAMERAS)
+    return MocapTrees(direct=direct, renamed=renamed, proxy=proxy)
+
+
+def _described(description: Sequence[StampedTransform]) -> FrameBuffer:
+    buffer = FrameBuffer()
+    for transform in description:
+        buffer.insert(transform, static=True, authority=_ROBOT)
+    return buffer
+
+
+def _under(transform: StampedTransform, child: str) -> StampedTransform:
+    return StampedTransform(
+        parent=transform.parent, child=child, stamp_ns=transform.stamp_ns, pose=transform.pose
+    )

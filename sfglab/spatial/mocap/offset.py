@@ -1,4 +1,4 @@
-"""Where a robot's base is in its tracked object's frame, from a recorded motion, and how well that is known.
+"""The place of a robot's base in its tracked object's frame, from a recorded motion, with its uncertainty.
 
 The cameras say where the object is in the world, A_i; the robot says where its base is in its odometry, B_i.
 With X the base in the object's frame and Z the odometry in the world, ``A_i X = Z B_i`` at all times: the
@@ -16,21 +16,194 @@ Mechanisms and Robotics 5(3), 2013.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from sfglab.spatial.frames import FrameError
-from sfglab.spatial.mocap.hand_eye import EQUAL, OffsetError, PosePair, Problem, starts
+from sfglab.spatial.mocap.tracking import MocapError
 from sfglab.spatial.poses import Pose, Vec3
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from numpy.typing import NDArray
+    from scipy.spatial.transform import Rotation
 
     from sfglab.spatial.frames import FrameBuffer
-    from sfglab.spatial.mocap.capture import Capture
+    from sfglab.spatial.mocap.tracking import Capture
+
+
+_ALONE = 0.999
+_SURE_M = 1e-5
+_STEPS = 60
+_SETTLED = 1e-8
+Weights = tuple[float, float]
+EQUAL: Weights = (100.0, 100.0)
+_SIDES = ("world_from_object", "odom_from_base")
+
+
+class OffsetError(MocapError, ValueError):
+    """A recording from which the offset cannot be found."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PosePair:
+    """The same moment seen by both."""
+
+    world_from_object: Pose  #: What the cameras say.
+    odom_from_base: Pose  #: What the robot says.
+    time_ns: int = 0  #: When; where all pairs have the same time, nothing can drift.
+
+
+class Guess(NamedTuple):
+    """The unknowns; how far the odometry drifts from the middle of the recording to its end, in the world."""
+
+    x: Pose
+    z: Pose
+    turn_rad: NDArray[np.float64]
+    walk_m: NDArray[np.float64]
+
+
+class Problem:
+    """The residuals of ``B^-1 Z^-1 A X``, which is the identity without errors, and how they change.
+
+    The unknowns are small: a turn of X about its own axes and a shift, then the same of Z, then what Z does
+    until the end of the recording.
+
+    Attributes:
+        half_s: From the middle of the recording to its end; 0 where nothing may drift.
+    """
+
+    def __init__(self, pairs: Sequence[PosePair], height_m: float | None, *, drift: bool) -> None:
+        self._a, self._b = (_stacked([getattr(p, side) for p in pairs]) for side in _SIDES)
+        self._height_m = height_m
+        times = np.array([p.time_ns for p in pairs], dtype=np.int64)
+        ages_s = (times - times.min()) / NS_PER_S
+        self.half_s = float(ages_s.max()) / 2 if drift else 0.0
+        self._moments = ages_s / self.half_s - 1.0 if self.half_s else np.zeros(len(pairs))
+        self._unknowns = 18 if self.half_s else 12
+
+    def improved(self, guess: Guess, weights: Weights) -> Guess:
+        """Return what makes the weighted squares least, by Gauss and Newton's steps.
+
+        Raises:
+            OffsetError: They do not settle.
+        """
+        for _ in range(_STEPS):
+            step = np.zeros(18)
+            least = np.linalg.lstsq(self.jacobian(guess, weights), self._weighted(guess, weights))[0]
+            step[: self._unknowns] = -least
+            guess = Guess(
+                _moved(guess.x, step[:6]),
+                _moved(guess.z, step[6:12]),
+                guess.turn_rad + step[12:15],
+                guess.walk_m + step[15:],
+            )
+            if np.linalg.norm(step) < _SETTLED:
+                return guess
+        raise OffsetError("offset: the estimate does not settle; the pairs are not of one rigid motion")
+
+    def cost(self, guess: Guess) -> float:
+        """Return the sum of squares that remains, all moments equal."""
+        return float(np.sum(self._weighted(guess, EQUAL) ** 2))
+
+    def weights(self, guess: Guess) -> Weights:
+        """Return 1 over the deviations of turns (rad) and shifts (m)."""
+        turns, shifts = self._residuals(guess)
+        share = 2 * turns.size / max(1, 2 * turns.size - self._unknowns)
+        turn, shift = (max(float(np.sqrt(np.mean(kind**2) * share)), 1e-9) for kind in (turns, shifts))
+        return 1.0 / turn, 1.0 / shift
+
+    def jacobian(self, guess: Guess, weights: Weights) -> NDArray[np.float64]:
+        """Return how the weighted residuals change, to first order in residuals and drifts that are turns."""
+        (ra, ta), (rb, _) = self._a, self._b
+        turned, rz, tz = self._drifted(guess)
+        count, moments = len(ta), self._moments[:, None, None]
+        back = (rb.inv() * rz.inv()).as_matrix()
+        arms = rz.inv().apply(ra.apply(guess.x.position_m) + ta - tz)
+        turns, shifts = np.zeros((count, 3, 18)), np.zeros((count, 3, 18))
+        by_turn = np.stack([-rb.inv().as_matrix(), rb.inv().as_matrix() @ _crosses(arms)])
+        turns[:, :, 0:3] = np.eye(3)
+        shifts[:, :, 3:6] = back @ ra.as_matrix()
+        turns[:, :, 6:9], shifts[:, :, 6:9] = by_turn @ turned.inv().as_matrix()
+        turns[:, :, 12:15], shifts[:, :, 12:15] = by_turn * moments
+        shifts[:, :, 9:12], shifts[:, :, 15:18] = -back, -back * moments
+        parts = [turns.reshape(-1, 18) * weights[0], shifts.reshape(-1, 18) * weights[1]]
+        if self._height_m is not None:
+            parts.append(np.eye(18)[5:6] / _SURE_M)
+        return np.concatenate(parts)[:, : self._unknowns]
+
+    def _drifted(self, guess: Guess) -> tuple[Rotation, Rotation, NDArray[np.float64]]:
+        """Return by how much Z is turned at every moment, and Z's turn and shift then."""
+        from scipy.spatial.transform import Rotation
+
+        turned = Rotation.from_rotvec(self._moments[:, None] * guess.turn_rad)
+        shift = np.asarray(guess.z.position_m) + self._moments[:, None] * guess.walk_m
+        return turned, guess.z.rotation * turned, shift
+
+    def _residuals(self, guess: Guess) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        (ra, ta), (rb, tb) = self._a, self._b
+        _, rz, tz = self._drifted(guess)
+        turns = (rb.inv() * rz.inv() * ra * guess.x.rotation).as_rotvec()
+        shifts = rb.inv().apply(rz.inv().apply(ra.apply(guess.x.position_m) + ta - tz) - tb)
+        return turns, shifts
+
+    def _weighted(self, guess: Guess, weights: Weights) -> NDArray[np.float64]:
+        turns, shifts = self._residuals(guess)
+        parts = [turns.ravel() * weights[0], shifts.ravel() * weights[1]]
+        if self._height_m is not None:
+            parts.append(np.array([(guess.x.position_m[2] - self._height_m) / _SURE_M]))
+        return np.concatenate(parts)
+
+
+def _moved(pose: Pose, step: NDArray[np.float64]) -> Pose:
+    from scipy.spatial.transform import Rotation
+
+    return Pose.from_rotation(np.add(pose.position_m, step[3:]), pose.rotation * Rotation.from_rotvec(step[:3]))
+
+
+def _crosses(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the matrices of ``v x``, shape (n, 3, 3)."""
+    return np.cross(vectors[:, None, :], np.eye(3)[None]).transpose(0, 2, 1)
+
+
+def _stacked(poses: Sequence[Pose]) -> tuple[Rotation, NDArray[np.float64]]:
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_quat([p.quat_xyzw for p in poses]), np.array([p.position_m for p in poses])
+
+
+def starts(pairs: Sequence[PosePair]) -> list[Guess]:
+    """Return guesses of X and Z: Shah's closed form, or four headings where the motion turns about one axis.
+
+    ``R_Z = R_A R_X R_B^T`` means ``vec R_Z = (R_B kron R_A) vec R_X`` for all pairs: both are the leading
+    singular vectors of the mean, whose singular value is alone near 1 when the turns have two axes.
+    """
+    from scipy.spatial.transform import Rotation
+
+    (ra, _), (rb, _) = (_stacked([getattr(p, side) for p in pairs]) for side in _SIDES)
+    mean = np.mean([np.kron(b, a) for a, b in zip(ra.as_matrix(), rb.as_matrix(), strict=True)], axis=0)
+    _, values, right = np.linalg.svd(mean)
+    if values[1] < _ALONE * values[0]:
+        turn = right[0].reshape(3, 3, order="F")
+        u, _, v = np.linalg.svd(turn * np.sign(np.linalg.det(turn)))
+        guesses = [Rotation.from_matrix(u @ v)]
+    else:
+        guesses = [Rotation.from_euler("z", heading) for heading in np.arange(4) * np.pi / 2]
+    return [_with_shifts(pairs, rx) for rx in guesses]
+
+
+def _with_shifts(pairs: Sequence[PosePair], rx: Rotation) -> Guess:
+    """Return all unknowns for a turn of X: the mean turn of Z, and shifts by linear least squares."""
+    (ra, ta), (rb, tb) = (_stacked([getattr(p, side) for p in pairs]) for side in _SIDES)
+    rz = (ra * rx * rb.inv()).mean()
+    # R_A t_X - t_Z = R_Z t_B - t_A
+    left = np.concatenate([np.hstack([m, -np.eye(3)]) for m in ra.as_matrix()])
+    shifts = np.linalg.lstsq(left, (rz.apply(tb) - ta).ravel())[0]
+    x, z = Pose.from_rotation(shifts[:3], rx), Pose.from_rotation(shifts[3:], rz)
+    return Guess(x, z, np.zeros(3), np.zeros(3))
 
 
 _FEWEST = 6

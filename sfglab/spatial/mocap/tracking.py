@@ -1,4 +1,4 @@
-"""Which sights of an object are believed: a state machine in one table.
+"""Captures of a motion capture system, and which sights are believed: a state machine in one table.
 
 Cameras lose objects, confuse their markers and turn symmetric patterns around. A pose that no object of the
 kind could have reached since the last one is not published; if it stays, it is believed after a while, because
@@ -10,13 +10,49 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
-from sfglab.spatial.mocap.capture import Lapse
+from sfglab.errors import SfglabError
+from sfglab.spatial.poses import Pose
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from sfglab.spatial.mocap.capture import Sight
-    from sfglab.spatial.poses import Pose
+    from collections.abc import AsyncIterator, Mapping
+    from contextlib import AbstractAsyncContextManager
+
+
+class MocapError(SfglabError):
+    """Motion capture that cannot be had, or cannot be used."""
+
+
+class Lapse(Enum):
+    """Why there is no pose."""
+
+    OCCLUDED = "occluded"
+    """Too few of the object's markers were seen."""
+    INVALID = "invalid"
+    """The numbers are no pose: not finite, or a quaternion of length zero."""
+
+
+Sight = Pose | Lapse
+"""An object's pose in the capture system's world, or why there is none."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Capture:
+    """All objects at one time."""
+
+    number: int | None  #: The system's frame number; None when it has none.
+    capture_ns: int  #: When the cameras saw it, by this host's clock.
+    receipt_ns: int  #: When it arrived here, by the same clock.
+    sights: Mapping[str, Sight]  #: What is known of each object, by its id in the capture system.
+
+
+class MocapSource(Protocol):
+    """Anything that captures come from."""
+
+    def captures(self) -> AbstractAsyncContextManager[AsyncIterator[Capture]]:
+        """Open the source; leaving the context closes it."""
 
 
 class TrackState(Enum):
@@ -152,7 +188,7 @@ def _verdict(track: Track, pose: Pose, now_ns: int, limits: Limits) -> Verdict:
     if track.pose is None:
         return Verdict.SOUND
     if track.doubt is not None and _still_doubtful(track, pose, now_ns, limits):
-        held = now_ns - track.doubt.since_ns >= limits.believe_after_s * 1e9
+        held = now_ns - track.doubt.since_ns >= limits.believe_after_s * NS_PER_S
         return Verdict.CONFIRMED if held else track.doubt.verdict
     return _fault(track.pose, pose, now_ns - track.pose_ns, limits) or Verdict.SOUND
 
@@ -167,7 +203,7 @@ def _still_doubtful(track: Track, pose: Pose, now_ns: int, limits: Limits) -> bo
 
 
 def _fault(before: Pose, after: Pose, elapsed_ns: int, limits: Limits) -> Verdict | None:
-    elapsed_s = elapsed_ns / 1e9
+    elapsed_s = elapsed_ns / NS_PER_S
     if before.distance_m(after) > limits.speed_m_s * elapsed_s + limits.slack_m:
         return Verdict.JUMPED
     if before.angle_rad(after) > limits.turn_rad_s * elapsed_s + limits.slack_rad:

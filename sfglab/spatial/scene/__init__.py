@@ -1,46 +1,45 @@
 """Scenes: agents, obstacles, zones, trajectories in a tree, edits that can be undone. Paper A, section 4.5.
 
-Bottom up: `errors`, `properties`, `objects`, `tree` (a scene as a value), `commands` and `timing` (edits),
-`history`, `writing`, `reading` and `files` (YAML), `ghosts`, `conflicts`, `editor` (all of it behind one
-object, without a screen).
+Bottom up: `objects`, `tree` (a scene as a value), `commands` (edits and undo), `files` (YAML), `conflicts`,
+`editor` (all of it behind one object, without a screen).
 """
 
 from __future__ import annotations
 
 from sfglab.spatial.scene.commands import (
     Add,
+    AlignWaypoints,
     Command,
+    History,
     Move,
     Remove,
     Rename,
+    Retime,
     SetPose,
     SetProperty,
     SetScene,
+    SetTime,
     Several,
+    Stretch,
 )
-from sfglab.spatial.scene.conflicts import Conflict, ConflictKind, conflicts
+from sfglab.spatial.scene.conflicts import Conflict, ConflictKind, Ghost, conflicts, time_span_s
 from sfglab.spatial.scene.editor import Change, ChangeKind, Editor
-from sfglab.spatial.scene.errors import SceneError
-from sfglab.spatial.scene.files import load_scene, save_scene
-from sfglab.spatial.scene.ghosts import Ghost, ghosts, time_span_s
-from sfglab.spatial.scene.history import History, Step
+from sfglab.spatial.scene.files import load_scene, read_scene, save_scene, scene_text
 from sfglab.spatial.scene.objects import (
     KINDS,
     ROOT,
     AgentObject,
     Group,
     ObstacleObject,
+    Property,
+    SceneError,
     SceneObject,
     TrajectoryObject,
     WaypointObject,
     ZoneObject,
     ZoneRule,
 )
-from sfglab.spatial.scene.properties import Property
-from sfglab.spatial.scene.reading import read_scene
-from sfglab.spatial.scene.timing import AlignWaypoints, Retime, SetTime, Stretch
 from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Scene
-from sfglab.spatial.scene.writing import scene_text
 
 __all__ = [
     "KINDS",
@@ -72,14 +71,12 @@ __all__ = [
     "SetScene",
     "SetTime",
     "Several",
-    "Step",
     "Stretch",
     "TrajectoryObject",
     "WaypointObject",
     "ZoneObject",
     "ZoneRule",
     "conflicts",
-    "ghosts",
     "load_scene",
     "read_scene",
     "save_scene",

@@ -1,23 +1,30 @@
-"""Edits as values: from a scene to the next one, or an error and nothing changed.
+"""Edits as values: from a scene to the next one, or an error and nothing changed; and the way back.
 
-Whoever keeps the scene before an edit can undo it (`history`). Refuses to know who edits and why.
+Every step of a history keeps the scene before and after it. Scenes share what does not change, so a step costs
+little, and undoing is going back to a value: a removed subtree returns with its ids, its order and all that
+referred to it. Refuses to know who edits and why.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.scene.errors import SceneError
 from sfglab.spatial.scene.objects import (
+    AgentObject,
+    SceneError,
     SceneObject,
     TrajectoryObject,
     WaypointObject,
     place_of,
 )
 from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Draft, Scene
-from sfglab.spatial.trajectory import Align
+from sfglab.spatial.trajectory import Align, Limits, Trajectory, TrajectoryError, retimed, stretched
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 class Command(Protocol):
@@ -224,3 +231,197 @@ def _with(scene: Scene, thing: SceneObject) -> Scene:
     draft = Draft(scene)
     draft.put(thing)
     return draft.scene()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetTime:
+    """Give a waypoint another time; where that is beyond a neighbour's, their order changes."""
+
+    id: int  #: Which waypoint.
+    time_ns: int  #: Its time, which no other waypoint of the trajectory has.
+
+    @property
+    def label(self) -> str:
+        """What the edit does."""
+        return "Change time"
+
+    def apply(self, scene: Scene) -> Scene:
+        """Return the scene with the waypoint at its new time."""
+        draft = Draft(scene)
+        draft.put(replace(scene.of_kind(self.id, WaypointObject), time_ns=self.time_ns))
+        return draft.scene()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlignWaypoints:
+    """Let all waypoints of a trajectory look along a neighbouring segment, or none. Paper A, section 4.5."""
+
+    id: int  #: The trajectory.
+    align: Align  #: Along which segment.
+
+    @property
+    def label(self) -> str:
+        """What the edit does."""
+        return "Align waypoints"
+
+    def apply(self, scene: Scene) -> Scene:
+        """Return the scene with every waypoint aligned."""
+        thing = scene.of_kind(self.id, TrajectoryObject)
+        if not isinstance(self.align, Align):
+            raise SceneError(f"{place_of(thing)}, align", self.align, " or ".join(a.value for a in Align))
+        draft = Draft(scene)
+        for id_ in scene.held_by(self.id):
+            waypoint = scene.of_kind(id_, WaypointObject)
+            draft.put(replace(waypoint, align=self.align))
+        return draft.scene()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Retime:
+    """Slow a trajectory down along its path until limits hold."""
+
+    id: int  #: The trajectory.
+    limits: Limits | None = None  #: What must hold; its agent's where it is None.
+
+    @property
+    def label(self) -> str:
+        """What the edit does."""
+        return "Keep to limits"
+
+    def apply(self, scene: Scene) -> Scene:
+        """Return the scene with the trajectory slowed down."""
+        thing = scene.of_kind(self.id, TrajectoryObject)
+        limits = self.limits
+        if limits is None:
+            if thing.agent is None:
+                raise SceneError(f"{place_of(thing)}, limits", None, "limits, or an agent that drives it")
+            limits = scene.of_kind(thing.agent, AgentObject).limits
+        given = limits
+        return _retimed(scene, thing, lambda trajectory: retimed(trajectory, given))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stretch:
+    """Let a trajectory take longer, or less long, from its first waypoint's time on."""
+
+    id: int  #: The trajectory.
+    factor: float  #: By how much every duration grows.
+
+    @property
+    def label(self) -> str:
+        """What the edit does."""
+        return "Stretch in time"
+
+    def apply(self, scene: Scene) -> Scene:
+        """Return the scene with the trajectory stretched."""
+        thing = scene.of_kind(self.id, TrajectoryObject)
+        return _retimed(scene, thing, lambda trajectory: stretched(trajectory, self.factor))
+
+
+def _retimed(scene: Scene, thing: TrajectoryObject, change: Callable[[Trajectory], Trajectory]) -> Scene:
+    trajectory = scene.trajectory(thing.id)
+    if trajectory is None:
+        raise SceneError(place_of(thing), "no waypoints", "a trajectory with waypoints")
+    try:
+        times_ns = [w.time_ns for w in change(trajectory).waypoints]
+    except TrajectoryError as error:
+        raise SceneError(f"{place_of(thing)}, times", str(error), "times that a trajectory may have") from error
+    draft = Draft(scene)
+    draft.put_times(thing.id, times_ns)
+    return draft.scene()
+
+
+_DEPTH = 1000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """An edit that was done."""
+
+    label: str  #: What it did.
+    before: Scene  #: The scene before it.
+    after: Scene  #: The scene after it.
+    drag: str | None = None  #: The drag that it belongs to; None for an edit of its own.
+
+
+class History:
+    """A scene and the way it came about.
+
+    Args:
+        scene: Where to begin.
+        depth: How many steps can be undone; older ones are forgotten.
+
+    Attributes:
+        scene: As it is now.
+    """
+
+    def __init__(self, scene: Scene, *, depth: int = _DEPTH) -> None:
+        self.scene = scene
+        self._done: deque[Step] = deque(maxlen=depth)
+        self._undone: list[Step] = []
+        self._dropped: list[Step] = []
+        self._next_id = scene.next_id
+
+    @property
+    def next_id(self) -> int:
+        """An id that no object ever had here, also none whose addition was undone."""
+        return self._next_id
+
+    @property
+    def undo_label(self) -> str | None:
+        """What undo would take back, None where there is nothing."""
+        return self._done[-1].label if self._done else None
+
+    @property
+    def redo_label(self) -> str | None:
+        """What redo would do again, None where there is nothing."""
+        return self._undone[-1].label if self._undone else None
+
+    def do(self, command: Command, *, drag: str | None = None) -> bool:
+        """Do an edit; what was undone can then no longer be redone, unless a drag ends where it began.
+
+        Args:
+            command: The edit.
+            drag: A name that is new for every drag; edits of one drag become one step.
+
+        Returns:
+            Whether anything changed. An edit that changes nothing leaves no step.
+
+        Raises:
+            SceneError: It is not allowed; nothing changed.
+        """
+        before, after = self.scene, command.apply(self.scene)
+        if after == before:
+            return False
+        label = command.label
+        if drag is not None and self._done and self._done[-1].drag == drag:
+            first = self._done.pop()
+            before, label = first.before, first.label
+        else:
+            self._dropped = self._undone
+        if after == before:  # a drag came back to where it began, as if it had never been
+            after, self._undone = before, self._dropped
+        else:
+            self._done.append(Step(label=label, before=before, after=after, drag=drag))
+            self._undone = []
+        self.scene = after
+        self._next_id = max(self._next_id, after.next_id)
+        return True
+
+    def undo(self) -> Step | None:
+        """Take the last step back; return it, or None where there is nothing."""
+        if not self._done:
+            return None
+        step = self._done.pop()
+        self._undone.append(replace(step, drag=None))  # what is done again belongs to no drag
+        self.scene = step.before
+        return step
+
+    def redo(self) -> Step | None:
+        """Do the last undone step again; return it, or None where there is nothing."""
+        if not self._undone:
+            return None
+        step = self._undone.pop()
+        self._done.append(step)
+        self.scene = step.after
+        return step

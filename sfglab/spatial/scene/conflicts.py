@@ -1,7 +1,8 @@
-"""What is wrong with a plan: who comes too close to whom, when and where; limits, zones, and loose ends.
+"""Warnings about a plan, and where everybody is at a time.
 
-Warnings, not refusals: a plan in the making may be wrong. Distances come from `trajectory.clearance`: exact for
-polylines, within a millimetre for splines. Refuses to know how to mend anything.
+Who comes too close to whom, when and where; limits, zones, and loose ends. Warnings, not refusals: a plan in
+the making may be wrong. Distances come from `trajectory.clearance`: exact for polylines, within a millimetre
+for splines. Refuses to know how to mend anything.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from sfglab.spatial.scene.objects import (
     ZoneObject,
     ZoneRule,
 )
-from sfglab.spatial.trajectory import closest_approach, closest_to_shape, limit_violations, motion_of
+from sfglab.spatial.trajectory import closest_approach, closest_to_shape, limit_violations, motion_of, sample
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -174,7 +176,7 @@ def _outside(scene: Scene) -> Iterator[Conflict]:
                 kind=ConflictKind.OUTSIDE,
                 objects=(waypoint.parent, waypoint.id),
                 text=f"{name}: waypoint {waypoint.id} lies {min(gaps):.3f} m outside of {nearest}",
-                time_s=waypoint.time_ns / 1e9,
+                time_s=waypoint.time_ns / NS_PER_S,
                 position_m=position,
             )
 
@@ -200,3 +202,43 @@ def _when(time_s: float) -> str:
 def _middle(a: Vec3, b: Vec3) -> Vec3:
     x, y, z = ((p + q) / 2.0 for p, q in zip(a, b, strict=True))
     return (x, y, z)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ghost:
+    """An agent at a time."""
+
+    agent: int  #: Its id.
+    name: str  #: Its name.
+    pose: Pose  #: Where it is in the scene's frame.
+    speed_m_s: float  #: How fast; 0 before its trajectory's start, after its end, and without one.
+    driving: bool  #: Its trajectory covers this time.
+
+
+def ghosts(scene: Scene, time_s: float) -> tuple[Ghost, ...]:
+    """Return every agent at a time, in the tree's order.
+
+    Args:
+        scene: Whose agents.
+        time_s: Seconds since the scene's time 0. Before its start and after its end an agent stands at its
+            trajectory's ends; one without trajectory stands where its own pose is.
+    """
+    return tuple(_ghost(scene, agent, time_s) for agent in scene.all_of(AgentObject))
+
+
+def time_span_s(scene: Scene) -> tuple[float, float]:
+    """Return the earliest and the latest time of any agent's waypoint, 0 and 0 where nobody moves."""
+    times = [motion_of(scene.motion(a.id)).times_s for a in scene.all_of(AgentObject) if scene.driven_by(a.id)]
+    return (min(float(t[0]) for t in times), max(float(t[-1]) for t in times)) if times else (0.0, 0.0)
+
+
+def _ghost(scene: Scene, agent: AgentObject, time_s: float) -> Ghost:
+    motion = scene.motion(agent.id)
+    found = sample(motion, time_s)
+    return Ghost(
+        agent=agent.id,
+        name=agent.name,
+        pose=found.pose(0),
+        speed_m_s=float(found.speeds_m_s[0]),
+        driving=scene.driven_by(agent.id) is not None and motion.start_ns <= time_s * NS_PER_S <= motion.end_ns,
+    )

@@ -12,27 +12,31 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.scene.commands import Add, Command, Remove, SetPose
-from sfglab.spatial.scene.conflicts import conflicts
-from sfglab.spatial.scene.errors import SceneError
+from sfglab.spatial.scene.commands import Add, Command, History, Remove, SetPose
+from sfglab.spatial.scene.conflicts import conflicts, ghosts
 from sfglab.spatial.scene.files import load_scene, save_scene
-from sfglab.spatial.scene.ghosts import ghosts
-from sfglab.spatial.scene.history import History
-from sfglab.spatial.scene.objects import KINDS, ROOT, SceneObject, TrajectoryObject, WaypointObject, place_of
+from sfglab.spatial.scene.objects import (
+    KINDS,
+    ROOT,
+    SceneError,
+    SceneObject,
+    TrajectoryObject,
+    WaypointObject,
+    place_of,
+)
 from sfglab.spatial.scene.tree import Scene
 from sfglab.spatial.trajectory import pose_at
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
-    from sfglab.spatial.scene.conflicts import Conflict
-    from sfglab.spatial.scene.ghosts import Ghost
+    from sfglab.spatial.scene.conflicts import Conflict, Ghost
     from sfglab.spatial.trajectory import Trajectory
 
 
-_NS_PER_S = 1_000_000_000
-_STEP_NS = _NS_PER_S
+_STEP_NS = NS_PER_S
 
 
 class ChangeKind(Enum):
@@ -265,7 +269,7 @@ class Editor:
         if time_ns is None:
             time_ns = 0 if path is None else path.end_ns + _STEP_NS
         if pose is None:
-            pose = Pose() if path is None else pose_at(path, time_ns / _NS_PER_S)
+            pose = Pose() if path is None else pose_at(path, time_ns / NS_PER_S)
         return self.add("waypoint", "", parent=trajectory, time_ns=time_ns, pose=pose, **values)
 
     def remove(self, *ids: int) -> None:

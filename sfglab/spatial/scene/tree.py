@@ -13,18 +13,19 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.scene.errors import SceneError
 from sfglab.spatial.scene.objects import (
     ROOT,
     AgentObject,
     Group,
+    SceneError,
     SceneObject,
     TrajectoryObject,
     WaypointObject,
     checked_object,
+    length,
     place_of,
+    text,
 )
-from sfglab.spatial.scene.properties import length, text
 from sfglab.spatial.trajectory import Trajectory, Waypoint, aligned_quat, in_frame
 
 if TYPE_CHECKING:

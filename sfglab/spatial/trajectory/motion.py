@@ -27,6 +27,7 @@ import numpy as np
 
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.trajectory.path import Interpolation, Trajectory
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
 _TOGETHER_M = 1e-9
 """Waypoints of a spline that are closer than this are one place."""
 _ALPHA = 0.5
-_NS_PER_S = 1e9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -85,7 +85,7 @@ class Motion:
         from scipy.spatial.transform import Rotation
 
         poses = [w.pose for w in trajectory.waypoints]
-        self.times_s = np.array([w.time_ns for w in trajectory.waypoints]) / _NS_PER_S
+        self.times_s = np.array([w.time_ns for w in trajectory.waypoints]) / NS_PER_S
         self.positions_m = np.array([p.position_m for p in poses])
         self._rotations = Rotation.from_quat([p.quat_xyzw for p in poses])
         several = len(poses) > 1
@@ -226,7 +226,7 @@ def resampled(trajectory: Trajectory, period_ns: int) -> Trajectory:
     points = trajectory.waypoints
     for before, after in pairwise(points):
         inner = range(before.time_ns + period_ns, after.time_ns, period_ns)
-        found = sample(trajectory, np.array(inner) / _NS_PER_S) if inner else None
+        found = sample(trajectory, np.array(inner) / NS_PER_S) if inner else None
         more = ((time_ns, found.pose(i)) for i, time_ns in enumerate(inner)) if found else ()
         grid += [before, *Trajectory.of(more).waypoints] if found else [before]
     return Trajectory(waypoints=(*grid, points[-1]))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.lab.experiments.planning.cases import random_trajectory
 from sfglab.messages import deserialize, serialize
 from sfglab.spatial.execution import Order
-from sfglab.spatial.execution.wire import goal_message, order_from_goal
+from sfglab.spatial.execution.orders import goal_message, order_from_goal
 from sfglab.spatial.trajectory import (
     Interpolation,
     csv_from_trajectory,

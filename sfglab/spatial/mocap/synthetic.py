@@ -11,8 +11,9 @@ from contextlib import aclosing, asynccontextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from sfglab.spatial.mocap.capture import Capture, Lapse, MocapError
+from sfglab.spatial.mocap.tracking import Capture, Lapse, MocapError
 from sfglab.spatial.poses import Pose
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, AsyncIterator, Iterator, Mapping, Sequence
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from sfglab.bus.api import Clock
-    from sfglab.spatial.mocap.capture import Sight
+    from sfglab.spatial.mocap.tracking import Sight
 
 
 _HALF_TURN = Pose(quat_xyzw=(0.0, 0.0, 1.0, 0.0))
@@ -112,11 +113,11 @@ def synthetic_captures(
         }
         latency_s = config.latency_s + rng.exponential(config.jitter_s)
         if rng.random() >= config.dropped:
-            capture_ns = start_ns + round(time_s * 1e9)
+            capture_ns = start_ns + round(time_s * NS_PER_S)
             capture = Capture(
                 number=number,
                 capture_ns=capture_ns,
-                receipt_ns=capture_ns + round(latency_s * 1e9),
+                receipt_ns=capture_ns + round(latency_s * NS_PER_S),
                 sights=sights,
             )
             yield TrueCapture(capture=capture, truth=truth, flipped=frozenset(now_flipped))
@@ -191,5 +192,5 @@ class SyntheticSource:
         ):
             # A loop may wake up a little early; what has not arrived yet is not handed out.
             while (wait_ns := made.capture.receipt_ns - self._clock.now_ns()) > 0:
-                await self._clock.sleep_for(wait_ns / 1e9)
+                await self._clock.sleep_for(wait_ns / NS_PER_S)
             yield replace(made.capture, receipt_ns=self._clock.now_ns())

@@ -1,24 +1,80 @@
-"""Trajectories as ROS messages and back: nav_msgs/Path and trajectory_msgs/MultiDOFJointTrajectory.
+"""Trajectories as CSV and as ROS messages, and back: nav_msgs/Path, trajectory_msgs/MultiDOFJointTrajectory.
 
-Both carry waypoints, to the nanosecond and bit by bit, and neither says how to go from one to the next: whoever
-reads chooses, and whoever writes for a reader that knows only polylines resamples first. Refuses to know
-topics.
+All carry waypoints, to the nanosecond and bit by bit, and none says how to go from one to the next: whoever
+reads chooses, and whoever writes for a reader that knows only polylines resamples first. A CSV has a line for
+every waypoint: time in seconds with nine decimals, position, quaternion. Refuses to know files and topics.
 """
 
 from __future__ import annotations
 
+import csv
+import io
+from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any
 
 from sfglab.messages import message_type, ns_from_stamp, stamp_from_ns
-from sfglab.spatial.poses import Pose
+from sfglab.spatial.poses import Pose, PoseError
 from sfglab.spatial.trajectory.motion import sample
 from sfglab.spatial.trajectory.path import Interpolation, Trajectory, TrajectoryError
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-_NS_PER_S = 1_000_000_000
+COLUMNS = ("time_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+
+
+def csv_from_trajectory(trajectory: Trajectory) -> str:
+    """Return a header line and a line for every waypoint."""
+    lines = [",".join(COLUMNS)]
+    for waypoint in trajectory.waypoints:
+        sec, ns = divmod(waypoint.time_ns, NS_PER_S)
+        numbers = (*waypoint.pose.position_m, *waypoint.pose.quat_xyzw)
+        lines.append(",".join([f"{sec}.{ns:09d}", *map(repr, numbers)]))
+    return "\n".join(lines) + "\n"
+
+
+def trajectory_from_csv(
+    text: str, *, file: str = "trajectory.csv", interpolation: Interpolation = Interpolation.POLYLINE
+) -> Trajectory:
+    """Return the waypoints of a CSV text.
+
+    Args:
+        text: What stands in the file.
+        file: Its name, for messages.
+        interpolation: How to go from one to the next.
+
+    Raises:
+        TrajectoryError: The header is another, a field is no number, or times do not grow; says file and line.
+    """
+    rows = csv.reader(io.StringIO(text))
+    header = next(rows, [])
+    if tuple(header) != COLUMNS:
+        raise TrajectoryError(f"{file}:1", ",".join(header) or "nothing", ",".join(COLUMNS))
+    pairs: list[tuple[int, Pose]] = []
+    for row in rows:
+        if row:
+            pairs.append(_pair(row, f"{file}:{rows.line_num}", after_ns=pairs[-1][0] if pairs else -1))
+    if not pairs:
+        raise TrajectoryError(file, "no waypoint", "at least one")
+    return Trajectory.of(pairs, interpolation)
+
+
+def _pair(row: list[str], place: str, *, after_ns: int) -> tuple[int, Pose]:
+    if len(row) != len(COLUMNS):
+        raise TrajectoryError(place, f"{len(row)} fields", f"{len(COLUMNS)}: {', '.join(COLUMNS)}")
+    try:
+        time_ns = int((Decimal(row[0]) * NS_PER_S).to_integral_value())
+        numbers = [float(field) for field in row[1:]]
+    except (InvalidOperation, ValueError, OverflowError) as error:
+        raise TrajectoryError(place, ",".join(row), "eight numbers") from error
+    if time_ns <= after_ns:
+        raise TrajectoryError(place, f"{row[0]} s", f"a time above {after_ns / NS_PER_S} s")
+    try:
+        return time_ns, Pose.at(numbers[:3], numbers[3:], place=place)
+    except PoseError as error:
+        raise TrajectoryError(place, error.given, str(error)) from error
 
 
 def path_from_trajectory(trajectory: Trajectory, *, frame_id: str, start_ns: int = 0) -> Any:
@@ -75,7 +131,7 @@ def multi_dof_from_trajectory(trajectory: Trajectory, joint: str, *, frame_id: s
     Raises:
         StampError: A time does not fit into a stamp.
     """
-    found = sample(trajectory, [w.time_ns / _NS_PER_S for w in trajectory.waypoints])
+    found = sample(trajectory, [w.time_ns / NS_PER_S for w in trajectory.waypoints])
     curved = trajectory.interpolation is Interpolation.CATMULL_ROM
     point = message_type("trajectory_msgs/msg/MultiDOFJointTrajectoryPoint")
     points = [
@@ -123,7 +179,7 @@ def trajectory_from_multi_dof(
 
 
 def _duration(time_ns: int) -> Any:
-    sec, nanosec = divmod(time_ns, _NS_PER_S)
+    sec, nanosec = divmod(time_ns, NS_PER_S)
     return message_type("builtin_interfaces/msg/Duration")(sec=sec, nanosec=nanosec)
 
 
