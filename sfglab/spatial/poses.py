@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
 from sfglab.messages import message_type, ns_from_stamp, stamp_from_ns
 
 if TYPE_CHECKING:
@@ -35,20 +35,8 @@ _UNIT = 1e-12
 _NEARLY_PARALLEL = 1.0 - 1e-9
 
 
-class PoseError(SfglabError, ValueError):
-    """Numbers that are no pose.
-
-    Attributes:
-        place: Where they stand.
-        given: What was given.
-        allowed: What is allowed, with its verb.
-    """
-
-    def __init__(self, place: str, given: object, allowed: str) -> None:
-        self.place = place
-        self.given = given
-        self.allowed = allowed
-        super().__init__(f"{place}: given {given}, allowed {allowed}")
+class PoseError(InvalidValueError):
+    """Numbers that are no pose."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,7 +99,7 @@ class Pose:
 
         matrix = np.asarray(matrix, dtype=np.float64)
         if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.linalg.det(matrix[:3, :3]) <= 0:
-            raise PoseError(place, matrix.tolist(), "is a finite 4 x 4 matrix whose determinant is above 0")
+            raise PoseError(place, matrix.tolist(), "a finite 4 x 4 matrix whose determinant is above 0")
         return cls.from_rotation(matrix[:3, 3], Rotation.from_matrix(matrix[:3, :3]), place=place)
 
     @classmethod
@@ -264,9 +252,9 @@ def _checked(position: Iterable[float], quat: Iterable[float], place: str) -> tu
     q = _numbers(quat, 4, f"{place}, quaternion")
     norm = math.hypot(*q)
     if norm < _SHORTEST:
-        raise PoseError(f"{place}, quaternion", list(q), f"is a length of at least {_SHORTEST:g}, 1 as a rule")
+        raise PoseError(f"{place}, quaternion", list(q), f"a length of at least {_SHORTEST:g}, 1 as a rule")
     if not math.isfinite(norm):
-        raise PoseError(f"{place}, quaternion", list(q), "is a finite length, 1 as a rule")
+        raise PoseError(f"{place}, quaternion", list(q), "a finite length, 1 as a rule")
     x, y, z, w = q if abs(norm * norm - 1.0) <= _UNIT else (c / norm for c in q)
     return (p[0], p[1], p[2]), (x, y, z, w)
 
@@ -275,9 +263,9 @@ def _numbers(values: Iterable[float], count: int, place: str) -> tuple[float, ..
     try:
         numbers = tuple(float(value) for value in values)
     except (TypeError, ValueError) as error:
-        raise PoseError(place, repr(values), f"are {count} numbers") from error
+        raise PoseError(place, values, f"{count} numbers") from error
     if len(numbers) != count or not all(map(math.isfinite, numbers)):
-        raise PoseError(place, list(numbers), f"are {count} finite numbers")
+        raise PoseError(place, list(numbers), f"{count} finite numbers")
     return numbers
 
 

@@ -24,10 +24,8 @@ _NS_PER_S = 1_000_000_000
 class Life(Enum):
     """How an agent is, as far as its heartbeats tell."""
 
-    SILENT = "silent"
-    """Known from elsewhere, but not heard yet."""
-    STARTING = "starting"
-    """It has just started: others may not know it yet."""
+    SILENT = "silent"  #: Known from elsewhere, but not heard yet.
+    STARTING = "starting"  #: It has just started: others may not know it yet.
     ALIVE = "alive"
     LATE = "late"
     LOST = "lost"
@@ -36,8 +34,7 @@ class Life(Enum):
 class Services(Enum):
     """Whether the streams of a remote agent are decoded on this host."""
 
-    NONE = "none"
-    """Never seen one."""
+    NONE = "none"  #: Never seen one.
     UP = "up"
     DOWN = "down"
 

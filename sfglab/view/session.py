@@ -29,10 +29,8 @@ class Changed(Enum):
 
     ADDED = "added"
     REMOVED = "removed"
-    TUNED = "tuned"
-    """A parameter, the rate, or whether it is on."""
-    REWIRED = "rewired"
-    """Its QoS or synchronisation: what waited is gone."""
+    TUNED = "tuned"  #: A parameter, the rate, or whether it is on.
+    REWIRED = "rewired"  #: Its QoS or synchronisation: what waited is gone.
 
 
 @dataclass(slots=True, kw_only=True)

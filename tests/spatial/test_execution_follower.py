@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from trajectory_strategies import poses, trajectories
 
 from sfglab.bus import GoalStatus
+from sfglab.errors import InvalidValueError
 from sfglab.spatial import Pose
 from sfglab.spatial.execution import (
     OUTCOMES,
     TRANSITIONS,
     AgentState,
     Dynamics,
-    DynamicsError,
     Follower,
     Order,
     Outcome,
@@ -189,7 +189,7 @@ def test_every_outcome_reads_back_from_status_and_code():
     "wrong", [{"lag_s": -1.0}, {"gain_per_s": 0.0}, {"gain_per_s": 9.0}, {"lag_s": math.inf}]
 )
 def test_dynamics_that_no_agent_has_are_refused(wrong):
-    with pytest.raises(DynamicsError, match="allowed"):
+    with pytest.raises(InvalidValueError, match="allowed"):
         Dynamics(**wrong)
 
 

@@ -113,13 +113,11 @@ def test_nothing_is_extrapolated_unless_asked_and_the_error_says_what_is_known()
     buffer = FrameBuffer()
     for i in range(3):
         put(buffer, "map", "a", (i + 1) * S, Pose.from_yaw((i, 0, 0), 0.1 * i))
-    with pytest.raises(
-        ExtrapolationError, match=r"'a' is known from 1000000000 to 3000000000 ns \(500.000 ms af"
-    ):
+    known = r"'a' is known from 1000000000 to 3000000000 ns"
+    with pytest.raises(ExtrapolationError, match=rf"{known} \(500.000 ms after that\)"):
         buffer.look_up("map", "a", 7 * S // 2)
-    with pytest.raises(ExtrapolationError, match="ms before that") as early:
+    with pytest.raises(ExtrapolationError, match=rf"{known} \(0.000 ms before that\)"):
         buffer.look_up("a", "map", S - 1)
-    assert (early.value.frame, early.value.first_ns, early.value.last_ns) == ("a", S, 3 * S)
     with pytest.raises(ExtrapolationError):
         buffer.look_up("map", "a", 7 * S // 2, extrapolate_ns=S // 2 - 1)
     ahead = buffer.look_up("map", "a", 7 * S // 2, extrapolate_ns=S // 2)
@@ -167,17 +165,15 @@ def test_the_last_parent_counts_and_the_old_history_is_gone():
     put(buffer, "map", "a", 0)
     put(buffer, "odom", "a", S, Pose.at((7, 0, 0)))
     assert buffer.look_up("odom", "a", S).position_m == (7, 0, 0)
-    with pytest.raises(NotConnectedError, match=r"the root 'map', the other one below 'odom'") as apart:
+    with pytest.raises(NotConnectedError, match=r"the root 'map', the other one below 'odom'"):
         buffer.look_up("map", "a", 0)
-    assert (apart.value.target_root, apart.value.source_root) == ("map", "odom")
 
 
 def test_unknown_frames_are_refused_with_names_that_look_similar():
     buffer = FrameBuffer()
     put(buffer, "map", "agent_x/markers")
-    with pytest.raises(UnknownFrameError, match="did you mean 'agent_x/markers'") as unknown:
+    with pytest.raises(UnknownFrameError, match="did you mean 'agent_x/markers'"):
         buffer.look_up("map", "agent_x_markers", 0)
-    assert unknown.value.near == ("agent_x/markers",)
     with pytest.raises(UnknownFrameError, match="2 frames are known"):
         buffer.root_of("zzz")
 
@@ -186,9 +182,8 @@ def test_loops_are_refused_and_leave_the_tree_as_it_was():
     buffer = FrameBuffer()
     put(buffer, "a", "b", 0, Pose.at((1, 0, 0)))
     put(buffer, "b", "c", 0)
-    with pytest.raises(FrameLoopError, match="a -> c -> b -> a") as loop:
+    with pytest.raises(FrameLoopError, match="a -> c -> b -> a"):
         put(buffer, "c", "a")
-    assert loop.value.loop == ("a", "c", "b", "a")
     with pytest.raises(FrameLoopError):
         put(buffer, "d", "d")
     assert buffer.look_up("a", "c", 0).position_m == (1, 0, 0)

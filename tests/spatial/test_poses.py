@@ -89,7 +89,7 @@ def test_both_signs_of_a_quaternion_are_one_orientation_and_slerp_goes_the_short
 @pytest.mark.parametrize(
     ("position", "quat", "says"),
     [
-        ((0, 0, math.nan), (0, 0, 0, 1), r"here, position: given \[0.0, 0.0, nan\], allowed are 3 finite"),
+        ((0, 0, math.nan), (0, 0, 0, 1), r"here, position: given \[0.0, 0.0, nan\], allowed: 3 finite"),
         ((0, 0, math.inf), (0, 0, 0, 1), r"here, position: .* finite"),
         ((0, 0), (0, 0, 0, 1), r"here, position: .* 3 finite numbers"),
         ((0, 0, 0), (0, 0, 0, 0), r"here, quaternion: .* a length of at least 1e-06"),

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
 from sfglab.spatial.execution.orders import Outcome
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.trajectory import Limits, pose_at, sample
@@ -27,10 +27,6 @@ if TYPE_CHECKING:
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 _STANDS_M_S = 1e-9
 _WELL_DAMPED = 0.25
-
-
-class DynamicsError(SfglabError, ValueError):
-    """Numbers that no agent can have."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +48,7 @@ class Dynamics:
     """How an agent answers.
 
     Raises:
-        DynamicsError: A number is negative or not finite, or gain times lag is above 1/4, where it overshoots.
+        InvalidValueError: A number is out of range, or gain times lag is above 1/4, where it overshoots.
     """
 
     #: Never exceeded, whatever is asked for; the yaw rate's bounds the whole turn's rate.
@@ -61,12 +57,11 @@ class Dynamics:
     gain_per_s: float = 2.0  #: How much velocity is added to a target's for every metre that is missing.
 
     def __post_init__(self) -> None:
+        place, given = "dynamics, lag_s and gain_per_s", (self.lag_s, self.gain_per_s)
         if not 0.0 <= self.lag_s < math.inf or not 0.0 < self.gain_per_s < math.inf:
-            given = f"lag {self.lag_s} s, gain {self.gain_per_s} / s"
-            raise DynamicsError(f"dynamics: given {given}, allowed are a lag from 0 and a gain above 0")
+            raise InvalidValueError(place, given, "a lag from 0 and a gain above 0")
         if self.lag_s * self.gain_per_s > _WELL_DAMPED:
-            given = f"{self.lag_s} s times {self.gain_per_s} / s"
-            raise DynamicsError(f"dynamics: given {given}, allowed is a product of lag and gain up to 1/4")
+            raise InvalidValueError(place, given, "a product of lag and gain up to 1/4")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -29,7 +29,6 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.spatial.execution.agent import Progress
     from sfglab.spatial.trajectory import Trajectory
 
 
@@ -253,17 +252,6 @@ def order_from_goal(goal: Any) -> Order:
     except SfglabError as error:
         raise RefusalError(Outcome.INVALID_TRAJECTORY, str(error)) from error
     return Order(agent=agent, trajectory=trajectory, frame_id=str(message.header.frame_id), start_ns=start_ns)
-
-
-def feedback_message(progress: Progress, pose: Any) -> Any:
-    """Return how it stands as feedback of ours, with the agent's stamped pose."""
-    sec, nanosec = divmod(progress.time_ns, NS_PER_S)
-    return action_type(_TYPE).feedback(
-        progress=progress.share,
-        time_from_start=message_type("builtin_interfaces/msg/Duration")(sec=sec, nanosec=nanosec),
-        pose=pose,
-        distance_error=progress.error_m,
-    )
 
 
 def result_message(outcome: Outcome, text: str, pose: Any) -> Any:

@@ -1,6 +1,6 @@
 """A simulated agent on the bus: one action that moves it, and what it says of itself.
 
-A thin shell: `judging` says what is taken and `follower` moves. Real agents have servers of their own; this one
+A thin shell: `orders` says what is taken and `agent` moves. Real agents have servers of their own; this one
 stands in for them in a plan's rehearsal.
 """
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from sfglab.bus import CancelResponse, GoalResponse, GoalStatus
-from sfglab.messages import message_type, stamp_from_ns
+from sfglab.messages import action_type, message_type, stamp_from_ns
 from sfglab.names import TF, Resource, RosFqnBuilder, Scope
 from sfglab.spatial.execution.agent import AgentState, Dynamics, Follower, Tolerances, braked
 from sfglab.spatial.execution.orders import (
@@ -23,7 +23,6 @@ from sfglab.spatial.execution.orders import (
     RefusalError,
     Rules,
     action_name,
-    feedback_message,
     judge,
     order_from_goal,
     result_message,
@@ -220,7 +219,7 @@ class TrajectoryServer:
 
     def _feed_back(self, run: _Run, progress: Progress) -> None:
         if run.handle.is_active and not run.done.done():
-            run.handle.publish_feedback(feedback_message(progress, self._pose_message()))
+            run.handle.publish_feedback(_feedback(progress, self._pose_message()))
 
     def _pose_message(self) -> Any:
         return stamped_pose(self._state.pose, self._setup.frame_id, self._stepped_ns)
@@ -276,4 +275,15 @@ def _odometry(state: AgentState, transform: StampedTransform) -> Any:
             pose=state.pose.to_pose_msg(), covariance=no_covariance
         ),
         twist=message_type("geometry_msgs/msg/TwistWithCovariance")(twist=twist, covariance=no_covariance),
+    )
+
+
+def _feedback(progress: Progress, pose: Any) -> Any:
+    """Return how it stands as feedback of ours, with the agent's stamped pose."""
+    sec, nanosec = divmod(progress.time_ns, NS_PER_S)
+    return action_type(FOLLOW_TRAJECTORY.type).feedback(
+        progress=progress.share,
+        time_from_start=message_type("builtin_interfaces/msg/Duration")(sec=sec, nanosec=nanosec),
+        pose=pose,
+        distance_error=progress.error_m,
     )

@@ -10,19 +10,17 @@ times; between two stamps positions are linear and orientations SLERP; nothing i
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.spatial.frames.history import History, Insertion
 from sfglab.spatial.poses import Pose
-from sfglab.units import NS_PER_S
+from sfglab.units import NS_PER_MS, NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from sfglab.spatial.poses import StampedTransform
 
 
@@ -30,102 +28,30 @@ class FrameError(SfglabError):
     """A transform that cannot be had, or cannot be taken."""
 
 
-class FrameInputError(FrameError, ValueError):
-    """A name that no frame can have, or a setting that no buffer can.
-
-    Attributes:
-        place: Where it stands.
-        given: What was given.
-    """
-
-    def __init__(self, place: str, given: object, allowed: str) -> None:
-        self.place = place
-        self.given = given
-        super().__init__(f"{place}: given {given!r}, allowed are {allowed}")
+class FrameInputError(FrameError, InvalidValueError):
+    """A name that no frame can have, or a setting that no buffer can."""
 
 
 class UnknownFrameError(FrameError, LookupError):
-    """A frame that nobody has placed and in which nobody has placed anything.
-
-    Attributes:
-        frame: As asked for.
-        near: Known names that look similar, best first.
-    """
-
-    def __init__(self, frame: str, *, near: Sequence[str], known: int) -> None:
-        self.frame = frame
-        self.near = tuple(near)
-        hint = f"did you mean {', '.join(map(repr, near))}?" if near else f"{known} frames are known"
-        super().__init__(f"frame {frame!r} is unknown: {hint}")
+    """A frame that nobody has placed and in which nobody has placed anything."""
 
 
 class NotConnectedError(FrameError, LookupError):
-    """Two frames that stand in different trees.
-
-    Attributes:
-        target: One frame.
-        source: The other one.
-        target_root: The root above the first.
-        source_root: The root above the other.
-    """
-
-    def __init__(self, target: str, source: str, *, target_root: str, source_root: str) -> None:
-        self.target = target
-        self.source = source
-        self.target_root = target_root
-        self.source_root = source_root
-        super().__init__(
-            f"frames {target!r} and {source!r} are not connected: the first stands below the root "
-            f"{target_root!r}, the other one below {source_root!r}"
-        )
+    """Two frames that stand in different trees."""
 
 
 class ExtrapolationError(FrameError, LookupError):
-    """A time for which the transforms on the way are not known.
-
-    Attributes:
-        frame: The frame on the way whose transform is missing.
-        time_ns: The time asked for.
-        first_ns: From when that frame's transform is known; None if it never was.
-        last_ns: Until when.
-    """
-
-    def __init__(  # noqa: PLR0913 - each of them is in the message
-        self, target: str, source: str, *, frame: str, time_ns: int, first_ns: int | None, last_ns: int | None
-    ) -> None:
-        self.frame = frame
-        self.time_ns = time_ns
-        self.first_ns = first_ns
-        self.last_ns = last_ns
-        known = "never" if first_ns is None else f"from {first_ns} to {last_ns} ns{self._by_how_much()}"
-        super().__init__(
-            f"{target!r} from {source!r} at {time_ns} ns: the transform of {frame!r} is known {known}; "
-            "wait, ask for a time within, or allow extrapolation"
-        )
-
-    def _by_how_much(self) -> str:
-        assert self.first_ns is not None
-        assert self.last_ns is not None
-        off_ns = max(self.first_ns - self.time_ns, self.time_ns - self.last_ns)
-        return f" ({off_ns / 1e6:.3f} ms {'before' if self.time_ns < self.first_ns else 'after'} that)"
+    """A time for which the transforms on the way are not known."""
 
 
 class FrameLoopError(FrameError, ValueError):
-    """A transform that would place a frame below itself.
-
-    Attributes:
-        loop: The frames, from the child up to itself again.
-    """
-
-    def __init__(self, loop: Sequence[str]) -> None:
-        self.loop = tuple(loop)
-        super().__init__(f"frame {loop[0]!r} would stand below itself: {' -> '.join(loop)} (child -> parent)")
+    """A transform that would place a frame below itself."""
 
 
 _ALWAYS = np.iinfo(np.int64)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True)
 class Edge:
     """What was observed of one edge from one publisher."""
 
@@ -139,16 +65,13 @@ class Edge:
     backwards: int = 0  #: How often a stamp was older than the one that came before it.
     back_ns: int = 0  #: The largest step back, ns.
 
-
-@dataclass(slots=True)
-class _Tally:
-    """What changes of an `Edge` with every transform."""
-
-    first_ns: int
-    last_ns: int
-    count: int = 0
-    backwards: int = 0
-    back_ns: int = 0
+    def again(self, stamp_ns: int) -> None:
+        """Take one more transform of it."""
+        self.count += 1
+        if stamp_ns < self.last_ns and not self.static:
+            self.backwards += 1
+            self.back_ns = max(self.back_ns, self.last_ns - stamp_ns)
+        self.last_ns = stamp_ns
 
 
 class FrameBuffer:
@@ -167,7 +90,7 @@ class FrameBuffer:
         self._history = History(None if history_s is None else round(history_s * NS_PER_S))
         self._index: dict[str, int] = {}
         self._names: list[str] = []
-        self._tallies: dict[tuple[str, str, bool, str], _Tally] = {}
+        self._edges: dict[tuple[str, str, bool, str], Edge] = {}
         self._out = np.empty(7)
 
     @property
@@ -178,20 +101,7 @@ class FrameBuffer:
     @property
     def edges(self) -> tuple[Edge, ...]:
         """All edges ever observed, also those that were refused or gave way to a later parent."""
-        return tuple(
-            Edge(
-                child=child,
-                parent=parent,
-                static=static,
-                authority=authority,
-                count=tally.count,
-                first_ns=tally.first_ns,
-                last_ns=tally.last_ns,
-                backwards=tally.backwards,
-                back_ns=tally.back_ns,
-            )
-            for (child, parent, static, authority), tally in self._tallies.items()
-        )
+        return tuple(map(replace, self._edges.values()))
 
     def insert(self, transform: StampedTransform, *, static: bool = False, authority: str = "") -> Insertion:
         """Take one transform.
@@ -244,15 +154,7 @@ class FrameBuffer:
         if fault == kernel.NOT_CONNECTED:
             raise self._not_connected(target, source)
         if fault != kernel.FOUND:
-            first_ns, last_ns = history.interval_of(fault) or (None, None)
-            raise ExtrapolationError(
-                target,
-                source,
-                frame=self._names[fault],
-                time_ns=time_ns,
-                first_ns=first_ns,
-                last_ns=last_ns,
-            )
+            raise self._not_known_at(target, source, fault, time_ns)
         x, y, z, qx, qy, qz, qw = self._out.tolist()
         return Pose._trusted((x, y, z), (qx, qy, qz, qw))  # noqa: SLF001 - numbers of poses that were checked
 
@@ -311,14 +213,17 @@ class FrameBuffer:
             if not name or name != name.strip():
                 raise FrameInputError(f"transform {parent!r} -> {child!r}", name, "names without outer blanks")
         key = (child, parent, static, authority)
-        tally = self._tallies.get(key)
-        if tally is None:
-            tally = self._tallies[key] = _Tally(stamp_ns, stamp_ns)
-        tally.count += 1
-        if stamp_ns < tally.last_ns and not static:
-            tally.backwards += 1
-            tally.back_ns = max(tally.back_ns, tally.last_ns - stamp_ns)
-        tally.last_ns = stamp_ns
+        if key in self._edges:
+            self._edges[key].again(stamp_ns)
+        else:
+            self._edges[key] = Edge(
+                child=child,
+                parent=parent,
+                static=static,
+                authority=authority,
+                first_ns=stamp_ns,
+                last_ns=stamp_ns,
+            )
 
     def _indexed(self, name: str) -> int:
         index = self._index.get(name)
@@ -330,8 +235,9 @@ class FrameBuffer:
     def _known(self, name: str) -> int:
         index = self._index.get(name)
         if index is None:
-            near = difflib.get_close_matches(name, self._index, n=3)
-            raise UnknownFrameError(name, near=near, known=len(self._index))
+            near = ", ".join(map(repr, difflib.get_close_matches(name, self._index, n=3)))
+            hint = f"did you mean {near}?" if near else f"{len(self._index)} frames are known"
+            raise UnknownFrameError(f"frame {name!r} is unknown: {hint}")
         return index
 
     def _check_loop(self, child: int, parent: int) -> None:
@@ -340,7 +246,9 @@ class FrameBuffer:
         while at >= 0:
             above.append(at)
             if at == child:
-                raise FrameLoopError([self._names[i] for i in above])
+                loop = " -> ".join(self._names[i] for i in above)
+                name = self._names[child]
+                raise FrameLoopError(f"frame {name!r} would stand below itself: {loop} (child -> parent)")
             at = self._history.parent_of(at)
 
     def _latest(self, target: str, source: str) -> int:
@@ -351,5 +259,18 @@ class FrameBuffer:
 
     def _not_connected(self, target: str, source: str) -> NotConnectedError:
         return NotConnectedError(
-            target, source, target_root=self.root_of(target), source_root=self.root_of(source)
+            f"frames {target!r} and {source!r} are not connected: the first stands below the root "
+            f"{self.root_of(target)!r}, the other one below {self.root_of(source)!r}"
+        )
+
+    def _not_known_at(self, target: str, source: str, frame: int, time_ns: int) -> ExtrapolationError:
+        known = "never"
+        if interval := self._history.interval_of(frame):
+            first_ns, last_ns = interval
+            off_ms = max(first_ns - time_ns, time_ns - last_ns) / NS_PER_MS
+            side = "before" if time_ns < first_ns else "after"
+            known = f"from {first_ns} to {last_ns} ns ({off_ms:.3f} ms {side} that)"
+        return ExtrapolationError(
+            f"{target!r} from {source!r} at {time_ns} ns: the transform of {self._names[frame]!r} is known "
+            f"{known}; wait, ask for a time within, or allow extrapolation"
         )

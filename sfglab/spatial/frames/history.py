@@ -25,12 +25,9 @@ class Insertion(Enum):
     """What became of a transform."""
 
     APPENDED = "appended"
-    OUT_OF_ORDER = "out of order"
-    """It is older than the newest one and was put in its place."""
-    REPLACED = "replaced"
-    """There was one of the same stamp, or a static one."""
-    TOO_OLD = "too old"
-    """It is older than the newest one by more than the history, and was left out."""
+    OUT_OF_ORDER = "out of order"  #: It is older than the newest one and was put in its place.
+    REPLACED = "replaced"  #: There was one of the same stamp, or a static one.
+    TOO_OLD = "too old"  #: It is older than the newest one by more than the history, and was left out.
 
 
 class History:

@@ -28,10 +28,8 @@ class MocapError(SfglabError):
 class Lapse(Enum):
     """Why there is no pose."""
 
-    OCCLUDED = "occluded"
-    """Too few of the object's markers were seen."""
-    INVALID = "invalid"
-    """The numbers are no pose: not finite, or a quaternion of length zero."""
+    OCCLUDED = "occluded"  #: Too few of the object's markers were seen.
+    INVALID = "invalid"  #: The numbers are no pose: not finite, or a quaternion of length zero.
 
 
 Sight = Pose | Lapse
@@ -58,33 +56,22 @@ class MocapSource(Protocol):
 class TrackState(Enum):
     """What is known of an object."""
 
-    ABSENT = "absent"
-    """It was never seen."""
-    TRACKED = "tracked"
-    """Its last pose is believed."""
-    HIDDEN = "hidden"
-    """It is known where it was, but not seen now."""
-    SUSPECT = "suspect"
-    """It is seen where it cannot be."""
+    ABSENT = "absent"  #: It was never seen.
+    TRACKED = "tracked"  #: Its last pose is believed.
+    HIDDEN = "hidden"  #: It is known where it was, but not seen now.
+    SUSPECT = "suspect"  #: It is seen where it cannot be.
 
 
 class Verdict(Enum):
     """What a sight is."""
 
-    SOUND = "sound"
-    """It can be there."""
-    JUMPED = "jumped"
-    """It is further away than it can have gone."""
-    FLIPPED = "flipped"
-    """It is where it can be, but turned further than it can have turned."""
-    CONFIRMED = "confirmed"
-    """It was seen there long enough, so it is there."""
-    OCCLUDED = "occluded"
-    """It is not seen."""
-    INVALID = "invalid"
-    """The numbers are no pose."""
-    STALE = "stale"
-    """It is not newer than the one before."""
+    SOUND = "sound"  #: It can be there.
+    JUMPED = "jumped"  #: It is further away than it can have gone.
+    FLIPPED = "flipped"  #: It is where it can be, but turned further than it can have turned.
+    CONFIRMED = "confirmed"  #: It was seen there long enough, so it is there.
+    OCCLUDED = "occluded"  #: It is not seen.
+    INVALID = "invalid"  #: The numbers are no pose.
+    STALE = "stale"  #: It is not newer than the one before.
 
     @property
     def believed(self) -> bool:

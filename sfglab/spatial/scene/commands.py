@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.objects import (
@@ -103,10 +103,7 @@ class Move:
     #: It stays where it is in the scene and gets another pose in its parent; else the reverse.
     keep_place: bool = True
 
-    @property
-    def label(self) -> str:
-        """What the edit does."""
-        return "Move in the tree"
+    label: ClassVar[str] = "Move in the tree"
 
     def apply(self, scene: Scene) -> Scene:
         """Return the scene with the object elsewhere in the tree."""
@@ -130,10 +127,7 @@ class Rename:
     id: int  #: Which.
     name: str  #: 1 to 100 printable characters; for a waypoint also none.
 
-    @property
-    def label(self) -> str:
-        """What the edit does."""
-        return "Rename"
+    label: ClassVar[str] = "Rename"
 
     def apply(self, scene: Scene) -> Scene:
         """Return the scene with the object renamed."""
@@ -147,10 +141,7 @@ class SetPose:
     id: int  #: Which.
     pose: Pose  #: Where, in its parent.
 
-    @property
-    def label(self) -> str:
-        """What the edit does."""
-        return "Change pose"
+    label: ClassVar[str] = "Change pose"
 
     def apply(self, scene: Scene) -> Scene:
         """Return the scene with the object elsewhere."""
@@ -240,10 +231,7 @@ class SetTime:
     id: int  #: Which waypoint.
     time_ns: int  #: Its time, which no other waypoint of the trajectory has.
 
-    @property
-    def label(self) -> str:
-        """What the edit does."""
-        return "Change time"
+    label: ClassVar[str] = "Change time"
 
     def apply(self, scene: Scene) -> Scene:
         """Return the scene with the waypoint at its new time."""
@@ -259,10 +247,7 @@ class AlignWaypoints:
     id: int  #: The trajectory.
     align: Align  #: Along which segment.
 
-    @property
-    def label(self) -> str:
-        """What the edit does."""
-        return "Align waypoints"
+    label: ClassVar[str] = "Align waypoints"
 
     def apply(self, scene: Scene) -> Scene:
         """Return the scene with every waypoint aligned."""
@@ -283,10 +268,7 @@ class Retime:
     id: int  #: The trajectory.
     limits: Limits | None = None  #: What must hold; its agent's where it is None.
 
-    @property
-    def label(self) -> str:
-        """What the edit does."""
-        return "Keep to limits"
+    label: ClassVar[str] = "Keep to limits"
 
     def apply(self, scene: Scene) -> Scene:
         """Return the scene with the trajectory slowed down."""
@@ -307,10 +289,7 @@ class Stretch:
     id: int  #: The trajectory.
     factor: float  #: By how much every duration grows.
 
-    @property
-    def label(self) -> str:
-        """What the edit does."""
-        return "Stretch in time"
+    label: ClassVar[str] = "Stretch in time"
 
     def apply(self, scene: Scene) -> Scene:
         """Return the scene with the trajectory stretched."""

@@ -43,25 +43,15 @@ _Body = tuple["ConflictKind", "ObstacleObject | ZoneObject", "Pose"]
 
 
 class ConflictKind(Enum):
-    """What is wrong.
+    """What is wrong."""
 
-    Attributes:
-        AGENTS: Two agents come closer than their radii and the scene's margin.
-        OBSTACLE: An agent touches an obstacle.
-        ZONE: An agent touches a forbidden zone.
-        LIMIT: A trajectory asks more of its agent than it can do.
-        OUTSIDE: A waypoint lies in no zone of those that waypoints must lie in.
-        NO_AGENT: Nobody drives a trajectory.
-        NO_WAYPOINTS: A trajectory has none, so its agent stands.
-    """
-
-    AGENTS = "agents"
-    OBSTACLE = "obstacle"
-    ZONE = "zone"
-    LIMIT = "limit"
-    OUTSIDE = "outside"
-    NO_AGENT = "no agent"
-    NO_WAYPOINTS = "no waypoints"
+    AGENTS = "agents"  #: Two agents come closer than their radii and the scene's margin.
+    OBSTACLE = "obstacle"  #: An agent touches an obstacle.
+    ZONE = "zone"  #: An agent touches a forbidden zone.
+    LIMIT = "limit"  #: A trajectory asks more of its agent than it can do.
+    OUTSIDE = "outside"  #: A waypoint lies in no zone of those that waypoints must lie in.
+    NO_AGENT = "no agent"  #: Nobody drives a trajectory.
+    NO_WAYPOINTS = "no waypoints"  #: A trajectory has none, so its agent stands.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

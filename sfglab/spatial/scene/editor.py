@@ -40,25 +40,15 @@ _STEP_NS = NS_PER_S
 
 
 class ChangeKind(Enum):
-    """What happened.
+    """What happened."""
 
-    Attributes:
-        EDIT: A command was done.
-        UNDO: A step was taken back.
-        REDO: A step was done again.
-        LOAD: Another scene is here.
-        SAVE: The scene is on disk.
-        SELECTION: Other objects are selected.
-        TIME: The time slider moved.
-    """
-
-    EDIT = "edit"
-    UNDO = "undo"
-    REDO = "redo"
-    LOAD = "load"
-    SAVE = "save"
-    SELECTION = "selection"
-    TIME = "time"
+    EDIT = "edit"  #: A command was done.
+    UNDO = "undo"  #: A step was taken back.
+    REDO = "redo"  #: A step was done again.
+    LOAD = "load"  #: Another scene is here.
+    SAVE = "save"  #: The scene is on disk.
+    SELECTION = "selection"  #: Other objects are selected.
+    TIME = "time"  #: The time slider moved.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.trajectory import LATEST_NS, Align, Box, Cylinder, Interpolation, Limits, Shape, Sphere
 
@@ -24,20 +24,11 @@ if TYPE_CHECKING:
     from sfglab.documents import DocumentError
 
 
-class SceneError(SfglabError, ValueError):
+class SceneError(InvalidValueError):
     """A scene, an edit of one, or a scene file that is not allowed; nothing was changed.
 
-    Attributes:
-        place: Where: an object and its property, or a file, line and key.
-        given: What was given.
-        allowed: What is allowed in its place.
+    Its place is an object and its property, or a file, line and key.
     """
-
-    def __init__(self, place: str, given: object, allowed: str) -> None:
-        self.place = place
-        self.given = given
-        self.allowed = allowed
-        super().__init__(place, given, allowed)  # all arguments, so that the error survives pickling
 
     @classmethod
     def of_document(cls, error: DocumentError) -> Self:
@@ -170,15 +161,10 @@ _FARTHEST_M = 1e6
 
 
 class ZoneRule(Enum):
-    """What a zone is for.
+    """What a zone is for."""
 
-    Attributes:
-        FORBIDDEN: No agent may touch it.
-        INSIDE: Every waypoint must lie in this zone or in another one of this rule.
-    """
-
-    FORBIDDEN = "forbidden"
-    INSIDE = "inside"
+    FORBIDDEN = "forbidden"  #: No agent may touch it.
+    INSIDE = "inside"  #: Every waypoint must lie in this zone or in another one of this rule.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,8 +2,7 @@
 
 Every state of a scene is a value of its own that shares what did not change with the one before; whoever keeps
 the old one can go back to it, and nothing has to be put together again. `Draft` is where a next state is made:
-it checks whatever concerns more than one object. Refuses to know commands (`commands`) and files (`reading`,
-`writing`).
+it checks whatever concerns more than one object. Refuses to know `commands` and `files`.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ def _pair(row: list[str], place: str, *, after_ns: int) -> tuple[int, Pose]:
     try:
         return time_ns, Pose.at(numbers[:3], numbers[3:], place=place)
     except PoseError as error:
-        raise TrajectoryError(place, error.given, str(error)) from error
+        raise TrajectoryError(error.place, error.given, error.allowed) from error
 
 
 def path_from_trajectory(trajectory: Trajectory, *, frame_id: str, start_ns: int = 0) -> Any:

@@ -38,17 +38,11 @@ _TOLERANCE = 1e-9
 
 
 class Quantity(Enum):
-    """What is limited.
+    """What is limited."""
 
-    Attributes:
-        SPEED: Length of the velocity, m/s.
-        ACCELERATION: Length of the acceleration, m/s^2.
-        YAW_RATE: Size of the angular velocity about the fixed z axis, rad/s.
-    """
-
-    SPEED = "speed_m_s"
-    ACCELERATION = "acceleration_m_s2"
-    YAW_RATE = "yaw_rate_rad_s"
+    SPEED = "speed_m_s"  #: Length of the velocity, m/s.
+    ACCELERATION = "acceleration_m_s2"  #: Length of the acceleration, m/s^2.
+    YAW_RATE = "yaw_rate_rad_s"  #: Size of the angular velocity about the fixed z axis, rad/s.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

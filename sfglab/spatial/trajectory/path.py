@@ -14,7 +14,7 @@ from enum import Enum
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
 from sfglab.spatial.poses import Pose, Quat, Vec3
 
 if TYPE_CHECKING:
@@ -25,35 +25,18 @@ LATEST_NS = 10**15
 """Eleven days. Up to here a time in seconds, as a float with nine decimals, gives back its nanoseconds."""
 
 
-class TrajectoryError(SfglabError, ValueError):
-    """Values that are no trajectory, or a message or text that holds none.
-
-    Attributes:
-        place: Where.
-        given: What was given.
-        allowed: What is allowed in its place.
-    """
-
-    def __init__(self, place: str, given: object, allowed: str) -> None:
-        self.place = place
-        self.given = given
-        self.allowed = allowed
-        super().__init__(place, given, allowed)
+class TrajectoryError(InvalidValueError):
+    """Values that are no trajectory, or a message or text that holds none."""
 
     def __str__(self) -> str:
         return f"{self.place}: given {self.given}, allowed: {self.allowed}"
 
 
 class Interpolation(Enum):
-    """How to go from one waypoint to the next; `motion` has the formulas.
+    """How to go from one waypoint to the next; `motion` has the formulas."""
 
-    Attributes:
-        POLYLINE: Position linear in time, orientation by SLERP; the paper's.
-        CATMULL_ROM: Position on a centripetal Catmull-Rom spline, orientation by SLERP; the paper's future
-            work.
-    """
-
-    POLYLINE = "polyline"
+    POLYLINE = "polyline"  #: Position linear in time, orientation by SLERP; the paper's.
+    #: Position on a centripetal Catmull-Rom spline, orientation by SLERP; the paper's future work.
     CATMULL_ROM = "catmull_rom"
 
 
@@ -166,17 +149,11 @@ _FLAT_M = 1e-9
 
 
 class Align(Enum):
-    """What a waypoint's x axis points along.
+    """What a waypoint's x axis points along."""
 
-    Attributes:
-        NONE: Its own orientation.
-        PREVIOUS: The segment that arrives, from the previous waypoint.
-        NEXT: The segment that leaves, to the next waypoint.
-    """
-
-    NONE = "none"
-    PREVIOUS = "previous"
-    NEXT = "next"
+    NONE = "none"  #: Its own orientation.
+    PREVIOUS = "previous"  #: The segment that arrives, from the previous waypoint.
+    NEXT = "next"  #: The segment that leaves, to the next waypoint.
 
 
 def heading_quat(start_m: Vec3, end_m: Vec3) -> Quat | None:

@@ -27,21 +27,13 @@ _UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_m_s": "m/s", "_m": "m", "_s": "
 
 
 class FieldKind(Enum):
-    """How a field is typed.
+    """How a field is typed."""
 
-    Attributes:
-        TEXT: A line of text.
-        NUMBER: A number from zero on.
-        VECTOR: Three numbers.
-        CHOICE: One of a few words.
-        SWITCH: Yes or no.
-    """
-
-    TEXT = "text"
-    NUMBER = "number"
-    VECTOR = "vector"
-    CHOICE = "choice"
-    SWITCH = "switch"
+    TEXT = "text"  #: A line of text.
+    NUMBER = "number"  #: A number from zero on.
+    VECTOR = "vector"  #: Three numbers.
+    CHOICE = "choice"  #: One of a few words.
+    SWITCH = "switch"  #: Yes or no.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
