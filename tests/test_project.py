@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 FLOORS = (
-    ("names", "qos", "errors", "pipes", "fields", "units", "processes", "documents", "tables"),
+    ("names", "qos", "errors", "pipes", "component", "fields", "units", "processes", "documents", "tables"),
     ("messages", "rtps", "codecs"),
     ("bus", "record"),
     ("fleet", "arp", "soc", "spatial"),

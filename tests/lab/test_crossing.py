@@ -16,7 +16,7 @@ import pytest
 from sfglab.lab.experiments.transfer.config import Config
 from sfglab.lab.experiments.transfer.live import Crossing, cells_of, crossings
 from sfglab.lab.workers.crossing import Round, message_of, random_bytes
-from sfglab.lab.workers.process import WorkerError
+from sfglab.processes import ProcessFailedError
 
 pytestmark = pytest.mark.live
 
@@ -72,7 +72,7 @@ def test_a_message_that_is_not_the_published_one_is_noticed():
             crossing._data = random_bytes(BYTES, seed=1)
             await crossing.carry(replace(SMT, offset=8))
 
-    with pytest.raises(WorkerError, match="reader0, reader1, subscriber did not get what was published"):
+    with pytest.raises(ProcessFailedError, match="reader0, reader1, subscriber did not get what was published"):
         asyncio.run(carry())
 
 
@@ -92,7 +92,7 @@ def test_a_killed_process_is_named_and_nothing_is_left(victim):
             order = {"order": ("subscriber",), "woken": ("reader0", "reader1", "gateway")}
             await crossing.carry(replace(SMT, publisher="hardware", gateway=True, **order))
 
-    with pytest.raises(WorkerError, match=f"{victim} killed by a signal"):
+    with pytest.raises(ProcessFailedError, match=f"{victim} killed by a signal"):
         asyncio.run(carry())
 
 

@@ -21,9 +21,9 @@ from sfglab.lab.experiments.discovery.rows import FleetRow, HostRow, SimulatedRo
 from sfglab.lab.experiments.discovery.run import cells_of
 from sfglab.lab.hosts import Network
 from sfglab.lab.hosts.host import InterfaceBytes
-from sfglab.lab.workers.process import LineProcess
 from sfglab.lab.workers.rosnodes import RosNodesConfig
 from sfglab.lab.workers.rosstack import LISTENER, TALKER, endpoints_of
+from sfglab.processes import LineProcess
 from sfglab.record import LogReader, LogWriter
 
 needs_hosts = pytest.mark.skipif(

@@ -6,7 +6,6 @@ Robots' physics runs in real time beside their nodes. Knows processes and their 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import sys
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
@@ -19,7 +18,7 @@ from sfglab.lab.experiments.cooperation.config import setting_of
 from sfglab.lab.experiments.cooperation.rows import TrackRow
 from sfglab.lab.hosts import Network
 from sfglab.lab.workers.hallway import STATION, HallwayConfig
-from sfglab.lab.workers.process import LineProcess
+from sfglab.processes import LineProcess
 
 if TYPE_CHECKING:
     from sfglab.lab.experiments.cooperation.config import Point
@@ -101,7 +100,7 @@ async def drive_live(point: Point, seed: int, *, seconds: float) -> LiveDrive:
 
     Raises:
         HostsUnavailableError: This machine has no network namespaces.
-        WorkerError: A process failed.
+        ProcessFailedError: A process failed.
     """
     with Network() as network:
         for name in (*ROBOTS, STATION):
@@ -148,24 +147,13 @@ async def _launch(stack: AsyncExitStack, reports: _Reports, host: Host, config: 
 
 
 async def _watch(processes: list[LineProcess], reports: _Reports, seconds: float) -> LiveDrive:
-    hearings = [asyncio.create_task(p.expect("ended", timeout_s=seconds + _START_S)) for p in processes]
     try:
         async with asyncio.timeout(seconds):
             while (verdict := reports.verdict()) is None:
-                _raise_if_ended(hearings)
+                for process in processes:
+                    process.check()
                 await asyncio.sleep(_POLL_S)
     except TimeoutError:
         verdict = None
-    finally:
-        for hearing in hearings:
-            hearing.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await asyncio.gather(*hearings)
     lasted_s = max((report["t_s"] for report in reports.last.values()), default=0.0)
     return LiveDrive(tracks=list(reports.tracks), verdict=verdict, lasted_s=lasted_s, held=reports.held())
-
-
-def _raise_if_ended(hearings: list[asyncio.Task[dict[str, Any]]]) -> None:
-    for hearing in hearings:
-        if hearing.done():
-            hearing.result()

@@ -82,7 +82,7 @@ async def run(config: Config, path: Path, *, separate: bool | None = None) -> Pa
 
     Raises:
         SweepError: A run failed.
-        WorkerError: A process of the live drive failed; everything simulated is in the log.
+        ProcessFailedError: A process of the live drive failed; everything simulated is in the log.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with journals(path, f"cooperation-{config.profile}") as journal:

@@ -16,9 +16,9 @@ from sfglab.fleet.decoder.app import DecoderConfig
 from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.lab.staging import Staged
 from sfglab.lab.workers.camera import CameraConfig
-from sfglab.lab.workers.process import LineProcess, WorkerError
 from sfglab.lab.workers.viewer import ViewerConfig
 from sfglab.names import Component, Resource, RosFqnBuilder, Scope, Stream
+from sfglab.processes import LineProcess, ProcessFailedError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -205,7 +205,7 @@ class Running(Staged):
             if processes["warm"]:
                 return
             await asyncio.sleep(0.05)
-        raise WorkerError("decoder: its spare pipeline process did not become ready")
+        raise ProcessFailedError("decoder: its spare pipeline process did not become ready")
 
 
 def _arguments(address: BusAddress) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from sfglab.deploy.compose import FLEET_FILE
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.hosts import Network
 from sfglab.lab.workers.onlooker import OnlookerConfig
-from sfglab.lab.workers.process import WorkerError
+from sfglab.processes import ProcessFailedError
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Sequence
@@ -45,7 +45,7 @@ async def container_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: P
         folder: For their fleet file.
 
     Raises:
-        WorkerError: A container ended, or nobody met in time.
+        ProcessFailedError: A container ended, or nobody met in time.
     """
     names = [deployment.agent.name for deployment, _ in pairs]
     with Network() as network:
@@ -120,7 +120,7 @@ async def _discovered(process: asyncio.subprocess.Process, wanted: set[str]) -> 
             while not wanted <= found:
                 line = await process.stdout.readline()
                 if not line:
-                    raise WorkerError(f"agent: its container ended with status {await process.wait()}")
+                    raise ProcessFailedError(f"agent: its container ended with status {await process.wait()}")
                 found |= _discovery(json.loads(line))
     except TimeoutError:
         pass
@@ -141,7 +141,7 @@ async def _look(outside: Host, pairs: Sequence[tuple[Deployment, Bundle]]) -> di
     async with _running(command) as process:
         out, _ = await asyncio.wait_for(process.communicate(), LOOKING_S + MEETING_S)
     if not out:
-        raise WorkerError(f"onlooker: it ended with status {process.returncode}")
+        raise ProcessFailedError(f"onlooker: it ended with status {process.returncode}")
     return {int(domain): topics for domain, topics in json.loads(out)["domains"].items()}
 
 

@@ -57,7 +57,7 @@ async def run(config: Config, path: Path) -> Path:
 
     Raises:
         DeployError: The paper's fleet cannot be rendered, or the project is not a checkout.
-        WorkerError: A container's process failed.
+        ProcessFailedError: A container's process failed.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     project = find_project()

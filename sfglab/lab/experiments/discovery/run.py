@@ -72,7 +72,7 @@ async def run(config: Config, path: Path, *, separate: bool | None = None) -> Pa
         The log's path.
 
     Raises:
-        WorkerError: A process of the experiment failed; finished cells are in the log.
+        ProcessFailedError: A process of the experiment failed; finished cells are in the log.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     cells = cells_of(config, rng=np.random.default_rng(config.seed))

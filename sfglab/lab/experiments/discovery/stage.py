@@ -21,8 +21,8 @@ from sfglab.fleet.status.app import StatusConfig
 from sfglab.fleet.status.provider import StatusSettings
 from sfglab.lab.experiments.discovery.config import ROUTED
 from sfglab.lab.staging import Staged
-from sfglab.lab.workers.process import LineProcess
 from sfglab.lab.workers.rosnodes import RosNodesConfig
+from sfglab.processes import LineProcess
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable
@@ -99,7 +99,7 @@ class Fleet(Staged):
         """Return when each agent had resolved all its peers (Unix time, ns), None where it did not in time.
 
         Raises:
-            WorkerError: A process failed.
+            ProcessFailedError: A process failed.
         """
         wait = self._wait_routed if self._cell.mode == ROUTED else self._wait_standard
         return list(await asyncio.gather(*(_within(timeout_s, wait(i)) for i in range(len(self.hosts)))))

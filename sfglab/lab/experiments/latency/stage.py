@@ -18,7 +18,6 @@ from __future__ import annotations
 import asyncio
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,9 +29,9 @@ from sfglab.fleet.routing.app import RouterConfig
 from sfglab.lab.hosts.host import interface_bytes
 from sfglab.lab.staging import Staged
 from sfglab.lab.workers.camera import CameraConfig
-from sfglab.lab.workers.process import LineProcess, WorkerError
 from sfglab.lab.workers.viewer import ViewerConfig
 from sfglab.names import Component, Resource, RosFqnBuilder, Scope, Stream
+from sfglab.processes import LineProcess, ProcessFailedError
 
 if TYPE_CHECKING:
     from sfglab.lab.experiments.latency.config import Config
@@ -43,7 +42,6 @@ GLOBAL_DOMAIN, EDGE_DOMAIN, CONSUMER_DOMAIN = 0, 41, 42
 START_S = 60.0
 FIRST_PICTURE_S = 15.0
 LINGER_S = 0.1
-RUN_S = 86_400.0
 
 _CAMERAS = {"standard": "direct", "decoder": "direct", "agent": "front", "on_demand": "paper"}
 """The component's suffix in the stream's name, by path."""
@@ -74,7 +72,6 @@ class Running(Staged):
         self._config = config
         self._testbed = testbed
         self._processes: dict[str, LineProcess] = {}
-        self._hearings: list[asyncio.Task[Any]] = []
         self._open_paths: dict[str, int] = {}
         self.encoder = ""
         self.gop_s = 0.0
@@ -88,9 +85,7 @@ class Running(Staged):
         for name, process in self._processes.items():
             ready = await process.expect("running" if name == "camera" else "ready", timeout_s=START_S)
             self.encoder = ready.get("encoder", self.encoder)
-        self._note("camera", await self._processes["camera"].expect("sent", timeout_s=START_S))
-        for name in ("camera", "keeper", "keeper 0", "router", "router 2"):
-            self._hear(self._processes[name])
+        await self._processes["camera"].expect("sent", timeout_s=START_S)
 
     def _modules(self) -> dict[str, tuple[str, str, str]]:
         """Return host, module and configuration of every process."""
@@ -118,18 +113,6 @@ class Running(Staged):
         process = await LineProcess.start(name, self._testbed.argv(host, command), on_report=note)
         self._stack.push_async_callback(process.close)
         self._processes[name] = process
-
-    def _hear(self, process: LineProcess) -> None:
-        """Take a process's reports as they come; none of its kinds is "ended", so this ends with the run."""
-        hearing = asyncio.create_task(process.expect("ended", timeout_s=RUN_S))
-        self._hearings.append(hearing)
-
-        async def stop() -> None:
-            hearing.cancel()
-            with suppress(asyncio.CancelledError, WorkerError):
-                await hearing
-
-        self._stack.push_async_callback(stop)
 
     def _note(self, name: str, report: dict[str, Any]) -> None:
         if report["is"] == "sent":
@@ -224,7 +207,7 @@ class Running(Staged):
         """Let the viewer subscribe, and return its report of the first picture.
 
         Raises:
-            WorkerError: It saw none in time, or a process failed.
+            ProcessFailedError: It saw none in time, or a process failed.
         """
         mode = "standard" if path == "standard" else "proxy"
         image, _ = routes_of_topic(stream_topic(path))
@@ -252,7 +235,7 @@ class Running(Staged):
             if (await decoder.expect("processes", timeout_s=START_S))["warm"]:
                 return
             await asyncio.sleep(0.02)
-        raise WorkerError(f"{decoder.name}: its spare pipeline process did not become ready")
+        raise ProcessFailedError(f"{decoder.name}: its spare pipeline process did not become ready")
 
     async def _released(self, decoder: LineProcess) -> None:
         while (await decoder.expect("status", timeout_s=FIRST_PICTURE_S))["state"] != "IDLE":
@@ -261,10 +244,9 @@ class Running(Staged):
 
     async def _closed(self) -> None:
         for _ in range(round(FIRST_PICTURE_S / 0.01)):
-            for hearing in self._hearings:
-                if hearing.done():
-                    hearing.result()
+            for process in self._processes.values():
+                process.check()
             if not any(self._open_paths.values()):
                 return
             await asyncio.sleep(0.01)
-        raise WorkerError("routers: a stream's path is still open although nobody looks")
+        raise ProcessFailedError("routers: a stream's path is still open although nobody looks")

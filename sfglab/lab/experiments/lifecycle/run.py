@@ -19,7 +19,7 @@ from sfglab.fleet.status.schedule import Schedule
 from sfglab.lab.experiments.lifecycle.analysis import WALKER
 from sfglab.lab.experiments.lifecycle.rows import AnswerRow, CountRow, JoinRow, WireEndpointRow
 from sfglab.lab.experiments.lifecycle.script import crowd, puppet_show, walk
-from sfglab.lab.experiments.lifecycle.stage import Crew, Member, Recorder, together
+from sfglab.lab.experiments.lifecycle.stage import Crew, Recorder, together
 from sfglab.lab.progress import progress_bar
 from sfglab.lab.testbed import Testbed
 from sfglab.lab.workers.false_agents import FakeConfig
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from sfglab.fleet.address import BusAddress
     from sfglab.lab.experiments.lifecycle.config import Config
+    from sfglab.processes import LineProcess
 
 
 ROBOT, STATION = "robot", "station"
@@ -62,7 +63,7 @@ async def run(config: Config, path: Path, *, separate: bool | None = None) -> Pa
         The log's path.
 
     Raises:
-        WorkerError: A process of the experiment failed; what was seen until then is in the log.
+        ProcessFailedError: A process of the experiment failed; what was seen until then is in the log.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with Testbed(ROBOT, STATION, separate=separate) as testbed, LogWriter(path) as log:
@@ -110,7 +111,7 @@ async def _beats(run: _Run, agents: list[str], steady: int) -> None:
     await run.recorder.seen.until(f"{steady} heartbeats in the steady state", heard, timeout_s=limit_s)
 
 
-async def _ask_all(run: _Run, wire: Member, agents: list[str]) -> None:
+async def _ask_all(run: _Run, wire: LineProcess, agents: list[str]) -> None:
     for agent in agents:
         wire.order(do="ask", service=metadata_service(agent))
     replies = run.recorder.replies
@@ -120,7 +121,7 @@ async def _ask_all(run: _Run, wire: Member, agents: list[str]) -> None:
     replies.clear()
 
 
-async def _look(recorder: Recorder, wire: Member) -> None:
+async def _look(recorder: Recorder, wire: LineProcess) -> None:
     wire.order(do="look")
     replies = recorder.replies
     await recorder.seen.until("publishers", lambda: bool(replies) and replies[-1]["is"] == "looked")
@@ -158,7 +159,7 @@ async def _crowd_discoverer(run: _Run) -> None:
     run.advance("done")
 
 
-async def _start_wire(run: _Run, listener: str, topics: dict[str, str], *, join: bool = True) -> Member:
+async def _start_wire(run: _Run, listener: str, topics: dict[str, str], *, join: bool = True) -> LineProcess:
     config = WireConfig(address=run.crew.address(STATION), topics=topics)
     take = run.recorder.wire(listener, topics)
     wire = await run.crew.start(STATION, "sfglab.lab.workers.wire", config.to_json(), take)
@@ -167,7 +168,7 @@ async def _start_wire(run: _Run, listener: str, topics: dict[str, str], *, join:
     return wire
 
 
-async def _join(run: _Run, wire: Member, listener: str) -> None:
+async def _join(run: _Run, wire: LineProcess, listener: str) -> None:
     wire.order(do="join")
     joined = run.recorder.joined_ns
     await run.recorder.seen.until(f"listener {listener}", lambda: listener in joined)
@@ -184,7 +185,7 @@ async def _border(run: _Run, number: int, agent: str) -> BusAddress:
     return local
 
 
-async def _start_status(run: _Run, agent: str, schedule: Schedule, address: BusAddress) -> Member:
+async def _start_status(run: _Run, agent: str, schedule: Schedule, address: BusAddress) -> LineProcess:
     config = StatusConfig(
         address=address,
         settings=StatusSettings(agent=agent, schedule=schedule),
@@ -193,7 +194,7 @@ async def _start_status(run: _Run, agent: str, schedule: Schedule, address: BusA
     return await run.crew.start(ROBOT, "sfglab.fleet.status", config.to_json(), lambda _: None)
 
 
-async def _start_discoverer(run: _Run, agent: str, limits: Limits) -> Member:
+async def _start_discoverer(run: _Run, agent: str, limits: Limits) -> LineProcess:
     settings = DiscoverySettings(
         agent=agent,
         timing=run.config.timing,
@@ -206,12 +207,12 @@ async def _start_discoverer(run: _Run, agent: str, limits: Limits) -> Member:
     return await run.crew.start(STATION, "sfglab.fleet.discovery", config.to_json(), take)
 
 
-async def _start_fakes(run: _Run) -> Member:
+async def _start_fakes(run: _Run) -> LineProcess:
     config = FakeConfig(address=run.crew.address(ROBOT), late_s=1.5 * run.config.query_timeout_s)
     return await run.crew.start(ROBOT, "sfglab.lab.workers.false_agents", config.to_json(), run.recorder.fakes)
 
 
-async def _count(run: _Run, discoverer: Member, own: str, must_hold: str) -> None:
+async def _count(run: _Run, discoverer: LineProcess, own: str, must_hold: str) -> None:
     """Ask a discoverer for its counters until they hold what must be there, and write them down."""
     replies = run.recorder.replies
     while not replies or must_hold not in replies[-1]["counts"]:

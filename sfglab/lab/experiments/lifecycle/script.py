@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING
 
 from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Input, State, Told
 from sfglab.fleet.status.schedule import MIN_PERIOD_S
-from sfglab.lab.workers.process import WorkerError
+from sfglab.processes import ProcessFailedError
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Sequence
 
     from sfglab.lab.experiments.lifecycle.rows import MoveRow
-    from sfglab.lab.experiments.lifecycle.stage import Member, Recorder
+    from sfglab.lab.experiments.lifecycle.stage import Recorder
+    from sfglab.processes import LineProcess
 
 
 FOREVER_S = 30.0
@@ -69,7 +70,7 @@ class Puppet(Track):
         recorder: What the discoverer is seen to do.
     """
 
-    def __init__(self, agent: str, fakes: Member, recorder: Recorder) -> None:
+    def __init__(self, agent: str, fakes: LineProcess, recorder: Recorder) -> None:
         super().__init__(agent, recorder)
         self._fakes = fakes
         self._incarnation, self._revision = 1000, 1
@@ -172,7 +173,7 @@ _SCRIPTS: tuple[_Script, ...] = (
 )
 
 
-async def puppet_show(fakes: Member, recorder: Recorder, *, attempts: int) -> None:
+async def puppet_show(fakes: LineProcess, recorder: Recorder, *, attempts: int) -> None:
     """Play all scripts at once, and again as long as a transition of theirs is missing.
 
     Args:
@@ -187,13 +188,13 @@ async def puppet_show(fakes: Member, recorder: Recorder, *, attempts: int) -> No
         ]
         outcomes = await asyncio.gather(*plays, return_exceptions=True)
         for outcome in outcomes:
-            if isinstance(outcome, BaseException) and not isinstance(outcome, WorkerError):
+            if isinstance(outcome, BaseException) and not isinstance(outcome, ProcessFailedError):
                 raise outcome
         if set(TRANSITIONS) - _taken(recorder) <= {(_S.BACKING_OFF, _I.EXPIRED)}:
             return
 
 
-async def walk(agent: str, start: Callable[[], Awaitable[Member]], recorder: Recorder) -> None:
+async def walk(agent: str, start: Callable[[], Awaitable[LineProcess]], recorder: Recorder) -> None:
     """Do to a real status process what happens to real ones: change, stop, go on, be killed, come again.
 
     Args:
@@ -225,7 +226,7 @@ async def walk(agent: str, start: Callable[[], Awaitable[Member]], recorder: Rec
     await track.sees(_I.EXPIRED)
 
 
-async def crowd(own: str, fakes: Member, recorder: Recorder, *, places: int) -> None:
+async def crowd(own: str, fakes: LineProcess, recorder: Recorder, *, places: int) -> None:
     """Send a discoverer with few places more agents than it can hold, and what is no agent at all.
 
     Args:

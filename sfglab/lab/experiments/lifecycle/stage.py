@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import base64
-import contextlib
-import os
 import sys
 import time
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -16,10 +14,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from sfglab.fleet.address import BusAddress
 from sfglab.lab.experiments.lifecycle.rows import BeatRow, FaultRow, MoveRow, QueryRow
 from sfglab.lab.staging import Staged
-from sfglab.lab.workers.process import LineProcess, WorkerError
+from sfglab.processes import LineProcess, ProcessFailedError
 
 if TYPE_CHECKING:
-    import signal
     from collections.abc import Awaitable, Callable
 
     from sfglab.lab.testbed import Testbed
@@ -53,38 +50,6 @@ async def together(*parts: Awaitable[T]) -> list[T]:
     return [result for result in results if not isinstance(result, BaseException)]
 
 
-class Member:
-    """A process of the crew, whose reports are handled as they come.
-
-    Args:
-        process: The process, which has reported that it serves.
-    """
-
-    def __init__(self, process: LineProcess) -> None:
-        self.process = process
-        self._listening = asyncio.create_task(self._listen())
-
-    def order(self, **values: Any) -> None:
-        """Give an order."""
-        self.process.order(**values)
-
-    def signal(self, number: signal.Signals) -> None:
-        """Send a signal to the process."""
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(self.process.pid, number)
-
-    async def close(self) -> None:
-        """End the process."""
-        await self.process.close()
-        self._listening.cancel()
-        await asyncio.gather(self._listening, return_exceptions=True)
-
-    async def _listen(self) -> None:
-        # Nobody reports this: so every report goes to the handler until the process has ended.
-        with contextlib.suppress(WorkerError):
-            await self.process.expect("", timeout_s=1e6)
-
-
 class Crew(Staged):
     """The processes of a run on the hosts of a testbed; an async context manager that ends them.
 
@@ -95,7 +60,7 @@ class Crew(Staged):
     def __init__(self, testbed: Testbed) -> None:
         super().__init__()
         self._testbed = testbed
-        self._members: list[Member] = []
+        self._members: list[LineProcess] = []
 
     async def _start(self) -> None:
         self._stack.push_async_callback(self._close)
@@ -112,7 +77,9 @@ class Crew(Staged):
         """Return the domain of the agent with this number, counted from 0, on its own host."""
         return BusAddress(domain_id=FIRST_LOCAL_DOMAIN + number, interface="lo")
 
-    async def start(self, host: str, module: str, config: str, on_report: Callable[[Report], None]) -> Member:
+    async def start(
+        self, host: str, module: str, config: str, on_report: Callable[[Report], None]
+    ) -> LineProcess:
         """Start a module of ours on a host, and return it when it serves.
 
         Args:
@@ -122,7 +89,7 @@ class Crew(Staged):
             on_report: Called with every further report.
 
         Raises:
-            WorkerError: It fails or does not serve in time.
+            ProcessFailedError: It fails or does not serve in time.
         """
         argv = self._testbed.argv(host, [sys.executable, "-m", module, config])
         process = await LineProcess.start(f"{module.rpartition('.')[2]} on {host}", argv, on_report=on_report)
@@ -131,9 +98,8 @@ class Crew(Staged):
         except BaseException:
             await process.close()
             raise
-        member = Member(process)
-        self._members.append(member)
-        return member
+        self._members.append(process)
+        return process
 
 
 class Seen:
@@ -150,7 +116,7 @@ class Seen:
         """Return when a fact holds.
 
         Raises:
-            WorkerError: It does not in time.
+            ProcessFailedError: It does not in time.
         """
         try:
             async with asyncio.timeout(timeout_s):
@@ -158,7 +124,7 @@ class Seen:
                     self._changed.clear()
                     await self._changed.wait()
         except TimeoutError:
-            raise WorkerError(f"{what}: not within {timeout_s:g} s") from None
+            raise ProcessFailedError(f"{what}: not within {timeout_s:g} s") from None
 
 
 class Recorder:
@@ -207,7 +173,7 @@ class Recorder:
                     self._beat(listener, beat, report)
             elif report["is"] == "joined":
                 self.joined_ns[listener] = report["t_ns"]
-            else:
+            elif report["is"] not in ("ready", "ended"):
                 self.replies.append(report)
             self.seen.notify()
 

@@ -18,9 +18,9 @@ from sfglab.lab.experiments.mocap.config import ROUNDS, TAIL_S, WAYS, MocapWorke
 from sfglab.lab.experiments.mocap.robot import MOTION, OBJECT
 from sfglab.lab.experiments.mocap.rows import MocapEdgeRow, MocapHeardRow, MocapLookRow, SpellRow, TryRow
 from sfglab.lab.staging import Staged
-from sfglab.lab.workers.process import LineProcess
 from sfglab.messages import message_type
 from sfglab.names import TF, TF_STATIC
+from sfglab.processes import LineProcess
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames import TRANSFORMS
 from sfglab.spatial.mocap import Lapse, synthetic_captures
@@ -59,7 +59,7 @@ class LiveStage(Staged):
         """Play one round and return its time 0 and everybody's report.
 
         Raises:
-            WorkerError: A process failed.
+            ProcessFailedError: A process failed.
         """
         start_ns = time.time_ns() + round(_LEAD_S * 1e9)
         for part in self._parts.values():

@@ -38,7 +38,7 @@ async def run(config: Config, path: Path, *, separate: bool | None = None) -> Pa
         The log's path.
 
     Raises:
-        WorkerError: A process of the experiment failed; what was measured before is in the log.
+        ProcessFailedError: A process of the experiment failed; what was measured before is in the log.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with (

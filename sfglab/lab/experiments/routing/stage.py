@@ -15,8 +15,8 @@ from sfglab.lab.experiments.routing.probes import in_table_1, service_names, top
 from sfglab.lab.experiments.routing.rows import PartyRow
 from sfglab.lab.staging import Staged
 from sfglab.lab.workers.party import PartyConfig, TopicUse
-from sfglab.lab.workers.process import LineProcess
 from sfglab.names import dds_topic
+from sfglab.processes import LineProcess
 
 if TYPE_CHECKING:
     from sfglab.lab.experiments.routing.config import Config

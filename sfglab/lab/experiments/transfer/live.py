@@ -22,7 +22,7 @@ import numpy as np
 from sfglab.lab.experiments.transfer.rows import CrossingRow
 from sfglab.lab.staging import Staged
 from sfglab.lab.workers.crossing import SPARE_BYTES, CrossingConfig, Round, message_of, random_bytes
-from sfglab.lab.workers.process import LINE_LIMIT_BYTES, LineProcess, WorkerError
+from sfglab.processes import LINE_LIMIT_BYTES, LineProcess, ProcessFailedError
 
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, Coroutine
@@ -111,7 +111,7 @@ class Crossing(Staged):
             ``began_ns`` and, by name, when each receiver had read it (CLOCK_MONOTONIC).
 
         Raises:
-            WorkerError: A process ended or stayed silent, or a content is not what was published.
+            ProcessFailedError: A process ended or stayed silent, or a content is not what was published.
         """
         receivers = [*self._readers[: _readers_of(item)], "subscriber"]
         source = "publisher" if item.publisher == "hardware" else "software"
@@ -127,7 +127,7 @@ class Crossing(Staged):
         contents = await self._all(dict.fromkeys(receivers, "content"))
         wrong = [name for name in receivers if contents[name]["crc"] != wanted]
         if wrong:
-            raise WorkerError(f"crossing: {', '.join(wrong)} did not get what was published, in {item}")
+            raise ProcessFailedError(f"crossing: {', '.join(wrong)} did not get what was published, in {item}")
         return {
             "began_ns": done[source]["began_ns"],
             **{name: done[name]["done_ns"] for name in receivers},
@@ -196,7 +196,7 @@ class Crossing(Staged):
         """Return a report of each process.
 
         Raises:
-            WorkerError: One failed; where a process was killed, it is named, not those that missed it.
+            ProcessFailedError: One failed; where a process was killed, it is named, not those that missed it.
         """
         waiting: list[Coroutine[Any, Any, dict[str, Any]]] = [
             self._lines[name].expect(kind, timeout_s=TIMEOUT_S) for name, kind in kinds.items()
@@ -205,12 +205,12 @@ class Crossing(Staged):
             async with asyncio.TaskGroup() as group:
                 tasks = [group.create_task(item) for item in waiting]
         except ExceptionGroup as failures:  # `except*` would wrap what is raised here, depending on the Python
-            missed = failures.subgroup(WorkerError)
+            missed = failures.subgroup(ProcessFailedError)
             if missed is None:
                 raise
             killed = await self._killed()
             why = f"{', '.join(killed)} killed by a signal; " if killed else ""
-            raise WorkerError(f"crossing: {why}{missed.exceptions[0]}") from None
+            raise ProcessFailedError(f"crossing: {why}{missed.exceptions[0]}") from None
         return dict(zip(kinds, (task.result() for task in tasks), strict=True))
 
     async def _killed(self) -> list[str]:
@@ -249,7 +249,7 @@ async def crossings(config: Config) -> AsyncGenerator[CrossingRow]:
         config: Cells and repetitions.
 
     Raises:
-        WorkerError: A process failed, or a message arrived wrong.
+        ProcessFailedError: A process failed, or a message arrived wrong.
     """
     rng = np.random.default_rng(config.seed)
     cells = cells_of(config)

@@ -36,7 +36,7 @@ async def run(config: Config, path: Path) -> Path:
         path: The log.
 
     Raises:
-        WorkerError: A process of the live part failed; what came before is in the log.
+        ProcessFailedError: A process of the live part failed; what came before is in the log.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     missing = what_is_missing()

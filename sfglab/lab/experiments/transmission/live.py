@@ -21,8 +21,8 @@ import numpy as np
 from sfglab.lab.hosts import Network
 from sfglab.lab.staging import Staged
 from sfglab.lab.workers.flowplay import PartFlow
-from sfglab.lab.workers.process import LineProcess
 from sfglab.lab.workers.robotparts import PartsConfig
+from sfglab.processes import LineProcess
 from sfglab.qos import History, QoSProfile, Reliability
 from sfglab.rtps import Fate, Flow, FlowOutcome, Medium, Outcome
 from sfglab.rtps.sizes import data_bytes
@@ -107,7 +107,7 @@ class LiveStage(Staged):
             seed: Of the medium's losses and the values; which frame meets which loss depends on the machine.
 
         Raises:
-            WorkerError: A process failed or was silent.
+            ProcessFailedError: A process failed or was silent.
             HostsError: The hosts are gone.
         """
         if self._delay_s is None:

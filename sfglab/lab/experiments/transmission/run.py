@@ -41,7 +41,7 @@ async def run(config: Config, path: Path) -> Path:
 
     Raises:
         SweepError: A cell failed.
-        WorkerError: A process of the live part failed.
+        ProcessFailedError: A process of the live part failed.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     seeds = range(config.seed, config.seed + config.seeds)

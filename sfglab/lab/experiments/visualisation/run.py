@@ -64,7 +64,7 @@ async def run(config: Config, path: Path) -> Path:
 
     Raises:
         MissingExtraError: Rerun is not installed.
-        WorkerError: A process of the experiment failed; what was measured before is in the log.
+        ProcessFailedError: A process of the experiment failed; what was measured before is in the log.
     """
     rerun()
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -14,7 +14,7 @@ from sfglab.bus import Node
 from sfglab.lab.experiments.visualisation.moments import PERIOD_NS, RECEIVED_AFTER_NS, START_NS
 from sfglab.lab.experiments.visualisation.recordings import read_blueprint, read_recording, rows_of
 from sfglab.lab.experiments.visualisation.rows import VisualisationCheckRow
-from sfglab.lab.workers.process import LineProcess, WorkerError
+from sfglab.processes import LineProcess, ProcessFailedError
 from sfglab.qos import DEFAULT
 from sfglab.record import LogWriter
 from sfglab.view import Session, ViewOptions, view_live, view_log
@@ -108,7 +108,7 @@ async def _drawn(session: Session, sent: Counter[str]) -> None:
     """Wait until every display has what was sent of its topics.
 
     Raises:
-        WorkerError: It did not arrive.
+        ProcessFailedError: It did not arrive.
     """
     missing = "nothing"
     for _ in range(round(_REACH_S / 0.01)):
@@ -118,7 +118,7 @@ async def _drawn(session: Session, sent: Counter[str]) -> None:
             return
         missing = ", ".join(d.id for d in late) or "drawing"
         await asyncio.sleep(0.01)
-    raise WorkerError(f"scene: within {_REACH_S:g} s there is still missing: {missing}")
+    raise ProcessFailedError(f"scene: within {_REACH_S:g} s there is still missing: {missing}")
 
 
 def check_visualizers(parts: tuple[Part, ...], recording: Recording) -> Iterator[VisualisationCheckRow]:

@@ -1,0 +1,125 @@
+"""A component's own side of its process: its configuration, its orders, its reports, and how it ends.
+
+A component is started as ``python -m MODULE CONFIG`` with its configuration, a dataclass, as one JSON argument.
+Orders arrive on standard input, one JSON object a line; so do reports on standard output, each of which names
+its kind: ``{"is": "ready"}`` once it serves, ``{"is": "failed", "why": ...}`` before it gives up, and what its
+own documentation names. It ends when its standard input ends, which is when whoever started it is gone, or when
+it is told to terminate; a clean-up that hangs is cut short, because nobody may be left to do so.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import sys
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from sfglab.errors import SfglabError
+from sfglab.fields import from_json
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+
+
+C = TypeVar("C")
+Report = dict[str, Any]
+"""An order or a report."""
+
+END_LIMIT_S = 10
+"""How long a component may take to end, in seconds; then the kernel ends it."""
+ORDER_LIMIT_BYTES = 1 << 22
+
+
+def run(main: Coroutine[Any, Any, None]) -> None:
+    """Run a process's main coroutine, on uvloop: a wake-up costs half as much there."""
+    import uvloop
+
+    uvloop.run(main)
+
+
+def run_component(
+    config_class: type[C],
+    serve: Callable[[C, Callable[[Report], None], asyncio.Queue[Report]], Awaitable[None]],
+) -> None:
+    """Run a component until it is told to end; exit with status 1 and a ``failed`` report when it breaks.
+
+    Args:
+        config_class: What the process's one argument is read as.
+        serve: Serves until cancelled; is given the configuration, the function that reports, and the orders.
+    """
+    # Whoever started it decides when it ends; an interrupt from the terminal reaches that one as well.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    report = claim_standard_output()
+    orders: asyncio.Queue[Report] = asyncio.Queue()
+    try:
+        run(_until_told(serve(config_from_argument(config_class), report, orders), orders))
+    except SfglabError as error:
+        report({"is": "failed", "why": str(error)})
+        sys.exit(1)
+
+
+def config_from_argument(config_class: type[C]) -> C:
+    """Return this process's configuration: its first argument.
+
+    Raises:
+        InvalidValueError: It is none.
+    """
+    config: C = from_json(config_class, json.loads(sys.argv[1]))
+    return config
+
+
+async def _until_told(body: Awaitable[None], orders: asyncio.Queue[Report]) -> None:
+    serving = asyncio.ensure_future(body)
+    hearing = asyncio.create_task(_hear(orders))
+
+    def end() -> None:
+        signal.alarm(END_LIMIT_S)  # unhandled it ends the process, whatever our threads are waiting for
+        serving.cancel()
+
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, end)
+    hearing.add_done_callback(lambda _: end())
+    try:
+        with contextlib.suppress(asyncio.CancelledError):
+            await serving
+    finally:
+        hearing.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await hearing
+
+
+async def _hear(orders: asyncio.Queue[Report]) -> None:
+    async for line in standard_input_lines():
+        orders.put_nowait(json.loads(line))
+
+
+async def standard_input_lines() -> AsyncIterator[bytes]:
+    """Yield the lines of standard input until it ends, which it does when the parent is gone."""
+    reader = asyncio.StreamReader(limit=ORDER_LIMIT_BYTES)
+    loop = asyncio.get_running_loop()
+    transport, _ = await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+    try:
+        while line := await reader.readline():
+            yield line
+    finally:
+        transport.close()
+
+
+def claim_standard_output() -> Callable[[Report], None]:
+    """Keep standard output for reports; whatever a library prints goes to standard error from now on.
+
+    Returns:
+        A function that gives one report; nothing happens when nobody listens any more: the input ends too.
+    """
+    out = os.dup(1)
+    os.dup2(2, 1)
+
+    def report(values: Report) -> None:
+        view = memoryview(json.dumps(values).encode() + b"\n")
+        with contextlib.suppress(BrokenPipeError):
+            while view:
+                view = view[os.write(out, view) :]
+
+    return report

@@ -1,0 +1,422 @@
+"""Processes that take orders and give reports, one JSON object a line, seen from those who start them.
+
+What a process reports names its kind as ``is``; see `sfglab.component` for its own side. Knows processes and
+lines; refuses to know what a host is and what orders and reports mean.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import signal
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self, TypeVar
+
+from sfglab.errors import SfglabError
+from sfglab.fields import to_json
+
+if TYPE_CHECKING:
+    from collections.abc import (
+        AsyncIterator,
+        Callable,
+        Coroutine,
+        Iterable,
+        Iterator,
+        Mapping,
+        Sequence,
+    )
+    from types import TracebackType
+
+    from sfglab.component import Report
+
+
+T = TypeVar("T")
+
+LINE_LIMIT_BYTES = 1 << 22
+START_LIMIT_S = 60.0
+"""How long a member of a group may take until it serves, in seconds."""
+_NOTICE_S = 0.3
+
+
+class ProcessFailedError(SfglabError, RuntimeError):
+    """A process failed, ended or stayed silent."""
+
+
+# --- The client of one process --------------------------------------------------------------------------------
+
+
+class LineProcess:
+    """A process as the one that started it sees it: orders out, reports in.
+
+    Its last report is ours: ``{"is": "ended", "status": ...}``, with the exit status, or below zero the signal
+    that ended it.
+
+    Args:
+        name: What it is called in messages.
+        process: The process, with piped standard input and output.
+        on_report: Called with every report as it comes, also with those that `expect` returns.
+
+    Attributes:
+        on_report: As given; may be replaced.
+        readiness: What it reported when it was ready, in a group.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        process: asyncio.subprocess.Process,
+        on_report: Callable[[Report], None] = lambda _: None,
+    ) -> None:
+        self.name = name
+        self.on_report = on_report
+        self.readiness: Report = {}
+        self._process = process
+        self._over: Report | None = None
+        self._backlog: asyncio.Queue[Report] = asyncio.Queue()
+        self._listening = asyncio.create_task(self._listen())
+
+    @classmethod
+    async def start(
+        cls,
+        name: str,
+        argv: Sequence[str],
+        *,
+        on_report: Callable[[Report], None] = lambda _: None,
+        pass_fds: Sequence[int] = (),
+    ) -> Self:
+        """Start a process; its standard error stays ours.
+
+        Args:
+            name: What it is called in messages.
+            argv: Program and arguments.
+            on_report: Called with every report as it comes.
+            pass_fds: File descriptors that it inherits.
+
+        Raises:
+            OSError: The operating system cannot.
+        """
+        pipe = asyncio.subprocess.PIPE
+        process = await asyncio.create_subprocess_exec(
+            *argv, stdin=pipe, stdout=pipe, limit=LINE_LIMIT_BYTES, pass_fds=pass_fds
+        )
+        return cls(name, process, on_report)
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._process.pid
+
+    @property
+    def status(self) -> int | None:
+        """Its exit status, below zero the signal that ended it; None while it runs."""
+        return self._process.returncode
+
+    def order(self, **values: Any) -> None:
+        """Give an order; a process that is gone does not mind."""
+        assert self._process.stdin is not None
+        if self.status is None and not self._process.stdin.is_closing():
+            self._process.stdin.write(json.dumps(to_json(values)).encode() + b"\n")
+
+    async def expect(self, kind: str, *, timeout_s: float | None) -> Report:
+        """Return the next report of a kind; those before it have been given to `on_report` and are dropped.
+
+        Args:
+            kind: What it ``is``; ``ended`` waits for the end.
+            timeout_s: For how long at most; None waits for ever.
+
+        Raises:
+            ProcessFailedError: The process reports a failure, ends, or does not report in time.
+        """
+        try:
+            async with asyncio.timeout(timeout_s):
+                while (report := await self._backlog.get())["is"] != kind:
+                    self._raise_if_over(report)
+        except TimeoutError:
+            raise ProcessFailedError(f"{self.name}: no {kind!r} within {timeout_s or 0:g} s") from None
+        return report
+
+    async def wait(self) -> int:
+        """Return its exit status when it is gone."""
+        return await self._process.wait()
+
+    def check(self) -> None:
+        """Check that it still runs.
+
+        Raises:
+            ProcessFailedError: It has failed or ended.
+        """
+        if self._over is not None:
+            self._raise_if_over(self._over)
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal; nothing happens when it is gone."""
+        with contextlib.suppress(ProcessLookupError):
+            self._process.send_signal(number)
+
+    async def close(self, *, grace_s: float = 5.0) -> None:
+        """End its input, wait until it is gone, and use force after a grace."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        try:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._process.wait(), grace_s)
+        finally:
+            self.signal(signal.SIGKILL)
+        await self._listening
+
+    def _raise_if_over(self, report: Report) -> None:
+        if report["is"] == "failed":
+            raise ProcessFailedError(f"{self.name}: {report['why']}")
+        if report["is"] == "ended":
+            self._backlog.put_nowait(report)  # for whoever waits next
+            raise ProcessFailedError(f"{self.name}: it ended with status {report['status']}")
+
+    async def _listen(self) -> None:
+        try:
+            async for report in self._reports():
+                self._take(report)
+        except Exception:  # of `on_report`; `close` raises it
+            self.signal(signal.SIGKILL)
+            raise
+        finally:
+            self._take({"is": "ended", "status": await self.wait()})
+
+    async def _reports(self) -> AsyncIterator[Report]:
+        assert self._process.stdout is not None
+        try:
+            while line := await self._process.stdout.readline():
+                yield _report_from_line(line)
+        except ValueError as error:
+            self.signal(signal.SIGKILL)
+            yield {"is": "failed", "why": str(error)}
+
+    def _take(self, report: Report) -> None:
+        if report["is"] in ("failed", "ended"):
+            self._over = self._over or report
+        self._backlog.put_nowait(report)
+        self.on_report(report)
+
+
+def _report_from_line(line: bytes) -> Report:
+    """Return the report that a line holds.
+
+    Raises:
+        ValueError: It is none.
+    """
+    try:
+        report = json.loads(line)
+    except ValueError:
+        report = None
+    if not isinstance(report, dict) or "is" not in report:
+        raise ValueError(f"given {line[:80]!r}, which is no report")
+    return report
+
+
+# --- Groups of processes --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Member:
+    """A process of a group, as data: how it is started, and what it sends to whom."""
+
+    name: str  #: What it is called, in the group and in messages.
+    module: str  #: Run as ``python -m MODULE CONFIG``.
+    config: Any = None  #: Its one argument: a dataclass, or a text; None: it has none.
+    host: str = ""  #: The host that it runs on.
+    ready: str = "ready"  #: Kind of the report by which it says that it serves.
+    through: str = ""  #: Module that is run with module and configuration as its arguments instead.
+    sends: tuple[tuple[str, str], ...] = ()  #: To whom it sends, and what: ``("viewer", "H.264")``.
+    pass_fds: tuple[int, ...] = ()  #: File descriptors that it inherits.
+
+    @property
+    def command(self) -> tuple[str, ...]:
+        """Program and arguments."""
+        modules = (self.through, self.module) if self.through else (self.module,)
+        given = () if self.config is None else (argument_of(self.config),)
+        return (sys.executable, "-m", *modules, *given)
+
+
+def argument_of(config: Any) -> str:
+    """Return a configuration as a process's argument: a text as it is, anything else as JSON."""
+    return config if isinstance(config, str) else json.dumps(to_json(config))
+
+
+class ProcessGroup:
+    """Processes that are started and ended together: an async context manager.
+
+    Entering starts all members at once and returns when each of them serves. Leaving tells them to end in the
+    reverse order, waits for all, and uses force on those that do not end; also after a failure or a cancel.
+
+    Args:
+        argv: Gives the command line that runs a command on a host, as `sfglab.lab.testbed.Testbed.argv` does.
+        members: What is started on entering; more may be started later.
+        on_report: Called with a member's name and every report of it, as it comes.
+        start_s: How long each may take until it serves, seconds.
+    """
+
+    def __init__(
+        self,
+        argv: Callable[[str, Sequence[str]], Sequence[str]],
+        members: Iterable[Member] = (),
+        *,
+        on_report: Callable[[str, Report], None] = lambda _name, _report: None,
+        start_s: float = START_LIMIT_S,
+    ) -> None:
+        self._argv = argv
+        self._on_report = on_report
+        self._start_s = start_s
+        self._first = tuple(members)
+        self._members: dict[str, Member] = {}
+        self._processes: dict[str, LineProcess] = {}
+
+    async def __aenter__(self) -> Self:
+        await self.start(*self._first)
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    def __getitem__(self, name: str) -> LineProcess:
+        return self._processes[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._processes)
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """Everything that runs, in the order in which it was started."""
+        return tuple(self._members.values())
+
+    async def start(self, *members: Member) -> None:
+        """Start members at once and return when each of them serves.
+
+        Raises:
+            ProcessFailedError: One fails, ends, or does not serve in time; then none of them is left.
+        """
+        try:
+            for member in members:
+                await self._launch(member)
+            waits = {m.name: self[m.name].expect(m.ready, timeout_s=self._start_s) for m in members}
+            for name, report in (await self._watched(waits)).items():
+                self[name].readiness = report
+        except BaseException:
+            await self._end([member.name for member in members])
+            raise
+
+    async def end(self, name: str) -> None:
+        """End a member, wait until it is gone, and forget it."""
+        await self._end([name])
+
+    async def kill(self, name: str) -> None:
+        """End a member by force, wait until it is gone, and forget it."""
+        self[name].signal(signal.SIGKILL)
+        await self._end([name])
+
+    async def restart(self, name: str) -> None:
+        """End a member, unless it is gone already, and start it anew.
+
+        Raises:
+            ProcessFailedError: It fails, ends, or does not serve in time.
+        """
+        member = self._members[name]
+        await self.end(name)
+        await self.start(member)
+
+    def order(self, names: Iterable[str] | None = None, **values: Any) -> None:
+        """Give an order to members, to all without names."""
+        for name in self if names is None else names:
+            self._processes[name].order(**values)
+
+    async def expect(
+        self, kind: str, names: Iterable[str] | None = None, *, timeout_s: float | None
+    ) -> dict[str, Report]:
+        """Return the next report of a kind of each member, by name.
+
+        Args:
+            kind: What they are.
+            names: Of whom; None: of all.
+            timeout_s: For how long at most; None waits for ever.
+
+        Raises:
+            ProcessFailedError: One fails, ends, or does not report in time; those that were killed are named.
+        """
+        chosen = self if names is None else names
+        return await self._watched({n: self._processes[n].expect(kind, timeout_s=timeout_s) for n in chosen})
+
+    async def ask(
+        self, kind: str, names: Iterable[str] | None = None, *, timeout_s: float | None, **order: Any
+    ) -> dict[str, Report]:
+        """Give members an order and return the report of a kind with which each answers, by name.
+
+        Args:
+            kind: What the answers are.
+            names: To whom; None: to all.
+            timeout_s: How long an answer may take, seconds; None: for ever.
+            order: The order.
+
+        Raises:
+            ProcessFailedError: One fails, ends, or does not answer in time; those that were killed are named.
+        """
+        chosen = tuple(self if names is None else names)
+        self.order(chosen, **order)
+        return await self.expect(kind, chosen, timeout_s=timeout_s)
+
+    def check(self) -> None:
+        """Check that all members still run.
+
+        Raises:
+            ProcessFailedError: One has failed or ended.
+        """
+        for process in self._processes.values():
+            process.check()
+
+    async def close(self) -> None:
+        """End all members; harmless when repeated."""
+        await self._end(list(self))
+
+    async def _end(self, names: Sequence[str]) -> None:
+        """End what runs of these, in the reverse order."""
+        ended = [self._processes.pop(name) for name in reversed(names) if name in self._processes]
+        for name in names:
+            self._members.pop(name, None)
+        await asyncio.gather(*(process.close() for process in ended))
+
+    async def _launch(self, member: Member) -> None:
+        def take(report: Report) -> None:
+            self._on_report(member.name, report)
+
+        assert member.name not in self._members, f"there is a {member.name!r} already"
+        argv = self._argv(member.host, member.command)
+        process = await LineProcess.start(member.name, argv, on_report=take, pass_fds=member.pass_fds)
+        self._members[member.name], self._processes[member.name] = member, process
+
+    async def _watched(self, waits: Mapping[str, Coroutine[Any, Any, Report]]) -> dict[str, Report]:
+        try:
+            return await _together(waits)
+        except ProcessFailedError as error:
+            killed = await self._killed()
+            if killed:
+                raise ProcessFailedError(f"{', '.join(killed)} killed by a signal; {error}") from None
+            raise
+
+    async def _killed(self) -> list[str]:
+        """Return who was killed; a peer may have missed it before we did."""
+        ends = [asyncio.create_task(process.wait()) for process in self._processes.values()]
+        await asyncio.wait(ends, timeout=_NOTICE_S)
+        for end in ends:
+            end.cancel()
+        return [name for name, process in self._processes.items() if (process.status or 0) < 0]
+
+
+async def _together(parts: Mapping[str, Coroutine[Any, Any, T]]) -> dict[str, T]:
+    """Return the results of parts that run at once; the first failure ends the others and is raised."""
+    try:
+        async with asyncio.TaskGroup() as group:
+            tasks = {name: group.create_task(part) for name, part in parts.items()}
+    except BaseExceptionGroup as failures:  # `except*` would wrap what is raised here
+        raise failures.exceptions[0] from None
+    return {name: task.result() for name, task in tasks.items()}

@@ -1,0 +1,206 @@
+"""Processes: orders and reports, failures in clear sentences, groups that begin and end as a whole."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from toy_component import ToyConfig
+
+from sfglab.processes import LineProcess, Member, ProcessFailedError, ProcessGroup, argument_of
+
+S = 30.0
+
+
+def on_host(_host: str, command: tuple[str, ...]) -> list[str]:
+    """Run a command where the toy can be imported."""
+    path = os.pathsep.join((str(Path(__file__).parent), *sys.path))
+    return ["env", f"PYTHONPATH={path}", *command]
+
+
+def toy(name: str, **config: object) -> Member:
+    return Member(name=name, module="toy_component", config=ToyConfig(**config))
+
+
+def gone(pid: int) -> bool:
+    return not Path(f"/proc/{pid}").exists()
+
+
+async def in_group(*members: Member, do, **options):
+    async with ProcessGroup(on_host, members, **options) as group:
+        return await do(group)
+
+
+def run(*members: Member, do, **options):
+    return asyncio.run(in_group(*members, do=do, **options))
+
+
+def test_a_group_knows_what_its_members_said_first_and_a_configuration_arrives_typed():
+    async def do(group):
+        return {name: group[name].readiness for name in group}
+
+    members = toy("a", number=1, pairs=(("x", 2),)), toy("b", number=2, begins="here")
+    members = (
+        members[0],
+        Member(**{f: getattr(members[1], f) for f in ("name", "module", "config")}, ready="here"),
+    )
+    assert run(*members, do=do) == {
+        "a": {"is": "ready", "number": 1, "pairs": [["x", 2]]},
+        "b": {"is": "here", "number": 2, "pairs": []},
+    }
+
+
+def test_asking_returns_a_report_of_each_and_every_report_is_heard_as_it_comes():
+    heard: list[tuple[str, str]] = []
+
+    async def do(group):
+        first = await group.ask("counted", timeout_s=S, do="count", to=3)
+        second = await group.ask("echo", ["b"], timeout_s=S, do="echo", pairs=((1, 2),))
+        return first, second
+
+    first, second = run(toy("a"), toy("b"), do=do, on_report=lambda name, r: heard.append((name, r["is"])))
+    assert first == {"a": {"is": "counted"}, "b": {"is": "counted"}}
+    assert second == {"b": {"is": "echo", "order": {"do": "echo", "pairs": [[1, 2]]}}}
+    assert [kind for name, kind in heard if name == "a"] == ["ready", *["count"] * 3, "counted", "ended"]
+    assert [kind for name, kind in heard if name == "b"] == [
+        "ready",
+        *["count"] * 3,
+        "counted",
+        "echo",
+        "ended",
+    ]
+
+
+def test_all_are_told_to_end_and_are_gone(tmp_path):
+    farewell = str(tmp_path / "farewell")
+
+    async def do(group):
+        return [group[name].pid for name in group]
+
+    pids = run(toy("a", number=1, farewell=farewell), toy("b", number=2, farewell=farewell), do=do)
+    assert all(map(gone, pids))
+    assert sorted(Path(farewell).read_text().split()) == ["1", "2"]
+
+
+def test_a_failed_start_leaves_nobody():
+    pids: list[int] = []
+
+    async def start():
+        group = ProcessGroup(on_host, start_s=S)
+        with pytest.raises(ProcessFailedError, match=r"^b: broken as told$"):
+            await group.start(toy("a"), toy("b", begins="broken"))
+        pids.extend(group[name].pid for name in group)
+        assert group.members == ()
+
+    asyncio.run(start())
+    assert pids == []
+
+
+def test_a_member_that_does_not_become_ready_is_named():
+    with pytest.raises(ProcessFailedError, match=r"^a: no 'ready' within 1 s$"):
+        run(toy("a", begins="something"), do=None, start_s=1.0)
+
+
+def test_members_can_be_killed_ended_restarted_and_added_midway():
+    async def do(group):
+        before = group["a"].pid
+        await group.restart("a")
+        await group.kill("b")
+        await group.start(toy("c"))
+        await group.end("c")
+        await group.start(toy("b"))
+        assert gone(before)
+        return [member.name for member in group.members], await group.ask(
+            "counted", timeout_s=S, do="count", to=0
+        )
+
+    names, reports = run(toy("a"), toy("b"), do=do)
+    assert names == ["a", "b"]
+    assert set(reports) == {"a", "b"}
+
+
+@pytest.mark.parametrize(
+    ("do", "message"),
+    [
+        ("die", "a killed by a signal; a: it ended with status -9"),
+        ("fail", "a: failed as told"),
+        ("exit", "a: it ended with status 7"),
+        ("babble", "a killed by a signal; a: given .*, which is no report"),
+        ("nothing", "a: no 'counted' within 1 s"),
+    ],
+)
+def test_who_fails_is_named_with_the_reason(do, message):
+    async def ask(group):
+        with pytest.raises(ProcessFailedError, match=f"^{message}$"):
+            await group.ask("counted", ["a"], timeout_s=1.0 if do == "nothing" else S, do=do)
+        if do != "nothing":
+            with pytest.raises(ProcessFailedError):
+                group.check()
+        await group.ask("counted", ["b"], timeout_s=S, do="count", to=0)
+
+    run(toy("a"), toy("b"), do=ask)
+
+
+def test_a_cancelled_group_leaves_nobody():
+    pids: list[int] = []
+
+    async def do(group):
+        pids.extend(group[name].pid for name in group)
+        asyncio.current_task().cancel()
+        await asyncio.sleep(S)
+
+    with pytest.raises(asyncio.CancelledError):
+        run(toy("a"), toy("b"), do=do)
+    assert len(pids) == 2
+    assert all(map(gone, pids))
+
+
+def test_a_process_that_does_not_end_is_ended_by_force():
+    async def main():
+        argv = on_host("", toy("a", deaf=True).command)
+        process = await LineProcess.start("a", argv)
+        await process.expect("ready", timeout_s=S)
+        await process.close(grace_s=0.2)
+        return process.status
+
+    assert asyncio.run(main()) == -signal.SIGKILL
+
+
+def test_an_error_of_who_listens_is_raised_when_the_process_is_closed():
+    def deafen(_name, report):
+        if report["is"] == "count":
+            raise RuntimeError("not prepared for this")
+
+    async def do(group):
+        with pytest.raises(ProcessFailedError, match="a killed by a signal"):
+            await group.ask("counted", timeout_s=S, do="count", to=1)
+
+    with pytest.raises(RuntimeError, match="not prepared"):
+        run(toy("a"), do=do, on_report=deafen)
+
+
+@pytest.mark.parametrize("told", ["signal", "input"])
+def test_a_component_ends_when_told_and_what_libraries_print_is_no_report(told):
+    argv = on_host("", toy("a").command)
+    with subprocess.Popen(
+        argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        ready = process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        if told == "signal":
+            process.terminate()
+        out, err = process.communicate(timeout=S)
+    assert ready.startswith(b'{"is": "ready"')
+    assert (out, process.returncode) == (b"", 0)
+    assert b"noise of a library" in err
+
+
+def test_a_member_is_data():
+    member = Member(name="idle", module="m", config="told", through="loader", sends=(("b", "frames"),))
+    assert member.command == (sys.executable, "-m", "loader", "m", "told")
+    assert argument_of(ToyConfig(number=3)).startswith('{"number": 3, "pairs": []')
