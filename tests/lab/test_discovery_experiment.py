@@ -15,10 +15,11 @@ import pytest
 
 from sfglab.lab.claims import How
 from sfglab.lab.experiments import discovery
-from sfglab.lab.experiments.discovery.config import ROUTED, STANDARD, Config, ConfigError, Scale, Stage
+from sfglab.lab.experiments.discovery.config import ROUTED, STANDARD, Config, Scale, Stage
 from sfglab.lab.experiments.discovery.ingress import Ingress
 from sfglab.lab.experiments.discovery.rows import FleetRow, HostRow, SimulatedRow
 from sfglab.lab.experiments.discovery.run import cells_of
+from sfglab.lab.experiments.profiles import ConfigError
 from sfglab.lab.hosts import Network
 from sfglab.lab.hosts.host import InterfaceBytes
 from sfglab.lab.workers.rosnodes import RosNodesConfig

@@ -13,9 +13,10 @@ import pytest
 from sfglab.arp.methods import METHODS
 from sfglab.arp.sensors import ROBOTS
 from sfglab.lab.experiments import transmission
+from sfglab.lab.experiments.profiles import ConfigError
 from sfglab.lab.experiments.transmission.beyond import WAYS, own_plan, up_to_date
 from sfglab.lab.experiments.transmission.cell import hello_latency_ms, hello_losses, simulate_cell
-from sfglab.lab.experiments.transmission.config import Config, ConfigError, Point, grid
+from sfglab.lab.experiments.transmission.config import Config, Point, grid
 from sfglab.lab.experiments.transmission.scenario import (
     HELLO_DOWN,
     HELLO_UP,
