@@ -1,21 +1,31 @@
-"""YAML files that people write, read key by key and strictly, with the line of every mistake.
+"""YAML files that people write, read strictly into dataclasses, with the line of every mistake.
 
-Knows files, lines and key paths, and says for every refusal what was given and what is allowed. Refuses to
-know what a file is about: fleets, topics, graphs.
+`Section.read` reads a mapping by the fields of a dataclass: keys, types, bounds (`sfglab.fields.between`) and
+defaults are declared there and nowhere else. What depends on more than its field is read key by key by the
+other methods. Knows files, lines and key paths, and says for every refusal what was given and what is allowed.
+Refuses to know what a file is about: fleets, topics, graphs.
 """
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import math
+import types
+import typing
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from enum import Enum
+from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.fields import BOUNDS, Bounds
 
 if TYPE_CHECKING:
     import pathlib
+    import re
     from collections.abc import Iterable, Iterator
 
     import yaml
@@ -24,6 +34,7 @@ if TYPE_CHECKING:
 KeyPath = tuple[str | int, ...]
 """Keys and list positions from the top of a document."""
 
+T = TypeVar("T")
 _Choice = TypeVar("_Choice", bound=Enum)
 _REQUIRED: Any = object()
 
@@ -138,6 +149,17 @@ class Document:
         """
         return Section(self, (), self.value)
 
+    def items(self) -> Iterator[Section]:
+        """Yield a section for every item of a document that is a list.
+
+        Raises:
+            DocumentError: It is not a list, or an item is not a mapping.
+        """
+        if not isinstance(self.value, list):
+            raise DocumentError(self.place(()), self.value, "a list")
+        for position, item in enumerate(self.value):
+            yield Section(self, (position,), item)
+
     def _read(self, loader: yaml.SafeLoader, node: yaml.Node, path: KeyPath) -> Any:
         import yaml
 
@@ -199,7 +221,10 @@ def _key_text(path: KeyPath) -> str:
 
 
 class Section:
-    """One mapping of a document, read key by key; `close` refuses keys that nobody has read.
+    """One mapping of a document; `close` refuses keys that nobody has read.
+
+    Its readers return what stands at a key, or the default where nothing does, and raise a `DocumentError`
+    where something else stands there, or nothing and there is no default.
 
     Args:
         document: Where it stands.
@@ -214,6 +239,7 @@ class Section:
         self._document = document
         self._path = path
         self._known: set[str] = set()
+        self._all_known = False
         self._values: dict[str, Any] = {}
         if not isinstance(value, dict):
             raise DocumentError(document.place(path), value, "a mapping of keys to values")
@@ -238,24 +264,16 @@ class Section:
         return key in self._values
 
     def get(self, key: str, default: Any = _REQUIRED) -> Any:
-        """Return what stands at a key, whatever it is.
-
-        Raises:
-            DocumentError: Nothing does, and there is no default.
-        """
+        """Return what stands at a key, whatever it is."""
         self._known.add(key)
         if key not in self._values:
             if default is _REQUIRED:
-                raise self.refusal(key, None, f"{key!r} is needed here")
+                raise self.refusal(key, None, f"{key!r} is needed here{self._slip(key)}")
             return default
         return self._values[key]
 
     def text(self, key: str, default: Any = _REQUIRED, *, choices: tuple[str, ...] = ()) -> Any:
-        """Return a text, or the default where there is none.
-
-        Raises:
-            DocumentError: It is not text, is empty, or is not among the choices.
-        """
+        """Return a text, or the default where there is none."""
         value = self.get(key, default)
         if key not in self._values:
             return value
@@ -266,54 +284,29 @@ class Section:
         return value
 
     def whole(self, key: str, default: Any = _REQUIRED, *, low: int, high: int | None = None) -> Any:
-        """Return a whole number, or the default where there is none.
-
-        Raises:
-            DocumentError: It is no whole number, or it is out of range.
-        """
-        value = self.get(key, default)
-        if key not in self._values:
-            return value
-        if isinstance(value, bool) or not isinstance(value, int) or value < low or (high and value > high):
-            allowed = f"a whole number from {low}" + (f" to {high}" if high else "")
-            raise self.refusal(key, value, allowed)
-        return value
+        """Return a whole number, or the default where there is none."""
+        return self._number(key, default, int, Bounds(low, math.inf if high is None else high))
 
     def positive(self, key: str, default: Any = _REQUIRED) -> Any:
-        """Return a number above zero, or the default where there is none.
+        """Return a number above zero, or the default where there is none."""
+        return self._number(key, default, float, Bounds(0, without=(0,)))
 
-        Raises:
-            DocumentError: It is no number, or not above zero.
-        """
+    def number(self, key: str, default: Any = _REQUIRED, *, low: float = 0.0, high: float = math.inf) -> Any:
+        """Return a finite number from one bound, included, to another, excluded, or the default."""
+        return self._number(key, default, float, Bounds(low, high, without=(high,)))
+
+    def _number(self, key: str, default: Any, kind: type[int | float], bounds: Bounds) -> Any:
         value = self.get(key, default)
         if key not in self._values:
             return value
-        if not _is_finite(value) or value <= 0:
-            raise self.refusal(key, value, "a number above zero")
-        return float(value)
-
-    def number(
-        self, key: str, default: Any = _REQUIRED, *, low: float = 0.0, high: float = float("inf")
-    ) -> Any:
-        """Return a finite number from one bound, included, to another, excluded, or the default.
-
-        Raises:
-            DocumentError: It is no number, or is out of range.
-        """
-        value = self.get(key, default)
-        if key not in self._values:
-            return value
-        if not _is_finite(value) or not low <= value < high:
-            upper = "" if high == float("inf") else f", below {high:g}"
-            raise self.refusal(key, value, f"a finite number from {low:g}{upper}")
-        return float(value)
+        is_kind = type(value) is int if kind is int else _is_finite(value)
+        if not is_kind or value not in bounds:
+            word = "a finite number" if bounds.low not in bounds.without else "a number"
+            raise self.refusal(key, value, f"{'a whole number' if kind is int else word} {bounds}".rstrip())
+        return kind(value)
 
     def numbers(self, key: str, count: int, default: Any = _REQUIRED) -> Any:
-        """Return a list of so many finite numbers as they stand, as a tuple, or the default.
-
-        Raises:
-            DocumentError: It is no list, holds more or fewer, or something else.
-        """
+        """Return a list of so many finite numbers as they stand, as a tuple, or the default."""
         value = self.get(key, default)
         if key not in self._values:
             return value
@@ -322,50 +315,30 @@ class Section:
         return tuple(value)
 
     def choice(self, key: str, default: _Choice) -> _Choice:
-        """Return the member of an enumeration whose value stands there, or the default.
-
-        Raises:
-            DocumentError: It has no such member.
-        """
+        """Return the member of an enumeration whose value stands there, or the default."""
         value = self.text(key, default.value, choices=tuple(member.value for member in type(default)))
         return type(default)(value)
 
     def flag(self, key: str, default: Any = _REQUIRED) -> Any:
-        """Return true or false, or the default where there is neither.
-
-        Raises:
-            DocumentError: It is neither.
-        """
+        """Return true or false, or the default where there is neither."""
         value = self.get(key, default)
         if key in self._values and not isinstance(value, bool):
             raise self.refusal(key, value, "true or false")
         return value
 
     def texts(self, key: str, default: tuple[str, ...] = ()) -> tuple[str, ...]:
-        """Return a list of texts, or the default where there is none.
-
-        Raises:
-            DocumentError: It is not a list of texts.
-        """
+        """Return a list of texts, or the default where there is none."""
         value = self.get(key, list(default))
         if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
             raise self.refusal(key, value, "a list of texts (quote numbers)")
         return tuple(value)
 
     def section(self, key: str) -> Section:
-        """Return the mapping at a key, an empty one where there is none.
-
-        Raises:
-            DocumentError: Something else stands there.
-        """
+        """Return the mapping at a key, an empty one where there is none."""
         return Section(self._document, (*self._path, key), self.get(key, {}))
 
     def members(self, key: str) -> Iterator[tuple[str, Section]]:
-        """Yield name and section for every member of a mapping of mappings.
-
-        Raises:
-            DocumentError: It, or a member, is something else.
-        """
+        """Yield name and section for every member of a mapping of mappings."""
         inner = self.section(key)
         for name in inner._values:  # noqa: SLF001 - of the same class
             yield name, inner.section(name)
@@ -387,6 +360,103 @@ class Section:
             content = {short: item} if short and isinstance(item, str) else item
             yield Section(self._document, (*self._path, key, position), content)
 
+    def read(self, cls: type[T], **given: Any) -> T:
+        """Return the section as a dataclass, each field from the key of its name, and close it.
+
+        What may stand at a key follows from the field's type: ``str`` (not empty), ``bool``, ``int`` and
+        ``float`` (from 0, or as `sfglab.fields.between` says), an enumeration by its values, a ``Literal``,
+        another dataclass, lists (tuple, frozenset) of texts, choices or dataclasses, tuples of so many
+        numbers, mappings by name, and unions of what differs in YAML. A field with a default may be left out;
+        a `Place` is where the section stands. Metadata says what a type cannot: `named`, `read_by`,
+        `matching`, `by_name`, `short_for`, `OR_NULL`. An `InvalidValueError` that the class raises is refused
+        at its field's key.
+
+        Args:
+            cls: The dataclass. Its fields' types must be importable at run time.
+            given: Fields that do not stand in the file, or were read already.
+
+        Raises:
+            DocumentError: A key is missing or unknown, or a value is not allowed.
+        """
+        fields = {k: f for k, f in _fields_by_key(typing.cast("Any", cls)).items() if f.name not in given}
+        self._known |= {key for key, f in fields.items() if f.type is not Place}
+        self._all_known = True
+        for key, f in fields.items():
+            if f.type is Place:
+                given[f.name] = self.here
+            elif key in self._values or f.default is f.default_factory:  # both are missing
+                given[f.name] = self._read_field(key, f.type, f.metadata)
+            elif f.default_factory is f.type:  # all defaults, read all the same for their place
+                given[f.name] = self.section(key).read(f.default_factory)
+        self.close()
+        try:
+            return cls(**given)
+        except InvalidValueError as error:
+            places = {f.name: self.place_of(key) for key, f in fields.items()}
+            raise DocumentError(places.get(error.place, self.here), error.given, error.allowed) from error
+
+    def _read_field(self, key: str, hint: Any, extra: Mapping[str, Any]) -> Any:
+        value = self.get(key)
+        if value is None and "null" in extra:
+            return None
+        if "read" in extra:
+            try:
+                return extra["read"](self, key)
+            except InvalidValueError as error:
+                raise self.refusal(key, error.given, error.allowed) from error
+        if "names" in extra:
+            return self._read_by_name(key, hint, extra["names"])
+        options = {_kind_of(option): option for option in _options_of(hint)}
+        kind = next((k for k in options if isinstance(value, _KINDS[k])), next(iter(options)))
+        if len(options) > 1 and not isinstance(value, _KINDS[kind]):
+            raise self.refusal(key, value, " or ".join(options))
+        read = {"a mapping": self._read_mapping, "a list": self._read_list}.get(kind, self._read_scalar)
+        return read(key, options[kind], extra)
+
+    def _read_scalar(self, key: str, hint: Any, extra: Mapping[str, Any]) -> Any:
+        if hint in (int, float):
+            return self._number(key, _REQUIRED, hint, extra.get(BOUNDS, Bounds(0)))
+        if hint is bool:
+            return self.flag(key)
+        choices = _choices_of(hint)
+        text = self.text(key, choices=tuple(choices))
+        self._match(key, [text], extra)
+        return choices.get(text, text)
+
+    def _read_mapping(self, key: str, hint: Any, extra: Mapping[str, Any]) -> Any:
+        inner = self.section(key)
+        if isinstance(hint, type):
+            return inner.read(typing.cast("type[Any]", hint))
+        each, read = typing.get_args(hint)[1], inner._read_field  # noqa: SLF001 - of the same class
+        return {name: read(name, each, extra) for name in inner._values}  # noqa: SLF001 - of the same class
+
+    def _read_by_name(self, key: str, hint: Any, field: str) -> Any:
+        cls: Any = next(filter(dataclasses.is_dataclass, typing.get_args(hint)))
+        values = {name: section.read(cls, **{field: name}) for name, section in self.members(key)}
+        return values if issubclass(typing.get_origin(hint), Mapping) else tuple(values.values())
+
+    def _read_list(self, key: str, hint: Any, extra: Mapping[str, Any]) -> Any:
+        made, (each, *more) = typing.get_origin(hint), typing.get_args(hint)
+        if each in (int, float):
+            return self.numbers(key, 1 + len(more))
+        if dataclasses.is_dataclass(each):
+            return made(
+                item.read(typing.cast("type[Any]", each))
+                for item in self.items(key, short=extra.get("short", ""))
+            )
+        texts, choices = self.texts(key), _choices_of(each)
+        for text in texts:
+            if choices and text not in choices:
+                raise self.refusal(key, text, " or ".join(choices) + suggestion(text, choices))
+        self._match(key, texts, extra)
+        return made(choices.get(text, text) for text in texts)
+
+    def _match(self, key: str, texts: Iterable[str], extra: Mapping[str, Any]) -> None:
+        pattern, allowed = extra.get("matching", (None, ""))
+        for text in texts:
+            if pattern is not None and not pattern.fullmatch(text):
+                raise self.refusal(key, text, allowed)
+
     def close(self) -> None:
         """Refuse the first key that was not read.
 
@@ -397,3 +467,82 @@ class Section:
             if key not in self._known:
                 allowed = ", ".join(sorted(self._known)) + suggestion(key, self._known)
                 raise self.refusal(key, key, allowed)
+
+    def _slip(self, key: str) -> str:
+        """Return which unknown key a missing one was probably meant by; only a typed reader knows all keys."""
+        unknown = [other for other in self._values if other not in self._known]
+        close = get_close_matches(key, unknown, n=1) if self._all_known else []
+        return f"; did you mean it by {close[0]!r}?" if close else ""
+
+
+# What a field's type cannot say, as its metadata: ``field(metadata=named("from") | bounds(1, 9))``.
+
+OR_NULL: Mapping[str, Any] = {"null": True}
+"""Null may stand there, and says None."""
+
+
+def named(key: str) -> dict[str, Any]:
+    """Read a field from a key of another name."""
+    return {"key": key}
+
+
+def read_by(read: Callable[[Section, str], Any]) -> dict[str, Any]:
+    """Read a field by a function of section and key; its `InvalidValueError` is refused at that key."""
+    return {"read": read}
+
+
+def matching(pattern: re.Pattern[str], allowed: str) -> dict[str, Any]:
+    """Refuse texts that do not match a pattern; says what is allowed instead."""
+    return {"matching": (pattern, allowed)}
+
+
+def by_name(field: str) -> dict[str, Any]:
+    """Read a tuple or a mapping of dataclasses from a mapping whose keys become one of their fields."""
+    return {"names": field}
+
+
+def short_for(key: str) -> dict[str, Any]:
+    """Let a text in a list of dataclasses stand for a mapping with this one key."""
+    return {"short": key}
+
+
+_KINDS: dict[str, Any] = {
+    "a mapping": dict,
+    "a list": list,
+    "true or false": bool,
+    "a number": int | float,
+    "a text": str,
+}
+
+
+@cache
+def _fields_by_key(cls: type[Any]) -> dict[str, dataclasses.Field[Any]]:
+    """Return the fields of a dataclass by their keys, with types instead of their texts."""
+    hints = typing.get_type_hints(cls)
+    fields = {f.metadata.get("key", f.name): copy.copy(f) for f in dataclasses.fields(cls) if f.init}
+    for f in fields.values():
+        f.type = hints[f.name]
+    return fields
+
+
+def _options_of(hint: Any) -> list[Any]:
+    """Return the alternatives of a type, without None."""
+    is_union = typing.get_origin(hint) in (typing.Union, types.UnionType)
+    return [option for option in typing.get_args(hint) if option is not types.NoneType] if is_union else [hint]
+
+
+def _kind_of(hint: Any) -> str:
+    """Return which of `_KINDS` says a type in YAML."""
+    origin = typing.get_origin(hint) or hint
+    if dataclasses.is_dataclass(origin) or origin in (dict, Mapping):
+        return "a mapping"
+    if origin in (tuple, frozenset, list):
+        return "a list"
+    return {bool: "true or false", int: "a number", float: "a number"}.get(origin, "a text")
+
+
+def _choices_of(hint: Any) -> dict[str, Any]:
+    """Return the values that a type allows by their texts; none where every text is."""
+    if typing.get_origin(hint) is typing.Literal:
+        return {choice: choice for choice in typing.get_args(hint)}
+    return {str(member.value): member for member in hint} if issubclass(hint, Enum) else {}

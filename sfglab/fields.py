@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import dataclasses
 import inspect
+import math
 import sys
 import types
 import typing
@@ -22,36 +23,47 @@ from typing import Any, TypeVar
 from sfglab.errors import InvalidValueError
 
 T = TypeVar("T")
-_BOUNDS = "bounds"
+BOUNDS = "bounds"
+"""The key of a field's bounds in its metadata."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What a field may hold, both ends included."""
+    """The range of a field's values, both ends included unless left out."""
 
     low: float  #: Lowest value.
-    high: float  #: Highest value.
+    high: float = math.inf  #: Highest value.
     log: bool = False  #: Whether steps are ratios, so that a slider has a logarithmic scale.
+    without: tuple[float, ...] = ()  #: Ends that are left out.
+
+    def __contains__(self, value: float) -> bool:
+        return self.low <= value <= self.high and value not in self.without
 
     def __str__(self) -> str:
-        return f"{self.low:g} to {self.high:g}"
+        low, high = (str(end) if isinstance(end, int) else f"{end:g}" for end in (self.low, self.high))
+        text = f"above {low if self.low else 'zero'}" if self.low in self.without else f"from {low}"
+        if self.high == math.inf:
+            return text
+        return f"{text}, below {high}" if self.high in self.without else f"{text} to {high}"
 
 
-def between(default: T, low: float, high: float, *, log: bool = False) -> T:
-    """Bound a field of a dataclass, whose default this is.
+def bounds(
+    low: float = 0, high: float = math.inf, *, log: bool = False, without: tuple[float, ...] = ()
+) -> dict[str, Any]:
+    """Return metadata, as in ``field(metadata=bounds(1, 9))``; arguments as of `Bounds`."""
+    return {BOUNDS: Bounds(low, high, log, without)}
 
-    Args:
-        default: The field's default.
-        low: Lowest value that is allowed.
-        high: Highest value that is allowed.
-        log: Whether its steps are ratios.
-    """
-    return dataclasses.field(default=default, metadata={_BOUNDS: Bounds(low, high, log)})
+
+def between(
+    default: T, low: float = 0, high: float = math.inf, *, log: bool = False, without: tuple[float, ...] = ()
+) -> T:
+    """Bound a field of a dataclass, whose default this is; further arguments as of `Bounds`."""
+    return dataclasses.field(default=default, metadata=bounds(low, high, log=log, without=without))
 
 
 def bounds_of(row_class: type[Any]) -> dict[str, Bounds]:
     """Return the bounds of a dataclass's bounded fields, by name."""
-    return {f.name: f.metadata[_BOUNDS] for f in dataclasses.fields(row_class) if _BOUNDS in f.metadata}
+    return {f.name: f.metadata[BOUNDS] for f in dataclasses.fields(row_class) if BOUNDS in f.metadata}
 
 
 def check_bounds(value: Any) -> None:
@@ -60,10 +72,10 @@ def check_bounds(value: Any) -> None:
     Raises:
         InvalidValueError: A field lies beyond its bounds.
     """
-    for name, bounds in bounds_of(type(value)).items():
+    for name, allowed in bounds_of(type(value)).items():
         given = getattr(value, name)
-        if not bounds.low <= given <= bounds.high:
-            raise InvalidValueError(name, given, str(bounds))
+        if given not in allowed:
+            raise InvalidValueError(name, given, str(allowed))
 
 
 def field_docs(row_class: type[Any]) -> dict[str, str]:

@@ -51,7 +51,7 @@ def test_a_field_is_documented_on_its_line_or_above_and_inherits():
 def test_bounds_are_read_and_kept():
     assert bounds_of(Whole)["loss"].log
     check_bounds(Whole(name="x", loss=0.3))
-    with pytest.raises(InvalidValueError, match=r"loss: given 0.31, allowed: 0 to 0.3"):
+    with pytest.raises(InvalidValueError, match=r"loss: given 0.31, allowed: from 0 to 0.3"):
         check_bounds(Whole(name="x", loss=0.31))
 
 

@@ -9,9 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from sfglab.documents import Document, DocumentError
+from sfglab.documents import Document, DocumentError, named
+from sfglab.fields import between, bounds
 from sfglab.qos import Durability, Reliability
 from sfglab.rtps import FAST_DDS, PRESETS, Medium, Vendor
+from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,22 +21,19 @@ if TYPE_CHECKING:
     from sfglab.documents import Section
 
 
-_MS = 1_000_000
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topic:
     """One topic: who sends what to whom, and what it is worth."""
 
     name: str  #: Full name, with its leading slash.
-    source: str  #: Host that publishes.
-    target: str  #: Host that subscribes.
-    size_bytes: int  #: CDR size of a message.
+    source: str = field(metadata=named("from"))  #: Host that publishes.
+    target: str = field(metadata=named("to"))  #: Host that subscribes.
+    size_bytes: int = field(metadata=bounds(0, 64_000))  #: CDR size of a message.
     rate_min_hz: float = 1.0  #: Below this it is of no use.
     rate_max_hz: float = 1000.0  #: The most that it could be sent.
     #: Mean time between changes of its value; what a higher rate is worth follows from it.
-    change_s: float = 1.0
-    weight: float = 1.0  #: What it is worth beside the others.
+    change_s: float = between(1.0, without=(0,))
+    weight: float = between(1.0, without=(0,))  #: What it is worth beside the others.
     #: Whether a local cache holds repeated values back (paper B, section 2.2): then only changes travel, and
     #: the rate is that of the readings.
     cached: bool = False
@@ -56,8 +55,10 @@ class TopicFile:
     topics: tuple[Topic, ...]  #: In the file's order.
     medium: Medium = field(default_factory=Medium)  #: The link that all of them share.
     vendor: Vendor = FAST_DDS  #: The DDS implementation, with the file's timing where it says any.
-    utilisation_max: float = 0.9  #: The most of the medium's time that may be planned.
-    residual_loss: float = 1e-4  #: Share of samples that may stay lost after repairs.
+    #: The most of the medium's time that may be planned.
+    utilisation_max: float = between(0.9, 0.01, 1, without=(1,))
+    #: Share of samples that may stay lost after repairs.
+    residual_loss: float = between(1e-4, 1e-9, 1, without=(1,))
     #: Hosts that the printed problem counts as agents; by default all that publish.
     agents: tuple[str, ...] = ()
 
@@ -111,44 +112,26 @@ def _read(document: Document) -> TopicFile:
     topics = tuple(_read_topic(name, section, ceiling_hz) for name, section in top.members("topics"))
     if not topics:
         raise top.refusal("topics", top.get("topics", None), "one topic at least")
-    found = TopicFile(
+    return top.read(
+        TopicFile,
         topics=topics,
         medium=_read_link(top.section("link")),
         vendor=_read_vendor(top),
-        utilisation_max=top.number("utilisation_max", 0.9, low=0.01, high=1.0),
-        residual_loss=top.number("residual_loss", 1e-4, low=1e-9, high=1.0),
         agents=_read_agents(top, topics),
     )
-    top.close()
-    return found
 
 
 def _read_topic(name: str, section: Section, ceiling_hz: float) -> Topic:
     if not name.startswith("/") or name.endswith("/"):
         raise DocumentError(section.here, name, "a full topic name, such as '/robot1/lidar'")
-    rate_max_hz = min(section.positive("rate_max_hz", ceiling_hz), ceiling_hz)
-    topic = Topic(
-        name=name,
-        source=section.text("from"),
-        target=section.text("to"),
-        size_bytes=section.whole("size_bytes", low=0, high=64_000),
-        rate_min_hz=section.positive("rate_min_hz", min(1.0, rate_max_hz)),
-        rate_max_hz=rate_max_hz,
-        change_s=section.positive("change_s", 1.0),
-        weight=section.positive("weight", 1.0),
-        cached=section.flag("cached", default=False),
-        reliability=section.choice("reliability", Reliability.RELIABLE),
-        durability=section.choice("durability", Durability.VOLATILE),
-    )
-    if topic.rate_min_hz > topic.rate_max_hz:
-        raise section.refusal(
-            "rate_min_hz",
-            section.get("rate_min_hz", None),
-            f"up to the topic's rate_max_hz, {topic.rate_max_hz:g}",
-        )
+    most_hz = min(section.positive("rate_max_hz", ceiling_hz), ceiling_hz)
+    least_hz = section.positive("rate_min_hz", min(1.0, most_hz))
+    topic = section.read(Topic, name=name, rate_min_hz=least_hz, rate_max_hz=most_hz)
+    if least_hz > most_hz:
+        given = section.get("rate_min_hz", None)
+        raise section.refusal("rate_min_hz", given, f"up to the topic's rate_max_hz, {most_hz:g}")
     if topic.source == topic.target:
         raise section.refusal("to", topic.target, f"another host than 'from', {topic.source}")
-    section.close()
     return topic
 
 
@@ -172,7 +155,7 @@ def _read_vendor(top: Section) -> Vendor:
     section = top.section("timing")
     keys = {"heartbeat_ms": "heartbeat_ns", "nack_delay_ms": "nack_delay_ns", "ack_delay_ms": "ack_delay_ns"}
     given = {field: section.positive(key, None) for key, field in keys.items()}
-    changes: dict[str, Any] = {field: round(ms * _MS) for field, ms in given.items() if ms is not None}
+    changes: dict[str, Any] = {field: round(ms * NS_PER_MS) for field, ms in given.items() if ms is not None}
     if "heartbeat_ns" in changes:
         # A vendor whose heartbeats never back off keeps that.
         steady = vendor.heartbeat_ns == vendor.heartbeat_max_ns
