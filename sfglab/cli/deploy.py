@@ -114,10 +114,10 @@ def check(
 
       sfglab deploy check data/fleets/esslingen.yaml
     """
-    from sfglab.deploy.checking import render_verdicts
     from sfglab.deploy.fleet_check import check_fleet, fails
-    from sfglab.deploy.images import SOURCE, make_release
+    from sfglab.deploy.release import SOURCE, make_release
     from sfglab.deploy.rollout import detect_over
+    from sfglab.deploy.verdicts import render_verdicts
 
     source = _source(fleet, agent, accelerator)
     release, _ = make_release(SOURCE, source.text)
@@ -205,8 +205,8 @@ def _source(fleet: Path, agents: list[str] | None, accelerator: str | None) -> F
 
 
 def _prepared(source: FleetSource, agents: list[str] | None) -> tuple[tuple[Deployment, Bundle], ...]:
-    from sfglab.deploy.images import SOURCE, make_release
     from sfglab.deploy.preparing import prepare
+    from sfglab.deploy.release import SOURCE, make_release
     from sfglab.deploy.rollout import detect_over
 
     release, wheel = make_release(SOURCE, source.text)
@@ -220,8 +220,8 @@ def _prospects(
     from functools import partial
 
     from sfglab.deploy.errors import DeployError
-    from sfglab.deploy.images import SOURCE, make_release
     from sfglab.deploy.preparing import prepare_agent
+    from sfglab.deploy.release import SOURCE, make_release
     from sfglab.deploy.rollout import (
         Prospect,
         apply_plan,

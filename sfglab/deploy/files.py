@@ -1,8 +1,10 @@
-"""A file that a machine is given."""
+"""Files of an agent's folder, and the texts with holes that some are made from: the one door to Jinja."""
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
+from typing import Any
 
 PLAIN = 0o644
 PROGRAM = 0o755
@@ -14,3 +16,27 @@ class BundleFile:
 
     text: str  #: What stands in it.
     mode: int = PLAIN  #: Its permissions, ``PLAIN`` or ``PROGRAM``.
+
+
+def render(name: str, **values: Any) -> str:
+    """Return a file of the folder ``templates`` with its holes filled; ``value | sh`` quotes for a shell.
+
+    Args:
+        name: File name of the template.
+        values: What its holes are filled with.
+
+    Raises:
+        jinja2.UndefinedError: A hole has no value.
+    """
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader(__package__),
+        undefined=jinja2.StrictUndefined,
+        autoescape=False,  # noqa: S701 - what is written is no HTML
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["sh"] = lambda value: shlex.quote(str(value))
+    return environment.get_template(name).render(**values)

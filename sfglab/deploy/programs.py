@@ -1,18 +1,28 @@
-"""Running a program whose lines are heard while it works; interrupted, it ends with all that it started."""
+"""Other people's programs: heard while they work, or asked about texts.
+
+Checkers run without a shell, with a time limit, in an empty folder of their own and without the user's
+settings, so that the same texts give the same answer on every machine.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import signal
 import subprocess
+import sys
+import tempfile
 from collections import deque
+from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.errors import DeployError
+from sfglab.deploy.verdicts import SkippedError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
 
 _GRACE_S = 10.0
@@ -83,3 +93,100 @@ def _end(process: subprocess.Popen[str]) -> None:
     # The leader has ended; what it started may have not.
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
+
+
+EXTRA = "pip install 'sfglab[deploy]'"
+"""What installs every checker that a package index has."""
+
+_TIMEOUT_S = 60.0
+
+
+class MissingProgramError(SkippedError):
+    """A checker is not installed.
+
+    Attributes:
+        program: Its name.
+        install: The command that installs it.
+    """
+
+    def __init__(self, program: str, install: str = EXTRA) -> None:
+        self.program = program
+        self.install = install
+        super().__init__(f"{program} is not installed: {install}")
+
+
+def find_program(name: str, install: str = EXTRA) -> str:
+    """Return the path of a program beside this Python or on ``PATH``.
+
+    Args:
+        name: The program's name.
+        install: The command that installs it, for whoever has not got it.
+
+    Raises:
+        MissingProgramError: It is in neither.
+    """
+    beside = shutil.which(name, path=str(Path(sys.executable).parent))
+    found = beside or shutil.which(name)
+    if found is None:
+        raise MissingProgramError(name, install)
+    return found
+
+
+def run_program(
+    command: Sequence[str], texts: Mapping[str, str], *, timeout_s: float = _TIMEOUT_S
+) -> tuple[int, str]:
+    """Return a program's exit status and output, run in a folder with some files and nothing else.
+
+    The program is killed and the folder removed when time is up and when the caller is interrupted.
+
+    Args:
+        command: Program and arguments; files by the names of `texts`.
+        texts: Files by their paths relative to the folder.
+        timeout_s: Seconds after which it is killed.
+
+    Raises:
+        DeployError: It did not start, did not end in time, or said nothing but why it could not work.
+    """
+    with tempfile.TemporaryDirectory(prefix="sfglab-check-") as folder:
+        for name, text in texts.items():
+            path = Path(folder, name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        environment = {"PATH": os.environ.get("PATH", os.defpath), "HOME": folder, "LC_ALL": "C.UTF-8"}
+        try:
+            done = subprocess.run(
+                list(command),
+                cwd=folder,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                timeout=timeout_s,
+                check=False,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise DeployError(f"{command[0]}: no answer within {timeout_s:g} s, and it was killed") from error
+        except OSError as error:
+            raise DeployError(f"{command[0]}: it did not start: {error}") from error
+    output = done.stdout.decode(errors="replace")
+    if done.returncode and not output.strip():
+        raise DeployError(f"{command[0]}: status {done.returncode}: {_first(done.stderr)}")
+    return done.returncode, output
+
+
+@lru_cache(maxsize=64)
+def answer_of(command: tuple[str, ...], texts: tuple[tuple[str, str], ...]) -> str:
+    """Return a linter's output about texts, asked once for the same: what it says depends on nothing else.
+
+    Args:
+        command: As for `run_program`.
+        texts: Names and texts of files.
+
+    Raises:
+        DeployError: As for `run_program`.
+    """
+    return run_program(command, dict(texts))[1]
+
+
+def _first(said: bytes) -> str:
+    lines = said.decode(errors="replace").strip().splitlines()
+    return lines[0] if lines else "it said nothing"

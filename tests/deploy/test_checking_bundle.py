@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from sfglab.deploy.checking import OwnRules, State, check_bundle
+from sfglab.deploy.bundle_check import OwnRules, check_bundle
 from sfglab.deploy.deployment import Release, deployment_of
 from sfglab.deploy.editor import editor_files
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import BundleFile
 from sfglab.deploy.routers import render_router
+from sfglab.deploy.verdicts import State
 from sfglab.documents import Place
 from sfglab.fleet.border import Finding, Severity
 from sfglab.fleet.fleet_file import RouterSoftware, load_fleet

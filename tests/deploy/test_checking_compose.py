@@ -12,11 +12,11 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfglab.deploy.checking import State, check_compose
-from sfglab.deploy.checking.compose_rules import RULES
-from sfglab.deploy.checking.compose_values import mounts, variables
+from sfglab.deploy.compose_check import RULES, check_compose
+from sfglab.deploy.compose_values import mounts, variables
 from sfglab.deploy.deployment import Release, deployment_of
 from sfglab.deploy.files import BundleFile
+from sfglab.deploy.verdicts import State
 from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork, load_fleet
 
 FLEET = load_fleet(Path(__file__).parents[2] / "data" / "fleets" / "esslingen.yaml")

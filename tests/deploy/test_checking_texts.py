@@ -13,20 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.deploy.checking import (
-    MissingProgramError,
-    State,
-    Verdict,
-    check_dockerfiles,
-    check_secrets,
-    check_shell,
-    find_program,
-    render_verdicts,
-    run_program,
-)
-from sfglab.deploy.checking.leaks import leaks
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PROGRAM, BundleFile
+from sfglab.deploy.programs import MissingProgramError, find_program, run_program
+from sfglab.deploy.text_check import check_dockerfiles, check_secrets, check_shell, leaks
+from sfglab.deploy.verdicts import State, Verdict, render_verdicts
 
 BESIDE = Path(sys.executable).parent
 

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft7Validator
 
+from sfglab.deploy.errors import DeployError
 from sfglab.deploy.routers import (
-    RouterFileError,
     check_dds_router,
     check_file,
     render_dds_router,
@@ -134,7 +134,7 @@ def test_the_checker_finds_every_difference_between_allowlist_and_policy_that_a_
 
 
 def test_an_empty_policy_is_refused_because_an_empty_allowlist_opens_the_router():
-    with pytest.raises(RouterFileError, match="'everything'"):
+    with pytest.raises(DeployError, match="'everything'"):
         render_dds_router(fleet_of(), "go2")
 
 
@@ -145,7 +145,7 @@ def test_rules_of_one_direction_become_routes_and_mixed_ones_are_refused():
     assert check(config) == ()
     inward = yaml.safe_load(render_dds_router(fleet_of(rule("rt/a", Direction.INWARD)), "go2"))
     assert inward["routes"] == [{"src": "global", "dst": ["local"]}, {"src": "local"}]
-    with pytest.raises(RouterFileError, match="rt/b outward"):
+    with pytest.raises(DeployError, match="rt/b outward"):
         render_dds_router(fleet_of(rule("rt/a"), rule("rt/b", Direction.OUTWARD)), "go2")
 
 
@@ -345,12 +345,12 @@ def test_files_are_checked_by_their_name_and_refused_in_one_line(tmp_path):
     with pytest.raises(DocumentError, match=r"router\.yml"):
         check_file(bad)
     for path in (tmp_path / "none.yaml", tmp_path / "router.xml"):
-        with pytest.raises(RouterFileError):
+        with pytest.raises(DeployError):
             check_file(path)
 
 
 def test_unknown_targets_and_agents_are_refused_with_the_likely_one():
-    with pytest.raises(RouterFileError, match="did you mean 'dds-router'"):
+    with pytest.raises(DeployError, match="did you mean 'dds-router'"):
         render_router(LAB, "go2", "ddsrouter")
     with pytest.raises(UnknownAgentError, match="did you mean 'go2'"):
         render_router(LAB, "go3", "dds-router")

@@ -8,8 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from sfglab.cli import app
-from sfglab.deploy.hardware import EXAMPLES, write_example
 from sfglab.errors import SfglabError
+from sfglab.lab.example_machines import EXAMPLES, write_example
 from sfglab.lab.experiments.deployment.broken import BROKEN, break_fleet
 
 ROOT = Path(__file__).parents[2]

@@ -14,10 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.deploy.deployment import Release, deployment_of
-from sfglab.deploy.editor import check_editor, editor_files
-from sfglab.deploy.editor.ros import build_command, environment_command
+from sfglab.deploy.dockerfile import VENV
+from sfglab.deploy.editor import build_command, editor_files, environment_command
+from sfglab.deploy.editor_check import check_editor
 from sfglab.deploy.files import PROGRAM, BundleFile
-from sfglab.deploy.images.dockerfile import VENV
 from sfglab.fleet.fleet_file import RosDistribution, load_fleet
 
 FLEET = load_fleet(Path(__file__).parents[2] / "data" / "fleets" / "esslingen.yaml")

@@ -5,16 +5,9 @@ from __future__ import annotations
 import pytest
 
 from sfglab.codecs.probe import DECODERS, ENCODERS, probe_encoder
-from sfglab.deploy.hardware import (
-    EXAMPLES,
-    CodecRole,
-    codecs_found,
-    detect,
-    expected_codecs,
-    render_machine,
-    write_example,
-)
+from sfglab.deploy.hardware import CodecRole, codecs_found, detect, expected_codecs, render_machine
 from sfglab.fleet.fleet_file import Accelerator
+from sfglab.lab.example_machines import EXAMPLES, write_example
 
 ENCODER, DECODER = CodecRole.ENCODER, CodecRole.DECODER
 SOFTWARE = {("libx264", ENCODER), ("h264", DECODER)}

@@ -12,16 +12,8 @@ import pytest
 
 from sfglab.deploy.deployment import Release, deployment_of
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.host import (
-    HOOKS,
-    check_unit,
-    firewall_left_out,
-    firewall_rules,
-    host_files,
-    plan_time,
-    service_unit,
-)
-from sfglab.deploy.host.unit_check import ANALYZE
+from sfglab.deploy.host import HOOKS, firewall_left_out, firewall_rules, host_files, plan_time, service_unit
+from sfglab.deploy.unit_check import ANALYZE, check_unit
 from sfglab.fleet.border import Severity
 from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork, load_fleet
 

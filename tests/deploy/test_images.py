@@ -17,14 +17,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sfglab.deploy.bases import base_of
 from sfglab.deploy.deployment import Deployment, Release, deployment_of
+from sfglab.deploy.dockerfile import _quoted, image_files
+from sfglab.deploy.dockerfile_check import check_dockerfile, parse_dockerfile
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PROGRAM
-from sfglab.deploy.images import base_of, check_dockerfile, image_files
-from sfglab.deploy.images.dockerfile import _quoted
-from sfglab.deploy.images.dockerfile_parts import parse_dockerfile
-from sfglab.deploy.images.release import release_tag
 from sfglab.fleet.fleet_file import Accelerator, Architecture, RosDistribution, load_fleet
+from sfglab.lab.trial_build import release_tag
 
 PROJECT = Path(__file__).parents[2]
 FILE = PROJECT / "data" / "fleets" / "esslingen.yaml"

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from sfglab.deploy.deployment import deployment_of
-from sfglab.deploy.images import make_release, trial_build
-from sfglab.deploy.images.trial import why_not
+from sfglab.deploy.release import make_release
 from sfglab.fleet.fleet_file import load_fleet
+from sfglab.lab.trial_build import trial_build, why_not
 
 PROJECT = Path(__file__).parents[2]
 FILE = PROJECT / "data" / "fleets" / "esslingen.yaml"

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sfglab.deploy.images import check_dockerfile
-from sfglab.deploy.images.dockerfile_parts import parse_dockerfile, stages_of
+from sfglab.deploy.dockerfile_check import check_dockerfile, parse_dockerfile, stages_of
 
 GOOD = """\
 # A comment.

@@ -11,8 +11,7 @@ import pytest
 from packaging.requirements import Requirement
 
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.images import AGENT_ROOTS, agent_lock
-from sfglab.deploy.images.lock import split_lock
+from sfglab.deploy.release import AGENT_ROOTS, agent_lock, split_lock
 from sfglab.fleet.fleet_file import Architecture
 
 LOCK = (Path(__file__).parents[2] / "requirements.lock").read_text()

@@ -18,17 +18,10 @@ import pytest
 from sfglab import __version__
 from sfglab.deploy.deployment import Release, deployment_of
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.images import (
-    BUILDERS,
-    build_command,
-    build_wheel,
-    find_builder,
-    make_release,
-    wheelhouse,
-)
-from sfglab.deploy.images.second_wheel import with_version
 from sfglab.deploy.programs import run_heard, run_streaming
+from sfglab.deploy.release import build_wheel, make_release
 from sfglab.fleet.fleet_file import Architecture, load_fleet
+from sfglab.lab.trial_build import BUILDERS, build_command, find_builder, wheelhouse, with_version
 
 PROJECT = Path(__file__).parents[2]
 FLEET = load_fleet(PROJECT / "data" / "fleets" / "esslingen.yaml")
@@ -58,7 +51,7 @@ def git(folder: Path, *arguments: str) -> str:
 
 def test_the_wheel_has_the_package_with_its_templates(wheel):
     names = zipfile.ZipFile(wheel).namelist()
-    assert "sfglab/deploy/images/templates/Dockerfile.j2" in names
+    assert "sfglab/deploy/templates/Dockerfile.j2" in names
     assert not [name for name in names if name.startswith("tests/")]
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.deploy.network import LAST_EPHEMERAL_FREE_PORT, bridge_name, domain_ports, plan_network
+from sfglab.deploy.deployment import LAST_EPHEMERAL_FREE_PORT, bridge_name, domain_ports, plan_network
 from sfglab.fleet.fleet_file import AgentSpec, ContainerNetwork, Fleet, HostSpec
 
 AGENT = AgentSpec(name="go2", domain=7, global_interface="wlan0", local_interface="lo")

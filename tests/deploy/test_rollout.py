@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 
 from sfglab.deploy.bundle import MANIFEST, Bundle, Member, pack, unpack
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.hardware import EXAMPLES, write_example
 from sfglab.deploy.rollout import Change, Local, Ssh, look_and_plan, plan_changes, releases, transport_to
 from sfglab.deploy.rollout.apply import KEPT, _install, look
-from sfglab.deploy.rollout.facts import accelerator_of
-from sfglab.deploy.rollout.transport import is_here
+from sfglab.deploy.rollout.transport import accelerator_of, is_here
 from sfglab.fleet.fleet_file import Accelerator, HostSpec
+from sfglab.lab.example_machines import EXAMPLES, write_example
 
 FOLDER = "/opt/sfglab/go2"
 paths = st.sampled_from(["compose.yaml", "release.env", "hooks/a.sh", "Dockerfile", "image/x.whl", "b c.txt"])

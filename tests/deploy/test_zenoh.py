@@ -10,17 +10,16 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from sfglab.deploy.errors import DeployError
 from sfglab.deploy.routers import (
-    RouterFileError,
     check_file,
     check_zenoh,
     render_zenoh_acl,
     render_zenoh_bridge,
 )
-from sfglab.deploy.routers.json5 import read_json5
 from sfglab.deploy.routers.zenoh import KINDS
 from sfglab.deploy.routers.zenoh_acl_check import includes, permits
-from sfglab.deploy.routers.zenoh_meaning import bridges, policy_bridges
+from sfglab.deploy.routers.zenoh_check import bridges, policy_bridges, read_json5
 from sfglab.documents import DocumentError
 from sfglab.fleet.border import Severity
 from sfglab.fleet.fleet_file import AgentSpec, Fleet, load_fleet
@@ -131,7 +130,7 @@ def test_generated_access_control_lets_exactly_the_policys_messages_pass(rules, 
 )
 def test_what_ros_names_cannot_say_is_refused_instead_of_approximated(pattern):
     for write in WRITERS.values():
-        with pytest.raises(RouterFileError, match="rule"):
+        with pytest.raises(DeployError, match="rule"):
             write(fleet_of(rule(pattern)), "go2")
 
 

@@ -5,10 +5,9 @@ Paper A, section 4.4, chooses an image's base by the host's accelerator; this is
 
 from __future__ import annotations
 
-from sfglab.deploy.hardware.codecs import CodecFound, codecs_found, expected_codecs
-from sfglab.deploy.hardware.detection import PREFERENCE, detect
-from sfglab.deploy.hardware.examples import EXAMPLES, ExampleMachine, write_example
+from sfglab.deploy.hardware.detection import PREFERENCE, codecs_found, detect, expected_codecs
 from sfglab.deploy.hardware.machine import (
+    CodecFound,
     CodecRole,
     DeviceGroup,
     Evidence,
@@ -16,17 +15,15 @@ from sfglab.deploy.hardware.machine import (
     Machine,
     Preference,
     Source,
+    render_machine,
 )
-from sfglab.deploy.hardware.report import render_machine
 
 __all__ = [
-    "EXAMPLES",
     "PREFERENCE",
     "CodecFound",
     "CodecRole",
     "DeviceGroup",
     "Evidence",
-    "ExampleMachine",
     "ExpectedCodec",
     "Machine",
     "Preference",
@@ -35,5 +32,4 @@ __all__ = [
     "detect",
     "expected_codecs",
     "render_machine",
-    "write_example",
 ]

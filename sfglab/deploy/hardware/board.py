@@ -1,17 +1,83 @@
-"""What a machine calls itself: its model, its board's compatible names, its distribution."""
+"""A machine's own names: processor architecture, model, distribution, groups, graphics controllers."""
 
 from __future__ import annotations
 
+import platform
 import re
+import struct
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.hardware.files import plain
 from sfglab.deploy.hardware.machine import DeviceGroup, Source
+from sfglab.fleet.fleet_file import Architecture
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from sfglab.deploy.hardware.files import MachineFiles
+
+
+MACHINES = {3: "386", 8: "mips", 20: "ppc", 21: "ppc64", 22: "s390x", 40: "arm", 62: "amd64", 183: "arm64"} | {
+    243: "riscv64",
+    258: "loong64",
+}
+"""Names in container images by ``e_machine`` of the System V ABI's ELF header (elf.h, EM_*)."""
+
+_PROGRAMS = ("/bin/sh", "/usr/bin/sh", "/bin/busybox", "/usr/bin/env", "/sbin/init")
+_LOADERS = ("/lib64", "/lib", "/usr/lib64", "/usr/lib")
+_KERNEL_NAMES = {"x86_64": "amd64", "aarch64": "arm64"}
+_CLASS_64, _LITTLE_ENDIAN = 2, 1
+
+
+def find_architecture(files: MachineFiles) -> tuple[Architecture | None, str]:
+    """Return the architecture, and how it is known or why there is none.
+
+    Args:
+        files: The machine's files.
+    """
+    loaders = [
+        path for folder in _LOADERS for path in files.paths(folder, r"ld-(linux|musl)-?[\w.-]*so[\w.-]*")
+    ]
+    for path in (*_PROGRAMS, *loaders):
+        name = _elf_name(files.head(path, 20))
+        if name is not None:
+            return _supported(name, f"the ELF header of {path}")
+    if files.root == Path("/"):
+        kernel = platform.machine()
+        return _supported(_KERNEL_NAMES.get(kernel, kernel), "the kernel's own name for it")
+    return None, f"not known: no program with an ELF header, looked for {', '.join(_PROGRAMS)} and ld-linux-*"
+
+
+def elf_header(machine: int, *, bits: int = 64) -> bytes:
+    """Return the first 20 bytes of a little-endian program, which is all that is read of one.
+
+    Args:
+        machine: ``e_machine``, of `MACHINES`.
+        bits: 32 or 64.
+    """
+    identity = b"\x7fELF" + bytes([bits // 32, _LITTLE_ENDIAN, 1]) + bytes(9)
+    return identity + struct.pack("<HH", 3, machine)
+
+
+def _elf_name(header: bytes | None) -> str | None:
+    """Return the architecture's name in container images; None if this is no program."""
+    if header is None or len(header) < 20 or header[:4] != b"\x7fELF":
+        return None
+    order = "<" if header[5] == _LITTLE_ENDIAN else ">"
+    (machine,) = struct.unpack_from(f"{order}H", header, 18)
+    name = MACHINES.get(machine, f"ELF machine {machine}")
+    if name in {"amd64", "arm64"} and (header[4] != _CLASS_64 or order != "<"):
+        return f"{name} with 32-bit or big-endian programs"
+    return "riscv32" if name == "riscv64" and header[4] != _CLASS_64 else name
+
+
+def _supported(name: str, known_from: str) -> tuple[Architecture | None, str]:
+    try:
+        return Architecture(name), f"from {known_from}"
+    except ValueError:
+        allowed = ", ".join(member.value for member in Architecture)
+        return None, f"{name}, from {known_from}: there are no images for it, allowed: {allowed}"
 
 
 UNKNOWN = "unknown"
@@ -81,3 +147,41 @@ def find_groups(files: MachineFiles, devices: Iterable[str]) -> tuple[DeviceGrou
 def _gid(lines: list[str], name: str) -> int | None:
     fields = next((line.split(":") for line in lines if line.startswith(f"{name}:")), [])
     return int(fields[2]) if len(fields) > 2 and re.fullmatch(r"[0-9]{1,10}", fields[2]) else None
+
+
+VENDORS = {"0x1002": "AMD", "0x8086": "Intel", "0x10de": "NVIDIA", "0x1af4": "virtio", "0x1234": "QEMU"}
+"""Makers by the number that the PCI-SIG gave them."""
+
+_BUS = "/sys/bus/pci/devices"
+_DISPLAY = "0x03"  # base class of display controllers: PCI Code and ID Assignment Specification, 1.4
+
+
+def display_controllers(files: MachineFiles, vendor: str) -> list[Source]:
+    """Return one maker's graphics controllers, and by whom each is driven.
+
+    Args:
+        files: The machine's files.
+        vendor: The maker's number, of `VENDORS`.
+    """
+    found = []
+    for name in files.names(_BUS, r"[0-9a-fA-F]+:[0-9a-fA-F]+:[0-9a-fA-F]+\.[0-7]"):
+        place = f"{_BUS}/{name}"
+        is_display = read_id(files, f"{place}/class").startswith(_DISPLAY)
+        if is_display and read_id(files, f"{place}/vendor") == vendor:
+            says = f"a graphics card of {VENDORS.get(vendor, vendor)}, {_driver(files, place)}"
+            found.append(Source(path=f"{place}/vendor", says=says))
+    return found
+
+
+def read_id(files: MachineFiles, path: str) -> str:
+    """Return a number as /sys writes it, as ``0x10de``; empty where there is none."""
+    return plain(files.text(path) or "").lower()
+
+
+def _driver(files: MachineFiles, place: str) -> str:
+    """Return by whom a device is driven, from the variables that the kernel gives udev."""
+    text = files.text(f"{place}/uevent")
+    if text is None:
+        return "by whom driven is not known"
+    driver = re.search(r"^DRIVER=([\w-]{1,64})$", text, re.MULTILINE)
+    return f"driven by {driver[1]}" if driver else "without a driver"

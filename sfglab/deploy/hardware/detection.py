@@ -1,7 +1,7 @@
-"""Which accelerator a machine has, and which of several its images are made for.
+"""Which H.264 codecs a machine lets one expect, and which of them PyAV really opens in this process.
 
-Reads files and looks for device nodes below a root, and nothing else: it opens no device and starts no program,
-so that it says the same of a copy of a machine's files as on the machine.
+Expectation comes from the machine's files, which may be another machine's; what opens is found out here and
+now, by `sfglab.codecs.probe`, in whatever image or machine this process runs in.
 """
 
 from __future__ import annotations
@@ -10,13 +10,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sfglab.deploy.hardware.architecture import find_architecture
-from sfglab.deploy.hardware.board import find_groups, find_model, find_operating_system, in_container
+from sfglab.deploy.hardware.board import (
+    find_architecture,
+    find_groups,
+    find_model,
+    find_operating_system,
+    in_container,
+)
 from sfglab.deploy.hardware.files import MachineFiles
-from sfglab.deploy.hardware.machine import Evidence, Machine, Preference
+from sfglab.deploy.hardware.graphics import find_rocm, find_v4l2, find_vaapi
+from sfglab.deploy.hardware.machine import CodecFound, CodecRole, Evidence, ExpectedCodec, Machine, Preference
 from sfglab.deploy.hardware.nvidia import find_cuda, find_jetpack, find_jetson
-from sfglab.deploy.hardware.render_nodes import find_rocm, find_vaapi
-from sfglab.deploy.hardware.video_nodes import find_v4l2
 from sfglab.fleet.fleet_file import Accelerator
 
 if TYPE_CHECKING:
@@ -98,3 +102,52 @@ def _judged(evidence: list[Evidence]) -> tuple[Evidence, ...]:
             verdict = "not chosen: not found"
         judged.append(replace(item, chosen=item is chosen, verdict=verdict))
     return tuple(judged)
+
+
+_SOFTWARE = (
+    ExpectedCodec(name="libx264", role=CodecRole.ENCODER, why="the processor; the wheels of PyAV have it"),
+    ExpectedCodec(name="h264", role=CodecRole.DECODER, why="the processor; part of FFmpeg"),
+)
+
+
+def expected_codecs(machine: Machine) -> tuple[ExpectedCodec, ...]:
+    """Return the H.264 codecs that a machine's chosen accelerator lets one expect, then the processor's."""
+    return (*machine.evidence_of(machine.accelerator).codecs, *_SOFTWARE)
+
+
+def codecs_found(machine: Machine | None = None) -> tuple[CodecFound, ...]:
+    """Try all of FFmpeg's H.264 codecs in this process and return them beside what the machine lets one expect.
+
+    Args:
+        machine: Whose codecs are expected; None for the machine that this process runs on.
+    """
+    from sfglab.codecs.probe import available_decoders, available_encoders
+
+    machine = machine or detect()
+    expected = {(item.name, item.role): item for item in expected_codecs(machine)}
+    probes = [(probe, CodecRole.ENCODER) for probe in available_encoders()]
+    probes += [(probe, CodecRole.DECODER) for probe in available_decoders()]
+    rows = []
+    for probe, role in probes:
+        item = expected.get((probe.name, role))
+        why = item.why if item else _why_not(probe.name, machine.accelerator)
+        found = CodecFound(
+            name=probe.name,
+            role=role,
+            expected=item is not None,
+            works=probe.works,
+            tried=probe.reason,
+            why=why,
+        )
+        rows.append(found)
+    return tuple(rows)
+
+
+def _why_not(name: str, accelerator: Accelerator) -> str:
+    from sfglab.codecs.probe import SOFTWARE
+
+    if name in SOFTWARE:
+        return "the processor's as well, but not needed beside libx264"
+    if accelerator is Accelerator.NONE:
+        return "needs an accelerator, and none was found"
+    return f"not what this machine's {accelerator.value} is used through"

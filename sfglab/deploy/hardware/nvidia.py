@@ -9,10 +9,9 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from sfglab.deploy.hardware.board import find_compatible, find_model
+from sfglab.deploy.hardware.board import display_controllers, find_compatible, find_model
 from sfglab.deploy.hardware.files import plain
 from sfglab.deploy.hardware.machine import CodecRole, Evidence, ExpectedCodec, Source
-from sfglab.deploy.hardware.pci import display_controllers
 from sfglab.fleet.fleet_file import Accelerator
 
 if TYPE_CHECKING:

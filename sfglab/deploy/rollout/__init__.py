@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from sfglab.deploy.rollout.apply import apply_plan, look_and_plan, released, releases, steps
-from sfglab.deploy.rollout.facts import copy_facts, detect_over, machine_of
-from sfglab.deploy.rollout.plan import Change, FileChange, Plan, plan_changes
-from sfglab.deploy.rollout.report import Prospect, render_prospects
-from sfglab.deploy.rollout.transport import Local, Ssh, Transport, transport_to
+from sfglab.deploy.rollout.plan import Change, FileChange, Plan, Prospect, plan_changes, render_prospects
+from sfglab.deploy.rollout.transport import (
+    Local,
+    Ssh,
+    Transport,
+    copy_facts,
+    detect_over,
+    machine_of,
+    transport_to,
+)
 
 __all__ = [
     "Change",

@@ -8,12 +8,11 @@ applying again goes on.
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.bundle import MANIFEST, Bundle, pack, unpack
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.rollout.plan import Change, plan_changes
+from sfglab.deploy.rollout.plan import Change, Step, plan_changes
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,16 +28,6 @@ KEPT = 5
 
 _RELEASES = ".releases"
 _BUILT = " ".join(f"--exclude=./workspace/{name}" for name in ("build", "install", "log"))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
-    """A command that follows when the files are there."""
-
-    what: str  #: What it does, for people.
-    script: str  #: For a shell on the machine.
-    #: It talks to the running system, so that a folder in place of a machine goes without.
-    on_system: bool = True
 
 
 def look(transport: Transport, folder: str) -> dict[str, Member]:

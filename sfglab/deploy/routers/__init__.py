@@ -5,19 +5,16 @@ What a router cannot express is refused, not approximated: see each generator.
 
 from __future__ import annotations
 
-from sfglab.deploy.routers.container import ROUTER_FILES, render_router_file
 from sfglab.deploy.routers.dds_router import render_dds_router
 from sfglab.deploy.routers.dds_router_check import check_dds_router
 from sfglab.deploy.routers.domain_bridge import render_domain_bridge
-from sfglab.deploy.routers.errors import RouterFileError
-from sfglab.deploy.routers.targets import TARGETS, check_file, render_router
+from sfglab.deploy.routers.targets import ROUTER_FILES, TARGETS, check_file, render_router, render_router_file
 from sfglab.deploy.routers.zenoh import render_zenoh_acl, render_zenoh_bridge
 from sfglab.deploy.routers.zenoh_check import check_zenoh
 
 __all__ = [
     "ROUTER_FILES",
     "TARGETS",
-    "RouterFileError",
     "check_dds_router",
     "check_file",
     "check_zenoh",

@@ -10,7 +10,7 @@ import json
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
-from sfglab.deploy.routers.errors import RouterFileError
+from sfglab.deploy.errors import DeployError
 from sfglab.fleet.routing import Direction, Policy
 from sfglab.names import TF, TF_STATIC, dds_topic
 from sfglab.qos import COMPRESSED_STREAM
@@ -39,11 +39,11 @@ def render_dds_router(fleet: Fleet, agent: str, *, tf_max_hz: float | None = Non
 
     Raises:
         UnknownAgentError: The fleet has no such agent.
-        RouterFileError: The policy cannot be expressed: it has no rule, or rules of different directions.
+        DeployError: The policy cannot be expressed: it has no rule, or rules of different directions.
     """
     spec, policy = fleet.agent(agent), fleet.policy
     if not policy.rules:
-        raise RouterFileError(
+        raise DeployError(
             "a policy without rules: allowed is one with rules, because a DDS Router takes an empty allowlist "
             "for 'everything'"
         )
@@ -149,13 +149,13 @@ def _routes(policy: Policy) -> list[str]:
             f"{rule.pattern} {'/'.join(sorted(way.value for way in rule.directions)) or 'closed'}"
             for rule in policy.rules
         )
-        raise RouterFileError(
+        raise DeployError(
             f"rules of different directions ({mixed}): allowed are rules of the same direction, because a DDS "
             "Router's allowlist is open both ways and its routes are for all topics or for one of a known type"
         )
     outward = ways == {frozenset({Direction.OUTWARD})}
     if not outward and ways != {frozenset({Direction.INWARD})}:
-        raise RouterFileError("rules without direction: allowed are outward, inward or both")
+        raise DeployError("rules without direction: allowed are outward, inward or both")
     source, target = (LOCAL, GLOBAL) if outward else (GLOBAL, LOCAL)
     lines = ["# A source without destination forwards nothing.", "routes:"]
     return [*lines, f"  - src: {source}", f"    dst: [{target}]", f"  - src: {target}", ""]

@@ -1,16 +1,16 @@
-"""Small checks of values from a file, to be put together into the shape of a whole configuration.
-
-A check looks at one value of a document and yields findings; a shape is a table of checks by key. Says for
-every finding where it stands, what is given and what is allowed.
-"""
+"""Names to ask two filters with, made from their patterns: where they differ, one of these shows it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from sfglab.documents import Document, KeyPath, suggestion
 from sfglab.fleet.border import Finding, Severity
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
 
 Check: TypeAlias = Callable[[Document, KeyPath, Any], Iterator[Finding]]
 
@@ -144,3 +144,24 @@ def _missing(document: Document, path: KeyPath, key: str) -> Finding:
         remedy=f"add {key}",
         code="missing-key",
     )
+
+
+PLAIN = ("rt/chatter", "rt/rosout", "rt/parameter_events", "rt/local/go2/x", "rt/tf2", "ros_discovery_info")
+FILLINGS = ("", "a", "a/b", "aRequest", "aReply", "a/_action/status")
+
+
+def probe_names(patterns: Iterable[str]) -> tuple[str, ...]:
+    """Return DDS topic names inside, at the edge of and just outside of patterns, each once and sorted.
+
+    Args:
+        patterns: Names with ``*`` as wildcard.
+    """
+    names = set(PLAIN)
+    for pattern in patterns:
+        filled = {pattern.replace("*", filling) for filling in FILLINGS}
+        names |= filled
+        names |= {name[:-1] for name in filled} | {f"{name}_x" for name in filled}
+        names |= {f"{name[:2]}/local{name[2:]}" for name in filled} | {
+            name.replace("/", "ly/", 2) for name in filled
+        }
+    return tuple(sorted(name for name in names if name))

@@ -1,17 +1,19 @@
-"""The routers that there are, by name: write a configuration for one, check one that somebody wrote."""
+"""Routers by name: write a configuration for one, check one that somebody wrote."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sfglab.deploy.errors import DeployError
 from sfglab.deploy.routers.dds_router import render_dds_router
 from sfglab.deploy.routers.dds_router_check import check_dds_router
 from sfglab.deploy.routers.domain_bridge import render_domain_bridge
-from sfglab.deploy.routers.errors import RouterFileError
 from sfglab.deploy.routers.zenoh import render_zenoh_acl, render_zenoh_bridge
 from sfglab.deploy.routers.zenoh_check import check_zenoh
 from sfglab.documents import suggestion
+from sfglab.fleet.fleet_file import RouterSoftware
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,11 +41,11 @@ def render_router(fleet: Fleet, agent: str, target: str) -> str:
         target: One of `TARGETS`.
 
     Raises:
-        RouterFileError: There is no such target, or it cannot express the policy.
+        DeployError: There is no such target, or it cannot express the policy.
         UnknownAgentError: The fleet has no such agent.
     """
     if target not in TARGETS:
-        raise RouterFileError(
+        raise DeployError(
             f"target: given {target!r}, allowed: {', '.join(TARGETS)}{suggestion(target, tuple(TARGETS))}"
         )
     return TARGETS[target](fleet, agent)
@@ -60,16 +62,43 @@ def check_file(path: Path | str, *, policy: Policy | None = None) -> tuple[Findi
         Findings, the worst first.
 
     Raises:
-        RouterFileError: The file cannot be read, or its name does not say what it is.
+        DeployError: The file cannot be read, or its name does not say what it is.
         DocumentError: It is neither YAML nor JSON5.
     """
     path = Path(path)
     checks = {".yaml": check_dds_router, ".yml": check_dds_router, ".json5": check_zenoh, ".json": check_zenoh}
     check = checks.get(path.suffix)
     if check is None:
-        raise RouterFileError(f"{path}: given a file {path.suffix!r}, allowed: {', '.join(checks)}")
+        raise DeployError(f"{path}: given a file {path.suffix!r}, allowed: {', '.join(checks)}")
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise RouterFileError(f"{path}: {error}") from error
+        raise DeployError(f"{path}: {error}") from error
     return check(text, file=str(path), policy=policy)
+
+
+ROUTER_FILES = {
+    RouterSoftware.DDS_ROUTER: "router/dds-router.yaml",
+    RouterSoftware.ZENOH_BRIDGE: "router/zenoh-bridge.json5",
+}
+"""Where it stands in the agent's folder; our own router reads the fleet file."""
+
+_TARGETS = {RouterSoftware.DDS_ROUTER: "dds-router", RouterSoftware.ZENOH_BRIDGE: "zenoh-bridge"}
+
+
+def render_router_file(fleet: Fleet, agent: str, interface: str) -> str:
+    """Return the configuration of the router that the fleet uses, empty for our own.
+
+    Args:
+        fleet: The fleet.
+        agent: Whose router.
+        interface: Where it meets the agent, in place of what the fleet file says of the agent's own nodes.
+
+    Raises:
+        DeployError: That router cannot express the fleet's policy.
+    """
+    software = fleet.deployment.router
+    if software not in _TARGETS:
+        return ""
+    agents = tuple(replace(a, local_interface=interface) if a.name == agent else a for a in fleet.agents)
+    return render_router(replace(fleet, agents=agents), agent, _TARGETS[software])

@@ -8,17 +8,146 @@ other agents' bridges, and plain ROS 2 nodes in domain 0 hear nothing.
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from sfglab.deploy.errors import DeployError
 from sfglab.deploy.routers.dds_router import header
-from sfglab.deploy.routers.patterns import NamePattern, action_names, service_names, topic_names
 from sfglab.fleet.routing import Direction
+from sfglab.names import DdsRole
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from sfglab.fleet.fleet_file import Fleet
-    from sfglab.fleet.routing import Policy
+    from sfglab.fleet.routing import ForwardRule, Policy
+
+
+_SIMPLE = re.compile(r"(rt|rq|rr)(/[A-Za-z0-9_/]*)(\*?)")
+_TAILS = {DdsRole.TOPIC: "", DdsRole.REQUEST: "Request", DdsRole.REPLY: "Reply"}
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class NamePattern:
+    """A set of absolute ROS names."""
+
+    start: str  #: The whole name, or its beginning.
+    open: bool  #: Whether anything may follow.
+
+    def matches(self, name: str) -> bool:
+        """Return whether a ROS name is in the set."""
+        return name.startswith(self.start) if self.open else name == self.start
+
+    @property
+    def regex(self) -> str:
+        """The set as a regular expression for a whole name; its characters need no escape."""
+        return self.start + (".*" if self.open else "")
+
+    @property
+    def key_expression(self) -> str:
+        """The set as a Zenoh key expression: the name without its first slash.
+
+        ``**`` alone would stand for no segment as well, so that ``global/**`` has the topic ``/global``.
+        """
+        key = self.start[1:]
+        if not self.open:
+            return key
+        return f"{key}*/**" if not key or key.endswith("/") else f"{key}$*/**"
+
+    @property
+    def announced_key(self) -> str:
+        """The set as a Zenoh bridge writes it into one segment of its announcements: ``§`` for slashes."""
+        return self.start[1:].replace("/", "§") + ("$*" if self.open else "")
+
+
+def topic_names(policy: Policy, way: Direction) -> tuple[NamePattern, ...]:
+    """Return the topics whose messages cross one way.
+
+    Raises:
+        DeployError: A rule cannot be said in ROS names.
+    """
+    return _names(policy, DdsRole.TOPIC, way)
+
+
+def service_names(policy: Policy, *, requests: Direction) -> tuple[NamePattern, ...]:
+    """Return the services whose requests cross one way and whose replies cross the other.
+
+    Args:
+        policy: What crosses.
+        requests: The way of the requests: outward for callers inside, inward for servers inside.
+
+    Raises:
+        DeployError: A rule cannot be said in ROS names.
+    """
+    replies = _other(requests)
+    return both(_names(policy, DdsRole.REQUEST, requests), _names(policy, DdsRole.REPLY, replies))
+
+
+def action_names(policy: Policy, *, goals: Direction) -> tuple[NamePattern, ...]:
+    """Return the actions all of whose services and topics cross; feedback goes against the goals.
+
+    An action that is called like the beginning itself, such as ``/global``, is left out although all of its
+    parts lie below: the schema has no such name.
+
+    Raises:
+        DeployError: A rule cannot be said in ROS names.
+    """
+    services = service_names(policy, requests=goals)
+    return tuple(p for p in both(services, topic_names(policy, _other(goals))) if p.open)
+
+
+def both(first: Iterable[NamePattern], second: Iterable[NamePattern]) -> tuple[NamePattern, ...]:
+    """Return patterns for the names that are in one of the first and in one of the second."""
+    second = tuple(second)
+    common = (_common(a, b) for a in first for b in second)
+    return _smallest(pattern for pattern in common if pattern is not None)
+
+
+def _common(a: NamePattern, b: NamePattern) -> NamePattern | None:
+    longer, shorter = (a, b) if (len(a.start), not a.open) >= (len(b.start), not b.open) else (b, a)
+    return longer if shorter.matches(longer.start) else None
+
+
+def _other(way: Direction) -> Direction:
+    return next(other for other in type(way) if other is not way)
+
+
+def _names(policy: Policy, role: DdsRole, way: Direction) -> tuple[NamePattern, ...]:
+    rules = [rule for rule in policy.rules if way in rule.directions]
+    found = [_name_pattern(rule, role) for rule in rules]
+    return _smallest(pattern for pattern in found if pattern is not None)
+
+
+def _name_pattern(rule: ForwardRule, role: DdsRole) -> NamePattern | None:
+    """Return the ROS names of a rule that is about this role, else None."""
+    found = _SIMPLE.fullmatch(rule.pattern)
+    if found is None:
+        raise DeployError(
+            f"rule {rule.pattern!r}: a Zenoh bridge filters ROS names, so allowed are rt/, rq/ or rr/ and a "
+            "name of letters, digits, underscores and slashes, with at most one '*', at its end"
+        )
+    prefix, start, star = found.groups()
+    if "/_" in start:
+        raise DeployError(f"rule {rule.pattern!r}: a Zenoh bridge routes actions whole, not their parts")
+    if prefix != role.value:
+        return None
+    tail = _TAILS[role]
+    if star and tail and any(start.endswith(tail[:n]) for n in range(1, len(tail) + 1)):
+        raise DeployError(
+            f"rule {rule.pattern!r}: its beginning may be part of the {tail!r} that ends every such name; "
+            "allowed are beginnings that end otherwise, best in a slash"
+        )
+    if star:
+        return NamePattern(start=start, open=True)
+    name = start.removesuffix(tail)
+    return NamePattern(start=name, open=False) if start.endswith(tail) and len(name) > 1 else None
+
+
+def _smallest(patterns: Iterable[NamePattern]) -> tuple[NamePattern, ...]:
+    """Return patterns without those that others contain, in order."""
+    every = sorted(set(patterns))
+    return tuple(p for p in every if not any(o != p and o.open and o.matches(p.start) for o in every))
 
 
 KINDS = (
@@ -38,7 +167,7 @@ def bridged_names(policy: Policy) -> dict[str, tuple[NamePattern, ...]]:
     """Return the ROS names that a bridge lets through, by what they are inside the agent.
 
     Raises:
-        RouterFileError: A rule cannot be said in ROS names.
+        DeployError: A rule cannot be said in ROS names.
     """
     return {
         "publishers": topic_names(policy, _OUT),
@@ -57,7 +186,7 @@ def render_zenoh_bridge(fleet: Fleet, agent: str) -> str:
 
     Raises:
         UnknownAgentError: The fleet has no such agent.
-        RouterFileError: A rule cannot be said in ROS names.
+        DeployError: A rule cannot be said in ROS names.
     """
     spec = fleet.agent(agent)
     broadcasters = max(a.tf.static_broadcasters for a in fleet.agents)
@@ -88,7 +217,7 @@ def render_zenoh_acl(fleet: Fleet, agent: str) -> str:
 
     Raises:
         UnknownAgentError: The fleet has no such agent.
-        RouterFileError: A rule cannot be said in ROS names.
+        DeployError: A rule cannot be said in ROS names.
     """
     fleet.agent(agent)
     names = bridged_names(fleet.policy)

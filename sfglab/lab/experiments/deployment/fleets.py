@@ -8,12 +8,11 @@ from collections import defaultdict
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from sfglab.deploy.bundle import MANIFEST, bundle_of, render_bundle
-from sfglab.deploy.checking import State
+from sfglab.deploy.bases import base_of
+from sfglab.deploy.bundle import MANIFEST, bundle_of, meaning_of, render_bundle
 from sfglab.deploy.fleet_check import check_fleet
-from sfglab.deploy.images import base_of
-from sfglab.deploy.meanings import meaning_of
 from sfglab.deploy.preparing import load_source
+from sfglab.deploy.verdicts import State
 from sfglab.errors import SfglabError
 from sfglab.lab.experiments.deployment.broken import BROKEN, break_fleet
 from sfglab.lab.experiments.deployment.machines import held
@@ -30,8 +29,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sfglab.deploy.bundle import Bundle
-    from sfglab.deploy.checking import Verdict
     from sfglab.deploy.deployment import Deployment, Release
+    from sfglab.deploy.verdicts import Verdict
 
 
 LAYERS = ("base", "adapter", "application")

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.bundle import bundle_of, write_bundle
-from sfglab.deploy.hardware import EXAMPLES, detect, write_example
+from sfglab.deploy.hardware import detect
 from sfglab.deploy.rollout import Change, Local, apply_plan, copy_facts, look_and_plan, released
 from sfglab.fleet.fleet_file import Accelerator
+from sfglab.lab.example_machines import EXAMPLES, write_example
 from sfglab.lab.experiments.deployment.rows import DeployCheckRow, DetectedRow
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.fleet_check import check_fleet
-from sfglab.deploy.images import SOURCE, make_release, trial_build
 from sfglab.deploy.preparing import load_source, prepare
+from sfglab.deploy.release import SOURCE, make_release
 from sfglab.lab.experiments.deployment.containers import container_checks
 from sfglab.lab.experiments.deployment.fleets import (
     file_rows,
@@ -30,6 +30,7 @@ from sfglab.lab.experiments.deployment.rows import DeployCheckRow, UncheckedRow
 from sfglab.lab.hosts import Network
 from sfglab.lab.paths import find_project
 from sfglab.lab.progress import progress_bar
+from sfglab.lab.trial_build import trial_build
 from sfglab.record import LogWriter, run_context
 
 if TYPE_CHECKING:

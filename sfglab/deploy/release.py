@@ -1,14 +1,18 @@
-"""The part of the project's pinned lock file that a robot needs: no notebooks, no windows, no solvers.
-
-Knows which libraries a robot's components import and how a lock file is written; what those libraries need
-in turn comes from their installed metadata.
-"""
+"""A release: sfglab's wheel, and the part of the project's pinned lock file that a robot needs."""
 
 from __future__ import annotations
 
+import hashlib
+import os
+import subprocess
+import sys
+import tempfile
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+import sfglab
+from sfglab.deploy.deployment import Release
 from sfglab.deploy.errors import DeployError
 from sfglab.fleet.fleet_file import Architecture
 
@@ -24,7 +28,7 @@ AGENT_ROOTS = (
     "numba",  # sfglab.codecs: RVL
     "numpy",
     "opencv-python-headless",  # sfglab.codecs: PNG and JPEG
-    "packaging",  # sfglab.deploy.images: this module
+    "packaging",  # sfglab.deploy.release: this module
     "psutil",  # sfglab.record: what a run ran on
     "pyyaml",  # fleet files
     "rosbags",  # sfglab.messages: ROS types and CDR
@@ -163,3 +167,88 @@ def _entry_name(entry: str) -> str:
 
 def _requirement(head: str) -> str:
     return head.rstrip().removesuffix("\\").rstrip()
+
+
+SOURCE = Path(sfglab.__file__).parents[1]
+"""The folder that this package runs from: what is released is what runs here, if it is a checkout."""
+
+LOCK_FILE = "requirements.lock"
+
+_EPOCH_S = 1580601600  # any moment after 1980, where ZIP's clock starts: the same one in every wheel
+_BUILD_LIMIT_S = 120.0
+_BACKEND = "import sys; from hatchling.build import build_wheel; print(build_wheel(sys.argv[1]))"
+
+
+def build_wheel(project: Path, folder: Path) -> Path:
+    """Build sfglab's wheel by its own backend (PEP 517), without network, and return where it is.
+
+    Args:
+        project: The folder with ``pyproject.toml``.
+        folder: Where the wheel is put; made if it is not there.
+
+    Raises:
+        DeployError: The project cannot be built.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        built = subprocess.run(
+            [sys.executable, "-c", _BACKEND, str(folder.resolve())],
+            cwd=project,
+            env=os.environ | {"SOURCE_DATE_EPOCH": str(_EPOCH_S)},
+            capture_output=True,
+            text=True,
+            timeout=_BUILD_LIMIT_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise DeployError(f"{project}: wheel: {error}") from error
+    if built.returncode != 0:
+        said = (built.stderr.strip().splitlines() or ["nothing"])[-1]
+        raise DeployError(
+            f"{project}: wheel: hatchling said {said!r}; allowed: sfglab's folder, with hatchling installed"
+        )
+    return folder / built.stdout.strip().splitlines()[-1]
+
+
+def make_release(project: Path, fleet_text: str) -> tuple[Release, bytes]:
+    """Return what a project's folder releases as it stands, and the bytes of its wheel.
+
+    Args:
+        project: The folder with ``pyproject.toml`` and ``requirements.lock``.
+        fleet_text: The fleet file.
+
+    Raises:
+        DeployError: The project cannot be built, or has no lock file.
+    """
+    lock = project / LOCK_FILE
+    if not lock.is_file():
+        raise DeployError(f"{lock}: given no such file, allowed: a checkout of sfglab, which has a lock file")
+    with tempfile.TemporaryDirectory(prefix="sfglab-wheel-") as folder:
+        wheel = build_wheel(project, Path(folder))
+        name, data = wheel.name, wheel.read_bytes()
+    release = Release(
+        version=sfglab.__version__,
+        wheel=name,
+        wheel_sha256=hashlib.sha256(data).hexdigest(),
+        lock=lock.read_text(encoding="utf-8"),
+        fleet_text=fleet_text,
+        revision=_revision(project),
+        created=_git(project, "log", "-1", "--format=%cI"),
+    )
+    return release, data
+
+
+def _revision(project: Path) -> str:
+    revision = _git(project, "rev-parse", "HEAD")
+    return f"{revision}-dirty" if revision and _git(project, "status", "--porcelain") else revision
+
+
+def _git(project: Path, *arguments: str) -> str:
+    """Return what git says of a folder; nothing where there is no git or no history."""
+    try:
+        said = subprocess.run(
+            ["git", "-C", str(project), *arguments], capture_output=True, text=True, check=False
+        )
+    except OSError:
+        return ""
+    return said.stdout.strip() if said.returncode == 0 else ""

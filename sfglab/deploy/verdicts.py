@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections import Counter
 from dataclasses import dataclass
 from enum import Enum
+from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.errors import DeployError
@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
 
-_WIDTH = 110
+# Names such as dds-router stay whole, so that they can be searched for.
+_WORDS = TextWrapper(110, initial_indent=" " * 4, subsequent_indent=" " * 4, break_on_hyphens=False)
 
 
 class State(Enum):
@@ -72,7 +73,7 @@ def render_verdicts(verdicts: Iterable[Verdict], *, every: bool = True) -> str:
     for row in rows:
         cells = (cell.ljust(width) for cell, width in zip(_cells(row), widths, strict=True))
         lines.append("  ".join(cells).rstrip())
-        lines += textwrap.wrap(row.says, _WIDTH, initial_indent="    ", subsequent_indent="    ")
+        lines += _WORDS.wrap(row.says)
     return "\n".join([*lines, _summary(verdicts)])
 
 

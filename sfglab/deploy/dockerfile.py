@@ -11,16 +11,15 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sfglab.deploy.bases import base_of
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.files import PROGRAM, BundleFile
-from sfglab.deploy.images.bases import base_of
-from sfglab.deploy.images.lock import agent_lock, split_lock
-from sfglab.deploy.templates import render
+from sfglab.deploy.files import PROGRAM, BundleFile, render
+from sfglab.deploy.release import agent_lock, split_lock
 from sfglab.fleet.fleet_file import Architecture, RosDistribution
 
 if TYPE_CHECKING:
+    from sfglab.deploy.bases import BaseImage
     from sfglab.deploy.deployment import Deployment
-    from sfglab.deploy.images.bases import BaseImage
 
 
 STAGES = ("base", "adapter", "application")
@@ -125,7 +124,6 @@ def _dockerfile(deployment: Deployment, base: BaseImage, locks: dict[str, str]) 
     release, host = deployment.release, deployment.host
     ros = _ros(deployment)
     return render(
-        "sfglab.deploy.images",
         "Dockerfile.j2",
         agent=deployment.agent.name,
         fleet=_one_line(deployment.fleet.name),
@@ -211,7 +209,6 @@ def _entrypoint(deployment: Deployment) -> str:
     ros = _ros(deployment)
     scripts = [f"/opt/ros/{ros.distribution}/setup.sh", f"{OVERLAY}/setup.sh"] if ros else []
     return render(
-        "sfglab.deploy.images",
         "entrypoint.sh.j2",
         launch=deployment.host.launch,
         setup_scripts=scripts,

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
-from sfglab.deploy.checking.compose import check_compose
-from sfglab.deploy.checking.dockerfile import check_dockerfiles
-from sfglab.deploy.checking.leaks import check_secrets
-from sfglab.deploy.checking.programs import MissingProgramError, find_program
-from sfglab.deploy.checking.shell import check_shell
-from sfglab.deploy.checking.verdicts import State, Verdict, verdict_of
-from sfglab.deploy.editor import check_editor
+from sfglab.deploy.compose_check import check_compose
+from sfglab.deploy.editor_check import check_editor
 from sfglab.deploy.errors import DeployError
+from sfglab.deploy.programs import MissingProgramError, find_program
 from sfglab.deploy.routers import ROUTER_FILES, check_dds_router, check_zenoh
+from sfglab.deploy.text_check import check_dockerfiles, check_secrets, check_shell
+from sfglab.deploy.verdicts import State, Verdict, verdict_of
 from sfglab.documents import DocumentError
 from sfglab.fleet.border import Severity
 
@@ -44,8 +42,8 @@ class OwnRules:
 
 def own_rules() -> tuple[OwnRules, ...]:
     """Return our rules for Dockerfiles and for units of systemd."""
-    from sfglab.deploy.host import check_unit
-    from sfglab.deploy.images import check_dockerfile
+    from sfglab.deploy.dockerfile_check import check_dockerfile
+    from sfglab.deploy.unit_check import check_unit
 
     return (
         OwnRules(check="layers and provenance", pattern="Dockerfile", rules=check_dockerfile),

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.hardware.architecture import MACHINES, elf_header
+from sfglab.deploy.hardware.board import MACHINES, elf_header
 from sfglab.fleet.fleet_file import Accelerator, Architecture
 
 if TYPE_CHECKING:

@@ -11,27 +11,160 @@ import hashlib
 import json
 import os
 import platform
+import re
 import shutil
 import subprocess
+import sys
+import tempfile
+import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sfglab import __version__
+from sfglab.deploy.bases import base_of
+from sfglab.deploy.dockerfile import USER_ID, VENV, image_files
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.images.bases import base_of
-from sfglab.deploy.images.building import build_command
-from sfglab.deploy.images.dockerfile import USER_ID, VENV, image_files
-from sfglab.deploy.images.lock import MACHINES
-from sfglab.deploy.images.release import release_tag
-from sfglab.deploy.images.second_wheel import with_version
-from sfglab.deploy.images.wheelhouse import wheelhouse
 from sfglab.deploy.programs import run_heard
+from sfglab.deploy.release import MACHINES
 from sfglab.fleet.fleet_file import Accelerator, RosDistribution
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from sfglab.deploy.deployment import Deployment
+    from sfglab.fleet.fleet_file import Architecture
+
+
+BUILDERS: dict[str, tuple[str, ...]] = {
+    "docker": ("docker", "build"),
+    "podman": ("podman", "build"),
+    "buildah": ("buildah", "build"),
+}
+"""How each builder is called, the preferred one first."""
+
+
+def build_command(  # noqa: PLR0913 - each is a word of the command line
+    folder: Path,
+    deployment: Deployment,
+    tag: str,
+    *,
+    tool: str,
+    target: str = "application",
+    base_image: str | None = None,
+    offline: bool = False,
+) -> list[str]:
+    """Return the command that builds an agent's image.
+
+    Args:
+        folder: The agent's files.
+        deployment: The agent on its machine.
+        tag: Of the image.
+        tool: One of `BUILDERS`.
+        target: The stage.
+        base_image: An image at hand in place of the pinned one; None takes that.
+        offline: Take Python packages from ``image/wheels`` alone.
+
+    Raises:
+        DeployError: There is no such builder.
+    """
+    if tool not in BUILDERS:
+        raise DeployError(f"builder: given {tool!r}, allowed: {', '.join(BUILDERS)}")
+    arguments = [f"BASE_IMAGE={base_image}"] * (base_image is not None) + ["OFFLINE=1"] * offline
+    return [
+        *BUILDERS[tool],
+        *(("--layers",) if tool != "docker" else ()),  # docker keeps layers without being asked
+        f"--platform=linux/{deployment.host.architecture.value}",
+        f"--target={target}",
+        f"--tag={deployment.repository}:{tag}",
+        *(f"--build-arg={argument}" for argument in arguments),
+        f"--file={folder / 'Dockerfile'}",
+        str(folder),
+    ]
+
+
+def find_builder() -> str | None:
+    """Return the first builder that this machine has; None if it has none."""
+    return next((tool for tool in BUILDERS if shutil.which(tool)), None)
+
+
+_GLIBC_MINORS = (17, 24, 26, 27, 28, 31, 34, 35)
+"""Wheels for these versions of glibc 2 and older run on all our bases: the oldest, Ubuntu 22.04, has 2.35."""
+
+
+def wheelhouse(lock: str, folder: Path, python: str, architecture: Architecture) -> tuple[Path, ...]:
+    """Fetch the wheels of a lock file for another machine, each by its digest; return where they are.
+
+    Args:
+        lock: The lock file, as an image has it.
+        folder: Where they are put, as in ``image/wheels``; made if it is not there.
+        python: Version of Python in the image, as in ``3.11``.
+        architecture: The image's processor.
+
+    Raises:
+        DeployError: Something cannot be fetched, as for want of a wheel for that machine.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="sfglab-lock-") as scratch:
+        file = Path(scratch) / "requirements.lock"
+        file.write_text(lock, encoding="utf-8")
+        fetched = subprocess.run(
+            _command(file, folder, python, MACHINES[architecture]), capture_output=True, text=True, check=False
+        )
+    if fetched.returncode != 0:
+        said = [line for line in fetched.stderr.splitlines() if line.startswith("ERROR")] or ["nothing"]
+        raise DeployError(f"wheels for Python {python} on {architecture.value}: pip said {said[0]!r}")
+    return tuple(sorted(folder.glob("*.whl")))
+
+
+def _command(file: Path, folder: Path, python: str, machine: str) -> list[str]:
+    platforms = [f"manylinux_2_{minor}_{machine}" for minor in _GLIBC_MINORS]
+    return [
+        *(sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check"),
+        *("--no-deps", "--require-hashes", "--only-binary=:all:", f"--python-version={python}"),
+        "--implementation=cp",
+        *(f"--platform={platform}" for platform in (*platforms, f"manylinux2014_{machine}")),
+        *(f"--dest={folder}", f"--requirement={file}"),
+    ]
+
+
+_NAME = "sfglab"
+
+
+def with_version(wheel: Path, folder: Path, version: str) -> Path:
+    """Write a copy of sfglab's wheel that says another version of itself, and return where it is.
+
+    Digests in its RECORD are left out, as the format allows for none but those that are known (PEP 427).
+
+    Raises:
+        DeployError: It is no wheel of this sfglab.
+    """
+    was, new = f"{_NAME}-{__version__}", f"{_NAME}-{version}"
+    if not wheel.name.startswith(f"{was}-"):
+        raise DeployError(f"{wheel}: given a wheel of another release, allowed: {was}")
+    folder.mkdir(parents=True, exist_ok=True)
+    target = folder / wheel.name.replace(was, new, 1)
+    with zipfile.ZipFile(wheel) as source, zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as copy:
+        for info in source.infolist():
+            data = source.read(info)
+            path = info.filename.replace(f"{was}.dist-info", f"{new}.dist-info")
+            if path == f"{_NAME}/__init__.py":
+                data = data.replace(f'"{__version__}"'.encode(), f'"{version}"'.encode())
+            elif path.endswith(".dist-info/METADATA"):
+                data = data.replace(
+                    f"\nVersion: {__version__}\n".encode(), f"\nVersion: {version}\n".encode(), 1
+                )
+            elif path.endswith(".dist-info/RECORD"):
+                data = _record(data.decode(), was, new).encode()
+            copy.writestr(zipfile.ZipInfo(path, date_time=info.date_time), data)
+    return target
+
+
+def _record(text: str, was: str, new: str) -> str:
+    paths = [
+        line.split(",", 1)[0].replace(f"{was}.dist-info", f"{new}.dist-info") for line in text.splitlines()
+    ]
+    return "".join(f"{path},,\n" for path in paths)
 
 
 TOOLS = ("buildah", "debootstrap")
@@ -282,3 +415,18 @@ def _check(check: str, holds: bool, seen: str) -> TrialCheck:  # noqa: FBT001 - 
 
 def _first(words: str) -> str:
     return words.partition("\n")[0]
+
+
+def release_tag(deployment: Deployment) -> str:
+    """Return the name of what goes into an agent's image: the version and 12 digits of a digest of it all.
+
+    Raises:
+        DeployError: There is no image for the agent.
+    """
+    digest = hashlib.sha256(deployment.release.wheel_sha256.encode())
+    for path, file in sorted(image_files(deployment).items()):
+        for part in (path, file.text, str(file.mode)):
+            digest.update(hashlib.sha256(part.encode()).digest())
+    # What a tag may not have (OCI Distribution Specification 1.1, "Pulling manifests"), such as a plus sign.
+    version = re.sub(r"[^\w.-]", "-", deployment.release.version, flags=re.ASCII)
+    return f"{version}-{digest.hexdigest()[:12]}"

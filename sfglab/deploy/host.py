@@ -1,0 +1,240 @@
+"""A machine's needs beside containers: synchronised time, a firewall, and a service that starts them.
+
+Paper A, section 4.4, "Lifecycle Hooks": the `initialize_command` and the user's extension scripts.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from importlib import resources
+from typing import TYPE_CHECKING, NamedTuple
+
+from sfglab.deploy.errors import DeployError
+from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile, render
+
+if TYPE_CHECKING:
+    from sfglab.deploy.deployment import Deployment
+    from sfglab.fleet.fleet_file import AgentSpec
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimePlan:
+    """What a machine does about time."""
+
+    #: Names or addresses of the machines that it asks, in the order of the fleet file.
+    servers: tuple[str, ...]
+    serves: bool  #: Whether it is a time server itself.
+
+
+def plan_time(deployment: Deployment) -> TimePlan:
+    """Return whom an agent's machine asks for the time, and whether it answers others.
+
+    Args:
+        deployment: The agent on its machine.
+
+    Raises:
+        DeployError: A time server is an agent whose machine has no address.
+    """
+    agents = {agent.name: agent for agent in deployment.fleet.agents}
+    own = _machine(deployment.host.address)
+    servers: list[str] = []
+    serves = False
+    for index, name in enumerate(deployment.common.time_servers):
+        agent = agents.get(name)
+        server = name if agent is None else _server(deployment, index, agent)
+        if name == deployment.agent.name or server == own:
+            serves = True
+        elif server not in servers:
+            servers.append(server)
+    return TimePlan(servers=tuple(servers), serves=serves)
+
+
+def _server(deployment: Deployment, index: int, agent: AgentSpec) -> str:
+    address = _machine(agent.host.address) if agent.host else ""
+    if not address:
+        raise DeployError(
+            f"{deployment.common.place}.time_servers[{index}]: given {agent.name!r}, an agent whose host "
+            "has no address, allowed: an agent that has one, or the name or address of a host"
+        )
+    return address
+
+
+def _machine(address: str) -> str:
+    """Return what stands behind the user's name in ``[user@]host``."""
+    return address.rpartition("@")[2]
+
+
+# Linux, dev_valid_name(): at most 15 bytes, no '/', ':' or space. nft knows no escapes, and '*' is a wildcard.
+_INTERFACE = re.compile(r"(?!\.{1,2}$)[A-Za-z0-9_.@-]{1,15}")
+_ADDRESS = re.compile(r"\d+\.\d+\.\d+\.\d+")
+
+
+def firewall_table(deployment: Deployment) -> str:
+    """Return the name of the agent's table, of family ``inet``."""
+    return f"sfglab_{deployment.agent.name}"
+
+
+def firewall_left_out(deployment: Deployment) -> str:
+    """Return why the own domain's ports are not closed; empty where they are."""
+    network = deployment.network
+    if network.global_interface is None:
+        return "the fleet file names no global interface"
+    if network.router_interface == network.global_interface:
+        return f"the agent's own domain is on {network.global_interface} as well"
+    if network.local_domain == network.global_domain:
+        return "the agent's own domain is the global one"
+    return ""
+
+
+def firewall_rules(deployment: Deployment) -> str:
+    """Return the table as ``nft -f`` loads it, in one transaction; empty where there is nothing to close.
+
+    Args:
+        deployment: The agent on its machine.
+
+    Raises:
+        DeployError: The global interface has a name that Linux does not take.
+    """
+    network = deployment.network
+    left_out = firewall_left_out(deployment)
+    if left_out and not network.bridge:
+        return ""
+    return render(
+        "firewall.nft",
+        agent=deployment.agent.name,
+        table=firewall_table(deployment),
+        interface="" if left_out else _interface(deployment),
+        bridge=network.bridge,
+        local_domain=network.local_domain,
+        global_domain=network.global_domain,
+        local_ports=_range(network.local_ports),
+        global_ports=_range(network.global_ports),
+    )
+
+
+def _interface(deployment: Deployment) -> str:
+    name = deployment.network.global_interface or ""
+    if not _INTERFACE.fullmatch(name) or _ADDRESS.fullmatch(name):
+        raise DeployError(
+            f"{deployment.agent.place}: global_interface: given {name!r}, "
+            "allowed: the name of a network interface, as in wlan0"
+        )
+    return name
+
+
+def _range(ports: tuple[int, int]) -> str:
+    first, last = ports
+    return f"{first}-{last}" if last > first else str(first)
+
+
+_UNSAFE = re.compile(r"[^\w .:()-]+", re.ASCII)
+
+
+def project_name(deployment: Deployment) -> str:
+    """Return the name under which Compose keeps the agent's containers."""
+    return f"sfglab-{deployment.agent.name}"
+
+
+def service_unit(deployment: Deployment) -> str:
+    """Return the unit's text.
+
+    Args:
+        deployment: The agent on its machine.
+    """
+    project = project_name(deployment)
+    return render(
+        "agent.service",
+        agent=deployment.agent.name,
+        # For people only; systemd gives '%', quotes and backslashes a meaning.
+        fleet=_UNSAFE.sub(" ", deployment.fleet.name).strip(),
+        service=deployment.service,
+        folder=deployment.folder,
+        project=project,
+        options=f"--project-name {project}",
+    )
+
+
+STATE = "/var/lib/sfglab"
+"""Where machines keep what a run of the hooks still owes, one folder an agent."""
+CONTAINER_GID = 10001
+"""The group that the containers run as."""
+
+
+class Hook(NamedTuple):
+    """A script of the folder ``hooks``.
+
+    Attributes:
+        name: Its path within that folder.
+        what: What it does, for tables.
+    """
+
+    name: str
+    what: str
+
+
+HOOKS = (
+    Hook("initialize.sh", "runs the hooks below in order, then custom.d; --dry-run shows, --undo takes back"),
+    Hook(
+        "10-time.sh", "NTP: chrony or systemd-timesyncd goes by the fleet's time servers, or serves their time"
+    ),
+    Hook(
+        "20-firewall.sh",
+        "nftables: the agent's own domain does not leave the machine, its bridge has no way out",
+    ),
+    Hook(
+        "30-service.sh",
+        "systemd: the agent's containers start with the machine; and .env has release and groups",
+    ),
+    Hook("custom.d/*.sh", "scripts of the user, after ours in the order of their names, never overwritten"),
+)
+"""The hooks, in the order in which they run."""
+
+_STATIC = {
+    "initialize.sh": PROGRAM,
+    "lib.sh": PLAIN,
+    "10-time.sh": PROGRAM,
+    "20-firewall.sh": PROGRAM,
+    "30-service.sh": PROGRAM,
+    "custom.d/README": PLAIN,
+}
+
+
+def host_files(deployment: Deployment) -> dict[str, BundleFile]:
+    """Return the hooks and the unit, by their paths in the agent's folder.
+
+    Args:
+        deployment: The agent on its machine.
+
+    Raises:
+        DeployError: A time server has no address, or an interface a name that Linux does not take.
+    """
+    scripts = resources.files(__package__) / "scripts"
+    files = {
+        f"hooks/{name}": BundleFile(text=scripts.joinpath(name).read_text(encoding="utf-8"), mode=mode)
+        for name, mode in _STATIC.items()
+    }
+    rules = firewall_rules(deployment)
+    files["hooks/settings.sh"] = BundleFile(text=_settings(deployment, firewall=bool(rules)))
+    if rules:
+        files["hooks/firewall.nft"] = BundleFile(text=rules)
+    files[f"systemd/{deployment.service}"] = BundleFile(text=service_unit(deployment))
+    return files
+
+
+def _settings(deployment: Deployment, *, firewall: bool) -> str:
+    time = plan_time(deployment)
+    return render(
+        "settings.sh",
+        agent=deployment.agent.name,
+        folder=deployment.folder,
+        service=deployment.service,
+        state=f"{STATE}/{deployment.agent.name}",
+        gid=CONTAINER_GID,
+        interface=deployment.network.global_interface or "",
+        servers=time.servers,
+        serves=time.serves,
+        firewall=firewall,
+        left_out=firewall_left_out(deployment),
+        table=firewall_table(deployment),
+    )
