@@ -14,10 +14,16 @@ from sfglab.arp.balancing import (
     balance,
     balance_closed_form,
 )
-from sfglab.arp.cache import CacheControl, CacheCounters, Decision, LocalCache
-from sfglab.arp.equality import Equality, exactly_equal, nearly_equal
-from sfglab.arp.limits import InfeasiblePlanError, Limits
-from sfglab.arp.plan import Plan, TopicPlan, assess, plan_as_printed
+from sfglab.arp.cache import (
+    CacheControl,
+    CacheCounters,
+    Decision,
+    Equality,
+    LocalCache,
+    exactly_equal,
+    nearly_equal,
+)
+from sfglab.arp.plan import InfeasiblePlanError, Limits, Plan, TopicPlan, assess, plan_as_printed
 from sfglab.arp.programme import pareto_front, plan_file
 from sfglab.arp.topics import Topic, TopicFile, load_topics, read_topics
 

@@ -28,8 +28,7 @@ from sfglab.arp.hallway import (
     range_from_step,
     step_from_range,
 )
-from sfglab.arp.hallway.course import winding_rad
-from sfglab.arp.hallway.rays import drive, scan
+from sfglab.arp.hallway.course import drive, scan, winding_rad
 
 EMPTY = Area(robot="robot1")
 

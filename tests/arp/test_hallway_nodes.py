@@ -35,7 +35,7 @@ from sfglab.arp.hallway import (
     judge,
     step_from_range,
 )
-from sfglab.arp.hallway.rays import scan
+from sfglab.arp.hallway.course import scan
 
 EMPTY = Area(robot="robot1")
 

@@ -20,8 +20,8 @@ from sfglab.arp import (
     pareto_front,
     plan_as_printed,
 )
-from sfglab.arp.depths import depths_for, rounds_needed
 from sfglab.arp.link import at_depths, link_of, repair_delay_s, waits_s
+from sfglab.arp.plan import depths_for, rounds_needed
 from sfglab.arp.programme import ProgrammeError, build_programme, plan
 from sfglab.qos import Durability, Reliability, incompatibilities
 from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Fate, Flow, Medium, Scenario, run

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sfglab.arp.sensors import ROBOTS, SENSORS, cdr_bytes, object_bytes
+from sfglab.arp.robots import ROBOTS, SENSORS, cdr_bytes, object_bytes
 
 
 @pytest.mark.parametrize("sensor", SENSORS.values(), ids=SENSORS)

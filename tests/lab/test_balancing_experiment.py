@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sfglab.arp.cache import Decision
-from sfglab.arp.sensors import SENSORS
+from sfglab.arp.robots import SENSORS
 from sfglab.lab.claims import How
 from sfglab.lab.experiments import balancing
 from sfglab.lab.experiments.balancing import caches

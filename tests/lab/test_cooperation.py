@@ -11,7 +11,7 @@ import pytest
 
 from sfglab.arp import LocalCache
 from sfglab.arp.hallway import BEAMS_DEG, Command
-from sfglab.arp.methods import METHODS, RATES_HZ
+from sfglab.arp.robots import METHODS, RATES_HZ
 from sfglab.lab.experiments import cooperation
 from sfglab.lab.experiments.cooperation.analysis import wilson
 from sfglab.lab.experiments.cooperation.animation import frames_of

@@ -10,8 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sfglab.arp.methods import METHODS
-from sfglab.arp.sensors import ROBOTS
+from sfglab.arp.robots import METHODS, ROBOTS
 from sfglab.lab.experiments import transmission
 from sfglab.lab.experiments.profiles import ConfigError
 from sfglab.lab.experiments.transmission.beyond import WAYS, own_plan, up_to_date

@@ -1,6 +1,11 @@
-"""The nodes of Fig. 15 that belong to one robot: sensing and actuation on it, localisation at the station.
+"""Nodes of Fig. 15 that belong to one robot: LIDAR, sensing and actuation on it, localisation at the station.
 
 Cores only: values in, values out. The simulated shell and the live one give them messages and take theirs.
+
+The LIDAR is a SLAMTEC RPLIDAR A2M8 (section 3.1), as its data sheet has it: eight beams, 10 turns a second,
+range 0.15 to 12 m, resolution 0.5 mm, and 1 % of the distance beyond 1.5 m. The steps are why a beam along a
+straight wall repeats its value. A range travels as float metres; its number here is the step's, which is what
+the reliability model compares.
 """
 
 from __future__ import annotations
@@ -10,10 +15,41 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sfglab.arp.hallway.course import HALF_WIDTH_M
-from sfglab.arp.hallway.lidar import BEAMS_DEG, range_from_step
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+BEAMS_DEG = (0, 45, 90, 135, 180, 225, 270, 315)
+"""Directions, counter-clockwise from ahead: paper B, section 3.2."""
+
+SCAN_HZ = 10
+"""Turns a second, and new values of one beam."""
+
+NO_ECHO = 0
+"""Step of a range that the sensor does not see."""
+
+_NEAREST_M, _FARTHEST_M = 0.15, 12.0
+_FINE_M, _FINE_UNTIL_M = 0.0005, 1.5
+_COARSE = math.log1p(0.01)
+_FINE_STEPS = round(_FINE_UNTIL_M / _FINE_M)
+
+
+def step_from_range(range_m: float) -> int:
+    """Return the number of the step that a range is measured as; `NO_ECHO` out of the sensor's reach."""
+    if not _NEAREST_M <= range_m <= _FARTHEST_M:
+        return NO_ECHO
+    if range_m <= _FINE_UNTIL_M:
+        return round(range_m / _FINE_M)
+    return _FINE_STEPS + round(math.log(range_m / _FINE_UNTIL_M) / _COARSE)
+
+
+def range_from_step(step: int) -> float:
+    """Return the range that a step stands for, metres; infinity for `NO_ECHO`."""
+    if step == NO_ECHO:
+        return math.inf
+    if step <= _FINE_STEPS:
+        return step * _FINE_M
+    return _FINE_UNTIL_M * math.exp((step - _FINE_STEPS) * _COARSE)
 
 
 SPEED_M_S = 0.22

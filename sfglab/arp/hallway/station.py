@@ -1,18 +1,143 @@
-"""The station: three localisations and the leader's planning, and how a move is released (Fig. 15).
+"""The station: three localisations, the leader's planning, and how a move is released (Fig. 15).
 
 Robot 1's planning decides from its localisation; the decision goes on to the localisations of robots 2 and 3,
-inside the station; robot 3's releases it to all robots if neither sees an obstacle in its area.
+inside the station; robot 3's releases it to all robots if neither sees an obstacle in its area. All do the same
+at the same time ("robot1 moves as a leader", section 3.2), and each keeps to the middle of its own corridor.
+Pure: views in, manoeuvres and commands out.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from enum import Enum
 from typing import TYPE_CHECKING
 
-from sfglab.arp.hallway.nodes import STOP, LocalisationNode
-from sfglab.arp.hallway.planning import Manoeuvre, PlanningNode, command_for
+from sfglab.arp.hallway.course import HALF_WIDTH_M
+from sfglab.arp.hallway.nodes import SPEED_M_S, STOP, Command, LocalisationNode
 
 if TYPE_CHECKING:
     from sfglab.arp.hallway.nodes import View
+
+TURN_MRAD_S = round(1000 * SPEED_M_S / HALF_WIDTH_M)
+"""In a corner: an arc from the middle of one corridor to the middle of the next."""
+
+
+class Manoeuvre(Enum):
+    """What all robots do."""
+
+    FORWARD = "forward"
+    TURN_LEFT = "turn left"
+    TURN_RIGHT = "turn right"
+    STOP = "stop"
+
+
+class Sight(Enum):
+    """What of the leader's view makes a difference."""
+
+    CORNER_LEFT = "corner to the left"
+    CORNER_RIGHT = "corner to the right"
+    ALONG_LEFT = "along the next wall on the left"
+    ALONG_RIGHT = "along the next wall on the right"
+    OPEN = "a corridor ahead"
+    HOME = "home"
+    NOTHING = "nothing new"
+
+
+TRANSITIONS: dict[tuple[Manoeuvre, Sight], Manoeuvre] = {
+    (Manoeuvre.FORWARD, Sight.CORNER_LEFT): Manoeuvre.TURN_LEFT,
+    (Manoeuvre.FORWARD, Sight.CORNER_RIGHT): Manoeuvre.TURN_RIGHT,
+    (Manoeuvre.FORWARD, Sight.HOME): Manoeuvre.STOP,
+    (Manoeuvre.TURN_LEFT, Sight.ALONG_RIGHT): Manoeuvre.FORWARD,
+    (Manoeuvre.TURN_RIGHT, Sight.ALONG_LEFT): Manoeuvre.FORWARD,
+    (Manoeuvre.TURN_LEFT, Sight.OPEN): Manoeuvre.FORWARD,
+    (Manoeuvre.TURN_RIGHT, Sight.OPEN): Manoeuvre.FORWARD,
+}
+"""What a sight changes; any other pair changes nothing."""
+
+# An arc begins half a corridor before the corner's middle, and the wall is half a corridor behind it.
+_CORNER_M = 2 * HALF_WIDTH_M
+_SIDE_MORE_M = 0.1  # by which the open side must be longer; at the arc's begin it is 0.7 m
+_OPEN_M = 1.8  # ahead; the shortest corridor shows 2 m after its corner
+_PAST_M = 1.2  # ahead; before two thirds of the arc it is less
+_ALONG_RAD = 0.15  # heading at which an arc is done; the correction does the rest
+_STRAIGHT_RAD = 0.05
+_ROUND = 4  # right turns more than left ones
+
+# The correction is critically damped with a time constant of about two seconds, which bears half a second of
+# delay: angles close within a metre of way.
+_PER_RAD, _PER_M = 1.0, 1.0
+_NARROW_M = 0.3
+_EVADE_RAD_S = 0.2
+
+
+@dataclass
+class PlanningNode:
+    """Robot 1's planning."""
+
+    manoeuvre: Manoeuvre = Manoeuvre.FORWARD  #: What it has decided last.
+    _turns: int = field(default=0, repr=False)
+    _home_m: float | None = field(default=None, repr=False)
+
+    def decide(self, view: View) -> Manoeuvre:
+        """Return the manoeuvre that the leader's view asks for."""
+        if self._home_m is None:
+            self._home_m = view.ahead_m
+        before = self.manoeuvre
+        self.manoeuvre = TRANSITIONS.get((before, self._sight(view)), before)
+        if before is Manoeuvre.FORWARD:
+            self._turns += {Manoeuvre.TURN_RIGHT: 1, Manoeuvre.TURN_LEFT: -1}.get(self.manoeuvre, 0)
+        return self.manoeuvre
+
+    def _sight(self, view: View) -> Sight:
+        if self.manoeuvre is Manoeuvre.FORWARD:
+            return self._sight_ahead(view)
+        if view.ahead_m >= _OPEN_M:
+            return Sight.OPEN
+        turns_right = self.manoeuvre is Manoeuvre.TURN_RIGHT
+        heading = view.heading_left_rad if turns_right else view.heading_right_rad
+        if heading is None or abs(heading) > _ALONG_RAD or view.ahead_m < _PAST_M:
+            return Sight.NOTHING
+        return Sight.ALONG_LEFT if turns_right else Sight.ALONG_RIGHT
+
+    def _sight_ahead(self, view: View) -> Sight:
+        if self._turns >= _ROUND and self._at_home(view):
+            return Sight.HOME
+        more_left = view.left_m - view.right_m
+        if view.ahead_m > _CORNER_M or abs(more_left) < _SIDE_MORE_M:
+            return Sight.NOTHING
+        return Sight.CORNER_LEFT if more_left > 0 else Sight.CORNER_RIGHT
+
+    def _at_home(self, view: View) -> bool:
+        # Askew, as after the last corner, the wall ahead seems nearer than it is.
+        straight = view.heading_rad is not None and abs(view.heading_rad) <= _STRAIGHT_RAD
+        return straight and self._home_m is not None and view.ahead_m <= self._home_m
+
+
+def command_for(manoeuvre: Manoeuvre, view: View) -> Command:
+    """Return what one robot is told: the common manoeuvre, and along a corridor its own correction.
+
+    Args:
+        manoeuvre: What all do.
+        view: This robot's.
+    """
+    if manoeuvre is Manoeuvre.STOP:
+        return Command(moving=False)
+    if manoeuvre is Manoeuvre.FORWARD:
+        return Command(moving=True, turn_mrad_s=_correction_mrad_s(view))
+    return Command(moving=True, turn_mrad_s=TURN_MRAD_S if manoeuvre is Manoeuvre.TURN_LEFT else -TURN_MRAD_S)
+
+
+def _correction_mrad_s(view: View) -> int:
+    left, right = (min(view.left_m, view.beside_left_m), min(view.right_m, view.beside_right_m))
+    turn = 0.0
+    if min(left, right) < _NARROW_M:
+        turn += _EVADE_RAD_S if right < left else -_EVADE_RAD_S
+    if view.heading_rad is not None:
+        turn -= _PER_RAD * view.heading_rad
+    if view.offset_m is not None:
+        turn -= _PER_M * view.offset_m
+    most = TURN_MRAD_S
+    return max(-most, min(most, round(1000 * turn)))
 
 
 LEADER = 0

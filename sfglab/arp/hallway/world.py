@@ -1,20 +1,21 @@
-"""Three robots in three areas: what their motors do, what they hit, and what their LIDARs see.
+"""Three robots in three areas: what their motors do, what they hit, what their LIDARs see, and how a run ends.
 
 Each is a TurtleBot3 Burger: differential drive, radius 0.105 m, wheels 0.160 m apart, 0.22 m/s at most (ROBOTIS
-e-manual). Wheels differ a little and slip a little, and robots are put down by hand; a seed draws both. Knows
-physics; refuses to know messages and decisions.
+e-manual). Wheels differ a little and slip a little, and robots are put down by hand; a seed draws both. A run
+is one round without contact and without a stop for an obstacle. Refuses to know messages and decisions.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.arp.hallway.course import AREAS, HOME, winding_rad
-from sfglab.arp.hallway.lidar import BEAMS_DEG, step_from_range
-from sfglab.arp.hallway.rays import clearances, drive, scan
+from sfglab.arp.hallway.course import AREAS, HOME, clearances, drive, scan, winding_rad
+from sfglab.arp.hallway.nodes import BEAMS_DEG, step_from_range
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
     from sfglab.arp.hallway.course import Area
     from sfglab.arp.hallway.nodes import Command
-
 
 RADIUS_M = 0.105
 """Of the robot's body; closer to a wall is a contact."""
@@ -88,3 +88,53 @@ class World:
             ahead = math.remainder(winding_rad(x, y) - self._wound[robot], math.tau)
             self._wound[robot] += ahead
         return self._wound.copy()
+
+
+LIMIT_S = 120.0
+"""When a run is given up: the round takes 77 s at the constant velocity."""
+
+_HOME_RAD = 0.1  # around the ring; 0.3 m at home
+
+
+class End(Enum):
+    """How a run ended."""
+
+    SUCCESS = "success"
+    CONTACT = "contact"
+    STOP = "stop for an obstacle"
+    TIMEOUT = "timeout"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """The end of a run."""
+
+    end: End  #: How.
+    robot: int = -1  #: Index of who failed; -1: nobody, or nobody alone.
+
+
+def judge(
+    clearance_m: Sequence[float],
+    wound_rad: Sequence[float],
+    *,
+    stopped_by: int | None,
+    now_s: float,
+    limit_s: float = LIMIT_S,
+) -> Verdict | None:
+    """Return how a run has ended, or None while it goes on.
+
+    Args:
+        clearance_m: From each robot's middle to the nearest wall.
+        wound_rad: How far around each robot has come.
+        stopped_by: Who stopped all for an obstacle.
+        now_s: Since the start.
+        limit_s: When it is given up.
+    """
+    for robot, clearance in enumerate(clearance_m):
+        if clearance <= RADIUS_M:
+            return Verdict(end=End.CONTACT, robot=robot)
+    if stopped_by is not None:
+        return Verdict(end=End.STOP, robot=stopped_by)
+    if min(wound_rad) >= math.tau - _HOME_RAD:
+        return Verdict(end=End.SUCCESS)
+    return Verdict(end=End.TIMEOUT) if now_s >= limit_s else None

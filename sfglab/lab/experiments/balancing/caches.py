@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.arp.cache import CacheControl, Decision, LocalCache
-from sfglab.arp.sensors import SENSORS, cdr_bytes
+from sfglab.arp.robots import SENSORS, cdr_bytes
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.experiments.balancing.readings import readings
 from sfglab.lab.experiments.balancing.rows import CacheRow
 from sfglab.rtps import Flow, Medium, Scenario, Session
 
 if TYPE_CHECKING:
-    from sfglab.arp.sensors import Sensor
+    from sfglab.arp.robots import Sensor
     from sfglab.lab.experiments.balancing.config import Config
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sfglab.arp.methods import RATES_HZ
+from sfglab.arp.robots import RATES_HZ
 from sfglab.lab.experiments.profiles import of_profile
 
 

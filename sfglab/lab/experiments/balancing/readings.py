@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from sfglab.arp.sensors import Sensor
+    from sfglab.arp.robots import Sensor
 
 
 _STATES: dict[str, tuple[Any, Any]] = {

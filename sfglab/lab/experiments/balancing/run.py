@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from sfglab.arp.sensors import SENSORS, cdr_bytes, object_bytes
+from sfglab.arp.robots import SENSORS, cdr_bytes, object_bytes
 from sfglab.lab.experiments.balancing.caches import cache_rows
 from sfglab.lab.experiments.balancing.front import front_rows
 from sfglab.lab.experiments.balancing.optimum import balance_checks, balance_rows

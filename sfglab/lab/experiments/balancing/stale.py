@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.arp.sensors import SENSORS
+from sfglab.arp.robots import SENSORS
 from sfglab.lab.experiments.balancing.rows import ShownRow, StaleRow
 from sfglab.qos import QoSProfile, Reliability
 from sfglab.rtps import FAST_DDS, Flow, Medium, Scenario, run

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.arp.hallway import End
-from sfglab.arp.methods import METHODS
+from sfglab.arp.robots import METHODS
 from sfglab.lab.claims import How, Measured
 from sfglab.lab.stats import Estimate, bootstrap
 from sfglab.record import LogReader

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from sfglab.arp.balancing import BalanceInput, balance
 from sfglab.arp.hallway import AREAS, BEAMS_DEG
-from sfglab.arp.methods import METHODS, RATES_HZ
+from sfglab.arp.robots import METHODS, RATES_HZ
 from sfglab.lab.experiments.profiles import of_profile
 from sfglab.rtps import Medium
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.arp.hallway import AREAS, HALF_WIDTH_M, HOME, RADIUS_M, WAYPOINTS, course_length_m
-from sfglab.arp.methods import METHODS
+from sfglab.arp.robots import METHODS
 from sfglab.lab.experiments.cooperation.analysis import (
     Results,
     contrasts,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sfglab.arp.hallway import AREAS, Manoeuvre, Verdict, judge
-from sfglab.arp.methods import METHODS
+from sfglab.arp.robots import METHODS
 from sfglab.fleet.address import BusAddress
 from sfglab.lab.experiments.cooperation.config import setting_of
 from sfglab.lab.experiments.cooperation.rows import TrackRow

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.arp.hallway import AREAS, BEAMS_DEG, RADIUS_M, range_from_step, step_from_range
-from sfglab.arp.hallway.rays import scan
+from sfglab.arp.hallway.course import scan
 from sfglab.messages import default_message, message_type, stamp_from_ns
 
 if TYPE_CHECKING:

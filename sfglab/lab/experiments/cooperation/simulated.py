@@ -27,7 +27,7 @@ from sfglab.arp.hallway import (
     World,
     judge,
 )
-from sfglab.arp.methods import METHODS, PLAN_S, TAKE_S
+from sfglab.arp.robots import METHODS, PLAN_S, TAKE_S
 from sfglab.lab.experiments.cooperation.config import setting_of
 from sfglab.lab.experiments.cooperation.rows import CourseRow, TrackRow
 from sfglab.qos import QoSProfile

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
-from sfglab.arp.methods import DEPTHS, METHODS, RATES_HZ
+from sfglab.arp.robots import DEPTHS, METHODS, RATES_HZ
 from sfglab.lab.claims import How, Measured
 from sfglab.lab.experiments.transmission.config import OPT_DEPTH
 from sfglab.lab.experiments.transmission.live_rows import LiveRow

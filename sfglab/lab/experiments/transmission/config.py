@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sfglab.arp.methods import DEPTHS, METHODS, RATES_HZ
+from sfglab.arp.robots import DEPTHS, METHODS, RATES_HZ
 from sfglab.lab.experiments.profiles import ConfigError, of_profile
 from sfglab.rtps import Medium
 

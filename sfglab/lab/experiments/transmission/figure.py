@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.arp.methods import METHODS
+from sfglab.arp.robots import METHODS
 from sfglab.lab.experiments.transmission.analysis import (
     BEST,
     LOSSES,

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfglab.arp.balancing import Balance, BalanceInput, balance_closed_form
-from sfglab.arp.methods import METHODS, PLAN_S, TAKE_S, Method
-from sfglab.arp.sensors import ROBOTS, SENSORS
+from sfglab.arp.robots import METHODS, PLAN_S, ROBOTS, SENSORS, TAKE_S, Method
 from sfglab.lab.experiments.transmission.config import OPT_DEPTH, Point
 from sfglab.qos import QoSProfile
 from sfglab.rtps import FAST_DDS, Flow, Medium, Scenario

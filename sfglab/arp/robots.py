@@ -1,6 +1,6 @@
-"""The sensors of paper B's robots: Table 1, what each sends, and how often its value changes.
+"""Paper B's robots: the sensors of Table 1 with what they send, the seven methods, the options of Table 2.
 
-The table's sizes are those of the values as Python objects, as `sys.getsizeof` says (24 for a float, 28 for
+Table 1's sizes are those of the values as Python objects, as `sys.getsizeof` says (24 for a float, 28 for
 a truth value, 49 and one a letter for a text), not of what travels: with header and padding the CDR of the same
 values has 8, 8 and 20 or 16 bytes. Both are here. Pure.
 """
@@ -121,3 +121,41 @@ def sensor_message(sensor: Sensor, value: Any) -> Any:
 def cdr_bytes(sensor: Sensor) -> int:
     """Return the size of a sensor's message on the wire: CDR with its 4-byte header, padded to whole words."""
     return len(serialize(sensor_message(sensor, sensor.example)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Method:
+    """One way to move the robots' data (paper B, sections 2.2 to 2.4)."""
+
+    name: str  #: As in Fig. 10, 11 and 16.
+    optimised: bool = False  #: OPT: the rate, and with the depth ``opt`` the depth too, come from Eq. 6.
+    local_cache: bool = False  #: LC: a value that repeats is held back in the robot.
+    cache_control: bool = False  #: CC: a value that repeats is discarded in the station before planning.
+
+
+METHODS = {
+    method.name: method
+    for method in (
+        Method(name="none"),
+        Method(name="OPT", optimised=True),
+        Method(name="CC", cache_control=True),
+        Method(name="LC", local_cache=True),
+        Method(name="OPT+CC", optimised=True, cache_control=True),
+        Method(name="OPT+LC", optimised=True, local_cache=True),
+        Method(name="OPT+LC+CC", optimised=True, local_cache=True, cache_control=True),
+    )
+}
+"""Paper B, section 3, by name."""
+
+RATES_HZ = (100, 200, 500, 1000)
+"""Table 2, DEADLINE: the values of Rmax."""
+
+DEPTHS = (1, 5, 10, 100, 1000, 5000)
+"""Table 2, DEPTH, beside the optimum of Eq. 6."""
+
+TAKE_S = 60e-6
+"""Time that taking a message and comparing it costs a node of the station: assumed, the paper says nothing."""
+
+PLAN_S = 60e-6
+"""Time that planning costs for each value it gets: assumed alike. Both together are within what one callback of
+a ROS 2 executor takes on such a computer; they decide when a planning node, not the air, is what saturates."""

@@ -1,0 +1,272 @@
+"""A planned QoS as files that DDS and ROS 2 read: `EXPORTS` by the name of the format.
+
+Fast DDS: one writer and one reader profile a topic, elements as in its own schemas
+(`resources/xsd/fastRTPS_profiles.xsd` of generation 2, ROS 2 Humble and Jazzy; `fastdds_profiles.xsd` of
+generation 3, from Kilted, which renamed the times). Which profile an endpoint takes follows from its topic's
+name; that, and when the XML counts at all, stands in rmw_fastrtps's README.
+
+Cyclone DDS: its XML configures domains, not endpoints (docs/manual/options.md): heartbeats and delays can be
+said there, depths and deadlines cannot. They go into the ROS 2 parameter file, which both vendors' nodes read;
+names and types as rclcpp (`detail/qos_parameters.hpp`) and rclpy (`qos_overriding_options.py`) declare them:
+durations are whole nanoseconds.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+from xml.etree import ElementTree as ET
+
+from sfglab.errors import SfglabError
+from sfglab.rtps import CYCLONE_DDS, FAST_DDS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.arp.plan import Plan, TopicPlan
+    from sfglab.qos import QoSProfile
+    from sfglab.rtps import Vendor
+
+
+class ExportError(SfglabError, ValueError):
+    """A plan that the format cannot express."""
+
+
+def _require_vendor(plan: Plan, vendor: Vendor) -> None:
+    """Refuse a plan that was reckoned with another implementation's timing."""
+    if plan.vendor.name != vendor.name:
+        raise ExportError(
+            f"this plan reckons with the timing of {plan.vendor.name}, which {vendor.name} does not have; "
+            f"plan again for {vendor.name}"
+        )
+
+
+def _summary(plan: Plan) -> str:
+    """Return one line on where a plan comes from."""
+    return (
+        f"QoS by sfglab (method {plan.method}) for {len(plan.topics)} topics on {plan.medium.rate_bps / 1e6:g} "
+        f"Mbit/s with {100 * plan.medium.loss:g} % loss, {plan.vendor.name}: {100 * plan.utilisation:.0f} % of "
+        "the medium's time is planned."
+    )
+
+
+def _rate_text(part: TopicPlan) -> str:
+    """Return how often a topic's node works; behind a local cache that is how often it reads."""
+    return f"{part.rate_hz:.4g} Hz" + (
+        ", of which a local cache lets changes pass" if part.topic.cached else ""
+    )
+
+
+def _new_comment(text: str) -> Any:
+    """Return a comment; XML forbids two hyphens in a row there."""
+    return ET.Comment(f" {text.replace('--', '- -')} ")
+
+
+def _child(parent: ET.Element, path: str, text: str | None = None, **attributes: str) -> ET.Element:
+    """Add an element, with those of its path (separated by slashes) that do not exist yet, and return it."""
+    *holders, last = path.split("/")
+    for name in holders:
+        found = parent.find(name)
+        parent = ET.SubElement(parent, name) if found is None else found
+    element = ET.SubElement(parent, last, attributes)
+    element.text = text
+    return element
+
+
+def _render(root: ET.Element) -> str:
+    """Return a document's text, indented."""
+    ET.indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
+
+
+_NAMESPACES = {2: "http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles", 3: "http://www.eprosima.com"}
+_TIMES = {
+    2: ("heartbeatPeriod", "nackResponseDelay", "heartbeatResponseDelay"),
+    3: ("heartbeat_period", "nack_response_delay", "heartbeat_response_delay"),
+}
+_SAMPLES_PER_INSTANCE = 400
+"""Default limit before Fast DDS 3.5; a deeper history must raise it."""
+
+_FAST_HOW = (
+    "Set RMW_IMPLEMENTATION=rmw_fastrtps_cpp, RMW_FASTRTPS_USE_QOS_FROM_XML=1, and "
+    "FASTRTPS_DEFAULT_PROFILES_FILE (FASTDDS_DEFAULT_PROFILES_FILE from generation 3) to this file. "
+    "Reliability, durability, history and deadline count only where a node leaves them to SYSTEM_DEFAULT; else "
+    "use the ROS 2 parameter file for them. No DDS QoS sets a rate: each topic's is in its comment, for the "
+    "node's timer."
+)
+
+
+def fast_dds_xml(plan: Plan, *, generation: int = 2) -> str:
+    """Return a plan as Fast DDS XML profiles.
+
+    Args:
+        plan: Reckoned with Fast DDS's timing.
+        generation: First number of the Fast DDS version, 2 or 3.
+
+    Raises:
+        ExportError: The plan was reckoned with another vendor's timing, or the generation is unknown.
+    """
+    _require_vendor(plan, FAST_DDS)
+    if generation not in _NAMESPACES:
+        raise ExportError(f"Fast DDS generation: given {generation}, allowed are 2 and 3")
+    root = ET.Element("dds", xmlns=_NAMESPACES[generation])
+    root.append(_new_comment(_summary(plan)))
+    root.append(_new_comment(_FAST_HOW))
+    profiles = ET.SubElement(root, "profiles")
+    for part in plan.topics:
+        profiles.append(_new_comment(f"{part.topic.name}: {_rate_text(part)}"))
+        _add_profile(profiles, "data_writer", part, _writer_times(plan.vendor, generation))
+        _add_profile(profiles, "data_reader", part, _reader_times(plan.vendor, generation))
+    return _render(root)
+
+
+def _add_profile(profiles: ET.Element, kind: str, part: TopicPlan, times: dict[str, int]) -> None:
+    profile = ET.SubElement(profiles, kind, profile_name=part.topic.name)
+    _child(profile, "topic/historyQos/kind", part.qos.history.name)
+    _child(profile, "topic/historyQos/depth", str(part.depth))
+    if part.depth > _SAMPLES_PER_INSTANCE:
+        for limit, value in (("max_samples", part.depth), ("max_instances", 1)):
+            _child(profile, f"topic/resourceLimitsQos/{limit}", str(value))
+        _child(profile, "topic/resourceLimitsQos/max_samples_per_instance", str(part.depth))
+    if part.deadline_ns is not None:
+        _add_duration(_child(profile, "qos/deadline/period"), part.deadline_ns)
+    _child(profile, "qos/durability/kind", part.qos.durability.name)
+    _child(profile, "qos/reliability/kind", part.qos.reliability.name)
+    if part.topic.reliable:
+        for name, duration_ns in times.items():
+            _add_duration(_child(profile, f"times/{name}"), duration_ns)
+    # Fast DDS's default would refuse messages that grow, such as texts; this is rmw_fastrtps's own choice.
+    _child(profile, "historyMemoryPolicy", "PREALLOCATED_WITH_REALLOC")
+
+
+def _writer_times(vendor: Vendor, generation: int) -> dict[str, int]:
+    heartbeat, response, _ = _TIMES[generation]
+    return {heartbeat: vendor.heartbeat_ns, response: vendor.nack_response_ns}
+
+
+def _reader_times(vendor: Vendor, generation: int) -> dict[str, int]:
+    return {_TIMES[generation][2]: vendor.nack_delay_ns}
+
+
+def _add_duration(parent: ET.Element, duration_ns: int) -> None:
+    seconds, nanoseconds = divmod(duration_ns, 1_000_000_000)
+    _child(parent, "sec", str(seconds))
+    _child(parent, "nanosec", str(nanoseconds))
+
+
+_NAMESPACE = "https://cdds.io/config"
+_LEAST_NS = 5_000_000
+"""HeartbeatInterval's `min`, Cyclone's default; the model does not reckon with it."""
+
+_SCHEDULED_LEAST_NS = 20_000_000
+"""HeartbeatInterval's `minsched`, Cyclone's default."""
+
+_CYCLONE_HOW = (
+    "Set RMW_IMPLEMENTATION=rmw_cyclonedds_cpp and CYCLONEDDS_URI to this file. Here stands timing only: this "
+    "configuration has no QoS of single topics, so reliability, history, depth and deadline come from the "
+    "ROS 2 parameter file, and rates from the nodes' timers."
+)
+
+
+def cyclone_xml(plan: Plan) -> str:
+    """Return a plan's timing as a Cyclone DDS configuration.
+
+    Args:
+        plan: Reckoned with Cyclone DDS's timing.
+
+    Raises:
+        ExportError: The plan was reckoned with another vendor's timing.
+    """
+    _require_vendor(plan, CYCLONE_DDS)
+    vendor = plan.vendor
+    root = ET.Element("CycloneDDS", xmlns=_NAMESPACE)
+    root.append(_new_comment(_summary(plan)))
+    root.append(_new_comment(_CYCLONE_HOW))
+    _child(root, "Domain", Id="any")
+    _child(
+        root,
+        "Domain/Internal/HeartbeatInterval",
+        _duration(vendor.heartbeat_ns),
+        min=_duration(_LEAST_NS),
+        minsched=_duration(min(_SCHEDULED_LEAST_NS, vendor.heartbeat_ns)),
+        max=_duration(vendor.heartbeat_max_ns),
+    )
+    _child(root, "Domain/Internal/NackDelay", _duration(vendor.nack_delay_ns))
+    _child(root, "Domain/Internal/AckDelay", _duration(vendor.ack_delay_ns))
+    return _render(root)
+
+
+def _duration(duration_ns: int) -> str:
+    return f"{duration_ns / 1e6:g} ms"
+
+
+_ROS2_HOW = """\
+# Use: ros2 run PACKAGE NODE --ros-args --params-file THIS_FILE
+# A node takes an override only if it allows it where it creates the publisher or subscription
+# (QosOverridingOptions; with_default_policies() allows history, depth and reliability, so deadline and
+# durability must be named), and only as it starts. Rates are no QoS; for the nodes' timers:
+"""
+
+
+def ros2_parameters(plan: Plan) -> str:
+    """Return a plan as a ROS 2 parameter file.
+
+    Args:
+        plan: Of either vendor.
+    """
+    import yaml
+
+    overrides = {
+        part.topic.name: {"publisher": _policies(part.qos), "subscription": _policies(part.qos)}
+        for part in plan.topics
+    }
+    rates = "".join(f"#   {part.topic.name}: {_rate_text(part)}\n" for part in plan.topics)
+    content = {"/**": {"ros__parameters": {"qos_overrides": overrides}}}
+    # The dumper would point at the subscription's equal mapping with an anchor; rcl's parser knows none.
+    body = yaml.dump(content, Dumper=_plain_dumper(), sort_keys=False)
+    return f"# {_summary(plan)}\n{_ROS2_HOW}{rates}{body}"
+
+
+def _policies(qos: QoSProfile) -> dict[str, str | int]:
+    policies: dict[str, str | int] = {
+        "reliability": qos.reliability.value,
+        "durability": qos.durability.value,
+        "history": qos.history.value,
+        "depth": qos.depth,
+    }
+    if qos.deadline_ns is not None:
+        policies["deadline"] = qos.deadline_ns
+    return policies
+
+
+def _plain_dumper() -> Any:
+    import yaml
+
+    class PlainDumper(yaml.SafeDumper):
+        """Writes every value where it stands, without anchors."""
+
+        def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 - the dumper's signature
+            return True
+
+    return PlainDumper
+
+
+class Export(NamedTuple):
+    """One format.
+
+    Attributes:
+        file: Usual name of the file.
+        render: Returns a plan as the file's text.
+    """
+
+    file: str
+    render: Callable[[Plan], str]
+
+
+EXPORTS = {
+    "fastdds": Export("fastdds.xml", fast_dds_xml),
+    "fastdds3": Export("fastdds3.xml", partial(fast_dds_xml, generation=3)),
+    "cyclone": Export("cyclonedds.xml", cyclone_xml),
+    "ros2": Export("qos_overrides.yaml", ros2_parameters),
+}
+"""By the name that the command line uses."""
