@@ -88,10 +88,15 @@ def claims(
     typer.echo(json.dumps([e.as_json() for e in entries], indent=2) if as_json else render(entries))
 
 
-def show_log(path: Annotated[Path, typer.Argument(help="An MCAP log.")]) -> None:
-    """List what a log holds: topics, tables, metadata."""
+def show_log(
+    path: Annotated[Path | None, typer.Argument(help="An MCAP log; all runs' logs when none.")] = None,
+) -> None:
+    """List what a log holds: topics, tables, metadata; without a log, list the runs and which of them speak."""
     from sfglab.record import LogReader
 
+    if path is None:
+        _list_runs()
+        return
     with LogReader(path) as reader:
         for topic, info in reader.topics.items():
             typer.echo(f"{info.count:8d}  {topic}  ({info.type_name})")
@@ -99,3 +104,20 @@ def show_log(path: Annotated[Path, typer.Argument(help="An MCAP log.")]) -> None
             typer.echo(f"metadata  {name}: {json.dumps(reader.metadata(name))}")
         if reader.truncated:
             typer.echo("the log was cut off; what stands here is all that is in it")
+
+
+def _list_runs() -> None:
+    from sfglab.lab.experiments import EXPERIMENTS
+    from sfglab.lab.ledger import find_log, logs_of
+    from sfglab.lab.paths import find_project
+    from sfglab.tables import text_table
+
+    project = find_project()
+    rows = [("log", "profile", "speaks for the claims")]
+    for name in EXPERIMENTS:
+        chosen = find_log(project, name)
+        for log in logs_of(project, name):
+            spoken = f"no: {log.standing.why_not}" if log.standing.why_not else "a newer one does"
+            said = "yes" if log.path == chosen else spoken
+            rows.append((project.relative(log.path), log.standing.profile, said))
+    typer.echo(text_table(rows))

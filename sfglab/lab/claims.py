@@ -62,14 +62,19 @@ class Claim:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Measured:
-    """Our figure for one claim, computed from a log."""
+class Finding:
+    """Our figure for one claim, computed from a run."""
 
     estimate: Estimate  #: Median or fitted value with its 95 % interval.
-    how: How  #: How it was obtained.
-    #: Further figures that belong to it, as text by name.
-    details: Mapping[str, str] = field(default_factory=dict)
+    details: Mapping[str, str] = field(default_factory=dict)  #: Further figures, as text by name.
     reason: str = ""  #: Why it deviates from the paper's, where that is known.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measured(Finding):
+    """A finding with how it was obtained."""
+
+    how: How
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""From logs to the ledger and the figures: which log counts, and what is computed from it.
+"""The way from logs to the ledger and the figures: which log counts, and what is computed from it.
 
 A run's log goes to ``runs/logs/<experiment>/``; ``data/reference/<experiment>.mcap`` is a committed run, so
 that a fresh clone has figures and a filled ledger before it has run anything.
@@ -7,66 +7,71 @@ that a fresh clone has figures and a filled ledger before it has run anything.
 from __future__ import annotations
 
 import logging
-import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
 from sfglab.lab.claims import Entry, entry_for, load_claims
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.figures import file_sha256, save_figure
+from sfglab.lab.runs import Standing, standing
 from sfglab.record import LogReader
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from sfglab.lab.claims import Measured
     from sfglab.lab.paths import Project
 
-
 _LOG = logging.getLogger(__name__)
 
 
-def new_log(project: Project, name: str, profile: str) -> Path:
-    """Return the path of a new run's log, in order of time by its name.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundLog:
+    """A log of an experiment and what it may be used for."""
+
+    experiment: str  #: The experiment.
+    path: Path  #: The log.
+    standing: Standing  #: Whether it speaks.
+    reference: bool = False  #: Whether it is the committed one.
+
+
+def logs_of(project: Project, name: str) -> Iterator[FoundLog]:
+    """Yield an experiment's logs: its runs, newest first, unfinished ones too, then the committed reference.
 
     Args:
         project: The checkout.
         name: The experiment.
-        profile: The run's profile.
     """
-    stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
-    folder = project.runs / "logs" / name
-    path = folder / f"{stamp}-{profile}.mcap"
-    again = 1
-    while path.exists():
-        again += 1
-        path = folder / f"{stamp}-{profile}-{again}.mcap"
-    return path
+    for path in sorted((project.runs / "logs" / name).glob("*.mcap*"), reverse=True):
+        yield FoundLog(experiment=name, path=path, standing=standing(path))
+    reference = project.reference_logs / f"{name}.mcap"
+    if reference.is_file():
+        yield FoundLog(
+            experiment=name, path=reference, standing=Standing(profile="", why_not=""), reference=True
+        )
 
 
 def find_log(project: Project, name: str, *, profile: str | None = None) -> Path | None:
-    """Return the log that speaks for an experiment.
+    """Return the log that speaks for an experiment; None when none does.
 
-    The newest run of the profile asked for; else the newest run that was not a smoke test; else the
-    committed reference; else the newest smoke test; None without any.
+    The newest run of the profile asked for that speaks; else the newest run that speaks; else the committed
+    reference. Unfinished, changed and explored runs and smoke tests do not speak.
 
     Args:
         project: The checkout.
         name: The experiment.
         profile: Profile that is preferred.
     """
-    runs = sorted((project.runs / "logs" / name).glob("*.mcap"))
-    asked = [p for p in runs if profile is not None and _profile_of(p) == profile]
-    real = [p for p in runs if _profile_of(p) != "smoke"]
-    reference = project.reference_logs / f"{name}.mcap"
-    ranked = [*runs[-1:], *([reference] if reference.is_file() else []), *real[-1:], *asked[-1:]]
-    return ranked[-1] if ranked else None
-
-
-def _profile_of(log: Path) -> str:
-    """Return the profile in a run's name; a reference log has none there."""
-    return (*log.stem.split("-"), "")[1]
+    newest = None
+    for log in logs_of(project, name):
+        if not log.standing.speaks:
+            continue
+        newest = newest or log
+        if profile in (None, log.standing.profile):
+            return log.path
+    return newest.path if newest else None
 
 
 def compute_ledger(project: Project, *, profile: str | None = None) -> list[Entry]:
@@ -96,10 +101,23 @@ def compute_ledger(project: Project, *, profile: str | None = None) -> list[Entr
     return entries
 
 
+def entries_of(project: Project, name: str, log: Path) -> list[Entry]:
+    """Return the claims that one log answers, judged.
+
+    Args:
+        project: The checkout.
+        name: The experiment.
+        log: Any of its logs, whether it speaks for the ledger or not.
+    """
+    measured = experiment(name).measure_claims(log)
+    claims = [claim for claim in load_claims(project.claims) if claim.id in measured]
+    return [entry_for(claim, measured[claim.id], log=project.relative(log)) for claim in claims]
+
+
 def save_figures(project: Project, name: str, log: Path) -> list[Path]:
     """Draw and save every figure of one experiment from a log.
 
-    A smoke test's figures go to ``runs/figures``: they must not replace those of a real run.
+    Those of a log that speaks for no claim go to ``runs/figures`` and replace no other.
 
     Args:
         project: The checkout.
@@ -110,7 +128,8 @@ def save_figures(project: Project, name: str, log: Path) -> list[Path]:
         The files written.
     """
     origin = _origin(project, name, log)
-    folder = project.runs / "figures" if _profile_of(log) == "smoke" else project.figures
+    reference = log.resolve().parent == project.reference_logs.resolve()
+    folder = project.figures if reference or standing(log).speaks else project.runs / "figures"
     files = []
     for stem, (figure, numbers) in experiment(name).figures(log).items():
         files += save_figure(figure, folder / stem, {**origin, "shown": numbers})

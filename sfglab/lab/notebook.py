@@ -1,4 +1,4 @@
-"""What notebooks call: one line each for a log to write, a picture, the claims of an experiment.
+"""Notebook helpers: one line each for a run, a picture, the claims of an experiment.
 
 Keeps the notebooks thin; everything behind it is in the modules that it imports.
 """
@@ -6,38 +6,59 @@ Keeps the notebooks thin; everything behind it is in the modules that it imports
 from __future__ import annotations
 
 import io
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from sfglab.lab import ledger
-from sfglab.lab.claims import Entry, entry_for, load_claims
+from sfglab.lab import ledger, runs
+from sfglab.lab.claims import Entry, How
 from sfglab.lab.experiments import experiment
 from sfglab.lab.figures import house_style
 from sfglab.lab.paths import find_project
+from sfglab.lab.runs import SMOKE, Run, standing
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from IPython.display import Image
     from matplotlib.figure import Figure
     from pandas.io.formats.style import Styler
 
+    from sfglab.lab.experiment import Experiment
+    from sfglab.lab.runs import C
+
 _COLUMNS = ["claim", "where", "paper", "ours", "unit", "how", "verdict"]
 
 
-def new_log(name: str, profile: str) -> Path:
-    """Return the path of a new run's log.
+async def run(exp: Experiment[C], profile: str, log: str = "", **changes: Any) -> Run[C]:
+    """Run an experiment, or read the run that somebody has made.
 
     Args:
-        name: The experiment.
-        profile: The run's profile.
+        exp: The experiment.
+        profile: ``smoke``, ``quick`` or ``paper``.
+        log: The log of a run to read; empty: run it.
+        changes: Fields of the configuration.
     """
-    return ledger.new_log(find_project(), name, profile)
+    return exp.load(Path(log)) if log else await exp.run(profile, **changes)
 
 
-def picture(figure: Figure) -> Image:
+def new_log(name: str, profile: str) -> Path:
+    """Return the path of a new run's log."""
+    return runs.new_log(find_project(), name, profile)
+
+
+def picture(run: Run[Any] | Figure, name: str = "") -> Image:
+    """Return one of a run's figures as a picture for the notebook.
+
+    Args:
+        run: The run.
+        name: The figure.
+    """
+    return image_of(experiment(run.experiment).draw(name, run)[0] if isinstance(run, Run) else run)
+
+
+def image_of(figure: Figure) -> Image:
     """Return a figure as a picture for the notebook."""
     from IPython.display import Image
 
@@ -58,43 +79,56 @@ def words(frame: pd.DataFrame) -> Styler:
     return style.set_uuid("words")  # equal tables are equal output
 
 
-def save_figures(name: str, log: Path) -> str:
-    """Draw and save every figure of an experiment, and return their names."""
+def save_figures(run: Run[Any] | str, log: Path | None = None) -> str:
+    """Draw and save every figure of a run, and return their names."""
     project = find_project()
-    return ", ".join(project.relative(path) for path in ledger.save_figures(project, name, log))
+    return ", ".join(project.relative(path) for path in ledger.save_figures(project, *_named(run, log)))
 
 
-def claims_of(name: str, log: Path) -> pd.DataFrame:
-    """Return the claims that an experiment answers, judged by one log: paper said, we measured.
+def claims_of(run: Run[Any] | str, log: Path | None = None) -> pd.DataFrame:
+    """Return the claims that a run answers, judged: paper said, we measured."""
+    return _table(ledger.entries_of(find_project(), *_named(run, log)))
+
+
+def _named(run: Run[Any] | str, log: Any) -> tuple[str, Path]:
+    return (run, log) if isinstance(run, str) else (run.experiment, run.log)
+
+
+def check(run: Run[Any] | str, *verdicts: Any, may_deviate: Sequence[str] = ()) -> str:
+    """Assert that every claim of a run has one of these verdicts, and say so.
+
+    A smoke test is too short to measure by: there a claim that is measured live may deviate, and it is said.
 
     Args:
-        name: The experiment.
-        log: The run's log.
-    """
-    return _table(_entries(name, log))
-
-
-def check(name: str, log: Path, *verdicts: str, may_deviate: Sequence[str] = ()) -> str:
-    """Assert that every claim of an experiment has one of these verdicts, and say so.
-
-    Args:
-        name: The experiment.
-        log: The run's log.
+        run: The run.
         verdicts: ``reproduced``, ``better``.
         may_deviate: Claims that may deviate, if the experiment gives the reason; it is said.
 
     Raises:
         AssertionError: A claim has another verdict; says which.
     """
-    entries = _entries(name, log)
+    name, log = _named(run, verdicts[0])
+    verdicts = tuple(v for v in verdicts if isinstance(v, str))
+    entries = ledger.entries_of(find_project(), name, log)
     wrong = [e for e in entries if e.verdict.value not in verdicts]
-    explained = [e for e in wrong if e.claim.id in may_deviate and e.measured and e.measured.reason]
-    failed = [f"{e.claim.id}: {e.verdict.value}" for e in wrong if e not in explained]
+    said = {e.claim.id: _excuse(e, log, may_deviate) for e in wrong}
+    failed = [f"{e.claim.id}: {e.verdict.value}" for e in wrong if not said[e.claim.id]]
     if failed:
         raise AssertionError(f"{name}: {', '.join(failed)}; expected {' or '.join(verdicts)}")
     held = [e.claim.id for e in entries if e not in wrong]
-    reasons = [f"{e.claim.id} deviates: {e.measured.reason}" for e in explained if e.measured]
+    reasons = [f"{claim} deviates: {reason}" for claim, reason in said.items()]
     return "\n".join([f"{len(held)} claims hold: {', '.join(held)}", *reasons])
+
+
+def _excuse(entry: Entry, log: Path, may_deviate: Sequence[str]) -> str:
+    """Return why a claim may deviate; empty: it may not."""
+    measured = entry.measured
+    assert measured is not None, "a run's entries are measured"
+    if entry.claim.id in may_deviate and measured.reason:
+        return measured.reason
+    if standing(log).profile == SMOKE and measured.how is How.LIVE:
+        return f"{measured.estimate}, in a smoke test, which is too short to measure by"
+    return ""
 
 
 def ledger_table(profile: str | None = None) -> pd.DataFrame:
@@ -104,16 +138,6 @@ def ledger_table(profile: str | None = None) -> pd.DataFrame:
         profile: Profile whose runs are preferred.
     """
     return _table(ledger.compute_ledger(find_project(), profile=profile))
-
-
-def _entries(name: str, log: Path) -> list[Entry]:
-    project = find_project()
-    measured = experiment(name).measure_claims(log)
-    return [
-        entry_for(claim, measured[claim.id], log=project.relative(log))
-        for claim in load_claims(project.claims)
-        if claim.id in measured
-    ]
 
 
 def _table(entries: Sequence[Entry]) -> pd.DataFrame:

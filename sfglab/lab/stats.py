@@ -43,6 +43,11 @@ class Estimate:
         return f"{self.value:.3g} {self.unit} [{self.low:.3g}, {self.high:.3g}]"
 
 
+def exactly(value: float, unit: str) -> Estimate:
+    """Return a figure that has no interval: a count, a share of checks, a value by calculation."""
+    return Estimate(value=value, low=value, high=value, unit=unit)
+
+
 def bootstrap(
     samples: Sequence[Floats], statistic: Callable[[Sequence[Floats]], float], *, unit: str, seed: int = 0
 ) -> Estimate:

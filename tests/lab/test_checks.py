@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict
 
 import pandas as pd
+import pytest
 
-from sfglab.lab.checks import CheckRow, share_of_checks
+from sfglab.lab.checks import GROUPS, CheckRow, Checks, group, share_of_checks
 
 
 def table(*rows):
@@ -30,3 +31,29 @@ def test_many_checks_of_one_group_hide_none_of_another():
 def test_nothing_is_said_where_all_hold():
     share = share_of_checks(table(("exact", "a", 2, 2)), "group")
     assert (share.estimate.value, share.reason) == (1.0, "")
+
+
+@pytest.mark.parametrize(("name", "check"), [(name, check) for name in GROUPS for check in group(name).names])
+def test_every_property_holds_on_a_few_cases(name, check):
+    row = group(name).row(check, count=20, seed=1)
+    assert (row.held, row.example if row.held < row.checked else "") == (row.checked, "")
+    assert row.checked
+
+
+def test_what_fails_is_counted_and_shown():
+    checks = Checks("some")
+    checks.cases("even")(lambda sample: ((str(n), n % 2 == 0) for n in range(sample.count)))
+    checks.trial("small")(lambda rng: "large" if rng.random() > 0.5 else "")
+    even, small = checks.rows(10, 0)
+    assert (even.checked, even.held, even.example) == (10, 5, "1")
+    assert (small.checked, small.example) == (10, "large")
+    assert 0 < small.held < 10
+    assert checks.row("small", count=10, seed=0) == small, "as among the others"
+
+
+def test_a_naming_schema_that_is_wrong_is_caught(monkeypatch):
+    import sfglab.lab.checks.naming as module
+
+    monkeypatch.setattr(module, "parse", lambda *_: None)
+    row = module.checks.row("parses back to the tuple it was built from", count=1, seed=0)
+    assert row.held == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import shutil
 from pathlib import Path
@@ -9,9 +10,11 @@ from pathlib import Path
 import pytest
 
 from sfglab.lab.claims import Verdict
-from sfglab.lab.experiments import naming
-from sfglab.lab.ledger import compute_ledger, find_log, new_log, redraw_figures
+from sfglab.lab.experiments.naming import exp
+from sfglab.lab.ledger import compute_ledger, find_log, redraw_figures
 from sfglab.lab.paths import Project
+from sfglab.lab.runs import COMPLETION, new_log
+from sfglab.record import LogWriter
 
 LEDGER = Path(__file__).parents[2] / "data" / "claims.yaml"
 
@@ -29,16 +32,27 @@ def touch(path: Path) -> Path:
     return path
 
 
-def test_the_log_that_counts_is_the_asked_profile_else_a_real_run_else_the_reference(project):
+def finished(path: Path, profile: str, **other) -> Path:
+    with LogWriter(path) as log:
+        log.write_metadata(COMPLETION, {"profile": profile, "changed": [], "explored": False, **other})
+    return path
+
+
+def test_the_log_that_counts_is_the_asked_profile_else_the_newest_that_speaks_else_the_reference(project):
     folder = project.runs / "logs" / "naming"
     assert find_log(project, "naming") is None
-    smoke = touch(folder / "20260101T000003-smoke.mcap")
-    assert find_log(project, "naming") == smoke
     reference = touch(project.reference_logs / "naming.mcap")
+    finished(folder / "20260109T000003-smoke.mcap", "smoke")
+    finished(folder / "20260109T000004-quick.mcap", "quick", changed=["source"])
+    finished(folder / "20260109T000005-quick.mcap", "quick", explored=True)
+    touch(folder / "20260109T000006-quick.mcap.part")
+    touch(folder / "20260109T000007-quick.mcap").write_bytes(b"no log")
     assert find_log(project, "naming") == reference
-    old, new = (touch(folder / f"2026010{day}T000000-quick.mcap") for day in (1, 2))
-    assert find_log(project, "naming") == new != old
-    assert find_log(project, "naming", profile="smoke") == smoke
+    assert find_log(project, "naming", profile="smoke") == reference
+    paper = finished(folder / "20260101T000000-paper.mcap", "paper")
+    quick = finished(folder / "20260102T000000-quick.mcap", "quick")
+    assert find_log(project, "naming") == quick
+    assert find_log(project, "naming", profile="paper") == paper
 
 
 def test_new_logs_never_meet(project):
@@ -47,7 +61,8 @@ def test_new_logs_never_meet(project):
 
 
 def test_figures_and_verdicts_come_from_the_log_alone(project):
-    log = naming.run(naming.Config.of_profile("smoke"), new_log(project, "naming", "smoke"))
+    path = new_log(project, "naming", "quick")
+    log = asyncio.run(exp.run("quick", path=path)).log
     entries = {e.claim.id: e for e in compute_ledger(project)}
     assert entries["A-FQN"].verdict is Verdict.REPRODUCED
     assert entries["A-FQN"].log == project.relative(log)
@@ -61,9 +76,9 @@ def test_figures_and_verdicts_come_from_the_log_alone(project):
 
 
 def test_an_unreadable_log_costs_its_own_claims_only_and_is_named(project, caplog):
-    naming.run(naming.Config.of_profile("smoke"), new_log(project, "naming", "quick"))
-    broken = new_log(project, "decode_once", "quick")
-    touch(broken).write_bytes(b"no log")
+    asyncio.run(exp.run("quick", path=new_log(project, "naming", "quick")))
+    broken = touch(project.reference_logs / "decode_once.mcap")
+    broken.write_bytes(b"no log")
     entries = {e.claim.id: e for e in compute_ledger(project)}
     assert entries["A-FQN"].verdict is Verdict.REPRODUCED
     assert entries["A-CPU-SFG"].verdict is Verdict.NOT_YET

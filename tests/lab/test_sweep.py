@@ -106,7 +106,7 @@ def test_numpy_scalars_become_pythons_and_other_fields_are_refused_by_name():
     with pytest.raises(SweepError, match="OtherRow: level: given a list, allowed are bool, int, float, str"):
         text_from_result(OtherRow(level=[1]))
     with pytest.raises(SweepError, match="needed is a row"):
-        text_from_result({"level": 1})
+        text_from_result([1])
 
 
 # --- Where it runs --------------------------------------------------------------------------------------------

@@ -36,5 +36,6 @@ EXPERIMENTS = (
 
 
 def experiment(name: str) -> ModuleType | Any:
-    """Return an experiment's module by its name in `EXPERIMENTS`."""
-    return import_module(f"sfglab.lab.experiments.{name}")
+    """Return an experiment by its name in `EXPERIMENTS`."""
+    module = import_module(f"sfglab.lab.experiments.{name}")
+    return getattr(module, "exp", module)

@@ -8,29 +8,28 @@ order, so that a machine that slows down slows all. Times are CPU times of one t
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
-from sfglab.lab.claims import How, Measured
-from sfglab.lab.experiments.profiles import of_profile
-from sfglab.lab.figures import COLORS, house_style
-from sfglab.lab.progress import progress_bar
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiment import Experiment
+from sfglab.lab.figures import COLORS
+from sfglab.lab.runs import derived
 from sfglab.lab.sources import open_source
 from sfglab.lab.stats import Estimate, bootstrap
-from sfglab.record import LogReader, LogWriter, run_context
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from sfglab.lab.bench import Bench
+    from sfglab.lab.runs import Run
 
-NAME = "depth_codecs"
 CODECS: dict[str, dict[str, Any]] = {
     "rvl": {"codec": "rvl"},
     "png": {"codec": "png", "png_level": 9},
@@ -49,28 +48,11 @@ class Config:
     source: str = "stereo"  #: Source of frames with depth.
     seed: int = 0  #: Seed of the view's path and of the codecs' order.
 
-    @classmethod
-    def of_profile(cls, profile: str, *, source: str = "stereo", seed: int = 0) -> Config:
-        """Return the configuration of a profile.
 
-        Args:
-            profile: ``smoke``, ``quick`` or ``paper``.
-            source: Source of frames with depth.
-            seed: Seed of everything that is drawn.
-
-        Raises:
-            ConfigError: There is no such profile.
-        """
-        return of_profile(_PROFILES, profile, source=source, seed=seed)
+exp = Experiment("depth_codecs", Config, where="A 4.3", smoke={"frames": 6}, paper={"frames": 1200})
 
 
-_PROFILES = {
-    "smoke": Config(frames=6),
-    "quick": Config(frames=40),
-    "paper": Config(frames=1200),
-}
-
-
+@exp.table("coding")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CodingRow:
     """One frame coded by one codec."""
@@ -84,7 +66,7 @@ class CodingRow:
     exact: bool  #: Whether the decoded frame equals the original in every bit.
 
 
-def _code(number: int, depth: Any, codec: str) -> CodingRow:
+def _code(depth: Any, codec: str) -> dict[str, Any]:
     from sfglab.codecs import decode_depth, encode_depth
 
     started = time.thread_time_ns()
@@ -92,71 +74,55 @@ def _code(number: int, depth: Any, codec: str) -> CodingRow:
     encoded = time.thread_time_ns()
     back, _ = decode_depth(data, depth_format)
     decoded = time.thread_time_ns()
-    return CodingRow(
-        frame=number,
-        codec=codec,
-        encode_ms=(encoded - started) / 1e6,
-        decode_ms=(decoded - encoded) / 1e6,
-        raw_bytes=depth.nbytes,
-        coded_bytes=len(data),
-        exact=bool(np.array_equal(back, depth)),
-    )
+    return {
+        "codec": codec,
+        "encode_ms": (encoded - started) / 1e6,
+        "decode_ms": (decoded - encoded) / 1e6,
+        "raw_bytes": depth.nbytes,
+        "coded_bytes": len(data),
+        "exact": bool(np.array_equal(back, depth)),
+    }
 
 
-def run(config: Config, path: Path) -> Path:
-    """Code every frame by both codecs and write one row each.
-
-    Args:
-        config: What is compared.
-        path: The log.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    rng = np.random.default_rng(config.seed)
-    source = open_source(config.source, seed=config.seed)
+@exp.part("frames", total=lambda config: config.frames)
+def code_frames(bench: Bench[Config]) -> None:
+    """Code every frame by every codec and write one row each."""
+    rng = np.random.default_rng(bench.config.seed)
+    source = open_source(bench.config.source, seed=bench.config.seed)
     warm_up = source.frame().depth_mm
     for codec in CODECS:  # compiled code must not be timed cold
-        _code(0, warm_up, codec)
-    with LogWriter(path) as log, progress_bar(config.frames, "depth codecs") as advance:
-        log.write_metadata("run", run_context())
-        log.write_metadata("config", {"experiment": NAME, **asdict(config)})
-        for _ in range(config.frames):
-            frame = source.frame()
-            for codec in rng.permutation(list(CODECS)):
-                row = _code(frame.number, frame.depth_mm, str(codec))
-                log.write_row("coding", row, log_time_ns=time.time_ns())
-            advance(f"frame {frame.number}")
+        _code(warm_up, codec)
+    for _ in range(bench.config.frames):
+        frame = source.frame()
+        for codec in rng.permutation(list(CODECS)):
+            bench.write("coding", {"frame": frame.number, **_code(frame.depth_mm, str(codec))})
+        bench.advance(f"frame {frame.number}")
     source.close()
-    return path
 
 
-def load_codings(log: Path) -> pd.DataFrame:
+@derived
+def codings(run: Run[Config]) -> pd.DataFrame:
     """Return a run's rows, one line a frame with a column group a codec."""
-    with LogReader(log) as reader:
-        rows = reader.table("coding").drop(columns="log_time_ns")
-    return rows.pivot_table(
-        index="frame",
-        columns="codec",
-        values=["encode_ms", "decode_ms", "raw_bytes", "coded_bytes", "exact"],
-        aggfunc="first",
-    )
+    values = ["encode_ms", "decode_ms", "raw_bytes", "coded_bytes", "exact"]
+    return run["coding"].pivot_table(index="frame", columns="codec", values=values, aggfunc="first")
 
 
-def _ratio(table: pd.DataFrame, column: str, against: str = "png") -> Estimate:
+@derived
+def ratio(run: Run[Config], column: str, against: str = "png") -> Estimate:
     """Return how many times PNG's median time is RVL's, resampling frames (pairs stay together)."""
-    pairs = table[column][[against, "rvl"]].to_numpy(dtype=np.float64)
+    pairs = codings(run)[column][[against, "rvl"]].to_numpy(dtype=np.float64)
 
-    def ratio(groups: Sequence[Any]) -> float:
+    def of_medians(groups: Sequence[Any]) -> float:
         png, rvl = np.median(groups[0], axis=0)
         return float(png / rvl)
 
-    return bootstrap([pairs], ratio, unit="times as fast as PNG")
+    return bootstrap([pairs], of_medians, unit="times as fast as PNG")
 
 
-def summary(log: Path) -> pd.DataFrame:
+@derived
+def summary(run: Run[Config]) -> pd.DataFrame:
     """Return medians a codec: times, compression ratio, and the share of frames that came back exactly."""
-    import pandas as pd
-
-    table = load_codings(log)
+    table = codings(run)
     raw, coded = table["raw_bytes"].astype(float), table["coded_bytes"].astype(float)
     return pd.DataFrame(
         {
@@ -168,54 +134,46 @@ def summary(log: Path) -> pd.DataFrame:
     )
 
 
-def measure_claims(log: Path) -> dict[str, Measured]:
-    """Return our figure for A-RVL: encoding speed against PNG's fastest level, if all is exact."""
-    table, medians = load_codings(log), summary(log)
+@exp.claim("A-RVL", how=How.LIVE)
+def encoding_speed(run: Run[Config]) -> Finding:
+    """Return encoding speed against PNG's fastest level, the hardest to beat, if all is exact."""
+    medians = summary(run)
     exact = float(medians["exact frames"]["rvl"])
     ratios = medians["compression ratio"].to_dict()
     details = {
         "frames that came back exactly": f"{100 * exact:g} %",
-        "decoding": str(_ratio(table, "decode_ms")),
-        "encoding against PNG as the plug-in has it by default": str(_ratio(table, "encode_ms")),
+        "decoding": str(ratio(run, "decode_ms")),
+        "encoding against PNG as the plug-in has it by default": str(ratio(run, "encode_ms")),
         "compression ratio RVL": f"{ratios['rvl']:.2f}",
         "compression ratio PNG": f"{ratios['png']:.2f}",
     }
-    speed = _ratio(table, "encode_ms", "png_fast")  # the level that is hardest to beat
+    speed = ratio(run, "encode_ms", "png_fast")
+    if exact == 1.0:
+        return Finding(estimate=speed, details=details)
     lossy = Estimate(value=0.0, low=0.0, high=0.0, unit=speed.unit)
-    return {
-        "A-RVL": Measured(
-            estimate=speed if exact == 1.0 else lossy,
-            how=How.LIVE,
-            details=details,
-            reason="" if exact == 1.0 else "not every frame came back exactly",
-        )
-    }
+    return Finding(estimate=lossy, details=details, reason="not every frame came back exactly")
 
 
-def figures(log: Path) -> dict[str, tuple[Figure, dict[str, Any]]]:
+@exp.figure("depth_codecs", size=(11, 3.6))
+def draw_codecs(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw coding times and sizes of both codecs."""
-    from matplotlib.figure import Figure
-
-    table = load_codings(log)
-    encode, decode = _ratio(table, "encode_ms", "png_fast"), _ratio(table, "decode_ms", "png_fast")
-    with house_style():
-        figure = Figure(figsize=(11, 3.6))
-        axes = figure.subplots(1, 3)
-        for place, column, title in zip(
-            axes, ("encode_ms", "decode_ms", "coded_bytes"), ("encode", "decode", "size"), strict=True
-        ):
-            _draw_spread(place, table[column], title)
-        axes[0].set_ylabel("CPU time a frame (ms), log scale")
-        axes[1].set_ylabel("CPU time a frame (ms), log scale")
-        axes[2].set_ylabel("compressed size (kB)")
-        figure.suptitle(
-            f"Depth 640 x 360, lossless: RVL encodes {encode.value:.1f} times and decodes "
-            f"{decode.value:.1f} times as fast as PNG at its fastest"
-        )
-    shown = {
+    table = codings(run)
+    encode, decode = ratio(run, "encode_ms", "png_fast"), ratio(run, "decode_ms", "png_fast")
+    axes = figure.subplots(1, 3)
+    for place, column, title in zip(
+        axes, ("encode_ms", "decode_ms", "coded_bytes"), ("encode", "decode", "size"), strict=True
+    ):
+        _draw_spread(place, table[column], title)
+    axes[0].set_ylabel("CPU time a frame (ms), log scale")
+    axes[1].set_ylabel("CPU time a frame (ms), log scale")
+    axes[2].set_ylabel("compressed size (kB)")
+    figure.suptitle(
+        f"Depth 640 x 360, lossless: RVL encodes {encode.value:.1f} times and decodes "
+        f"{decode.value:.1f} times as fast as PNG at its fastest"
+    )
+    return {
         n: {"value": e.value, "low": e.low, "high": e.high} for n, e in (("encode", encode), ("decode", decode))
     }
-    return {"depth_codecs": (figure, shown)}
 
 
 def _draw_spread(axes: Axes, columns: Any, title: str) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from importlib import import_module
 from typing import Any
@@ -23,7 +24,7 @@ def text_from_result(result: object) -> str:
     """Return a result as one line of JSON.
 
     Args:
-        result: A row, or a tuple of rows; NumPy's scalars become Python's.
+        result: A row, a mapping by column, or a tuple of them; NumPy's scalars become Python's.
 
     Raises:
         SweepError: It is something else.
@@ -44,6 +45,8 @@ def result_from_text(text: str) -> Any:
 
 
 def _packed(row: object) -> dict[str, object]:
+    if isinstance(row, Mapping):
+        return {"columns": {str(name): _plain(dict, str(name), value) for name, value in row.items()}}
     if isinstance(row, type) or not is_dataclass(row):
         raise SweepError(f"result: given {row!r}, needed is a row (a dataclass) or a tuple of rows")
     kind = type(row)
@@ -63,6 +66,8 @@ def _plain(kind: type, name: str, value: object) -> object:
 
 
 def _unpacked(packed: dict[str, Any]) -> Any:
+    if "columns" in packed:
+        return packed["columns"]
     module, _, name = packed["row"].partition(":")
     kind: Any = sys.modules[module] if module in sys.modules else import_module(module)
     for part in name.split("."):

@@ -1,0 +1,114 @@
+"""The bench of a run: where an experiment's parts write rows, messages and files, and what they run on."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from sfglab.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+    from contextlib import ExitStack
+
+    from sfglab.lab.sweep import Workers
+    from sfglab.lab.testbed import Testbed
+    from sfglab.record import LogWriter
+
+C = TypeVar("C")
+Row = Any
+"""An instance of a table's class, or its fields as a mapping."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """How a run is made on this machine, beside its configuration."""
+
+    separate: bool | None = None  #: False insists on one host; None takes separate hosts where the machine can.
+    workers: Workers | None = None  #: Who runs the sweeps; None: what each of them names.
+    explored: bool = False  #: Whether somebody only looks: the log will speak for no claim.
+
+
+def as_row(row_class: type[Any], row: Row, *origins: Any) -> Any:
+    """Return a row of a table from an instance or a mapping; fields that it lacks are taken from the origins.
+
+    Args:
+        row_class: The table's class.
+        row: An instance, or fields by name.
+        origins: Dataclasses or mappings, such as a sweep's point, the first with a field gives it.
+    """
+    if not isinstance(row, Mapping):
+        return row
+    names = {f.name for f in fields(row_class)}
+    values: dict[str, Any] = {}
+    for origin in reversed(origins):
+        known = origin if isinstance(origin, Mapping) else asdict(origin)
+        values |= {name: value for name, value in known.items() if name in names}
+    return row_class(**{**values, **row})
+
+
+@dataclass(slots=True, kw_only=True)
+class Bench(Generic[C]):
+    """What a part of an experiment is given."""
+
+    config: C  #: The configuration.
+    options: Options  #: How the run is made.
+    log: LogWriter  #: The log, for messages that are no rows.
+    row_classes: Mapping[str, type[Any]]  #: Classes of rows by table.
+    rows: Mapping[str, list[Any]]  #: What the sweeps gave, by table.
+    stack: ExitStack  #: Ends with the run.
+    hosts: Testbed | None = None  #: The experiment's hosts, if it declares any.
+    timed: bool = True  #: Whether rows get the time of writing; else their place in the table.
+    advance: Callable[[str], None] = lambda _: None  #: Tells a step of the current part's progress.
+    _places: Counter[str] = field(default_factory=Counter)
+    _scratch: Path | None = None
+
+    @property
+    def testbed(self) -> Testbed:
+        """The experiment's hosts."""
+        assert self.hosts is not None, "the experiment declares hosts"
+        return self.hosts
+
+    def write(self, table: str, row: Row, *, at_ns: int | None = None) -> None:
+        """Write one row.
+
+        Args:
+            table: One of the experiment's tables.
+            row: An instance of the table's class, or its fields by name.
+            at_ns: Its time in the log; None: now, or its place in the table where the part is not timed.
+
+        Raises:
+            InvalidValueError: The experiment has no such table.
+        """
+        if table not in self.row_classes:
+            raise InvalidValueError("table", table, ", ".join(sorted(self.row_classes)))
+        if at_ns is None:
+            at_ns = time.time_ns() if self.timed else self._places[table]
+        self._places[table] += 1
+        self.log.write_row(table, as_row(self.row_classes[table], row), log_time_ns=at_ns)
+
+    def write_all(self, table: str, rows: Iterable[Row]) -> None:
+        """Write rows one after the other, as `write` does."""
+        for row in rows:
+            self.write(table, row)
+
+    def metadata(self, name: str, values: Mapping[str, Any]) -> None:
+        """Write a named mapping, once."""
+        self.log.write_metadata(name, values)
+
+    def attach(self, name: str, data: bytes, media_type: str = "application/octet-stream") -> None:
+        """Write a file into the log, once."""
+        self.log.attach(name, data, media_type)
+
+    def folder(self, name: str) -> Path:
+        """Return a new folder that is gone when the run ends."""
+        if self._scratch is None:
+            self._scratch = Path(self.stack.enter_context(TemporaryDirectory(prefix="sfglab-run-")))
+        path = self._scratch / name
+        path.mkdir()
+        return path

@@ -1,0 +1,146 @@
+"""The registry of checks: a property is written once, tests run a few cases of it, an experiment many.
+
+A group of checks is a module of this package with a `Checks` named `checks`; `GROUPS` is the one list of them.
+A check gives cases, each with what was tried and whether the property held; what it draws comes from a seed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from sfglab.lab.stats import Estimate, exactly
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import pandas as pd
+
+GROUPS = ("naming",)
+"""Modules of this package, each a group."""
+
+Case = tuple[str, bool]
+"""What was tried, as a reader wants to see it, and whether the property held."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckRow:
+    """How often one property was checked and how often it held."""
+
+    check: str  #: The property.
+    checked: int  #: Cases it was checked on.
+    held: int  #: Cases in which it held.
+    example: str  #: A case in which it did not; else one in which it did.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Share:
+    """How much of a table of checks holds."""
+
+    #: The share in the group where it is lowest: many checks of one kind hide none of another.
+    estimate: Estimate
+    groups: dict[str, str]  #: ``held of checked`` by group.
+    reason: str  #: The properties that did not always hold, each with an example; empty: none.
+
+
+def share_of_checks(table: pd.DataFrame, group: str) -> Share:
+    """Return the share of checks that hold.
+
+    Args:
+        table: The columns of `CheckRow`, and one that groups them.
+        group: That column.
+    """
+    sums = table.groupby(group, sort=False)[["held", "checked"]].sum()
+    lowest = float((sums["held"] / sums["checked"]).min())
+    wrong = table[table["held"] < table["checked"]]
+    return Share(
+        estimate=exactly(lowest, "share of checks that hold"),
+        groups={str(row.Index): f"{row.held} of {row.checked}" for row in sums.itertuples()},
+        reason="; ".join(f"{r.check}: {r.held} of {r.checked}: {r.example}" for r in wrong.itertuples()),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sample:
+    """What a check draws its cases from."""
+
+    count: int  #: How many cases are wanted, where they are drawn.
+    seed: int  #: The run's seed, for what several checks share.
+    rng: np.random.Generator  #: The check's own.
+
+
+F = TypeVar("F", bound=Callable[..., object])
+ALL = "all of them"
+"""The example of a trial that always held."""
+
+
+class Checks:
+    """A group of checks, in the order of their rows.
+
+    Args:
+        name: The group's name.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._cases: dict[str, Callable[[Sample], Iterable[Case]]] = {}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The properties."""
+        return tuple(self._cases)
+
+    def cases(self, name: str) -> Callable[[F], F]:
+        """Add a property whose function takes a `Sample` and gives cases."""
+
+        def declare(function: F) -> F:
+            self._cases[name] = function  # type: ignore[assignment]  # F keeps the function's own type
+            return function
+
+        return declare
+
+    def trial(self, name: str) -> Callable[[F], F]:
+        """Add a property whose function draws a case from a generator and says what is wrong with it."""
+
+        def declare(function: F) -> F:
+            def cases(sample: Sample) -> Iterator[Case]:
+                for _ in range(sample.count):
+                    problem = str(function(sample.rng))
+                    yield problem or ALL, not problem
+
+            self._cases[name] = cases
+            return function
+
+        return declare
+
+    def rows(self, count: int, seed: int) -> Iterator[CheckRow]:
+        """Return a row for every property.
+
+        Args:
+            count: Cases of each property that draws them.
+            seed: Of the cases; each property has a generator of its own.
+        """
+        return (self.row(name, count=count, seed=seed) for name in self._cases)
+
+    def row(self, name: str, *, count: int, seed: int) -> CheckRow:
+        """Return one property's row, as it is among the others."""
+        rng = np.random.default_rng([seed, self.names.index(name)])
+        return check_row(name, self._cases[name](Sample(count=count, seed=seed, rng=rng)))
+
+
+def check_row(check: str, cases: Iterable[Case]) -> CheckRow:
+    """Return what the cases of one property came to; the example is the first that fails, else the first."""
+    tried = list(cases)
+    failed = [text for text, held in tried if not held]
+    example = failed[0] if failed else next((text for text, _ in tried), "")
+    return CheckRow(check=check, checked=len(tried), held=len(tried) - len(failed), example=example)
+
+
+def group(name: str) -> Checks:
+    """Return a group of checks by its name in `GROUPS`."""
+    found: Checks = import_module(f"sfglab.lab.checks.{name}").checks
+    return found

@@ -1,0 +1,174 @@
+"""Checks of the naming schema: paper A, section 4.1, Fig. 2.
+
+Every name that the standard values can make, and a seeded sample with suffixes and custom values, is built,
+checked against ROS 2's rules and Fig. 2's constraint, and parsed back.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.lab.checks import Case, Checks, Sample
+from sfglab.names import (
+    After,
+    Component,
+    Custom,
+    FqnError,
+    Resource,
+    RosFqn,
+    RosFqnBuilder,
+    Scope,
+    Stream,
+    Suffixed,
+    all_standard_fqns,
+    parse,
+    sanitize_agent,
+    validate_agent,
+    validate_ros_name,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+AGENT = "go2"
+
+PAPER_NAMES = (
+    "/global/agent_heartbeat",
+    "/global/go2/get_metadata",
+    "/local/go2/agent_discovery_event",
+)
+"""The names that the paper prints (sections 4.2 and 4.3), for an agent go2."""
+
+HOST_NAMES = ("Go2-Jetson.local", "steamdeck", "raspberry-pi-5", "Workstation_7970X")
+
+checks = Checks("naming")
+
+
+def _random_word(rng: np.random.Generator) -> str:
+    return "".join(rng.choice(list("abcdefgh"), size=rng.integers(3, 8)))
+
+
+def random_fqns(count: int, *, rng: np.random.Generator) -> Iterator[RosFqn]:
+    """Yield names with random segments; draws that the schema refuses are left out."""
+    drawn = 0
+    while drawn < count:
+        builder = RosFqnBuilder().scope(list(Scope)[rng.integers(2)]).agent(_random_word(rng))
+        try:
+            yield _random_rest(builder, rng).build()
+        except FqnError:
+            continue
+        drawn += 1
+
+
+def _random_rest(builder: RosFqnBuilder, rng: np.random.Generator) -> RosFqnBuilder:
+    depth = rng.integers(0, 3)
+    if depth >= 1:
+        builder = builder.component(*_random_segment(list(Component), rng))
+    if depth == 2:
+        builder = builder.stream(*_random_segment(list(Stream), rng))
+    return builder.resource(*_random_segment(list(Resource), rng))
+
+
+def _random_segment(values: list[Any], rng: np.random.Generator) -> tuple[Any, ...]:
+    if rng.random() < 0.3:
+        return (Custom(_random_word(rng)),)
+    value = values[rng.integers(len(values))]
+    return (value, _random_word(rng)) if rng.random() < 0.4 else (value,)
+
+
+@cache
+def _names(count: int, seed: int) -> tuple[RosFqn, ...]:
+    """Return all standard names and so many random ones."""
+    rng = np.random.default_rng(seed)
+    return (*all_standard_fqns(AGENT), *random_fqns(count, rng=rng))
+
+
+def _of_names(holds: Callable[[RosFqn], bool]) -> Callable[[Sample], Iterator[Case]]:
+    def cases(sample: Sample) -> Iterator[Case]:
+        return ((str(fqn), holds(fqn)) for fqn in _names(sample.count, sample.seed))
+
+    return cases
+
+
+@checks.cases("parses back to the tuple it was built from")
+@_of_names
+def parses_back(fqn: RosFqn) -> bool:
+    """Parse what was built."""
+    return parse(str(fqn), fqn.kind) == fqn
+
+
+def _rebuilds(fqn: RosFqn) -> bool:
+    return str(parse(str(fqn), fqn.kind)) == str(fqn)
+
+
+checks.cases("builds back to the string it was parsed from")(_of_names(_rebuilds))
+
+
+@checks.cases("is a valid ROS 2 name")
+@_of_names
+def is_ros_name(fqn: RosFqn) -> bool:
+    """Ask ROS 2's rules, which raise."""
+    validate_ros_name(str(fqn), fqn.kind)
+    return True
+
+
+@checks.cases("has a resource that Fig. 2 allows after its last segment")
+@_of_names
+def stands_where_it_may(fqn: RosFqn) -> bool:
+    """Ask Fig. 2; a custom resource may stand anywhere."""
+    resource = fqn.resource.base if isinstance(fqn.resource, Suffixed) else fqn.resource
+    return isinstance(resource, Custom) or fqn.preceding in resource.after
+
+
+@checks.cases("resources where Fig. 2 does not allow them are refused")
+def refuses(_: Sample) -> Iterator[Case]:
+    """Build every resource after each kind of segment after which it may not stand."""
+    agent = RosFqnBuilder().scope(Scope.GLOBAL).agent(AGENT)
+    component = agent.component(Component.CAMERA)
+    prefixes = {
+        After.SCOPE: RosFqnBuilder().scope(Scope.GLOBAL).without_agent(),
+        After.AGENT: agent,
+        After.COMPONENT: component,
+        After.STREAM: component.stream(Stream.COLOR),
+    }
+    for flag, prefix in prefixes.items():
+        for resource in Resource:
+            if flag not in resource.after:
+                refusal = _refusal(prefix.resource(resource))
+                yield refusal or f"{resource.value} after {flag.name}", bool(refusal)
+
+
+def _refusal(builder: RosFqnBuilder) -> str:
+    try:
+        builder.build()
+    except FqnError as error:
+        return str(error)
+    return ""
+
+
+@checks.cases("a host name becomes a valid agent")
+def agents_of_hosts(_: Sample) -> Iterator[Case]:
+    """Make agents of host names as people give them."""
+    text = ", ".join(f"{host} -> {sanitize_agent(host)}" for host in HOST_NAMES)
+    for host in HOST_NAMES:
+        agent = sanitize_agent(host)
+        yield text, validate_agent(agent) == agent
+
+
+@checks.cases("standard names differ from each other")
+def differ(_: Sample) -> Iterator[Case]:
+    """Look for standard names that were there before."""
+    names = [str(fqn) for fqn in all_standard_fqns(AGENT)]
+    seen: set[str] = set()
+    for name in reversed(names):
+        yield name, name not in seen
+        seen.add(name)
+
+
+@checks.cases("is printed in the paper, and is in the schema")
+def printed(_: Sample) -> Iterator[Case]:
+    """Parse the names that the paper prints."""
+    return ((name, _rebuilds(parse(name))) for name in PAPER_NAMES)

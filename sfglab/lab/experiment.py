@@ -1,0 +1,454 @@
+"""The experiment kit: an experiment declares, its cells return rows, its live parts write them.
+
+    exp = Experiment("transmission", Config, where="B 3.1", smoke={"seeds": 1}, paper={"seeds": 30})
+
+declares a configuration whose defaults are the profile ``quick``. Decorators add the classes of its tables, its
+sweeps and parts, its claims and figures. The kit gives profiles, the log with its metadata and completion
+record, progress, resuming, typed configuration on the way back, figure style, twins, the ledger's entries.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, nullcontext
+from dataclasses import asdict, dataclass, fields
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_type_hints
+
+from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.fields import check_bounds, from_json, to_json
+from sfglab.lab.bench import Bench, Options, as_row
+from sfglab.lab.claims import Finding, How, Measured
+from sfglab.lab.figures import house_style
+from sfglab.lab.paths import find_project
+from sfglab.lab.progress import progress_bar
+from sfglab.lab.runs import COMPLETION, PART_SUFFIX, SMOKE, Run, new_log
+from sfglab.lab.sweep import Workers, journals, sweep
+from sfglab.lab.testbed import Testbed
+from sfglab.record import LogExistsError, LogWriter, run_context
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+
+C = TypeVar("C")
+F = TypeVar("F", bound=Callable[..., Any])
+
+QUICK, PAPER = "quick", "paper"
+PROFILES = (SMOKE, QUICK, PAPER)
+"""Seconds, for CI; a few minutes for everything; the papers' full counts."""
+_UNCOUNTED = ("seed", "profile")
+_OPTIONS = Options()
+
+
+class SkippedPartError(SfglabError):
+    """A part that was not run; its sentence goes into the log."""
+
+
+@dataclass(frozen=True, slots=True)
+class Actor:
+    """A process or node of an experiment's set-up."""
+
+    name: str  #: Its name; a group of equal ones bears the name of one.
+    host: str  #: Where it runs.
+    does: str = ""  #: Its part, a few words.
+    count: str = "1"  #: How many there are, as text.
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A way that messages take between two actors."""
+
+    source: str  #: Name of the actor that sends.
+    target: str  #: Name of the actor that receives.
+    carries: str  #: What is sent.
+    over: str = "DDS"  #: By which transport.
+    boundary: str = (
+        ""  #: The boundary that it crosses, if any: a border, the network, the device, the memory interface.
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """An experiment's hosts, processes, and who sends what to whom: data, of which a picture can be drawn."""
+
+    actors: tuple[Actor, ...] = ()  #: Processes and nodes.
+    links: tuple[Link, ...] = ()  #: Who sends what to whom.
+
+    def __post_init__(self) -> None:
+        names = {actor.name for actor in self.actors}
+        for link in self.links:
+            for end in (link.source, link.target):
+                if end not in names:
+                    raise InvalidValueError("link", end, ", ".join(sorted(names)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Sweep:
+    table: str
+    task: Callable[[Any, int], Any]
+    over: Callable[[Any], Sequence[Any]]
+    seeds: Callable[[Any], Sequence[int]]
+    workers: Workers
+    at_ns: Callable[[Any], int] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Part:
+    name: str
+    function: Callable[[Bench[Any]], Any]
+    total: int | Callable[[Any], int]
+    skips: tuple[type[Exception], ...]
+    timed: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Claim:
+    function: Callable[[Run[Any]], Finding | None]
+    how: How | Callable[[Run[Any]], How]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Drawing:
+    function: Callable[[Figure, Run[Any]], dict[str, Any]]
+    size: tuple[float, float]
+    when: Callable[[Run[Any]], bool]
+
+
+def _seeds_of(config: Any) -> Sequence[int]:
+    return range(config.seed, config.seed + config.seeds)
+
+
+class Experiment(Generic[C]):
+    """An experiment.
+
+    Args:
+        name: Its name in `EXPERIMENTS`, of its logs and journals.
+        config: A frozen dataclass whose defaults are the profile ``quick``; documentation and bounds stand on
+            its fields. A field `profile` is filled in, a field `seed` is nobody's change.
+        where: Paper and section.
+        smoke: Fields that the profile ``smoke`` changes.
+        paper: Fields that the profile ``paper`` changes.
+        hosts: Names of test hosts that the run is on; empty: none.
+        setup: What runs and who sends what to whom.
+    """
+
+    def __init__(  # noqa: PLR0913  # what an experiment declares in one place
+        self,
+        name: str,
+        config: type[C],
+        *,
+        where: str,
+        smoke: Mapping[str, Any],
+        paper: Mapping[str, Any],
+        hosts: Sequence[str] = (),
+        setup: Setup | None = None,
+    ) -> None:
+        self.name, self.where, self.config_class = name, where, config
+        self.hosts, self.setup = tuple(hosts), setup or Setup()
+        self._profiles: dict[str, Mapping[str, Any]] = {SMOKE: smoke, QUICK: {}, PAPER: paper}
+        self.tables: dict[str, type[Any]] = {}
+        self._sweeps: list[_Sweep] = []
+        self._parts: list[_Part] = []
+        self._claims: dict[str, _Claim] = {}
+        self._drawings: dict[str, _Drawing] = {}
+
+    def __repr__(self) -> str:
+        return f"<experiment {self.name}: paper {self.where}>"
+
+    # What an experiment declares.
+
+    def table(self, *names: str) -> Callable[[type[Any]], type[Any]]:
+        """Declare the class of tables' rows: its fields' names, types and texts go into the log."""
+
+        def declare(row_class: type[Any]) -> type[Any]:
+            self.tables |= dict.fromkeys(names, row_class)
+            return row_class
+
+        return declare
+
+    def sweep(
+        self,
+        table: str,
+        *,
+        over: Callable[[C], Sequence[Any]],
+        seeds: Callable[[C], Sequence[int]] = _seeds_of,
+        workers: Workers = Workers(),  # noqa: B008  # frozen
+        at_ns: Callable[[Any], int] | None = None,
+    ) -> Callable[[F], F]:
+        """Declare a sweep whose rows are a table; the function stays plain, an interrupted sweep goes on.
+
+        The function takes a point and a seed, and returns a row, a mapping, or a tuple of them; to mappings the
+        point's fields and the seed are added.
+
+        Args:
+            table: The table, which is also the name of its journal.
+            over: Gives the points.
+            seeds: Gives the seeds; `seeds` many from `seed` on when not given.
+            workers: Who does the work.
+            at_ns: Gives a row's time in the log; its place when not given, so that equal seeds give equal logs.
+        """
+
+        def declare(task: F) -> F:
+            one = _Sweep(table=table, task=task, over=over, seeds=seeds, workers=workers, at_ns=at_ns)
+            self._sweeps.append(one)
+            return task
+
+        return declare
+
+    def part(
+        self,
+        name: str,
+        *,
+        total: int | Callable[[C], int] = 1,
+        skips: tuple[type[Exception], ...] = (),
+        timed: bool = True,
+    ) -> Callable[[F], F]:
+        """Declare a part: a function, sync or async, that takes a `Bench` and writes; parts run in this order.
+
+        Args:
+            name: Its name, shown in progress.
+            total: How many steps it advances; or a function of the configuration.
+            skips: Errors that mean that this machine cannot do it: the reason goes into the metadata of the
+                part's name, as does that of a `SkippedPartError`.
+            timed: Whether rows get the time of writing; else their place in the table, so that equal seeds give
+                equal logs.
+        """
+
+        def declare(function: F) -> F:
+            one = _Part(
+                name=name, function=function, total=total, skips=(SkippedPartError, *skips), timed=timed
+            )
+            self._parts.append(one)
+            return function
+
+        return declare
+
+    def claim(self, claim: str, *, how: How | Callable[[Run[C]], How]) -> Callable[[F], F]:
+        """Declare which claim a function of a run answers; None from it: this run does not.
+
+        Args:
+            claim: The claim's id in ``data/claims.yaml``.
+            how: How the figure is obtained, or a function that says so for a run.
+        """
+
+        def declare(function: F) -> F:
+            self._claims[claim] = _Claim(function=function, how=how)
+            return function
+
+        return declare
+
+    def figure(
+        self,
+        name: str,
+        *,
+        size: tuple[float, float],
+        when: Callable[[Run[C]], bool] = lambda _: True,
+    ) -> Callable[[F], F]:
+        """Declare a figure: a function that draws into an empty one and returns the numbers that it shows.
+
+        Args:
+            name: Its file's name without suffix.
+            size: Width and height, inches.
+            when: Whether a run has it.
+        """
+
+        def declare(function: F) -> F:
+            self._drawings[name] = _Drawing(function=function, size=size, when=when)
+            return function
+
+        return declare
+
+    # What the kit makes of it.
+
+    @property
+    def claims(self) -> tuple[str, ...]:
+        """Ids of the claims that it answers."""
+        return tuple(self._claims)
+
+    @property
+    def drawings(self) -> tuple[str, ...]:
+        """Names of its figures."""
+        return tuple(self._drawings)
+
+    def config(self, profile: str = QUICK, **changes: Any) -> C:
+        """Return the configuration of a profile.
+
+        Args:
+            profile: ``smoke``, ``quick`` or ``paper``.
+            changes: Fields that are set anew; values as JSON has them are read by the fields' types.
+
+        Raises:
+            InvalidValueError: There is no such profile or field, or a value that the field cannot hold.
+        """
+        if profile not in self._profiles:
+            raise InvalidValueError("profile", profile, ", ".join(self._profiles))
+        hints = get_type_hints(self.config_class)
+        names = [f.name for f in fields(self.config_class)]  # type: ignore[arg-type]
+        for name in changes:
+            if name not in names:
+                close = get_close_matches(name, names, n=1)
+                hint = f"; did you mean {close[0]!r}?" if close else ""
+                raise InvalidValueError(f"{self.name}: field", name, ", ".join(names) + hint)
+        own = {"profile": profile} if "profile" in names else {}
+        given = {name: from_json(hints[name], value) for name, value in changes.items()}
+        config = self.config_class(**{**own, **self._profiles[profile], **given})
+        check_bounds(config)
+        return config
+
+    def load(self, log: Path) -> Run[C]:
+        """Return a finished run.
+
+        Args:
+            log: Its log.
+        """
+        return Run(log, self.config_class, self.tables)
+
+    async def run(
+        self, profile: str = QUICK, *, path: Path | None = None, options: Options = _OPTIONS, **changes: Any
+    ) -> Run[C]:
+        """Run the experiment into one log.
+
+        Sweeps come first; interrupted, the same run goes on where it was. Then the parts write, in their order.
+
+        Args:
+            profile: ``smoke``, ``quick`` or ``paper``.
+            path: The log; a new one below ``runs/`` when not given.
+            options: How the run is made on this machine.
+            changes: Fields of the configuration that are set anew; such a run speaks for no claim, unless it is
+                only the seed.
+
+        Raises:
+            InvalidValueError: The configuration is not one.
+            LogExistsError: There is a log of that name.
+            SfglabError: What the experiment's parts raise; what was written until then is in ``<log>.part``.
+        """
+        config = self.config(profile, **changes)
+        path = path or new_log(find_project(), self.name, profile)
+        if path.exists():
+            raise LogExistsError(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with journals(path, f"{self.name}-{profile}") as journal:
+            rows = {one.table: self._swept(one, config, journal, options) for one in self._sweeps}
+            unfinished = path.with_name(path.name + PART_SUFFIX)
+            done = {"experiment": self.name, "profile": profile, "explored": options.explored}
+            await self._write(
+                config, unfinished, rows, options, {**done, "changed": self._changed(profile, config)}
+            )
+            unfinished.rename(path)
+        return self.load(path)
+
+    def _changed(self, profile: str, config: C) -> list[str]:
+        usual, given = asdict(self.config(profile)), asdict(config)  # type: ignore[call-overload]
+        return [name for name in usual if usual[name] != given[name] and name not in _UNCOUNTED]
+
+    def _swept(
+        self, one: _Sweep, config: C, journal: Callable[[str], Path], options: Options
+    ) -> list[tuple[int | None, Any]]:
+        """Return a sweep's rows with their times."""
+        points, seeds = one.over(config), one.seeds(config)
+        if not points or not seeds:
+            return []
+        workers = options.workers or one.workers
+        results = sweep(one.task, points, seeds, journal=journal(one.table), workers=workers)
+        pairs = [(point, seed) for point in points for seed in seeds]
+        rows: list[tuple[int | None, Any]] = []
+        for (point, seed), result in zip(pairs, results, strict=True):
+            for part in result if isinstance(result, tuple) else (result,):
+                row = as_row(self.tables[one.table], part, {"seed": seed}, point)
+                rows.append((one.at_ns(row) if one.at_ns else None, row))
+        return rows
+
+    async def _write(
+        self, config: C, path: Path, rows: Mapping[str, list[Any]], options: Options, done: Mapping[str, Any]
+    ) -> None:
+        with ExitStack() as stack:
+            hosts = stack.enter_context(Testbed(*self.hosts, separate=options.separate)) if self.hosts else None
+            log = stack.enter_context(LogWriter(path, overwrite=True))
+            log.write_metadata("run", run_context())
+            log.write_metadata("config", {"experiment": self.name, **to_json(config)})
+            if hosts:
+                log.write_metadata("hosts", {"description": hosts.description, "separate": hosts.separate})
+            plain = {table: [row for _, row in timed] for table, timed in rows.items()}
+            bench = Bench(
+                config=config,
+                options=options,
+                log=log,
+                row_classes=self.tables,
+                rows=plain,
+                stack=stack,
+                hosts=hosts,
+            )
+            bench.timed = False
+            for table, timed in rows.items():
+                for at_ns, row in timed:
+                    bench.write(table, row, at_ns=at_ns)
+            for part in self._parts:
+                await self._run_part(part, bench)
+            log.write_metadata(COMPLETION, done)
+
+    async def _run_part(self, part: _Part, bench: Bench[C]) -> None:
+        total = part.total if isinstance(part.total, int) else part.total(bench.config)
+        bench.timed = part.timed
+        bar = progress_bar(total, f"{self.name}: {part.name}") if total else nullcontext(lambda _: None)
+        with bar as advance:
+            bench.advance = advance
+            try:
+                result = part.function(bench)
+                if inspect.isawaitable(result):
+                    await result
+                if total == 1:
+                    advance("done")
+            except part.skips as error:
+                bench.metadata(part.name, {"hindrance": getattr(error, "reason", str(error))})
+
+    def measure(self, run: Run[C]) -> dict[str, Measured]:
+        """Return our figures for the claims that a run answers, by claim."""
+        found = {}
+        for name, claim in self._claims.items():
+            finding = claim.function(run)
+            if finding is not None:
+                how = claim.how if isinstance(claim.how, How) else claim.how(run)
+                found[name] = Measured(
+                    estimate=finding.estimate, details=finding.details, reason=finding.reason, how=how
+                )
+        return found
+
+    def draw(self, name: str, run: Run[C]) -> tuple[Figure, dict[str, Any]]:
+        """Draw one figure.
+
+        Args:
+            name: One of `drawings`.
+            run: The run.
+
+        Returns:
+            The figure, and the numbers that it shows.
+
+        Raises:
+            InvalidValueError: There is no such figure.
+        """
+        from matplotlib.figure import Figure
+
+        if name not in self._drawings:
+            raise InvalidValueError(f"{self.name}: figure", name, ", ".join(self._drawings))
+        drawing = self._drawings[name]
+        with house_style():
+            figure = Figure(figsize=drawing.size)
+            return figure, drawing.function(figure, run)
+
+    def figures(self, log: Path | Run[C]) -> dict[str, tuple[Figure, dict[str, Any]]]:
+        """Draw every figure that a run has, by name."""
+        run = log if isinstance(log, Run) else self.load(log)
+        return {name: self.draw(name, run) for name, d in self._drawings.items() if d.when(run)}
+
+    def measure_claims(self, log: Path) -> dict[str, Measured]:
+        """Return our figures for the claims that a log answers, by claim."""
+        return self.measure(self.load(log))
+
+
+def seeded(config: Any, seeds: int) -> range:
+    """Return so many seeds from the configuration's own on."""
+    return range(config.seed, config.seed + seeds)

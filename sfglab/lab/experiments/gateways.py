@@ -1,0 +1,249 @@
+"""The gateway core explored, and the communication mapping of Fig. 8: paper C, sections 3 and 5.
+
+Exact: every interleaving of core and surroundings up to a bound, the same with a core that does not claim the
+hardware's topic and with every arrow of the core's table bent, and the edges across the boundary of the paper's
+example in its three stages. Nothing depends on the machine's speed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from sfglab.lab.checks import CheckRow
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiment import Experiment
+from sfglab.lab.paths import find_project
+from sfglab.lab.stats import exactly
+from sfglab.soc import carriages_per_message, crossing_edges, load_graph, map_communication
+from sfglab.soc.gateway import TABLE, Bound, Drive, Input, Move, Row, State, Table, explore
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from sfglab.lab.bench import Bench
+    from sfglab.lab.runs import Run
+    from sfglab.soc.graph import Graph
+
+_SMALL = (Bound(), Bound(subscribers=2), Bound(calls=2), Bound(port_messages=1), Bound(echoes=False))
+_LARGER = (
+    Bound(software=(3,), hardware=(3,)),
+    Bound(software=(2, 1), hardware=(1, 1)),
+    Bound(software=(4,), hardware=(4,), subscribers=2, calls=2),
+)
+_LARGEST = (
+    Bound(software=(2, 1), hardware=(2, 1), subscribers=2),
+    Bound(software=(2, 1), hardware=(2, 1), port_messages=2),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """How much is explored."""
+
+    profile: str = "quick"  #: Name of the profile it came from.
+    #: What is explored with the core's table, and with the one that does not claim.
+    bounds: tuple[Bound, ...] = (*_SMALL, *_LARGER)
+    bent: bool = True  #: Whether the same is asked of every table with one arrow bent.
+    graph_file: str = "graphs/figure_8.yaml"  #: The example, in the data folder.
+    seed: int = 0  #: For the other experiments' sake; nothing is drawn here.
+
+
+exp = Experiment(
+    "gateways",
+    Config,
+    where="C 3, 5",
+    smoke={"bounds": _SMALL, "bent": False},
+    paper={"bounds": (*_SMALL, *_LARGER, *_LARGEST)},
+)
+exp.table("check")(CheckRow)
+
+STAGES = ("all topics in software", "topics in hardware", "topics in hardware, gateways")
+"""Fig. 8 b, c and d."""
+
+
+@exp.table("exploration", "unclaimed")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExplorationRow:
+    """One exploration of the core's table, or of one derived from it."""
+
+    software: str  #: Messages of each software publisher.
+    hardware: str  #: Messages of each hardware publisher.
+    subscribers: int  #: Hardware subscribers besides the core.
+    calls: int  #: Calls to the delegate that may wait.
+    echoes: bool  #: Whether both topics return the core's own messages.
+    port_messages: int  #: Whole messages that the core's port can store.
+    worlds: int  #: Reachable moments.
+    steps: int  #: Steps between them.
+    depth: int  #: Length of the longest of the shortest ways.
+    states: int  #: States of the core that occurred.
+    violation: str  #: What was violated; empty: nothing.
+
+
+@exp.table("stage")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageRow:
+    """One stage of the mapping of Fig. 8."""
+
+    stage: str  #: One of `STAGES`.
+    publications: int  #: Publishing edges across the boundary.
+    subscriptions: int  #: Subscribing edges across the boundary.
+    carriages: float  #: How often one message of every topic is carried across, together.
+    mapped: str  #: Topics and what they are mapped to.
+    left: str  #: The edges that are left across the boundary.
+
+
+@exp.part("exploration", total=lambda config: 2 * len(config.bounds) + config.bent, timed=False)
+def explore_core(bench: Bench[Config]) -> None:
+    """Explore the core, the one that does not claim, and the bent ones."""
+    visited: set[State] = set()
+    for bound in bench.config.bounds:
+        row, states = _explored(bound, TABLE)
+        visited |= states
+        bench.write("exploration", row)
+        bench.advance(f"{row['worlds']} worlds")
+        bench.write("unclaimed", _explored(bound, unclaimed(TABLE))[0])
+        bench.advance("without the claim")
+    bench.write("check", _coverage(visited))
+    if bench.config.bent:
+        bench.write("check", _bent())
+        bench.advance("bent arrows")
+
+
+@exp.part("mapping", timed=False)
+def map_example(bench: Bench[Config]) -> None:
+    """Map the example of Fig. 8."""
+    bench.write_all("stage", _stages(load_graph(find_project().data / bench.config.graph_file)))
+
+
+def _explored(bound: Bound, table: Table) -> tuple[dict[str, Any], frozenset[State]]:
+    found = explore(bound, table)
+    row = {
+        "software": "+".join(map(str, bound.software)),
+        "hardware": "+".join(map(str, bound.hardware)),
+        **{name: getattr(bound, name) for name in ("subscribers", "calls", "echoes", "port_messages")},
+        **{name: getattr(found, name) for name in ("worlds", "steps", "depth")},
+        "states": len(found.visited),
+        "violation": found.counterexample.property if found.counterexample else "",
+    }
+    return row, found.visited
+
+
+def _coverage(visited: set[State]) -> CheckRow:
+    missing = [state.name for state in State if state not in visited]
+    example = ", ".join(missing) or "all"
+    return CheckRow(
+        check="every state of the core occurs", checked=len(State), held=len(visited), example=example
+    )
+
+
+def unclaimed(table: Table) -> Table:
+    """Return a table in which every way to the claim of the hardware's topic leads straight to the sending."""
+    sends = {s: row.moves[Input.GRANTED].to for s, row in table.items() if row.drive is Drive.CLAIM_HMT}
+    return {
+        state: Row(
+            row.drive, {i: Move(sends.get(move.to, move.to), move.latch) for i, move in row.moves.items()}
+        )
+        for state, row in table.items()
+    }
+
+
+def _bent_tables() -> Iterator[tuple[str, Table]]:
+    for state, row in TABLE.items():
+        for given, move in row.moves.items():
+            for to in State:
+                if to is not move.to:
+                    moves = {**row.moves, given: Move(to, move.latch)}
+                    yield f"{state.name} -{given.name}-> {to.name}", {**TABLE, state: Row(row.drive, moves)}
+
+
+def _bent() -> CheckRow:
+    """Ask the same of every table with one arrow bent: what passes shows what the exploration cannot see."""
+    passed, tried = [], 0
+    for name, table in _bent_tables():
+        tried += 1
+        if explore(Bound(), table).counterexample is None:
+            passed.append(name)
+    return CheckRow(
+        check="of the tables with one arrow bent, those that are caught",
+        checked=tried,
+        held=tried - len(passed),
+        example="; ".join(passed),
+    )
+
+
+def _stages(graph: Graph) -> Iterator[StageRow]:
+    for stage, mapped in zip(STAGES, map_communication(graph).stages, strict=True):
+        crossing = crossing_edges(mapped)
+        edges = (*crossing.publications, *crossing.subscriptions)
+        yield StageRow(
+            stage=stage,
+            publications=len(crossing.publications),
+            subscriptions=len(crossing.subscriptions),
+            carriages=sum(carriages_per_message(mapped, topic) for topic in mapped.topics),
+            mapped=", ".join(f"{topic.name} {topic.mapping.value}" for topic in mapped.topics),
+            left=", ".join(map(str, edges)),
+        )
+
+
+@exp.claim("C-FSM", how=How.EXACT)
+def core_holds(run: Run[Config]) -> Finding:
+    """Return the share of bounds and states that hold."""
+    explorations, checks = run["exploration"], run["check"]
+    coverage = checks.iloc[0]
+    held = (explorations["violation"] == "").sum() + coverage["held"]
+    details = {
+        "bounds explored": str(len(explorations)),
+        "worlds": str(int(explorations["worlds"].sum())),
+        "states that occur": f"{coverage['held']} of {coverage['checked']}",
+    }
+    if len(run["unclaimed"]):
+        details["beyond the text"] = _why_it_claims(run["unclaimed"])
+    if len(checks) > 1:
+        details["bent tables that are caught"] = f"{checks.iloc[1]['held']} of {checks.iloc[1]['checked']}"
+    share = float(held / (len(explorations) + coverage["checked"]))
+    return Finding(estimate=exactly(share, "share of checks that hold"), details=details)
+
+
+def _why_it_claims(unclaimed: pd.DataFrame) -> str:
+    found = unclaimed["violation"][unclaimed["violation"] != ""]
+    what = f" ({'; '.join(sorted(set(found)))})" if len(found) else ""
+    share = f"{len(found)} of {len(unclaimed)} bounds are violated{what}"
+    return f"the core claims the hardware's topic before it sends; without that {share}"
+
+
+@exp.claim("C-MAP", how=How.EXACT)
+def edges_left(run: Run[Config]) -> Finding:
+    """Return how many edges are left across the boundary."""
+    stages = run["stage"]
+    edges = stages["publications"] + stages["subscriptions"]
+    details = {
+        "edges, by stage": " -> ".join(map(str, edges)),
+        "carriages of one message a topic": " -> ".join(f"{carried:g}" for carried in stages["carriages"]),
+        "left": str(stages["left"].iloc[-1]),
+        "which nodes the edges join": "is in the text only where it says so; the rest is our reading",
+    }
+    return Finding(estimate=exactly(float(edges.iloc[-1]), "edges across the boundary"), details=details)
+
+
+@exp.figure("gateway_core", size=(14, 5.4))
+def draw_gateway(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw the core from its table."""
+    from sfglab.soc.gateway.drawing import draw_core
+
+    worlds = int(run["exploration"]["worlds"].sum())
+    draw_core(figure.subplots())
+    figure.suptitle(f"The gateway core (paper C, Fig. 4), from its table: {worlds} moments explored")
+    return {"worlds": worlds, "violations": int((run["exploration"]["violation"] != "").sum())}
+
+
+@exp.figure("graph_mapping", size=(14, 5.2))
+def draw_stages(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw the example of Fig. 8 in its three stages; the log only says which run it belongs to."""
+    from sfglab.soc.graph_drawing import draw_mapping
+
+    draw_mapping(map_communication(load_graph(find_project().data / run.config.graph_file)), figure)
+    return {"stages": run["stage"].to_dict(orient="list")}

@@ -1,0 +1,193 @@
+"""Runs on disk: a log with its tables and typed configuration, and whether it may speak for a claim.
+
+A log bears the name ``*.mcap.part`` until its run is finished; then it ends with a completion record and gets
+its name. Everything that an experiment computes after a run takes a `Run`.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, fields
+from functools import wraps
+from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar, cast
+
+from sfglab.errors import SfglabError
+from sfglab.fields import from_json
+from sfglab.record import LogReader
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+    from pathlib import Path
+
+    import pandas as pd
+
+    from sfglab.lab.paths import Project
+    from sfglab.record import DecodedMessage
+
+C = TypeVar("C")
+P = ParamSpec("P")
+T = TypeVar("T")
+
+COMPLETION = "completion"
+"""Metadata that a finished run's log ends with: experiment, profile, changed fields, explored."""
+PART_SUFFIX = ".part"
+SMOKE = "smoke"
+
+
+class Run(Generic[C]):
+    """A finished run, read from its log alone.
+
+    ``run["cell"]`` is a table, one line a row in the order of writing; a table that the log does not have is
+    empty, with its columns.
+
+    Args:
+        log: The log.
+        config_class: The experiment's configuration.
+        row_classes: Classes of rows by table.
+
+    Attributes:
+        log: The log.
+        config: The configuration that was run.
+    """
+
+    def __init__(self, log: Path, config_class: type[C], row_classes: Mapping[str, type[Any]]) -> None:
+        self.log = log
+        self._row_classes = row_classes
+        self._known: dict[Any, Any] = {}
+        with LogReader(log) as reader:
+            self._tables = reader.tables
+            self._metadata = {name: reader.metadata(name) for name in reader.metadata_names}
+        self.config: C = from_json(config_class, self._metadata["config"])
+
+    def __repr__(self) -> str:
+        return f"<run of {self.experiment}: {self.log.name}>"
+
+    def __getitem__(self, table: str) -> pd.DataFrame:
+        """Return a table without the times of its rows.
+
+        Raises:
+            KeyError: The experiment has no such table.
+        """
+        return self.table(table).drop(columns="log_time_ns")
+
+    def table(self, name: str) -> pd.DataFrame:
+        """Return a table with the column `log_time_ns`."""
+        if ("table", name) not in self._known:
+            self._known["table", name] = self._read(name)
+        found: pd.DataFrame = self._known["table", name]
+        return found
+
+    def _read(self, name: str) -> pd.DataFrame:
+        import pandas as pd
+
+        if name not in self._tables:
+            columns = [f.name for f in fields(self._row_classes[name])]
+            return pd.DataFrame(columns=["log_time_ns", *columns])
+        with LogReader(self.log) as reader:
+            return reader.table(name)
+
+    @property
+    def experiment(self) -> str:
+        """The experiment's name."""
+        return str(self._metadata["config"]["experiment"])
+
+    @property
+    def profile(self) -> str:
+        """The run's profile; empty in logs from before the completion record."""
+        return str(self.metadata(COMPLETION).get("profile") or self._metadata["config"].get("profile", ""))
+
+    def metadata(self, name: str) -> dict[str, Any]:
+        """Return a metadata record; empty when the log does not have it."""
+        return dict(self._metadata.get(name, {}))
+
+    def skipped(self, part: str) -> str:
+        """Return why a part was skipped; empty when it was not."""
+        return str(self.metadata(part).get("hindrance", ""))
+
+    def attachment(self, name: str) -> bytes:
+        """Return an attached file.
+
+        Raises:
+            LogLookupError: There is none of that name.
+        """
+        with LogReader(self.log) as reader:
+            return reader.attachment(name)
+
+    def messages(self, topic: str) -> Iterator[DecodedMessage]:
+        """Yield the recorded messages of a topic, deserialised."""
+        with LogReader(self.log) as reader:
+            yield from reader.decoded(topic)
+
+    def once(self, key: Any, make: Callable[[], T]) -> T:
+        """Return what was made for a key before, or make it."""
+        if key not in self._known:
+            self._known[key] = make()
+        found: T = self._known[key]
+        return found
+
+
+def derived(function: Callable[Concatenate[Run[C], P], T]) -> Callable[Concatenate[Run[C], P], T]:
+    """Make a function of a run compute once for each run and arguments; nobody may change what it returns."""
+
+    @wraps(function)
+    def once(run: Run[C], *args: P.args, **kwargs: P.kwargs) -> T:
+        key = (function, args, tuple(sorted(kwargs.items())))
+        return run.once(key, lambda: function(run, *args, **kwargs))
+
+    return cast("Callable[Concatenate[Run[C], P], T]", once)
+
+
+def new_log(project: Project, name: str, profile: str) -> Path:
+    """Return the path of a new run's log, in order of time by its name.
+
+    Args:
+        project: The checkout.
+        name: The experiment.
+        profile: The run's profile.
+    """
+    stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
+    folder = project.runs / "logs" / name
+    stem, again = f"{stamp}-{profile}", 1
+    while any(folder.glob(f"{stem}.mcap*")):
+        again += 1
+        stem = f"{stamp}-{profile}-{again}"
+    return folder / f"{stem}.mcap"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Standing:
+    """What a log may be used for."""
+
+    profile: str  #: The run's profile; empty when the log does not say.
+    why_not: str  #: Why it speaks for no claim; empty: it does.
+
+    @property
+    def speaks(self) -> bool:
+        """Whether it speaks for its experiment's claims."""
+        return not self.why_not
+
+
+def standing(log: Path) -> Standing:
+    """Return whether a run's log speaks for claims: finished, no smoke test, nothing changed, not explored.
+
+    Args:
+        log: The log of a run; committed reference logs speak without being asked.
+    """
+    if log.name.endswith(PART_SUFFIX):
+        return Standing(profile="", why_not="it is not finished")
+    try:
+        with LogReader(log) as reader:
+            done = reader.metadata(COMPLETION) if COMPLETION in reader.metadata_names else {}
+    except SfglabError as error:
+        return Standing(profile="", why_not=str(error))
+    return Standing(profile=str(done.get("profile", "")), why_not=_why_not(done))
+
+
+def _why_not(done: Mapping[str, Any]) -> str:
+    if not done:
+        return "it has no completion record"
+    if done["explored"]:
+        return "it was explored"
+    if done["profile"] == SMOKE:
+        return "it is a smoke test"
+    return f"changed: {', '.join(done['changed'])}" if done["changed"] else ""

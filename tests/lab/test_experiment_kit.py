@@ -1,0 +1,176 @@
+"""The kit: profiles, logs that speak only when finished, rows from mappings, resuming, typed configuration."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from dataclasses import dataclass
+
+import pytest
+
+from sfglab.errors import InvalidValueError
+from sfglab.fields import between
+from sfglab.lab.bench import Options
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiment import Actor, Experiment, Link, Setup, SkippedPartError
+from sfglab.lab.ledger import find_log, logs_of, save_figures
+from sfglab.lab.paths import Project
+from sfglab.lab.runs import derived, standing
+from sfglab.lab.stats import exactly
+from sfglab.lab.sweep import Workers
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    profile: str = "quick"
+    seeds: int = 2
+    seed: int = 0
+    loss: float = between(0.01, 0.0, 0.3)
+    breaks: bool = False
+    kinds: tuple[str, ...] = ("a", "b")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Point:
+    kind: str
+    hidden: int = 1
+
+
+exp = Experiment("kit", Config, where="A 1", smoke={"seeds": 1}, paper={"seeds": 3})
+
+
+@exp.table("cell", "other")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KitRow:
+    kind: str  #: One of the kinds.
+    seed: int
+    value: float
+
+
+@exp.sweep("cell", over=lambda config: [Point(kind=k) for k in config.kinds], workers=Workers(threads=True))
+def cell(point: Point, seed: int) -> dict[str, float]:
+    return {"value": len(point.kind) + seed}
+
+
+@exp.part("live", total=2)
+async def live(bench):
+    bench.write("other", {"kind": "x", "seed": 0, "value": float(len(bench.rows["cell"]))})
+    (bench.folder("scratch") / "file").write_text("gone afterwards")
+    bench.advance("one")
+    if bench.config.breaks:
+        raise KeyboardInterrupt
+
+
+@exp.part("impossible")
+def impossible(_):
+    raise SkippedPartError("no device")
+
+
+calls = []
+
+
+@derived
+def total(run, column="value"):
+    calls.append(column)
+    return float(run["cell"][column].sum())
+
+
+@exp.claim("X", how=How.EXACT)
+def claim(run):
+    return Finding(estimate=exactly(total(run), "things"))
+
+
+@exp.claim("Y", how=lambda run: How.LIVE if run.config.seeds else How.EXACT)
+def no_claim(_):
+    return None
+
+
+@exp.figure("kit", size=(3, 2))
+def draw(figure, run):
+    figure.subplots().plot(run["cell"]["value"])
+    return {"total": total(run)}
+
+
+@exp.figure("never", size=(3, 2), when=lambda _: False)
+def never(figure, run):
+    raise AssertionError
+
+
+def run(path, profile="smoke", **changes):
+    return asyncio.run(exp.run(profile, path=path, **changes))
+
+
+def test_a_run_has_its_tables_its_configuration_and_its_completion(tmp_path):
+    made = run(tmp_path / "a.mcap")
+    assert made.config == Config(profile="smoke", seeds=1)
+    assert made["cell"].to_dict("list") == {"kind": ["a", "b"], "seed": [0, 0], "value": [1.0, 1.0]}
+    assert list(made.table("cell")["log_time_ns"]) == [0, 1]
+    assert made["other"]["value"].tolist() == [2.0]
+    assert made.skipped("impossible") == "no device"
+    assert made.profile == "smoke"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"], "no journal, no scratch folder, no half log"
+    assert exp.load(made.log).config == made.config
+
+
+def test_equal_seeds_give_equal_rows_and_derived_values_are_computed_once(tmp_path):
+    one, two = run(tmp_path / "a.mcap"), run(tmp_path / "b.mcap")
+    assert one["cell"].equals(two["cell"])
+    calls.clear()
+    assert (exp.measure(one)["X"].estimate.value, list(exp.figures(one))) == (2.0, ["kit"])
+    assert calls == ["value"]
+    assert set(exp.measure(one)) == {"X"}
+
+
+def test_profiles_and_changes_are_checked():
+    assert exp.config("paper").seeds == 3
+    assert exp.config("smoke", kinds=["z"]).kinds == ("z",), "as a command line gives it"
+    for profile, changes, message in [
+        ("long", {}, "profile: given 'long', allowed: smoke, quick, paper"),
+        ("smoke", {"sede": 1}, "kit: field: given 'sede', allowed: .*did you mean 'seed'"),
+        ("smoke", {"loss": 0.4}, "loss: given 0.4, allowed: 0 to 0.3"),
+        ("smoke", {"seeds": "many"}, "given 'many', allowed: int"),
+    ]:
+        with pytest.raises(InvalidValueError, match=message):
+            exp.config(profile, **changes)
+
+
+def test_an_interrupted_run_has_another_name_goes_on_and_speaks_only_when_finished(tmp_path, monkeypatch):
+    project = Project(root=tmp_path)
+    path = tmp_path / "runs" / "logs" / "kit" / "20260101T000000-quick.mcap"
+    with pytest.raises(KeyboardInterrupt):
+        run(path, "quick", breaks=True)
+    assert sorted(p.name for p in path.parent.iterdir()) == [f"{path.name}.part", "kit-quick-cell.journal"]
+    assert find_log(project, "kit") is None
+    assert [log.standing.why_not for log in logs_of(project, "kit")] == ["it is not finished"]
+    monkeypatch.setattr("sfglab.lab.sweep.run.run_batch", None)
+    run(path, "quick")  # what is in the journal is not run again
+    assert find_log(project, "kit") == path
+
+
+def test_smoke_tests_changed_and_explored_runs_do_not_speak(tmp_path):
+    for name, profile, changes, why in [
+        ("a", "smoke", {}, "it is a smoke test"),
+        ("b", "quick", {"loss": 0.2}, "changed: loss"),
+        ("c", "quick", {"options": Options(explored=True)}, "it was explored"),
+        ("d", "quick", {"seed": 5}, ""),
+    ]:
+        found = standing(run(tmp_path / f"{name}.mcap", profile, **changes).log)
+        assert (found.why_not, found.profile) == (why, profile)
+
+
+def test_figures_of_a_run_that_does_not_speak_replace_no_other(tmp_path, monkeypatch):
+    monkeypatch.setattr("sfglab.lab.ledger.experiment", lambda _: exp)
+    project = Project(root=tmp_path)
+    files = save_figures(project, "kit", run(tmp_path / "a.mcap", "quick", loss=0.2).log)
+    assert {f.parent for f in files} == {project.runs / "figures"}
+    files = save_figures(project, "kit", run(tmp_path / "b.mcap", "quick").log)
+    assert {f.parent for f in files} == {project.figures}
+    twin = json.loads(next(f for f in files if f.suffix == ".json").read_text())
+    assert twin["shown"] == {"total": 6.0}
+
+
+def test_a_set_up_is_data_and_its_links_join_its_actors():
+    camera, viewer = Actor("camera", "edge"), Actor("viewer", "consumer", count="n")
+    Setup(actors=(camera, viewer), links=(Link("camera", "viewer", "H.264"),))
+    with pytest.raises(InvalidValueError, match="given 'nobody', allowed: camera"):
+        Setup(actors=(camera,), links=(Link("camera", "nobody", "H.264"),))
