@@ -11,22 +11,24 @@ from __future__ import annotations
 import copy
 import dataclasses
 import math
+import sys
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
 from enum import Enum
 from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.errors import InvalidValueError
 from sfglab.fields import BOUNDS, Bounds
 
 if TYPE_CHECKING:
     import pathlib
     import re
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable
 
     import yaml
 
@@ -55,24 +57,10 @@ class Place:
 NOWHERE = Place()
 
 
-class DocumentError(SfglabError, ValueError):
-    """A file does not say what it must say.
+class DocumentError(InvalidValueError):
+    """A file does not say what it must say."""
 
-    Attributes:
-        place: Where.
-        given: What stands there; None where nothing does.
-        allowed: What is allowed in its place.
-    """
-
-    def __init__(self, place: Place, given: object, allowed: str) -> None:
-        self.place = place
-        self.given = given
-        self.allowed = allowed
-        super().__init__(place, given, allowed)  # all arguments, so that the error survives pickling
-
-    def __str__(self) -> str:
-        given = "nothing is given" if self.given is None else f"given {self.given!r}"
-        return f"{self.place}: {given}, allowed: {self.allowed}"
+    place: Place
 
 
 def suggestion(word: object, known: Iterable[str]) -> str:
@@ -105,12 +93,8 @@ class Document:
         self._lines: dict[KeyPath, int] = {(): 1}
         self._seen: set[int] = set()
         try:
-            loader = yaml.SafeLoader(text)
-            try:
-                node = loader.get_single_node()
-                self.value = None if node is None else self._read(loader, node, ())
-            finally:
-                loader.dispose()
+            node = yaml.compose(text, Loader=yaml.SafeLoader)
+            self.value = None if node is None else self._read(yaml.SafeLoader(""), node, ())
         except (yaml.YAMLError, RecursionError) as error:
             mark = getattr(error, "problem_mark", None)
             place = Place(file=file, line=mark.line + 1 if mark else 0)
@@ -150,15 +134,8 @@ class Document:
         return Section(self, (), self.value)
 
     def items(self) -> Iterator[Section]:
-        """Yield a section for every item of a document that is a list.
-
-        Raises:
-            DocumentError: It is not a list, or an item is not a mapping.
-        """
-        if not isinstance(self.value, list):
-            raise DocumentError(self.place(()), self.value, "a list")
-        for position, item in enumerate(self.value):
-            yield Section(self, (position,), item)
+        """Yield a section for every item of a document that is a list; raises as `section` does."""
+        return _sections(self, (), self.value)
 
     def _read(self, loader: yaml.SafeLoader, node: yaml.Node, path: KeyPath) -> Any:
         import yaml
@@ -202,12 +179,11 @@ class Document:
 
 def _is_finite(value: object) -> bool:
     """Tell whether a value is a number that a float can hold."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    try:
-        return math.isfinite(value)
-    except OverflowError:
-        return False
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and value != ""
 
 
 def _key_text(path: KeyPath) -> str:
@@ -272,14 +248,16 @@ class Section:
             return default
         return self._values[key]
 
+    def _checked(self, key: str, default: Any, allowed: str, *, fits: Callable[[Any], bool]) -> Any:
+        value = self.get(key, default)
+        if key in self._values and not fits(value):
+            raise self.refusal(key, value, allowed)
+        return value
+
     def text(self, key: str, default: Any = _REQUIRED, *, choices: tuple[str, ...] = ()) -> Any:
         """Return a text, or the default where there is none."""
-        value = self.get(key, default)
-        if key not in self._values:
-            return value
-        if not isinstance(value, str) or not value:
-            raise self.refusal(key, value, "a text")
-        if choices and value not in choices:
+        value = self._checked(key, default, "a text", fits=_is_text)
+        if choices and key in self._values and value not in choices:
             raise self.refusal(key, value, " or ".join(choices) + suggestion(value, choices))
         return value
 
@@ -296,23 +274,28 @@ class Section:
         return self._number(key, default, float, Bounds(low, high, without=(high,)))
 
     def _number(self, key: str, default: Any, kind: type[int | float], bounds: Bounds) -> Any:
-        value = self.get(key, default)
-        if key not in self._values:
-            return value
-        is_kind = type(value) is int if kind is int else _is_finite(value)
-        if not is_kind or value not in bounds:
-            word = "a finite number" if bounds.low not in bounds.without else "a number"
-            raise self.refusal(key, value, f"{'a whole number' if kind is int else word} {bounds}".rstrip())
-        return kind(value)
+        word = (
+            "a whole number"
+            if kind is int
+            else "a number"
+            if bounds.low in bounds.without
+            else "a finite number"
+        )
+
+        def fits(value: Any) -> bool:
+            return (type(value) is int if kind is int else _is_finite(value)) and value in bounds
+
+        value = self._checked(key, default, f"{word} {bounds}".rstrip(), fits=fits)
+        return kind(value) if key in self._values else value
 
     def numbers(self, key: str, count: int, default: Any = _REQUIRED) -> Any:
         """Return a list of so many finite numbers as they stand, as a tuple, or the default."""
-        value = self.get(key, default)
-        if key not in self._values:
-            return value
-        if not isinstance(value, list) or len(value) != count or not all(map(_is_finite, value)):
-            raise self.refusal(key, value, f"{count} numbers, all finite")
-        return tuple(value)
+
+        def fits(value: Any) -> bool:
+            return isinstance(value, list) and len(value) == count and all(map(_is_finite, value))
+
+        value = self._checked(key, default, f"{count} numbers, all finite", fits=fits)
+        return tuple(value) if isinstance(value, list) else value
 
     def choice(self, key: str, default: _Choice) -> _Choice:
         """Return the member of an enumeration whose value stands there, or the default."""
@@ -321,17 +304,15 @@ class Section:
 
     def flag(self, key: str, default: Any = _REQUIRED) -> Any:
         """Return true or false, or the default where there is neither."""
-        value = self.get(key, default)
-        if key in self._values and not isinstance(value, bool):
-            raise self.refusal(key, value, "true or false")
-        return value
+        return self._checked(key, default, "true or false", fits=lambda value: isinstance(value, bool))
 
     def texts(self, key: str, default: tuple[str, ...] = ()) -> tuple[str, ...]:
         """Return a list of texts, or the default where there is none."""
-        value = self.get(key, list(default))
-        if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
-            raise self.refusal(key, value, "a list of texts (quote numbers)")
-        return tuple(value)
+
+        def fits(value: Any) -> bool:
+            return isinstance(value, list) and all(map(_is_text, value))
+
+        return tuple(self._checked(key, default, "a list of texts (quote numbers)", fits=fits))
 
     def section(self, key: str) -> Section:
         """Return the mapping at a key, an empty one where there is none."""
@@ -344,21 +325,8 @@ class Section:
             yield name, inner.section(name)
 
     def items(self, key: str, *, short: str = "") -> Iterator[Section]:
-        """Yield a section for every item of a list, nothing where there is no list.
-
-        Args:
-            key: Where the list stands.
-            short: A text among the items stands for a mapping with this one key.
-
-        Raises:
-            DocumentError: It is not a list, or an item is not a mapping.
-        """
-        value = self.get(key, [])
-        if not isinstance(value, list):
-            raise self.refusal(key, value, "a list")
-        for position, item in enumerate(value):
-            content = {short: item} if short and isinstance(item, str) else item
-            yield Section(self._document, (*self._path, key, position), content)
+        """Yield a section for each item of a list; a text stands for a mapping with the key `short`."""
+        return _sections(self._document, (*self._path, key), self.get(key, []), short)
 
     def read(self, cls: type[T], **given: Any) -> T:
         """Return the section as a dataclass, each field from the key of its name, and close it.
@@ -389,21 +357,16 @@ class Section:
             elif f.default_factory is f.type:  # all defaults, read all the same for their place
                 given[f.name] = self.section(key).read(f.default_factory)
         self.close()
-        try:
+        with _refused_at(self.here, {f.name: self.place_of(key) for key, f in fields.items()}):
             return cls(**given)
-        except InvalidValueError as error:
-            places = {f.name: self.place_of(key) for key, f in fields.items()}
-            raise DocumentError(places.get(error.place, self.here), error.given, error.allowed) from error
 
     def _read_field(self, key: str, hint: Any, extra: Mapping[str, Any]) -> Any:
         value = self.get(key)
         if value is None and "null" in extra:
             return None
         if "read" in extra:
-            try:
+            with _refused_at(self.place_of(key)):
                 return extra["read"](self, key)
-            except InvalidValueError as error:
-                raise self.refusal(key, error.given, error.allowed) from error
         if "names" in extra:
             return self._read_by_name(key, hint, extra["names"])
         options = {_kind_of(option): option for option in _options_of(hint)}
@@ -473,6 +436,25 @@ class Section:
         unknown = [other for other in self._values if other not in self._known]
         close = get_close_matches(key, unknown, n=1) if self._all_known else []
         return f"; did you mean it by {close[0]!r}?" if close else ""
+
+
+@contextmanager
+def _refused_at(place: Place, fields: Mapping[str, Place] = types.MappingProxyType({})) -> Iterator[None]:
+    """Let an error that is not about a place say one: its field's, or the one given."""
+    try:
+        yield
+    except DocumentError:
+        raise
+    except InvalidValueError as error:
+        raise DocumentError(fields.get(str(error.place), place), error.given, error.allowed) from error
+
+
+def _sections(document: Document, path: KeyPath, value: Any, short: str = "") -> Iterator[Section]:
+    if not isinstance(value, list):
+        raise DocumentError(document.place(path), value, "a list")
+    for position, item in enumerate(value):
+        content = {short: item} if short and isinstance(item, str) else item
+        yield Section(document, (*path, position), content)
 
 
 # What a field's type cannot say, as its metadata: ``field(metadata=named("from") | bounds(1, 9))``.

@@ -7,6 +7,8 @@ allowed or what to try.
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class SfglabError(Exception):
     """Anything that sfglab refuses or cannot do, said in one sentence."""
@@ -16,19 +18,20 @@ class InvalidValueError(SfglabError, ValueError):
     """A value that is not allowed where it was given.
 
     Attributes:
-        place: Where: a field, an argument, an option, a key.
-        given: The value.
+        place: Where: a field, an argument, an option, a key; of documents, a `sfglab.documents.Place`.
+        given: The value; None where nothing is given.
         allowed: What is allowed in its place.
     """
 
-    def __init__(self, place: str, given: object, allowed: str) -> None:
+    def __init__(self, place: Any, given: object, allowed: str) -> None:
         self.place = place
         self.given = given
         self.allowed = allowed
         super().__init__(place, given, allowed)  # all arguments, so that the error survives pickling
 
     def __str__(self) -> str:
-        return f"{self.place}: given {self.given!r}, allowed: {self.allowed}"
+        given = "nothing is given" if self.given is None else f"given {self.given!r}"
+        return f"{self.place}: {given}, allowed: {self.allowed}"
 
 
 class MissingExtraError(SfglabError, ImportError):

@@ -1,4 +1,4 @@
-"""Where a decoder can start in an H.264 or H.265 byte stream.
+"""Entry points of H.264 and H.265 byte streams, at which a decoder can start.
 
 Knows start codes and NAL unit types. Refuses to decode anything.
 

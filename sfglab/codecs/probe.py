@@ -1,4 +1,4 @@
-"""Which H.264 encoders and decoders really work on this machine.
+"""Probes of the H.264 encoders and decoders that really work on this machine.
 
 FFmpeg's lists say what was compiled in, not what is there, and some codecs open and fail at the first frame;
 so each candidate encodes or decodes three frames, and the frames are counted and compared. Verdicts hold for

@@ -1,4 +1,4 @@
-"""What an `.action` text means: three parts, and the messages that carry them to and fro.
+"""`.action` texts: three parts, and the messages that carry them to and fro.
 
 Pure text in, pure text out. Refuses to know which types exist.
 """

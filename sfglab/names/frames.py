@@ -1,4 +1,4 @@
-"""What frames are called across agents: ``<agent>/<frame>``, and the few that all agents share.
+"""Names of frames across agents: ``<agent>/<frame>``, and the few that all agents share.
 
 Paper A, section 4.1: "for transform topics, appropriate frame prefixing is required to prevent TF frame ID
 clashes". How the prefix looks is not in the paper; ours is the agent's segment of the FQN schema: a topic of

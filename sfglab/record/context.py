@@ -1,4 +1,4 @@
-"""What a run ran on: versions, machine, state of the source tree.
+"""The context of a run: versions, machine, state of the source tree.
 
 Knows what makes two runs comparable. Refuses to record what identifies a place or a person: no path, no host
 name.

@@ -1,4 +1,4 @@
-"""How metadata and QoS profiles become the plain strings that MCAP keeps.
+"""Metadata and QoS profiles as the plain strings that MCAP keeps.
 
 Knows JSON and rosbag2's YAML. Refuses to know files.
 """

@@ -1,4 +1,4 @@
-"""What can go wrong with a log."""
+"""Errors of logs."""
 
 from __future__ import annotations
 
