@@ -1,4 +1,4 @@
-"""The chain's time beside the paper's, the lap that is drawn, and all laps, from a log."""
+"""The chain's time beside the paper's, the lap that is drawn, and all laps."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ import numpy as np
 
 from sfglab.lab.experiments.driving.analysis import (
     Picture,
-    Results,
     chain_ms,
     lines_of,
-    load_pictures,
     parts_ms,
+    pictures,
     ratio,
     saved_ms,
     stops,
 )
-from sfglab.lab.experiments.driving.config import MAPPINGS, PAPER_MS, READINGS
-from sfglab.lab.experiments.driving.overlay import draw_lane
-from sfglab.lab.experiments.driving.replay import road_lines
-from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE, house_style
+from sfglab.lab.experiments.driving.experiment import MAPPINGS, PAPER_MS, READINGS, Config, exp
+from sfglab.lab.experiments.driving.film import draw_lane
+from sfglab.lab.experiments.driving.lap import road_lines
+from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE
 from sfglab.soc.driving import CHAIN, Rules
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from sfglab.lab.runs import Run
 
 
 _COLORS = {"software": COLORS["standard"], "gateway": COLORS["proxy"]}
@@ -38,36 +38,26 @@ _TOPIC_COLORS = {"/blurred": COLORS["third"], "/lane_mask": COLORS["fourth"], "/
 _LIGHTS = {True: "#D62728", False: "#2CA02C"}
 
 
-def figure_chain(results: Results) -> tuple[Figure, dict[str, Any]]:
-    """Draw the chain's time: each frame's, and what it is made of, with the paper's.
-
-    Args:
-        results: The run.
-
-    Returns:
-        The figure and the numbers that it shows.
-    """
-    from matplotlib.figure import Figure
-
-    with house_style():
-        figure = Figure(figsize=(10.6, 4.3))
-        left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
-        _draw_frames(left, results)
-        _draw_parts(right, results)
-        figure.suptitle(
-            f"The node chain from image to command: {ratio(results).value:.2f} times as fast with a gateway "
-            f"(paper: 1.4), {saved_ms(results):.2f} ms saved (paper: 7.99 ms)"
-        )
-    twin: dict[str, Any] = {"saved_ms": saved_ms(results), "frames": len(results.chain)}
+@exp.figure("driving_chain", size=(10.6, 4.3))
+def draw_chain(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw the chain's time: each frame's, and what it is made of, with the paper's."""
+    left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
+    _draw_frames(left, run)
+    _draw_parts(right, run)
+    figure.suptitle(
+        f"The node chain from image to command: {ratio(run).value:.2f} times as fast with a gateway "
+        f"(paper: 1.4), {saved_ms(run):.2f} ms saved (paper: 7.99 ms)"
+    )
+    twin: dict[str, Any] = {"saved_ms": saved_ms(run), "frames": len(run["chain"])}
     for reading in READINGS:
-        for mapping, ms in chain_ms(results, reading).items():
+        for mapping, ms in chain_ms(run, reading).items():
             twin[f"{reading}, {mapping}"] = {"mean_ms": ms.mean(), "deviation_ms": ms.std(ddof=1)}
-    return figure, twin
+    return twin
 
 
-def _draw_frames(axes: Axes, results: Results) -> None:
+def _draw_frames(axes: Axes, run: Run[Config]) -> None:
     """Draw a dot a frame, beside it the mean and deviation here and in the paper."""
-    for place, (mapping, ms) in enumerate(chain_ms(results).items()):
+    for place, (mapping, ms) in enumerate(chain_ms(run).items()):
         aside = (np.arange(len(ms)) * 0.6180339887 % 1.0 - 0.5) * 0.3
         axes.plot(place - 0.2 + aside, ms, ".", color=_COLORS[mapping], markersize=2, alpha=0.5)
         ours, paper = (float(ms.mean()), float(ms.std(ddof=1))), PAPER_MS[mapping]
@@ -88,13 +78,13 @@ def _draw_mean(axes: Axes, place: float, stated: tuple[float, float], color: str
     axes.annotate(said, (place, mean - deviation - 0.5), fontsize=8, color=color, ha="center", va="top")
 
 
-def _draw_parts(axes: Axes, results: Results) -> None:
+def _draw_parts(axes: Axes, run: Run[Config]) -> None:
     """Draw means of nodes and transfers, one on the other, for both readings and mappings."""
     labelled: set[str] = set()
     bars = [(reading, mapping) for reading in READINGS for mapping in MAPPINGS]
     for place, (reading, mapping) in enumerate(bars):
         bottom = 0.0
-        for name, ms in parts_ms(results, reading, mapping).items():
+        for name, ms in parts_ms(run, reading, mapping).items():
             mean, node = float(ms.mean()), name in CHAIN
             color = _GREYS[CHAIN.index(name)] if node else _TOPIC_COLORS.get(name, _COLORS[mapping])
             label = name if node or name in _TOPIC_COLORS else f"{name}: {mapping}"
@@ -117,31 +107,20 @@ def _draw_parts(axes: Axes, results: Results) -> None:
     axes.legend(handles[::-1], labels[::-1], fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
-def figure_lap(results: Results, log: Path) -> tuple[Figure, dict[str, Any]]:
-    """Draw one lap: the town and the track, the lateral error, four images with what was seen in them.
-
-    Args:
-        results: The run.
-        log: Its log, for the images.
-
-    Returns:
-        The figure and the numbers that it shows.
-    """
-    from matplotlib.figure import Figure
-
-    row = results.laps.iloc[0]
-    with house_style():
-        figure = Figure(figsize=(12, 6.2))
-        grid = figure.add_gridspec(3, 4, width_ratios=(0.8, 0.8, 1, 1), height_ratios=(1, 1, 0.6))
-        _draw_map(figure.add_subplot(grid[:2, :2]), results)
-        _draw_lateral(figure.add_subplot(grid[2, :]), results)
-        moments = _chosen(results, load_pictures(log))
-        for place, (said, picture) in enumerate(moments.items()):
-            _draw_image(figure.add_subplot(grid[place // 2, 2 + place % 2]), results, said, picture)
-        ending, lights = "passed" if row["passed"] else "did not pass", int(row["red_lights_obeyed"])
-        figure.suptitle(f"Town {int(row['seed'])}: {row['lap_s']:.1f} s, {lights} red lights obeyed, {ending}")
-    stood = [{"t_s": stop.t_s, "lasted_s": stop.lasted_s} for stop in stops(results)]
-    return figure, {
+@exp.figure("driving_lap", size=(12, 6.2))
+def draw_drawn_lap(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw one lap: the town and the track, the lateral error, four images with what was seen in them."""
+    row = run["lap"].iloc[0]
+    grid = figure.add_gridspec(3, 4, width_ratios=(0.8, 0.8, 1, 1), height_ratios=(1, 1, 0.6))
+    _draw_map(figure.add_subplot(grid[:2, :2]), run)
+    _draw_lateral(figure.add_subplot(grid[2, :]), run)
+    moments = _chosen(run, pictures(run))
+    for place, (said, picture) in enumerate(moments.items()):
+        _draw_image(figure.add_subplot(grid[place // 2, 2 + place % 2]), run, said, picture)
+    ending, lights = "passed" if row["passed"] else "did not pass", int(row["red_lights_obeyed"])
+    figure.suptitle(f"Town {int(row['seed'])}: {row['lap_s']:.1f} s, {lights} red lights obeyed, {ending}")
+    stood = [{"t_s": stop.t_s, "lasted_s": stop.lasted_s} for stop in stops(run)]
+    return {
         "seed": int(row["seed"]),
         "stops": stood,
         "largest_lateral_m": float(row["largest_lateral_m"]),
@@ -149,20 +128,20 @@ def figure_lap(results: Results, log: Path) -> tuple[Figure, dict[str, Any]]:
     }
 
 
-def _draw_map(axes: Axes, results: Results) -> None:
-    for name, line in road_lines(results.town).items():
+def _draw_map(axes: Axes, run: Run[Config]) -> None:
+    for name, line in road_lines(run.metadata("town")).items():
         color = "#E6B800" if name == "yellow" else "#888888"
         axes.plot(*np.array(line).T, color=color, linewidth=1.0)
-    for corners in results.town["buildings"]:
+    for corners in run.metadata("town")["buildings"]:
         axes.fill(*np.array(corners).T, color="#d8d4cc")
-    axes.plot(results.tracks["x_m"], results.tracks["y_m"], color=COLORS["proxy"], linewidth=1.6)
-    start = results.tracks.iloc[0]
+    axes.plot(run["track"]["x_m"], run["track"]["y_m"], color=COLORS["proxy"], linewidth=1.6)
+    start = run["track"].iloc[0]
     axes.plot(start["x_m"], start["y_m"], MARKERS["network"], color="black", markersize=7)
     axes.annotate("start", (start["x_m"], start["y_m"]), (6, 6), textcoords="offset points", fontsize=8)
-    for number, (x, y, _, resting) in enumerate(results.town["lights"], start=1):
+    for number, (x, y, _, resting) in enumerate(run.metadata("town")["lights"], start=1):
         axes.plot(x, y, "s" if resting else "o", color="black", markerfacecolor="white", markersize=9)
         axes.annotate(str(number), (x, y), ha="center", va="center", fontsize=6)
-    for stop in stops(results):
+    for stop in stops(run):
         axes.plot(stop.x_m, stop.y_m, "o", color=_LIGHTS[True], markersize=5)
         said = f"{stop.lasted_s:.0f} s"
         where = (-0.22 * stop.x_m, -0.22 * stop.y_m)
@@ -177,12 +156,12 @@ def _draw_map(axes: Axes, results: Results) -> None:
     )
 
 
-def _draw_lateral(axes: Axes, results: Results) -> None:
-    tracks, limit = results.tracks, Rules().lateral_m * 100
+def _draw_lateral(axes: Axes, run: Run[Config]) -> None:
+    tracks, limit = run["track"], Rules().lateral_m * 100
     axes.plot(tracks["t_s"], tracks["left_m"] * 100, color=COLORS["proxy"], linewidth=1.2)
     for side in (-limit, limit):
         axes.axhline(side, color="black", linestyle=":", linewidth=1)
-    for stop in stops(results):
+    for stop in stops(run):
         axes.axvspan(stop.t_s, stop.t_s + stop.lasted_s, color=_LIGHTS[True], alpha=0.15, linewidth=0)
     axes.set_ylim(-limit * 1.15, limit * 1.15)
     axes.set_xlim(0, tracks["t_s"].iloc[-1])
@@ -191,9 +170,9 @@ def _draw_lateral(axes: Axes, results: Results) -> None:
     axes.set_title("dotted: a wheel would leave the lane", fontsize=8.5)
 
 
-def _chosen(results: Results, pictures: Sequence[Picture]) -> dict[str, Picture]:
+def _chosen(run: Run[Config], pictures: Sequence[Picture]) -> dict[str, Picture]:
     """Return four images by rule: the start, the first stop, the first after it, the sharpest bend."""
-    bend, stood = results.tracks.set_index("t_s")["lane_bend_per_m"].to_dict(), stops(results)
+    bend, stood = run["track"].set_index("t_s")["lane_bend_per_m"].to_dict(), stops(run)
     bends = [abs(bend[one.t_s]) for one in pictures]
     chosen = {"at the start": pictures[0], "in the sharpest bend": pictures[int(np.nanargmax(bends))]}
     if stood:
@@ -207,25 +186,17 @@ def _first(pictures: Sequence[Picture], t_s: float) -> Picture:
     return next((one for one in pictures if one.t_s >= t_s), pictures[-1])
 
 
-def _draw_image(axes: Axes, results: Results, said: str, picture: Picture) -> None:
-    row = lines_of(results.tracks[results.tracks["t_s"] == picture.t_s])[0]
+def _draw_image(axes: Axes, run: Run[Config], said: str, picture: Picture) -> None:
+    row = lines_of(run["track"][run["track"]["t_s"] == picture.t_s])[0]
     axes.imshow(draw_lane(picture.bgr, row, width=480)[:, :, ::-1])
     axes.set_title(f"{said}, {picture.t_s:.1f} s", fontsize=8.5)
     axes.set_axis_off()
 
 
-def figure_laps(results: Results) -> tuple[Figure, dict[str, Any]]:
-    """Draw all laps by seed: largest lateral error, red lights, odometry's error.
-
-    Args:
-        results: The run.
-
-    Returns:
-        The figure and the numbers that it shows.
-    """
-    from matplotlib.figure import Figure
-
-    laps = results.laps
+@exp.figure("driving_laps", size=(10.2, 5.4))
+def draw_laps(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw all laps by seed: largest lateral error, red lights, odometry's error."""
+    laps = run["lap"]
     columns = {
         "largest lateral error (cm)": laps["largest_lateral_m"] * 100,
         "red lights obeyed": laps["red_lights_obeyed"],
@@ -233,23 +204,18 @@ def figure_laps(results: Results) -> tuple[Figure, dict[str, Any]]:
     }
     limits = {0: Rules().lateral_m * 100, 1: Rules().red_lights}
     colors = [COLORS["proxy"] if passed else COLORS["standard"] for passed in laps["passed"]]
-    with house_style():
-        figure = Figure(figsize=(10.2, 5.4))
-        panels = figure.subplots(3, 1, sharex=True)
-        for place, (axes, (said, values)) in enumerate(zip(panels, columns.items(), strict=True)):
-            axes.bar(laps["seed"], values, 0.7, color=colors)
-            axes.set_ylabel(said, fontsize=8)
-            axes.grid(visible=False, axis="x")
-            if place in limits:
-                axes.axhline(limits[place], color="black", linestyle=":", linewidth=1)
-        panels[-1].set_xlabel("seed of the town")
-        panels[-1].set_xticks(laps["seed"] if len(laps) <= 25 else laps["seed"][::5])
-        figure.suptitle(
-            f"{int(laps['passed'].sum())} of {len(laps)} laps passed; dotted: what the judge asks for"
-        )
-    twin = {
+    panels = figure.subplots(3, 1, sharex=True)
+    for place, (axes, (said, values)) in enumerate(zip(panels, columns.items(), strict=True)):
+        axes.bar(laps["seed"], values, 0.7, color=colors)
+        axes.set_ylabel(said, fontsize=8)
+        axes.grid(visible=False, axis="x")
+        if place in limits:
+            axes.axhline(limits[place], color="black", linestyle=":", linewidth=1)
+    panels[-1].set_xlabel("seed of the town")
+    panels[-1].set_xticks(laps["seed"] if len(laps) <= 25 else laps["seed"][::5])
+    figure.suptitle(f"{int(laps['passed'].sum())} of {len(laps)} laps passed; dotted: what the judge asks for")
+    return {
         "passed": int(laps["passed"].sum()),
         "laps": len(laps),
         **{said.replace("\n", " "): values.tolist() for said, values in columns.items()},
     }
-    return figure, twin
