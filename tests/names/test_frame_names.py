@@ -6,7 +6,6 @@ import pytest
 
 from sfglab.fleet.routing import frames as routing
 from sfglab.names import SHARED_FRAMES, frame_owner, prefixed_frame
-from sfglab.spatial import frames as spatial
 
 
 @pytest.mark.parametrize(
@@ -29,7 +28,7 @@ def test_what_is_shared_can_be_chosen():
     assert prefixed_frame("map", "go2", shared=frozenset()) == "go2/map"
 
 
-def test_routers_and_readers_of_frames_follow_the_one_rule():
-    assert set(routing.SHARED_FRAMES) == spatial.SHARED_FRAMES == set(SHARED_FRAMES)
+def test_routers_follow_the_one_rule():
+    assert routing.Frames(agent="go2").shared == set(SHARED_FRAMES)
     for frame in ("base", "/odom", "map", "x/base"):
-        assert routing.Frames(agent="go2").outward(frame) == spatial.prefixed(frame, "go2")
+        assert routing.Frames(agent="go2").outward(frame) == prefixed_frame(frame, "go2")

@@ -10,6 +10,7 @@ import pytest
 
 from sfglab import bus
 from sfglab.bus.sim import run_simulated
+from sfglab.errors import InvalidValueError
 from sfglab.messages import message_type, register_action
 from sfglab.spatial import Pose
 from sfglab.spatial.execution import (
@@ -18,17 +19,16 @@ from sfglab.spatial.execution import (
     AgentSetup,
     Dynamics,
     Ended,
-    ExecutionError,
     Feedback,
     Order,
     Outcome,
     Tolerances,
     TrajectoryServer,
-    action_name,
     execute,
     scene_orders,
     send,
 )
+from sfglab.spatial.execution.orders import action_name
 from sfglab.spatial.frames import FrameBuffer, FramesListener
 from sfglab.spatial.scene import AgentObject, Editor, load_scene
 from sfglab.spatial.trajectory import Interpolation, Limits, Trajectory, path_from_trajectory, pose_at
@@ -353,10 +353,10 @@ def test_a_scene_gives_orders_for_the_agents_that_are_named_and_refuses_others()
     scene = load_scene(HALL)
     [order] = scene_orders(scene, agents=("drone",), start_ns=7)
     assert (order.agent, order.frame_id, order.start_ns) == ("drone", "map", 7)
-    with pytest.raises(ExecutionError, match=r"given 'spot', allowed: .*: go2, drone"):
+    with pytest.raises(InvalidValueError, match=r"given 'spot', allowed: .*: go2, drone"):
         scene_orders(scene, agents=("spot",))
     editor = Editor(scene)
     editor.add("agent", "idle")
-    with pytest.raises(ExecutionError, match="given 'idle'"):
+    with pytest.raises(InvalidValueError, match="given 'idle'"):
         scene_orders(editor.scene, agents=("idle",))
     assert len(scene_orders(editor.scene)) == 2

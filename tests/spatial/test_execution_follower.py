@@ -13,21 +13,9 @@ from trajectory_strategies import poses, trajectories
 from sfglab.bus import GoalStatus
 from sfglab.errors import InvalidValueError
 from sfglab.spatial import Pose
-from sfglab.spatial.execution import (
-    OUTCOMES,
-    TRANSITIONS,
-    AgentState,
-    Dynamics,
-    Follower,
-    Order,
-    Outcome,
-    Phase,
-    RefusalError,
-    Rules,
-    Tolerances,
-    judge,
-    outcome_of,
-)
+from sfglab.spatial.execution import Dynamics, Order, Outcome, Tolerances
+from sfglab.spatial.execution.agent import TRANSITIONS, AgentState, Follower, Phase
+from sfglab.spatial.execution.orders import OUTCOMES, RefusalError, Rules, judge, outcome_of
 from sfglab.spatial.trajectory import Limits, Trajectory, retimed
 
 S = 1_000_000_000

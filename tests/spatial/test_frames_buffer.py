@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sfglab.errors import InvalidValueError
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames import (
     ExtrapolationError,
     FrameBuffer,
-    FrameInputError,
-    FrameLoopError,
-    Insertion,
     NotConnectedError,
     UnknownFrameError,
 )
+from sfglab.spatial.frames.buffer import FrameLoopError
+from sfglab.spatial.frames.history import Insertion
 
 S = 1_000_000_000
 
@@ -191,7 +191,7 @@ def test_loops_are_refused_and_leave_the_tree_as_it_was():
 
 @pytest.mark.parametrize("name", ["", " base"])
 def test_frames_without_a_sound_name_are_refused(name):
-    with pytest.raises(FrameInputError):
+    with pytest.raises(InvalidValueError):
         put(FrameBuffer(), "map", name)
 
 
@@ -206,5 +206,5 @@ def test_clearing_forgets_transforms_but_not_the_tree():
 
 @pytest.mark.parametrize("history_s", [0, -1.0, float("nan")])
 def test_a_history_of_no_time_is_refused(history_s):
-    with pytest.raises(FrameInputError, match="history_s"):
+    with pytest.raises(InvalidValueError, match="history_s"):
         FrameBuffer(history_s=history_s)

@@ -7,18 +7,10 @@ from matplotlib.figure import Figure
 
 from sfglab.names import FqnError
 from sfglab.spatial import Pose, StampedTransform
-from sfglab.spatial.frames import (
-    Edge,
-    FrameBuffer,
-    FrameLoopError,
-    FrameRule,
-    agent_of,
-    draw_tree,
-    lint_frames,
-    prefixed,
-    roots_of,
-    tree_layout,
-)
+from sfglab.spatial.frames import Edge, FrameBuffer, FrameRule, draw_tree, lint_frames
+from sfglab.spatial.frames.buffer import FrameLoopError
+from sfglab.spatial.frames.drawing import tree_layout
+from sfglab.spatial.frames.lint import roots_of
 
 
 def tree(*pairs, **options):
@@ -95,13 +87,7 @@ def test_frames_are_called_after_their_agent_or_shared(frame, fits):
     assert (FrameRule(agents=frozenset({"go2"})).problem(frame) is None) == fits
 
 
-def test_prefixes_are_those_of_the_routers():
-    assert prefixed("base", "go2") == "go2/base"
-    assert prefixed("/base", "go2") == "go2/base"
-    assert prefixed("map", "go2") == "map"
-    assert prefixed("go1/base", "go2") == "go1/base"
-    assert prefixed("base", "") == "base"
-    assert (agent_of("go2/base"), agent_of("map")) == ("go2", "")
+def test_a_rule_is_for_agents_with_sound_names():
     with pytest.raises(FqnError):
         FrameRule(agents=frozenset({"Go 2"}))
 

@@ -19,11 +19,11 @@ from sfglab.spatial.frames import (
     ExtrapolationError,
     FrameBuffer,
     FramesListener,
-    TransformIntake,
     UnknownFrameError,
     fill_from_log,
     lint_frames,
 )
+from sfglab.spatial.frames.listener import TransformIntake
 
 S = 1_000_000_000
 

@@ -23,29 +23,26 @@ from sfglab.spatial.frames import (
     FramesListener,
     UnknownFrameError,
     lint_frames,
-    roots_of,
 )
+from sfglab.spatial.frames.lint import roots_of
 from sfglab.spatial.mocap import (
-    STATUS,
-    STATUS_QOS,
     BridgeCore,
     Capture,
     Lapse,
     MappedObject,
     MocapBridge,
     MocapMapping,
-    PlacingError,
     SyntheticConfig,
     SyntheticMotion,
     SyntheticSource,
-    TrackState,
-    direct_name,
     mocap_trees,
-    place_via_proxy,
     read_mapping,
     status_topic,
     synthetic_captures,
 )
+from sfglab.spatial.mocap.bridge import STATUS, STATUS_QOS
+from sfglab.spatial.mocap.mapping import PlacingError, direct_name, place_via_proxy
+from sfglab.spatial.mocap.tracking import TrackState
 
 S = 1_000_000_000
 MARKERS = Pose.at((0.1, 0.0, 0.2), (0, 0, 0.3, 1))

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from sfglab.documents import DocumentError
 from sfglab.spatial import Pose
 from sfglab.spatial.mocap import (
     Limits,
     MappedObject,
-    MappingError,
     MocapMapping,
     load_mapping,
     read_mapping,
@@ -74,16 +74,16 @@ GOOD = "world: map\nobjects:\n  a:\n    via: a/markers\n"
     ],
 )
 def test_what_the_mapping_must_not_say_is_refused_with_its_place(text, says):
-    with pytest.raises(MappingError, match=says):
+    with pytest.raises(DocumentError, match=says):
         read_mapping(text, file="m.yaml")
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(MappingError, match=r"none\.yaml.*readable text file"):
+    with pytest.raises(DocumentError, match=r"none\.yaml.*readable text file"):
         load_mapping(tmp_path / "none.yaml")
 
 
 def test_a_mapping_that_is_built_is_checked_too():
     objects = {id_: MappedObject(id=id_, via="a/markers") for id_ in ("a", "b")}
-    with pytest.raises(MappingError, match="a frame of its own"):
+    with pytest.raises(DocumentError, match="a frame of its own"):
         MocapMapping(world="map", objects=objects)

@@ -8,14 +8,14 @@ import pytest
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames import FrameBuffer
 from sfglab.spatial.mocap import (
-    OffsetError,
-    PosePair,
     SyntheticConfig,
     SyntheticMotion,
     estimate_offset,
     pose_pairs,
     synthetic_captures,
 )
+from sfglab.spatial.mocap.offset import PosePair
+from sfglab.spatial.mocap.tracking import MocapError
 
 X = Pose.at((0.03, -0.01, -0.12), (0.1, -0.05, 0.3, 1))
 Z = Pose.at((3.0, -1.0, 0.2), (0, 0, 0.4, 1))
@@ -67,7 +67,7 @@ def test_residuals_are_the_noise_of_both():
 
 def test_a_motion_about_one_axis_leaves_the_height_open_and_says_so():
     flat = recording(np.random.default_rng(2), factor=0.0, **FLAT)
-    with pytest.raises(OffsetError, match=r"leaves z of the base .* give height_m"):
+    with pytest.raises(MocapError, match=r"leaves z of the base .* give height_m"):
         estimate_offset(flat)
 
 
@@ -80,7 +80,7 @@ def test_with_the_height_by_hand_a_motion_about_one_axis_is_enough():
 
 
 def test_too_few_moments_are_refused():
-    with pytest.raises(OffsetError, match="given 5 moments, allowed are 6"):
+    with pytest.raises(MocapError, match="given 5 moments, allowed are 6"):
         estimate_offset(recording(np.random.default_rng(0), count=5))
 
 

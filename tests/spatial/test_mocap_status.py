@@ -7,17 +7,9 @@ import math
 from sfglab.messages import deserialize, ns_from_stamp, serialize
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames import FrameBuffer
-from sfglab.spatial.mocap import (
-    STATUS,
-    BridgeCore,
-    Capture,
-    Lapse,
-    TrackState,
-    Verdict,
-    read_mapping,
-    status_message,
-    status_topic,
-)
+from sfglab.spatial.mocap import BridgeCore, Capture, Lapse, Verdict, read_mapping, status_topic
+from sfglab.spatial.mocap.bridge import STATUS, status_message
+from sfglab.spatial.mocap.tracking import TrackState
 
 S = 1_000_000_000
 TWO = read_mapping("world: map\nobjects: {x: {via: a/markers}, y: {via: b/markers}}")

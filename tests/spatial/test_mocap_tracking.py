@@ -11,19 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.spatial import Pose
-from sfglab.spatial.mocap import (
-    TRANSITIONS,
-    Lapse,
-    Limits,
-    MocapError,
-    SyntheticConfig,
-    SyntheticMotion,
-    Track,
-    TrackState,
-    Verdict,
-    judge,
-    synthetic_captures,
-)
+from sfglab.spatial.mocap import Lapse, Limits, SyntheticConfig, SyntheticMotion, Verdict, synthetic_captures
+from sfglab.spatial.mocap.tracking import TRANSITIONS, MocapError, Track, TrackState, judge
 
 MS = 1_000_000
 LIMITS = Limits(speed_m_s=5.0, turn_rad_s=10.0, slack_m=0.02, slack_rad=0.2, believe_after_s=0.1)

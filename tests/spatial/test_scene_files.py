@@ -20,9 +20,9 @@ from sfglab.spatial.scene import (
     SetPose,
     load_scene,
     read_scene,
-    save_scene,
     scene_text,
 )
+from sfglab.spatial.scene.files import save_scene
 
 SCENES = Path(__file__).parents[2] / "data" / "scenes"
 

@@ -14,12 +14,10 @@ from sfglab.spatial import Pose
 from sfglab.spatial.scene import (
     KINDS,
     ROOT,
-    Add,
     AlignWaypoints,
     ChangeKind,
     Editor,
     Group,
-    History,
     Move,
     Remove,
     Rename,
@@ -35,6 +33,7 @@ from sfglab.spatial.scene import (
     read_scene,
     scene_text,
 )
+from sfglab.spatial.scene.commands import Add, History
 from sfglab.spatial.trajectory import Align, Limits, csv_from_trajectory, trajectory_from_csv
 
 S = 1_000_000_000

@@ -31,8 +31,8 @@ from sfglab.spatial.trajectory import (
     retimed,
     sample,
     stretched,
-    with_durations,
 )
+from sfglab.spatial.trajectory.path import with_durations
 
 S = 1_000_000_000
 SPLINE = Interpolation.CATMULL_ROM

@@ -7,11 +7,11 @@ import contextlib
 from typing import TYPE_CHECKING, TypedDict
 
 from sfglab.bus import BusError, GoalRejectedError
+from sfglab.errors import InvalidValueError
 from sfglab.spatial.execution.orders import (
     FOLLOW_TRAJECTORY,
     OUTCOMES,
     Ended,
-    ExecutionError,
     Order,
     Outcome,
     action_name,
@@ -189,7 +189,7 @@ def scene_orders(scene: Scene, *, agents: tuple[str, ...] = (), start_ns: int = 
             that several agents start as far apart as their orders arrive.
 
     Raises:
-        ExecutionError: There is no such agent, several have this name, or it has no trajectory.
+        InvalidValueError: There is no such agent, several have this name, or it has no trajectory.
     """
     found: dict[str, list[Order]] = {}
     for agent in scene.all_of(AgentObject):
@@ -202,5 +202,5 @@ def scene_orders(scene: Scene, *, agents: tuple[str, ...] = (), start_ns: int = 
         if len(found.get(name, ())) != 1:
             known = ", ".join(n for n, orders in found.items() if len(orders) == 1)
             allowed = f"one that alone has this name and drives a trajectory: {known or 'there is none'}"
-            raise ExecutionError(f"agent: given {name!r}, allowed: {allowed}")
+            raise InvalidValueError("agent", name, allowed)
     return tuple(found[name][0] for name in agents or found)

@@ -94,11 +94,7 @@ def outcome_of(status: GoalStatus, code: int) -> Outcome:
     return _BY_CODE.get((status, code), Outcome.FAILED)
 
 
-class ExecutionError(SfglabError, RuntimeError):
-    """A trajectory that cannot be executed."""
-
-
-class RefusalError(ExecutionError, ValueError):
+class RefusalError(SfglabError, ValueError):
     """An order that an agent does not take.
 
     Attributes:

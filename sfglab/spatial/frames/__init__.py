@@ -7,33 +7,14 @@ from sfglab.spatial.frames.buffer import (
     ExtrapolationError,
     FrameBuffer,
     FrameError,
-    FrameInputError,
-    FrameLoopError,
     NotConnectedError,
     UnknownFrameError,
 )
-from sfglab.spatial.frames.drawing import draw_tree, tree_layout
-from sfglab.spatial.frames.history import Insertion
-from sfglab.spatial.frames.lint import (
-    SHARED_FRAMES,
-    FrameFinding,
-    FrameRule,
-    agent_of,
-    lint_frames,
-    prefixed,
-    roots_of,
-)
-from sfglab.spatial.frames.listener import (
-    TF_QOS,
-    TF_STATIC_QOS,
-    TRANSFORMS,
-    FramesListener,
-    TransformIntake,
-    fill_from_log,
-)
+from sfglab.spatial.frames.drawing import draw_tree
+from sfglab.spatial.frames.lint import FrameFinding, FrameRule, lint_frames
+from sfglab.spatial.frames.listener import TF_QOS, TF_STATIC_QOS, TRANSFORMS, FramesListener, fill_from_log
 
 __all__ = [
-    "SHARED_FRAMES",
     "TF_QOS",
     "TF_STATIC_QOS",
     "TRANSFORMS",
@@ -42,19 +23,11 @@ __all__ = [
     "FrameBuffer",
     "FrameError",
     "FrameFinding",
-    "FrameInputError",
-    "FrameLoopError",
     "FrameRule",
     "FramesListener",
-    "Insertion",
     "NotConnectedError",
-    "TransformIntake",
     "UnknownFrameError",
-    "agent_of",
     "draw_tree",
     "fill_from_log",
     "lint_frames",
-    "prefixed",
-    "roots_of",
-    "tree_layout",
 ]

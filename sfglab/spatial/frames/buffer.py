@@ -28,10 +28,6 @@ class FrameError(SfglabError):
     """A transform that cannot be had, or cannot be taken."""
 
 
-class FrameInputError(FrameError, InvalidValueError):
-    """A name that no frame can have, or a setting that no buffer can."""
-
-
 class UnknownFrameError(FrameError, LookupError):
     """A frame that nobody has placed and in which nobody has placed anything."""
 
@@ -83,7 +79,7 @@ class FrameBuffer:
 
     def __init__(self, *, history_s: float | None = 10.0) -> None:
         if history_s is not None and not history_s > 0:
-            raise FrameInputError("history_s", history_s, "seconds above 0, or None for all")
+            raise InvalidValueError("history_s", history_s, "seconds above 0, or None for all")
         from sfglab.spatial.frames import kernel  # numba takes 0.5 s to import, here rather than at a look-up
 
         self._kernel = kernel
@@ -115,7 +111,7 @@ class FrameBuffer:
             What became of it.
 
         Raises:
-            FrameInputError: A frame has no name.
+            InvalidValueError: A frame has no name.
             FrameLoopError: The child would stand below itself; the tree stays as it was.
         """
         self._observe(transform, static=static, authority=authority)
@@ -211,7 +207,9 @@ class FrameBuffer:
         child, parent, stamp_ns = transform.child, transform.parent, transform.stamp_ns
         for name in (child, parent):
             if not name or name != name.strip():
-                raise FrameInputError(f"transform {parent!r} -> {child!r}", name, "names without outer blanks")
+                raise InvalidValueError(
+                    f"transform {parent!r} -> {child!r}", name, "names without outer blanks"
+                )
         key = (child, parent, static, authority)
         if key in self._edges:
             self._edges[key].again(stamp_ns)

@@ -60,10 +60,6 @@ class History:
         """Return a frame's parent, -1 for a root."""
         return int(self.edges[frame, _PARENT])
 
-    def is_static(self, frame: int) -> bool:
-        """Tell whether a frame's pose holds for all times."""
-        return bool(self.edges[frame, _STATIC])
-
     def interval_of(self, frame: int) -> tuple[int, int] | None:
         """Return the first and last stamp of a frame; None without rows."""
         _, _, first, count = self.edges[frame].tolist()

@@ -14,27 +14,12 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING
 
-from sfglab.names import SHARED_FRAMES as _SHARED
-from sfglab.names import frame_owner, prefixed_frame, validate_agent
+from sfglab.names import SHARED_FRAMES, validate_agent
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from sfglab.spatial.frames.buffer import Edge
-
-
-SHARED_FRAMES = frozenset(_SHARED)
-"""Roots that all agents mean by the same name."""
-
-
-def prefixed(frame: str, agent: str, *, shared: frozenset[str] = SHARED_FRAMES) -> str:
-    """Return what an agent's frame is called by everybody else, see `sfglab.names.prefixed_frame`."""
-    return prefixed_frame(frame, agent, shared=shared)
-
-
-def agent_of(frame: str) -> str:
-    """Return the agent whose frame it is; empty for a frame without prefix."""
-    return frame_owner(frame)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +31,7 @@ class FrameRule:
     """
 
     agents: frozenset[str]  #: Agents whose prefixes are known.
-    shared: frozenset[str] = SHARED_FRAMES  #: Frames without prefix that are allowed.
+    shared: frozenset[str] = frozenset(SHARED_FRAMES)  #: Frames without prefix that are allowed.
 
     def __post_init__(self) -> None:
         for agent in self.agents:
@@ -71,16 +56,31 @@ class FrameRule:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+_WHY = {
+    "two-parents": "a frame has one parent: it jumps between them, as whichever came last counts",
+    "static-and-dynamic": "each of them makes listeners forget the other",
+    "two-publishers": "the frame jumps between what they say",
+    "loop": "no root is above them, so no look-up ends",
+    "unreachable": "no look-up leads from one tree to the other",
+    "second-root": "no look-up leads from one tree to the other",
+    "name": "who looks for it by its right name finds nothing",
+    "backwards": "a clock was set, a log plays again, or transforms overtake each other",
+}
+"""Every code of a fault, and what comes of it."""
+
+
+@dataclass(frozen=True, slots=True)
 class FrameFinding:
     """One fault of a tree."""
 
-    #: "two-parents", "two-publishers", "static-and-dynamic", "loop", "second-root", "unreachable", "name" or
-    #: "backwards".
-    code: str
+    code: str  #: Which fault.
     frames: tuple[str, ...]  #: The frames that it is about.
     what: str  #: What was found.
-    why: str  #: What comes of it.
+
+    @property
+    def why(self) -> str:
+        """What comes of it."""
+        return _WHY[self.code]
 
     def __str__(self) -> str:
         return f"{self.code}: {self.what} ({self.why})"
@@ -125,26 +125,11 @@ def _parents(by_child: Mapping[str, Sequence[Edge]]) -> Iterator[FrameFinding]:
         parents = sorted({e.parent for e in group})
         authorities = _rivals(group)
         if len(parents) > 1:
-            yield FrameFinding(
-                code="two-parents",
-                frames=(child, *parents),
-                what=f"{child!r} is placed in {_listed(parents)}",
-                why="a frame has one parent: it jumps between them, as whichever came last counts",
-            )
+            yield FrameFinding("two-parents", (child, *parents), f"{child!r} is placed in {_listed(parents)}")
         elif len({e.static for e in group}) > 1:
-            yield FrameFinding(
-                code="static-and-dynamic",
-                frames=(child,),
-                what=f"{child!r} comes on /tf and on /tf_static",
-                why="each of them makes listeners forget the other",
-            )
+            yield FrameFinding("static-and-dynamic", (child,), f"{child!r} comes on /tf and on /tf_static")
         elif authorities:
-            yield FrameFinding(
-                code="two-publishers",
-                frames=(child,),
-                what=f"{child!r} is published by {_listed(authorities)}",
-                why="the frame jumps between what they say",
-            )
+            yield FrameFinding("two-publishers", (child,), f"{child!r} is published by {_listed(authorities)}")
 
 
 def _rivals(group: Sequence[Edge]) -> list[str]:
@@ -164,12 +149,7 @@ def _loops(parents: Mapping[str, Sequence[str]]) -> Iterator[FrameFinding]:
         loop = _loop_from(start, parents)
         if loop and frozenset(loop) not in told:
             told.add(frozenset(loop))
-            yield FrameFinding(
-                code="loop",
-                frames=tuple(loop),
-                what=f"{' -> '.join((*loop, loop[0]))} (child -> parent)",
-                why="no root is above them, so no look-up ends",
-            )
+            yield FrameFinding("loop", tuple(loop), f"{' -> '.join((*loop, loop[0]))} (child -> parent)")
 
 
 def _loop_from(start: str, parents: Mapping[str, Sequence[str]]) -> list[str]:
@@ -194,17 +174,13 @@ def _roots(parents: Mapping[str, Sequence[str]], root: str | None) -> Iterator[F
         lost = sorted(frames - _below(root, parents) - set(others))
         if others or lost:
             yield FrameFinding(
-                code="second-root" if root in frames and others else "unreachable",
-                frames=(*others, *lost),
-                what=f"{_listed([*others, *lost])} cannot be reached from {root!r}",
-                why="no look-up leads from one tree to the other",
+                "second-root" if root in frames and others else "unreachable",
+                (*others, *lost),
+                f"{_listed([*others, *lost])} cannot be reached from {root!r}",
             )
     elif len(roots) > 1:
         yield FrameFinding(
-            code="second-root",
-            frames=tuple(roots),
-            what=f"there are {len(roots)} trees, with the roots {_listed(roots)}",
-            why="no look-up leads from one tree to the other",
+            "second-root", tuple(roots), f"there are {len(roots)} trees, with the roots {_listed(roots)}"
         )
 
 
@@ -227,22 +203,16 @@ def _names(edges: Sequence[Edge], rule: FrameRule | None) -> Iterator[FrameFindi
     frames = frozenset(name for e in edges for name in (e.child, e.parent))
     for frame in sorted(frames):
         if problem := rule.problem(frame, frames):
-            yield FrameFinding(
-                code="name",
-                frames=(frame,),
-                what=problem,
-                why="who looks for it by its right name finds nothing",
-            )
+            yield FrameFinding("name", (frame,), problem)
 
 
 def _backwards(edges: Sequence[Edge], slack_ns: int) -> Iterator[FrameFinding]:
     for edge in edges:
         if edge.backwards and edge.back_ns > slack_ns:
             yield FrameFinding(
-                code="backwards",
-                frames=(edge.child,),
-                what=f"stamps of {edge.child!r} step back {edge.backwards} times, by up to {edge.back_ns} ns",
-                why="a clock was set, a log plays again, or transforms overtake each other",
+                "backwards",
+                (edge.child,),
+                f"stamps of {edge.child!r} step back {edge.backwards} times, by up to {edge.back_ns} ns",
             )
 
 

@@ -10,13 +10,13 @@ import asyncio
 import logging
 from collections import Counter
 from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.errors import SfglabError
-from sfglab.names import TF, TF_STATIC
+from sfglab.names import SHARED_FRAMES, TF, TF_STATIC, prefixed_frame
 from sfglab.qos import Durability, QoSProfile
 from sfglab.spatial.frames.buffer import ExtrapolationError, NotConnectedError, UnknownFrameError
-from sfglab.spatial.frames.lint import SHARED_FRAMES, prefixed
 from sfglab.spatial.poses import StampedTransform
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ TF_STATIC_QOS = QoSProfile(depth=100, durability=Durability.TRANSIENT_LOCAL)
 """tf2_ros: StaticListenerQoS; a broadcaster offers depth 1, or more if it splits its transforms."""
 
 _log = logging.getLogger(__name__)
+_SHARED = frozenset(SHARED_FRAMES)
 
 
 class TransformIntake:
@@ -48,7 +49,7 @@ class TransformIntake:
         refused: How many were refused, by the error's name.
     """
 
-    def __init__(self, buffer: FrameBuffer, *, agent: str = "", shared: frozenset[str] = SHARED_FRAMES) -> None:
+    def __init__(self, buffer: FrameBuffer, *, agent: str = "", shared: frozenset[str] = _SHARED) -> None:
         self._buffer = buffer
         self._agent = agent
         self._shared = shared
@@ -70,8 +71,10 @@ class TransformIntake:
     def _renamed(self, value: StampedTransform) -> StampedTransform:
         if not self._agent:
             return value
-        parent, child = (prefixed(f, self._agent, shared=self._shared) for f in (value.parent, value.child))
-        return StampedTransform(parent=parent, child=child, stamp_ns=value.stamp_ns, pose=value.pose)
+        parent, child = (
+            prefixed_frame(f, self._agent, shared=self._shared) for f in (value.parent, value.child)
+        )
+        return replace(value, parent=parent, child=child)
 
     def _refuse(self, child: str, error: SfglabError) -> None:
         kind = type(error).__name__
@@ -97,7 +100,7 @@ class FramesListener(TransformIntake):
     """
 
     def __init__(
-        self, node: Node, buffer: FrameBuffer, *, agent: str = "", shared: frozenset[str] = SHARED_FRAMES
+        self, node: Node, buffer: FrameBuffer, *, agent: str = "", shared: frozenset[str] = _SHARED
     ) -> None:
         super().__init__(buffer, agent=agent, shared=shared)
         self._node = node
@@ -152,7 +155,7 @@ class FramesListener(TransformIntake):
 
 
 def fill_from_log(
-    reader: LogReader, buffer: FrameBuffer, *, agent: str = "", shared: frozenset[str] = SHARED_FRAMES
+    reader: LogReader, buffer: FrameBuffer, *, agent: str = "", shared: frozenset[str] = _SHARED
 ) -> TransformIntake:
     """Take all transforms of a log.
 

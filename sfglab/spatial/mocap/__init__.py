@@ -2,28 +2,17 @@
 
 from __future__ import annotations
 
-from sfglab.spatial.mocap.bridge import (
-    STATUS,
-    STATUS_QOS,
-    BridgeOptions,
-    MocapBridge,
-    status_message,
-    status_topic,
-)
+from sfglab.spatial.mocap.bridge import BridgeOptions, MocapBridge, status_topic
 from sfglab.spatial.mocap.core import BridgeCore, MocapObjectStatus, MocapTrees, mocap_trees
 from sfglab.spatial.mocap.mapping import (
     MappedObject,
-    MappingError,
     MocapMapping,
-    PlacingError,
-    direct_name,
     direct_transforms,
     load_mapping,
-    place_via_proxy,
     read_mapping,
 )
-from sfglab.spatial.mocap.offset import OffsetError, OffsetEstimate, PosePair, estimate_offset, pose_pairs
-from sfglab.spatial.mocap.sources import LogSource, TopicSource, ViconError, ViconMissingError, ViconSource
+from sfglab.spatial.mocap.offset import OffsetEstimate, estimate_offset, pose_pairs
+from sfglab.spatial.mocap.sources import LogSource, TopicSource, ViconSource
 from sfglab.spatial.mocap.synthetic import (
     SyntheticConfig,
     SyntheticMotion,
@@ -31,23 +20,9 @@ from sfglab.spatial.mocap.synthetic import (
     TrueCapture,
     synthetic_captures,
 )
-from sfglab.spatial.mocap.tracking import (
-    TRANSITIONS,
-    Capture,
-    Lapse,
-    Limits,
-    MocapError,
-    MocapSource,
-    Track,
-    TrackState,
-    Verdict,
-    judge,
-)
+from sfglab.spatial.mocap.tracking import Capture, Lapse, Limits, MocapSource, Verdict
 
 __all__ = [
-    "STATUS",
-    "STATUS_QOS",
-    "TRANSITIONS",
     "BridgeCore",
     "BridgeOptions",
     "Capture",
@@ -55,38 +30,25 @@ __all__ = [
     "Limits",
     "LogSource",
     "MappedObject",
-    "MappingError",
     "MocapBridge",
-    "MocapError",
     "MocapMapping",
     "MocapObjectStatus",
     "MocapSource",
     "MocapTrees",
-    "OffsetError",
     "OffsetEstimate",
-    "PlacingError",
-    "PosePair",
     "SyntheticConfig",
     "SyntheticMotion",
     "SyntheticSource",
     "TopicSource",
-    "Track",
-    "TrackState",
     "TrueCapture",
     "Verdict",
-    "ViconError",
-    "ViconMissingError",
     "ViconSource",
-    "direct_name",
     "direct_transforms",
     "estimate_offset",
-    "judge",
     "load_mapping",
     "mocap_trees",
-    "place_via_proxy",
     "pose_pairs",
     "read_mapping",
-    "status_message",
     "status_topic",
     "synthetic_captures",
 ]

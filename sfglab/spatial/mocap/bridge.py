@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from sfglab.spatial.mocap.tracking import Capture, MocapSource
 
 
+_log = logging.getLogger(__name__)
+
 STATUS = "sfglab_interfaces/msg/MocapStatus"
 STATUS_QOS = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
 """Late joiners get the last one."""
@@ -82,9 +84,6 @@ def _seconds(latency: Latency) -> float:
     return math.nan if latency.median_ns is None else latency.median_ns / NS_PER_S
 
 
-_log = logging.getLogger(__name__)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BridgeOptions:
     """How a bridge behaves."""
@@ -112,6 +111,7 @@ class MocapBridge:
 
     Attributes:
         buffer: All transforms heard, the bridge's own included.
+        core: The decisions, with counts of captures.
     """
 
     def __init__(
@@ -120,19 +120,14 @@ class MocapBridge:
         self.buffer = FrameBuffer()
         self._node, self._source = node, source
         self._options = options or BridgeOptions()
-        self._core = BridgeCore(mapping, self.buffer, reach_s=self._options.reach_s)
+        self.core = BridgeCore(mapping, self.buffer, reach_s=self._options.reach_s)
         self._said: set[tuple[str, str]] = set()
         self._published = asyncio.Event()
 
     @property
-    def core(self) -> BridgeCore:
-        """The decisions, with counts of captures."""
-        return self._core
-
-    @property
     def statuses(self) -> tuple[MocapObjectStatus, ...]:
         """How it stands with every object of the mapping."""
-        return self._core.statuses
+        return self.core.statuses
 
     async def wait_published(self, timeout_s: float = 5.0) -> None:
         """Return once a transform has left.
@@ -163,7 +158,7 @@ class MocapBridge:
             publisher.close()
 
     def _pass_on(self, capture: Capture, publisher: Publisher) -> None:
-        if transforms := self._core.take(capture, self._node.get_clock().now_ns()):
+        if transforms := self.core.take(capture, self._node.get_clock().now_ns()):
             publisher.publish(message_type(TRANSFORMS)(transforms=[t.to_msg() for t in transforms]))
             self._published.set()
         self._say_problems()
@@ -171,12 +166,12 @@ class MocapBridge:
     async def _tell(self, status: Publisher) -> None:
         clock = self._node.get_clock()
         while True:
-            status.publish(status_message(self._core, clock.now_ns()))
+            status.publish(status_message(self.core, clock.now_ns()))
             await clock.sleep_for(self._options.status_period_s)
 
     def _say_problems(self) -> None:
         """Log each kind of problem of each object once."""
-        for object_id, (kind, text) in self._core.problems.items():
+        for object_id, (kind, text) in self.core.problems.items():
             if (object_id, kind) not in self._said:
                 self._said.add((object_id, kind))
                 _log.warning("object %r: %s", object_id, text)

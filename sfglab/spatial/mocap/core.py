@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import statistics
 from collections import Counter, deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from sfglab.spatial.frames import FrameBuffer, FrameError
@@ -18,7 +18,7 @@ from sfglab.spatial.poses import Pose, StampedTransform
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
     from sfglab.spatial.mocap.tracking import Capture, Sight
@@ -27,58 +27,51 @@ if TYPE_CHECKING:
 _WINDOW = 1000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True)
 class Latency:
     """A delay over the last 1000 transforms."""
 
-    median_ns: float | None = None  #: Its median; None before the first.
-    largest_ns: int | None = None  #: The largest one ever.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MocapObjectStatus:
-    """How it stands with one object."""
-
-    object_id: str  #: Its id in the capture system.
-    frame: str  #: The frame that was published for it last; empty before the first.
-    state: TrackState  #: What is known of it.
-    published: int  #: How many transforms left.
-    unplaced: int  #: How many believed poses could not be published, because the agent's tree did not allow it.
-    verdicts: Mapping[str, int]  #: How many sights got each verdict (`Verdict.value`).
-    absent: int  #: In how many captures it did not occur at all.
-    capture_ns: int | None  #: The stamp of the last transform; None before the first.
-    receipt_latency: Latency  #: From capture to receipt.
-    publication_latency: Latency  #: From receipt to publication.
-    problem: str  #: Why the last believed pose was not published; empty when it was.
-
-
-@dataclass(slots=True)
-class _Delays:
-    recent: deque[int] = field(default_factory=lambda: deque(maxlen=_WINDOW))
-    largest_ns: int | None = None
+    largest_ns: int | None = None  #: The largest one ever; None before the first.
+    recent: deque[int] = field(default_factory=lambda: deque(maxlen=_WINDOW))  #: The last ones, in ns.
 
     def add(self, delay_ns: int) -> None:
+        """Take one more."""
         self.recent.append(delay_ns)
         self.largest_ns = delay_ns if self.largest_ns is None else max(self.largest_ns, delay_ns)
 
-    def value(self) -> Latency:
-        median_ns = statistics.median(self.recent) if self.recent else None
-        return Latency(median_ns=median_ns, largest_ns=self.largest_ns)
+    @property
+    def median_ns(self) -> float | None:
+        """Its median; None before the first."""
+        return statistics.median(self.recent) if self.recent else None
 
 
 @dataclass(slots=True)
-class _Object:
-    mapped: MappedObject
-    track: Track = field(default_factory=Track)
-    frame: str = ""
-    published: int = 0
+class MocapObjectStatus:
+    """How it stands with one object."""
+
+    mapped: MappedObject  #: Which frame it stands for.
+    track: Track = field(default_factory=Track)  #: What is remembered of it.
+    frame: str = ""  #: The frame that was published for it last; empty before the first.
+    published: int = 0  #: How many transforms left.
+    #: How many believed poses could not be published, because the agent's tree did not allow it.
     unplaced: int = 0
-    absent: int = 0
-    verdicts: Counter[str] = field(default_factory=Counter)
-    capture_ns: int | None = None
-    receipt: _Delays = field(default_factory=_Delays)
-    publication: _Delays = field(default_factory=_Delays)
-    problem: tuple[str, str] = ("", "")
+    absent: int = 0  #: In how many captures it did not occur at all.
+    verdicts: Counter[str] = field(default_factory=Counter)  #: How many sights got each `Verdict.value`.
+    capture_ns: int | None = None  #: The stamp of the last transform; None before the first.
+    receipt_latency: Latency = field(default_factory=Latency)  #: From capture to receipt.
+    publication_latency: Latency = field(default_factory=Latency)  #: From receipt to publication.
+    problem: str = ""  #: Why the last believed pose was not published; empty when it was.
+    problem_kind: str = ""  #: The error's name.
+
+    @property
+    def object_id(self) -> str:
+        """Its id in the capture system."""
+        return self.mapped.id
+
+    @property
+    def state(self) -> TrackState:
+        """What is known of it."""
+        return self.track.state
 
 
 class BridgeCore:
@@ -99,7 +92,7 @@ class BridgeCore:
         self._mapping = mapping
         self._buffer = buffer
         self._reach_ns = round(reach_s * NS_PER_S)
-        self._objects = {id_: _Object(mapped) for id_, mapped in mapping.objects.items()}
+        self._objects = {id_: MocapObjectStatus(mapped) for id_, mapped in mapping.objects.items()}
         self._holders: dict[str, str] = {}
         self._number: int | None = None
         self.captures = 0
@@ -132,23 +125,8 @@ class BridgeCore:
 
     @property
     def statuses(self) -> tuple[MocapObjectStatus, ...]:
-        """How it stands with every object of the mapping."""
-        return tuple(
-            MocapObjectStatus(
-                object_id=id_,
-                frame=o.frame,
-                state=o.track.state,
-                published=o.published,
-                unplaced=o.unplaced,
-                verdicts=dict(o.verdicts),
-                absent=o.absent,
-                capture_ns=o.capture_ns,
-                receipt_latency=o.receipt.value(),
-                publication_latency=o.publication.value(),
-                problem=o.problem[1],
-            )
-            for id_, o in self._objects.items()
-        )
+        """How it stands with every object of the mapping; they go on changing."""
+        return tuple(self._objects.values())
 
     def verdicts(self, object_id: str) -> dict[str, int]:
         """Return how many sights of an object got each verdict (`Verdict.value`).
@@ -161,7 +139,7 @@ class BridgeCore:
     @property
     def problems(self) -> dict[str, tuple[str, str]]:
         """Of every object whose last believed pose was not published: the error's name and its sentence."""
-        return {id_: o.problem for id_, o in self._objects.items() if o.problem[0]}
+        return {id_: (o.problem_kind, o.problem) for id_, o in self._objects.items() if o.problem}
 
     def _count(self, capture: Capture) -> None:
         self.captures += 1
@@ -172,7 +150,9 @@ class BridgeCore:
             self.dropped += capture.number - self._number - 1
         self._number = capture.number  # a lower one is a server that began anew
 
-    def _placed(self, object_: _Object, sight: Sight, capture: Capture, now_ns: int) -> StampedTransform | None:
+    def _placed(
+        self, object_: MocapObjectStatus, sight: Sight, capture: Capture, now_ns: int
+    ) -> StampedTransform | None:
         object_.track, verdict = judge(object_.track, sight, capture.capture_ns, self._mapping.limits)
         object_.verdicts[verdict.value] += 1
         if not verdict.believed or not isinstance(sight, Pose):
@@ -181,13 +161,13 @@ class BridgeCore:
             transform = self._transform(object_.mapped, sight, capture.capture_ns)
         except (FrameError, PlacingError) as error:
             object_.unplaced += 1
-            object_.problem = (type(error).__name__, str(error))
+            object_.problem_kind, object_.problem = type(error).__name__, str(error)
             return None
         object_.published += 1
-        object_.problem, object_.frame = ("", ""), transform.child
+        object_.problem_kind, object_.problem, object_.frame = "", "", transform.child
         object_.capture_ns = capture.capture_ns
-        object_.receipt.add(capture.receipt_ns - capture.capture_ns)
-        object_.publication.add(now_ns - capture.receipt_ns)
+        object_.receipt_latency.add(capture.receipt_ns - capture.capture_ns)
+        object_.publication_latency.add(now_ns - capture.receipt_ns)
         return transform
 
     def _transform(self, mapped: MappedObject, pose: Pose, capture_ns: int) -> StampedTransform:
@@ -230,7 +210,8 @@ def mocap_trees(
     for capture in captures:
         for transform in direct_transforms(capture, world=mapping.world):
             direct.insert(transform, authority=_CAMERAS)
-            renamed.insert(_under(transform, right.get(transform.child, transform.child)), authority=_CAMERAS)
+            child = right.get(transform.child, transform.child)
+            renamed.insert(replace(transform, child=child), authority=_CAMERAS)
         for transform in core.take(capture, capture.receipt_ns):
             proxy.insert(transform, authority=_CAMERAS)
     return MocapTrees(direct=direct, renamed=renamed, proxy=proxy)
@@ -241,9 +222,3 @@ def _described(description: Sequence[StampedTransform]) -> FrameBuffer:
     for transform in description:
         buffer.insert(transform, static=True, authority=_ROBOT)
     return buffer
-
-
-def _under(transform: StampedTransform, child: str) -> StampedTransform:
-    return StampedTransform(
-        parent=transform.parent, child=child, stamp_ns=transform.stamp_ns, pose=transform.pose
-    )

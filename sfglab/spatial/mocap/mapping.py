@@ -28,10 +28,6 @@ if TYPE_CHECKING:
 _ABSENT = object()
 
 
-class MappingError(DocumentError, MocapError):
-    """A mapping that does not say what it must; see `DocumentError` for what it knows."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MappedObject:
     """One object of the capture system."""
@@ -50,7 +46,7 @@ class MocapMapping:
     """All objects, and what they can physically do.
 
     Raises:
-        MappingError: Two objects stand for one frame, or a frame is the world.
+        DocumentError: Two objects stand for one frame, or a frame is the world.
     """
 
     world: str  #: The frame in which the capture system measures.
@@ -59,7 +55,7 @@ class MocapMapping:
 
     def __post_init__(self) -> None:
         def refusal(path: KeyPath, frame: str, allowed: str) -> DocumentError:
-            return MappingError(Place(file="mapping", key=".".join(map(str, path))), frame, allowed)
+            return DocumentError(Place(file="mapping", key=".".join(map(str, path))), frame, allowed)
 
         _check_apart(self.world, self.objects, refusal)
 
@@ -71,12 +67,9 @@ def load_mapping(path: Path) -> MocapMapping:
         path: A YAML file, such as ``data/mocap/two_agents.yaml``.
 
     Raises:
-        MappingError: It cannot be read, or does not say what it must; says where.
+        DocumentError: It cannot be read, or does not say what it must; says where.
     """
-    try:
-        return _mapping(Document.of_file(path))
-    except DocumentError as error:
-        raise MappingError(error.place, error.given, error.allowed) from error
+    return _mapping(Document.of_file(path))
 
 
 def read_mapping(text: str, *, file: str = "mapping.yaml") -> MocapMapping:
@@ -87,12 +80,9 @@ def read_mapping(text: str, *, file: str = "mapping.yaml") -> MocapMapping:
         file: Its name, for messages.
 
     Raises:
-        MappingError: It does not say what it must; says where.
+        DocumentError: It does not say what it must; says where.
     """
-    try:
-        return _mapping(Document(text, file))
-    except DocumentError as error:
-        raise MappingError(error.place, error.given, error.allowed) from error
+    return _mapping(Document(text, file))
 
 
 def _mapping(document: Document) -> MocapMapping:
@@ -158,15 +148,10 @@ def _check_apart(
                 raise refusal(path, frame, f"a frame of its own; {holder} has that one")
 
 
-class PlacingError(MocapError, ValueError):
-    """A frame that must not be published, because the tree would break.
-
-    Attributes:
-        frame: The frame.
-    """
+class PlacingError(MocapError):
+    """A frame that must not be published, because the tree would break."""
 
     def __init__(self, frame: str, why: str) -> None:
-        self.frame = frame
         super().__init__(f"frame {frame!r} is not published: {why}")
 
 

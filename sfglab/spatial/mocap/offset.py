@@ -44,10 +44,6 @@ EQUAL: Weights = (100.0, 100.0)
 _SIDES = ("world_from_object", "odom_from_base")
 
 
-class OffsetError(MocapError, ValueError):
-    """A recording from which the offset cannot be found."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PosePair:
     """The same moment seen by both."""
@@ -89,7 +85,7 @@ class Problem:
         """Return what makes the weighted squares least, by Gauss and Newton's steps.
 
         Raises:
-            OffsetError: They do not settle.
+            MocapError: They do not settle.
         """
         for _ in range(_STEPS):
             step = np.zeros(18)
@@ -103,7 +99,7 @@ class Problem:
             )
             if np.linalg.norm(step) < _SETTLED:
                 return guess
-        raise OffsetError("offset: the estimate does not settle; the pairs are not of one rigid motion")
+        raise MocapError("offset: the estimate does not settle; the pairs are not of one rigid motion")
 
     def cost(self, guess: Guess) -> float:
         """Return the sum of squares that remains, all moments equal."""
@@ -282,10 +278,10 @@ def estimate_offset(
         The estimate; 1.96 of its standard deviations hold the truth in 95 % of recordings.
 
     Raises:
-        OffsetError: Too few moments, or a motion that leaves something open; says what.
+        MocapError: Too few moments, or a motion that leaves something open; says what.
     """
     if len(pairs) < _FEWEST:
-        raise OffsetError(f"offset: given {len(pairs)} moments, allowed are {_FEWEST} or more")
+        raise MocapError(f"offset: given {len(pairs)} moments, allowed are {_FEWEST} or more")
     problem = Problem(pairs, height_m, drift=drift)
     found = min((problem.improved(start, EQUAL) for start in starts(pairs)), key=problem.cost)
     for _ in range(_ROUNDS):
@@ -316,7 +312,7 @@ def _check_seen(jacobian: NDArray[np.float64], height_m: float | None) -> None:
     names = ("turn about x", "turn about y", "turn about z", "x", "y", "z")
     open_ = [name for name, share in zip(names, np.abs(directions[-1][:6]), strict=True) if share > 0.1]
     hint = "; give height_m if the robot turns about z only" if height_m is None else ""
-    raise OffsetError(
+    raise MocapError(
         f"offset: the motion leaves {', '.join(open_) or 'the odometry'} of the base in the object's frame "
         f"open; record one that turns about two axes at least{hint}"
     )

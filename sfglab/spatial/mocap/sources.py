@@ -161,19 +161,6 @@ _MODULE = "pyvicon_datastream"
 _NO_FRAME_PAUSE_S = 0.002
 
 
-class ViconError(MocapError, ConnectionError):
-    """A Vicon Tracker that does not answer as it should."""
-
-
-class ViconMissingError(MocapError, ImportError):
-    """The library for Vicon is not installed."""
-
-    def __init__(self) -> None:
-        super().__init__(
-            f"the Vicon source needs {_MODULE!r}, which is not installed: pip install pyvicon-datastream"
-        )
-
-
 class ViconSource:
     """Captures of all subjects that a Vicon Tracker has, each by its root segment.
 
@@ -184,14 +171,16 @@ class ViconSource:
         clock: The node's clock, for the times of receipt.
 
     Raises:
-        ViconMissingError: `pyvicon-datastream` is not installed; says how to install it.
+        MocapError: `pyvicon-datastream` is not installed; says how to install it.
     """
 
     def __init__(self, host: str, *, clock: Clock) -> None:
         try:
             self._library: Any = importlib.import_module(_MODULE)
         except ImportError as error:
-            raise ViconMissingError from error
+            raise MocapError(
+                f"the Vicon source needs {_MODULE!r}, which is not installed: pip install pyvicon-datastream"
+            ) from error
         self._host, self._clock = host, clock
 
     @asynccontextmanager
@@ -199,7 +188,7 @@ class ViconSource:
         """Connect.
 
         Raises:
-            ViconError: The Tracker does not answer, or refuses a setting; also later, when the connection ends.
+            MocapError: The Tracker does not answer, or refuses a setting; also later, when the connection ends.
         """
         client = self._library.PyViconDatastream()
         loop = asyncio.get_running_loop()
@@ -221,7 +210,7 @@ class ViconSource:
 
     def _demand(self, what: str, result: Any) -> None:
         if result != self._library.Result.Success:
-            raise ViconError(f"Vicon Tracker at {self._host}: asked to {what}, it answered {result.name}")
+            raise MocapError(f"Vicon Tracker at {self._host}: asked to {what}, it answered {result.name}")
 
     async def _frames(self, client: Any, thread: ThreadPoolExecutor) -> AsyncGenerator[Capture, None]:
         loop = asyncio.get_running_loop()

@@ -7,10 +7,8 @@ Bottom up: `objects`, `tree` (a scene as a value), `commands` (edits and undo), 
 from __future__ import annotations
 
 from sfglab.spatial.scene.commands import (
-    Add,
     AlignWaypoints,
     Command,
-    History,
     Move,
     Remove,
     Rename,
@@ -22,9 +20,9 @@ from sfglab.spatial.scene.commands import (
     Several,
     Stretch,
 )
-from sfglab.spatial.scene.conflicts import Conflict, ConflictKind, Ghost, conflicts, time_span_s
+from sfglab.spatial.scene.conflicts import Conflict, Ghost, conflicts
 from sfglab.spatial.scene.editor import Change, ChangeKind, Editor
-from sfglab.spatial.scene.files import load_scene, read_scene, save_scene, scene_text
+from sfglab.spatial.scene.files import load_scene, read_scene, scene_text
 from sfglab.spatial.scene.objects import (
     KINDS,
     ROOT,
@@ -45,18 +43,15 @@ __all__ = [
     "KINDS",
     "ROOT",
     "SCENE_PROPERTIES",
-    "Add",
     "AgentObject",
     "AlignWaypoints",
     "Change",
     "ChangeKind",
     "Command",
     "Conflict",
-    "ConflictKind",
     "Editor",
     "Ghost",
     "Group",
-    "History",
     "Move",
     "ObstacleObject",
     "Property",
@@ -79,7 +74,5 @@ __all__ = [
     "conflicts",
     "load_scene",
     "read_scene",
-    "save_scene",
     "scene_text",
-    "time_span_s",
 ]

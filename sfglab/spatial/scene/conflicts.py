@@ -216,12 +216,6 @@ def ghosts(scene: Scene, time_s: float) -> tuple[Ghost, ...]:
     return tuple(_ghost(scene, agent, time_s) for agent in scene.all_of(AgentObject))
 
 
-def time_span_s(scene: Scene) -> tuple[float, float]:
-    """Return the earliest and the latest time of any agent's waypoint, 0 and 0 where nobody moves."""
-    times = [motion_of(scene.motion(a.id)).times_s for a in scene.all_of(AgentObject) if scene.driven_by(a.id)]
-    return (min(float(t[0]) for t in times), max(float(t[-1]) for t in times)) if times else (0.0, 0.0)
-
-
 def _ghost(scene: Scene, agent: AgentObject, time_s: float) -> Ghost:
     motion = scene.motion(agent.id)
     found = sample(motion, time_s)

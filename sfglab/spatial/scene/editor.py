@@ -32,11 +32,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
+    from sfglab.spatial.scene.commands import Step
     from sfglab.spatial.scene.conflicts import Conflict, Ghost
     from sfglab.spatial.trajectory import Trajectory
-
-
-_STEP_NS = NS_PER_S
 
 
 class ChangeKind(Enum):
@@ -74,6 +72,10 @@ class Editor:
         file: Where it is saved.
         selection: Ids of what is selected, in the order of selecting.
         time_s: Where the time slider stands.
+
+    Raises:
+        SceneError: By every method that edits or selects: an id that no object has, or something that is not
+            allowed; nothing changed, and nobody is called.
     """
 
     def __init__(self, scene: Scene | None = None, *, file: Path | None = None) -> None:
@@ -138,9 +140,6 @@ class Editor:
 
         Returns:
             Whether anything changed.
-
-        Raises:
-            SceneError: It is not allowed; nothing changed, and nobody is called.
         """
         before = self.scene
         done = self._history.do(command, drag=self._drag)
@@ -150,20 +149,18 @@ class Editor:
 
     def undo(self) -> bool:
         """Take the last step back, and end a drag that goes on; return whether there was one."""
-        self.end_drag()
-        before = self.scene
-        step = self._history.undo()
-        if step is not None:
-            self._tell_difference(ChangeKind.UNDO, step.label, before)
-        return step is not None
+        return self._stepped(ChangeKind.UNDO, self._history.undo)
 
     def redo(self) -> bool:
         """Do the last undone step again; return whether there was one."""
+        return self._stepped(ChangeKind.REDO, self._history.redo)
+
+    def _stepped(self, kind: ChangeKind, step_of: Callable[[], Step | None]) -> bool:
         self.end_drag()
         before = self.scene
-        step = self._history.redo()
+        step = step_of()
         if step is not None:
-            self._tell_difference(ChangeKind.REDO, step.label, before)
+            self._tell_difference(kind, step.label, before)
         return step is not None
 
     def begin_drag(self) -> None:
@@ -195,9 +192,6 @@ class Editor:
 
         Returns:
             Its id.
-
-        Raises:
-            SceneError: It is not allowed.
         """
         if kind not in KINDS:
             raise SceneError("kind", kind, " or ".join(KINDS))
@@ -223,9 +217,6 @@ class Editor:
 
         Returns:
             Its id.
-
-        Raises:
-            SceneError: It is not allowed.
         """
         id_ = self._history.next_id
         top = TrajectoryObject(
@@ -257,17 +248,13 @@ class Editor:
         """
         path = self.scene.trajectory(trajectory)
         if time_ns is None:
-            time_ns = 0 if path is None else path.end_ns + _STEP_NS
+            time_ns = 0 if path is None else path.end_ns + NS_PER_S
         if pose is None:
             pose = Pose() if path is None else pose_at(path, time_ns / NS_PER_S)
         return self.add("waypoint", "", parent=trajectory, time_ns=time_ns, pose=pose, **values)
 
     def remove(self, *ids: int) -> None:
-        """Remove objects with all they hold, what is selected where none is named.
-
-        Raises:
-            SceneError: There is no object of an id.
-        """
+        """Remove objects with all they hold, what is selected where none is named."""
         chosen = ids or self.selection
         if chosen:
             self.do(Remove(ids=chosen))
@@ -294,20 +281,12 @@ class Editor:
         return new[id_]
 
     def place(self, id_: int, world_pose: Pose) -> None:
-        """Put an object where a gizmo in the scene's frame says.
-
-        Raises:
-            SceneError: There is no object of this id, or it would be out of range.
-        """
+        """Put an object where a gizmo in the scene's frame says."""
         parent = self.scene.world_pose(self.scene.get(id_).parent)
         self.do(SetPose(id=id_, pose=parent.inverse() @ world_pose))
 
     def select(self, *ids: int) -> None:
-        """Select objects, and only these.
-
-        Raises:
-            SceneError: There is no object of an id.
-        """
+        """Select objects, and only these."""
         for id_ in ids:
             self.scene.get(id_)
         chosen = tuple(dict.fromkeys(ids))

@@ -133,7 +133,7 @@ def read_scene(text: str, *, file: str = "scene.yaml") -> Scene:
     try:
         return _scene(Document(text, file).section())
     except DocumentError as error:
-        raise SceneError.of_document(error) from error
+        raise SceneError(str(error.place), error.given, error.allowed) from error
 
 
 def _scene(top: Section) -> Scene:

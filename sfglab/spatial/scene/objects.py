@@ -19,9 +19,6 @@ from sfglab.spatial.trajectory import LATEST_NS, Align, Box, Cylinder, Interpola
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from typing import Self
-
-    from sfglab.documents import DocumentError
 
 
 class SceneError(InvalidValueError):
@@ -29,11 +26,6 @@ class SceneError(InvalidValueError):
 
     Its place is an object and its property, or a file, line and key.
     """
-
-    @classmethod
-    def of_document(cls, error: DocumentError) -> Self:
-        """Return what a file's reader refused as an error of the scene, at the same place."""
-        return cls(str(error.place), error.given, error.allowed)
 
     def __str__(self) -> str:
         given = "nothing is given" if self.given is None else f"given {self.given!r}"

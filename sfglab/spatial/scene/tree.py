@@ -40,7 +40,11 @@ SCENE_PROPERTIES = (text("name"), text("frame_id"), length("margin_m", zero=True
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """A tree of objects."""
+    """A tree of objects.
+
+    Raises:
+        SceneError: By every method that takes an id: there is no object of this id, or it is of another kind.
+    """
 
     name: str = "scene"  #: For people.
     frame_id: str = "map"  #: The frame of what stands at the top, for messages.
@@ -51,22 +55,11 @@ class Scene:
     children: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
 
     def get(self, id_: int) -> SceneObject:
-        """Return an object.
-
-        Raises:
-            SceneError: There is none of this id.
-        """
-        found = self.objects.get(id_)
-        if found is None:
-            raise SceneError("object id", id_, "the id of an object in the scene")
-        return found
+        """Return an object."""
+        return _found(self.objects, id_)
 
     def of_kind(self, id_: int, kind: type[Any]) -> Any:
-        """Return an object of a kind.
-
-        Raises:
-            SceneError: There is none of this id, or it is of another kind.
-        """
+        """Return an object of a kind."""
         found = self.get(id_)
         if not isinstance(found, kind):
             raise SceneError("object id", place_of(found), f"the id of a {kind.kind}")
@@ -89,11 +82,7 @@ class Scene:
         return (thing for thing in self.walk() if isinstance(thing, kind))
 
     def world_pose(self, id_: int) -> Pose:
-        """Return where an object is in the scene's frame; `ROOT` is at its origin.
-
-        Raises:
-            SceneError: There is none of this id.
-        """
+        """Return where an object is in the scene's frame; `ROOT` is at its origin."""
         pose = Pose()
         while id_ != ROOT:
             thing = self.get(id_)
@@ -101,11 +90,7 @@ class Scene:
         return pose
 
     def trajectory(self, id_: int) -> Trajectory | None:
-        """Return the waypoints of a trajectory in its own frame, None where there are none yet.
-
-        Raises:
-            SceneError: There is no trajectory of this id.
-        """
+        """Return the waypoints of a trajectory in its own frame, None where there are none yet."""
         thing: TrajectoryObject = self.of_kind(id_, TrajectoryObject)
         found = tuple(
             Waypoint(time_ns=w.time_ns, pose=w.pose)
@@ -115,11 +100,7 @@ class Scene:
         return Trajectory(waypoints=found, interpolation=thing.interpolation) if found else None
 
     def world_trajectory(self, id_: int) -> Trajectory | None:
-        """Return a trajectory in the scene's frame, None where it has no waypoints yet.
-
-        Raises:
-            SceneError: There is no trajectory of this id.
-        """
+        """Return a trajectory in the scene's frame, None where it has no waypoints yet."""
         found = self.trajectory(id_)
         return None if found is None else in_frame(found, self.world_pose(id_))
 
@@ -129,11 +110,7 @@ class Scene:
         return next(found, None)
 
     def motion(self, agent: int) -> Trajectory:
-        """Return how an agent moves in the scene's frame: its trajectory, or standing where its pose is.
-
-        Raises:
-            SceneError: There is no agent of this id.
-        """
+        """Return how an agent moves in the scene's frame: its trajectory, or standing where its pose is."""
         self.of_kind(agent, AgentObject)
         driven = self.driven_by(agent)
         found = None if driven is None else self.world_trajectory(driven.id)
@@ -164,10 +141,7 @@ class Draft:
 
     def get(self, id_: int) -> SceneObject:
         """Return an object as it is by now."""
-        found = self._objects.get(id_)
-        if found is None:
-            raise SceneError("object id", id_, "the id of an object in the scene")
-        return found
+        return _found(self._objects, id_)
 
     def insert(self, thing: SceneObject, index: int | None = None) -> None:
         """Put a new object under its parent.
@@ -309,3 +283,9 @@ class Draft:
             turned = Pose(position_m=here.pose.position_m, quat_xyzw=quat)
             if here.pose.angle_rad(turned) > _SAME_RAD:
                 self._objects[here.id] = replace(here, pose=turned)
+
+
+def _found(objects: Mapping[int, SceneObject], id_: int) -> SceneObject:
+    if id_ not in objects:
+        raise SceneError("object id", id_, "the id of an object in the scene")
+    return objects[id_]

@@ -37,7 +37,6 @@ from sfglab.spatial.trajectory.path import (
     aligned_quat,
     in_frame,
     stretched,
-    with_durations,
 )
 
 __all__ = [
@@ -74,5 +73,4 @@ __all__ = [
     "trajectory_from_csv",
     "trajectory_from_multi_dof",
     "trajectory_from_path",
-    "with_durations",
 ]
