@@ -26,7 +26,7 @@ from sfglab.lab.progress import progress_bar
 from sfglab.lab.runs import COMPLETION, PART_SUFFIX, SMOKE, Run, new_log
 from sfglab.lab.sweep import Workers, journals, sweep
 from sfglab.lab.testbed import Testbed
-from sfglab.record import LogExistsError, LogWriter, run_context
+from sfglab.record import LogError, LogWriter, run_context
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -323,13 +323,13 @@ class Experiment(Generic[C]):
 
         Raises:
             InvalidValueError: The configuration is not one.
-            LogExistsError: There is a log of that name.
+            LogError: There is a log of that name.
             SfglabError: What the experiment's parts raise; what was written until then is in ``<log>.part``.
         """
         config = self.config(profile, **changes)
         path = path or new_log(find_project(), self.name, profile)
         if path.exists():
-            raise LogExistsError(path)
+            raise LogError(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         with journals(path, f"{self.name}-{profile}") as journal:
             rows = {one.table: self._swept(one, config, journal, options) for one in self._sweeps}

@@ -108,7 +108,7 @@ class Run(Generic[C]):
         """Return an attached file.
 
         Raises:
-            LogLookupError: There is none of that name.
+            LogError: There is none of that name.
         """
         with LogReader(self.log) as reader:
             return reader.attachment(name)

@@ -6,8 +6,6 @@ files under `interfaces/`). `sfglab.messages.dds` makes the types for Cyclone DD
 
 from __future__ import annotations
 
-from sfglab.messages.action_text import ActionTextError
-from sfglab.messages.actions import ActionType, action_type, register_action
 from sfglab.messages.cdr import (
     CdrError,
     decoder,
@@ -18,20 +16,33 @@ from sfglab.messages.cdr import (
     serialized_size,
 )
 from sfglab.messages.rows import RowTypeError, row_message, row_type
-from sfglab.messages.services import ServiceFrame, ServiceFrameError, frame_service, unframe_service
-from sfglab.messages.stamps import StampError, ns_from_stamp, stamp_from_ns
+from sfglab.messages.services import (
+    ActionType,
+    ServiceFrame,
+    ServiceFrameError,
+    action_type,
+    frame_service,
+    register_action,
+    unframe_service,
+)
 from sfglab.messages.store import (
+    ActionTextError,
     ServiceType,
+    StampError,
     TypeConflictError,
+    TypeNameError,
     UnknownTypeError,
+    dds_type_name,
     default_message,
     definition,
     message_type,
     message_types,
+    ns_from_stamp,
+    ros_type_name,
     service_type,
+    stamp_from_ns,
     type_name,
 )
-from sfglab.messages.typenames import TypeNameError, dds_type_name, ros_type_name
 
 __all__ = [
     "ActionTextError",

@@ -6,10 +6,24 @@ no such frame, so the two do not understand each other's services.
 
 from __future__ import annotations
 
+import difflib
 import struct
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sfglab.errors import SfglabError
+from sfglab.messages.store import (
+    UnknownTypeError,
+    action_texts,
+    message_type,
+    message_types,
+    register,
+    service_type,
+)
+
+if TYPE_CHECKING:
+    from sfglab.messages.store import ServiceType
+
 
 _ENCAPSULATION_BYTES = 4
 _FRAME = {0: struct.Struct(">Qq"), 1: struct.Struct("<Qq")}  # by the second octet of the encapsulation
@@ -75,3 +89,62 @@ def unframe_service(data: bytes) -> ServiceFrame:
         raise ServiceFrameError(len(data))
     client_guid, sequence = _FRAME[data[1]].unpack_from(data, start)
     return ServiceFrame(client_guid, sequence, data[:start] + data[end:])
+
+
+_MARK = "_FeedbackMessage"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ActionType:
+    """An action as message types, all dataclasses with `__msgtype__`."""
+
+    name: str  #: Such as `sfglab_interfaces/action/FollowTrajectory`.
+    goal: type[Any]  #: What is to be done.
+    result: type[Any]  #: What came of it.
+    feedback: type[Any]  #: How far it has come.
+    send_goal: ServiceType  #: The service that asks for a goal.
+    get_result: ServiceType  #: The service that waits for its result.
+    feedback_message: type[Any]  #: What is published: a goal's id and its feedback.
+
+
+def action_type(name: str) -> ActionType:
+    """Return an action type by its full name.
+
+    Args:
+        name: `package/action/Name`.
+
+    Raises:
+        UnknownTypeError: There is no such action; the message lists similar names.
+    """
+    types = message_types()
+    if f"{name}{_MARK}" not in types:
+        actions = [n.removesuffix(_MARK) for n in types if "/action/" in n and n.endswith(_MARK)]
+        raise UnknownTypeError(name, near=tuple(difflib.get_close_matches(str(name), actions, n=3)))
+    return ActionType(
+        name=name,
+        goal=message_type(f"{name}_Goal"),
+        result=message_type(f"{name}_Result"),
+        feedback=message_type(f"{name}_Feedback"),
+        send_goal=service_type(f"{name}_SendGoal"),
+        get_result=service_type(f"{name}_GetResult"),
+        feedback_message=message_type(f"{name}{_MARK}"),
+    )
+
+
+def register_action(name: str, text: str) -> ActionType:
+    """Add an action to the store, or return it if it is there already.
+
+    Args:
+        name: `package/action/Name`.
+        text: The content of its `.action` file; the types that it uses must be in the store.
+
+    Returns:
+        The action's types.
+
+    Raises:
+        ActionTextError: The text has not three parts.
+        TypeConflictError: The name belongs to an action with other fields.
+    """
+    for part, definition in action_texts(name, text).items():
+        register(part, definition)
+    return action_type(name)

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.errors import SfglabError
-from sfglab.messages.action_text import action_texts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -303,3 +302,151 @@ def default_message(type_or_name: type[Any] | str) -> Any:
     name = type_name(type_or_name)
     message_type(name)
     return _default_of(type_store(), name)
+
+
+_ACTION_RULE = re.compile(r"^---[ \t]*$", re.MULTILINE)
+_ACTION_PARTS = ("Goal", "Result", "Feedback")
+_GOAL_ID = "unique_identifier_msgs/UUID goal_id\n"
+_ACTION_WRAPPERS = {
+    "SendGoal_Request": _GOAL_ID + "{name}_Goal goal\n",
+    "SendGoal_Response": "bool accepted\nbuiltin_interfaces/Time stamp\n",
+    "GetResult_Request": _GOAL_ID,
+    "GetResult_Response": "int8 status\n{name}_Result result\n",
+    "FeedbackMessage": _GOAL_ID + "{name}_Feedback feedback\n",
+}
+
+
+class ActionTextError(SfglabError, ValueError):
+    """A text that does not define an action.
+
+    Attributes:
+        name: The action's name.
+        parts: How many parts the text has.
+    """
+
+    def __init__(self, name: str, *, parts: int) -> None:
+        self.name = name
+        self.parts = parts
+        super().__init__(f"action {name!r}: given {parts} part(s), allowed are 3 with lines of `---` between")
+
+
+def action_texts(name: str, text: str) -> dict[str, str]:
+    """Return the message texts of an action: its three parts, and what carries them to and fro.
+
+    Args:
+        name: The full name, such as `pkg/action/Name`.
+        text: The `.action` text: goal, result and feedback with lines of three dashes between them.
+
+    Returns:
+        By full name, in an order in which each needs only those before; the wrappers are those of the ROS 2
+        design (design.ros2.org, "Actions") as rosidl_parser adds them.
+
+    Raises:
+        ActionTextError: It has another number of parts.
+    """
+    parts = _ACTION_RULE.split(text)
+    if len(parts) != len(_ACTION_PARTS):
+        raise ActionTextError(name, parts=len(parts))
+    texts = {f"{name}_{kind}": part.strip("\n") for kind, part in zip(_ACTION_PARTS, parts, strict=True)}
+    return texts | {f"{name}_{kind}": wrapper.format(name=name) for kind, wrapper in _ACTION_WRAPPERS.items()}
+
+
+# rosidl_adapter's rules for packages and messages (Humble); services add _Request, _Response and _Event.
+_PACKAGE = r"[a-z](?:_?[a-z0-9]+)*"
+_NAME = r"[A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)*"
+_ROS = re.compile(rf"(?P<package>{_PACKAGE})/(?P<kind>msg|srv|action)/(?P<name>{_NAME})")
+_DDS = re.compile(rf"(?P<package>{_PACKAGE})::(?P<kind>msg|srv|action)::dds_::(?P<name>{_NAME})_")
+
+
+class TypeNameError(SfglabError, ValueError):
+    """Text that is not the name of a type in the expected form.
+
+    Attributes:
+        name: What was given.
+    """
+
+    def __init__(self, name: str, *, expected: str) -> None:
+        self.name = name
+        super().__init__(f"type name: given {name!r}, allowed is the form {expected!r}")
+
+
+def dds_type_name(name: str) -> str:
+    """Return the name under which ROS 2 announces a type in DDS (rosidl_typesupport_introspection).
+
+    Args:
+        name: A ROS 2 name such as `std_msgs/msg/String` or `std_srvs/srv/Empty_Request`.
+
+    Returns:
+        For example `std_msgs::msg::dds_::String_`.
+
+    Raises:
+        TypeNameError: The name has another form.
+    """
+    if not (match := _ROS.fullmatch(name)):
+        raise TypeNameError(name, expected="package/msg/Name")
+    return "{package}::{kind}::dds_::{name}_".format_map(match.groupdict())
+
+
+def ros_type_name(name: str) -> str:
+    """Return the ROS 2 name of a type that was announced in DDS: the inverse of `dds_type_name`.
+
+    Args:
+        name: A DDS name such as `std_msgs::msg::dds_::String_`.
+
+    Returns:
+        For example `std_msgs/msg/String`.
+
+    Raises:
+        TypeNameError: No ROS 2 type is announced under such a name.
+    """
+    if not (match := _DDS.fullmatch(name)):
+        raise TypeNameError(name, expected="package::msg::dds_::Name_")
+    return "{package}/{kind}/{name}".format_map(match.groupdict())
+
+
+_NS_PER_S = 1_000_000_000
+_SECONDS = range(-(2**31), 2**31)
+
+
+class StampError(SfglabError, ValueError):
+    """A time that `builtin_interfaces/msg/Time` cannot hold.
+
+    Attributes:
+        stamp_ns: What was given, in nanoseconds.
+    """
+
+    def __init__(self, stamp_ns: int) -> None:
+        self.stamp_ns = stamp_ns
+        super().__init__(
+            f"stamp: given {stamp_ns} ns, allowed are {_SECONDS.start} to {_SECONDS.stop} s (int32)"
+        )
+
+
+def stamp_from_ns(stamp_ns: int) -> Any:
+    """Return a `builtin_interfaces/msg/Time`.
+
+    Args:
+        stamp_ns: Nanoseconds since the epoch; negative ones get negative seconds and positive nanoseconds.
+
+    Returns:
+        The stamp, exact to the nanosecond.
+
+    Raises:
+        StampError: The seconds do not fit into 32 bits.
+    """
+    sec, nanosec = divmod(int(stamp_ns), _NS_PER_S)
+    if sec not in _SECONDS:
+        raise StampError(stamp_ns)
+    return message_type("builtin_interfaces/msg/Time")(sec=sec, nanosec=nanosec)
+
+
+def ns_from_stamp(stamp: Any) -> int:
+    """Return a stamp's nanoseconds since the epoch.
+
+    Args:
+        stamp: Anything with `sec` and `nanosec`, such as a `builtin_interfaces/msg/Time` of any library.
+
+    Returns:
+        Nanoseconds, exact.
+    """
+    return int(stamp.sec) * _NS_PER_S + int(stamp.nanosec)

@@ -12,8 +12,15 @@ Floor 0: imports nothing of sfglab but `sfglab.errors`, and only the standard li
 
 from __future__ import annotations
 
-from sfglab.names.agent import AGENT_VARIABLE, default_agent, sanitize_agent, validate_agent
-from sfglab.names.builder import RosFqnBuilder
+from sfglab.names.agent import (
+    AGENT_VARIABLE,
+    SHARED_FRAMES,
+    default_agent,
+    frame_owner,
+    prefixed_frame,
+    sanitize_agent,
+    validate_agent,
+)
 from sfglab.names.dds import (
     ActionNames,
     DdsRole,
@@ -25,8 +32,19 @@ from sfglab.names.dds import (
     ros_name_from_dds,
     router_hazards,
 )
-from sfglab.names.fqn import ComponentSegment, ResourceSegment, RosFqn, StreamSegment, parse
-from sfglab.names.frames import SHARED_FRAMES, frame_owner, prefixed_frame
+from sfglab.names.fqn import (
+    ComponentSegment,
+    ResourceSegment,
+    RosFqn,
+    RosFqnBuilder,
+    SchemaEdge,
+    SchemaNode,
+    SchemaTable,
+    StreamSegment,
+    all_standard_fqns,
+    parse,
+    schema_table,
+)
 from sfglab.names.grammar import (
     TF,
     TF_STATIC,
@@ -36,7 +54,6 @@ from sfglab.names.grammar import (
     resolve,
     validate_ros_name,
 )
-from sfglab.names.schema import SchemaEdge, SchemaNode, SchemaTable, all_standard_fqns, schema_table
 from sfglab.names.vocabulary import After, Component, Custom, Resource, Scope, Stream, Suffixed
 
 __all__ = [

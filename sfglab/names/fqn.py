@@ -16,10 +16,11 @@ domain border; that is Table 1, and `sfglab.fleet`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TypeAlias
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
-from sfglab.names.agent import validate_agent
+from sfglab.names.agent import default_agent, validate_agent
 from sfglab.names.dds import dds_names, router_breaks
 from sfglab.names.grammar import FqnError, ResourceKind, check_words, validate_ros_name
 from sfglab.names.vocabulary import (
@@ -33,6 +34,10 @@ from sfglab.names.vocabulary import (
     check_unmistakable,
     read_standard,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
 
 ComponentSegment: TypeAlias = Component | Suffixed[Component] | Custom
 StreamSegment: TypeAlias = Stream | Suffixed[Stream] | Custom
@@ -211,3 +216,186 @@ def _check_routable(fqn: RosFqn) -> None:
                 "'rq' or 'rr' before a slash: a DDS router breaks it"
             )
             raise FqnError(label, text, allowed)
+
+
+_T = TypeVar("_T", Component, Stream, Resource)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Parts:
+    scope: Scope | None = None
+    agent: str | None = None
+    has_agent: bool = True
+    component: ComponentSegment | None = None
+    stream: StreamSegment | None = None
+    resource: ResourceSegment | None = None
+
+
+class RosFqnBuilder:
+    """Collects the segments of one name, in any order; a later call replaces an earlier one.
+
+    Immutable: every method returns a new builder, so a common beginning can be kept and continued more than
+    once. An agent that is neither given nor excluded is this host's, as `default_agent` says.
+    """
+
+    __slots__ = ("_parts",)
+
+    def __init__(self) -> None:
+        self._parts = _Parts()
+
+    def scope(self, scope: Scope) -> RosFqnBuilder:
+        """Return a builder with this scope."""
+        return _continued(replace(self._parts, scope=scope))
+
+    def agent(self, agent: str) -> RosFqnBuilder:
+        """Return a builder with this agent instead of the default one."""
+        return _continued(replace(self._parts, agent=agent, has_agent=True))
+
+    def without_agent(self) -> RosFqnBuilder:
+        """Return a builder for a name without agent, such as `/global/agent_heartbeat`."""
+        return _continued(replace(self._parts, agent=None, has_agent=False))
+
+    def component(self, component: ComponentSegment, suffix: str | None = None) -> RosFqnBuilder:
+        """Return a builder with this component, for example `Component.CAMERA, "front"`.
+
+        Raises:
+            FqnError: If the suffix is not allowed.
+        """
+        segment = component if suffix is None else _suffixed("component", component, suffix)
+        return _continued(replace(self._parts, component=segment))
+
+    def stream(self, stream: StreamSegment, suffix: str | None = None) -> RosFqnBuilder:
+        """Return a builder with this data stream, for example `Stream.INFRA, "1"`.
+
+        Raises:
+            FqnError: If the suffix is not allowed.
+        """
+        segment = stream if suffix is None else _suffixed("stream", stream, suffix)
+        return _continued(replace(self._parts, stream=segment))
+
+    def resource(self, resource: ResourceSegment, suffix: str | None = None) -> RosFqnBuilder:
+        """Return a builder with this resource.
+
+        Raises:
+            FqnError: If the suffix is not allowed.
+        """
+        segment = resource if suffix is None else _suffixed("resource", resource, suffix)
+        return _continued(replace(self._parts, resource=segment))
+
+    def build(self) -> RosFqn:
+        """Return the name.
+
+        Reads the environment and the host name only where no agent was given or excluded.
+
+        Raises:
+            FqnError: Naming the segment that is missing or not allowed.
+        """
+        parts = self._parts
+        if parts.scope is None:
+            raise FqnError("scope", None, "Scope.LOCAL or Scope.GLOBAL; it is mandatory")
+        if parts.resource is None:
+            raise FqnError("resource", None, "a Resource, one with a suffix, or Custom; it is mandatory")
+        agent = default_agent() if parts.has_agent and parts.agent is None else parts.agent
+        return RosFqn(
+            scope=parts.scope,
+            agent=agent,
+            component=parts.component,
+            stream=parts.stream,
+            resource=parts.resource,
+        )
+
+
+def _continued(parts: _Parts) -> RosFqnBuilder:
+    builder = RosFqnBuilder()
+    builder._parts = parts  # noqa: SLF001 - a second constructor of the same class
+    return builder
+
+
+def _suffixed(label: str, value: _T | Suffixed[_T] | Custom, suffix: str) -> Suffixed[_T]:
+    if isinstance(value, (Component, Stream, Resource)):
+        return value.suffixed(suffix)
+    raise FqnError(label, value, "a suffix only on a standard value that has none yet; write it into Custom")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SchemaNode:
+    """One kind of segment."""
+
+    name: str  #: scope, agent, component, stream or resource.
+    mandatory: bool  #: Whether every name has it.
+    extensible: bool  #: Whether it takes suffixes and `Custom`.
+    values: tuple[str, ...]  #: The standard values; none for the agent, which is resolved at run time.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SchemaEdge:
+    """One step from a segment to the next."""
+
+    source: str  #: Name of the node it leaves.
+    target: str  #: Name of the node it enters.
+    after: After | None = None  #: The constraint on a path into the resource; None on the other steps.
+    #: The standard resources that the constraint permits; empty on the other steps.
+    resources: tuple[Resource, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SchemaTable:
+    """The graph of Fig. 2: its nodes in the order of a name, and its edges."""
+
+    nodes: tuple[SchemaNode, ...]
+    edges: tuple[SchemaEdge, ...]
+
+
+def schema_table() -> SchemaTable:
+    """Return the structural syntax of the schema, from which paper A, Fig. 2 can be drawn."""
+    chain = [flag.name.lower() for flag in After if flag.name]
+    steps = [SchemaEdge(source=a, target=b) for a, b in pairwise(chain)]
+    ends = [
+        SchemaEdge(source=source, target="resource", after=flag, resources=_permitted(flag))
+        for source, flag in zip(chain, After, strict=True)
+    ]
+    return SchemaTable(nodes=_nodes(), edges=(*steps, *ends))
+
+
+def all_standard_fqns(agent: str) -> Iterator[RosFqn]:
+    """Yield every name that standard values without suffix can make for one agent, each once.
+
+    Raises:
+        FqnError: If the agent's name is not allowed.
+    """
+    for scope in Scope:
+        for resource in _permitted(After.SCOPE):
+            yield RosFqn(scope=scope, resource=resource)
+        for resource in _permitted(After.AGENT):
+            yield RosFqn(scope=scope, agent=agent, resource=resource)
+        for component in Component:
+            for resource in _permitted(After.COMPONENT):
+                yield RosFqn(scope=scope, agent=agent, component=component, resource=resource)
+            for stream in Stream:
+                for resource in _permitted(After.STREAM):
+                    yield RosFqn(
+                        scope=scope, agent=agent, component=component, stream=stream, resource=resource
+                    )
+
+
+def _permitted(flag: After) -> tuple[Resource, ...]:
+    return tuple(resource for resource in Resource if flag in resource.after)
+
+
+def _nodes() -> tuple[SchemaNode, ...]:
+    rows = (
+        ("scope", True, False, Scope),
+        ("agent", False, False, ()),
+        ("component", False, True, Component),
+        ("stream", False, True, Stream),
+        ("resource", True, True, Resource),
+    )
+    return tuple(
+        SchemaNode(
+            name=name,
+            mandatory=mandatory,
+            extensible=extensible,
+            values=tuple(str(value.value) for value in values),
+        )
+        for name, mandatory, extensible, values in rows
+    )

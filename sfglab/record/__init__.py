@@ -6,27 +6,17 @@ as rows of tables, configuration and versions as metadata.
 
 from __future__ import annotations
 
-from sfglab.record.context import run_context
-from sfglab.record.errors import (
-    LogClosedError,
-    LogExistsError,
-    LogFormatError,
-    LogInputError,
-    LogLookupError,
-    LogMissingError,
+from sfglab.record.metadata import (
+    LogError,
+    run_context,
 )
 from sfglab.record.reader import DecodedMessage, LogMessage, LogReader, TopicInfo
 from sfglab.record.writer import LogWriter
 
 __all__ = [
     "DecodedMessage",
-    "LogClosedError",
-    "LogExistsError",
-    "LogFormatError",
-    "LogInputError",
-    "LogLookupError",
+    "LogError",
     "LogMessage",
-    "LogMissingError",
     "LogReader",
     "LogWriter",
     "TopicInfo",

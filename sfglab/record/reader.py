@@ -13,19 +13,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from sfglab.messages import UnknownTypeError, decoder_from_definition, definition, deserialize
-from sfglab.record.encoding import values_from_strings
-from sfglab.record.errors import (
-    LogClosedError,
-    LogFormatError,
-    LogInputError,
-    LogLookupError,
-    LogMissingError,
+from sfglab.record.metadata import (
+    LogError,
+    values_from_strings,
 )
 from sfglab.record.writer import TABLE_PREFIX, TIME_COLUMN
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from types import TracebackType
     from typing import BinaryIO
 
@@ -44,39 +40,23 @@ class TopicInfo:
 
 
 class LogMessage(NamedTuple):
-    """One message as it was recorded.
+    """One message as it was recorded."""
 
-    Attributes:
-        topic: Its topic.
-        type_name: Its ROS type.
-        log_time_ns: When it was received, on the run's clock.
-        publish_time_ns: When it was published, on the same clock.
-        cdr: Its bytes.
-    """
-
-    topic: str
-    type_name: str
-    log_time_ns: int
-    publish_time_ns: int
-    cdr: bytes
+    topic: str  #: Its topic.
+    type_name: str  #: Its ROS type.
+    log_time_ns: int  #: When it was received, on the run's clock.
+    publish_time_ns: int  #: When it was published, on the same clock.
+    cdr: bytes  #: Its bytes.
 
 
 class DecodedMessage(NamedTuple):
-    """One message, deserialised.
-
-    Attributes:
-        topic: Its topic.
-        type_name: Its ROS type.
-        log_time_ns: When it was received, on the run's clock.
-        publish_time_ns: When it was published, on the same clock.
-        message: The message; arrays are read-only.
-    """
+    """One message, deserialised; fields as of `LogMessage`."""
 
     topic: str
     type_name: str
     log_time_ns: int
     publish_time_ns: int
-    message: Any
+    message: Any  #: Arrays are read-only.
 
 
 class LogReader:
@@ -97,8 +77,8 @@ class LogReader:
             path: The file, of any recorder.
 
         Raises:
-            LogMissingError: There is no file.
-            LogFormatError: The file is no MCAP file, or one that has neither chunks nor an index.
+            LogError: There is no file, or the file is no MCAP file, or one that has neither chunks nor an
+                index.
         """
         self.path = Path(path)
         self.truncated = False
@@ -106,7 +86,7 @@ class LogReader:
         try:
             self._stream: BinaryIO = self.path.open("rb")
         except FileNotFoundError as exc:
-            raise LogMissingError(self.path) from exc
+            raise LogError(f"log {self.path}: no such file") from exc
         try:
             self._mcap, self._summary = self._indexed()
         except BaseException:
@@ -122,9 +102,9 @@ class LogReader:
         size = self._stream.seek(0, SEEK_END)
         self._stream.seek(0)
         if size == 0:
-            raise LogFormatError(self.path, "the file is empty")
+            raise LogError(f"log {self.path}: the file is empty")
         if self._stream.read(len(MAGIC)) != MAGIC:
-            raise LogFormatError(self.path, "not an MCAP file")
+            raise LogError(f"log {self.path}: not an MCAP file")
         self._stream.seek(0)
         reader = SeekingReader(self._stream, validate_crcs=True)
         own = None
@@ -136,8 +116,8 @@ class LogReader:
         try:
             found = scan(self._stream, size)
         except UnchunkedError as exc:
-            raise LogFormatError(
-                self.path, "no index, and messages outside chunks: try `mcap recover`"
+            raise LogError(
+                f"log {self.path}: no index, and messages outside chunks: try `mcap recover`"
             ) from exc
         self.truncated = not found.complete
         self._stream.seek(0)
@@ -180,11 +160,10 @@ class LogReader:
             What was written: text, or the values in a text that is JSON.
 
         Raises:
-            LogLookupError: There is none of that name.
-            LogFormatError: The record is damaged.
+            LogError: There is none of that name, or the record is damaged.
         """
         if name not in self.metadata_names:
-            raise LogLookupError("metadata", name, self.metadata_names)
+            raise _missing("metadata", name, self.metadata_names)
         records = {record.name: record.metadata for record in self._checked(self._mcap.iter_metadata())}
         return values_from_strings(records[name])
 
@@ -198,11 +177,10 @@ class LogReader:
             Its content.
 
         Raises:
-            LogLookupError: There is none of that name.
-            LogFormatError: The record is damaged.
+            LogError: There is none of that name, or the record is damaged.
         """
         if name not in self.attachment_names:
-            raise LogLookupError("attachment", name, self.attachment_names)
+            raise _missing("attachment", name, self.attachment_names)
         found = {record.name: record.data for record in self._checked(self._mcap.iter_attachments())}
         return bytes(found[name])
 
@@ -220,10 +198,8 @@ class LogReader:
             An iterator; a chunk is read when its turn comes.
 
         Raises:
-            LogLookupError: There is no such topic.
-            LogInputError: The end lies before the start.
-            LogFormatError: While iterating: a chunk is damaged.
-            LogClosedError: While iterating: the log was closed.
+            LogError: There is no such topic, or the end lies before the start, or while iterating: a chunk is
+                damaged, or while iterating: the log was closed.
         """
         found = self._found(topic, start_ns, end_ns)
         return (LogMessage(c.topic, self._type_of(c), m.log_time, m.publish_time, m.data) for _, c, m in found)
@@ -245,9 +221,8 @@ class LogReader:
             An iterator, as for `messages`.
 
         Raises:
-            LogLookupError: There is no such topic.
-            LogInputError: The end lies before the start.
-            LogFormatError: While iterating: not CDR, or no definition that can be read.
+            LogError: There is no such topic, or the end lies before the start, or while iterating: not CDR, or
+                no definition that can be read.
             CdrError: While iterating: the bytes are not of the type.
         """
         found = self._found(topic, start_ns, end_ns)
@@ -268,13 +243,12 @@ class LogReader:
             One line per row in the order of log times; the columns are `log_time_ns` and the fields.
 
         Raises:
-            LogLookupError: There is none of that name.
-            LogFormatError: A chunk is damaged.
+            LogError: There is none of that name, or a chunk is damaged.
         """
         import pandas as pd
 
         if name not in self.tables:
-            raise LogLookupError("table", name, self.tables)
+            raise _missing("table", name, self.tables)
         columns: dict[str, list[Any]] = {}
         for entry in self.decoded(f"{TABLE_PREFIX}{name}"):
             row = {field: value for field, value in vars(entry.message).items() if field != "__msgtype__"}
@@ -302,9 +276,9 @@ class LogReader:
         topics = self.topics
         if topic is not None and topic not in topics:
             near = tuple(difflib.get_close_matches(topic, topics, n=5, cutoff=0)) or tuple(topics)
-            raise LogLookupError("topic", topic, near)
+            raise _missing("topic", topic, near)
         if start_ns is not None and end_ns is not None and end_ns < start_ns:
-            raise LogInputError(f"log {self.path}: the end {end_ns} ns lies before the start {start_ns} ns")
+            raise LogError(f"log {self.path}: the end {end_ns} ns lies before the start {start_ns} ns")
         if self.truncated and not self._summary.chunk_indexes:
             return iter(())
         found = self._mcap.iter_messages(topic, starting_at=start_ns, ending_before=end_ns)
@@ -316,11 +290,11 @@ class LogReader:
 
         while True:
             if self._stream.closed:
-                raise LogClosedError(self.path, failed=False)
+                raise LogError(f"log {self.path}: it is closed")
             try:
                 record = next(records, None)
             except DAMAGE as exc:
-                raise LogFormatError(self.path, f"damaged: {exc}") from exc
+                raise LogError(f"log {self.path}: damaged: {exc}") from exc
             if record is None:
                 return
             yield record
@@ -334,8 +308,8 @@ class LogReader:
         encodings = channel.message_encoding, schema.encoding if schema else "none"
         if schema is None or encodings != ("cdr", "ros2msg"):
             what = "messages {!r}, definition {!r}".format(*encodings)
-            raise LogFormatError(
-                self.path, f"topic {channel.topic}: given {what}, allowed are 'cdr', 'ros2msg'"
+            raise LogError(
+                f"log {self.path}: topic {channel.topic}: given {what}, allowed are 'cdr', 'ros2msg'"
             )
         text = schema.data.decode()
         try:
@@ -345,6 +319,10 @@ class LogReader:
         if ours == text:
             return lambda cdr: deserialize(cdr, schema.name)
         return decoder_from_definition(schema.name, text)
+
+
+def _missing(kind: str, name: str, present: Iterable[str]) -> LogError:
+    return LogError(f"log: no {kind} {name!r}; there is {', '.join(present) or 'none at all'}")
 
 
 def _scanned_reader(stream: BinaryIO, summary: Summary) -> SeekingReader:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 from sfglab import __version__
 from sfglab.messages import definition, row_message, row_type, serialize, type_name
-from sfglab.record.encoding import offered_qos_profiles, strings_from_values
-from sfglab.record.errors import LogClosedError, LogExistsError, LogInputError
+from sfglab.record.metadata import LogError, offered_qos_profiles, strings_from_values
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     import os
@@ -32,7 +32,7 @@ TABLE_PREFIX = "/table/"
 TIME_COLUMN = "log_time_ns"
 _TABLE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _CHUNK_BYTES = 768 * 1024
-_FLUSH_AFTER_NS = 1_000_000_000
+_FLUSH_AFTER_NS = NS_PER_S
 _TIMES = range(2**64)
 
 
@@ -59,7 +59,7 @@ class LogWriter:
             overwrite: Whether to replace a file.
 
         Raises:
-            LogExistsError: There is a file.
+            LogError: There is a file.
         """
         from mcap.writer import CompressionType, Writer
 
@@ -88,14 +88,19 @@ class LogWriter:
         try:
             return self.path.open("wb" if overwrite else "xb")
         except FileExistsError as exc:
-            raise LogExistsError(self.path) from exc
+            raise LogError(
+                f"log {self.path}: there is a file already; choose another path or pass overwrite=True"
+            ) from exc
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
         """Hold the lock during a change; one that breaks off leaves half a record, so it is the last."""
         with self._lock:
             if self._failed or self._stream.closed:
-                raise LogClosedError(self.path, failed=self._failed)
+                why = (
+                    "an earlier write failed, so nothing more can follow it" if self._failed else "it is closed"
+                )
+                raise LogError(f"log {self.path}: {why}")
             try:
                 yield
             except BaseException:
@@ -124,16 +129,13 @@ class LogWriter:
 
         Raises:
             UnknownTypeError: There is no definition to write down for the type.
-            LogInputError: A time is out of range, or the topic has another type.
-            LogClosedError: The log is closed.
+            LogError: A time is out of range, or the topic has another type, or the log is closed.
         """
         data = memoryview(cdr).cast("B")
         publish_time_ns = log_time_ns if publish_time_ns is None else publish_time_ns
         for stamp_ns in (log_time_ns, publish_time_ns):
             if stamp_ns not in _TIMES:
-                raise LogInputError(
-                    f"log, topic {topic}: given the time {stamp_ns} ns, allowed is 0 to 2^64 - 1"
-                )
+                raise LogError(f"log, topic {topic}: given the time {stamp_ns} ns, allowed is 0 to 2^64 - 1")
         with self._lock:
             channel = self._channels.get((topic, type_name, qos)) or self._new_channel(topic, type_name, qos)
             with self._writing():
@@ -151,8 +153,7 @@ class LogWriter:
 
         Raises:
             CdrError: The message cannot be serialised.
-            LogInputError: As for `write_raw`.
-            LogClosedError: The log is closed.
+            LogError: As for `write_raw`, or the log is closed.
         """
         self.write_raw(topic, type_name(type(message)), serialize(message), log_time_ns=log_time_ns)
 
@@ -167,14 +168,14 @@ class LogWriter:
 
         Raises:
             RowTypeError: The row has a field that no message can hold.
-            LogInputError: The name is not allowed, the table has rows of another class, or the time is out of
+            LogError: The name is not allowed, the table has rows of another class, or the time is out of
                 range.
-            LogClosedError: The log is closed.
+            LogError: The log is closed.
         """
         if not _TABLE_NAME.fullmatch(table):
-            raise LogInputError(f"log: given the table {table!r}, allowed are letters, digits and _")
+            raise LogError(f"log: given the table {table!r}, allowed are letters, digits and _")
         if hasattr(row, TIME_COLUMN):
-            raise LogInputError(f"table {table}: {type(row).__name__} has a field {TIME_COLUMN}: rename it")
+            raise LogError(f"table {table}: {type(row).__name__} has a field {TIME_COLUMN}: rename it")
         message = row_message(row)
         name = type_name(row_type(type(row)))
         self.write_raw(f"{TABLE_PREFIX}{table}", name, serialize(message), log_time_ns=log_time_ns)
@@ -187,8 +188,7 @@ class LogWriter:
             values: Text is kept as it is, numbers, lists, mappings, enums and dataclasses as JSON.
 
         Raises:
-            LogInputError: The name is taken, or a value has no form in JSON.
-            LogClosedError: The log is closed.
+            LogError: The name is taken, or a value has no form in JSON, or the log is closed.
         """
         strings = strings_from_values(name, values)
         with self._writing_once("metadata", name):
@@ -203,8 +203,7 @@ class LogWriter:
             media_type: Such as `image/png`.
 
         Raises:
-            LogInputError: The name is taken.
-            LogClosedError: The log is closed.
+            LogError: The name is taken, or the log is closed.
         """
         content = bytes(data)
         _checked_text(media_type)
@@ -215,7 +214,7 @@ class LogWriter:
         """Finish the current chunk and hand everything to the operating system.
 
         Raises:
-            LogClosedError: The log is closed.
+            LogError: The log is closed.
         """
         with self._writing():
             self._flush()
@@ -250,7 +249,7 @@ class LogWriter:
     def _writing_once(self, kind: str, name: str) -> Iterator[None]:
         with self._lock:
             if (kind, _checked_text(name)) in self._names:
-                raise LogInputError(f"log {self.path}: {kind} {name!r} is there already")
+                raise LogError(f"log {self.path}: {kind} {name!r} is there already")
             with self._writing():
                 yield
                 self._names.add((kind, name))
@@ -260,7 +259,7 @@ class LogWriter:
         schema = definition(type_name).encode()
         known = self._types.setdefault(_checked_text(topic), type_name)
         if known != type_name:
-            raise LogInputError(f"log, topic {topic}: given {type_name}, allowed is {known} as before")
+            raise LogError(f"log, topic {topic}: given {type_name}, allowed is {known} as before")
         metadata = {} if qos is None else {"offered_qos_profiles": offered_qos_profiles(qos)}
         with self._writing():
             if type_name not in self._schemas:
@@ -288,5 +287,5 @@ def _checked_text(text: str) -> str:
     try:
         text.encode()
     except UnicodeEncodeError as exc:
-        raise LogInputError(f"log: given {text!r}, allowed is text without lone surrogates") from exc
+        raise LogError(f"log: given {text!r}, allowed is text without lone surrogates") from exc
     return text

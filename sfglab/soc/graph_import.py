@@ -67,7 +67,7 @@ def graph_from_log(log: LogReader) -> ImportedGraph:
 
     Raises:
         GraphError: The metadata record is not what `graph_metadata` returns.
-        LogFormatError: The log is damaged.
+        LogError: The log is damaged.
     """
     owners = _owners(log)
     tables = {f"/table/{name}" for name in log.tables}

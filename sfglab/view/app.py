@@ -88,7 +88,7 @@ def view_log(
         What became of the messages, one a display.
 
     Raises:
-        LogMissingError: There is no such file.
+        LogError: There is no such file.
         SourceError: It cannot be read.
         SinkError: What is shown cannot be sent.
         MissingExtraError: Rerun is not installed.

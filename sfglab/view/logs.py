@@ -83,8 +83,8 @@ def open_log(path: str | Path) -> Iterator[Log]:
         path: An MCAP file, also one that was cut off; a rosbag2 directory or its file; a ROS 1 bag.
 
     Raises:
-        LogMissingError: There is no such MCAP file.
-        LogFormatError: The MCAP file cannot be read.
+        LogError: There is no such MCAP file.
+        LogError: The MCAP file cannot be read.
         SourceError: Any other cannot be.
     """
     path = Path(path)

@@ -10,21 +10,13 @@ from sfglab.messages import default_message, stamp_from_ns
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeterRow:
-    """One reading.
+    """One reading."""
 
-    Attributes:
-        agent: Who was measured.
-        received: Messages, a count.
-        mean_s: Mean latency, in seconds.
-        lossless: Whether all came.
-        samples_s: Every latency, in seconds.
-    """
-
-    agent: str
-    received: int
-    mean_s: float
-    lossless: bool
-    samples_s: tuple[float, ...]
+    agent: str  #: Who was measured.
+    received: int  #: Messages, a count.
+    mean_s: float  #: Mean latency, in seconds.
+    lossless: bool  #: Whether all came.
+    samples_s: tuple[float, ...]  #: Every latency, in seconds.
 
 
 @pytest.fixture

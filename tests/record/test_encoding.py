@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.qos import DEFAULT, LATCHED, Durability, History, QoSProfile, Reliability
-from sfglab.record import LogInputError
-from sfglab.record.encoding import offered_qos_profiles, strings_from_values, values_from_strings
+from sfglab.record import LogError
+from sfglab.record.metadata import offered_qos_profiles, strings_from_values, values_from_strings
 
 INFINITE = {"sec": 9223372036, "nsec": 854775807}
 json_values = st.recursive(
@@ -74,7 +74,7 @@ def test_lone_surrogates_are_kept_out_of_utf8():
     ("values", "complaint"), [({1: "x"}, "the key 1"), ({"x": object()}, "'x' cannot be kept")]
 )
 def test_what_has_no_form_in_json_is_refused(values, complaint):
-    with pytest.raises(LogInputError, match=f"metadata 'config': .*{complaint}"):
+    with pytest.raises(LogError, match=f"metadata 'config': .*{complaint}"):
         strings_from_values("config", values)
 
 

@@ -15,7 +15,7 @@ from rosbags.interfaces import QosDurability, QosHistory, QosReliability
 
 from sfglab.messages import default_message, serialize
 from sfglab.qos import LATCHED
-from sfglab.record import LogFormatError, LogReader, LogWriter
+from sfglab.record import LogError, LogReader, LogWriter
 
 RERUN = Path(sys.executable).with_name("rerun")
 needs_rerun = pytest.mark.skipif(
@@ -122,5 +122,5 @@ def test_other_encodings_are_named(tmp_path, change, complaint):
     foreign_log(tmp_path / "foreign.mcap", name="their_pkg/msg/Thing", **change)
     with LogReader(tmp_path / "foreign.mcap") as log:
         assert len(list(log.messages())) == 1
-        with pytest.raises(LogFormatError, match=complaint):
+        with pytest.raises(LogError, match=complaint):
             list(log.decoded("/foreign"))

@@ -20,12 +20,7 @@ from sfglab.messages import (
 )
 from sfglab.qos import DEFAULT, LATCHED
 from sfglab.record import (
-    LogClosedError,
-    LogExistsError,
-    LogFormatError,
-    LogInputError,
-    LogLookupError,
-    LogMissingError,
+    LogError,
     LogReader,
     LogWriter,
     TopicInfo,
@@ -151,26 +146,23 @@ def test_what_is_not_there_is_named_with_what_is(path):
         log.write_metadata("config", {})
         log.write("/text", text("x"), log_time_ns=1)
     with LogReader(path) as log:
-        with pytest.raises(LogLookupError, match="no metadata 'run'; there is config"):
+        with pytest.raises(LogError, match="no metadata 'run'; there is config"):
             log.metadata("run")
-        with pytest.raises(LogLookupError, match="no attachment 'a'; there is none at all"):
+        with pytest.raises(LogError, match="no attachment 'a'; there is none at all"):
             log.attachment("a")
-        with pytest.raises(LogLookupError, match="no topic '/txt'; there is /text") as error:
+        with pytest.raises(LogError, match="no topic '/txt'; there is /text"):
             log.messages("/txt")
-        with pytest.raises(LookupError, match="no table 'meter'"):
+        with pytest.raises(LogError, match="no table 'meter'"):
             log.table("meter")
-        with pytest.raises(LogInputError, match="the end 1 ns lies before the start 2 ns"):
+        with pytest.raises(LogError, match="the end 1 ns lies before the start 2 ns"):
             log.messages(start_ns=2, end_ns=1)
-    assert (error.value.name, error.value.present) == ("/txt", ("/text",))
 
 
 def test_a_file_is_replaced_only_on_demand(path):
     with LogWriter(path) as log:
         log.write("/text", text("old"), log_time_ns=1)
-    with pytest.raises(LogExistsError, match="overwrite=True") as error:
+    with pytest.raises(LogError, match=rf"log {path}: .*overwrite=True"):
         LogWriter(path)
-    assert error.value.path == path
-    assert isinstance(error.value, FileExistsError)
     with LogWriter(path, overwrite=True):
         pass
     with LogReader(path) as log:
@@ -187,12 +179,12 @@ def test_closing_twice_is_closing_once_and_nothing_follows(path):
         lambda: log.attach("late", b"", "text/plain"),
         log.flush,
     ):
-        with pytest.raises(LogClosedError, match="it is closed"):
+        with pytest.raises(LogError, match="it is closed"):
             call()
     reader = LogReader(path)
     reader.close()
     reader.close()
-    with pytest.raises(LogClosedError):
+    with pytest.raises(LogError):
         list(reader.messages())
 
 
@@ -200,20 +192,21 @@ def test_closing_twice_is_closing_once_and_nothing_follows(path):
 def test_a_file_that_is_no_log_is_one_clear_error(path, content):
     path.parent.mkdir()
     path.write_bytes(content)
-    with pytest.raises(LogFormatError, match="empty" if not content else "not an MCAP file") as error:
+    with pytest.raises(
+        LogError, match=f"log {path}: " + ("the file is empty" if not content else "not an MCAP file")
+    ):
         LogReader(path)
-    assert error.value.path == path
 
 
 def test_a_missing_file_is_one_clear_error(path):
-    with pytest.raises(LogMissingError, match="no such file"):
+    with pytest.raises(LogError, match="no such file"):
         LogReader(path)
 
 
 def test_a_topic_keeps_its_type(path):
     with LogWriter(path) as log:
         log.write("/text", text("x"), log_time_ns=1)
-        with pytest.raises(LogInputError, match="given std_msgs/msg/Empty, allowed is std_msgs/msg/String"):
+        with pytest.raises(LogError, match="given std_msgs/msg/Empty, allowed is std_msgs/msg/String"):
             log.write("/text", default_message("std_msgs/msg/Empty"), log_time_ns=1)
         with pytest.raises(UnknownTypeError):
             log.write_raw("/other", "std_msgs/msg/Strin", b"", log_time_ns=1)
@@ -229,22 +222,22 @@ def test_input_that_mcap_cannot_hold_is_refused_before_it_spoils_the_file(path):
 
     with LogWriter(path) as log:
         for stamp_ns in (-1, 2**64):
-            with pytest.raises(LogInputError, match=f"given the time {stamp_ns} ns"):
+            with pytest.raises(LogError, match=f"given the time {stamp_ns} ns"):
                 log.write("/text", text("x"), log_time_ns=stamp_ns)
-        with pytest.raises(LogInputError, match="surrogates"):
+        with pytest.raises(LogError, match="surrogates"):
             log.write("/te\ud800xt", text("x"), log_time_ns=1)
-        with pytest.raises(LogInputError, match="surrogates"):
+        with pytest.raises(LogError, match="surrogates"):
             log.write_metadata("\ud800", {})
-        with pytest.raises(LogInputError, match="surrogates"):
+        with pytest.raises(LogError, match="surrogates"):
             log.attach("a", b"", "\ud800")
-        with pytest.raises(LogInputError, match="the table 'a b'"):
+        with pytest.raises(LogError, match="the table 'a b'"):
             log.write_row("a b", None, log_time_ns=1)
-        with pytest.raises(LogInputError, match="ClashRow has a field log_time_ns: rename it"):
+        with pytest.raises(LogError, match="ClashRow has a field log_time_ns: rename it"):
             log.write_row("clash", ClashRow(1), log_time_ns=1)
         with pytest.raises(RowTypeError, match="CamelCase"):
             log.write_row("meter", {"a": 1}, log_time_ns=1)
         log.write_metadata("config", {})
-        with pytest.raises(LogInputError, match="metadata 'config' is there already"):
+        with pytest.raises(LogError, match="metadata 'config' is there already"):
             log.write_metadata("config", {})
         log.write("/text", text("good"), log_time_ns=1)
     with LogReader(path) as log:
@@ -282,7 +275,7 @@ def test_after_a_failed_write_nothing_follows_and_what_was_whole_is_read(path, m
     monkeypatch.setattr(log._mcap, "flush", fail)
     with pytest.raises(OSError, match="No space left"):
         log.flush()
-    with pytest.raises(LogClosedError, match="an earlier write failed"):
+    with pytest.raises(LogError, match="an earlier write failed"):
         log.write("/text", text("late"), log_time_ns=3)
     log.close()
     with LogReader(path) as read:

@@ -10,7 +10,7 @@ import pytest
 from sfglab.bus import Node
 from sfglab.messages import message_type
 from sfglab.names import TF, TF_STATIC
-from sfglab.record import LogLookupError, LogReader, LogWriter
+from sfglab.record import LogError, LogReader, LogWriter
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames import (
     TF_QOS,
@@ -93,5 +93,5 @@ def test_a_log_fills_a_buffer_with_all_that_it_has(tmp_path):
 def test_a_log_without_transforms_is_refused(tmp_path):
     with LogWriter(tmp_path / "run.mcap") as log:
         log.write("/text", message_type("std_msgs/msg/String")(data="x"), log_time_ns=0)
-    with LogReader(tmp_path / "run.mcap") as reader, pytest.raises(LogLookupError, match="/tf"):
+    with LogReader(tmp_path / "run.mcap") as reader, pytest.raises(LogError, match="/tf"):
         fill_from_log(reader, FrameBuffer())

@@ -14,7 +14,7 @@ import pytest
 from sfglab.bus import Node
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.qos import QoSProfile
-from sfglab.record import LogLookupError, LogReader, LogWriter
+from sfglab.record import LogError, LogReader, LogWriter
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.mocap import Lapse, LogSource, TopicSource, ViconSource
 from sfglab.spatial.mocap.tracking import MocapError
@@ -220,7 +220,7 @@ def test_a_log_is_replayed_in_the_order_and_at_the_pace_of_receipt(log):
 
 def test_a_log_without_the_topic_or_with_another_type_is_refused(log):
     with LogReader(log) as reader:
-        with pytest.raises(LogLookupError, match="/none"):
+        with pytest.raises(LogError, match="/none"):
             list(LogSource(reader, {"a": "/none"}).recorded())
         with pytest.raises(MocapError, match="/text: given the type std_msgs/msg/String"):
             list(LogSource(reader, {"a": "/text"}).recorded())

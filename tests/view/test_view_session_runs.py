@@ -18,7 +18,7 @@ from sfglab.bus import Node
 from sfglab.errors import MissingExtraError
 from sfglab.messages import default_message, message_type, serialize, stamp_from_ns
 from sfglab.qos import SENSOR_DATA
-from sfglab.record import LogMissingError, LogWriter
+from sfglab.record import LogError, LogWriter
 from sfglab.view import (
     Approximate,
     Arrival,
@@ -225,7 +225,7 @@ def test_a_rosbag2_directory_is_a_log_too(tmp_path, paper, version):
 
 
 def test_a_log_that_is_none_is_one_clear_sentence(tmp_path):
-    with pytest.raises(LogMissingError, match="nothing"), open_log(tmp_path / "nothing.mcap"):
+    with pytest.raises(LogError, match="nothing"), open_log(tmp_path / "nothing.mcap"):
         pass
     (tmp_path / "notes.txt").write_text("no bag")
     with (

@@ -169,7 +169,7 @@ def fill_from_log(
         What was taken and what was refused.
 
     Raises:
-        LogLookupError: The log has neither /tf nor /tf_static.
+        LogError: The log has neither /tf nor /tf_static.
     """
     intake = TransformIntake(buffer, agent=agent, shared=shared)
     topics = [topic for topic in (TF_STATIC, TF) if topic in reader.topics]

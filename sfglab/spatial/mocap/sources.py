@@ -127,7 +127,7 @@ class LogSource:
         """Yield all captures; receipt is the time of the log.
 
         Raises:
-            LogLookupError: The log has no such topic.
+            LogError: The log has no such topic.
             MocapError: A topic has another type.
         """
         types = {topic: info.type_name for topic, info in self._reader.topics.items()}

@@ -1,0 +1,208 @@
+"""Metadata of a run: versions and machine, and values and QoS profiles as the plain strings that MCAP keeps.
+
+Knows what makes two runs comparable, JSON, and rosbag2's YAML. Refuses to know files, and to record what
+identifies a place or a person: no path, no host name.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import platform
+import shutil
+import subprocess
+from enum import Enum
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import psutil
+
+import sfglab
+from sfglab.errors import SfglabError
+from sfglab.fields import to_json
+from sfglab.qos import Durability, History, Reliability
+from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sfglab.qos import QoSProfile
+
+
+class LogError(SfglabError, ValueError):
+    """A log cannot be written or read, or does not hold what was asked for."""
+
+
+_LIBRARIES = (
+    "av",
+    "cvxpy",
+    "cyclonedds",
+    "mcap",
+    "numba",
+    "numpy",
+    "opencv-python-headless",
+    "pandas",
+    "pyroute2",
+    "rosbags",
+    "scikit-image",
+    "scipy",
+)
+_GIT_TIMEOUT_S = 10.0
+
+
+def _versions() -> dict[str, str]:
+    installed = {dist.name.lower(): dist.version for dist in metadata.distributions()}
+    return {name: installed[name] for name in _LIBRARIES if name in installed}
+
+
+def _cpu_model() -> str:
+    for line in Path("/proc/cpuinfo").read_text("utf-8").splitlines():
+        key, _, value = line.partition(":")
+        if key.strip() in {"model name", "Model"}:
+            return value.strip()
+    return platform.machine()
+
+
+def _git(*arguments: str, tree: Path) -> str | None:
+    """Return what git says about a tree, or None if it knows nothing about it."""
+    done = subprocess.run(
+        ["git", "-C", str(tree), *arguments],
+        capture_output=True,
+        text=True,
+        timeout=_GIT_TIMEOUT_S,
+        check=False,
+    )
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+def _source() -> dict[str, Any]:
+    """Return commit and cleanness of the tree that the package is imported from, if it is one."""
+    tree = Path(sfglab.__file__).resolve().parent.parent
+    # An environment may lie inside the repository of somebody else's project.
+    if not shutil.which("git") or _git("rev-parse", "--show-prefix", tree=tree) != "":
+        return {}
+    commit = _git("rev-parse", "HEAD", tree=tree)
+    if commit is None:
+        return {}
+    return {"git_commit": commit, "git_clean": _git("status", "--porcelain", tree=tree) == ""}
+
+
+def run_context() -> dict[str, Any]:
+    """Return versions, machine and source of this run; experiments write it as the metadata `run`.
+
+    Returns:
+        `sfglab` and `python` (versions), `libraries` (name to version), `machine` (cpu, cores, usable_cores,
+        kernel, architecture, memory_bytes), and `source` (git_commit, git_clean), empty outside a repository.
+    """
+    return {
+        "sfglab": sfglab.__version__,
+        "python": platform.python_version(),
+        "libraries": _versions(),
+        "machine": {
+            "cpu": _cpu_model(),
+            "cores": psutil.cpu_count(logical=True),
+            "usable_cores": len(os.sched_getaffinity(0)),
+            "kernel": f"{platform.system()} {platform.release()}",
+            "architecture": platform.machine(),
+            "memory_bytes": psutil.virtual_memory().total,
+        },
+        "source": _source(),
+    }
+
+
+# rmw/types.h; rosbag2 (Humble, metadata version 5) writes the numbers.
+_HISTORY = {History.KEEP_LAST: 1, History.KEEP_ALL: 2}
+_RELIABILITY = {Reliability.RELIABLE: 1, Reliability.BEST_EFFORT: 2}
+_DURABILITY = {Durability.TRANSIENT_LOCAL: 1, Durability.VOLATILE: 2}
+_LIVELINESS_AUTOMATIC = 1
+_INFINITE_NS = 2**63 - 1
+
+
+def _duration_yaml(duration_ns: int | None) -> str:
+    sec, nsec = divmod(_INFINITE_NS if duration_ns is None else duration_ns, NS_PER_S)
+    return f"\n    sec: {sec}\n    nsec: {nsec}"
+
+
+def offered_qos_profiles(qos: QoSProfile) -> str:
+    """Return a profile as rosbag2 records it with a topic (rosbag2_transport, qos.cpp).
+
+    Args:
+        qos: The profile that the topic's writer offers.
+
+    Returns:
+        A YAML list with one entry; policies that sfglab does not model have ROS 2's defaults.
+    """
+    return (
+        f"- history: {_HISTORY[qos.history]}\n"
+        f"  depth: {qos.depth}\n"
+        f"  reliability: {_RELIABILITY[qos.reliability]}\n"
+        f"  durability: {_DURABILITY[qos.durability]}\n"
+        f"  deadline:{_duration_yaml(qos.deadline_ns)}\n"
+        f"  lifespan:{_duration_yaml(qos.lifespan_ns)}\n"
+        f"  liveliness: {_LIVELINESS_AUTOMATIC}\n"
+        f"  liveliness_lease_duration:{_duration_yaml(None)}\n"
+        "  avoid_ros_namespace_conventions: false\n"
+    )
+
+
+def _plain(value: Any) -> Any:
+    """Return what JSON can hold instead of a value that it does not know."""
+    if isinstance(value, Enum) or (dataclasses.is_dataclass(value) and not isinstance(value, type)):
+        return to_json(value)
+    if isinstance(value, (np.generic, np.ndarray)):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} has no form in JSON")
+
+
+def _is_literal(text: str) -> bool:
+    """Return whether text would be read back as something else than itself."""
+    try:
+        text.encode()
+        json.loads(text)
+    except UnicodeEncodeError:
+        return True
+    except ValueError:
+        return False
+    return True
+
+
+def strings_from_values(name: str, values: Mapping[str, Any]) -> dict[str, str]:
+    """Return a mapping whose values are strings: text as it is, everything else as JSON.
+
+    Text that looks like JSON is quoted, so that `values_from_strings` returns what went in.
+
+    Args:
+        name: What the mapping is called, for the error.
+        values: Text, numbers, None, lists, mappings, enums, dataclasses and NumPy values, nested as you like.
+
+    Returns:
+        The strings, in the same order. Tuples and arrays become lists, dataclasses mappings.
+
+    Raises:
+        LogError: A key is not text, or a value has no form in JSON.
+    """
+    strings = {}
+    for key, value in values.items():
+        if not isinstance(key, str):
+            raise LogError(f"metadata {name!r}: given the key {key!r}, allowed is text")
+        is_text = isinstance(value, str) and not isinstance(value, Enum) and not _is_literal(value)
+        try:
+            strings[key] = value if is_text else json.dumps(value, default=_plain)
+        except (TypeError, ValueError) as exc:
+            raise LogError(f"metadata {name!r}: {key!r} cannot be kept: {exc}") from exc
+    return strings
+
+
+def values_from_strings(strings: Mapping[str, str]) -> dict[str, Any]:
+    """Return what `strings_from_values` was given: JSON where it is JSON, text elsewhere.
+
+    Args:
+        strings: A metadata record of any log.
+
+    Returns:
+        Values of JSON's types, in the same order.
+    """
+    return {key: json.loads(text) if _is_literal(text) else text for key, text in strings.items()}
