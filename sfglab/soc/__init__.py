@@ -17,6 +17,10 @@ from sfglab.soc.graph import (
     Placement,
     Topic,
     TopicMapping,
+    graph_text,
+    load_graph,
+    read_graph,
+    save_graph,
 )
 from sfglab.soc.graph_drawing import draw_graph, draw_mapping
 from sfglab.soc.graph_import import (
@@ -27,17 +31,25 @@ from sfglab.soc.graph_import import (
     graph_metadata,
     watch_graph,
 )
-from sfglab.soc.graph_yaml import graph_text, load_graph, read_graph, save_graph
 from sfglab.soc.mapping import (
     CommunicationMapping,
     Crossing,
     carriages_per_message,
     crossing_edges,
+    faster_by_gateway,
     map_communication,
+    transfer_s,
 )
-from sfglab.soc.placement import NodeMapping, PlacementError, place_nodes
-from sfglab.soc.platform import ZCU104, Load, Platform, assess, platform_from_costs
-from sfglab.soc.prediction import faster_by_gateway, transfer_s
+from sfglab.soc.placement import (
+    ZCU104,
+    Load,
+    NodeMapping,
+    PlacementError,
+    Platform,
+    assess,
+    place_nodes,
+    platform_from_costs,
+)
 
 __all__ = [
     "ZCU104",

@@ -1,20 +1,24 @@
 """Communication mapping: which topics go to software, to hardware, or to a gateway (paper C, section 5).
 
-Node placement is given. Knows the paper's three cases, the edges that cross the boundary, and how often a
-message is carried across the memory interface. Refuses to know how long that takes.
+Node placement is given. Knows the paper's three cases, the edges that cross the boundary, how often a message
+is carried across the memory interface, and by the model of that interface (`sfglab.soc.memory`) how long a
+message takes as its topic is mapped; from this follows a gateway rule that knows sizes. One message at a time
+has the interface for itself; topics do not wait for each other.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from sfglab.soc.graph import EdgeKind, TopicMapping
+from sfglab.soc.graph import EdgeKind, GraphError, TopicMapping
+from sfglab.soc.memory import STORED, Judge, Setup, Side, Transport, judged_s, transfer_times
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.soc.graph import Edge, Graph, Topic
+    from sfglab.soc.memory import Costs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,3 +157,67 @@ def hardware_subgraphs(graph: Graph) -> tuple[tuple[frozenset[str], frozenset[st
 def _joins_both_sides(graph: Graph, topic: Topic) -> bool:
     placed = graph.in_hardware
     return bool(placed.intersection(topic.members)) and not placed.issuperset(topic.members)
+
+
+_TRANSPORTS = {
+    TopicMapping.SOFTWARE: Transport.SMT,
+    TopicMapping.HARDWARE: Transport.HMT,
+    TopicMapping.GATEWAY: Transport.GATEWAY,
+}
+
+
+def transfer_s(graph: Graph, topic: Topic, *, judge: Judge = Judge.LAST, costs: Costs = STORED) -> float:
+    """Return how long a message takes from its publisher to its subscribers as its topic is mapped, s.
+
+    Where publishers stand on both sides, it is the longer of the two times.
+
+    Args:
+        graph: With the topic in it.
+        topic: Which.
+        judge: Which subscriber's time counts.
+        costs: The model's constants.
+
+    Raises:
+        GraphError: The topic's size is unknown.
+    """
+    return max(judged_s(transfer_times(setup, costs), setup, judge) for setup in _setups(graph, topic))
+
+
+def faster_by_gateway(*, judge: Judge = Judge.LAST, costs: Costs = STORED) -> Callable[[Graph, Topic], bool]:
+    """Return a rule for `map_communication`: a gateway where it is predicted to be faster.
+
+    The paper's rule knows no sizes, although its own measurements show that small messages lose by a gateway
+    (section 4).
+
+    Args:
+        judge: Which subscriber's time counts.
+        costs: The model's constants.
+    """
+
+    def rule(graph: Graph, topic: Topic) -> bool:
+        software, gateway = (
+            transfer_s(graph, replace(topic, mapping=mapping), judge=judge, costs=costs)
+            for mapping in (TopicMapping.SOFTWARE, TopicMapping.GATEWAY)
+        )
+        return gateway < software
+
+    return rule
+
+
+def _setups(graph: Graph, topic: Topic) -> list[Setup]:
+    """Return the model's view of a topic, once for each side from which it is published."""
+    if topic.size_bytes is None:
+        raise GraphError(f"topics.{topic.name}.size_bytes", None, "the size of a message, to know its time")
+    placed = graph.in_hardware
+    hardware = len(placed.intersection(topic.subscribers))
+    sides = {Side.HARDWARE if name in placed else Side.SOFTWARE: None for name in topic.publishers}
+    return [
+        Setup(
+            publisher=side,
+            transport=_TRANSPORTS[topic.mapping],
+            message_bytes=max(topic.size_bytes, 1),
+            hardware=hardware,
+            software=len(topic.subscribers) - hardware,
+        )
+        for side in sides
+    ]

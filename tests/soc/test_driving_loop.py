@@ -9,7 +9,7 @@ import pytest
 
 from sfglab.soc.driving import Camera, Judge, Rules, Scene, Stack, make_town, run_lap
 from sfglab.soc.driving.car import CarState
-from sfglab.soc.driving.lights import LightDetector
+from sfglab.soc.driving.control import LightDetector
 from sfglab.soc.driving.town import Light, Place, Road, Signals
 
 TOWN = make_town(np.random.default_rng(1))

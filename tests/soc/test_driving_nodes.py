@@ -13,14 +13,21 @@ from hypothesis import strategies as st
 
 from sfglab.soc import load_graph
 from sfglab.soc.driving import NODES, Camera, CameraError
-from sfglab.soc.driving.blur import blur
 from sfglab.soc.driving.car import CarState, Chassis, Drive, drive
-from sfglab.soc.driving.compensation import compensate, stretch
-from sfglab.soc.driving.control import LaneControl
-from sfglab.soc.driving.lanes import WHITE, YELLOW, BirdView, lane_mask, marking_mask
-from sfglab.soc.driving.lights import Colour, LightDetector, find_lamps
+from sfglab.soc.driving.control import Colour, LaneControl, LightDetector, find_lamps
+from sfglab.soc.driving.lane import (
+    WHITE,
+    YELLOW,
+    BirdView,
+    Lane,
+    blur,
+    compensate,
+    fit_lane,
+    lane_mask,
+    marking_mask,
+    stretch,
+)
 from sfglab.soc.driving.odometry import Pose, VisualOdometry, planar_motion
-from sfglab.soc.driving.polyfit import Lane, fit_lane
 
 GRAPH = Path(__file__).parents[2] / "data/graphs/driving.yaml"
 VIEW = BirdView()

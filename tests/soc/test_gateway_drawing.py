@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
 from sfglab.soc.gateway import TABLE, State
-from sfglab.soc.gateway.drawing import PLACES, arrows, draw_core
+from sfglab.soc.gateway.core import PLACES, arrows, draw_core
 
 
 @pytest.fixture

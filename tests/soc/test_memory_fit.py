@@ -24,7 +24,7 @@ from sfglab.soc.memory import (
     tendencies,
     transfer_times,
 )
-from sfglab.soc.memory.costs import FITTED_NAMES, Costs
+from sfglab.soc.memory.memif import FITTED_NAMES, Costs
 
 BOTH = pytest.mark.parametrize("costs", [STORED, CUT_THROUGH], ids=["stored", "cut-through"])
 

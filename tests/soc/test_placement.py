@@ -30,8 +30,7 @@ from sfglab.soc import (
     place_nodes,
 )
 from sfglab.soc.memory import STORED
-from sfglab.soc.placement import build_programme
-from sfglab.soc.platform import carriage_load, gateway_load
+from sfglab.soc.placement import build_programme, carriage_load, gateway_load
 
 HW, SW = Placement.HARDWARE, Placement.SOFTWARE
 TIMES = {"bytes_per_s": 388e6, "carriage_s": 80e-6, "gateway_s": 122e-6}

@@ -129,7 +129,7 @@ def run(seed, words, subscribers, messages=6, limit=12_000, seen=None):
     from amaranth import Module
     from amaranth.sim import Simulator
 
-    from sfglab.soc.rtl.bench import SlowMemory
+    from sfglab.soc.rtl.cycles import SlowMemory
 
     m = Module()
     m.submodules.gateway = gateway = rtl.Gateway(subscribers)

@@ -45,7 +45,12 @@ def test_what_a_publisher_wrote_over_the_same_interface_reaches_all_readers():
 
 
 def test_a_wrong_word_is_noticed(monkeypatch):
-    monkeypatch.setattr("sfglab.soc.rtl.readers.WORD_FACTOR", 3)
+    from sfglab.soc.rtl.cycles import SlowMemory
+
+    def spoilt(port, content, delays):
+        return SlowMemory(port, [content[0], content[1] ^ 1, *content[2:]], delays)
+
+    monkeypatch.setattr("sfglab.soc.rtl.readers.SlowMemory", spoilt)
     with pytest.raises(rtl.HardwareError, match="reader 0, word 1"):
         read(512, readers=2)
 

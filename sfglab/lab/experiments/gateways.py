@@ -232,7 +232,7 @@ def edges_left(run: Run[Config]) -> Finding:
 @exp.figure("gateway_core", size=(14, 5.4))
 def draw_gateway(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the core from its table."""
-    from sfglab.soc.gateway.drawing import draw_core
+    from sfglab.soc.gateway.core import draw_core
 
     worlds = int(run["exploration"]["worlds"].sum())
     draw_core(figure.subplots())

@@ -1,7 +1,9 @@
-"""Lane control: drive commands from the lane, the lights and the odometry; knows no image.
+"""Light detection and lane control: drive commands from the lane, the lights and the odometry.
 
-Pure pursuit (Coulter, 1992): the arc through the lane's middle a lookahead away. A red light stops the car
-until a green one. Where no lane is seen the car makes for the last point it was shown, by odometry, and halts
+Paper C, section 6: a red light found stops the robot and activates the detection of green; a green one found
+lets it drive and activates the detection of red. Both hear each other's topic; each says something only when
+it found its light, and sleeps then. Control is pure pursuit (Coulter, 1992): the arc through the lane's middle
+a lookahead away. Where no lane is seen the car makes for the last point it was shown, by odometry, and halts
 there.
 """
 
@@ -9,21 +11,96 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import Enum
 from typing import TYPE_CHECKING
 
+import cv2
+import numpy as np
+
 from sfglab.soc.driving.car import Drive
-from sfglab.soc.driving.ports import Ports
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sfglab.soc.driving.lane import Lane
     from sfglab.soc.driving.odometry import Pose
-    from sfglab.soc.driving.polyfit import Lane
 
 
-PORTS = Ports(
-    node="lane_control",
-    subscribes=("/lane", "/red_light", "/green_light", "/pose"),
-    publishes=("/cmd_vel",),
-)
+class Colour(Enum):
+    """A light's colour; its value is the hues (of 180) from which to which, wrapping at 180."""
+
+    RED = (172, 8)
+    GREEN = (45, 85)
+
+
+_SATURATION, _VALUE = 130, 150
+_ROUND = 0.6
+"""Least share of its enclosing circle that a lamp's blob covers; 1 for a disc, 0.64 for a square."""
+
+_RADII = {Colour.RED: (0.024, 0.045), Colour.GREEN: (0.014, 0.1)}
+"""Radii, over the image's width, between which a lamp concerns the car.
+
+Red: from where it has to brake (1.95 m with a lamp of 6 cm) to where stopping would leave the lamp out of sight
+(1.04 m). Green: whatever is near and in sight.
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lamp:
+    """A round blob of a light's colour, in pixels."""
+
+    u: float
+    v: float
+    radius: float
+
+
+def find_lamps(bgr: NDArray[np.uint8], colour: Colour) -> list[Lamp]:
+    """Return the lit lamps of a colour in an image, however small, in no order."""
+    mask = _colour_mask(bgr, colour)
+    contours = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
+    lamps = []
+    for contour in contours:
+        (u, v), radius = cv2.minEnclosingCircle(contour)
+        if radius >= 2 and cv2.contourArea(contour) > _ROUND * math.pi * radius * radius:
+            lamps.append(Lamp(u=float(u), v=float(v), radius=float(radius)))
+    return lamps
+
+
+def _colour_mask(bgr: NDArray[np.uint8], colour: Colour) -> NDArray[np.uint8]:
+    hsv = cv2.cvtColor(bgr, cv2.COLOR_BGR2HSV)
+    first, last = colour.value
+    spans = [(first, last)] if first <= last else [(first, 179), (0, last)]
+    masks = [cv2.inRange(hsv, (a, _SATURATION, _VALUE), (b, 255, 255)) for a, b in spans]
+    return np.asarray(masks[0] if len(masks) == 1 else cv2.bitwise_or(*masks), np.uint8)
+
+
+class LightDetector:
+    """One of the two detection nodes.
+
+    Args:
+        colour: What it looks for. The red one starts active, the green one asleep.
+    """
+
+    def __init__(self, colour: Colour) -> None:
+        self.colour = colour
+        self.active = colour is Colour.RED
+
+    def see(self, bgr: NDArray[np.uint8]) -> bool:
+        """Look at an image of topic A.
+
+        Returns:
+            Whether the node publishes that it found its light; it sleeps from then on.
+        """
+        if not self.active:
+            return False
+        low, high = (share * bgr.shape[1] for share in _RADII[self.colour])
+        found = any(low <= lamp.radius <= high for lamp in find_lamps(bgr, self.colour))
+        self.active = not found
+        return found
+
+    def hear_other(self) -> None:
+        """Take the other detector's message: it found its light, so this one wakes."""
+        self.active = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""The closed loop: town, camera, nodes, car, round and round; the only place where all of them meet.
+"""The closed loop: town, camera, nodes, car, round and round, and the judge of a lap.
 
 `Stack` is the nodes wired as in the graph, from an image to a command; it gets pixels and nothing else.
 `run_lap` drives it round a town and has it judged. Refuses to know a bus: nodes are called one after the
@@ -12,25 +12,104 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.soc.driving.blur import blur
-from sfglab.soc.driving.car import CarState, Chassis, Drive, drive
-from sfglab.soc.driving.compensation import compensate
-from sfglab.soc.driving.control import LaneControl
-from sfglab.soc.driving.judge import Judge, Rules, Verdict
-from sfglab.soc.driving.lanes import BirdView, lane_mask
-from sfglab.soc.driving.lights import Colour, LightDetector
+from sfglab.soc.driving.car import Camera, CarState, Chassis, Drive, drive
+from sfglab.soc.driving.control import Colour, LaneControl, LightDetector
+from sfglab.soc.driving.lane import BirdView, Lane, blur, compensate, fit_lane, lane_mask
 from sfglab.soc.driving.odometry import Pose, VisualOdometry
-from sfglab.soc.driving.optics import Camera
-from sfglab.soc.driving.polyfit import Lane, fit_lane
 from sfglab.soc.driving.scene import Scene
 from sfglab.soc.driving.town import LANE_M, Signals, make_town
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
-    from sfglab.soc.driving.town import Town
+    from sfglab.soc.driving.town import Place, Town
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rules:
+    """What the judge asks for."""
+
+    #: Farther from the lane's middle a wheel leaves the lane (half a lane less half a car of 18 cm).
+    lateral_m: float = LANE_M / 2 - 0.09
+    red_lights: int = 3  #: Fewest that the car must have stopped at.
+    #: A line crossed so soon after the light turned red is not held against the car: at 0.9 m/s it brakes for
+    #: 0.6 s, and a look takes it some frames.
+    grace_s: float = 1.0
+    stop_m: float = 2.0  #: How near before its line a car stops for a light.
+    timeout_s: float = 150.0  #: A lap that takes longer has failed.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """What the judge saw."""
+
+    completed: bool  #: Whether the car came round.
+    red_lights_obeyed: int  #: Red lights that it stopped at and did not run.
+    red_lights_run: int  #: Lines that it crossed at red.
+    largest_lateral_m: float  #: Largest distance of the rear axle from the lane's middle.
+    lap_s: float  #: Time of the run, in the town.
+    passed: bool  #: Whether the rules are met.
+
+
+class Judge:
+    """Watches a run from its first frame at place 0; a car is where its camera is, over the rear axle.
+
+    Args:
+        town: Whose lights and lane.
+        rules: What is asked for.
+    """
+
+    def __init__(self, town: Town, rules: Rules | None = None) -> None:
+        self._town = town
+        self.rules = rules or Rules()
+        self.driven_m = 0.0
+        self._largest_m = 0.0
+        self._stopped: set[int] = set()
+        self._run: set[int] = set()
+        self._before: Place | None = None
+        self._now_s = 0.0
+
+    def watch(self, now_s: float, car: Place, speed_mps: float, red_since_s: Sequence[float | None]) -> None:
+        """Take a frame: the car's true place on its lane and speed, and since when each light is red."""
+        self._now_s = now_s
+        self._largest_m = max(self._largest_m, abs(car.left_m))
+        length = self._town.lane.length_m
+        if self._before is not None:
+            step = (car.along_m - self._before.along_m + length / 2) % length - length / 2
+            self._watch_lines(self.driven_m, self.driven_m + step, red_since_s)
+            self.driven_m += step
+        self._before = car
+        for i, (light, since) in enumerate(zip(self._town.lights, red_since_s, strict=True)):
+            if since is not None and speed_mps < 0.02 and 0 <= light.stop_m - car.along_m <= self.rules.stop_m:
+                self._stopped.add(i)
+
+    def _watch_lines(self, before_m: float, now_m: float, red_since_s: Sequence[float | None]) -> None:
+        for i, (light, since) in enumerate(zip(self._town.lights, red_since_s, strict=True)):
+            late = since is not None and self._now_s - since > self.rules.grace_s
+            if late and before_m < light.stop_m <= now_m:
+                self._run.add(i)
+
+    @property
+    def over(self) -> bool:
+        """Whether there is nothing left to see: a lap driven, the lane left, or the time up."""
+        left = self._largest_m > self.rules.lateral_m
+        return self.driven_m >= self._town.lane.length_m or left or self._now_s >= self.rules.timeout_s
+
+    def verdict(self) -> Verdict:
+        """Return what was seen so far."""
+        completed = self.driven_m >= self._town.lane.length_m
+        obeyed = len(self._stopped - self._run)
+        in_lane = self._largest_m <= self.rules.lateral_m
+        return Verdict(
+            completed=completed,
+            red_lights_obeyed=obeyed,
+            red_lights_run=len(self._run),
+            largest_lateral_m=self._largest_m,
+            lap_s=self._now_s,
+            passed=completed and in_lane and not self._run and obeyed >= self.rules.red_lights,
+        )
 
 
 _BIAS_RAD = 0.02
@@ -38,6 +117,30 @@ _BIAS_RAD = 0.02
 
 _STEPS = 4
 """Steps of the car's model a frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ports:
+    """A node's topics, named as in the graph of paper C, Fig. 9."""
+
+    node: str  #: Its name.
+    subscribes: tuple[str, ...]  #: Topics that it hears.
+    publishes: tuple[str, ...]  #: Topics that it says something on.
+
+
+NODES = (
+    Ports("camera", (), ("/image",)),
+    Ports("compensation", ("/image",), ("/A",)),
+    Ports("gaussian_blur", ("/A",), ("/blurred",)),
+    Ports("lane_planner", ("/blurred",), ("/lane_mask",)),
+    Ports("polyfit", ("/lane_mask",), ("/lane",)),
+    Ports("red_light_detection", ("/A", "/green_light"), ("/red_light",)),
+    Ports("green_light_detection", ("/A", "/red_light"), ("/green_light",)),
+    Ports("visual_odometry", ("/A",), ("/pose",)),
+    Ports("lane_control", ("/lane", "/red_light", "/green_light", "/pose"), ("/cmd_vel",)),
+    Ports("car", ("/cmd_vel",), ()),
+)
+"""Every node's topics, in the order of the chain; a test compares them with the graph's file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,15 +15,11 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from sfglab.soc.driving.ports import Ports
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sfglab.soc.driving.optics import Camera
+    from sfglab.soc.driving.car import Camera
 
-
-PORTS = Ports(node="visual_odometry", subscribes=("/A",), publishes=("/pose",))
 
 _FEATURES = 220
 """On one level: a pyramid places key points a part of a pixel off, which adds up to a false heading."""

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
 from sfglab.soc.gateway.core import TABLE
-from sfglab.soc.gateway.steps import Fault, steps
-from sfglab.soc.gateway.world import first_world, in_flight, is_finished
+from sfglab.soc.gateway.world import Fault, first_world, in_flight, is_finished, steps
 
 if TYPE_CHECKING:
     from sfglab.soc.gateway.core import State, Table

@@ -7,31 +7,50 @@ topics in software, in hardware and over gateways), `stated` (what the paper sta
 
 from __future__ import annotations
 
-from sfglab.soc.memory.break_even import LARGEST_BYTES, Judge, break_even_bytes, faster_transport, judged_s
-from sfglab.soc.memory.costs import CUT_THROUGH, STORED, Constant, Costs, Origin, constants
-from sfglab.soc.memory.fit import Fit, FitError, Variant, fit, sensitivity
 from sfglab.soc.memory.memif import (
+    CUT_THROUGH,
+    STORED,
+    Constant,
+    Costs,
     Forwarding,
     MemoryInterface,
     MemoryInterfaceError,
+    Origin,
+    constants,
     round_robin_s,
     shared_s,
 )
-from sfglab.soc.memory.stated import (
+from sfglab.soc.memory.paper import (
     MESSAGE_BYTES,
     STATED,
     SUBSCRIBERS,
     TENDENCIES,
+    Fit,
+    FitError,
     Panel,
     Residual,
     SpeedUp,
     Stated,
     Tendency,
+    Variant,
+    fit,
     residuals,
+    sensitivity,
     speed_ups,
     tendencies,
 )
-from sfglab.soc.memory.transfer import Setup, Side, Times, Transport, transfer_times
+from sfglab.soc.memory.transfer import (
+    LARGEST_BYTES,
+    Judge,
+    Setup,
+    Side,
+    Times,
+    Transport,
+    break_even_bytes,
+    faster_transport,
+    judged_s,
+    transfer_times,
+)
 
 __all__ = [
     "CUT_THROUGH",

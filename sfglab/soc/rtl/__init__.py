@@ -10,13 +10,12 @@ Needs the extra `rtl`; nothing else of sfglab imports it.
 
 from __future__ import annotations
 
-from sfglab.soc.rtl.arbiter import Arbiter
-from sfglab.soc.rtl.bench import Bench, Delays
 from sfglab.soc.rtl.check import LawCheck, MemoryPath, PathCycles, check_law, path_cycles, path_law
-from sfglab.soc.rtl.control import Control, drive_code, input_code, state_code
-from sfglab.soc.rtl.core import Answer, Call, Gateway
-from sfglab.soc.rtl.law import (
+from sfglab.soc.rtl.core import Answer, Call, Control, Gateway, drive_code, input_code, state_code
+from sfglab.soc.rtl.cycles import (
+    Bench,
     CycleLaw,
+    Delays,
     HardwareError,
     Transfer,
     TransferCycles,
@@ -24,9 +23,9 @@ from sfglab.soc.rtl.law import (
     model_cycles,
     simulate_transfer,
 )
-from sfglab.soc.rtl.memif import MemoryPort
-from sfglab.soc.rtl.proof import ARBITER_PROPERTIES, PROPERTIES, arbiter_is_fair, control_is_safe
-from sfglab.soc.rtl.shared import (
+from sfglab.soc.rtl.data_path import MemoryPort
+from sfglab.soc.rtl.readers import (
+    Arbiter,
     Reading,
     ReadingCycles,
     measured_readers_law,
@@ -35,10 +34,14 @@ from sfglab.soc.rtl.shared import (
     simulate_readers,
 )
 from sfglab.soc.rtl.synthesis import (
+    ARBITER_PROPERTIES,
+    PROPERTIES,
     ArbiterArea,
     GatewayArea,
     YosysError,
     arbiter_area,
+    arbiter_is_fair,
+    control_is_safe,
     gateway_area,
     gateway_verilog,
     yosys_is_there,

@@ -14,9 +14,8 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from sfglab.soc.memory import MemoryInterface
-from sfglab.soc.rtl.bench import Delays
-from sfglab.soc.rtl.law import CycleLaw, Transfer, measured_law, model_cycles, simulate_transfer
-from sfglab.soc.rtl.shared import (
+from sfglab.soc.rtl.cycles import CycleLaw, Delays, Transfer, measured_law, model_cycles, simulate_transfer
+from sfglab.soc.rtl.readers import (
     Reading,
     measured_readers_law,
     measured_writer_law,

@@ -1,8 +1,9 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""The gateway as one piece of hardware: control, data path, and the hardware-mapped topic with its ports.
+"""The gateway as one piece of hardware: control generated from the core's table, data path, topic and ports.
 
-Turns wires into the table's inputs, and the table's drives into wires. Knows what each input and drive is in
-hardware; refuses to know the order of events, which is the table's.
+Turns wires into the table's inputs, and the table's drives into wires. The control is the table of
+`sfglab.soc.gateway.core` as a register of states, so that order of events has one place. Knows what each input
+and drive is in hardware.
 """
 
 from __future__ import annotations
@@ -12,13 +13,73 @@ from typing import TYPE_CHECKING, Any
 
 from amaranth import Elaboratable, Module, Mux, Signal
 
-from sfglab.soc.gateway import TABLE, Drive, Input
-from sfglab.soc.rtl.control import ADDRESS_BITS, Control, input_code
-from sfglab.soc.rtl.mover import Mover
-from sfglab.soc.rtl.topic import Broadcast, Stream, Turns
+from sfglab.soc.gateway import TABLE, Drive, Input, Latch, State
+from sfglab.soc.rtl.data_path import ADDRESS_BITS, Broadcast, Mover, Stream, Turns
 
 if TYPE_CHECKING:
     from sfglab.soc.gateway.core import Table
+
+_STATES, _INPUTS, _DRIVES = tuple(State), tuple(Input), tuple(Drive)
+
+
+def state_code(state: State) -> int:
+    """Return the number by which the register names a state."""
+    return _STATES.index(state)
+
+
+def input_code(given: Input) -> int:
+    """Return the bit of `Control.given` that says an input."""
+    return _INPUTS.index(given)
+
+
+def drive_code(drive: Drive) -> int:
+    """Return the bit of `Control.drive` that says a drive."""
+    return _DRIVES.index(drive)
+
+
+class Control(Elaboratable):
+    """The state register and its moves; an input that the state does not wait for changes nothing.
+
+    Args:
+        table: The behaviour.
+
+    Attributes:
+        given: In: one bit per input that is there in this cycle. Of several, the row's first counts.
+        value: In: the address beside the input.
+        state: Out: code of the state.
+        drive: Out: one bit per drive, exactly one of them set.
+        output: Out: address of the output message.
+        held: Out: address of the last message that the delegate gave.
+    """
+
+    def __init__(self, table: Table = TABLE) -> None:
+        self.given = Signal(len(_INPUTS))
+        self.value = Signal(ADDRESS_BITS)
+        self.state = Signal(range(len(_STATES)), init=state_code(State.START))
+        self.drive = Signal(len(_DRIVES))
+        self.output = Signal(ADDRESS_BITS)
+        self.held = Signal(ADDRESS_BITS)
+        self._table = table
+
+    def does(self, drive: Drive) -> Any:
+        """Return the bit that says a drive."""
+        return self.drive[drive_code(drive)]
+
+    def elaborate(self, _platform: object) -> Any:
+        """Return the logic."""
+        m = Module()
+        registers = {Latch.OUTPUT: self.output, Latch.HELD: self.held}
+        with m.Switch(self.state):
+            for state, row in self._table.items():
+                with m.Case(state_code(state)):
+                    m.d.comb += self.does(row.drive).eq(1)
+                    for place, (given, move) in enumerate(row.moves.items()):
+                        there = self.given[input_code(given)]
+                        with m.Elif(there) if place else m.If(there):
+                            m.d.sync += self.state.eq(state_code(move.to))
+                            if move.latch is not None:
+                                m.d.sync += registers[move.latch].eq(self.value)
+        return m
 
 
 class Call(IntEnum):

@@ -21,7 +21,7 @@ from sfglab.soc import (
     map_communication,
     place_nodes,
 )
-from sfglab.soc.platform import gateway_load, hardware_load, software_load, topic_load
+from sfglab.soc.placement import gateway_load, hardware_load, software_load, topic_load
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -1,22 +1,26 @@
-"""What paper C states of its measurements, and how far the model is from it.
+"""Paper values of paper C, section 4, how far the model is from them, and the one fit of its free constants.
 
 Fig. 6 and 7 reach us as text: ends of ranges and tendencies, all of them ratios. Ends are numbers with a
-residual; tendencies hold or do not. Knows the paper's sentences; refuses to know how a time comes about.
+residual; tendencies hold or do not. Six constants are fitted to seven ratios, by least squares on their
+logarithms: so nearly as many constants as numbers that agreement shows only that the numbers are possible
+together; what is worth looking at is what was not fitted (`TENDENCIES`), and what the assumed constants change
+(`sensitivity`). Refuses to know how a time comes about.
 """
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from sfglab.soc.memory.costs import STORED, Costs
+from sfglab.errors import SfglabError
+from sfglab.soc.memory.memif import FITTED_NAMES, STORED, Costs
 from sfglab.soc.memory.transfer import Setup, Side, Transport, transfer_times
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-
 
 MESSAGE_BYTES = (10_000, 100_000, 1_000_000, 10_000_000)
 """Image sizes of section 4."""
@@ -202,3 +206,81 @@ def tendencies(costs: Costs = STORED) -> list[tuple[Tendency, bool]]:
 def _by_panel(costs: Costs) -> dict[Panel, list[SpeedUp]]:
     bars = speed_ups(costs)
     return {panel: [bar for bar in bars if bar.panel is panel] for panel in Panel}
+
+
+class FitError(SfglabError, RuntimeError):
+    """The solver found no minimum."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fit:
+    """A fit and how good it is."""
+
+    costs: Costs  #: The constants, fitted and standing.
+    residuals: tuple[Residual, ...]  #: Every stated number beside the model's.
+    rms: float  #: Root mean square of the residuals' logarithms.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Variant:
+    """A fit with one assumed constant changed."""
+
+    name: str  #: Of the constant.
+    factor: float  #: By which it was multiplied.
+    fit: Fit  #: What the others become, and how good that is.
+
+    @property
+    def worst(self) -> float:
+        """The largest residual, relative and without sign."""
+        return max(abs(item.relative) for item in self.fit.residuals)
+
+
+def fit(start: Costs = STORED) -> Fit:
+    """Fit `FITTED_NAMES` to `STATED`; all other constants stay.
+
+    Args:
+        start: Where the search starts, and the constants that stay.
+
+    Raises:
+        FitError: The solver did not converge.
+    """
+    from scipy.optimize import least_squares
+
+    def errors(logs: list[float]) -> list[float]:
+        return [math.log(item.model / item.stated) for item in residuals(_with(start, logs))]
+
+    found = least_squares(errors, [math.log(value) for value in _values(start)], x_scale="jac", xtol=1e-12)
+    if not found.success:
+        raise FitError(f"fit of {', '.join(FITTED_NAMES)}: {found.message}")
+    costs = _with(start, found.x)
+    left = tuple(residuals(costs))
+    return Fit(costs=costs, residuals=left, rms=math.sqrt(2 * found.cost / len(left)))
+
+
+def sensitivity(start: Costs = STORED) -> list[Variant]:
+    """Return the fits with each assumed constant halved and doubled: none of them is known well.
+
+    Args:
+        start: The constants to change.
+    """
+    found = []
+    for factor in (0.5, 2.0):
+        latency = factor * start.memory.read_latency_cycles
+        variants = {
+            "read_latency_cycles": replace(start, memory=replace(start.memory, read_latency_cycles=latency)),
+            "delegate_s": replace(start, delegate_s=factor * start.delegate_s),
+            "publish_s": replace(start, publish_s=factor * start.publish_s),
+        }
+        found += [Variant(name=name, factor=factor, fit=fit(costs)) for name, costs in variants.items()]
+    return found
+
+
+def _values(costs: Costs) -> list[float]:
+    return [getattr(costs.memory if hasattr(costs.memory, name) else costs, name) for name in FITTED_NAMES]
+
+
+def _with(costs: Costs, logs: list[float]) -> Costs:
+    """Return the costs with the fitted constants set, given their logarithms."""
+    values = {name: math.exp(log) for name, log in zip(FITTED_NAMES, logs, strict=True)}
+    memory = replace(costs.memory, write_latency_cycles=values.pop("write_latency_cycles"))
+    return replace(costs, memory=memory, **values)
