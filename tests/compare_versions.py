@@ -27,8 +27,10 @@ from tempfile import TemporaryDirectory
 
 RELATIVE = 1e-9
 SHOWN = 6
-# Digests and tags of a version's own files, and its commit.
-OWN = re.compile(r"\b(?:[0-9a-f]{64}|[0-9a-f]{40}(?:-dirty)?|\d+\.\d+\.\d+-[0-9a-f]{12})\b")
+# Digests and tags of a version's own files, its commit and that commit's time.
+OWN = re.compile(
+    r"\b(?:\d{4}(?:-\d\d){2}T(?:\d\d:){2}\d\d\+00:00|[0-9a-f]{64}|[0-9a-f]{40}(?:-dirty)?|\d+\.\d+\.\d+-[0-9a-f]{12})\b"
+)
 
 
 @dataclass(frozen=True)
