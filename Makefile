@@ -26,9 +26,12 @@ reproduce: setup ## Run every notebook headless (PROFILE=smoke|quick|paper), wri
 	$(BIN)/sfglab reproduce --profile $(PROFILE)
 
 # What measures time or counts processes runs alone, afterwards.
-test: setup ## Run the tests: in parallel what can be, then what is live
+test: export SFGLAB_SKIPS = runs/skips
+test: setup ## Run the tests: in parallel what can be, then what is live; at the end what was skipped and why
+	@mkdir -p runs && rm -f $(SFGLAB_SKIPS) && touch $(SFGLAB_SKIPS)
 	$(BIN)/python -m pytest --quiet -m "not live" --numprocesses auto --dist worksteal
 	$(BIN)/python -m pytest --quiet -m live
+	@echo "$$(wc -l < $(SFGLAB_SKIPS)) tests were skipped:"; sort $(SFGLAB_SKIPS) | uniq -c | sort -rn
 
 lab: setup ## Open JupyterLab on the notebooks
 	$(BIN)/jupyter lab notebooks/00_index.ipynb

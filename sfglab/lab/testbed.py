@@ -7,16 +7,69 @@ are the same, but the interface counts what everybody sends, and there is no lin
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+import itertools
+import os
+import socket
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
 
+from sfglab.errors import SfglabError
 from sfglab.lab.hosts import Network
 from sfglab.lab.hosts.host import InterfaceBytes, interface_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from types import TracebackType
+
+
+FIRST_DOMAIN, DOMAINS = (
+    20,
+    80,
+)  # from 102 on a domain's ports lie among those that Linux gives to anybody who asks
+_turns = itertools.count(os.getpid() * 13)
+
+
+class NoDomainError(SfglabError, RuntimeError):
+    """Other programs on this host use all DDS domains that a run may have."""
+
+
+@contextmanager
+def held_domains(count: int = 1) -> Iterator[list[int]]:
+    """Hold DDS domains of this host's network; nobody who asks here gets the same at the same time.
+
+    A domain is held by a name among Linux's abstract sockets, which belongs to the network namespace as the
+    domain's ports do, and which goes with the process.
+
+    Args:
+        count: How many.
+
+    Raises:
+        NoDomainError: So many are not free.
+    """
+    with ExitStack() as locks:
+        found: list[int] = []
+        for _ in range(DOMAINS):
+            domain = FIRST_DOMAIN + next(_turns) % DOMAINS
+            with suppress(OSError):
+                locks.enter_context(_hold(domain))
+                found.append(domain)
+            if len(found) == count:
+                break
+        else:
+            allowed = f"DDS domains {FIRST_DOMAIN} to {FIRST_DOMAIN + DOMAINS - 1}"
+            raise NoDomainError(f"{allowed}: asked for {count}, free are {len(found)}")
+        yield found
+
+
+@contextmanager
+def _hold(domain: int) -> Iterator[None]:
+    """Hold one domain; OSError says that another holds it or has its first port (RTPS 2.5, clause 9.6.2.3)."""
+    with closing(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)) as lock:
+        lock.bind(f"\0sfglab-dds-domain-{domain}")
+        with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
+            probe.bind(("", 7400 + 250 * domain))
+        yield
 
 
 class CountsBytes(Protocol):

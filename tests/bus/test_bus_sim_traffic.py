@@ -22,10 +22,6 @@ CLIENT = b"clientid=" + b".".join([b"00"] * 16) + b";"
 ALL = QoSProfile(history=History.KEEP_ALL)
 PUBLISHER, SUBSCRIPTION = EndpointKind.PUBLISHER, EndpointKind.SUBSCRIPTION
 
-needs_hosts = pytest.mark.skipif(
-    not (capability := Network.available()).ok, reason=f"needs network namespaces: {capability.reason}"
-)
-
 
 @pytest.mark.parametrize(
     ("kind", "dds_topic", "type_", "qos", "user_data", "captured"),
@@ -245,7 +241,6 @@ def simulated_ingress():
     return run_simulated(main)
 
 
-@needs_hosts
 @pytest.mark.live
 @pytest.mark.netns
 @pytest.mark.slow

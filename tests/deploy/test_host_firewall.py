@@ -19,7 +19,6 @@ from sfglab.fleet.fleet_file import load_fleet
 MISSING = [tool for tool in ("nft", "ip", "unshare", "nsenter") if not shutil.which(tool)]
 pytestmark = [
     pytest.mark.live,
-    pytest.mark.netns,
     pytest.mark.skipif(bool(MISSING), reason=f"{', '.join(MISSING)} missing: install nftables, iproute2"),
     pytest.mark.skipif(os.geteuid() != 0, reason="network namespaces and nft need root"),
 ]

@@ -10,16 +10,8 @@ import pytest
 from sfglab.arp.hallway import End
 from sfglab.lab.experiments.cooperation.live import drive_live
 from sfglab.lab.experiments.cooperation.run import LIVE_POINT
-from sfglab.lab.hosts import Network
 
-CAPABILITY = Network.available()
-
-pytestmark = [
-    pytest.mark.live,
-    pytest.mark.netns,
-    pytest.mark.slow,
-    pytest.mark.skipif(not CAPABILITY.ok, reason=CAPABILITY.reason),
-]
+pytestmark = [pytest.mark.live, pytest.mark.netns, pytest.mark.slow]
 
 
 def test_three_robots_set_off_together_and_nothing_is_left_behind():

@@ -19,7 +19,6 @@ from sfglab.lab.experiments.decode_once.config import Config, Stage
 from sfglab.lab.experiments.decode_once.rows import CameraRow, CellRow, LoadRow, PairRow, ViewRow
 from sfglab.lab.experiments.decode_once.run import cells_of
 from sfglab.lab.experiments.profiles import ConfigError
-from sfglab.lab.hosts import Network
 from sfglab.record import LogWriter
 
 NET, DEC, IPC = 1.5, 5.0, 0.5
@@ -133,12 +132,12 @@ def short() -> Config:
 
 
 @pytest.mark.live
-@pytest.mark.netns
 @pytest.mark.slow
-@pytest.mark.parametrize("separate", [None, False], ids=["separate hosts", "loopback"])
+@pytest.mark.parametrize(
+    "separate",
+    [pytest.param(None, id="separate hosts", marks=pytest.mark.netns), pytest.param(False, id="loopback")],
+)
 def test_a_short_live_run_shows_the_right_frames_and_leaves_nothing(tmp_path, separate):
-    if separate is None and not (capability := Network.available()).ok:
-        pytest.skip(f"needs network namespaces: {capability.reason}")
     before = {p.pid for p in psutil.Process().children(recursive=True)}
     log = asyncio.run(decode_once.run(short(), tmp_path / "run.mcap", separate=separate))
     results = decode_once.load_results(log)

@@ -20,16 +20,11 @@ from sfglab.lab.experiments.discovery.ingress import Ingress
 from sfglab.lab.experiments.discovery.rows import FleetRow, HostRow, SimulatedRow
 from sfglab.lab.experiments.discovery.run import cells_of
 from sfglab.lab.experiments.profiles import ConfigError
-from sfglab.lab.hosts import Network
 from sfglab.lab.hosts.host import InterfaceBytes
 from sfglab.lab.workers.rosnodes import RosNodesConfig
 from sfglab.lab.workers.rosstack import LISTENER, TALKER, endpoints_of
 from sfglab.processes import LineProcess
 from sfglab.record import LogReader, LogWriter
-
-needs_hosts = pytest.mark.skipif(
-    not (capability := Network.available()).ok, reason=f"needs network namespaces: {capability.reason}"
-)
 
 
 def known(mode: str, agents: int, host: int) -> tuple[float, float]:
@@ -275,7 +270,6 @@ def short(*modes: str) -> Config:
     return replace(Config.of_profile("smoke"), stages=stages, simulated=Scale())
 
 
-@needs_hosts
 @pytest.mark.live
 @pytest.mark.netns
 @pytest.mark.slow
@@ -294,10 +288,9 @@ def test_a_short_live_run_finds_all_peers_and_leaves_nothing(tmp_path):
     assert cpu_s[ROUTED] > 0
     assert cpu_s[STANDARD] == 0
     assert discovery.measure_claims(log) == {}, "two agents do not answer claims about six"
-    assert {p.pid for p in psutil.Process().children(recursive=True)} == before
+    assert {p.pid for p in psutil.Process().children(recursive=True)} <= before
 
 
-@needs_hosts
 @pytest.mark.live
 @pytest.mark.netns
 def test_a_fleet_that_takes_too_long_is_given_up_and_marked(tmp_path):

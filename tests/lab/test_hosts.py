@@ -20,6 +20,7 @@ from sfglab.lab.hosts import HostNameError, HostsError, HostsUnavailableError, N
 from sfglab.lab.hosts.errors import LinkControlError
 from sfglab.lab.hosts.host import InterfaceBytes, interface_bytes
 
+netns = pytest.mark.netns
 PYTHON = [sys.executable, "-I", "-S", "-c"]
 TIMEOUT_S = 20
 NOBODY = 65534
@@ -77,13 +78,10 @@ socket.socket(socket.AF_INET, socket.SOCK_DGRAM).sendto(b"x", ("239.1.2.3", 7000
 @pytest.fixture(scope="module")
 def network():
     """Three hosts for all tests that do not need a network of their own."""
-    try:
-        with Network(grace_s=0.2) as net:
-            for name in ("edge", "station", "idle"):
-                net.add_host(name)
-            yield net
-    except HostsUnavailableError as error:
-        pytest.skip(error.reason)
+    with Network(grace_s=0.2) as net:
+        for name in ("edge", "station", "idle"):
+            net.add_host(name)
+        yield net
 
 
 @pytest.fixture
@@ -109,11 +107,6 @@ def say(host, code, *arguments):
     done = host.run([*PYTHON, code, *map(str, arguments)], TIMEOUT_S)
     assert done.returncode == 0, done.stderr
     return done.stdout.split()
-
-
-def netns(test):
-    """Mark a test that needs network namespaces, and skip it where `network` does."""
-    return pytest.mark.netns(pytest.mark.usefixtures("network")(test))
 
 
 @netns

@@ -47,13 +47,6 @@ with Network(grace_s=0.2, rootless={"rootless": True}.get(sys.argv[2])) as net:
 """
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _available():
-    capability = Network.available()
-    if not capability.ok:
-        pytest.skip(capability.reason)
-
-
 def links() -> list[str]:
     return sorted(name for _, name in socket.if_nameindex())
 

@@ -15,7 +15,6 @@ from sfglab.lab.experiments.latency.config import PATHS, Config
 from sfglab.lab.experiments.latency.rows import IdleRow, LookRow, ShotRow, SightRow
 from sfglab.lab.experiments.latency.run import looks_of
 from sfglab.lab.experiments.profiles import ConfigError
-from sfglab.lab.hosts import Network
 from sfglab.record import LogWriter
 
 MS = 10**6
@@ -128,12 +127,12 @@ def test_profiles_differ_in_length_only():
 
 
 @pytest.mark.live
-@pytest.mark.netns
 @pytest.mark.slow
-@pytest.mark.parametrize("separate", [None, False], ids=["separate hosts", "loopback"])
+@pytest.mark.parametrize(
+    "separate",
+    [pytest.param(None, id="separate hosts", marks=pytest.mark.netns), pytest.param(False, id="loopback")],
+)
 def test_a_short_live_run_shows_present_pictures_and_leaves_nothing(tmp_path, separate):
-    if separate is None and not (capability := Network.available()).ok:
-        pytest.skip(f"needs network namespaces: {capability.reason}")
     before = {p.pid for p in psutil.Process().children(recursive=True)}
     config = replace(Config.of_profile("smoke"), repeats=1, encoder="libx264", idle_s=0.5, skipped=0)
     results = latency.load_results(asyncio.run(latency.run(config, tmp_path / "run.mcap", separate=separate)))

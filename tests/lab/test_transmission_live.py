@@ -15,7 +15,7 @@ from sfglab.lab.experiments.transmission.config import Point
 from sfglab.lab.experiments.transmission.live import LiveStage, Played, hosts_of
 from sfglab.lab.experiments.transmission.live_rows import GROUPS, compare, measure
 from sfglab.lab.experiments.transmission.scenario import HELLO_DOWN, HELLO_UP, scenario_of
-from sfglab.lab.hosts import HostsUnavailableError, RadioCounters
+from sfglab.lab.hosts import RadioCounters
 from sfglab.lab.workers.flowplay import text_of, value_of
 from sfglab.messages import deserialize
 from sfglab.qos import QoSProfile
@@ -102,10 +102,7 @@ def play(*scenarios: Scenario) -> list[Played]:
         async with LiveStage(*hosts_of(scenarios[0])) as stage:
             return [await stage.play(scenario, seed=3) for scenario in scenarios]
 
-    try:
-        return asyncio.run(all_of_them())
-    except HostsUnavailableError as error:
-        pytest.skip(error.reason)
+    return asyncio.run(all_of_them())
 
 
 @pytest.mark.netns

@@ -3,6 +3,7 @@
 import math
 import time
 
+import machine
 import numpy as np
 import pytest
 
@@ -10,11 +11,7 @@ from sfglab.errors import MissingExtraError
 from sfglab.lab.browser import Browser, BrowserError
 from sfglab.spatial.scene import Editor, load_scene
 
-pytest.importorskip("viser", reason="the scene editor needs the extra 'view'")
-
-from sfglab.view.planner import Planner
-
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.browser]
 
 CANVAS = """(() => { const r = document.querySelector('canvas').getBoundingClientRect();
   return [r.x, r.y, r.width, r.height]; })()"""
@@ -25,13 +22,15 @@ def browser():
     try:
         made = Browser(1200, 700)
     except (MissingExtraError, BrowserError) as error:
-        pytest.skip(str(error))
+        machine.skip("browser", str(error))
     with made:
         yield made
 
 
 @pytest.fixture
 def planner(tmp_path):
+    from sfglab.view.planner import Planner
+
     with Planner(Editor.open(tmp_path / "new.yaml"), port=0) as made:
         yield made
 

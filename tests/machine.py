@@ -1,0 +1,77 @@
+"""The machine under the tests: DDS domains of their own, what it may lack, and the skips that follow.
+
+A test marked with one of `NEEDS` is skipped where the machine lacks that, and fails there instead if
+``SFGLAB_REQUIRE`` names it, as in CI: ``SFGLAB_REQUIRE=netns,browser``. Each skip's reason becomes a line of
+the file that ``SFGLAB_SKIPS`` names, so that `make test` can end with the skips of all its runs.
+"""
+
+from __future__ import annotations
+
+import os
+from contextlib import ExitStack
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NoReturn
+
+import pytest
+
+REQUIRED = frozenset(filter(None, os.environ.get("SFGLAB_REQUIRE", "").split(",")))
+
+
+def _lack_of_namespaces() -> str:
+    from sfglab.lab.hosts import Network
+
+    return Network.available().reason
+
+
+def _lack_of_a_browser() -> str:
+    missing = [name for name in ("PySide6", "viser", "websockets") if find_spec(name) is None]
+    return f"needs a browser: {', '.join(missing)} not installed" if missing else ""
+
+
+NEEDS = {"netns": cache(_lack_of_namespaces), "browser": cache(_lack_of_a_browser)}
+
+
+def pytest_configure() -> None:
+    if unknown := REQUIRED - set(NEEDS):
+        raise pytest.UsageError(
+            f"SFGLAB_REQUIRE: given {', '.join(sorted(unknown))}, allowed are {', '.join(NEEDS)}"
+        )
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    for need, lack in NEEDS.items():
+        if item.get_closest_marker(need) and lack():
+            skip(need, lack())
+
+
+def skip(need: str, reason: str) -> NoReturn:
+    """Skip a test whose machine lacks what it needs; fail it where that is required."""
+    if need in REQUIRED:
+        pytest.fail(f"SFGLAB_REQUIRE asks for {need}: {reason}", pytrace=False)
+    pytest.skip(reason)
+
+
+def pytest_terminal_summary(terminalreporter, config) -> None:
+    skipped = terminalreporter.stats.get("skipped", [])
+    file = os.environ.get("SFGLAB_SKIPS")
+    if file and not hasattr(config, "workerinput"):  # the process that starts workers hears of their skips
+        with Path(file).open("a", encoding="utf-8") as kept:
+            kept.writelines(f"{report.longrepr[2].removeprefix('Skipped: ')}\n" for report in skipped)
+
+
+@pytest.fixture
+def free_domains():
+    """A function that returns so many DDS domains that nobody else uses until the test has ended."""
+    from sfglab.lab.testbed import held_domains
+
+    with ExitStack() as held:
+        yield lambda count: held.enter_context(held_domains(count))
+
+
+@pytest.fixture
+def domain_id(free_domains):
+    """A DDS domain that nobody else uses."""
+    return free_domains(1)[0]
