@@ -1,30 +1,39 @@
-"""The bus as components see it: a small interface in rclpy's vocabulary, to be awaited.
+"""Values of the bus: endpoints and nodes of the graph, its events, messages' stamps, and what USER_DATA says.
 
-Knows only names, values and shapes. Refuses to know any middleware, so that one component runs live (DDS,
-shared memory) and simulated: annotate with these protocols, receive the node as an argument and take the
-time only from `Node.get_clock`.
+Knows only names, values and shapes. Refuses to know any middleware.
 """
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Awaitable, Callable
+import hashlib
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from sfglab.qos import DEFAULT, QoSProfile
+from sfglab import names
+from sfglab.errors import InvalidValueError
 
 if TYPE_CHECKING:
-    from typing import Unpack
-
-    from sfglab.bus.actions import ActionClient, ActionServer, ActionServerOptions
-    from sfglab.bus.actions.engine import ExecuteCallback
-
+    from sfglab.qos import QoSProfile
 
 Transport = Literal["dds", "shm"]
 MessageType = str | type[Any]
 Callback = Callable[[Any], Awaitable[None] | None]
 Handler = Callable[[Any], Any]
+
+DEFAULT_MAX_MESSAGE_BYTES = 64 * 2**20
+"""An uncompressed 4K image has 25 MB; a cloud of two million points 64 MB."""
+
+# Keys of USER_DATA, which has the `key=value;` form that ROS 2 uses there: `enclave=/;` on participants,
+# `typehash=..;` and `serviceid=..;` on endpoints. Readers ignore keys that they do not know.
+NODE_KEY = "sfglab.node"
+HOST_KEY = "sfglab.host"
+SHM_KEY = "sfglab.shm"
+SHM_PARTITION = "sfglab.shm"
+"""Shared-memory endpoints show themselves in this partition, where no ordinary endpoint matches them."""
 
 
 class EndpointKind(Enum):
@@ -44,6 +53,32 @@ class MessageInfo:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RawEndpoint:
+    """A writer or reader of serialized messages, as a backend is asked to open it."""
+
+    dds_topic: str  #: The topic on the wire: "rt/tf", "rq/global/go2/get_metadataRequest".
+    #: As `EndpointInfo.type` names it: the ROS type, or the DDS type when it has no ROS name. On topics below
+    #: "rq/" and "rr/" the CDR begins with the 16 bytes of `sfglab.messages.frame_service`.
+    type: str
+    qos: QoSProfile  #: What is requested or offered.
+    user_data: bytes = b""  #: The endpoint's USER_DATA, which the others' graphs show.
+    name: str = ""  #: The ROS name of the topic or service, for error messages.
+    transport: Transport = "dds"  #: Endpoints of different transports do not meet.
+    max_message_bytes: int = DEFAULT_MAX_MESSAGE_BYTES  #: The limit of one message's CDR with "shm".
+    #: Whether samples pass as they are and endpoints of the own participant do not match, as a router wants it.
+    forwards: bool = False
+
+    def __post_init__(self) -> None:
+        if self.transport not in get_args(Transport):
+            raise InvalidValueError("transport", self.transport, ", ".join(get_args(Transport)))
+
+    @property
+    def is_service(self) -> bool:
+        """Whether it is one half of a service, so that its CDR begins with a frame."""
+        return self.dds_topic.startswith(("rq/", "rr/"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class EndpointInfo:
     """One publisher or subscription in the computation graph."""
 
@@ -52,7 +87,7 @@ class EndpointInfo:
     type: str  #: The ROS type ("std_msgs/msg/String"), or the DDS type as it is when it has no ROS name.
     gid: bytes  #: The endpoint's 16-byte DDS GUID.
     qos: QoSProfile  #: What the endpoint offers or requests.
-    transport: Transport = "dds"  #: "dds", or "shm" for the presence of a shared-memory endpoint.
+    transport: Transport = "dds"  #: "dds", or "shm" for what announces a shared-memory endpoint.
     participant: bytes = b""  #: The 16-byte GUID of its participant.
     host: str = ""  #: Which host it lives on: a host id of sfglab, else a host name, else empty.
     #: The full name of the node that owns it, else empty. Of nodes that are not sfglab's it is known only once
@@ -94,184 +129,37 @@ class EndpointRemoved:
 
 
 EndpointEvent = EndpointAdded | EndpointRemoved
+Listener = Callable[[EndpointEvent], None]
 
 
-class Clock(Protocol):
-    """The time of a node's world."""
-
-    def now_ns(self) -> int:
-        """Return the current time, in nanoseconds since the Unix epoch."""
-
-    async def sleep_for(self, duration_s: float) -> None:
-        """Return after `duration_s` seconds of this clock."""
+@cache
+def ros_topic(dds_topic: str) -> str:
+    """Return the ROS name of a topic on the wire, or the topic as it is when it has none."""
+    wire = names.ros_name_from_dds(dds_topic)
+    return wire.name if wire is not None and wire.role is names.DdsRole.TOPIC else dds_topic
 
 
-class Graph(Protocol):
-    """What a node knows about all endpoints of its domain."""
-
-    def publishers(self, topic: str) -> tuple[EndpointInfo, ...]:
-        """Return the publishers of a ROS topic, ordered by gid."""
-
-    def subscriptions(self, topic: str) -> tuple[EndpointInfo, ...]:
-        """Return the subscriptions of a ROS topic, ordered by gid."""
-
-    def endpoints(self) -> tuple[EndpointInfo, ...]:
-        """Return all known endpoints, ordered by gid."""
-
-    def events(self) -> AsyncIterator[EndpointEvent]:
-        """Yield an `EndpointAdded` for every endpoint known now, then every change."""
-
-    def listen(self, listener: Callable[[EndpointEvent], None]) -> Callable[[], None]:
-        """Call `listener` for every endpoint known now and every change; return what ends that."""
-
-    def watch(
-        self, dds_topic: str, kind: EndpointKind, listener: Callable[[EndpointEvent], None]
-    ) -> Callable[[], None]:
-        """Call `listener` as `listen` does, but only for endpoints of one kind on one topic of the wire.
-
-        In a domain of thousands of endpoints, whoever needs few topics watches those.
-        """
+def entries(data: bytes) -> dict[str, str]:
+    """Return the entries of USER_DATA; what has another form is left out."""
+    pairs = (part.partition("=") for part in data.decode(errors="replace").split(";"))
+    return {key: value for key, separator, value in pairs if separator}
 
 
-class Publisher(Protocol):
-    """One topic's outgoing messages."""
-
-    @property
-    def topic_name(self) -> str:
-        """The fully resolved ROS topic."""
-
-    def publish(self, message: Any) -> None:
-        """Serialize and send one message."""
-
-    def publish_raw(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
-        """Send one message that is already CDR, header included."""
-
-    def get_subscription_count(self) -> int:
-        """Return how many subscriptions match now."""
-
-    async def wait_for_subscriptions(self, count: int = 1, timeout_s: float = 5.0) -> None:
-        """Return once at least `count` subscriptions match."""
-
-    def close(self) -> None:
-        """End the publisher; again is harmless."""
+def user_data(values: dict[str, str]) -> bytes:
+    """Return USER_DATA with these entries, in their order."""
+    return "".join(f"{key}={value};" for key, value in values.items()).encode()
 
 
-class Subscription(Protocol):
-    """One topic's incoming messages, in a queue of its own that its QoS bounds."""
+def host_id() -> str:
+    """Return 16 hexadecimal digits that two processes share exactly if they can share Unix sockets.
 
-    @property
-    def topic_name(self) -> str:
-        """The fully resolved ROS topic."""
-
-    @property
-    def dropped(self) -> int:
-        """How many messages the queue's bound pushed out before they were read."""
-
-    @property
-    def lost(self) -> int:
-        """How many messages the transport knows to have lost on the way here."""
-
-    async def take(self, timeout_s: float | None = None) -> Any:
-        """Return the oldest queued message, waiting for one if there is none."""
-
-    async def take_with_info(self, timeout_s: float | None = None) -> tuple[Any, MessageInfo]:
-        """Return the oldest queued message and what is known about it."""
-
-    def __aiter__(self) -> AsyncIterator[Any]: ...
-
-    def get_publisher_count(self) -> int:
-        """Return how many publishers match now."""
-
-    async def wait_for_publishers(self, count: int = 1, timeout_s: float = 5.0) -> None:
-        """Return once at least `count` publishers match."""
-
-    def close(self) -> None:
-        """End the subscription; again is harmless."""
+    Abstract Unix sockets belong to a boot of a machine and a network namespace, so a container or emulated host
+    with a network of its own is another host.
+    """
+    boot_id = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+    return _host_id(boot_id, str(Path("/proc/self/ns/net").readlink()))
 
 
-class Service(Protocol):
-    """A service's server side."""
-
-    @property
-    def service_name(self) -> str:
-        """The fully resolved ROS service."""
-
-    def close(self) -> None:
-        """End the service; again is harmless."""
-
-
-class Client(Protocol):
-    """A service's client side."""
-
-    @property
-    def service_name(self) -> str:
-        """The fully resolved ROS service."""
-
-    async def wait_for_service(self, timeout_s: float = 5.0) -> None:
-        """Return once a server can be called."""
-
-    async def call(self, request: Any, timeout_s: float = 5.0) -> Any:
-        """Return the server's response."""
-
-    def close(self) -> None:
-        """End the client; again is harmless."""
-
-
-class Timer(Protocol):
-    """A callback that runs periodically."""
-
-    def cancel(self) -> None:
-        """Stop the timer; again is harmless."""
-
-
-class Node(Protocol):
-    """A participant in the computation graph: makes endpoints and knows the time."""
-
-    @property
-    def name(self) -> str:
-        """The node's name, without its namespace."""
-
-    @property
-    def graph(self) -> Graph:
-        """What the node knows about the domain's endpoints."""
-
-    def get_clock(self) -> Clock:
-        """Return the clock of the node's world."""
-
-    def create_publisher(
-        self, type_: MessageType, topic: str, qos: QoSProfile | int = DEFAULT, *, transport: Transport = "dds"
-    ) -> Publisher:
-        """Create a publisher."""
-
-    def create_subscription(  # noqa: PLR0913 - rclpy's signature
-        self,
-        type_: MessageType,
-        topic: str,
-        callback: Callback | None = None,
-        qos: QoSProfile | int = DEFAULT,
-        *,
-        raw: bool = False,
-        transport: Transport = "dds",
-    ) -> Subscription:
-        """Create a subscription."""
-
-    def create_service(self, type_: str, name: str, handler: Handler) -> Service:
-        """Create a service."""
-
-    def create_client(self, type_: str, name: str) -> Client:
-        """Create a client."""
-
-    def create_action_server(
-        self,
-        type_: str,
-        name: str,
-        execute_callback: ExecuteCallback,
-        **options: Unpack[ActionServerOptions],
-    ) -> ActionServer:
-        """Create an action's server."""
-
-    def create_action_client(self, type_: str, name: str) -> ActionClient:
-        """Create an action's client."""
-
-    def create_timer(self, period_s: float, callback: Callable[[], Awaitable[None] | None]) -> Timer:
-        """Create a timer."""
+@cache
+def _host_id(boot_id: str, namespace: str) -> str:
+    return hashlib.blake2b(f"{boot_id} {namespace}".encode(), digest_size=8).hexdigest()

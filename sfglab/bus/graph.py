@@ -12,9 +12,10 @@ from sfglab.bus.api import (
     EndpointInfo,
     EndpointKind,
     EndpointRemoved,
+    Listener,
     NodeInfo,
 )
-from sfglab.bus.bridge import Signal
+from sfglab.bus.loop import Signal
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Iterable
@@ -38,7 +39,7 @@ class Graph:
         self._nodes: dict[bytes, tuple[NodeInfo, ...]] = {}
         self._owners: dict[bytes, str] = {}
         self._endpoints: dict[bytes, EndpointInfo] = {}
-        self._listeners: list[Callable[[EndpointEvent], None]] = []
+        self._listeners: list[Listener] = []
         self._streams: dict[asyncio.Queue[EndpointEvent | None], None] = {}
         self._changed = Signal(loop)
         self._closed = False
@@ -58,7 +59,7 @@ class Graph:
     def topics(self) -> dict[str, tuple[str, ...]]:
         """Return the types of every topic, both sorted; more than one type is a conflict."""
         found: dict[str, set[str]] = {}
-        for endpoint in self._endpoints.values():
+        for endpoint in self.endpoints():
             found.setdefault(endpoint.topic, set()).add(endpoint.type)
         return {topic: tuple(sorted(found[topic])) for topic in sorted(found)}
 
@@ -92,17 +93,18 @@ class Graph:
         """Return True once a predicate over this graph holds, False when it did not within `timeout_s`."""
         return await self._changed.wait_until(predicate, timeout_s)
 
-    def listen(self, listener: Callable[[EndpointEvent], None]) -> Callable[[], None]:
+    def listen(self, listener: Listener) -> Callable[[], None]:
         """Call `listener` for every endpoint known now and every change; return what ends that."""
         for endpoint in self.endpoints():
             listener(EndpointAdded(endpoint=endpoint))
         self._listeners.append(listener)
         return lambda: self._listeners.remove(listener) if listener in self._listeners else None
 
-    def watch(
-        self, dds_topic: str, kind: EndpointKind, listener: Callable[[EndpointEvent], None]
-    ) -> Callable[[], None]:
-        """Call `listener` as `listen` does, but only for endpoints of one kind on one topic of the wire."""
+    def watch(self, dds_topic: str, kind: EndpointKind, listener: Listener) -> Callable[[], None]:
+        """Call `listener` as `listen` does, but only for endpoints of one kind on one topic of the wire.
+
+        In a domain of thousands of endpoints, whoever needs few topics watches those.
+        """
 
         def heard(event: EndpointEvent) -> None:
             if event.endpoint.dds_topic == dds_topic and event.endpoint.kind is kind:

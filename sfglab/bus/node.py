@@ -1,37 +1,69 @@
-"""The live node: DDS and shared memory behind the bus's interface."""
+"""The node: endpoints, timers and a clock, over DDS and shared memory or any other backend."""
 
 from __future__ import annotations
 
+import asyncio
 import weakref
 from functools import partial
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, Unpack
 
 from sfglab import names
-from sfglab.bus.actions import ActionClient, ActionServer
-from sfglab.bus.bridge import Signal
-from sfglab.bus.clock import SystemClock, Timer
-from sfglab.bus.core import Core
-from sfglab.bus.dds.config import DomainConfig, DomainOptions
+from sfglab.bus.actions.client import ActionClient
+from sfglab.bus.actions.server import ActionServer, ActionServerOptions, ExecuteCallback
+from sfglab.bus.api import DEFAULT_MAX_MESSAGE_BYTES, Callback, Handler, MessageType, Transport
+from sfglab.bus.backend import Backend, Clock, Forwarder, Join
+from sfglab.bus.dds.backend import DdsBackend
+from sfglab.bus.dds.domain import DomainConfig, DomainOptions
 from sfglab.bus.errors import ClosedError
-from sfglab.bus.inbox import Inbox
-from sfglab.bus.mismatch import MismatchWatch
-from sfglab.bus.publisher import Publisher
-from sfglab.bus.queue import Sample, SampleQueue
+from sfglab.bus.pubsub import Publisher, Subscription, topic_endpoint
 from sfglab.bus.service import Client, Service
-from sfglab.bus.subscription import Incoming, Subscription
-from sfglab.bus.transports import DEFAULT_MAX_MESSAGE_BYTES, Target, open_reader, open_writer
-from sfglab.messages import decoder, message_type, type_name
 from sfglab.qos import DEFAULT, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
-    from typing import Unpack
 
-    from sfglab.bus.actions import ActionServerOptions
-    from sfglab.bus.actions.engine import ExecuteCallback
-    from sfglab.bus.api import Callback, Handler, MessageType, Transport
-    from sfglab.bus.calls import OnError
     from sfglab.bus.graph import Graph
+    from sfglab.bus.loop import Calls, OnError
+
+
+class Timer:
+    """Calls a callback every `period_s` seconds, without drift; what was missed is skipped.
+
+    An async callback that is still running when its next turn comes loses that turn.
+
+    Args:
+        period_s: The period in seconds, above 0.
+        callback: Plain or async, without arguments.
+        calls: Runs the callback.
+    """
+
+    def __init__(self, period_s: float, callback: Callable[[], Awaitable[None] | None], calls: Calls) -> None:
+        if not period_s > 0:
+            raise ValueError(f"timer period: given {period_s} s, allowed are positive seconds")
+        self._loop = asyncio.get_running_loop()
+        self._period_s = period_s
+        self._callback = callback
+        self._calls = calls
+        self._next_s = self._loop.time() + period_s
+        self._running: asyncio.Task[Any] | None = None
+        self._handle = self._loop.call_at(self._next_s, self._tick)
+
+    def cancel(self) -> None:
+        """Stop the timer and a callback that runs; again is harmless."""
+        if self._loop.is_closed():
+            return
+        self._handle.cancel()
+        if self._running is not None:
+            self._running.cancel()
+
+    close = cancel
+
+    def _tick(self) -> None:
+        missed = max(0, int((self._loop.time() - self._next_s) / self._period_s))
+        self._next_s += (1 + missed) * self._period_s
+        self._handle = self._loop.call_at(self._next_s, self._tick)
+        if self._running is None or self._running.done():
+            self._running = self._calls.run(self._callback)
 
 
 class Node:
@@ -48,30 +80,31 @@ class Node:
     Args:
         name: The node's name.
         namespace: Where relative topic names live.
-        domain_id: The DDS domain, 0 to 232.
         on_error: Called with every exception of a callback and a text that names its place; None logs it.
+        join: Joins the middleware; None is DDS, with shared memory, as the other arguments say.
+        domain_id: The DDS domain, 0 to 232.
         presence: False keeps the node off ROS 2's graph: its endpoints are seen, but not as a node's.
         domain: `interface`, `multicast`, `lease_s` and `external_domain_id` of `DomainConfig`; nodes of one
             process and domain share them.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - by keyword
         self,
         name: str,
         *,
         namespace: str = "/",
-        domain_id: int = 0,
         on_error: OnError | None = None,
+        join: Join | None = None,
+        domain_id: int = 0,
         presence: bool = True,
         **domain: Unpack[DomainOptions],
     ) -> None:
         self._name = name
         self._namespace = namespace
-        self._config = DomainConfig(domain_id=domain_id, **domain)
         self._on_error = on_error
-        self._presence = presence
-        self._clock = SystemClock()
-        self._live: Core | None = None
+        config = DomainConfig(domain_id=domain_id, **domain)
+        self._join = join or partial(DdsBackend, config, presence=presence)
+        self._live: Backend | None = None
         self._finalizer: Callable[[], object] | None = None
 
     @classmethod
@@ -82,15 +115,26 @@ class Node:
             DomainError: The domain cannot be joined.
         """
         node = cls(name, **options)
-        node._start()
+        node.start()
         return node
 
     async def __aenter__(self) -> Self:
-        self._start()
+        self.start()
         return self
 
     async def __aexit__(self, *_: object) -> None:
         await self.close()
+
+    def start(self) -> None:
+        """Join the domain, on the running loop; harmless for a node that has.
+
+        Raises:
+            DomainError: The domain cannot be joined.
+        """
+        if self._live is not None and not self._live.closed:
+            return
+        self._live = self._join(self._resolve(self._name), self._on_error)
+        self._finalizer = weakref.finalize(self, self._live.close)
 
     @property
     def name(self) -> str:
@@ -103,23 +147,29 @@ class Node:
         return self._namespace
 
     @property
-    def domain(self) -> DomainConfig:
-        """The DDS domain and how it was joined."""
-        return self._config
+    def backend(self) -> Backend:
+        """The middleware's half of the node.
+
+        Raises:
+            ClosedError: The node was not started, or has ended.
+        """
+        if self._live is None or self._live.closed:
+            raise ClosedError(f"node {self._name!r}")
+        return self._live
 
     @property
     def graph(self) -> Graph:
         """What the node knows about the domain's endpoints."""
-        return self._core.graph
+        return self.backend.graph
 
     @property
     def guid(self) -> bytes:
-        """The 16-byte GUID of the node's DDS participant."""
-        return self._core.participant.guid
+        """The 16-byte GUID of the node's participant."""
+        return self.backend.guid
 
-    def get_clock(self) -> SystemClock:
-        """Return the host's clock."""
-        return self._clock
+    def get_clock(self) -> Clock:
+        """Return the clock of the node's world."""
+        return Clock() if self._live is None else self._live.clock
 
     def create_publisher(
         self,
@@ -141,13 +191,8 @@ class Node:
                 large at most; memory is taken only where messages lie, which are, besides the history for late
                 joiners, at most depth + 2 (and never more than 64) per subscriber, and the newest `depth` ones.
         """
-        core = self._core
-        target = self._target(type_, topic, qos)
-        changed = Signal(core.loop)
-        notify = partial(core.bridge.post, changed.notify)
-        writer = open_writer(core, target, transport, notify=notify, max_message_bytes=max_message_bytes)
-        core.own(writer)
-        return Publisher(self, core, writer, topic=(target.topic, target.type), changed=changed)
+        backend, options = self.backend, {"transport": transport, "max_message_bytes": max_message_bytes}
+        return Publisher(self, backend, topic_endpoint(type_, self._resolve(topic), qos, **options))
 
     def create_subscription(  # noqa: PLR0913 - rclpy's signature
         self,
@@ -169,17 +214,9 @@ class Node:
             raw: Hand out CDR instead of messages.
             transport: "dds", or "shm" for publishers with "shm" on the same host.
         """
-        core = self._core
-        target = self._target(type_, topic, qos)
-        changed = Signal(core.loop)
-        notify = partial(core.bridge.post, changed.notify)
-        decode = _raw if raw else _decoding(message_type(target.type))
-        calls = core.calls(f"subscription {target.topic!r}")
-        inbox = Inbox(core.bridge, SampleQueue(target.qos), decode=decode, callback=callback, calls=calls)
-        reader = open_reader(core, target, transport, notify=notify, inbox=inbox)
-        incoming = Incoming(reader, inbox, decode, MismatchWatch(core.graph, target, transport))
-        core.own(incoming)
-        return Subscription(self, core, incoming, topic=(target.topic, target.type), changed=changed)
+        backend = self.backend
+        endpoint = topic_endpoint(type_, self._resolve(topic), qos, transport=transport)
+        return Subscription(self, backend, endpoint, callback, raw=raw)
 
     def create_service(self, type_: str, name: str, handler: Handler) -> Service:
         """Create a service.
@@ -189,7 +226,7 @@ class Node:
             name: Absolute, relative or private.
             handler: Plain or async: given a request, returns a response.
         """
-        return Service(self, self._core, type_, name=self._resolve(name), handler=handler)
+        return Service(self, self.backend, type_, name=self._resolve(name), handler=handler)
 
     def create_client(self, type_: str, name: str) -> Client:
         """Create a client.
@@ -198,7 +235,7 @@ class Node:
             type_: The service's name, e.g. "example_interfaces/srv/AddTwoInts".
             name: Absolute, relative or private.
         """
-        return Client(self, self._core, type_, name=self._resolve(name))
+        return Client(self, self.backend, type_, name=self._resolve(name))
 
     def create_action_server(
         self,
@@ -217,7 +254,7 @@ class Node:
             options: See `ActionServerOptions`; without a `cancel_callback` goals cannot be canceled.
         """
         name = self._resolve(name)
-        return ActionServer(self, self._core, type_, name=name, execute=execute_callback, **options)
+        return ActionServer(self, self.backend, type_, name=name, execute=execute_callback, **options)
 
     def create_action_client(self, type_: str, name: str) -> ActionClient:
         """Create an action's client.
@@ -226,7 +263,7 @@ class Node:
             type_: The action's name, e.g. "sfglab_interfaces/action/FollowTrajectory".
             name: Absolute, relative or private.
         """
-        return ActionClient(self, self._core, type_, name=self._resolve(name))
+        return ActionClient(self, self.backend, type_, name=self._resolve(name))
 
     def create_timer(self, period_s: float, callback: Callable[[], Awaitable[None] | None]) -> Timer:
         """Create a timer.
@@ -235,9 +272,24 @@ class Node:
             period_s: The period in seconds, above 0.
             callback: Plain or async, without arguments.
         """
-        timer = Timer(period_s, callback, self._core.calls(f"timer of {period_s} s"))
-        self._core.own(timer)
+        timer = Timer(period_s, callback, self.backend.calls(f"timer of {period_s} s"))
+        self.backend.register(timer)
         return timer
+
+    def open_forwarder(self, target: Node) -> Forwarder:
+        """Return what forwards samples as they are, from this node to one in another domain.
+
+        Whoever opens a forward says which sources pass; what others send waits until then.
+
+        Raises:
+            TypeError: The two nodes have different middlewares.
+        """
+        here, there = self.backend, target.backend
+        if type(here) is not type(there):
+            raise TypeError(
+                f"forwarding: given a {here.kind} and a {there.kind} node, allowed are two of one kind"
+            )
+        return here.open_forwarder(there)
 
     async def close(self) -> None:
         """End all endpoints, timers and callbacks and leave the domain; again is harmless."""
@@ -250,31 +302,5 @@ class Node:
         if self._finalizer is not None:
             self._finalizer()
 
-    @property
-    def _core(self) -> Core:
-        if self._live is None or self._live.closed:
-            raise ClosedError(f"node {self._name!r}")
-        return self._live
-
-    def _start(self) -> None:
-        if self._live is not None and not self._live.closed:
-            return
-        name = names.resolve(self._name, self._namespace, node_name=self._name)
-        self._live = Core(name, self._config, self._on_error, presence=self._presence)
-        self._finalizer = weakref.finalize(self, self._live.close)
-
     def _resolve(self, name: str) -> str:
         return names.resolve(name, self._namespace, node_name=self._name)
-
-    def _target(self, type_: MessageType, topic: str, qos: QoSProfile | int) -> Target:
-        profile = QoSProfile(depth=qos) if isinstance(qos, int) else qos
-        return Target(topic=self._resolve(topic), type=type_name(type_), qos=profile)
-
-
-def _raw(sample: Sample) -> Any:
-    return sample[0]
-
-
-def _decoding(type_: type[Any]) -> Callable[[Sample], Any]:
-    decode = decoder(type_)
-    return lambda sample: decode(sample[0])

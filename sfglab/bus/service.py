@@ -15,13 +15,12 @@ import inspect
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.bridge import Signal
+from sfglab import names
+from sfglab.bus.api import Handler, RawEndpoint, user_data
+from sfglab.bus.endpoints import Inbox, Sample
 from sfglab.bus.errors import ClosedError, DiscoveryTimeoutError, ServiceTimeoutError
-from sfglab.bus.inbox import Inbox
-from sfglab.bus.publisher import checked_type
-from sfglab.bus.queue import Sample, SampleQueue
-from sfglab.bus.transports import ServiceSide
-from sfglab.bus.userdata import user_data
+from sfglab.bus.loop import Signal
+from sfglab.bus.pubsub import checked_type
 from sfglab.messages import (
     ServiceFrame,
     deserialize,
@@ -36,9 +35,7 @@ from sfglab.qos import SERVICES, History, QoSProfile
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
-    from sfglab.bus.api import Handler
-    from sfglab.bus.core import Core
-
+    from sfglab.bus.backend import Backend
 
 # rmw_cyclonedds keeps all requests and replies, whatever depth the profile says (rmw_node.cpp).
 _QOS = QoSProfile(history=History.KEEP_ALL, reliability=SERVICES.reliability)
@@ -50,19 +47,24 @@ class _Pair:
     """A service's writer and reader on one side, with the frames that arrive."""
 
     def __init__(
-        self, core: Core, type_: str, name: str, *, server: bool, on_frame: Callable[[ServiceFrame, bytes], Any]
+        self,
+        backend: Backend,
+        type_: str,
+        name: str,
+        *,
+        server: bool,
+        on_frame: Callable[[ServiceFrame, bytes], Any],
     ) -> None:
         self.name = name
-        self.changed = Signal(core.loop)
-        self.calls = core.calls(f"{'service' if server else 'client'} {name!r}")
-        self._core = core
-        identity = user_data({"serviceid" if server else "clientid": _dotted(core.random_bytes(16))})
-        side = ServiceSide(name=name, type=type_, server=server, qos=_QOS, user_data=identity)
+        self.changed = Signal(backend.loop)
+        self.calls = backend.calls(f"{'service' if server else 'client'} {name!r}")
+        identity = user_data({"serviceid" if server else "clientid": backend.random_bytes(16).hex(".")})
+        in_, out = _halves(name, type_, identity, server=server)
         self.inbox = Inbox(
-            core.bridge, SampleQueue(_QOS), decode=_framed, callback=lambda f: on_frame(*f), calls=self.calls
+            backend.bridge, _QOS, decode=_framed, callback=lambda f: on_frame(*f), calls=self.calls
         )
-        notify = partial(core.bridge.post, self.changed.notify)
-        self.writer, self.reader = core.open_service_side(side, inbox=self.inbox, notify=notify)
+        self.writer = backend.open_writer(out, self.changed.notify)
+        self.reader = backend.open_reader(in_, self.changed.notify, self.inbox)
         self._on_close: Callable[[], None] = lambda: None
 
     def peers(self) -> frozenset[bytes]:
@@ -81,18 +83,19 @@ class _Pair:
         self.inbox.close()
         self._on_close()
 
-    def close_early(self) -> None:
-        if not self.inbox.closed and not self._core.closed:
-            self._core.disown(self)
-            self.close()
+
+def _halves(name: str, type_: str, identity: bytes, *, server: bool) -> tuple[RawEndpoint, RawEndpoint]:
+    """Return what one side of a service reads and what it writes."""
+    service = service_type(type_)
+    request, reply = (
+        RawEndpoint(dds_topic=topic, type=type_name(half), qos=_QOS, user_data=identity, name=name)
+        for topic, half in zip(names.dds_service(name), (service.request, service.response), strict=True)
+    )
+    return (request, reply) if server else (reply, request)
 
 
 def _framed(sample: Sample) -> tuple[ServiceFrame, bytes]:
     return unframe_service(bytes(sample[0])), sample[3]
-
-
-def _dotted(data: bytes) -> str:
-    return ".".join(f"{byte:02x}" for byte in data)
 
 
 class _Server:
@@ -136,7 +139,7 @@ class Service:
     def __init__(  # noqa: PLR0913 - what makes a service, and one thing that only actions need
         self,
         node: Any,
-        core: Core,
+        backend: Backend,
         type_: str,
         *,
         name: str,
@@ -145,9 +148,10 @@ class Service:
     ) -> None:
         service = service_type(type_)
         server = _Server(handler, service.request, type_name(service.response), answered)
-        server.pair = self._pair = _Pair(core, type_, name, server=True, on_frame=server.on_frame)
+        server.pair = self._pair = _Pair(backend, type_, name, server=True, on_frame=server.on_frame)
         self._node = node  # keeps the node alive for as long as its service is held
-        core.own(self._pair)
+        self._backend = backend
+        backend.register(self._pair)
 
     @property
     def service_name(self) -> str:
@@ -161,25 +165,25 @@ class Service:
 
     def close(self) -> None:
         """End the service; again is harmless."""
-        self._pair.close_early()
+        self._backend.end(self._pair)
 
 
 class Client:
     """A service's client; made by `Node.create_client`. Calls may run concurrently."""
 
-    def __init__(self, node: Any, core: Core, type_: str, *, name: str) -> None:
+    def __init__(self, node: Any, backend: Backend, type_: str, *, name: str) -> None:
         service = service_type(type_)
         self._request_type = type_name(service.request)
         self._response = service.response
-        self._guid = int.from_bytes(core.random_bytes(8), "little")
+        self._guid = int.from_bytes(backend.random_bytes(8), "little")
         self._sequence = 0
         self._pending: dict[int, asyncio.Future[ServiceFrame]] = {}
         on_frame = partial(_resolve, self._guid, self._pending)
-        self._pair = _Pair(core, type_, name, server=False, on_frame=on_frame)
-        self._pair.when_closed(partial(_fail, self._pending, f"client {name!r}", core.loop))
+        self._pair = _Pair(backend, type_, name, server=False, on_frame=on_frame)
+        self._pair.when_closed(partial(_fail, self._pending, f"client {name!r}", backend.loop))
         self._node = node  # keeps the node alive for as long as its client is held
-        self._core = core
-        core.own(self._pair)
+        self._backend = backend
+        backend.register(self._pair)
 
     @property
     def service_name(self) -> str:
@@ -216,13 +220,13 @@ class Client:
             ClosedError: The client is closed, or was meanwhile.
         """
         name = self._pair.name
-        if self._pair.inbox.closed or self._core.closed:
+        if self._pair.inbox.closed or self._backend.closed:
             raise ClosedError(f"client {name!r}")
         checked_type(request, type_=self._request_type, where=name)
-        start_s = self._core.loop.time()
+        start_s = self._backend.loop.time()
         if not await self._pair.changed.wait_until(self.service_is_ready, timeout_s):
             raise ServiceTimeoutError(name, timeout_s=timeout_s or 0.0, reason="no server was found")
-        remaining_s = timeout_s and timeout_s - (self._core.loop.time() - start_s)
+        remaining_s = timeout_s and timeout_s - (self._backend.loop.time() - start_s)
         try:
             async with asyncio.timeout(remaining_s):
                 frame = await self._exchange(serialize(request))
@@ -233,12 +237,12 @@ class Client:
 
     def close(self) -> None:
         """End the client and its pending calls; again is harmless."""
-        self._pair.close_early()
+        self._backend.end(self._pair)
 
     def _exchange(self, cdr: bytes) -> Awaitable[ServiceFrame]:
         self._sequence += 1
         sequence = self._sequence
-        future: asyncio.Future[ServiceFrame] = self._core.loop.create_future()
+        future: asyncio.Future[ServiceFrame] = self._backend.loop.create_future()
         self._pending[sequence] = future
         future.add_done_callback(lambda _: self._pending.pop(sequence, None))
         self._pair.send(ServiceFrame(self._guid, sequence, cdr))

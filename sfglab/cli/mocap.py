@@ -18,7 +18,7 @@ from sfglab.pipes import run
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus.api import Node
+    from sfglab.bus import Node
     from sfglab.record import LogReader
     from sfglab.spatial.frames import FrameBuffer
     from sfglab.spatial.mocap import (

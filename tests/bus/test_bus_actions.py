@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from sfglab import bus
-from sfglab.bus.actions import NO_GOAL_ID
+from sfglab.bus.actions.goals import NO_GOAL_ID
 from sfglab.bus.sim import run_simulated
 from sfglab.messages import action_type, message_type, register_action, service_type
 from sfglab.qos import DEFAULT, LATCHED, Durability, History

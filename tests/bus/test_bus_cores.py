@@ -9,10 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from sfglab.bus.dds.config import DomainConfig, domain_xml
-from sfglab.bus.queue import SampleQueue
+from sfglab.bus.api import entries, user_data
+from sfglab.bus.dds.domain import DomainConfig, domain_xml
+from sfglab.bus.endpoints import SampleQueue
 from sfglab.bus.shm.fanout import MAX_CREDITS, Fanout, credits_of
-from sfglab.bus.shm.slots import SlotPool, slot_capacity
+from sfglab.bus.shm.memory import SlotPool, slot_capacity
 from sfglab.bus.shm.wire import (
     DATA_OFFSET_BYTES,
     HEADER_BYTES,
@@ -29,7 +30,6 @@ from sfglab.bus.shm.wire import (
     unpack_returns,
     unpack_welcome,
 )
-from sfglab.bus.userdata import entries, user_data
 from sfglab.qos import History, QoSProfile
 
 ARENA = HEADER_BYTES + 64 * PAGE_BYTES

@@ -14,10 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab import bus
-from sfglab.bus import MessageInfo
-from sfglab.bus.dds.endpoints import RawReader, RawWriter
-from sfglab.bus.forwarding import RawEndpoint, open_forwarder
-from sfglab.bus.switch import HELD_SAMPLES, Switch
+from sfglab.bus.api import RawEndpoint
+from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
+from sfglab.bus.forwarding import HELD_SAMPLES, SourceGate
 from sfglab.messages import default_message, message_type, serialize
 from sfglab.messages.dds import opaque_idl_struct
 from sfglab.qos import LATCHED, SENSOR_DATA, Durability, History, QoSProfile
@@ -33,7 +32,7 @@ DEEP = QoSProfile(history=History.KEEP_ALL)
 @given(st.lists(st.tuples(st.sampled_from("ABC"), st.sampled_from(["take", "open", "shut", "forget"]))))
 def test_samples_of_a_source_keep_their_order_and_none_is_both_sent_and_dropped(steps):
     sent, dropped, taken = [], [], []
-    switch = Switch(lambda exit_, sample: sent.append((exit_, sample)), dropped.append)
+    switch = SourceGate(lambda exit_, sample: sent.append((exit_, sample)), dropped.append)
     for number, (source, step) in enumerate(steps):
         if step == "take":
             taken.append((source, number))
@@ -53,65 +52,12 @@ def test_samples_of_a_source_keep_their_order_and_none_is_both_sent_and_dropped(
 
 def test_what_waits_for_a_judgement_is_bounded_and_the_oldest_goes_first():
     sent, dropped = [], []
-    switch = Switch(lambda _, sample: sent.append(sample), dropped.append)
+    switch = SourceGate(lambda _, sample: sent.append(sample), dropped.append)
     for number in range(HELD_SAMPLES + 3):
         switch.take(b"s", number)
     assert dropped == [0, 1, 2]
     switch.judge(b"s", "exit")
     assert sent == list(range(3, HELD_SAMPLES + 3))
-
-
-# Nodes that offer inlets and outlets.
-
-
-class FakeNode:
-    """Takes what its sink is given and remembers what its outlet writes."""
-
-    def __init__(self):
-        self.gid, self.sink, self.written, self.closed = b"g" * 16, None, [], 0
-
-    def open_inlet(self, _endpoint, sink):
-        self.sink = sink
-        return self
-
-    def open_outlet(self, _endpoint):
-        return self
-
-    def write(self, cdr, source_timestamp_ns):
-        self.written.append((cdr, source_timestamp_ns))
-
-    def close(self):
-        self.closed += 1
-
-    def hear(self, source, cdr, stamp_ns):
-        self.sink(
-            cdr,
-            MessageInfo(source_timestamp_ns=stamp_ns, received_timestamp_ns=stamp_ns + 1, publisher_gid=source),
-        )
-
-
-def test_any_two_nodes_with_inlets_and_outlets_can_be_forwarded_between():
-    source, target = FakeNode(), FakeNode()
-    forwarder = open_forwarder(source, target)
-    endpoint = RawEndpoint(dds_topic="rt/t", type=STRING, qos=DEEP)
-    forward, outlet = forwarder.open(endpoint), forwarder.open_outlet(endpoint)
-    source.hear(b"a", b"1", 10)
-    forward.admit(b"a", outlet)
-    source.hear(b"a", b"2", 20)
-    forward.admit(b"a", outlet, lambda cdr: None if cdr == b"3" else cdr + b"!")
-    source.hear(b"a", b"3", 30)
-    source.hear(b"a", b"4", 40)
-    forward.refuse(b"a")
-    source.hear(b"a", b"5", 50)
-    assert target.written == [(b"1", 10), (b"2", 20), (b"4!", 40)]
-    assert (forward.counts.forwarded, forward.counts.dropped, forward.counts.bytes) == (3, 2, 4)
-    forward.close()
-    assert source.closed == 1
-
-
-def test_a_live_and_another_node_cannot_be_forwarded_between():
-    with pytest.raises(TypeError, match="a live and a simulated"):
-        open_forwarder(bus.Node("live"), FakeNode())
 
 
 # Real DDS.
@@ -140,8 +86,8 @@ def endpoint(type_=STRING, topic="rt/t", qos=DEEP, user_data=b""):
 def test_bytes_and_source_stamps_pass_unchanged_and_wait_until_their_source_is_judged(pair_ids, until):
     async def scenario():
         async with two_domains(pair_ids) as (talker, near, far, listener):
-            forwarder = open_forwarder(near, far)
-            forward, outlet = forwarder.open(endpoint()), forwarder.open_outlet(endpoint(user_data=b"k=v;"))
+            forwarder = near.open_forwarder(far)
+            forward, outlet = forwarder.open(endpoint()), forwarder.open_writer(endpoint(user_data=b"k=v;"))
             publisher = talker.create_publisher(STRING, "/t", 200)
             subscription = listener.create_subscription(STRING, "/t", qos=200, raw=True)
             await publisher.wait_for_subscriptions()
@@ -173,9 +119,9 @@ def test_each_source_has_its_own_way_and_a_refused_one_none(pair_ids, until):
             publishers = [talker.create_publisher(STRING, "/t", LATCHED) for _ in range(3)]
             for number, publisher in enumerate(publishers):
                 publisher.publish(String(data=str(number)))
-            forwarder = open_forwarder(near, far)
+            forwarder = near.open_forwarder(far)
             forward = forwarder.open(endpoint(qos=latched))
-            outlets = [forwarder.open_outlet(endpoint(qos=LATCHED)) for _ in range(2)]
+            outlets = [forwarder.open_writer(endpoint(qos=LATCHED)) for _ in range(2)]
             for publisher, outlet in zip(publishers, outlets, strict=False):
                 forward.admit(publisher.gid, outlet)
             forward.refuse(publishers[2].gid)
@@ -201,8 +147,8 @@ def test_a_transform_changes_drops_or_leaves_a_sample_and_the_stamp_stays(pair_i
             ]
 
         async with two_domains(pair_ids) as (talker, near, far, listener):
-            forwarder = open_forwarder(near, far)
-            forward, outlet = forwarder.open(endpoint()), forwarder.open_outlet(endpoint())
+            forwarder = near.open_forwarder(far)
+            forward, outlet = forwarder.open(endpoint()), forwarder.open_writer(endpoint())
             publisher = talker.create_publisher(STRING, "/t")
             subscription = listener.create_subscription(STRING, "/t")
             forward.admit(publisher.gid, outlet, transform)
@@ -223,9 +169,9 @@ def test_a_transform_changes_drops_or_leaves_a_sample_and_the_stamp_stays(pair_i
 def test_both_ways_at_once_there_is_no_echo(pair_ids, until):
     async def scenario():
         async with two_domains(pair_ids) as (talker, near, far, listener):
-            out, back = open_forwarder(near, far), open_forwarder(far, near)
+            out, back = near.open_forwarder(far), far.open_forwarder(near)
             outward, inward = out.open(endpoint()), back.open(endpoint())
-            outlets = out.open_outlet(endpoint()), back.open_outlet(endpoint())
+            outlets = out.open_writer(endpoint()), back.open_writer(endpoint())
             publisher = talker.create_publisher(STRING, "/t")
             own, other = (n.create_subscription(STRING, "/t") for n in (talker, listener))
             outward.admit(publisher.gid, outlets[0])
@@ -250,19 +196,19 @@ def test_an_unknown_type_passes_between_endpoints_that_announce_none(pair_ids, c
 
     async def scenario():
         async with two_domains(pair_ids) as (talker, near, far, listener):
-            forwarder = open_forwarder(near, far)
+            forwarder = near.open_forwarder(far)
             forward = forwarder.open(endpoint(custom))
-            outlet = forwarder.open_outlet(endpoint(custom))
+            outlet = forwarder.open_writer(endpoint(custom))
             got = []
-            sides = [node._core.participant for node in (talker, listener)]
-            writer = RawWriter(
+            sides = [node.backend.participant for node in (talker, listener)]
+            writer = DdsWriter(
                 sides[0].create_writer("rt/t", opaque_idl_struct(custom), DEEP),
                 "/t",
                 type_=custom,
                 waiter=sides[0].waiter,
                 on_matched=lambda: None,
             )
-            reader = RawReader(
+            reader = DdsReader(
                 sides[1].create_reader("rt/t", opaque_idl_struct(custom), DEEP),
                 waiter=sides[1].waiter,
                 on_samples=got.extend,
@@ -291,11 +237,11 @@ def test_a_service_passes_with_its_frames(pair_ids, until):
             response.message = "hello"
             listener.create_service(type_, name, lambda _: response)
             client = talker.create_client(type_, name)
-            out, back = open_forwarder(near, far), open_forwarder(far, near)
+            out, back = near.open_forwarder(far), far.open_forwarder(near)
             asked = endpoint(f"{type_}_Request", request)
             answered = endpoint(f"{type_}_Response", reply)
             there, here = out.open(asked), back.open(answered)
-            outlets = out.open_outlet(asked), back.open_outlet(answered)
+            outlets = out.open_writer(asked), back.open_writer(answered)
             await near.graph.wait_for(lambda: _writer_of(near, request) is not None)
             await far.graph.wait_for(lambda: _writer_of(far, reply) is not None)
             there.admit(_writer_of(near, request), outlets[0])
@@ -330,12 +276,12 @@ def test_a_reader_that_stands_still_costs_no_sample_and_holds_up_no_other_topic(
 
     async def scenario():
         async with two_domains(pair_ids) as (talker, near, far, listener):
-            forwarder = open_forwarder(near, far)
+            forwarder = near.open_forwarder(far)
             forwards, publishers = {}, {}
             for topic, qos in (("/slow", DEEP), ("/fast", QoSProfile())):
                 publishers[topic] = talker.create_publisher(STRING, topic, qos)
                 forwards[topic] = forwarder.open(endpoint(topic=f"rt{topic}", qos=qos))
-                outlet = forwarder.open_outlet(endpoint(topic=f"rt{topic}", qos=qos))
+                outlet = forwarder.open_writer(endpoint(topic=f"rt{topic}", qos=qos))
                 forwards[topic].admit(publishers[topic].gid, outlet)
                 await publishers[topic].wait_for_subscriptions()
             fast = listener.create_subscription(STRING, "/fast")
@@ -367,8 +313,8 @@ def test_no_sample_is_leaked_whether_forwarded_dropped_held_or_transformed(pair_
     async def scenario():
         async with two_domains(pair_ids) as (talker, near, far, listener):
             publisher = talker.create_publisher(STRING, "/t", DEEP)
-            forwarder = open_forwarder(near, far)
-            outlet = forwarder.open_outlet(endpoint(qos=SENSOR_DATA))
+            forwarder = near.open_forwarder(far)
+            outlet = forwarder.open_writer(endpoint(qos=SENSOR_DATA))
             listener.create_subscription(STRING, "/t", lambda _: None, SENSOR_DATA, raw=True)
             sizes = []
             for _ in range(3):

@@ -13,11 +13,11 @@ from rosbags.typesys import Stores, get_typestore
 
 from sfglab import bus
 from sfglab.bus.api import NodeInfo
-from sfglab.bus.dds.config import DomainConfig, domain_xml
-from sfglab.bus.dds.discovery import Discovery
-from sfglab.bus.dds.endpoints import RawWriter, entity_guid
+from sfglab.bus.dds.clib import entity_guid
+from sfglab.bus.dds.discovery import Discovery, gid_bytes, info_type, pack_nodes, unpack_nodes
+from sfglab.bus.dds.domain import DomainConfig, domain_xml
+from sfglab.bus.dds.endpoints import DdsWriter
 from sfglab.bus.dds.participant import DdsParticipant
-from sfglab.bus.dds.presence import gid_bytes, info_type, pack_nodes, unpack_nodes
 from sfglab.messages.dds import idl_struct
 from sfglab.qos import LATCHED, QoSProfile
 
@@ -34,8 +34,8 @@ READER = """
     from cyclonedds.sub import DataReader
     from cyclonedds.topic import Topic
     from cyclonedds.util import duration
-    from sfglab.bus.dds.config import DomainConfig, domain_xml
-    from sfglab.bus.dds.presence import info_type
+    from sfglab.bus.dds.domain import DomainConfig, domain_xml
+    from sfglab.bus.dds.discovery import info_type
 
     domain = Domain({domain_id}, domain_xml(DomainConfig(domain_id={domain_id}, interface="lo")))
     participant = DomainParticipant({domain_id})
@@ -191,7 +191,7 @@ def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_asked_for(do
         with closing(ros):
             talker = entity_guid(ros.create_writer("rt/chatter", idl_struct(STRING), QoSProfile()))
             handle = ros.create_writer("ros_discovery_info", info_type(24), LATCHED)
-            info = RawWriter(handle, "info", type_="info", waiter=ros.waiter, on_matched=lambda: None)
+            info = DdsWriter(handle, "info", type_="info", waiter=ros.waiter, on_matched=lambda: None)
             listed = NodeInfo(namespace="/demo", name="talker", participant=ros.guid, writers=(talker,))
             info.write(pack_nodes(ros.guid, [listed], 24))
             async with node(domain_id) as here:

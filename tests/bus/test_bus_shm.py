@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from sfglab import bus
-from sfglab.bus.shm import sockets
+from sfglab.bus.api import SHM_KEY, entries
+from sfglab.bus.shm import wire
 from sfglab.bus.shm.fanout import credits_of, returns_of
-from sfglab.bus.userdata import SHM_KEY, entries
 from sfglab.messages import message_type, serialize
 from sfglab.qos import LATCHED, QoSProfile
 
@@ -324,7 +324,7 @@ def test_a_peer_cannot_write_or_truncate_the_memory_and_nonsense_is_hung_up_on(d
             publisher, subscription = await pair(here, type_=STRING)
             address = entries(here.graph.publishers("/t")[0].user_data)[SHM_KEY]
             for nonsense in (b"x", b"", b"sfgs" + bytes(100)):
-                peer = sockets.connect(address)
+                peer = wire.connect(address)
                 peer.send(nonsense)
                 peer.setblocking(True)
                 received = asyncio.to_thread(peer.recv, 10)
@@ -346,14 +346,14 @@ def test_a_subscriber_refuses_hostile_datagrams_of_a_publisher(domain_id):
     async def scenario():
         async with node(domain_id) as here:
             _, subscription = await pair(here, type_=STRING)
-            (link,) = subscription._incoming.reader._links.values()
+            (link,) = subscription._reader._links.values()
             near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             near.setblocking(False)
             loop = asyncio.get_running_loop()
             loop.remove_reader(link.sock.fileno())
             real, link.sock = link.sock, near
             far.send(b"\xff" * 32)
-            subscription._incoming.reader._receive(link.gid, link)
+            subscription._reader._receive(link.gid, link)
             assert subscription.get_publisher_count() == 0
             assert far.recv(10) == b""
             real.close()

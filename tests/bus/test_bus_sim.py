@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab import bus
-from sfglab.bus.forwarding import RawEndpoint
+from sfglab.bus.api import RawEndpoint
 from sfglab.bus.sim import (
     Costs,
     DeadlockError,
@@ -26,7 +26,7 @@ from sfglab.bus.sim import (
     WorldError,
     run_simulated,
 )
-from sfglab.bus.sim.knowledge import NEVER_NS, Gap, known_spans
+from sfglab.bus.sim.views import NEVER_NS, Gap, known_spans
 from sfglab.messages import default_message, message_type, serialize, service_type
 from sfglab.qos import LATCHED, SENSOR_DATA, Durability, History, QoSProfile
 
@@ -530,26 +530,29 @@ def test_spans_of_knowledge_are_in_order_and_never_begin_in_a_gap(start, length,
 # --- Routers' raw ends, and services among many.
 
 
-def test_an_inlet_hears_others_and_not_its_own_nodes_outlet():
+def test_a_forward_hears_others_and_not_its_own_nodes_writer():
     async def main(world):
         here, there = world.node("here", host="a"), world.node("there", host="b")
         end = RawEndpoint(dds_topic="rt/t", type=STRING, qos=LATCHED, user_data=b"sfglab.router=x;")
-        heard = []
-        outlets = [node.open_outlet(end) for node in (here, there)]
-        for outlet, word in zip(outlets, ("own", "other"), strict=True):
-            outlet.write(serialize(text(word)), 42)
-        inlet = here.open_inlet(end, lambda cdr, info: heard.append((cdr, info)))
+        forwarder = here.open_forwarder(world.node("far", domain_id=1))
+        heard = world.node("listener", domain_id=1).create_subscription(STRING, "/t", qos=LATCHED)
+        writers = [node.open_forwarder(node).open_writer(end) for node in (here, there)]
+        for writer, word in zip(writers, ("own", "other"), strict=True):
+            writer.write(serialize(text(word)), 42)
+        forward, target = forwarder.open(end), forwarder.open_writer(end)
+        forward.admit(writers[0].gid, target)
+        forward.admit(writers[1].gid, target, lambda cdr: cdr)
         await asyncio.sleep(1)
-        ((cdr, info),) = heard
-        assert (cdr, info.source_timestamp_ns) == (serialize(text("other")), 42)
-        assert info.publisher_gid == outlets[1].gid
+        assert (forward.counts.forwarded, forward.counts.dropped) == (1, 0)
+        message, info = await heard.take_with_info()
+        assert (message.data, info.source_timestamp_ns, info.publisher_gid) == ("other", 42, target.gid)
         shown = {e.gid: e.user_data for e in there.graph.endpoints()}
-        assert shown == dict.fromkeys([inlet.gid, *(o.gid for o in outlets)], b"sfglab.router=x;")
-        for thing in (inlet, *outlets) * 2:
+        assert shown == dict.fromkeys([forward.gid, *(w.gid for w in writers)], b"sfglab.router=x;")
+        for thing in (forward, *writers) * 2:
             thing.close()
-        outlets[1].write(cdr, 1)
+        writers[1].write(serialize(text("late")), 1)
         await asyncio.sleep(1)
-        assert len(heard) == 1
+        assert forward.counts.forwarded == 1
         assert there.graph.endpoints() == ()
 
     run_simulated(main)

@@ -10,6 +10,7 @@ import pytest
 
 from sfglab import bus
 from sfglab.bus.sim import run_simulated
+from sfglab.errors import InvalidValueError
 from sfglab.messages import default_message, message_type, serialize, service_type
 from sfglab.qos import DEFAULT, LATCHED, SENSOR_DATA, Durability, QoSProfile
 
@@ -613,7 +614,7 @@ def test_the_two_transports_do_not_meet(world):
                 here.create_publisher(STRING, "/u", transport="shm", max_message_bytes=8).publish(text("long"))
             with pytest.raises(TypeError), here.create_publisher(STRING, "/v").loan(8):
                 pass
-            with pytest.raises(bus.BusError, match="allowed are dds, shm"):
+            with pytest.raises(InvalidValueError, match=r"transport: given .smoke., allowed: dds, shm"):
                 here.create_publisher(STRING, "/t", transport="smoke")
 
     world.run(scenario)

@@ -16,8 +16,8 @@ import pytest
 from waiting import DEADLINE_S, until
 
 from sfglab.bus import Node, ReceiveTimeoutError
-from sfglab.bus.dds.endpoints import RawReader, RawWriter
-from sfglab.bus.dds.wiretypes import wire_type
+from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
+from sfglab.bus.dds.forwarder import wire_type
 from sfglab.fleet.address import BusAddress
 from sfglab.fleet.routing import Direction, ForwardRule, Policy
 from sfglab.fleet.routing.app import RouterConfig, RouterConfigError, serve_terminal
@@ -213,7 +213,7 @@ def test_a_request_that_is_there_before_its_reply_reader_is_answered_when_that_i
             one.create_service(METADATA, "/global/one/get_metadata", lambda r: asked.append(r) or response)
             one.create_service(METADATA, "/global/one/barrier", lambda _: response)
             side = everybody._core.participant
-            writer = RawWriter(
+            writer = DdsWriter(
                 side.create_writer(requests, wire_type(requests, f"{METADATA}_Request"), SERVICES),
                 requests,
                 type_=METADATA,
@@ -224,7 +224,7 @@ def test_a_request_that_is_there_before_its_reply_reader_is_answered_when_that_i
             writer.write(frame_service(ServiceFrame(7, 1, serialize(request))))
             await everybody.create_client(METADATA, "/global/one/barrier").call(request, 10)
             assert asked == [], "nobody could hear the answer yet"
-            RawReader(
+            DdsReader(
                 side.create_reader(replies, wire_type(replies, f"{METADATA}_Response"), SERVICES),
                 waiter=side.waiter,
                 on_samples=got.extend,
@@ -357,7 +357,7 @@ def test_an_unknown_type_crosses_two_routers(ids):
             got = []
             sides = [node._core.participant for node in (one, two)]
             struct = opaque_idl_struct(custom)
-            writer = RawWriter(
+            writer = DdsWriter(
                 sides[0].create_writer("rt" + TOPIC, struct, LATCHED),
                 TOPIC,
                 type_=custom,
@@ -365,7 +365,7 @@ def test_an_unknown_type_crosses_two_routers(ids):
                 on_matched=lambda: None,
             )
             writer.write(cdr, 7)
-            RawReader(
+            DdsReader(
                 sides[1].create_reader("rt" + TOPIC, struct, LATCHED),
                 waiter=sides[1].waiter,
                 on_samples=got.extend,

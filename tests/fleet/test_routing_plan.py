@@ -11,8 +11,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
-from sfglab.bus.userdata import user_data
+from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved, user_data
 from sfglab.fleet.routing import Direction, Policy, Side
 from sfglab.fleet.routing.paths import ReaderSpec, WriterSpec
 from sfglab.fleet.routing.plan import ROUTER_KEY, Close, Forget, Judge, Open, Plan

@@ -1,40 +1,131 @@
 """An action's client: asks for goals, listens to what becomes of them, and fetches their results.
 
-Knows requests and answers; how news find their goal is `routing`'s. Refuses to know how long a goal may
-take: whoever waits is woken by its end, by its server's end, or by a timeout of one's own.
+Refuses to know how long a goal may take: whoever waits is woken by its end, by its server's end, or by a
+timeout of one's own.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import uuid
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.actions.errors import ActionServerGoneError, GoalRejectedError, UnknownGoalError
-from sfglab.bus.actions.goals import NO_GOAL_ID, TERMINAL, CancelCode, GoalStatus
-from sfglab.bus.actions.routing import CancelReply, GoalResult, Router, Sent
-from sfglab.bus.actions.wire import (
+from sfglab.bus.actions.goals import (
     CANCEL_GOAL,
     FEEDBACK_QOS,
+    NO_GOAL_ID,
     STATUS,
     STATUS_QOS,
+    TERMINAL,
+    CancelCode,
+    GoalStatus,
     action_topics,
+    goal_id_from,
     goal_info,
     read_goal_info,
+    read_statuses,
     uuid_message,
 )
-from sfglab.bus.errors import BusError, DiscoveryTimeoutError
-from sfglab.bus.publisher import checked_type
+from sfglab.bus.errors import (
+    ActionServerGoneError,
+    BusError,
+    DiscoveryTimeoutError,
+    GoalRejectedError,
+    UnknownGoalError,
+)
+from sfglab.bus.loop import Calls, Signal
+from sfglab.bus.pubsub import Subscription, checked_type
 from sfglab.messages import action_type, ns_from_stamp, service_type, type_name
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Coroutine
-
-    from sfglab.bus.actions.routing import FeedbackCallback
-    from sfglab.bus.core import Core
+    from sfglab.bus.backend import Backend
     from sfglab.bus.service import Client
-    from sfglab.bus.subscription import Subscription
+
+FeedbackCallback = Callable[[Any], Awaitable[None] | None]
+
+
+# What `feedback()` keeps of a goal until it is read.
+_FEEDBACK_DEPTH = 100
+# Of how many ended goals feedback that comes late is still taken.
+_ENDED_DEPTH = 100
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoalResult:
+    """How a goal ended."""
+
+    status: GoalStatus  #: SUCCEEDED, CANCELED or ABORTED.
+    result: Any  #: The result message.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CancelReply:
+    """What came of a request to cancel."""
+
+    code: CancelCode  #: NONE when goals are being canceled, or there was none to cancel; else why not.
+    goal_ids: tuple[bytes, ...] = ()  #: The goals that are being canceled.
+
+
+class Sent:
+    """What is known about one goal that was sent."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, callback: FeedbackCallback | None) -> None:
+        self.status = GoalStatus.UNKNOWN
+        self.feedback: deque[Any] = deque(maxlen=_FEEDBACK_DEPTH)
+        self.callback = callback
+        self.result: GoalResult | None = None
+        self.ended = False  # all feedback is here
+        self.changed = Signal(loop)
+
+
+class Router:
+    """Gives statuses and feedback to the goals they are about; apart so that it never holds the node."""
+
+    def __init__(self, calls: Calls) -> None:
+        self.closed = False
+        self.sent: dict[bytes, Sent] = {}
+        self._calls = calls
+
+    def close(self) -> None:
+        """End whoever reads feedback."""
+        self.closed = True
+        for sent in self.sent.values():
+            sent.changed.notify()
+
+    def open(self, goal_id: bytes, sent: Sent) -> None:
+        """Begin to listen for a goal, and end it for those that ended long ago."""
+        ended = [known for known, goal in self.sent.items() if goal.status in TERMINAL]
+        for known in itertools.islice(ended, max(0, len(ended) - _ENDED_DEPTH)):
+            del self.sent[known]
+        self.sent[goal_id] = sent
+
+    def on_feedback(self, message: Any) -> None:
+        """Give feedback to its goal; what is about goals of other clients is ignored."""
+        sent = self.sent.get(goal_id_from(message.goal_id))
+        if sent is None:
+            return
+        sent.feedback.append(message.feedback)
+        sent.changed.notify()
+        if sent.callback is not None:
+            self._calls.run(sent.callback, message.feedback)
+
+    def on_status(self, message: Any) -> None:
+        """Give statuses to their goals."""
+        for goal_id, status in read_statuses(message).items():
+            self.note(goal_id, status)
+
+    def note(self, goal_id: bytes, status: GoalStatus) -> None:
+        """Take note of a status; one that is older than what is known of an ended goal changes nothing."""
+        sent = self.sent.get(goal_id)
+        if sent is None or sent.status in TERMINAL:
+            return
+        sent.status = status
+        sent.changed.notify()
 
 
 class ClientGoalHandle:
@@ -115,12 +206,12 @@ class ClientGoalHandle:
 class ActionClient:
     """An action's client; made by `Node.create_action_client`. Goals may run beside each other."""
 
-    def __init__(self, node: Any, core: Core, type_: str, *, name: str) -> None:
+    def __init__(self, node: Any, backend: Backend, type_: str, *, name: str) -> None:
         action, topics = action_type(type_), action_topics(name)
         self._name = name
-        self._core = core
+        self._backend = backend
         self._action = action
-        self._router = router = Router(core.calls(f"action client {name!r}"))
+        self._router = router = Router(backend.calls(f"action client {name!r}"))
         # In this order: discovery tells a server of readers one after another, and it answers only to whom it
         # knows to listen for the answer, and begins after that. So by then it knows who listens for feedback.
         self._topics: tuple[Subscription, ...] = (
@@ -132,7 +223,7 @@ class ActionClient:
         self._cancel: Client = node.create_client(CANCEL_GOAL, topics.cancel_goal)
         self._result: Client = node.create_client(action.get_result.name, topics.get_result)
         self._send: Client = node.create_client(action.send_goal.name, topics.send_goal)
-        core.own(router)
+        backend.register(router)
 
     @property
     def action_name(self) -> str:
@@ -184,8 +275,8 @@ class ActionClient:
         """
         checked_type(goal, type_=type_name(self._action.goal), where=self._name)
         await self.wait_for_server(timeout_s)
-        goal_id = uuid.UUID(bytes=self._core.random_bytes(16), version=4).bytes
-        sent = Sent(self._core.loop, feedback_callback)
+        goal_id = uuid.UUID(bytes=self._backend.random_bytes(16), version=4).bytes
+        sent = Sent(self._backend.loop, feedback_callback)
         self._router.open(goal_id, sent)
         response = None
         try:
@@ -248,8 +339,7 @@ class ActionClient:
         """End the client and its pending calls; its goals go on. Again is harmless."""
         if self.closed:
             return
-        self._core.disown(self._router)
-        self._router.close()
+        self._backend.end(self._router)
         endpoints: tuple[Client | Subscription, ...] = (self._send, self._result, self._cancel, *self._topics)
         for endpoint in endpoints:
             endpoint.close()

@@ -1,21 +1,327 @@
-"""An action's server as its user holds it: three services and two topics around `Goals`."""
+"""An action's server: answers requests, runs goals, and says what becomes of them.
+
+Knows callbacks, tasks and what is sent when. Which status follows which is the table of `goals`.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import inspect
+from collections.abc import Awaitable, Callable
+from enum import Enum
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
-from sfglab.bus.actions.engine import Goals
-from sfglab.bus.actions.wire import CANCEL_GOAL, FEEDBACK_QOS, STATUS, STATUS_QOS, action_topics
+from sfglab.bus.actions.goals import (
+    CANCEL_GOAL,
+    FEEDBACK_QOS,
+    STATUS,
+    STATUS_QOS,
+    TERMINAL,
+    CancelCode,
+    GoalBook,
+    GoalEvent,
+    GoalStatus,
+    action_topics,
+    goal_id_from,
+    goal_info,
+    is_allowed,
+    read_goal_info,
+    status_array,
+    uuid_message,
+)
+from sfglab.bus.pubsub import Publisher, checked_type, topic_endpoint
 from sfglab.bus.service import Service
-from sfglab.messages import action_type
+from sfglab.messages import ActionType, action_type, default_message, service_type, stamp_from_ns, type_name
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from typing import Unpack
+    from sfglab.bus.backend import Backend
 
-    from sfglab.bus.actions.engine import ActionServerOptions, ExecuteCallback
-    from sfglab.bus.core import Core
-    from sfglab.bus.publisher import Publisher
+
+class GoalResponse(Enum):
+    """What a goal callback says."""
+
+    ACCEPT = "accept"
+    REJECT = "reject"
+
+
+class CancelResponse(Enum):
+    """What a cancel callback says."""
+
+    ACCEPT = "accept"
+    REJECT = "reject"
+
+
+class Running:
+    """One accepted goal: what its handle, its task and the requests for its result share."""
+
+    def __init__(self, goal_id: bytes, request: Any, result: asyncio.Future[Any]) -> None:
+        self.goal_id = goal_id
+        self.request = request
+        self.result = result
+        self.status = GoalStatus.ACCEPTED
+        self.canceling = asyncio.Event()
+        self.task: asyncio.Task[Any] | None = None
+
+
+class ServerGoalHandle:
+    """One accepted goal, on its server; given to the server's callbacks."""
+
+    def __init__(self, goals: Goals, running: Running) -> None:
+        self._goals = goals
+        self._running = running
+
+    @property
+    def goal_id(self) -> bytes:
+        """The goal's 16 bytes, chosen by the client."""
+        return self._running.goal_id
+
+    @property
+    def request(self) -> Any:
+        """The goal message."""
+        return self._running.request
+
+    @property
+    def status(self) -> GoalStatus:
+        """Where the goal is in its life."""
+        return self._running.status
+
+    @property
+    def is_active(self) -> bool:
+        """Whether the goal has not ended."""
+        return self.status not in TERMINAL
+
+    @property
+    def is_cancel_requested(self) -> bool:
+        """Whether a request to cancel was accepted and the goal has not ended."""
+        return self.status is GoalStatus.CANCELING
+
+    async def cancel_requested(self) -> None:
+        """Return once a request to cancel was accepted."""
+        await self._running.canceling.wait()
+
+    def execute(self) -> None:
+        """Run the execute callback in a task of its own; only once, and only for who deferred it.
+
+        Raises:
+            GoalTransitionError: The goal is executed already.
+        """
+        # A goal that was canceled while it waited is executed too: its callback has to end it.
+        if self._running.task is not None or not self.is_cancel_requested:
+            self._goals.apply(self._running, GoalEvent.EXECUTE)
+        self._running.task = self._goals.calls.spawn(self._goals.run(self._running))
+
+    def publish_feedback(self, feedback: Any) -> None:
+        """Tell everybody who listens how far the goal has come.
+
+        Args:
+            feedback: A message of the action's feedback type.
+
+        Raises:
+            WrongTypeError: It is of another type.
+        """
+        self._goals.publish_feedback(self.goal_id, feedback)
+
+    def succeed(self) -> None:
+        """End the goal as SUCCEEDED; the execute callback then returns the result.
+
+        Raises:
+            GoalTransitionError: The goal has ended already, or was not executed yet.
+        """
+        self._goals.apply(self._running, GoalEvent.SUCCEED)
+
+    def abort(self) -> None:
+        """End the goal as ABORTED; see `succeed`."""
+        self._goals.apply(self._running, GoalEvent.ABORT)
+
+    def canceled(self) -> None:
+        """End the goal as CANCELED, once a request to cancel was accepted; see `succeed`."""
+        self._goals.apply(self._running, GoalEvent.CANCELED)
+
+
+# rcl_action's default in Humble, 15 minutes; later releases have 10 s.
+_RESULT_TIMEOUT_S = 900.0
+
+
+GoalCallback = Callable[[Any], Awaitable[GoalResponse] | GoalResponse]
+CancelCallback = Callable[[ServerGoalHandle], Awaitable[CancelResponse] | CancelResponse]
+ExecuteCallback = Callable[[ServerGoalHandle], Any]
+
+
+class ActionServerOptions(TypedDict, total=False):
+    """What an action server can be told beside what it does.
+
+    Attributes:
+        goal_callback: Plain or async: given a goal message, says whether to take it. The default takes all.
+        handle_accepted_callback: Given the handle of an accepted goal, to call its `execute` some time. The
+            default does so at once, so goals run beside each other.
+        cancel_callback: Plain or async: given a handle, says whether it may be canceled. The default, as
+            rclpy's, refuses.
+        result_timeout_s: How long a goal and its result are remembered after its end, in seconds (900). They
+            are forgotten at the first request after that.
+    """
+
+    goal_callback: GoalCallback
+    handle_accepted_callback: Callable[[ServerGoalHandle], None]
+    cancel_callback: CancelCallback
+    result_timeout_s: float
+
+
+class Goals:
+    """The goals of one server, and its answers to requests about them; apart so that it never holds the node.
+
+    Args:
+        backend: Of the server's node.
+        action: The action's types.
+        execute: Does what a goal asks.
+    """
+
+    def __init__(self, backend: Backend, action: ActionType, execute: ExecuteCallback) -> None:
+        self.closed = False  #: Whether the server, or its node, has ended.
+        self.calls = backend.calls(f"action server {action.name!r}")  #: Runs the user's callbacks.
+        self._backend = backend
+        self._action = action
+        self._execute = execute
+        self._running: dict[bytes, Running] = {}
+        self._waiting: dict[bytes, Running] = {}  # accepted, but their clients were not told yet
+
+    def open(self, feedback: Publisher, status: Publisher, options: ActionServerOptions) -> None:
+        """Begin to publish, with an empty list of goals for whoever wants to know that none runs."""
+        timeout_s = options.get("result_timeout_s", _RESULT_TIMEOUT_S)
+        self._options = options
+        self._book = GoalBook(round(timeout_s * NS_PER_S))
+        self._feedback = feedback
+        self._status = status
+        self._publish_status()
+
+    def apply(self, running: Running, event: GoalEvent) -> None:
+        """Let something happen to a goal, and tell all who listen to the status.
+
+        Raises:
+            GoalTransitionError: It may not happen now.
+        """
+        running.status = self._book.apply(running.goal_id, event, self._steady_ns())
+        if event is GoalEvent.CANCEL_GOAL:
+            running.canceling.set()
+        self._publish_status()
+
+    def publish_feedback(self, goal_id: bytes, feedback: Any) -> None:
+        """Send a goal's feedback; nothing once the server has ended."""
+        checked_type(feedback, type_=type_name(self._action.feedback), where=self._feedback.topic_name)
+        if not self.closed:
+            type_ = self._action.feedback_message
+            self._feedback.publish(type_(goal_id=uuid_message(goal_id), feedback=feedback))
+
+    async def on_send_goal(self, request: Any) -> Any:
+        """Return whether the goal of a request is taken."""
+        self._expire()
+        goal_id = goal_id_from(request.goal_id)
+        taken = goal_id not in self._book and await self._takes(request.goal)
+        stamp_ns = self._backend.clock.now_ns()
+        # Two requests with one id may both have passed the callback; the book accepts one.
+        if accepted := taken and self._book.accept(goal_id, stamp_ns):
+            self._running[goal_id] = Running(goal_id, request.goal, self._backend.loop.create_future())
+            self._waiting[goal_id] = self._running[goal_id]
+            self._publish_status()
+        return self._action.send_goal.response(accepted=accepted, stamp=stamp_from_ns(stamp_ns))
+
+    def on_answered(self, request: Any) -> None:
+        """Begin with a goal whose client was told; by then it is known to listen for feedback, too."""
+        running = self._waiting.pop(goal_id_from(request.goal_id), None)
+        if running is not None and not self.closed:
+            begin = self._options.get("handle_accepted_callback", ServerGoalHandle.execute)
+            self.calls.run(begin, ServerGoalHandle(self, running))
+
+    async def on_get_result(self, request: Any) -> Any:
+        """Return a goal's result once it has ended; UNKNOWN and zeros for a goal that is not remembered."""
+        self._expire()
+        running = self._running.get(goal_id_from(request.goal_id))
+        response = self._action.get_result.response
+        if running is None:
+            return response(status=int(GoalStatus.UNKNOWN), result=default_message(self._action.result))
+        # Shielded: several may wait for it, and one of them that ends must not end it for the others.
+        result = await asyncio.shield(running.result)
+        return response(status=int(running.status), result=result)
+
+    async def on_cancel_goal(self, request: Any) -> Any:
+        """Ask the user about each goal that a request is about, and return which go to CANCELING."""
+        self._expire()
+        plan = self._book.to_cancel(*read_goal_info(request.goal_info))
+        chosen = [self._running[goal_id] for goal_id in plan.goal_ids]
+        canceling = {running.goal_id for running in chosen if await self._cancels(running)}
+        code = CancelCode.REJECTED if plan.goal_ids and not canceling else plan.code
+        goals = [goal for goal in self._book.goals() if goal.goal_id in canceling]
+        infos = [goal_info(goal.goal_id, goal.accepted_ns) for goal in goals]
+        return service_type(CANCEL_GOAL).response(return_code=int(code), goals_canceling=infos)
+
+    async def run(self, running: Running) -> None:
+        """Execute a goal to its end; a callback that does not say how it ends has failed."""
+        result = None
+        try:
+            result = await _awaited(self._execute(ServerGoalHandle(self, running)))
+            if result is not None:
+                checked_type(result, type_=type_name(self._action.result), where=self._action.name)
+        except Exception as error:  # noqa: BLE001 - reported; the client gets an aborted goal
+            self.calls.report(error)
+            result = None
+        finally:
+            if not self.closed:
+                self._finish(running, result)
+
+    def close(self) -> None:
+        """Abort what runs; whoever listens to the status hears of it, unless the node closes."""
+        if self._backend.loop.is_closed():
+            return
+        self.closed = self._backend.closed
+        for running in self._running.values():
+            if is_allowed(running.status, GoalEvent.ABORT):
+                self.apply(running, GoalEvent.ABORT)
+            running.result.cancel()
+            if running.task is not None:
+                running.task.cancel()
+        self.closed = True
+
+    def _finish(self, running: Running, result: Any) -> None:
+        if running.status not in TERMINAL:
+            self.apply(running, GoalEvent.ABORT)
+        running.result.set_result(default_message(self._action.result) if result is None else result)
+
+    async def _takes(self, goal: Any) -> bool:
+        callback = self._options.get("goal_callback")
+        return callback is None or await self._asked(callback, goal, GoalResponse) is GoalResponse.ACCEPT
+
+    async def _cancels(self, running: Running) -> bool:
+        callback, handle = self._options.get("cancel_callback"), ServerGoalHandle(self, running)
+        if callback is None or await self._asked(callback, handle, CancelResponse) is not CancelResponse.ACCEPT:
+            return False
+        if not is_allowed(running.status, GoalEvent.CANCEL_GOAL):
+            return False  # it ended, or another request was faster, while the callback was asked
+        self.apply(running, GoalEvent.CANCEL_GOAL)
+        return True
+
+    async def _asked(self, callback: Callable[[Any], Any], about: Any, answers: type[Enum]) -> Enum | None:
+        """Return a callback's answer; None, which refuses, when it fails or gives another, both reported."""
+        try:
+            return answers(await _awaited(callback(about)))
+        except Exception as error:  # noqa: BLE001 - reported
+            self.calls.report(error)
+            return None
+
+    def _expire(self) -> None:
+        for goal_id in self._book.expire(self._steady_ns()):
+            del self._running[goal_id]
+
+    def _publish_status(self) -> None:
+        if not self.closed:
+            self._status.publish(status_array(self._book.goals()))
+
+    def _steady_ns(self) -> int:
+        return round(self._backend.loop.time() * NS_PER_S)
+
+
+async def _awaited(value: Any) -> Any:
+    return await value if inspect.isawaitable(value) else value
 
 
 class ActionServer:
@@ -30,7 +336,7 @@ class ActionServer:
     def __init__(
         self,
         node: Any,
-        core: Core,
+        backend: Backend,
         type_: str,
         *,
         name: str,
@@ -39,13 +345,18 @@ class ActionServer:
     ) -> None:
         action, topics = action_type(type_), action_topics(name)
         self._name = name
-        self._core = core
-        self._goals = Goals(core, node.get_clock(), action, execute)
-        # Without the node, as they are reachable from what its core holds.
-        feedback = node.create_publisher(action.feedback_message, topics.feedback, FEEDBACK_QOS).without_node()
-        status = node.create_publisher(STATUS, topics.status, STATUS_QOS).without_node()
+        self._backend = backend
+        self._goals = Goals(backend, action, execute)
+        # Without the node, as they are reachable from what its backend holds.
+        feedback, status = (
+            Publisher(None, backend, topic_endpoint(type_, topic, qos))
+            for type_, topic, qos in (
+                (action.feedback_message, topics.feedback, FEEDBACK_QOS),
+                (STATUS, topics.status, STATUS_QOS),
+            )
+        )
         self._goals.open(feedback, status, options)
-        service, goals = partial(Service, node, core), self._goals
+        service, goals = partial(Service, node, backend), self._goals
         self._endpoints: tuple[Service | Publisher, ...] = (
             service(CANCEL_GOAL, name=topics.cancel_goal, handler=goals.on_cancel_goal),
             service(action.get_result.name, name=topics.get_result, handler=goals.on_get_result),
@@ -58,7 +369,7 @@ class ActionServer:
             feedback,
             status,
         )
-        core.own(self._goals)
+        backend.register(self._goals)
 
     @property
     def action_name(self) -> str:
@@ -74,7 +385,6 @@ class ActionServer:
         """Abort the goals that run and end the server; again is harmless."""
         if self._goals.closed:
             return
-        self._core.disown(self._goals)
-        self._goals.close()
+        self._backend.end(self._goals)
         for endpoint in self._endpoints:
             endpoint.close()

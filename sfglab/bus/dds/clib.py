@@ -177,3 +177,10 @@ def error_text(code: int) -> str:
     """Return Cyclone's words for a return code."""
     text: bytes = library().dds_strretcode(code)
     return text.decode()
+
+
+def entity_guid(entity: int) -> bytes:
+    """Return the 16-byte GUID of a DDS entity."""
+    guid = (ct.c_uint8 * 16)()
+    library().dds_get_guid(entity, ct.byref(guid))
+    return bytes(guid)

@@ -1,17 +1,36 @@
-"""Reads the domain's participants and endpoints from Cyclone's built-in topics, and ROS 2's nodes from theirs.
+"""Discovery in a DDS domain: participants, endpoints and ROS 2 nodes are read, and this node's own told.
 
-Knows the built-in samples, what sfglab and ROS 2 write into USER_DATA, and that endpoints of ROS 2's own
-discovery are none of the computation graph. Refuses to know who listens.
+Knows Cyclone's built-in topics, what sfglab and ROS 2 write into USER_DATA, and the DDS topic
+`ros_discovery_info`, from which ROS 2's tools learn which nodes there are and which endpoints are theirs; a
+participant that is silent there shows as `_CREATED_BY_BARE_DDS_APP_` (rmw_dds_common; rmw_cyclonedds_cpp and
+rmw_fastrtps_cpp). Its message has two layouts: GIDs have 24 bytes up to Humble, a GUID and eight zeros, and 16
+from Iron on. Both have one type name, so a reader of the other layout matches and reads nonsense: all of a
+domain must agree, and the environment variable ROS_DISTRO says on what; without it, or with a name not known
+here, it is Humble's. Refuses to know who listens, and how endpoints are made: the graph tells it which ones the
+node has.
 """
 
 from __future__ import annotations
 
 import ctypes as ct
+import os
+import struct
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from sfglab import names
-from sfglab.bus.api import EndpointInfo, EndpointKind, NodeInfo
+from sfglab.bus.api import (
+    HOST_KEY,
+    NODE_KEY,
+    SHM_PARTITION,
+    EndpointAdded,
+    EndpointEvent,
+    EndpointInfo,
+    EndpointKind,
+    NodeInfo,
+    entries,
+    ros_topic,
+)
 from sfglab.bus.dds.clib import (
     ALIVE,
     BUILTIN_PARTICIPANT,
@@ -22,17 +41,201 @@ from sfglab.bus.dds.clib import (
     SampleInfo,
     library,
 )
-from sfglab.bus.dds.endpoints import RawReader
-from sfglab.bus.dds.presence import INFO_TOPIC, READER_QOS, gid_bytes, info_type, unpack_nodes
+from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
 from sfglab.bus.dds.qos import partitions, profile_from_dds, string_property, user_data
-from sfglab.bus.userdata import HOST_KEY, NODE_KEY, SHM_PARTITION, entries
 from sfglab.messages import TypeNameError, ros_type_name
+from sfglab.qos import Durability, History, QoSProfile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    import asyncio
+    from collections.abc import Callable, Iterable, Iterator
 
     from sfglab.bus.dds.participant import DdsParticipant
-    from sfglab.bus.queue import Sample
+    from sfglab.bus.endpoints import Sample
+    from sfglab.bus.graph import Graph
+
+INFO_TOPIC = "ros_discovery_info"
+_TYPE = "rmw_dds_common::msg::dds_::{}_"
+_WRITER_QOS = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
+# Without a key, the messages of all participants are one instance, of which KEEP_LAST would keep one.
+READER_QOS = QoSProfile(history=History.KEEP_ALL, durability=Durability.TRANSIENT_LOCAL)
+# rmw/types.h: RMW_GID_STORAGE_SIZE fell from 24 to 16 in Iron.
+_LONG_GID_BYTES, _SHORT_GID_BYTES, _GUID_BYTES = 24, 16, 16
+_SHORT_GID_DISTROS = frozenset({"iron", "jazzy", "kilted", "lyrical", "rolling"})
+_ENCAPSULATION = b"\0\1\0\0"  # CDR, little endian (RTPS 2.5, clause 10.2.1.2)
+# Endpoints come in groups, such as a service's two: one message for all of them.
+_DELAY_S = 0.01
+
+
+def gid_bytes(distro: str | None = None) -> int:
+    """Return the size of a GID in `ros_discovery_info`.
+
+    Args:
+        distro: Name of a ROS 2 distribution; None takes the environment's ROS_DISTRO.
+    """
+    name = os.environ.get("ROS_DISTRO", "") if distro is None else distro
+    return _SHORT_GID_BYTES if name in _SHORT_GID_DISTROS else _LONG_GID_BYTES
+
+
+@cache
+def info_type(size: int) -> type[Any]:
+    """Return the Cyclone DDS type of the message whose GIDs have so many bytes."""
+    from cyclonedds.idl import make_idl_struct, types
+
+    # The library's annotations do not know that these can be subscripted.
+    array, sequence, text = (getattr(types, name) for name in ("array", "sequence", "bounded_str"))
+    gid = make_idl_struct("Gid", _TYPE.format("Gid"), {"data": array[types.uint8, size]})
+    node = make_idl_struct(
+        "NodeEntitiesInfo",
+        _TYPE.format("NodeEntitiesInfo"),
+        {
+            "node_namespace": text[256],
+            "node_name": text[256],
+            "reader_gid_seq": sequence[gid],
+            "writer_gid_seq": sequence[gid],
+        },
+    )
+    return make_idl_struct(
+        "ParticipantEntitiesInfo",
+        _TYPE.format("ParticipantEntitiesInfo"),
+        {"gid": gid, "node_entities_info_seq": sequence[node]},
+    )
+
+
+def pack_nodes(participant: bytes, nodes: Iterable[NodeInfo], size: int) -> bytes:
+    """Return the message that lists a participant's nodes, as CDR.
+
+    Args:
+        participant: Its 16-byte GUID.
+        nodes: Its nodes.
+        size: Bytes of a GID.
+    """
+    listed = list(nodes)
+    parts = [_ENCAPSULATION, participant.ljust(size, b"\0"), struct.pack("<I", len(listed))]
+    for node in listed:
+        parts += [_packed_text(node.namespace), _packed_text(node.name)]
+        for gids in (node.readers, node.writers):
+            parts += [struct.pack("<I", len(gids)), *(gid.ljust(size, b"\0") for gid in gids)]
+    return b"".join(parts)
+
+
+def unpack_nodes(cdr: bytes, size: int) -> tuple[bytes, tuple[NodeInfo, ...]]:
+    """Return the participant's GUID and its nodes from a message in little-endian CDR.
+
+    Args:
+        cdr: The message; Cyclone DDS has checked that it is one.
+        size: Bytes of a GID.
+    """
+    cursor = _Cursor(cdr, size)
+    participant = cursor.gid()
+    nodes = tuple(
+        NodeInfo(
+            namespace=cursor.text(),
+            name=cursor.text(),
+            participant=participant,
+            readers=cursor.gids(),
+            writers=cursor.gids(),
+        )
+        for _ in range(cursor.number())
+    )
+    return participant, nodes
+
+
+def _packed_text(text: str) -> bytes:
+    """Return a string with its length, its zero, and what aligns the number that follows."""
+    data = text.encode() + b"\0"
+    return struct.pack("<I", len(data)) + data + bytes(-len(data) % 4)
+
+
+class _Cursor:
+    """Reads a message from front to back; GIDs and padded strings keep every number aligned."""
+
+    def __init__(self, cdr: bytes, size: int) -> None:
+        self._cdr = cdr
+        self._size = size
+        self._at = len(_ENCAPSULATION)
+
+    def number(self) -> int:
+        self._at += 4
+        return int.from_bytes(self._cdr[self._at - 4 : self._at], "little")
+
+    def text(self) -> str:
+        length = self.number()
+        start, self._at = self._at, self._at + length + -length % 4
+        return self._cdr[start : start + max(0, length - 1)].decode(errors="replace")
+
+    def gid(self) -> bytes:
+        start, self._at = self._at, self._at + self._size
+        return self._cdr[start : start + _GUID_BYTES]
+
+    def gids(self) -> tuple[bytes, ...]:
+        return tuple(self.gid() for _ in range(self.number()))
+
+
+class DiscoveryInfo:
+    """Keeps the ROS 2 graph told of a node and its endpoints, until the participant closes.
+
+    Endpoints are listed as the graph reports them, so none that anybody makes on the participant is forgotten.
+    Those of shared memory are left out: nothing is ever written there.
+
+    Args:
+        participant: The node's participant.
+        graph: The node's graph.
+        name: The node's full name.
+        loop: The node's loop.
+    """
+
+    def __init__(
+        self, participant: DdsParticipant, graph: Graph, name: str, *, loop: asyncio.AbstractEventLoop
+    ) -> None:
+        self._guid = participant.guid
+        self._namespace, _, self._name = name.rpartition("/")
+        self._gids: dict[EndpointKind, set[bytes]] = {kind: set() for kind in EndpointKind}
+        self._loop = loop
+        self._due: asyncio.TimerHandle | None = None
+        self._size = gid_bytes()
+        handle = participant.create_writer(INFO_TOPIC, info_type(self._size), _WRITER_QOS)
+        self._writer = DdsWriter(
+            handle, INFO_TOPIC, type_="ParticipantEntitiesInfo", waiter=participant.waiter, on_matched=_ignore
+        )
+        # Who reads it is nobody's business, and a large domain would ask for it again with every participant.
+        participant.waiter.detach(handle)
+        self._publish()
+        self._unlisten = graph.listen(self._heard)
+
+    def close(self) -> None:
+        """Say nothing more; the participant's end takes the node off the graph."""
+        self._unlisten()
+        if self._due is not None and not self._loop.is_closed():
+            self._due.cancel()
+
+    def _heard(self, event: EndpointEvent) -> None:
+        endpoint = event.endpoint
+        if endpoint.participant != self._guid or endpoint.transport != "dds":
+            return
+        gids = self._gids[endpoint.kind]
+        before = len(gids)
+        if isinstance(event, EndpointAdded):
+            gids.add(endpoint.gid)
+        else:
+            gids.discard(endpoint.gid)
+        if len(gids) != before and self._due is None:
+            self._due = self._loop.call_later(_DELAY_S, self._publish)
+
+    def _publish(self) -> None:
+        self._due = None
+        node = NodeInfo(
+            namespace=self._namespace or "/",
+            name=self._name,
+            participant=self._guid,
+            readers=tuple(sorted(self._gids[EndpointKind.SUBSCRIPTION])),
+            writers=tuple(sorted(self._gids[EndpointKind.PUBLISHER])),
+        )
+        self._writer.write(pack_nodes(self._guid, [node], self._size))
+
+
+def _ignore() -> None:
+    """Take no notice of a change of the matching endpoints."""
 
 
 _BATCH = 128
@@ -85,7 +288,7 @@ class Discovery:
                     on_nodes(participant, nodes)
 
         reader = self._participant.create_reader(INFO_TOPIC, info_type(size), READER_QOS)
-        RawReader(
+        DdsReader(
             reader, waiter=self._participant.waiter, on_samples=handle, on_matched=lambda: None
         )  # lives as long as the participant, kept by its waiter
 
@@ -123,7 +326,7 @@ class Discovery:
         dds_topic = sample.topic_name.decode(errors="replace")
         return EndpointInfo(
             kind=kind,
-            topic=_ros_topic(dds_topic),
+            topic=ros_topic(dds_topic),
             type=_ros_type(sample.type_name.decode(errors="replace")),
             gid=gid,
             qos=profile_from_dds(sample.qos),
@@ -139,11 +342,6 @@ class Discovery:
 def _builtin(sample: Any) -> bool:
     """Whether this is one of the endpoints by which participants find each other and each other's nodes."""
     return (sample.type_name or b"").startswith(_BUILTIN_TYPES) or sample.topic_name == INFO_TOPIC.encode()
-
-
-def _ros_topic(dds_topic: str) -> str:
-    wire = names.ros_name_from_dds(dds_topic)
-    return wire.name if wire is not None and wire.role is names.DdsRole.TOPIC else dds_topic
 
 
 def _ros_type(dds_type: str) -> str:

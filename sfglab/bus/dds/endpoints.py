@@ -1,4 +1,4 @@
-"""A raw DDS writer and a raw DDS reader of one topic: CDR in, CDR out.
+"""A raw DDS writer and a raw DDS reader of one topic: CDR in, CDR out, by samples as Cyclone DDS holds them.
 
 Every C call here releases the interpreter lock. A sample's bytes are copied once on either way: into the
 serdata that Cyclone sends, and out of the one it received.
@@ -9,49 +9,96 @@ from __future__ import annotations
 import ctypes as ct
 import time
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from sfglab.bus.dds.clib import (
     ANY_STATE,
     RETCODE_TIMEOUT,
+    SDK_DATA,
     STATUS_PUBLICATION_MATCHED,
     STATUS_SAMPLE_LOST,
     STATUS_SUBSCRIPTION_MATCHED,
+    TIMESTAMP_INVALID,
+    TIMESTAMP_OFFSET,
+    IoVec,
     MatchedStatus,
     SampleInfo,
     SampleLostStatus,
+    entity_guid,
     error_text,
     library,
 )
-from sfglab.bus.dds.samples import (
-    CDR_HEADER_BYTES,
-    bytes_from_serdata,
-    serdata_from_bytes,
-    sertype_of,
-    stamp,
-)
 from sfglab.bus.errors import InvalidMessageError, PublishError
+from sfglab.messages import serialize
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus.dds.waiter import Waiter
-    from sfglab.bus.queue import Sample
+    from sfglab.bus.dds.participant import WaitSetThread
+    from sfglab.bus.endpoints import Sample
+
+CDR_HEADER_BYTES = 4
+_PADDING = ct.create_string_buffer(4)
+_PADDING_ADDRESS = ct.addressof(_PADDING)
+
+
+def sertype_of(entity: int) -> int | None:
+    """Return what the samples of a writer are made with."""
+    sertype = ct.c_void_p()
+    library().dds_get_entity_sertype(entity, ct.byref(sertype))
+    return sertype.value
+
+
+def serdata_from_bytes(sertype: int | None, data: Any) -> int | None:
+    """Return a new sample, unstamped, whose one reference is the caller's; None when the bytes do not parse.
+
+    Args:
+        sertype: Of the writer that it is for.
+        data: `bytes` or a contiguous NumPy array of them: CDR with its 4-byte header.
+    """
+    size = len(data)
+    if size < CDR_HEADER_BYTES:
+        return None
+    # RTPS sends whole words, so Cyclone may read up to three bytes beyond the end.
+    padding = -size % 4
+    address = ct.cast(ct.c_char_p(data), ct.c_void_p).value if isinstance(data, bytes) else data.ctypes.data
+    parts = (IoVec * 2)(IoVec(address, size), IoVec(_PADDING_ADDRESS, padding))
+    serdata: int | None = library().ddsi_serdata_from_ser_iov(
+        sertype, SDK_DATA, 2 if padding else 1, ct.byref(parts), size + padding
+    )
+    return serdata
+
+
+def bytes_from_serdata(serdata: int) -> bytes:
+    """Return a copy of a sample's CDR, header included; the reference stays the caller's."""
+    lib = library()
+    part = IoVec()
+    size = lib.ddsi_serdata_size(serdata)
+    reference = lib.ddsi_serdata_to_ser_ref(serdata, 0, size, ct.byref(part))
+    try:
+        return ct.string_at(part.base, size)
+    finally:
+        lib.ddsi_serdata_to_ser_unref(reference, ct.byref(part))
+
+
+def source_timestamp_ns(serdata: int) -> int:
+    """Return when a sample was published, by its publisher's clock, in nanoseconds of Unix time."""
+    return ct.c_int64.from_address(serdata + TIMESTAMP_OFFSET).value
+
+
+def stamp(serdata: int, source_timestamp_ns: int) -> None:
+    """Give a new sample its source time stamp, in nanoseconds of Unix time."""
+    field = ct.c_int64.from_address(serdata + TIMESTAMP_OFFSET)
+    assert field.value == TIMESTAMP_INVALID, "this Cyclone DDS has another serdata layout"
+    field.value = source_timestamp_ns
 
 
 _BATCH = 64
 _MAX_MATCHED = 4096
 UNKNOWN_GID = bytes(16)
 """Stands for an endpoint that was gone before anybody could look."""
-
-
-def entity_guid(entity: int) -> bytes:
-    """Return the 16-byte GUID of a DDS entity."""
-    guid = (ct.c_uint8 * 16)()
-    library().dds_get_guid(entity, ct.byref(guid))
-    return bytes(guid)
 
 
 def delete_writer(handle: int) -> None:
@@ -64,19 +111,19 @@ def delete_writer(handle: int) -> None:
     Thread(target=library().dds_delete, args=(handle,), daemon=True).start()
 
 
-class RawWriter:
+class DdsWriter:
     """Writes CDR to a topic.
 
     Args:
         handle: The C handle of the writer.
         topic: The ROS topic, for error messages.
         type_: The ROS type, for error messages.
-        waiter: Waits for changes of the matching readers.
-        on_matched: Called, in the waiter's thread, after such a change.
+        waiter: The thread that waits for changes of the matching readers.
+        on_matched: Called, in that thread, after such a change.
     """
 
     def __init__(
-        self, handle: int, topic: str, *, type_: str, waiter: Waiter, on_matched: Callable[[], None]
+        self, handle: int, topic: str, *, type_: str, waiter: WaitSetThread, on_matched: Callable[[], None]
     ) -> None:
         self.handle = handle
         self.gid = entity_guid(handle)
@@ -112,6 +159,19 @@ class RawWriter:
         if code < 0:
             self._raise(code)
 
+    def write_message(self, message: Any) -> None:
+        """Serialize and send; see `write`."""
+        self.write(serialize(message))
+
+    def loan(self, size_bytes: int) -> NoReturn:
+        """Refuse: DDS has no memory to lend.
+
+        Raises:
+            TypeError: Always.
+        """
+        del size_bytes
+        raise TypeError(f"topic {self._topic!r}: only a publisher with transport='shm' lends memory")
+
     def wait_for_acks(self, timeout_s: float) -> bool:
         """Block until every reliable reader has acknowledged everything; False when that takes longer."""
         code: int = library().dds_wait_for_acks(self.handle, round(timeout_s * 1e9))
@@ -144,21 +204,21 @@ class RawWriter:
         self._on_matched()
 
 
-class RawReader:
+class DdsReader:
     """Takes CDR from a topic as it arrives.
 
     Args:
         handle: The C handle of the reader.
-        waiter: Waits for samples and for changes of the matching writers.
-        on_samples: Called with what arrived, in the waiter's thread.
-        on_matched: Called, in the waiter's thread, after the matching writers changed.
+        waiter: The thread that waits for samples and for changes of the matching writers.
+        on_samples: Called with what arrived, in that thread.
+        on_matched: Called, in that thread, after the matching writers changed.
     """
 
     def __init__(
         self,
         handle: int,
         *,
-        waiter: Waiter,
+        waiter: WaitSetThread,
         on_samples: Callable[[list[Sample]], None],
         on_matched: Callable[[], None],
     ) -> None:
@@ -218,6 +278,27 @@ class RawReader:
         self.lost = lost.total_count
         self.matched = matched.current_count
         self._on_matched()
+
+
+class ShmAnnouncement:
+    """The DDS endpoint that shows a shared-memory one in the graph, from now on.
+
+    A real writer or reader of the topic, with its real type and QoS but in a partition of its own, where
+    nothing is ever written: discovery, leases and the graph work as for every other endpoint.
+
+    Args:
+        handle: Its C handle.
+    """
+
+    def __init__(self, handle: int) -> None:
+        self.gid = entity_guid(handle)  #: Its 16-byte GUID.
+        self._handle: int | None = handle
+
+    def close(self) -> None:
+        """Vanish from the graph; again is harmless."""
+        if self._handle is not None:
+            library().dds_delete(self._handle)
+            self._handle = None
 
 
 def matched_gid(function: Any, entity: int, handle: int) -> bytes:

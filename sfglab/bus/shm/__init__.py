@@ -1,6 +1,6 @@
 """Shared memory behind the bus: one copy into a memory file, none out of it, on one host.
 
-The control plane is the DDS graph: a *presence* writer or reader in a partition of its own shows that an
+The control plane is the DDS graph: a writer or reader in a partition of its own shows that an
 endpoint exists and where its Unix socket is. The data plane is an anonymous memory file and sequenced-packet
 sockets, so a killed process leaves nothing behind: no file, no semaphore, no segment.
 

@@ -1,4 +1,4 @@
-"""Who is told about which message, and who still holds it: a publisher's state without its sockets.
+"""Fan-out of a publisher's messages: who is told about which, and who still holds it, without any sockets.
 
 Pure: announcements in, announcements to send out. Each subscriber has credits, the slots it may hold at
 once; beyond them its newest announcements wait here, and the oldest of those give way. So a slow or stopped
@@ -10,14 +10,12 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
-from sfglab.bus.shm.wire import RETURN_MAX
+from sfglab.bus.shm.wire import RETURN_MAX, Announcement
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from sfglab.bus.shm.slots import SlotPool
-    from sfglab.bus.shm.wire import Announcement
-
+    from sfglab.bus.shm.memory import SlotPool
 
 MAX_CREDITS = 64
 """The most slots one subscriber may hold; all their datagrams fit into a socket's default buffer."""

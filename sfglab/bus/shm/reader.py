@@ -11,33 +11,40 @@ from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind
+from sfglab.bus.api import (
+    SHM_KEY,
+    EndpointAdded,
+    EndpointEvent,
+    EndpointInfo,
+    EndpointKind,
+    RawEndpoint,
+    entries,
+    host_id,
+)
 from sfglab.bus.errors import BusError
-from sfglab.bus.host import host_id
-from sfglab.bus.shm.arena import ArenaMap
 from sfglab.bus.shm.fanout import credits_of, returns_of
-from sfglab.bus.shm.sockets import connect, same_user
+from sfglab.bus.shm.memory import ArenaMap
 from sfglab.bus.shm.wire import (
     ANNOUNCE_BYTES,
     RETURN_MAX,
     Hello,
     ProtocolError,
+    connect,
     pack_hello,
     pack_returns,
+    same_user,
     unpack_announcement,
     unpack_welcome,
 )
-from sfglab.bus.userdata import SHM_KEY, entries
-from sfglab.qos import Durability, History, QoSProfile, incompatibilities
+from sfglab.qos import Durability, History, incompatibilities
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus.api import EndpointInfo
-    from sfglab.bus.bridge import LoopBridge
-    from sfglab.bus.inbox import Inbox
-    from sfglab.bus.shm.presence import Presence
-
+    from sfglab.bus.dds.endpoints import ShmAnnouncement
+    from sfglab.bus.endpoints import Inbox
+    from sfglab.bus.graph import Graph
+    from sfglab.bus.loop import LoopBridge
 
 _log = logging.getLogger(__name__)
 _RETRY_S = 0.02
@@ -122,8 +129,8 @@ class ShmReader:
 
     Args:
         bridge: The node's loop.
-        presence: How it shows itself in the graph.
-        qos: What is requested.
+        endpoint: Topic, type and requested QoS.
+        announce: Shows it in the graph.
         inbox: Where messages go.
         notify: Called when publishers come or go.
     """
@@ -131,15 +138,15 @@ class ShmReader:
     def __init__(
         self,
         bridge: LoopBridge,
-        presence: Presence,
-        qos: QoSProfile,
+        endpoint: RawEndpoint,
         *,
+        announce: Callable[[], ShmAnnouncement],
         inbox: Inbox,
         notify: Callable[[], None],
     ) -> None:
         self._bridge = bridge
-        self._presence = presence
-        self._qos = qos
+        self._endpoint = endpoint
+        self._qos = qos = endpoint.qos
         self._depth = qos.depth if qos.history is History.KEEP_LAST else 0
         self._credits = credits_of(self._depth)
         self._inbox = inbox
@@ -147,13 +154,23 @@ class ShmReader:
         self._links: dict[bytes, _Link] = {}
         self._closed = False
         self.lost = 0
-        self.gid = presence.announce()
-        self._unlisten = presence.graph.listen(self._on_graph)
+        self._announced = announce()
+        self.gid = self._announced.gid
+        self._unlisten: Callable[[], None] = lambda: None
 
     @property
     def matched(self) -> int:
         """How many publishers are connected."""
         return sum(link.arena is not None for link in self._links.values())
+
+    @property
+    def matched_prefixes(self) -> frozenset[bytes]:
+        """The GUID prefixes of the connected publishers' participants."""
+        return frozenset(link.gid[:12] for link in self._links.values() if link.arena is not None)
+
+    def follow(self, graph: Graph) -> None:
+        """Connect to the publishers that a graph knows, and will know."""
+        self._unlisten = graph.watch(self._endpoint.dds_topic, EndpointKind.PUBLISHER, self._on_graph)
 
     def close(self) -> None:
         """Hang up; messages that the application holds stay valid; again is harmless."""
@@ -161,7 +178,7 @@ class ShmReader:
             return
         self._closed = True
         self._unlisten()
-        self._presence.close()
+        self._announced.close()
         for link in self._links.values():
             self._bridge.unwatch(link.sock.fileno())
             link.close()
@@ -174,9 +191,8 @@ class ShmReader:
 
     def _matches(self, endpoint: EndpointInfo) -> bool:
         return (
-            endpoint.kind is EndpointKind.PUBLISHER
-            and endpoint.transport == "shm"
-            and (endpoint.topic, endpoint.type) == (self._presence.topic, self._presence.type)
+            endpoint.transport == "shm"
+            and endpoint.type == self._endpoint.type
             and endpoint.host == host_id()
             and not incompatibilities(offered=endpoint.qos, requested=self._qos)
         )
@@ -192,7 +208,7 @@ class ShmReader:
         except OSError:
             return  # it has gone, as the graph will say soon
         if not same_user(sock):
-            _log.warning("topic %r: a publisher of another user is ignored", self._presence.topic)
+            _log.warning("topic %r: a publisher of another user is ignored", self._endpoint.name)
             sock.close()
             return
         link = self._links[endpoint.gid] = _Link(sock, self._credits)
@@ -207,11 +223,11 @@ class ShmReader:
                 sequence, offset, size, stamp_ns = unpack_announcement(datagram, arena.size_bytes)
                 latest = arena.latest[0]
                 if sequence != link.last_sequence + 1 and link.last_sequence:
-                    self._inbox.queue.dropped += sequence - link.last_sequence - 1
+                    self._inbox.queue.skip(sequence - link.last_sequence - 1)
                 link.last_sequence = sequence
                 if self._depth and latest - sequence >= self._depth:
                     # This process slept and newer messages wait at the publisher: KEEP_LAST wants those.
-                    self._inbox.queue.dropped += 1
+                    self._inbox.queue.skip(1)
                     link.give_back(offset)
                 else:
                     data = self._take(link, arena, offset, size)
@@ -224,7 +240,7 @@ class ShmReader:
         except OSError:
             self._drop(gid, link)  # it was killed with our returns unread
         except BusError as error:
-            _log.warning("topic %r: dropping a publisher: %r", self._presence.topic, error)
+            _log.warning("topic %r: dropping a publisher: %r", self._endpoint.name, error)
             self._drop(gid, link)
 
     def _take(self, link: _Link, arena: ArenaMap, offset: int, size: int) -> memoryview:

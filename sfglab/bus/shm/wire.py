@@ -1,6 +1,7 @@
-"""The datagrams between a shared-memory publisher and its subscribers, and their checks.
+"""Sockets and datagrams between a shared-memory publisher and its subscribers, and their checks.
 
-Pure: bytes and values. All numbers are little-endian; each datagram is one SOCK_SEQPACKET message.
+All numbers are little-endian; each datagram is one SOCK_SEQPACKET message. Sockets have names in the abstract
+namespace: one for each network namespace, and gone with their process.
 
 ```text
 subscriber -> publisher   HELLO    magic, version, flags, depth           once, first
@@ -12,6 +13,8 @@ subscriber -> publisher   RETURN   offset, offset, ...                    when l
 
 from __future__ import annotations
 
+import os
+import socket
 import struct
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -19,7 +22,6 @@ from sfglab.bus.errors import BusError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
 
 PAGE_BYTES = 4096
 HEADER_BYTES = PAGE_BYTES
@@ -156,3 +158,40 @@ def unpack_returns(datagram: bytes) -> tuple[int, ...]:
     if rest or not 1 <= count <= RETURN_MAX:
         raise ProtocolError(datagram, f"a return of 8 to {RETURN_BYTES} bytes")
     return _RETURNS[count].unpack(datagram)
+
+
+_UCRED = struct.Struct("3i")  # pid, uid, gid (unix(7), SO_PEERCRED)
+_BACKLOG = 128
+
+
+def listen(name: str) -> socket.socket:
+    """Return a listening, non-blocking socket with an abstract name."""
+    sock = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET | socket.SOCK_NONBLOCK)
+    try:
+        sock.bind("\0" + name)
+        sock.listen(_BACKLOG)
+    except BaseException:
+        sock.close()
+        raise
+    return sock
+
+
+def connect(name: str) -> socket.socket:
+    """Return a non-blocking socket that is connected to an abstract name.
+
+    Raises:
+        OSError: Nobody listens there (any more).
+    """
+    sock = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET | socket.SOCK_NONBLOCK)
+    try:
+        sock.connect("\0" + name)
+    except BaseException:
+        sock.close()
+        raise
+    return sock
+
+
+def same_user(sock: socket.socket) -> bool:
+    """Return whether the peer runs as the same user as this process, or as root."""
+    _, uid, _ = _UCRED.unpack(sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED.size))
+    return uid in {os.geteuid(), 0}

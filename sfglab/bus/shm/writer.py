@@ -7,22 +7,22 @@ import select
 import time
 from contextlib import contextmanager
 from functools import partial
-from socket import send_fds
+from socket import send_fds, socket
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.errors import MessageTooLargeError, PublishError
-from sfglab.bus.shm.arena import OwnArena
 from sfglab.bus.shm.fanout import Fanout
-from sfglab.bus.shm.slots import SlotPool, slot_capacity
-from sfglab.bus.shm.sockets import listen, same_user
+from sfglab.bus.shm.memory import OwnArena, SlotPool, slot_capacity
 from sfglab.bus.shm.wire import (
     HEADER_BYTES,
     HELLO_BYTES,
     RETURN_BYTES,
     Announcement,
     ProtocolError,
+    listen,
     pack_announcement,
     pack_welcome,
+    same_user,
     unpack_hello,
     unpack_returns,
 )
@@ -31,11 +31,10 @@ from sfglab.qos import Durability, History, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from socket import socket
 
-    from sfglab.bus.bridge import LoopBridge
-    from sfglab.bus.shm.presence import Presence
-
+    from sfglab.bus.api import RawEndpoint
+    from sfglab.bus.dds.endpoints import ShmAnnouncement
+    from sfglab.bus.loop import LoopBridge
 
 _log = logging.getLogger(__name__)
 
@@ -52,43 +51,48 @@ class ShmWriter:
 
     Args:
         bridge: The node's loop.
-        presence: How it shows itself in the graph.
-        qos: What is offered.
-        max_message_bytes: The limit of one message's CDR.
+        endpoint: Topic, type and offered QoS, and the limit of one message's CDR.
+        address: Name of the socket that subscribers connect to.
+        announce: Shows it in the graph.
         notify: Called when subscribers come or go.
     """
 
     def __init__(
         self,
         bridge: LoopBridge,
-        presence: Presence,
-        qos: QoSProfile,
+        endpoint: RawEndpoint,
         *,
-        max_message_bytes: int,
+        address: str,
+        announce: Callable[[], ShmAnnouncement],
         notify: Callable[[], None],
     ) -> None:
         self._bridge = bridge
-        self._presence = presence
-        self._topic = presence.topic
-        self._limit_bytes = max_message_bytes
+        self._topic = endpoint.name
+        self._limit_bytes = endpoint.max_message_bytes
         self._notify = notify
         self._sequence = 0
-        arena_bytes = HEADER_BYTES + ARENA_MESSAGES * slot_capacity(max_message_bytes)
+        arena_bytes = HEADER_BYTES + ARENA_MESSAGES * slot_capacity(self._limit_bytes)
         self._pool = SlotPool(arena_bytes)
-        self._fanout = Fanout(self._pool, _history_depth(qos))
+        self._fanout = Fanout(self._pool, _history_depth(endpoint.qos))
         self._arena = OwnArena(arena_bytes, f"sfglab {self._topic}")
         self._connections: dict[int, socket] = {}
         self._watched: set[int] = set()
         self._hangups = select.epoll()
-        self._listener = listen(presence.address)
+        self._listener = listen(address)
         bridge.watch(self._hangups.fileno(), self._on_hangup)
         bridge.watch(self._listener.fileno(), self._accept)
-        self.gid = presence.announce()
+        self._announced = announce()
+        self.gid = self._announced.gid
 
     @property
     def matched(self) -> int:
         """How many subscribers are connected."""
         return len(self._fanout.peers)
+
+    @property
+    def matched_prefixes(self) -> frozenset[bytes]:
+        """Not known: subscribers say only where they are."""
+        return frozenset()
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
         """Copy serialized bytes into shared memory and announce them.
@@ -131,7 +135,7 @@ class ShmWriter:
         """Hang up on all subscribers and give the memory back; again is harmless."""
         if self._listener.fileno() < 0:
             return
-        self._presence.close()
+        self._announced.close()
         for fd in (self._listener.fileno(), self._hangups.fileno(), *self._connections):
             self._bridge.unwatch(fd)
         for connection in self._connections.values():

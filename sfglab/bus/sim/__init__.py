@@ -25,18 +25,18 @@ packets take on a link of limited rate; collisions and retries of a shared mediu
 
 from __future__ import annotations
 
-from sfglab.bus.sim.errors import (
+from sfglab.bus.sim.backend import SimClock, SimNode
+from sfglab.bus.sim.loop import (
+    START_NS,
     DeadlockError,
     NotSimulatedError,
     SimulationError,
     TimeLimitError,
+    VirtualLoop,
     WorldError,
 )
-from sfglab.bus.sim.link import Costs, LinkModel, Timing
-from sfglab.bus.sim.loop import START_NS, VirtualLoop
-from sfglab.bus.sim.node import SimClock, SimNode
-from sfglab.bus.sim.trace import TraceDigest, TraceEvent
-from sfglab.bus.sim.traffic import HostTraffic, KindBytes
+from sfglab.bus.sim.settings import Costs, LinkModel, Timing, TraceDigest, TraceEvent
+from sfglab.bus.sim.wire import HostTraffic, KindBytes
 from sfglab.bus.sim.world import World, run_simulated
 
 __all__ = [

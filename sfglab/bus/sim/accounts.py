@@ -1,8 +1,8 @@
-"""The books of one domain: which host sends and receives how many bytes for what.
+"""Accounts of one domain: which host sends and receives how many bytes for what.
 
 Cyclone DDS with multicast: announcements, heartbeats of discovery, and samples for more than one other host go
 to all hosts of the domain in one packet; acknowledgements and the talk with a newcomer are unicast. What is the
-same for all is booked once, on the domain, and settled when somebody asks or a participant comes or goes: so
+same for all is accounted once, on the domain, and settled when somebody asks or a participant comes or goes: so
 an announcement costs the same with ten participants and with a thousand. Refuses to know times of arrival.
 """
 
@@ -11,7 +11,6 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from sfglab.bus.sim.traffic import Load
 from sfglab.bus.sim.wire import (
     ACKNACK_BYTES,
     HEARTBEAT_BYTES,
@@ -22,6 +21,7 @@ from sfglab.bus.sim.wire import (
     MATCH_BYTES,
     PRESENCE_BYTES,
     RETRACTION_BYTES,
+    Load,
     acquaintance_bytes,
     announcement_bytes,
     departure_bytes,
@@ -32,11 +32,7 @@ from sfglab.bus.sim.wire import (
 )
 
 if TYPE_CHECKING:
-    from sfglab.bus.sim.domain import Topic
-    from sfglab.bus.sim.endpoint import Endpoint
-    from sfglab.bus.sim.loop import VirtualLoop
-    from sfglab.bus.sim.participant import Host, Participant
-
+    from sfglab.bus.sim.model import Domain, Endpoint, Host, Participant, Topic
 
 # One heartbeat of a writer covers what it has sent in this time: Cyclone's Internal/HeartbeatInterval.
 HEARTBEAT_NS = 100_000_000
@@ -48,35 +44,23 @@ class Accounts:
     """What a domain's participants send and receive.
 
     Args:
-        members: The participants; kept by the domain.
+        domain: Whose they are; of one that is a loopback interface nothing is accounted.
         network: All hosts; a multicast packet reaches them all, whether they listen or not.
-        loop: Whose time it is.
-        networked: Whether the domain spans hosts; nothing is booked of a loopback interface.
         multicast: Whether announcements and samples go by multicast; False is Cyclone's AllowMulticast=spdp.
-
-    Attributes:
-        parted: Whether the network is partitioned, so that hosts of different sides do not hear each other.
     """
 
-    def __init__(
-        self,
-        members: dict[Participant, None],
-        network: dict[str, Host],
-        loop: VirtualLoop,
-        *,
-        networked: bool,
-        multicast: bool,
-    ) -> None:
-        self._members = members
+    def __init__(self, domain: Domain, network: dict[str, Host], *, multicast: bool) -> None:
+        self._members = domain.members
         self._network = network
-        self._loop = loop
-        self._networked = networked
+        self._loop = domain.environment.loop
+        self._networked = domain.networked
         self._multicast = multicast
         self._hosts: dict[Host, int] = {}
         self._count = 0
         self._sizes: dict[tuple[Topic, bool, int, int], int] = {}
+        #: Whether the network is partitioned, so that hosts of different sides do not hear each other.
         self.parted = False
-        # Booked for every host, and for every participant, and not yet settled.
+        # Accounted for every host, and for every participant, and not yet settled.
         self._rx_host = [0] * len(Load)
         self._tx_each = [0] * len(Load)
         self._met_until_ns = -1
@@ -87,7 +71,7 @@ class Accounts:
         return self._count - self._hosts.get(participant.host, 0)
 
     def joined(self, newcomer: Participant) -> None:
-        """Book a newcomer's acquaintance with everybody; it is not yet a member."""
+        """Account a newcomer's acquaintance with everybody; it is not yet a member."""
         if not self._networked:
             return
         self.settle()
@@ -112,7 +96,7 @@ class Accounts:
             self._spread(newcomer, announcement_bytes(submessage), writer=True)
 
     def left(self, participant: Participant) -> None:
-        """Book a participant's good-bye; it is still a member."""
+        """Account a participant's good-bye; it is still a member."""
         if self._networked:
             if self.others(participant):
                 retractions = RETRACTION_BYTES * len(_presence(participant))
@@ -131,31 +115,31 @@ class Accounts:
             del self._hosts[host]
 
     def announced(self, endpoint: Endpoint) -> None:
-        """Book an endpoint's announcement."""
+        """Account an endpoint's announcement."""
         if self._networked:
             size = announcement_bytes(self._submessage(endpoint))
             self._spread(endpoint.participant, size, writer=endpoint.is_writer)
 
     def retracted(self, endpoint: Endpoint) -> None:
-        """Book an endpoint's retraction."""
+        """Account an endpoint's retraction."""
         if self._networked:
             self._spread(endpoint.participant, RETRACTION_BYTES, writer=endpoint.is_writer)
 
     def matched(self, writer: Participant, reader: Participant) -> None:
-        """Book what a reliable writer and a reader that it has found say to each other."""
+        """Account what a reliable writer and a reader that it has found say to each other."""
         if self._networked and writer.host is not reader.host:
             _unicast(writer.host, reader.host, _ACKS, MATCH_BYTES)
             _unicast(reader.host, writer.host, _ACKS, MATCH_ACKS_BYTES)
 
     def history(self, writer: Participant, reader: Participant, cdr_bytes: int) -> None:
-        """Book a latched sample's way to a late joiner."""
+        """Account a latched sample's way to a late joiner."""
         if self._networked and writer.host is not reader.host:
             there, back = history_bytes(cdr_bytes)
             _unicast(writer.host, reader.host, _DATA, there)
             _unicast(reader.host, writer.host, _ACKS, back)
 
     def sample(self, sender: Participant, targets: dict[Participant, None], size: int) -> None:
-        """Book a sample.
+        """Account a sample.
 
         Args:
             sender: Whose writer it is.
@@ -174,7 +158,7 @@ class Accounts:
         return sum(self._rx_host)
 
     def settle(self) -> None:
-        """Book on the hosts what was booked for all."""
+        """Account on the hosts what was booked for all."""
         if not self._networked:
             return
         self._tick()
@@ -197,7 +181,7 @@ class Accounts:
         return size
 
     def _spread(self, participant: Participant, size: int, *, writer: bool) -> None:
-        """Book a change of a participant's endpoints: a heartbeat covers those of 100 ms, and all answer it."""
+        """Account a change of endpoints: a heartbeat covers those of 100 ms, and all answer it."""
         if not self.others(participant):
             return
         self._to_all(participant, _DISCOVERY, size)
@@ -208,7 +192,7 @@ class Accounts:
             self._from_all(participant, ACKNACK_BYTES)
 
     def _round(self) -> None:
-        """Book that all members greet all others, as they do when somebody is new; once in 100 ms."""
+        """Account that all members greet all others, as they do when somebody is new; once in 100 ms."""
         now_ns = self._loop.now_ns
         if now_ns < self._met_until_ns:
             return
@@ -219,7 +203,7 @@ class Accounts:
                 self._from_all(member, HELLO_ROUND_ACKS_BYTES)
 
     def _tick(self) -> None:
-        """Book the periodic announcements since the last settlement, when the members were the same."""
+        """Account the periodic announcements since the last settlement, when the members were the same."""
         now_ns = self._loop.now_ns
         if now_ns == self._ticked_ns:
             return
@@ -236,7 +220,7 @@ class Accounts:
                 self._from_all(member, ticks * ACKNACK_BYTES)
 
     def _to_all(self, sender: Participant, load: Load, size: int) -> None:
-        """Book what goes to all participants of other hosts."""
+        """Account what goes to all participants of other hosts."""
         if self._multicast:
             self._to_all_hosts(sender.host, load, size)
             return
@@ -244,7 +228,7 @@ class Accounts:
             _unicast(sender.host, member.host, load, size)
 
     def _to_all_hosts(self, sender: Host, load: Load, size: int) -> None:
-        """Book one packet that every other host receives."""
+        """Account one packet that every other host receives."""
         sender.tx[load] += size
         if self.parted:
             for host in self._network.values():
@@ -254,7 +238,7 @@ class Accounts:
             sender.rx[load] -= size
 
     def _from_all(self, receiver: Participant, size: int) -> None:
-        """Book the answer of every participant of another host."""
+        """Account the answer of every participant of another host."""
         if self.parted:
             for member in self._hearers(receiver):
                 _unicast(member.host, receiver.host, _DISCOVERY_ACKS, size)

@@ -1,4 +1,4 @@
-"""An asyncio loop whose time is virtual, and the world's event list in it.
+"""An asyncio loop whose time is virtual, the world's event list in it, and what can go wrong in a simulation.
 
 Nothing ever waits: when no callback is ready, the clock jumps to the next timer or event. What is due at one
 instant runs in the order in which it was scheduled, and tasks hash by the order of their creation, so sets of
@@ -13,17 +13,85 @@ import heapq
 from itertools import count
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from sfglab.bus.sim.errors import DeadlockError, NotSimulatedError, TimeLimitError
+from sfglab.bus.errors import BusError
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable, Coroutine, Iterable
+
+_SHOWN_TASKS = 5
+
+
+class SimulationError(BusError, RuntimeError):
+    """The root of what can go wrong only in a simulation."""
+
+
+class DeadlockError(SimulationError):
+    """Everybody waits and nothing is scheduled, so nothing will ever happen again.
+
+    Attributes:
+        time_s: The virtual time, in seconds since the start.
+        waiting: Names and places of the tasks that wait, at most five.
+    """
+
+    def __init__(self, time_s: float, tasks: Iterable[asyncio.Task[object]]) -> None:
+        self.time_s = time_s
+        self.waiting = _places(tasks)
+        super().__init__(
+            f"virtual time {time_s:g} s: nothing is scheduled and nobody is done; waiting are "
+            f"{'; '.join(self.waiting)}"
+        )
+
+
+class TimeLimitError(SimulationError, TimeoutError):
+    """The simulation was not done at its virtual time limit.
+
+    Attributes:
+        limit_s: The limit, in virtual seconds since the start.
+        waiting: Names and places of the tasks that wait, at most five.
+    """
+
+    def __init__(self, limit_s: float, tasks: Iterable[asyncio.Task[object]]) -> None:
+        self.limit_s = limit_s
+        self.waiting = _places(tasks)
+        super().__init__(f"not done after {limit_s:g} s of virtual time; waiting are {'; '.join(self.waiting)}")
+
+
+class NotSimulatedError(SimulationError, NotImplementedError):
+    """Something that a simulated world does not have.
+
+    Attributes:
+        what: The thing.
+    """
+
+    def __init__(self, what: str) -> None:
+        self.what = what
+        super().__init__(f"{what} does not exist in a simulated world: it would not be reproducible")
+
+
+class WorldError(SimulationError, ValueError):
+    """A world, host or link that cannot be as asked."""
+
+
+def _places(tasks: Iterable[asyncio.Task[object]]) -> tuple[str, ...]:
+    first = sorted((task for task in tasks if not task.done()), key=hash)[:_SHOWN_TASKS]
+    return tuple(f"{task.get_name()}{_place(task.get_coro())}" for task in first)
+
+
+def _place(coroutine: Any) -> str:
+    """Return where a suspended coroutine waits: the innermost function that it awaits."""
+    while getattr(inner := getattr(coroutine, "cr_await", None), "cr_frame", None) is not None:
+        coroutine = inner
+    frame = getattr(coroutine, "cr_frame", None)
+    return "" if frame is None else f" in {frame.f_code.co_qualname}, line {frame.f_lineno}"
 
 
 START_NS = 1_767_225_600_000_000_000
 """Where virtual time begins: 2026-01-01, Unix time in nanoseconds, so that stamps look like stamps."""
 
-_NS = 1_000_000_000
-_NEVER_NS = 2**62
+NEVER_NS = 2**62
+"""Later than every time of a simulation."""
+
 _Event = tuple[int, int, "Callable[..., None]", tuple[Any, ...]]
 
 
@@ -42,19 +110,19 @@ class VirtualLoop(asyncio.BaseEventLoop):
         super().__init__()
         self.now_ns = 0
         self.events = 0
-        self._limit_ns = None if limit_s is None else round(limit_s * _NS)
+        self._limit_ns = None if limit_s is None else round(limit_s * NS_PER_S)
         self._schedule: list[_Event] = []
         self._numbers = count()
         self._task_numbers = count()
         # What `BaseEventLoop` asks to wait; and how far apart two times may be and count as one.
         self._selector = self
-        self._clock_resolution = 1 / _NS
+        self._clock_resolution = 1 / NS_PER_S
         self._scheduled: list[asyncio.TimerHandle] = []
         self.set_task_factory(_new_task)  # type: ignore[arg-type]  # called with keywords the stub leaves out
 
     def time(self) -> float:
         """Return the virtual time since the start, in seconds."""
-        return self.now_ns / _NS
+        return self.now_ns / NS_PER_S
 
     def at(self, time_ns: int, function: Callable[..., None], *arguments: Any) -> None:
         """Call a function at a virtual time; now if that is past."""
@@ -91,10 +159,10 @@ class VirtualLoop(asyncio.BaseEventLoop):
         A task that is woken just before its time would wait again, for less than the clock can show.
         """
         if not self._scheduled:
-            return _NEVER_NS
+            return NEVER_NS
         when_s = self._scheduled[0].when()
-        when_ns = max(self.now_ns, round(when_s * _NS))
-        return when_ns + (when_ns / _NS < when_s)
+        when_ns = max(self.now_ns, round(when_s * NS_PER_S))
+        return when_ns + (when_ns / NS_PER_S < when_s)
 
     def _process_events(self, event_list: list[_Event]) -> None:
         self.events += len(event_list)
@@ -103,7 +171,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
 
     def _give_up(self) -> None:
         assert self._limit_ns is not None
-        limit_s = self._limit_ns / _NS
+        limit_s = self._limit_ns / NS_PER_S
         self._limit_ns = None  # the tasks still have to be cancelled
         raise TimeLimitError(limit_s, asyncio.all_tasks(self))
 

@@ -1,21 +1,53 @@
-"""Who knows of which endpoint: the one truth, as a function of what has happened so far.
+"""Views of endpoints: who knows of which, as a function of what has happened so far.
 
 Each participant has a view of its own, since news take time, leases run out, and partitions keep news away.
-Refuses to know who listens: `domain` tells observers at the instants at which a view changes.
+Refuses to know who listens: `discovery` tells observers at the instants at which a view changes.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sfglab.bus.sim.knowledge import NEVER_NS, Gap, known_spans
+from sfglab.bus.sim.loop import NEVER_NS, VirtualLoop
 
 if TYPE_CHECKING:
-    from sfglab.bus.sim.clockwork import Clockwork
-    from sfglab.bus.sim.endpoint import Endpoint
-    from sfglab.bus.sim.loop import VirtualLoop
-    from sfglab.bus.sim.participant import Participant, Partition
+    from sfglab.bus.sim.model import Endpoint, Participant, Partition
+    from sfglab.bus.sim.settings import Clockwork
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """A time in which two participants do not hear each other."""
+
+    start_ns: int  #: From when on.
+    end_ns: int  #: Until when; `NEVER_NS` while it lasts.
+    lost_ns: int  #: When the silent one's lease runs out.
+    back_ns: int  #: When the two know of each other what there is to know, after the end.
+
+
+def known_spans(learnt_ns: int, forgotten_ns: int, gaps: list[Gap]) -> list[tuple[int, int]]:
+    """Return from when until when an endpoint is known.
+
+    Args:
+        learnt_ns: When its announcement arrives, without gaps.
+        forgotten_ns: When its retraction arrives, or its participant's lease runs out, without gaps.
+        gaps: In the order of time, apart from each other.
+    """
+    spans = []
+    start, end = learnt_ns, forgotten_ns
+    for gap in gaps:
+        if end <= gap.start_ns or start >= gap.end_ns:
+            continue
+        if start > gap.start_ns:
+            start = NEVER_NS if end < gap.end_ns else gap.back_ns  # it came, and perhaps went, unheard
+        elif end < gap.end_ns:
+            end = min(gap.lost_ns, gap.back_ns)  # it went unheard
+        elif gap.lost_ns < gap.end_ns:
+            spans.append((start, gap.lost_ns))
+            start = gap.back_ns
+    return [*spans, (start, end)] if start < end else spans
 
 
 _CROSSINGS = 4

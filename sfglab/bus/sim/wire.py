@@ -1,4 +1,4 @@
-"""How many bytes the RTPS of Cyclone DDS puts on an Ethernet: sizes only, no packets.
+"""Bytes that the RTPS of Cyclone DDS puts on an Ethernet, sizes only, and their sums by what they are for.
 
 Knows headers and submessages (RTPS 2.5, clause 9.4), parameter lists (clause 9.6.3), and which packets
 Cyclone DDS 11.0.1 sends for what, as captured between network namespaces. Refuses to know who sends to whom.
@@ -7,15 +7,78 @@ All sizes are bytes of Ethernet frames without their checksums, as an interface 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from enum import IntEnum
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.messages import TypeNameError, dds_type_name
 from sfglab.messages.store import type_store
 from sfglab.qos import Durability, History, QoSProfile, Reliability
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sfglab.bus.api import EndpointInfo
+
+
+class Load(IntEnum):
+    """What bytes are for."""
+
+    DATA = 0
+    """Samples, with the heartbeats in their packets."""
+    ACKS = 1
+    """Heartbeats and acknowledgements of samples."""
+    DISCOVERY = 2
+    """Participants and endpoints that announce themselves, and liveliness."""
+    DISCOVERY_ACKS = 3
+    """Heartbeats and acknowledgements of discovery."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KindBytes:
+    """Bytes of Ethernet frames in one direction, by what they were for."""
+
+    data: int = 0  #: Samples, with the heartbeats in their packets.
+    acks: int = 0  #: Heartbeats and acknowledgements of samples.
+    discovery: int = 0  #: Announcements of participants and endpoints, and of liveliness.
+    discovery_acks: int = 0  #: Heartbeats and acknowledgements of discovery.
+
+    @property
+    def total(self) -> int:
+        """All of them."""
+        return self.data + self.acks + self.discovery + self.discovery_acks
+
+    @classmethod
+    def of(cls, counts: Sequence[int]) -> Self:
+        """Return counts by `Load` as a value."""
+        return cls(
+            data=counts[Load.DATA],
+            acks=counts[Load.ACKS],
+            discovery=counts[Load.DISCOVERY],
+            discovery_acks=counts[Load.DISCOVERY_ACKS],
+        )
+
+    def since(self, earlier: KindBytes) -> KindBytes:
+        """Return what has come on top of an earlier count."""
+        return KindBytes(
+            data=self.data - earlier.data,
+            acks=self.acks - earlier.acks,
+            discovery=self.discovery - earlier.discovery,
+            discovery_acks=self.discovery_acks - earlier.discovery_acks,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HostTraffic:
+    """What one host's interface to the network has carried."""
+
+    rx: KindBytes = KindBytes()  #: Into the host.
+    tx: KindBytes = KindBytes()  #: Out of it.
+
+    def since(self, earlier: HostTraffic) -> HostTraffic:
+        """Return what has come on top of an earlier count."""
+        return HostTraffic(rx=self.rx.since(earlier.rx), tx=self.tx.since(earlier.tx))
 
 
 _ETHERNET, _IP, _UDP = 14, 20, 8
@@ -49,7 +112,7 @@ MATCH_ACKS_BYTES = 2 * ACKNACK_BYTES
 """What the reader says: once of its own accord, once to the heartbeat; captured were 1 to 2."""
 
 PRESENCE_BYTES = 380
-"""The DATA submessage that announces a node's writer of `ros_discovery_info`; see `sfglab.bus.dds.presence`."""
+"""The DATA submessage that announces a node's writer of `ros_discovery_info` (`sfglab.bus.dds.discovery`)."""
 
 _SEDP_PACKET = 1456  # Cyclone's Internal/MaxRexmitMessageSize: how much repeated data shares a packet
 

@@ -7,34 +7,27 @@ whose time is virtual.
 from __future__ import annotations
 
 import asyncio
-from itertools import count
 from random import Random
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack, get_args
 
-from sfglab import names
-from sfglab.bus.dds.config import DomainConfig
-from sfglab.bus.sim.channel import Network
-from sfglab.bus.sim.clockwork import Clockwork, ns_from_s
-from sfglab.bus.sim.decoding import SharedDecoder
-from sfglab.bus.sim.domain import Domain
-from sfglab.bus.sim.errors import WorldError
-from sfglab.bus.sim.link import Costs, LinkModel, Timing
-from sfglab.bus.sim.loop import VirtualLoop
-from sfglab.bus.sim.node import SimNode
-from sfglab.bus.sim.participant import Host, Participant, Partition, Process
-from sfglab.bus.sim.services import Services
-from sfglab.bus.sim.trace import TraceEvent
-from sfglab.bus.sim.traffic import HostTraffic, KindBytes
+from sfglab.bus.api import HOST_KEY, NODE_KEY, user_data
+from sfglab.bus.dds.domain import DomainConfig
+from sfglab.bus.sim.accounts import Accounts
+from sfglab.bus.sim.backend import Fabric, SimBackend, SimNode
+from sfglab.bus.sim.discovery import Discovery
+from sfglab.bus.sim.loop import VirtualLoop, WorldError
+from sfglab.bus.sim.model import Domain, Environment, Host, Participant, Partition, Process, new_host
+from sfglab.bus.sim.network import Network, Services
+from sfglab.bus.sim.settings import Clockwork, Costs, LinkModel, Timing, TraceEvent, ns_from_s
 from sfglab.bus.sim.views import Views
-from sfglab.bus.userdata import HOST_KEY, NODE_KEY, user_data
-from sfglab.qos import QoSProfile, incompatibilities
+from sfglab.bus.sim.wire import HostTraffic, KindBytes
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
-    from typing import Unpack
 
-    from sfglab.bus.calls import OnError
-
+    from sfglab.bus.backend import Backend
+    from sfglab.bus.loop import OnError
 
 T = TypeVar("T")
 Reach = Literal["network", "host"]
@@ -61,7 +54,7 @@ class WorldOptions(TypedDict, total=False):
     lean_services: bool
 
 
-class World:
+class World(Environment):
     """Hosts on a network, and the nodes on them; inside a `VirtualLoop`.
 
     Args:
@@ -73,10 +66,6 @@ class World:
         lean_services: Hand a service's reply only to the participant that asked, not to all who have a client
             of that service and would ignore it. Bytes are booked, and costs charged, as if all had got it:
             without this, n clients of n services cost n**3 deliveries.
-
-    Attributes:
-        random: Draws what is left to chance; components may draw from it too.
-        hosts: By name.
     """
 
     def __init__(  # noqa: PLR0913 - what a world can be set to, by keyword
@@ -92,29 +81,18 @@ class World:
         loop = asyncio.get_running_loop()
         if not isinstance(loop, VirtualLoop):
             raise WorldError("a world needs virtual time: use it inside run_simulated")
-        self.loop = loop
+        super().__init__(loop, Clockwork.of(timing or Timing(), costs or Costs()))
         self.seed = seed
-        self.random = Random(seed)
-        self.hosts: dict[str, Host] = {}
-        self.multicast = multicast
-        self.clockwork = Clockwork.of(timing or Timing(), costs or Costs())
-        self.views = Views(loop, self.clockwork, seed)
-        self.network = Network(loop, self.clockwork, self.random)
-        self.services = Services(self.network) if lean_services else None
-        self.trace: Callable[[str, bytes, bytes], None] | None = None
+        self.random = Random(seed)  #: Draws what is left to chance; components may draw from it too.
+        self.hosts: dict[str, Host] = {}  #: By name.
+        self._views = Views(loop, self.clockwork, seed)
+        self._network = Network(loop, self.clockwork, self.random)
+        self._fabric = Fabric(self._network, Services() if lean_services else None, self.random)
+        self._multicast = multicast
         self._link = link or LinkModel()
-        self._domains: dict[tuple[int, Host | None], Domain] = {}
+        self._domains: dict[tuple[int, Host | None], Discovery] = {}
         self._processes: dict[tuple[Host, str], Process] = {}
         self._nodes: dict[SimNode, None] = {}
-        self._numbers = count()
-        self._shapes: dict[tuple[str, str, QoSProfile], int] = {}
-        self._compatible: dict[tuple[int, int], bool] = {}
-        self._decoders: dict[str, SharedDecoder] = {}
-
-    @property
-    def now_ns(self) -> int:
-        """The virtual time since the start, in nanoseconds."""
-        return self.loop.now_ns
 
     def host(self, name: str, link: LinkModel | None = None) -> Host:
         """Return a host, made if there is none of that name yet.
@@ -126,8 +104,8 @@ class World:
         host = self.hosts.get(name)
         if host is None:
             self._settle()  # what was sent so far did not reach it
-            host = self.hosts[name] = Host(name, self._link, self.seed)
-            self.network.note(self._link)
+            host = self.hosts[name] = new_host(name, self._link, self.seed)
+            self._network.note(self._link)
         if link is not None:
             self.set_link(name, link)
         return host
@@ -161,17 +139,16 @@ class World:
             raise WorldError(f"node {name!r}: reach: given {reach!r}, allowed are {', '.join(get_args(Reach))}")
         config = DomainConfig(domain_id=domain_id, lease_s=options.get("lease_s", 10.0))
         where = self.host(host)
-        namespace = options.get("namespace", "/")
-        full_name = names.resolve(name, namespace, node_name=name)
-        process = self._process(where, options.get("process", f"node {self.new_number()}"))
-        domain = self._domain(domain_id, None if reach == "network" else where)
-        participant = Participant(domain, where, process, name=full_name, number=self.new_number())
-        participant.user_data = user_data({"enclave": "/", NODE_KEY: full_name, HOST_KEY: where.id})
-        participant.presence = options.get("presence", True)
-        participant.lease_ns = ns_from_s(config.lease_s)
-        participant.interval_ns = ns_from_s(config.lease_s * self.clockwork.announcement_share)
-        domain.join(participant)
-        node = SimNode(participant, name, namespace=namespace, on_error=options.get("on_error"))
+        discovery = self._domain(domain_id, None if reach == "network" else where)
+
+        def join(full_name: str, on_error: OnError | None) -> Backend:
+            participant = self._participant(full_name, where, discovery.domain, config.lease_s, options)
+            discovery.join(participant)
+            return SimBackend(participant, discovery, self._fabric, on_error)
+
+        namespace, on_error = options.get("namespace", "/"), options.get("on_error")
+        node = SimNode(name, namespace=namespace, on_error=on_error, join=join)
+        node.start()
         self._nodes[node] = None
         return node
 
@@ -192,7 +169,7 @@ class World:
     def set_link(self, host: str, link: LinkModel) -> None:
         """Change a host's link for what is sent from now on; discovery goes by the link at the node's start."""
         self.host(host).set_link(link)
-        self.network.note(link)
+        self._network.note(link)
         self._reroute()
 
     def partition(self, *groups: set[str]) -> None:
@@ -201,7 +178,7 @@ class World:
         Raises:
             WorldError: It is cut already, or a host is named twice.
         """
-        partitions = self.views.partitions
+        partitions = self._views.partitions
         if partitions and partitions[-1].lasts:
             raise WorldError("partition: the network is cut already; heal it first")
         sides: dict[Host, int] = {}
@@ -214,22 +191,22 @@ class World:
         self._set_sides(sides)
         partitions.append(Partition(self.loop.now_ns, sides))
         self._note("part", b"", repr([sorted(group) for group in groups]).encode())
-        for one, other in self._apart(partitions[-1]):
-            self.loop.at(self.loop.now_ns + other.lease_ns, one.domain.review, one, other)
+        for discovery, one, other in self._apart(partitions[-1]):
+            self.loop.at(self.loop.now_ns + other.lease_ns, discovery.review, one, other)
 
     def heal(self) -> None:
         """Join the network again; harmless if it is whole."""
-        partitions = self.views.partitions
+        partitions = self._views.partitions
         if not partitions or not partitions[-1].lasts:
             return
         self._settle()
         self._set_sides({})
         partitions[-1].end_ns = self.loop.now_ns
         self._note("heal", b"", b"")
-        for one, other in self._apart(partitions[-1]):
+        for discovery, one, other in self._apart(partitions[-1]):
             # Now too: news that were due at this very instant have arrived after all.
-            for time_ns in (self.loop.now_ns, self.views.gaps(one, other)[-1].back_ns):
-                self.loop.at(time_ns, one.domain.review, one, other)
+            for time_ns in (self.loop.now_ns, self._views.gaps(one, other)[-1].back_ns):
+                self.loop.at(time_ns, discovery.review, one, other)
 
     def traffic(self) -> dict[str, HostTraffic]:
         """Return what each host's interface to the network has carried so far, by host name."""
@@ -243,11 +220,11 @@ class World:
         """Return how many bytes a host's interface has received so far; cheaper than `traffic`."""
         booked = self.host(host)
         domains = [d for (_, local), d in self._domains.items() if local is None]
-        return sum(booked.rx) + sum(domain.accounts.pending_rx() for domain in domains)
+        return sum(booked.rx) + sum(discovery.accounts.pending_rx() for discovery in domains)
 
     def census(self, domain_id: int = 0) -> tuple[int, int]:
         """Return how many endpoints a domain of the network has now, and how many it has had so far."""
-        domain = self._domain(domain_id, None)
+        domain = self._domain(domain_id, None).domain
         return sum(len(t.writers) + len(t.readers) for t in domain.topics.values()), domain.announced
 
     def spent_s(self, host: str) -> float:
@@ -255,11 +232,11 @@ class World:
         own_ns = sum(process.spent_ns for (where, _), process in self._processes.items() if where.name == host)
         crowds_ns = sum(
             member.domain.crowd.spent_ns - member.crowd_ns
-            for domain in self._domains.values()
-            for member in domain.members
+            for discovery in self._domains.values()
+            for member in discovery.domain.members
             if member.host.name == host
         )
-        return (own_ns + crowds_ns) / 1e9
+        return (own_ns + crowds_ns) / NS_PER_S
 
     def trace_to(self, sink: Callable[[TraceEvent], None] | None) -> None:
         """Give everything that happens from now on to a sink; None to nobody."""
@@ -270,35 +247,29 @@ class World:
         for node in self._nodes:
             node.destroy_node()
 
-    def new_number(self) -> int:
-        """Return a number that nothing else in this world has."""
-        return next(self._numbers)
-
-    def shape(self, type_: str, transport: str, qos: QoSProfile) -> int:
-        """Return the number that stands for an endpoint's type, transport and QoS."""
-        return self._shapes.setdefault((type_, transport, qos), len(self._shapes))
-
-    def compatible(self, offered: int, requested: int) -> bool:
-        """Return whether a writer of one shape and a reader of another can match."""
-        found = self._compatible.get((offered, requested))
-        if found is None:
-            shapes = list(self._shapes)
-            theirs, ours = shapes[offered], shapes[requested]
-            found = theirs[:2] == ours[:2] and not incompatibilities(offered=theirs[2], requested=ours[2])
-            self._compatible[offered, requested] = found
-        return found
-
-    def decoder(self, type_: str) -> SharedDecoder:
-        """Return what decodes a type's messages for all who receive them."""
-        if type_ not in self._decoders:
-            self._decoders[type_] = SharedDecoder(type_)
-        return self._decoders[type_]
-
-    def _domain(self, domain_id: int, host: Host | None) -> Domain:
+    def _domain(self, domain_id: int, host: Host | None) -> Discovery:
         key = (domain_id, host)
         if key not in self._domains:
-            self._domains[key] = Domain(self, networked=host is None)
+            domain = Domain(self, networked=host is None)
+            accounts = Accounts(domain, self.hosts, multicast=self._multicast)
+            self._domains[key] = Discovery(domain, accounts, self._views, self._network)
         return self._domains[key]
+
+    def _participant(
+        self, full_name: str, host: Host, domain: Domain, lease_s: float, options: NodeOptions
+    ) -> Participant:
+        process = self._process(host, options.get("process", f"node {self.new_number()}"))
+        return Participant(
+            domain,
+            host,
+            process,
+            name=full_name,
+            number=self.new_number(),
+            user_data=user_data({"enclave": "/", NODE_KEY: full_name, HOST_KEY: host.id}),
+            presence=options.get("presence", True),
+            lease_ns=ns_from_s(lease_s),
+            interval_ns=ns_from_s(lease_s * self.clockwork.announcement_share),
+        )
 
     def _process(self, host: Host, name: str) -> Process:
         process = self._processes.get((host, name))
@@ -307,34 +278,34 @@ class World:
             process.occupy(self.loop.now_ns, self.clockwork.start_cost_ns)
         return process
 
-    def _apart(self, partition: Partition) -> list[tuple[Participant, Participant]]:
+    def _apart(self, partition: Partition) -> list[tuple[Discovery, Participant, Participant]]:
         """Return the ordered pairs of participants that a partition separates."""
         return [
-            (one, other)
-            for (_, host), domain in self._domains.items()
+            (discovery, one, other)
+            for (_, host), discovery in self._domains.items()
             if host is None
-            for one in domain.members
-            for other in domain.members
+            for one in discovery.domain.members
+            for other in discovery.domain.members
             if partition.separates(one, other)
         ]
 
     def _set_sides(self, sides: dict[Host, int]) -> None:
         for host in self.hosts.values():
             host.side = sides.get(host, 0)
-        for domain in self._domains.values():
-            domain.accounts.parted = bool(sides)
-        self.network.varies = True  # from now on every packet is looked at
+        for discovery in self._domains.values():
+            discovery.accounts.parted = bool(sides)
+        self._network.varies = True  # from now on every packet is looked at
         self._reroute()
 
     def _reroute(self) -> None:
-        for domain in self._domains.values():
-            for topic in domain.topics.values():
+        for discovery in self._domains.values():
+            for topic in discovery.domain.topics.values():
                 for writer in topic.writers:
                     writer.reroute()
 
     def _settle(self) -> None:
-        for domain in self._domains.values():
-            domain.settle()
+        for discovery in self._domains.values():
+            discovery.settle()
 
     def _tracer(self, sink: Callable[[TraceEvent], None]) -> Callable[[str, bytes, bytes], None]:
         def trace(what: str, gid: bytes, data: bytes) -> None:

@@ -4,28 +4,82 @@ from __future__ import annotations
 
 from collections import deque
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from sfglab.bus.errors import InvalidMessageError, MessageTooLargeError
-from sfglab.bus.sim.audience import Audience
-from sfglab.bus.sim.channel import Channel
-from sfglab.bus.sim.endpoint import Endpoint, Item
 from sfglab.bus.sim.loop import START_NS
-from sfglab.bus.sim.wire import (
-    data_bytes,
-)
+from sfglab.bus.sim.model import Endpoint, Item, Participant
+from sfglab.bus.sim.network import Channel, Network, Reader, Services
+from sfglab.bus.sim.wire import ACKNACK_BYTES, Load, data_bytes
 from sfglab.messages import CdrError, serialize
-from sfglab.qos import Durability, History, Reliability
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
-    from sfglab.bus.sim.participant import Participant
-    from sfglab.bus.sim.reader import Reader
-
+    from sfglab.bus.sim.accounts import Accounts
 
 # A reader acknowledges at once what comes after so long a silence, and a burst once.
 _QUIET_NS = 100_000_000
+
+
+class Audience:
+    """The readers that a writer knows, by participant, and the ACKNACKs that they owe to the accounts.
+
+    Each ACKNACK is accounted at once with the writer, and with the readers' hosts only when somebody asks
+    or they leave: so it costs the same however many readers there are.
+
+    Args:
+        owner: Whose writer it is.
+    """
+
+    __slots__ = ("_owing", "_owner", "_readers", "_rounds", "remote")
+
+    def __init__(self, owner: Participant) -> None:
+        self.remote: dict[Participant, None] = {}  #: The participants on other hosts that have readers of it.
+        self._owner = owner
+        self._readers: dict[Participant, list[Reader]] = {}
+        self._owing: dict[Participant, int] = {}
+        self._rounds = 0
+
+    def add(self, reader: Reader, *, acknowledges: bool) -> None:
+        """Take in a reader."""
+        participant = reader.participant
+        self._readers.setdefault(participant, []).append(reader)
+        if participant.host is not self._owner.host:
+            self.remote[participant] = None
+            if acknowledges:
+                self._owing.setdefault(participant, self._rounds)
+
+    def remove(self, reader: Reader) -> None:
+        """Let a reader go."""
+        participant = reader.participant
+        readers = self._readers[participant]
+        readers.remove(reader)
+        if not readers:
+            del self._readers[participant]
+            self.remote.pop(participant, None)
+            self._pay(participant)
+            self._owing.pop(participant, None)
+
+    def readers_of(self, participant: Participant) -> tuple[Reader, ...]:
+        """Return a participant's readers."""
+        return tuple(self._readers.get(participant, ()))
+
+    def acknowledge(self) -> None:
+        """Account one ACKNACK from each reliable remote reader."""
+        self._rounds += 1
+        self._owner.host.rx[Load.ACKS] += ACKNACK_BYTES * len(self._owing)
+
+    def settle(self) -> None:
+        """Account with the readers' hosts what they have sent."""
+        for participant in self._owing:
+            self._pay(participant)
+
+    def _pay(self, participant: Participant) -> None:
+        since = self._owing.get(participant)
+        if since is not None:
+            participant.host.tx[Load.ACKS] += ACKNACK_BYTES * (self._rounds - since)
+            self._owing[participant] = self._rounds
 
 
 class Writer(Endpoint):
@@ -33,45 +87,49 @@ class Writer(Endpoint):
 
     Args:
         options: As for `Endpoint`.
+        network: What delivers them.
+        accounts: Of the domain.
+        services: Who asked, when replies go only there; None: replies go to all.
+        check: Raises `CdrError` for bytes that are no message; None takes all.
         limit_bytes: The longest sample over shared memory.
-
-    Attributes:
-        audience: The readers that it knows.
-        reliable: Whether lost samples are repeated.
-        depth: How many samples can be repeated; None is all.
-        sequence: The number of the latest sample.
-        lifespan_ns: After how long samples expire; None is never.
     """
 
     __slots__ = (
+        "_accounts",
         "_acked_ns",
+        "_audience",
         "_channels",
+        "_check",
         "_in_burst",
         "_kept",
         "_late",
         "_limit_bytes",
+        "_network",
         "_routes",
         "_sent_ns",
-        "audience",
-        "depth",
-        "lifespan_ns",
-        "reliable",
-        "sequence",
+        "_services",
     )
 
     is_writer = True
 
-    def __init__(self, *options: Any, limit_bytes: int | None = None, **more: Any) -> None:
+    def __init__(
+        self,
+        *options: Any,
+        network: Network,
+        accounts: Accounts,
+        services: Services | None,
+        check: Callable[[bytes], Any] | None = None,
+        limit_bytes: int | None = None,
+        **more: Any,
+    ) -> None:
         super().__init__(*options, **more)
-        qos = self.info.qos
-        self.audience = Audience(self.participant)
-        self.reliable = qos.reliability is Reliability.RELIABLE
-        self.depth = qos.depth if qos.history is History.KEEP_LAST else None
-        self.lifespan_ns = qos.lifespan_ns
-        self.sequence = 0
+        self._audience = Audience(self.participant)
+        self._network = network
+        self._accounts = accounts
+        self._services = services
+        self._check = check
         self._limit_bytes = limit_bytes
-        latched = qos.durability is Durability.TRANSIENT_LOCAL
-        self._kept: deque[Item] | None = deque(maxlen=self.depth) if latched else None
+        self._kept: deque[Item] | None = deque(maxlen=self.depth) if self.latched else None
         self._late: dict[Reader, list[Item]] = {}
         # By delay, the readers that samples reach so late; None when that has to be found out again.
         self._routes: dict[int, tuple[Reader, ...]] | None = {}
@@ -82,7 +140,7 @@ class Writer(Endpoint):
 
     def write_message(self, message: Any) -> None:
         """Serialize and send."""
-        self.forward(serialize(message))
+        self._forward(serialize(message))
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
         """Send serialized bytes.
@@ -92,42 +150,14 @@ class Writer(Endpoint):
             MessageTooLargeError: They are above the limit of a shared-memory publisher.
         """
         data = cdr if isinstance(cdr, bytes) else bytes(cdr)
-        if self.info.transport == "dds":
+        if self._check is not None:
             try:
-                self._world.decoder(self.info.type)(data)
+                self._check(data)
             except CdrError as error:
                 raise InvalidMessageError(
                     self.info.topic, self.info.type, size_bytes=len(data), reason=error.reason
                 ) from error
-        self.forward(data, source_timestamp_ns)
-
-    def forward(self, cdr: bytes, source_timestamp_ns: int | None = None) -> None:
-        """Send bytes that are known to be a message.
-
-        Raises:
-            MessageTooLargeError: They are above the limit of a shared-memory publisher.
-        """
-        if self._limit_bytes is not None:
-            self._check_size(len(cdr))
-        now_ns = self._loop.now_ns
-        self.sequence += 1
-        item = (self.sequence, cdr, START_NS + now_ns if source_timestamp_ns is None else source_timestamp_ns)
-        self.participant.last_sent_ns = now_ns
-        if self._world.trace is not None:
-            self._world.trace("send", self.gid, cdr)
-        if self._kept is not None:
-            self._kept.append(item)
-        if self._late:
-            for late in self._late.values():
-                late.append(item)
-        if self._routes is None:
-            self._routes = self._find_routes()
-        routes = self._routes if self._world.services is None else self._world.services.routes(self, cdr)
-        for delay_ns, readers in (self._routes if routes is None else routes).items():
-            self._loop.at(now_ns + delay_ns, self._world.network.deliver, self, readers, item)
-            self._acked_ns = max(self._acked_ns, now_ns + 2 * delay_ns)
-        if self.audience.remote and self.info.transport == "dds":
-            self._transmit(item, now_ns)
+        self._forward(data, source_timestamp_ns)
 
     def wait_for_acks(self, _timeout_s: float) -> bool:
         """Return whether all reliable readers have everything; nothing can block here."""
@@ -147,24 +177,23 @@ class Writer(Endpoint):
         self._check_size(size_bytes)
         memory = bytearray(size_bytes)
         yield memoryview(memory)
-        self.forward(bytes(memory))
+        self._forward(bytes(memory))
 
     def learn(self, endpoint: Endpoint) -> None:
         """Send to a reader from now on; a late joiner hears the history first."""
         if not self.is_open or endpoint in self.peers:
             return
-        reader: Reader = endpoint  # type: ignore[assignment]  # nothing else is on the other side
+        reader = cast("Reader", endpoint)  # nothing else is on the other side
         self.peers[reader] = 0
         acknowledges = self.reliable and reader.reliable
-        self.audience.add(reader, acknowledges=acknowledges)
-        accounts = self.participant.domain.accounts
+        self._audience.add(reader, acknowledges=acknowledges)
         if acknowledges and self.info.transport == "dds":
-            accounts.matched(self.participant, reader.participant)
+            self._accounts.matched(self.participant, reader.participant)
         if self._kept and reader.latched:
             self._late[reader] = list(self._kept)
             for _, cdr, _ in self._kept:
-                accounts.history(self.participant, reader.participant, len(cdr))
-            delay_ns = self._world.network.delay_ns(self, reader) + self._world.clockwork.history_ns
+                self._accounts.history(self.participant, reader.participant, len(cdr))
+            delay_ns = self._network.delay_ns(self, reader) + self._environment.clockwork.history_ns
             self._loop.at(self._loop.now_ns + delay_ns, self._catch_up, reader)
         else:
             self._add_route(reader)
@@ -173,10 +202,11 @@ class Writer(Endpoint):
     def forget(self, endpoint: Endpoint) -> None:
         """Send to a reader no more."""
         if endpoint in self.peers:
-            self.audience.remove(endpoint)  # type: ignore[arg-type]  # it is a reader
-            self._late.pop(endpoint, None)  # type: ignore[call-overload]
+            reader = cast("Reader", endpoint)
+            self._audience.remove(reader)
+            self._late.pop(reader, None)
             self._routes = None
-            if not self.audience.readers_of(endpoint.participant):
+            if not self._audience.readers_of(endpoint.participant):
                 for key in [key for key in self._channels if key[0] is endpoint.participant]:
                     self._channels.pop(key).end()
         super().forget(endpoint)
@@ -185,14 +215,56 @@ class Writer(Endpoint):
         """Look again how samples get to the readers."""
         self._routes = None if self.is_open else {}
 
+    def settle(self) -> None:
+        """Account with the readers' hosts the ACKNACKs that they have sent."""
+        self._audience.settle()
+
     def silence(self) -> None:
         """Let it send nothing more."""
-        self.audience.settle()
-        self.audience = Audience(self.participant)
+        self._audience.settle()
+        self._audience = Audience(self.participant)
         self._routes = {}
         self._late.clear()
         self._channels.clear()
         super().silence()
+
+    def _forward(self, cdr: bytes, source_timestamp_ns: int | None = None) -> None:
+        """Send bytes that are known to be a message."""
+        if self._limit_bytes is not None:
+            self._check_size(len(cdr))
+        now_ns = self._loop.now_ns
+        self.sequence += 1
+        item = (self.sequence, cdr, START_NS + now_ns if source_timestamp_ns is None else source_timestamp_ns)
+        self.participant.last_sent_ns = now_ns
+        if self._environment.trace is not None:
+            self._environment.trace("send", self.gid, cdr)
+        if self._kept is not None:
+            self._kept.append(item)
+        for late in self._late.values():
+            late.append(item)
+        for delay_ns, readers in self._ways(cdr).items():
+            self._loop.at(now_ns + delay_ns, self._network.deliver, self, readers, item)
+            self._acked_ns = max(self._acked_ns, now_ns + 2 * delay_ns)
+        if self._audience.remote and self.info.transport == "dds":
+            self._transmit(item, now_ns)
+
+    def _ways(self, cdr: bytes) -> dict[int, tuple[Reader, ...]]:
+        """Return the readers of a sample by its delay, apart from those that channels lead to."""
+        if self._routes is None:
+            self._routes = self._find_routes()
+        asker = None if self._services is None else self._services.asker(self, cdr)
+        if asker is None:
+            return self._routes
+        readers = self._audience.readers_of(asker)
+        self._charge_reply()
+        return {self._network.delay_ns(self, readers[0]): readers} if readers else {}
+
+    def _charge_reply(self) -> None:
+        """Let a reply cost everybody on average what it costs those who ignore it."""
+        cost_ns, domain = self._network.message_cost_ns, self.participant.domain
+        if cost_ns and domain.members:
+            share = (self.matched - 1) / len(domain.members)
+            domain.crowd.occupy(self._loop.now_ns, round(share * cost_ns))
 
     def _catch_up(self, reader: Reader) -> None:
         items = self._late.pop(reader, None)
@@ -207,28 +279,27 @@ class Writer(Endpoint):
             raise MessageTooLargeError(self.info.topic, size_bytes=size_bytes, limit_bytes=self._limit_bytes)
 
     def _add_route(self, reader: Reader) -> None:
-        network = self._world.network
-        if self._routes is None or (network.varies and self._is_away(reader)):
+        if self._routes is None or (self._network.varies and self._is_away(reader)):
             self._routes = None
         else:
             # A new tuple: what is on its way already is not for this reader.
-            delay_ns = network.delay_ns(self, reader)
+            delay_ns = self._network.delay_ns(self, reader)
             self._routes[delay_ns] = (*self._routes.get(delay_ns, ()), reader)
 
     def _find_routes(self) -> dict[int, tuple[Reader, ...]]:
         """Group the readers by how long samples take to them; those on links that vary get channels."""
-        network = self._world.network
         groups: dict[int, list[Reader]] = {}
         channels: dict[tuple[Participant, bool], Channel] = {}
         for reader in self.peers:
             if reader in self._late:
                 continue
-            if not (network.varies and self._is_away(reader)):
-                groups.setdefault(network.delay_ns(self, reader), []).append(reader)
+            if not (self._network.varies and self._is_away(reader)):
+                groups.setdefault(self._network.delay_ns(self, reader), []).append(reader)
                 continue
             key = (reader.participant, self.reliable and reader.reliable)
             if key not in channels:
-                channels[key] = self._channels.get(key) or Channel(self, key[0], reliable=key[1])
+                known = self._channels.get(key)
+                channels[key] = known or Channel(self, key[0], self._accounts, reliable=key[1])
                 channels[key].readers = ()
             channels[key].readers += (reader,)
         self._channels = channels
@@ -238,15 +309,14 @@ class Writer(Endpoint):
         return reader.participant.host is not self.participant.host
 
     def _transmit(self, item: Item, now_ns: int) -> None:
-        """Put a sample on the network: into the books, and into the channels if links vary."""
-        accounts = self.participant.domain.accounts
+        """Put a sample on the network: into the accounts, and into the channels if links vary."""
         size = data_bytes(len(item[1]), reliable=self.reliable)
-        accounts.sample(self.participant, self.audience.remote, size)
+        self._accounts.sample(self.participant, self._audience.remote, size)
         if self.reliable:
             quiet = now_ns - self._sent_ns >= _QUIET_NS
             if quiet or not self._in_burst:
-                self.audience.acknowledge()
+                self._audience.acknowledge()
             self._in_burst = not quiet
             self._sent_ns = now_ns
         if self._channels:
-            self._world.network.send(self, list(self._channels.values()), item, size)
+            self._network.send(self, list(self._channels.values()), item, size)

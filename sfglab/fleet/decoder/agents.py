@@ -14,7 +14,7 @@ from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, Know
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
-    from sfglab.bus.api import Node
+    from sfglab.bus import Node
     from sfglab.fleet.discovery.listener import Change
 
 

@@ -22,7 +22,8 @@ from sfglab.fleet.discovery.listener import Withdrawn
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from sfglab.bus.api import EndpointEvent, Node
+    from sfglab.bus import Node
+    from sfglab.bus.api import EndpointEvent
     from sfglab.fleet.decoder.pool import Worker, WorkerPool
     from sfglab.fleet.decoder.protocol import Line
     from sfglab.fleet.discovery.listener import Change

@@ -23,7 +23,7 @@ from sfglab.qos import COMPRESSED_STREAM, QoSProfile
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from sfglab.bus.api import Node, Publisher, Subscription
+    from sfglab.bus import Node, Publisher, Subscription
 
 
 LOCAL_QOS = QoSProfile(depth=5)
@@ -89,7 +89,7 @@ class Outputs:
         prefix = image_prefix(header, pixels, encoding)
         for transport, publisher in self._publishers.items():
             if transport == "shm":
-                with publisher.loan(len(prefix) + pixels.nbytes) as buffer:  # type: ignore[attr-defined]  # shm only
+                with publisher.loan(len(prefix) + pixels.nbytes) as buffer:
                     write_image(buffer, prefix, pixels)
             else:
                 publisher.publish_raw(image_bytes(prefix, pixels))

@@ -37,7 +37,7 @@ from sfglab.pipes import claim_standard_output, run, standard_input_lines
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
 
-    from sfglab.bus.api import Node
+    from sfglab.bus import Node
     from sfglab.fleet.decoder.protocol import Line
 
 

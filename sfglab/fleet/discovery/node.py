@@ -32,7 +32,7 @@ from sfglab.qos import LATCHED
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from sfglab.bus.api import Node, Publisher, Subscription
+    from sfglab.bus import Node, Publisher, Subscription
     from sfglab.fleet.discovery.orders import AgentStatus, Move, Order
 
 

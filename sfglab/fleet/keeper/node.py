@@ -42,7 +42,8 @@ from sfglab.qos import COMPRESSED_STREAM, incompatibilities
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus.api import EndpointEvent, Node
+    from sfglab.bus import Node
+    from sfglab.bus.api import EndpointEvent
 
 
 class KeeperError(SfglabError, ValueError):

@@ -77,7 +77,7 @@ async def run_router(config: RouterConfig, report: Callable[[Report], None]) -> 
         BusError: A domain cannot be joined.
     """
     from sfglab.bus import Node
-    from sfglab.bus.host import host_id
+    from sfglab.bus.api import host_id
 
     def tell(status: RouterStatus) -> None:
         report({"is": "status", **asdict(status)})

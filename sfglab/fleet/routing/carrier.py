@@ -9,9 +9,9 @@ import logging
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from sfglab.bus.api import RawEndpoint, entries, user_data
+from sfglab.bus.backend import ForwardCounts
 from sfglab.bus.errors import BusError
-from sfglab.bus.forwarding import ForwardCounts, RawEndpoint, open_forwarder
-from sfglab.bus.userdata import entries, user_data
 from sfglab.fleet.routing.paths import ReaderSpec, WriterSpec
 from sfglab.fleet.routing.plan import ROUTER_KEY, Close, Forget, Judge, Open
 from sfglab.fleet.routing.policy import Direction
@@ -21,8 +21,9 @@ from sfglab.names import TF, TF_STATIC, dds_topic
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from sfglab.bus.api import EndpointInfo, Node
-    from sfglab.bus.forwarding import Forward, Outlet, Transform
+    from sfglab.bus import Node
+    from sfglab.bus.api import EndpointInfo
+    from sfglab.bus.backend import Forward, RawWriter, Transform
     from sfglab.fleet.routing.paths import Path
     from sfglab.fleet.routing.plan import Action
     from sfglab.fleet.routing.policy import Side
@@ -50,7 +51,7 @@ class PathStatus:
 @dataclass(slots=True)
 class _OpenPath:
     readers: dict[ReaderSpec, Forward] = field(default_factory=dict)
-    writers: dict[WriterSpec, Outlet] = field(default_factory=dict)
+    writers: dict[WriterSpec, RawWriter] = field(default_factory=dict)
     past: ForwardCounts = field(default_factory=ForwardCounts)
     """What readers did that were replaced."""
 
@@ -85,7 +86,7 @@ class Carrier:
     def __init__(self, nodes: Mapping[Side, Node], *, pair: str, gate: TransformGate | None) -> None:
         self._tag = user_data({ROUTER_KEY: pair})
         self._gate = gate
-        self._forwarders = {way: open_forwarder(nodes[way.source], nodes[way.target]) for way in Direction}
+        self._forwarders = {way: nodes[way.source].open_forwarder(nodes[way.target]) for way in Direction}
         self._open: dict[Path, _OpenPath] = {}
         self._owners: dict[ReaderSpec, dict[bytes, str]] = {}
 
@@ -129,13 +130,13 @@ class Carrier:
         if isinstance(spec, ReaderSpec):
             opened.readers[spec] = forwarder.open(endpoint)
         else:
-            opened.writers[spec] = forwarder.open_outlet(endpoint)
+            opened.writers[spec] = forwarder.open_writer(endpoint)
 
     def _close(self, spec: ReaderSpec | WriterSpec) -> None:
         opened = self._open[spec.path]
         if isinstance(spec, WriterSpec):
-            if (outlet := opened.writers.pop(spec, None)) is not None:
-                outlet.close()
+            if (writer := opened.writers.pop(spec, None)) is not None:
+                writer.close()
         elif (forward := opened.readers.pop(spec, None)) is not None:
             forward.close()
             opened.retire(forward.counts)

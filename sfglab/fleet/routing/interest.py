@@ -16,7 +16,8 @@ from sfglab.bus.api import EndpointAdded, EndpointKind, EndpointRemoved
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus.api import EndpointEvent, EndpointInfo, Graph
+    from sfglab.bus import Graph
+    from sfglab.bus.api import EndpointEvent, EndpointInfo
 
 
 _OTHER = {

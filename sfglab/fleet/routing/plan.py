@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from itertools import takewhile
 from typing import TYPE_CHECKING
 
-from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind
-from sfglab.bus.userdata import entries
+from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, entries
 from sfglab.fleet.routing.paths import Held, Path, PathState, ReaderSpec, Setup, WriterSpec, wanted
 from sfglab.fleet.routing.policy import Policy, Side
 from sfglab.fleet.routing.replies import Replies

@@ -12,7 +12,7 @@ from functools import lru_cache
 from itertools import takewhile
 from typing import TYPE_CHECKING, NamedTuple
 
-from sfglab.bus.userdata import entries
+from sfglab.bus.api import entries
 from sfglab.names import DdsRole, ros_name_from_dds
 
 if TYPE_CHECKING:

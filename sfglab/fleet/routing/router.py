@@ -1,7 +1,7 @@
 """The router between an agent's domain and the global one: paper A, section 4.1, Eq. 1 and Table 1.
 
 A thin shell around `plan`: it listens to both graphs, feeds the plan and has the actions carried out, all in
-one task. Of its nodes it needs what `sfglab.bus.forwarding` names, so it runs on live and simulated ones.
+one task. It runs on nodes of any backend.
 
 Services pass between nodes that frame them as rmw_cyclonedds does. rmw_fastrtps finds the call of a reply by
 RTPS sample identities, which a forwarded sample does not keep, so its services do not pass; its topics do.
@@ -13,7 +13,7 @@ import asyncio
 from collections import deque
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from sfglab.fleet.routing.carrier import Carrier
 from sfglab.fleet.routing.frames import Frames
@@ -26,8 +26,8 @@ from sfglab.names import SHARED_FRAMES, validate_agent
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus.api import EndpointEvent, Node
-    from sfglab.bus.forwarding import ForwardingNode
+    from sfglab.bus import Node
+    from sfglab.bus.api import EndpointEvent
     from sfglab.fleet.routing.carrier import PathStatus
 
 
@@ -98,7 +98,7 @@ class Router:
         self._on_status = on_status
         self._plan = Plan(
             Policy(rules=settings.rules),
-            participants=frozenset(cast("ForwardingNode", node).guid for node in self._nodes.values()),
+            participants=frozenset(node.guid for node in self._nodes.values()),
             pair=pair or settings.agent,
             linger_ns=round(settings.linger_s * 1e9),
         )
@@ -119,7 +119,7 @@ class Router:
         Args:
             on_ready: Called once when it listens.
         """
-        local, remote = (cast("ForwardingNode", self._nodes[side]) for side in (Side.LOCAL, Side.GLOBAL))
+        local, remote = (self._nodes[side] for side in (Side.LOCAL, Side.GLOBAL))
         interest = Interest(remote.graph, partial(self._hear, Side.GLOBAL))
 
         def hear(event: EndpointEvent) -> None:

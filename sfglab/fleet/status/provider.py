@@ -27,7 +27,7 @@ from sfglab.qos import LATCHED
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus.api import Node, Publisher
+    from sfglab.bus import Node, Publisher
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from _typeshed import DataclassInstance
 
-    from sfglab.bus.api import Publisher
+    from sfglab.bus import Publisher
 
 
 _Sent = tuple[int, int, int]

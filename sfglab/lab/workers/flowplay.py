@@ -22,7 +22,7 @@ from sfglab.bus.dds.clib import (
     SampleInfo,
     library,
 )
-from sfglab.bus.dds.samples import bytes_from_serdata, serdata_from_bytes, sertype_of, stamp
+from sfglab.bus.dds.endpoints import bytes_from_serdata, serdata_from_bytes, sertype_of, stamp
 from sfglab.qos import History, QoSProfile, Reliability
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ def _load(module: str) -> None:
 
     import sfglab.bus.dds.forwarder  # noqa: F401 - and at a router's first path
     from sfglab.bus.dds.clib import library
-    from sfglab.bus.dds.presence import gid_bytes, info_type
+    from sfglab.bus.dds.discovery import gid_bytes, info_type
     from sfglab.messages import default_message, deserialize, serialize
     from sfglab.messages.dds import idl_struct, service_idl_struct
 

@@ -28,8 +28,8 @@ from sfglab.qos import LATCHED, QoSProfile
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus import Node
-    from sfglab.bus.api import EndpointInfo, Service, Subscription
+    from sfglab.bus import Node, Service, Subscription
+    from sfglab.bus.api import EndpointInfo
     from sfglab.fleet.component import Report
 
 

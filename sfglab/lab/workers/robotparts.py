@@ -61,7 +61,7 @@ class Parts:
 
     async def run(self, orders: asyncio.Queue[dict[str, Any]]) -> None:
         """Obey until cancelled."""
-        from sfglab.bus.dds.config import DomainConfig
+        from sfglab.bus.dds.domain import DomainConfig
         from sfglab.bus.dds.participant import DdsParticipant
 
         # Robots publish to the one reader there is, so nothing but finding each other needs a group.

@@ -28,7 +28,7 @@ from sfglab.bus.dds.clib import (
     SampleInfo,
     library,
 )
-from sfglab.bus.dds.config import DomainConfig
+from sfglab.bus.dds.domain import DomainConfig
 from sfglab.errors import SfglabError
 from sfglab.lab.workers.rosstack import LISTENER, TALKER, RosStack, endpoints_of
 from sfglab.pipes import claim_standard_output

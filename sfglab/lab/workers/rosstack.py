@@ -16,22 +16,20 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.api import NodeInfo
-from sfglab.bus.dds.clib import MatchedStatus, error_text, library
-from sfglab.bus.dds.config import domain_xml
-from sfglab.bus.dds.endpoints import entity_guid
-from sfglab.bus.dds.presence import INFO_TOPIC, READER_QOS, gid_bytes, pack_nodes
+from sfglab.bus.api import NodeInfo, user_data
+from sfglab.bus.dds.clib import MatchedStatus, entity_guid, error_text, library
+from sfglab.bus.dds.discovery import INFO_TOPIC, READER_QOS, gid_bytes, pack_nodes
+from sfglab.bus.dds.domain import domain_xml
+from sfglab.bus.dds.endpoints import serdata_from_bytes, sertype_of, stamp
 from sfglab.bus.dds.qos import endpoint_qos, qos_object
-from sfglab.bus.dds.samples import serdata_from_bytes, sertype_of, stamp
 from sfglab.bus.errors import BusError
-from sfglab.bus.userdata import user_data
 from sfglab.names import dds_service, dds_topic
 from sfglab.qos import LATCHED, PARAMETER_EVENTS, Durability, History, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sfglab.bus.dds.config import DomainConfig
+    from sfglab.bus.dds.domain import DomainConfig
 
 
 TALKER, LISTENER = "talker", "listener"

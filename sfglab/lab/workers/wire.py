@@ -23,8 +23,7 @@ from sfglab.qos import Durability, QoSProfile
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus import Node
-    from sfglab.bus.api import Subscription
+    from sfglab.bus import Node, Subscription
 
 
 QOS = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1000)

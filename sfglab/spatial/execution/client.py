@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Any, Unpack
 
-    from sfglab.bus import ClientGoalHandle
-    from sfglab.bus.api import Node
+    from sfglab.bus import ClientGoalHandle, Node
     from sfglab.spatial.execution.orders import ActionDialect, Feedback
     from sfglab.spatial.scene import Scene
     from sfglab.spatial.trajectory import Trajectory

@@ -36,8 +36,7 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from sfglab.bus import ServerGoalHandle
-    from sfglab.bus.api import Node
+    from sfglab.bus import Node, ServerGoalHandle
     from sfglab.spatial.execution.agent import Progress
     from sfglab.spatial.execution.orders import Order
 

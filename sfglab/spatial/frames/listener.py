@@ -20,7 +20,7 @@ from sfglab.spatial.frames.buffer import ExtrapolationError, NotConnectedError, 
 from sfglab.spatial.poses import StampedTransform
 
 if TYPE_CHECKING:
-    from sfglab.bus.api import Node, Subscription
+    from sfglab.bus import Node, Subscription
     from sfglab.record import LogReader
     from sfglab.spatial.frames.buffer import FrameBuffer
     from sfglab.spatial.poses import Pose

@@ -21,7 +21,7 @@ from sfglab.spatial.mocap.tracking import TrackState, Verdict
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from sfglab.bus.api import Node, Publisher
+    from sfglab.bus import Node, Publisher
     from sfglab.spatial.mocap.core import Latency, MocapObjectStatus
     from sfglab.spatial.mocap.mapping import MocapMapping
     from sfglab.spatial.mocap.tracking import Capture, MocapSource

@@ -28,7 +28,7 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, AsyncIterator, Iterator, Mapping
 
-    from sfglab.bus.api import Clock, Node
+    from sfglab.bus import Clock, Node
     from sfglab.qos import QoSProfile
     from sfglab.record import LogReader
     from sfglab.spatial.mocap.tracking import Sight

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from sfglab.bus.api import Clock
+    from sfglab.bus import Clock
     from sfglab.spatial.mocap.tracking import Sight
 
 

@@ -20,8 +20,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.api import EndpointAdded
-from sfglab.bus.forwarding import RawEndpoint
+from sfglab.bus.api import EndpointAdded, RawEndpoint
 from sfglab.bus.sim import Costs, World, run_simulated
 from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
 from sfglab.fleet.routing.router import Router, RouterSettings, RouterStatus
@@ -33,9 +32,9 @@ from sfglab.lab.workers.rosstack import LISTENER, TALKER, endpoints_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
 
-    from sfglab.bus.api import EndpointEvent, MessageInfo
+    from sfglab.bus.api import EndpointEvent
     from sfglab.bus.sim import SimNode
-    from sfglab.bus.sim.participant import Host
+    from sfglab.bus.sim.model import Host
     from sfglab.fleet.discovery.orders import Announce
     from sfglab.lab.experiments.discovery.config import Config
 
@@ -296,17 +295,14 @@ async def _standard(fleet: Fleet, world: World) -> FleetOutcome:
 def _ros_node(world: World, host: str, role: str, number: int) -> SimNode:
     """Return a node with the endpoints that one of demo_nodes_cpp has; presence is among them."""
     node = world.node(f"{role}_{number}", host=host, presence=False)
+    ends = node.open_forwarder(node)  # bare endpoints, whose samples nobody looks at
     for plan in endpoints_of(role, f"/{host}/{role}_{number}", f"/{host}/chatter_{number}"):
         endpoint = RawEndpoint(dds_topic=plan.topic, type=plan.type, qos=plan.qos, user_data=plan.user_data)
         if plan.writer:
-            node.open_outlet(endpoint)
+            ends.open_writer(endpoint)
         else:
-            node.open_inlet(endpoint, _ignore)
+            ends.open(endpoint)
     return node
-
-
-def _ignore(_cdr: bytes, _info: MessageInfo) -> None:
-    """Take a sample that nobody looks at."""
 
 
 def _watch(node: SimNode, host: Host, remote: int, arrivals: _Arrivals) -> None:

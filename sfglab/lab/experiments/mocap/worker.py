@@ -46,7 +46,8 @@ from sfglab.spatial.mocap import MocapBridge, SyntheticSource, direct_transforms
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
 
-    from sfglab.bus.api import MessageInfo, Node, Publisher
+    from sfglab.bus import Node, Publisher
+    from sfglab.bus.api import MessageInfo
     from sfglab.fleet.component import Report
     from sfglab.spatial.mocap import Capture, MocapSource
 

@@ -36,7 +36,7 @@ from sfglab.spatial.trajectory import Limits, Trajectory, pose_at
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-    from sfglab.bus.api import Node
+    from sfglab.bus import Node
     from sfglab.spatial.scene import Scene
 
     MakeNode = Callable[[str], Any]

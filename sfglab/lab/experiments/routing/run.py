@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from sfglab.bus.userdata import entries
+from sfglab.bus.api import entries
 from sfglab.fleet.routing import Crossing, Direction, Policy, Side
 from sfglab.fleet.routing.plan import ROUTER_KEY
 from sfglab.lab.checks import CheckRow

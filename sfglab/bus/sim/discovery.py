@@ -1,4 +1,4 @@
-"""A DDS domain in the world: its participants and their endpoints, and who is told of what.
+"""Discovery in a simulated domain: who joins, leaves and falls silent, and who is told of which endpoint, when.
 
 Indices by topic and grouping by time keep the cost of an announcement to those whom it concerns: endpoints of
 the topic, watches of it, and graphs that somebody listens to. `views` decides who knows what.
@@ -6,38 +6,21 @@ the topic, watches of it, and graphs that somebody listens to. `views` decides w
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
-from sfglab.bus.sim.accounts import Accounts
-from sfglab.bus.sim.participant import Process
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable
 
-    from sfglab.bus.api import EndpointEvent
-    from sfglab.bus.sim.endpoint import Endpoint
-    from sfglab.bus.sim.participant import Participant
-    from sfglab.bus.sim.reader import Reader
-    from sfglab.bus.sim.world import World
-    from sfglab.bus.sim.writer import Writer
+    from sfglab.bus.api import Listener
+    from sfglab.bus.sim.accounts import Accounts
+    from sfglab.bus.sim.model import Domain, Endpoint, Observer, Participant
+    from sfglab.bus.sim.network import Network
+    from sfglab.bus.sim.views import Views
 
-
-_LOOK_AGAIN_NS = 1_000_000_000
+_LOOK_AGAIN_NS = NS_PER_S
 """How often a partitioned world looks whether somebody still believes in an endpoint that is retracted."""
-
-
-class Observer(Protocol):
-    """Whoever is to be told of endpoints."""
-
-    @property
-    def participant(self) -> Participant:
-        """Whose view counts."""
-
-    def learn(self, endpoint: Endpoint) -> None:
-        """Take note of an endpoint; again is harmless."""
-
-    def forget(self, endpoint: Endpoint) -> None:
-        """Take note that it has gone; harmless if it was never known."""
 
 
 class Watch:
@@ -48,9 +31,9 @@ class Watch:
         tell: The listener.
     """
 
-    def __init__(self, participant: Participant, tell: Callable[[EndpointEvent], None]) -> None:
+    def __init__(self, participant: Participant, tell: Listener) -> None:
         self.participant = participant
-        self._tell: Callable[[EndpointEvent], None] | None = tell
+        self._tell: Listener | None = tell
         self._known: dict[Endpoint, None] = {}
 
     def learn(self, endpoint: Endpoint) -> None:
@@ -71,109 +54,53 @@ class Watch:
         self._known.clear()
 
 
-class Topic:
-    """The endpoints of one DDS topic, and who watches them.
-
-    Attributes:
-        writers: In the order of their creation.
-        readers: The same.
-        fading: Those that are retracted while not everybody has heard so.
-        watches: Watches of readers, and of writers.
-    """
-
-    __slots__ = ("fading", "readers", "watches", "writers")
-
-    def __init__(self) -> None:
-        self.writers: dict[Writer, None] = {}
-        self.readers: dict[Reader, None] = {}
-        self.fading: dict[Endpoint, None] = {}
-        self.watches: tuple[dict[Watch, None], dict[Watch, None]] = ({}, {})
-
-    def endpoints(self) -> Iterator[Endpoint]:
-        """Yield all that somebody may know of."""
-        yield from self.writers
-        yield from self.readers
-        yield from self.fading
-
-    def same_kind(self, endpoint: Endpoint) -> dict[Endpoint, None]:
-        """Return the index that an endpoint belongs to."""
-        return self.writers if endpoint.is_writer else self.readers  # type: ignore[return-value]
-
-    def counterparts(self, endpoint: Endpoint) -> dict[Endpoint, None]:
-        """Return the index of what an endpoint may match."""
-        return self.readers if endpoint.is_writer else self.writers  # type: ignore[return-value]
-
-
-class Domain:
-    """One DDS domain: of the whole network, or of one host's loopback interface.
+class Discovery:
+    """What makes the participants of a domain, and their endpoints, known to each other.
 
     Args:
-        world: Where it is.
-        networked: Whether it spans hosts.
-
-    Attributes:
-        members: Who takes part.
-        topics: By their DDS names.
-        graphs: Those that somebody listens to.
-        announced: How many endpoints it has had so far.
-        crowd: Stands for all its processes: what all of them hear occupies each of them for as long.
+        domain: Whose they are.
+        accounts: What it costs on the wire.
+        views: Who knows what.
+        network: How long news take at most.
     """
 
-    def __init__(self, world: World, *, networked: bool) -> None:
-        self.world = world
-        self.members: dict[Participant, None] = {}
-        self.topics: dict[str, Topic] = {}
-        self.graphs: dict[Observer, None] = {}
-        self.crowd = Process()
-        self.announced = 0
-        self.accounts = Accounts(
-            self.members, world.hosts, world.loop, networked=networked, multicast=world.multicast
-        )
-        self._loop = world.loop
-        self._views = world.views
-        self._clockwork = world.clockwork
+    def __init__(self, domain: Domain, accounts: Accounts, views: Views, network: Network) -> None:
+        self.domain = domain
+        self.accounts = accounts
+        self.views = views
+        self._network = network
+        self._environment = domain.environment
+        self._loop = domain.environment.loop
 
     def join(self, participant: Participant) -> None:
         """Let a participant in."""
         participant.born_ns = participant.ticked_ns = self._loop.now_ns
-        participant.crowd_ns = self.crowd.spent_ns
+        participant.crowd_ns = self.domain.crowd.spent_ns
         self._note("join", participant)
         self.accounts.joined(participant)
-        self.members[participant] = None
+        self.domain.members[participant] = None
 
     def leave(self, participant: Participant) -> None:
         """Let a participant go that says so: what it has is retracted."""
         for endpoint in list(participant.endpoints):
-            self.retract(endpoint)
+            self._retract(endpoint)
         participant.left_ns = self._loop.now_ns
         self._note("leave", participant)
         self.accounts.left(participant)
-        del self.members[participant]
+        del self.domain.members[participant]
 
     def crash(self, participant: Participant) -> None:
         """Let a participant fall silent; the others notice when its lease runs out."""
         participant.crashed_ns = self._loop.now_ns
         self._note("crash", participant)
         self.accounts.crashed(participant)
-        del self.members[participant]
-        end_ns = self._views.lease_end_ns(participant, participant.crashed_ns)
+        del self.domain.members[participant]
+        end_ns = self.views.lease_end_ns(participant, participant.crashed_ns)
         self._loop.at(end_ns, self._expire, participant)
-
-    def topic(self, dds_topic: str) -> Topic:
-        """Return a DDS topic's index."""
-        topic = self.topics.get(dds_topic)
-        if topic is None:
-            topic = self.topics[dds_topic] = Topic()
-        return topic
-
-    def endpoints(self) -> Iterator[Endpoint]:
-        """Yield all endpoints that somebody may know of."""
-        for topic in self.topics.values():
-            yield from topic.endpoints()
 
     def watch(self, watch: Watch, dds_topic: str, *, writers: bool) -> Callable[[], None]:
         """Let a watch see one kind of endpoint of a topic, those known now at once; return what ends it."""
-        topic = self.topic(dds_topic)
+        topic = self.domain.topic(dds_topic)
         topic.watches[writers][watch] = None
         self.show(watch, [e for e in topic.endpoints() if e.is_writer is writers])
 
@@ -187,16 +114,19 @@ class Domain:
         """Let an observer see endpoints: those known now at once, the others when the news arrives."""
         participant, now_ns = observer.participant, self._loop.now_ns
         for endpoint in endpoints:
-            if self._views.knows(participant, endpoint):
+            if self.views.knows(participant, endpoint):
                 observer.learn(endpoint)
-            for time_ns in self._views.turns_ns(participant, endpoint):
+            for time_ns in self.views.turns_ns(participant, endpoint):
                 if time_ns > now_ns:
                     self._loop.at(time_ns, self._look, endpoint, [observer])
 
-    def announce(self, endpoint: Endpoint) -> None:
+    def open(self, endpoint: Endpoint) -> None:
         """Make a new endpoint known, and let it see whom it has to do with."""
+        if self._environment.trace is not None:
+            self._environment.trace("open", endpoint.gid, endpoint.info.dds_topic.encode())
+        endpoint.withdraw = self._withdraw
         endpoint.born_ns = self._loop.now_ns
-        self.announced += 1
+        self.domain.announced += 1
         self._charge(endpoint)
         endpoint.participant.endpoints[endpoint] = None
         topic = endpoint.topic
@@ -204,11 +134,21 @@ class Domain:
         topic.same_kind(endpoint)[endpoint] = None
         self._schedule(endpoint, observers)
         self.show(endpoint, peers)
-        if endpoint.suspicion is not None:
-            self.show(endpoint.suspicion, [w for w in topic.writers if not endpoint.suits(w)])
         self.accounts.announced(endpoint)
 
-    def retract(self, endpoint: Endpoint) -> None:
+    def suspect(self, reader: Endpoint, listener: Listener) -> Callable[[], None]:
+        """Tell a listener of the writers that do not match a reader; return what ends that."""
+        watch = reader.suspicion = Watch(reader.participant, listener)
+        self.show(watch, [writer for writer in reader.topic.writers if not reader.suits(writer)])
+        return watch.end
+
+    def _withdraw(self, endpoint: Endpoint) -> None:
+        if self._environment.trace is not None:
+            self._environment.trace("close", endpoint.gid, b"")
+        endpoint.silence()
+        self._retract(endpoint)
+
+    def _retract(self, endpoint: Endpoint) -> None:
         """Make known that an endpoint has gone; again is harmless."""
         participant = endpoint.participant
         if endpoint not in participant.endpoints or not participant.alive:
@@ -220,12 +160,12 @@ class Domain:
         del topic.same_kind(endpoint)[endpoint]
         last_ns = self._schedule(endpoint, self._concerned(endpoint)[1])
         topic.fading[endpoint] = None
-        self._loop.at(max(last_ns, endpoint.gone_ns + self.world.network.slowest_ns), self._fade, endpoint)
+        self._loop.at(max(last_ns, endpoint.gone_ns + self._network.slowest_ns), self._fade, endpoint)
         self.accounts.retracted(endpoint)
 
     def review(self, participant: Participant, other: Participant) -> None:
         """Let a participant's observers look again at all that another one has."""
-        for endpoint in [e for e in self.endpoints() if e.participant is other]:
+        for endpoint in [e for e in self.domain.endpoints() if e.participant is other]:
             observers = [o for o in self._concerned(endpoint)[1] if o.participant is participant]
             self._look(endpoint, observers)
             self._schedule(endpoint, observers)
@@ -240,33 +180,33 @@ class Domain:
                 peers.append(other)
             elif other.suspicion is not None:
                 observers.append(other.suspicion)
-        return peers, [*peers, *observers, *topic.watches[endpoint.is_writer], *self.graphs]
+        return peers, [*peers, *observers, *topic.watches[endpoint.is_writer], *self.domain.graphs]
 
     def _schedule(self, endpoint: Endpoint, observers: list[Observer]) -> int:
         """Let observers look whenever their view of an endpoint may change; return when the last one does."""
         groups: dict[int, list[Observer]] = {}
         for observer in observers:
-            for time_ns in self._views.turns_ns(observer.participant, endpoint):
+            for time_ns in self.views.turns_ns(observer.participant, endpoint):
                 groups.setdefault(time_ns, []).append(observer)
         for time_ns, group in groups.items():
             self._loop.at(time_ns, self._look, endpoint, group)
         return max(groups, default=self._loop.now_ns)
 
     def _look(self, endpoint: Endpoint, observers: list[Observer]) -> None:
-        if not endpoint.fades and not self._views.partitions:
+        if not endpoint.fades and not self.views.partitions:
             for observer in observers:  # nothing can have happened but that the news has arrived
                 observer.learn(endpoint)
             return
         for observer in observers:
-            if self._views.knows(observer.participant, endpoint):
+            if self.views.knows(observer.participant, endpoint):
                 observer.learn(endpoint)
             else:
                 observer.forget(endpoint)
 
     def _fade(self, endpoint: Endpoint) -> None:
         """Drop a retracted endpoint when nobody can know it any more."""
-        if self._views.partitions:
-            if any(self._views.knows(member, endpoint) for member in self.members):
+        if self.views.partitions:
+            if any(self.views.knows(member, endpoint) for member in self.domain.members):
                 self._loop.at(self._loop.now_ns + _LOOK_AGAIN_NS, self._fade, endpoint)
                 return
             self._look(endpoint, self._concerned(endpoint)[1])  # a view may have changed at this very instant
@@ -279,21 +219,21 @@ class Domain:
         participant.endpoints.clear()
 
     def _note(self, what: str, participant: Participant) -> None:
-        if self.world.trace is not None:
-            self.world.trace(what, participant.guid, participant.name.encode())
+        if self._environment.trace is not None:
+            self._environment.trace(what, participant.guid, participant.name.encode())
 
     def settle(self) -> None:
-        """Bring the books up to date."""
+        """Bring the accounts up to date."""
         self.accounts.settle()
-        for topic in self.topics.values():
+        for topic in self.domain.topics.values():
             for writer in topic.writers:
-                writer.audience.settle()
+                writer.settle()
 
     def _charge(self, endpoint: Endpoint) -> None:
         """Let an announcement, or retraction, take the time that it costs its maker and everybody."""
-        now_ns, clockwork = self._loop.now_ns, self._clockwork
+        now_ns, clockwork = self._loop.now_ns, self._environment.clockwork
         if clockwork.endpoint_cost_ns:
             endpoint.participant.process.occupy(now_ns, clockwork.endpoint_cost_ns)
-        if clockwork.announcement_cost_ns and len(self.members) > 1:
-            self.crowd.occupy(now_ns, clockwork.announcement_cost_ns)
-            endpoint.backlog_ns = self.crowd.free_ns - now_ns
+        if clockwork.announcement_cost_ns and len(self.domain.members) > 1:
+            self.domain.crowd.occupy(now_ns, clockwork.announcement_cost_ns)
+            endpoint.backlog_ns = self.domain.crowd.free_ns - now_ns

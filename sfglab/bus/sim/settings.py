@@ -1,13 +1,17 @@
-"""What the simulated network and middleware are like, as values.
+"""Settings of a simulated network and middleware, as values, and the trace of what happens.
 
 Knows times, rates and probabilities. Refuses to know events: `world` makes them happen.
 """
 
 from __future__ import annotations
 
+import hashlib
+import struct
 from dataclasses import dataclass
+from typing import Self
 
-from sfglab.bus.sim.errors import WorldError
+from sfglab.bus.sim.loop import WorldError
+from sfglab.units import NS_PER_S
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,3 +77,76 @@ class Costs:
         for name in ("start_s", "message_s", "endpoint_s", "announcement_s"):
             if not getattr(self, name) >= 0:
                 raise WorldError(f"costs {name}: given {getattr(self, name)}, allowed are 0 s and more")
+
+
+def ns_from_s(duration_s: float) -> int:
+    """Return a duration in whole nanoseconds."""
+    return round(duration_s * NS_PER_S)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clockwork:
+    """`Timing` and `Costs`, attribute by attribute, in nanoseconds; the share is none."""
+
+    same_node_ns: int
+    same_host_ns: int
+    stack_ns: int
+    endpoint_ns: int
+    participant_ns: int
+    history_ns: int
+    repair_ns: int
+    start_cost_ns: int
+    message_cost_ns: int
+    endpoint_cost_ns: int
+    announcement_cost_ns: int
+    announcement_share: float
+
+    @classmethod
+    def of(cls, timing: Timing, costs: Costs) -> Self:
+        """Return the same in nanoseconds."""
+        return cls(
+            same_node_ns=ns_from_s(timing.same_node_s),
+            same_host_ns=ns_from_s(timing.same_host_s),
+            stack_ns=ns_from_s(timing.stack_s),
+            endpoint_ns=ns_from_s(timing.endpoint_s),
+            participant_ns=ns_from_s(timing.participant_s),
+            history_ns=ns_from_s(timing.history_s),
+            repair_ns=ns_from_s(timing.repair_s),
+            start_cost_ns=ns_from_s(costs.start_s),
+            message_cost_ns=ns_from_s(costs.message_s),
+            endpoint_cost_ns=ns_from_s(costs.endpoint_s),
+            announcement_cost_ns=ns_from_s(costs.announcement_s),
+            announcement_share=timing.announcement_share,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TraceEvent:
+    """Something that happened."""
+
+    time_ns: int  #: When, virtual nanoseconds since the start.
+    what: str  #: "join", "leave", "crash", "open", "close", "send", "take", "part" or "heal".
+    gid: bytes  #: Of the endpoint or participant; empty for what happens to the network.
+    data: bytes  #: The sample's CDR, the topic of what is opened, the name of who joins.
+
+
+class TraceDigest:
+    """Hashes events as they happen.
+
+    Attributes:
+        count: How many there were.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._hash = hashlib.blake2b(digest_size=16)
+
+    def __call__(self, event: TraceEvent) -> None:
+        """Take one event."""
+        self.count += 1
+        for part in (event.what.encode(), event.gid, event.data):
+            self._hash.update(struct.pack("<qI", event.time_ns, len(part)) + part)
+
+    def hexdigest(self) -> str:
+        """Return the digest of all events so far."""
+        return self._hash.hexdigest()

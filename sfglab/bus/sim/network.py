@@ -1,22 +1,82 @@
-"""How samples travel between hosts: queues before links of limited rate, jitter, loss and repair."""
+"""A simulated network at work: readers, channels between hosts, links with queues, jitter and loss, repair."""
 
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.sim.clockwork import ns_from_s
+from sfglab.bus.sim.loop import START_NS, VirtualLoop
+from sfglab.bus.sim.model import Domain, Endpoint, Host, Item, Participant
+from sfglab.bus.sim.settings import Clockwork, LinkModel, ns_from_s
+from sfglab.units import BITS_PER_BYTE
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from random import Random
 
-    from sfglab.bus.sim.clockwork import Clockwork
-    from sfglab.bus.sim.endpoint import Item
-    from sfglab.bus.sim.link import LinkModel
-    from sfglab.bus.sim.loop import VirtualLoop
-    from sfglab.bus.sim.participant import Host, Participant
-    from sfglab.bus.sim.reader import Reader
-    from sfglab.bus.sim.writer import Writer
+    from sfglab.bus.endpoints import Sample
+    from sfglab.bus.sim.accounts import Accounts
+
+# Behind the 4 bytes of encapsulation: the client's GUID and the request's number (`frame_service`).
+_FRAME_HEADER = slice(4, 20)
+
+
+class Reader(Endpoint):
+    """Takes samples from the writers that it knows, in the order of each, and counts what was lost on the way.
+
+    Args:
+        options: As for `Endpoint`.
+        push: Given each sample.
+    """
+
+    __slots__ = ("_early", "_push", "lost")
+
+    is_writer = False
+
+    def __init__(self, *options: Any, push: Callable[[Sample], None], **more: Any) -> None:
+        super().__init__(*options, **more)
+        self.lost = 0  #: Samples known to be missing between those that arrived.
+        self._push = push
+        self._early: dict[Endpoint, list[Item]] | None = None
+
+    def learn(self, endpoint: Endpoint) -> None:
+        """Take a writer's samples from now on, those first that were too early."""
+        if not self.is_open or endpoint in self.peers:
+            return
+        self.peers[endpoint] = 0
+        if self._early:
+            for item in self._early.pop(endpoint, ()):
+                self.take(endpoint, item)
+        self._notify()
+
+    def take(self, writer: Endpoint, item: Item) -> None:
+        """Take a sample that has arrived."""
+        if not self.is_open:
+            return
+        sequence, cdr, stamp_ns = item
+        latest = self.peers.get(writer)
+        if latest is None:
+            # A reliable writer repeats to a reader that has yet to hear of it; the others do not.
+            if self.reliable and writer.reliable and writer.is_open:
+                self._early = self._early or {}
+                self._early.setdefault(writer, []).append(item)
+            return
+        if sequence <= latest:
+            return
+        if latest and sequence > latest + 1:
+            self.lost += sequence - latest - 1
+        self.peers[writer] = sequence
+        now_ns = START_NS + self._loop.now_ns
+        if writer.lifespan_ns is not None and now_ns - stamp_ns > writer.lifespan_ns:
+            return
+        if self._environment.trace is not None:
+            self._environment.trace("take", self.gid, cdr)
+        self._push((cdr, stamp_ns, now_ns, writer.gid))
+
+    def silence(self) -> None:
+        """Let it take nothing more."""
+        super().silence()
+        self._early = None
 
 
 class _Entry:
@@ -36,21 +96,18 @@ class Channel:
     Args:
         writer: Where samples come from.
         target: Where they go to.
+        accounts: Of the domain.
         reliable: Whether what is lost is repeated, for as long as the writer's history holds it.
-
-    Attributes:
-        readers: The writer's readers there.
-        latest_ns: When the latest sample so far arrives: none overtakes it.
-        ended: Whether it is over.
     """
 
-    def __init__(self, writer: Writer, target: Participant, *, reliable: bool) -> None:
+    def __init__(self, writer: Endpoint, target: Participant, accounts: Accounts, *, reliable: bool) -> None:
         self.writer = writer
         self.target = target
+        self.accounts = accounts
         self.reliable = reliable
-        self.readers: tuple[Reader, ...] = ()
-        self.latest_ns = 0
-        self.ended = False
+        self.readers: tuple[Reader, ...] = ()  #: The writer's readers there.
+        self.latest_ns = 0  #: When the latest sample so far arrives: none overtakes it.
+        self.ended = False  #: Whether it is over.
         self._entries: deque[_Entry] = deque()
 
     @property
@@ -98,27 +155,22 @@ class Network:
         loop: Whose time it is.
         clockwork: How long what takes.
         random: Decides what is lost and what is late.
-
-    Attributes:
-        varies: Whether two packets may fare differently, so that each has to be looked at.
-        message_cost_ns: What a sample costs the process that takes it.
-        latency_ns: Of the slowest link so far.
     """
 
     def __init__(self, loop: VirtualLoop, clockwork: Clockwork, random: Random) -> None:
-        self.varies = False
+        self.varies = False  #: Whether two packets may fare differently, so that each has to be looked at.
+        self.latency_ns = 0  #: Of the slowest link so far.
+        self.message_cost_ns = clockwork.message_cost_ns  #: What a sample costs the process that takes it.
         self._loop = loop
         self._clockwork = clockwork
         self._random = random
-        self.latency_ns = 0
-        self.message_cost_ns = clockwork.message_cost_ns
 
     def note(self, link: LinkModel) -> None:
         """Take note that there is such a link."""
         self.varies |= link.varies
         self.latency_ns = max(self.latency_ns, ns_from_s(link.latency_s))
 
-    def delay_ns(self, writer: Writer, reader: Reader) -> int:
+    def delay_ns(self, writer: Endpoint, reader: Endpoint) -> int:
         """Return how long a sample takes where nothing varies."""
         source, target = writer.participant, reader.participant
         if source is target:
@@ -133,7 +185,7 @@ class Network:
         lossy = 20 * self._clockwork.repair_ns if self.varies else 0
         return 2 * self.latency_ns + self._clockwork.endpoint_ns + self._clockwork.same_host_ns + lossy
 
-    def deliver(self, writer: Writer, readers: tuple[Reader, ...], item: Item) -> None:
+    def deliver(self, writer: Endpoint, readers: tuple[Reader, ...], item: Item) -> None:
         """Hand an arrived sample to readers, as soon as their processes have time for it."""
         cost_ns = self.message_cost_ns
         if not cost_ns:
@@ -141,12 +193,11 @@ class Network:
                 reader.take(writer, item)
             return
         for reader in readers:
-            participant = reader.participant
-            process, crowd = participant.process, participant.domain.crowd
+            process, crowd = reader.participant.process, reader.participant.domain.crowd
             process.occupy(max(self._loop.now_ns, crowd.free_ns), cost_ns)
             self._loop.at(process.free_ns, reader.take, writer, item)
 
-    def send(self, writer: Writer, channels: list[Channel], item: Item, size: int) -> None:
+    def send(self, writer: Endpoint, channels: list[Channel], item: Item, size: int) -> None:
         """Send one packet to all channels, or one to each where there is no multicast."""
         source = writer.participant.host
         sent_ns = self._depart(source, size)
@@ -177,11 +228,10 @@ class Network:
         if channel.evicted(entry.item):
             self._settle(channel, entry, False)
             return
-        writer = channel.writer
-        source = writer.participant.host
-        sent_ns = self._depart(source, size)
-        writer.participant.domain.accounts.sample(writer.participant, {channel.target: None}, size)
-        self._carry(channel, entry.item, entry, None if self._loses(source) else sent_ns, size)
+        sender = channel.writer.participant
+        sent_ns = self._depart(sender.host, size)
+        channel.accounts.sample(sender, {channel.target: None}, size)
+        self._carry(channel, entry.item, entry, None if self._loses(sender.host) else sent_ns, size)
 
     def _settle(self, channel: Channel, entry: _Entry, arrived: bool) -> None:  # noqa: FBT001 - scheduled so
         for ready in channel.settle(entry, arrived=arrived):
@@ -192,14 +242,14 @@ class Network:
         now_ns = self._loop.now_ns
         if host.link.rate_bps is None:
             return now_ns
-        host.tx_free_ns = max(host.tx_free_ns, now_ns) + ns_from_s(8 * size / host.link.rate_bps)
+        host.tx_free_ns = max(host.tx_free_ns, now_ns) + ns_from_s(BITS_PER_BYTE * size / host.link.rate_bps)
         return host.tx_free_ns
 
     def _arrive(self, host: Host, time_ns: int, size: int) -> int:
         """Return when a packet that reaches a host's link at `time_ns` has come in."""
         if host.link.rate_bps is None:
             return time_ns
-        host.rx_free_ns = max(host.rx_free_ns, time_ns) + ns_from_s(8 * size / host.link.rate_bps)
+        host.rx_free_ns = max(host.rx_free_ns, time_ns) + ns_from_s(BITS_PER_BYTE * size / host.link.rate_bps)
         return host.rx_free_ns
 
     def _loses(self, host: Host) -> bool:
@@ -207,3 +257,24 @@ class Network:
 
     def _jitter_ns(self, host: Host) -> int:
         return ns_from_s(self._random.random() * host.link.jitter_s) if host.link.jitter_s else 0
+
+
+class Services:
+    """Remembers who sent which request, to hand the reply only to the participant that waits for it.
+
+    All clients of a service share its reply topic, so DDS gives every reply to all of them, and all but one
+    ignore it. With n clients of each of n services that is n**3 deliveries, which nobody needs to simulate.
+    Knows how requests and replies are framed; refuses to know anything of their content.
+    """
+
+    def __init__(self) -> None:
+        self._askers: dict[tuple[Domain, bytes], Participant] = {}
+
+    def asker(self, writer: Endpoint, cdr: bytes) -> Participant | None:
+        """Take note of a request, or return whose a reply is; None: it is a sample for all."""
+        domain, topic = writer.participant.domain, writer.info.dds_topic
+        if topic.startswith("rq/"):
+            self._askers[domain, cdr[_FRAME_HEADER]] = writer.participant
+        elif topic.startswith("rr/"):
+            return self._askers.pop((domain, cdr[_FRAME_HEADER]), None)
+        return None

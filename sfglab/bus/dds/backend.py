@@ -1,0 +1,130 @@
+"""A live node's half of DDS and shared memory: a participant, its graph, its endpoints and its forwarders."""
+
+from __future__ import annotations
+
+import secrets
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from sfglab.bus.api import HOST_KEY, NODE_KEY, SHM_KEY, SHM_PARTITION, RawEndpoint, host_id, user_data
+from sfglab.bus.backend import Backend
+from sfglab.bus.dds.discovery import Discovery, DiscoveryInfo
+from sfglab.bus.dds.endpoints import DdsReader, DdsWriter, ShmAnnouncement
+from sfglab.bus.dds.participant import DdsParticipant
+from sfglab.bus.graph import Graph
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.bus.dds.domain import DomainConfig
+    from sfglab.bus.endpoints import Inbox, Reader, Writer
+    from sfglab.bus.loop import OnError
+
+
+class DdsBackend(Backend):
+    """A participant of a DDS domain.
+
+    Args:
+        config: The DDS domain.
+        name: The node's full name.
+        on_error: Told about exceptions in callbacks; None logs them.
+        presence: Whether ROS 2's tools shall see the node as one.
+
+    Raises:
+        DomainError: The domain cannot be joined.
+    """
+
+    kind = "live"
+
+    def __init__(self, config: DomainConfig, name: str, on_error: OnError | None, *, presence: bool) -> None:
+        super().__init__(on_error)
+        self.graph = Graph(self.loop, read_nodes=self._read_nodes)
+        identity = user_data({"enclave": "/", NODE_KEY: name, HOST_KEY: host_id()})
+        self.participant = DdsParticipant(
+            config, identity, name=f"sfglab {name}", after_round=self.bridge.flush
+        )
+        self.guid = self.participant.guid
+        self._discovery = Discovery(self.participant, partial(self._post, self.graph.apply))
+        if presence:
+            self.register(DiscoveryInfo(self.participant, self.graph, name, loop=self.loop))
+
+    def open_writer(self, endpoint: RawEndpoint, notify: Callable[[], None]) -> Writer:
+        """Return a new writer, in DDS or in shared memory."""
+        if endpoint.transport == "shm":
+            from sfglab.bus.shm.writer import ShmWriter
+
+            address = f"sfglab/{self.participant.config.domain_id}/{secrets.token_hex(8)}"
+            announce = partial(self._announce, endpoint, address, writer=True)
+            return ShmWriter(self.bridge, endpoint, address=address, announce=announce, notify=notify)
+        handle = self.participant.create_writer(
+            endpoint.dds_topic, _idl_type(endpoint), endpoint.qos, user_data=endpoint.user_data
+        )
+        return DdsWriter(
+            handle,
+            endpoint.name,
+            type_=endpoint.type,
+            waiter=self.participant.waiter,
+            on_matched=partial(self._post, notify),
+        )
+
+    def open_reader(self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox) -> Reader:
+        """Return a new reader, of DDS or of shared memory."""
+        if endpoint.transport == "shm":
+            from sfglab.bus.shm.reader import ShmReader
+
+            announce = partial(self._announce, endpoint, "", writer=False)
+            reader = ShmReader(self.bridge, endpoint, announce=announce, inbox=inbox, notify=notify)
+            reader.follow(self.graph)
+            return reader
+        handle = self.participant.create_reader(
+            endpoint.dds_topic, _idl_type(endpoint), endpoint.qos, user_data=endpoint.user_data
+        )
+        return DdsReader(
+            handle,
+            waiter=self.participant.waiter,
+            on_samples=inbox.push_from_thread,
+            on_matched=partial(self._post, notify),
+        )
+
+    def open_forwarder(self, target: DdsBackend) -> Any:
+        """Return what forwards inside Cyclone DDS."""
+        from sfglab.bus.dds.forwarder import DdsForwarder
+
+        forwarder = DdsForwarder(self.participant, target.participant)
+        self.register(forwarder)
+        return forwarder
+
+    def close(self) -> None:
+        """End the thread that reads, and then everything; from any thread; again is harmless."""
+        if not self.closed:
+            self.participant.waiter.stop()
+        super().close()
+
+    def leave(self) -> None:
+        """Leave the domain."""
+        self.participant.close()
+
+    def _post(self, function: Callable[..., None], *values: Any) -> None:
+        self.bridge.post(partial(function, *values))
+
+    def _read_nodes(self) -> None:
+        if not self.closed:
+            self._discovery.read_nodes(partial(self._post, self.graph.learn_nodes))
+
+    def _announce(self, endpoint: RawEndpoint, address: str, *, writer: bool) -> ShmAnnouncement:
+        """Show a shared-memory endpoint; the address is where a publisher can be connected to."""
+        create = self.participant.create_writer if writer else self.participant.create_reader
+        handle = create(
+            endpoint.dds_topic,
+            _idl_type(endpoint),
+            endpoint.qos,
+            user_data=user_data({SHM_KEY: address}),
+            partition=SHM_PARTITION,
+        )
+        return ShmAnnouncement(handle)
+
+
+def _idl_type(endpoint: RawEndpoint) -> type[Any]:
+    from sfglab.messages.dds import idl_struct, service_half_idl_struct
+
+    return service_half_idl_struct(endpoint.type) if endpoint.is_service else idl_struct(endpoint.type)

@@ -1,0 +1,272 @@
+"""Endpoints of a backend: its writers and readers, and the bounded inbox between a reader and its user."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import threading
+from collections import deque
+from typing import TYPE_CHECKING, Any, Protocol
+
+from sfglab.bus.errors import ClosedError
+from sfglab.qos import History, QoSProfile
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+    from contextlib import AbstractContextManager
+
+    from sfglab.bus.api import Callback
+    from sfglab.bus.loop import Calls, LoopBridge
+
+KEEP_ALL_LIMIT_BYTES = 256 * 2**20
+"""How much a KEEP_ALL subscription may queue; beyond it even KEEP_ALL drops the oldest, and counts."""
+
+Sample = tuple[bytes | memoryview, int, int, bytes]
+"""CDR, source time stamp (ns), reception time stamp (ns), publisher's gid: a plain tuple, for it is made
+for every message."""
+
+# Bookkeeping of a queued sample in CPython, so that a flood of empty messages is bounded too.
+_OVERHEAD_BYTES = 256
+# Whoever reads a flood gives the loop to others after so many samples.
+_MAX_PER_WAKE = 32
+
+
+class Endpoint(Protocol):
+    """A writer or reader of one topic, open until it is closed."""
+
+    @property
+    def gid(self) -> bytes:
+        """The 16-byte GUID under which others know it."""
+
+    @property
+    def matched(self) -> int:
+        """How many endpoints of the other kind match now."""
+
+    @property
+    def matched_prefixes(self) -> frozenset[bytes]:
+        """The GUID prefixes of the participants whose endpoints match now."""
+
+    def close(self) -> None:
+        """Release everything."""
+
+
+class Writer(Endpoint, Protocol):
+    """An outgoing side."""
+
+    def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
+        """Send serialized bytes; see `Publisher.publish_raw`."""
+
+    def write_message(self, message: Any) -> None:
+        """Serialize and send."""
+
+    def loan(self, size_bytes: int) -> AbstractContextManager[memoryview]:
+        """Lend memory for a message; TypeError where there is none to lend."""
+
+    def wait_for_acks(self, timeout_s: float) -> bool:
+        """Block until reliable readers have everything; return whether they have."""
+
+
+class Reader(Endpoint, Protocol):
+    """An incoming side, which pushes into the inbox that it was opened with."""
+
+    @property
+    def lost(self) -> int:
+        """How many samples are known to have been lost on the way here."""
+
+
+class SampleQueue:
+    """A first-in-first-out queue, bounded as a QoS history says: what does not fit pushes out the oldest.
+
+    A transport's thread pushes, the loop pops. A lock keeps the pushing side's bounds; popping needs none, as a
+    deque's ends are safe between threads.
+
+    Args:
+        qos: KEEP_LAST holds `depth` samples, KEEP_ALL `limit_bytes`.
+        limit_bytes: The bound of KEEP_ALL, in bytes.
+    """
+
+    def __init__(self, qos: QoSProfile, *, limit_bytes: int = KEEP_ALL_LIMIT_BYTES) -> None:
+        self._limit_bytes = limit_bytes if qos.history is History.KEEP_ALL else None
+        self._samples: deque[Sample] = deque(maxlen=None if self._limit_bytes else qos.depth)
+        self._lock = threading.Lock()
+        self._arrived = self._taken = self._skipped = 0
+        self._in_bytes = self._out_bytes = 0
+
+    def __len__(self) -> int:
+        return len(self._samples)
+
+    @property
+    def dropped(self) -> int:
+        """How many samples were pushed out, or skipped, before they were read."""
+        with self._lock:
+            return self._skipped + self._arrived - self._taken - len(self._samples)
+
+    def push(self, samples: Iterable[Sample]) -> None:
+        """Append samples, oldest first."""
+        with self._lock:
+            for sample in samples:
+                self._samples.append(sample)  # pushes out the oldest of KEEP_LAST
+                self._arrived += 1
+                if self._limit_bytes:
+                    self._in_bytes += len(sample[0]) + _OVERHEAD_BYTES
+                    self._shrink(self._limit_bytes)
+
+    def pop(self) -> Sample | None:
+        """Remove and return the oldest sample, None when empty; on the loop only."""
+        try:
+            sample = self._samples.popleft()
+        except IndexError:
+            return None
+        self._taken += 1
+        if self._limit_bytes:
+            self._out_bytes += len(sample[0]) + _OVERHEAD_BYTES
+        return sample
+
+    def skip(self, count: int) -> None:
+        """Count samples that a transport left out because newer ones were waiting."""
+        self._skipped += count
+
+    def clear(self) -> None:
+        """Forget all samples, uncounted; on the loop only."""
+        while self.pop() is not None:
+            pass
+
+    def _shrink(self, limit_bytes: int) -> None:
+        while self._in_bytes - self._out_bytes > limit_bytes and len(self._samples) > 1:
+            oldest = self._samples.popleft()
+            if not self._samples:  # the loop was faster, and this is the newest
+                self._samples.appendleft(oldest)
+                return
+            self._in_bytes -= len(oldest[0]) + _OVERHEAD_BYTES
+
+
+class Inbox:
+    """A queue of samples that hands them to `get` or to a callback, oldest first.
+
+    A callback that returns an awaitable gets the next sample when that has finished; what arrives
+    meanwhile waits in the queue, which drops the oldest by its own bound.
+
+    Args:
+        bridge: Where the reading side lives.
+        qos: What bounds the queue.
+        decode: What a callback is given for a sample.
+        callback: Called for every sample; None to read by `get`.
+        calls: Runs callbacks and what they return.
+    """
+
+    def __init__(
+        self,
+        bridge: LoopBridge,
+        qos: QoSProfile,
+        *,
+        decode: Callable[[Sample], Any],
+        callback: Callback | None,
+        calls: Calls,
+    ) -> None:
+        self.queue = SampleQueue(qos)
+        self.calls = calls
+        self.closed = False  #: Whether nothing will arrive any more.
+        self._bridge = bridge
+        self._callback = callback
+        self._decoded_call = _after(decode, callback)
+        self._waiters: deque[asyncio.Future[None]] = deque()
+        self._running: asyncio.Task[Any] | None = None
+        self._at_once = 0
+        self._posted = False
+
+    def push_from_thread(self, samples: Iterable[Sample]) -> None:
+        """Queue samples from a transport's thread; the bridge's next flush wakes the loop."""
+        self.queue.push(samples)
+        if not self._posted:
+            self._posted = True
+            self._bridge.post(self._wake)
+
+    def push(self, sample: Sample) -> None:
+        """Deliver a sample on the loop itself, at once if a callback is free for it."""
+        if self._callback is not None and self._running is None and not len(self.queue) and not self.closed:
+            # As `Calls.run`, but in place: it happens for every frame, in a process with cold caches.
+            try:
+                result = self._decoded_call(sample)
+            except Exception as error:  # noqa: BLE001 - reported; one bad message must not end the others
+                self.calls.report(error)
+                return
+            if result is not None and inspect.isawaitable(result):
+                self._running = self.calls.spawn(result, self._finished)
+        else:
+            self.queue.push((sample,))
+            self._wake()
+
+    async def get(self, what: str) -> Sample:
+        """Return the oldest sample, waiting for one.
+
+        Raises:
+            ClosedError: The subscription `what` is closed.
+        """
+        self._at_once += 1
+        if self._at_once > _MAX_PER_WAKE:
+            self._at_once = 0
+            await asyncio.sleep(0)
+        while (sample := self.queue.pop()) is None:
+            if self.closed:
+                raise ClosedError(what)
+            self._at_once = 0
+            await self._wait()
+        return sample
+
+    def close(self) -> None:
+        """Forget what is queued, deliver nothing more and let those who wait fail; on the loop."""
+        self.closed = True
+        self.queue.clear()
+        if self._bridge.loop.is_closed():
+            return
+        if self._running is not None:
+            self._running.cancel()
+        self._wake_waiters(all_=True)
+
+    async def _wait(self) -> None:
+        waiter = self._bridge.loop.create_future()
+        self._waiters.append(waiter)
+        try:
+            await waiter
+        except asyncio.CancelledError:
+            # Woken and cancelled at once: the sample is for the next one in line.
+            if waiter.done() and not waiter.cancelled() and len(self.queue):
+                self._wake_waiters()
+            raise
+        finally:
+            if waiter in self._waiters:
+                self._waiters.remove(waiter)
+
+    def _wake(self) -> None:
+        self._posted = False
+        if self._callback is not None:
+            self._deliver()
+        else:
+            self._wake_waiters()
+
+    def _wake_waiters(self, *, all_: bool = False) -> None:
+        ready = len(self.queue)
+        while self._waiters and (all_ or ready > 0):
+            waiter = self._waiters.popleft()
+            if not waiter.done():
+                waiter.set_result(None)
+                ready -= 1
+
+    def _deliver(self) -> None:
+        for _ in range(_MAX_PER_WAKE):
+            if self.closed or self._running is not None:
+                return
+            sample = self.queue.pop()
+            if sample is None:
+                return
+            self._running = self.calls.run(self._decoded_call, sample, then=self._finished)
+        self._bridge.loop.call_soon(self._deliver)
+
+    def _finished(self) -> None:
+        self._running = None
+        self._deliver()
+
+
+def _after(decode: Callable[[Sample], Any], callback: Callback | None) -> Callable[[Sample], Any]:
+    """Return what is done with a sample: one function, since it is called for every message."""
+    return decode if callback is None else lambda sample: callback(decode(sample))

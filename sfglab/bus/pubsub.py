@@ -1,0 +1,327 @@
+"""Publishers and subscriptions, as users hold them, over any backend."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from sfglab import names
+from sfglab.bus.api import (
+    Callback,
+    EndpointAdded,
+    EndpointEvent,
+    EndpointInfo,
+    MessageInfo,
+    MessageType,
+    RawEndpoint,
+)
+from sfglab.bus.endpoints import Inbox, Reader, Sample
+from sfglab.bus.errors import ClosedError, DiscoveryTimeoutError, ReceiveTimeoutError, WrongTypeError
+from sfglab.bus.loop import Signal
+from sfglab.messages import message_type, type_name
+from sfglab.qos import QoSProfile, incompatibilities
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable
+    from contextlib import AbstractContextManager
+
+    from sfglab.bus.backend import Backend
+
+_log = logging.getLogger("sfglab.bus")
+
+
+def topic_endpoint(type_: MessageType, topic: str, qos: QoSProfile | int, **options: Any) -> RawEndpoint:
+    """Return the endpoint of a topic, given its resolved name; a number is the depth of a default profile."""
+    profile = QoSProfile(depth=qos) if isinstance(qos, int) else qos
+    return RawEndpoint(
+        dds_topic=names.dds_topic(topic), type=type_name(type_), qos=profile, name=topic, **options
+    )
+
+
+def checked_type(message: Any, *, type_: str, where: str) -> None:
+    """Refuse a message of another type.
+
+    Raises:
+        WrongTypeError: It is of another type, or no message at all.
+    """
+    given = getattr(message, "__msgtype__", None)
+    if given != type_:
+        raise WrongTypeError(where, type_, given=given or type(message).__name__)
+
+
+class Publisher:
+    """One topic's outgoing messages; made by `Node.create_publisher`."""
+
+    def __init__(self, node: Any, backend: Backend, endpoint: RawEndpoint) -> None:
+        self._node = node  # keeps the node alive for as long as one of its endpoints is held
+        self._backend = backend
+        self._topic, self._type = endpoint.name, endpoint.type
+        self._changed = Signal(backend.loop)
+        self._writer = backend.open_writer(endpoint, self._changed.notify)
+        self._closed = False
+        self.gid = self._writer.gid  #: The 16-byte DDS GUID under which others know it.
+        backend.register(self._writer)
+
+    @property
+    def topic_name(self) -> str:
+        """The fully resolved ROS topic."""
+        return self._topic
+
+    @property
+    def type_name(self) -> str:
+        """The ROS type, e.g. "std_msgs/msg/String"."""
+        return self._type
+
+    def publish(self, message: Any) -> None:
+        """Serialize and send one message.
+
+        Args:
+            message: A message of the topic's type.
+
+        Raises:
+            WrongTypeError: It is of another type.
+            PublishError: The transport could not send it.
+            ClosedError: The publisher is closed.
+        """
+        self._check_open()
+        checked_type(message, type_=self._type, where=self._topic)
+        self._writer.write_message(message)
+
+    def publish_raw(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
+        """Send one message that is already CDR, its 4-byte header included.
+
+        Args:
+            cdr: Any contiguous buffer.
+            source_timestamp_ns: Unix time in nanoseconds to stamp it with; None is now.
+
+        Raises:
+            InvalidMessageError: The bytes are no message of the topic's type (DDS only; shared memory does
+                not look into them).
+            PublishError: The transport could not send it.
+            ClosedError: The publisher is closed.
+        """
+        self._check_open()
+        self._writer.write(cdr, source_timestamp_ns)
+
+    def loan(self, size_bytes: int) -> AbstractContextManager[memoryview]:
+        """Return a context with memory to write a message's CDR into; leaving it publishes the message.
+
+        Shared memory only, where it saves the publisher's only copy. Leaving by an exception publishes
+        nothing.
+
+        Args:
+            size_bytes: The length of the CDR, its header included.
+
+        Raises:
+            ClosedError: The publisher is closed.
+            MessageTooLargeError: Above the publisher's limit.
+            TypeError: The transport has no memory to lend.
+        """
+        self._check_open()
+        return self._writer.loan(size_bytes)
+
+    def get_subscription_count(self) -> int:
+        """Return how many subscriptions match now."""
+        return self._writer.matched
+
+    async def wait_for_subscriptions(self, count: int = 1, timeout_s: float = 5.0) -> None:
+        """Return once at least `count` subscriptions match.
+
+        Raises:
+            DiscoveryTimeoutError: Fewer matched within `timeout_s`.
+        """
+        if not await self._changed.wait_until(lambda: self._writer.matched >= count, timeout_s):
+            raise DiscoveryTimeoutError(
+                f"topic {self._topic!r}: {count} matching subscription(s), found {self._writer.matched},",
+                timeout_s=timeout_s,
+            )
+
+    async def wait_for_all_acked(self, timeout_s: float = 5.0) -> bool:
+        """Return True once all reliable subscriptions have acknowledged everything, False after `timeout_s`."""
+        loop = self._backend.loop
+        deadline_s = loop.time() + timeout_s
+        while not self._writer.wait_for_acks(0.0):
+            if loop.time() >= deadline_s:
+                return False
+            await asyncio.sleep(0.001)  # the C call can only poll or block
+        return True
+
+    def close(self) -> None:
+        """End the publisher; again is harmless."""
+        self._backend.end(self._writer)
+        self._closed = True
+
+    def _check_open(self) -> None:
+        if self._closed or self._backend.closed:
+            raise ClosedError(f"publisher {self._topic!r}")
+
+
+class Subscription:
+    """One topic's incoming messages, in a queue of its own that its QoS bounds.
+
+    Made by `Node.create_subscription`. Read it by `take`, by `async for` or by a callback.
+    """
+
+    def __init__(
+        self,
+        node: Any,
+        backend: Backend,
+        endpoint: RawEndpoint,
+        callback: Callback | None,
+        *,
+        raw: bool = False,
+    ) -> None:
+        self._node = node  # keeps the node alive for as long as one of its endpoints is held
+        self._backend = backend
+        self._topic, self._type = endpoint.name, endpoint.type
+        self._changed = Signal(backend.loop)
+        self._decode = _raw if raw else _decoding(backend, endpoint.type)
+        calls = backend.calls(self._what)
+        self._inbox = Inbox(backend.bridge, endpoint.qos, decode=self._decode, callback=callback, calls=calls)
+        self._reader = backend.open_reader(endpoint, self._changed.notify, self._inbox)
+        self.gid = self._reader.gid  #: The 16-byte DDS GUID under which others know it.
+        unwatch = backend.watch_publishers(self._reader, endpoint, partial(_warn, endpoint, set()))
+        self._incoming = _Incoming(self._reader, self._inbox, unwatch)
+        backend.register(self._incoming)
+
+    @property
+    def topic_name(self) -> str:
+        """The fully resolved ROS topic."""
+        return self._topic
+
+    @property
+    def type_name(self) -> str:
+        """The ROS type, e.g. "std_msgs/msg/String"."""
+        return self._type
+
+    @property
+    def dropped(self) -> int:
+        """How many messages the queue's bound pushed out before they were read."""
+        return self._inbox.queue.dropped
+
+    @property
+    def lost(self) -> int:
+        """How many messages the transport knows to have lost on the way here."""
+        return self._reader.lost
+
+    @property
+    def last_error(self) -> BaseException | None:
+        """The latest exception of the callback, None if there was none."""
+        return self._inbox.calls.last_error
+
+    async def take(self, timeout_s: float | None = None) -> Any:
+        """Return the oldest queued message, waiting for one if there is none.
+
+        Args:
+            timeout_s: How long to wait, in seconds; None waits for ever.
+
+        Raises:
+            ReceiveTimeoutError: Nothing arrived in time.
+            ClosedError: The subscription is closed.
+            CdrError: What arrived is no message of the type.
+        """
+        return self._decode(await self._sample(timeout_s))
+
+    async def take_with_info(self, timeout_s: float | None = None) -> tuple[Any, MessageInfo]:
+        """Return the oldest queued message and what is known about it; see `take`."""
+        sample = await self._sample(timeout_s)
+        _, source_ns, received_ns, gid = sample
+        info = MessageInfo(source_timestamp_ns=source_ns, received_timestamp_ns=received_ns, publisher_gid=gid)
+        return self._decode(sample), info
+
+    async def __aiter__(self) -> AsyncIterator[Any]:
+        """Yield messages until the subscription closes."""
+        while True:
+            try:
+                sample = await self._inbox.get(self._what)
+            except ClosedError:
+                return
+            yield self._decode(sample)
+            del sample  # a shared-memory slot is free again when the caller has let go of the message
+
+    def get_publisher_count(self) -> int:
+        """Return how many publishers match now."""
+        return self._reader.matched
+
+    async def wait_for_publishers(self, count: int = 1, timeout_s: float = 5.0) -> None:
+        """Return once at least `count` publishers match.
+
+        Raises:
+            DiscoveryTimeoutError: Fewer matched within `timeout_s`.
+        """
+        if not await self._changed.wait_until(lambda: self._reader.matched >= count, timeout_s):
+            raise DiscoveryTimeoutError(
+                f"topic {self._topic!r}: {count} matching publisher(s), found {self._reader.matched},",
+                timeout_s=timeout_s,
+            )
+
+    def close(self) -> None:
+        """End the subscription; again is harmless."""
+        self._backend.end(self._incoming)
+
+    @property
+    def _what(self) -> str:
+        return f"subscription {self._topic!r}"
+
+    async def _sample(self, timeout_s: float | None) -> Sample:
+        if timeout_s is None:
+            return await self._inbox.get(self._what)
+        try:
+            async with asyncio.timeout(timeout_s):
+                return await self._inbox.get(self._what)
+        except TimeoutError as error:
+            raise ReceiveTimeoutError(
+                self._topic, timeout_s=timeout_s, publishers=self._reader.matched
+            ) from error
+
+
+class _Incoming:
+    """A reader, its inbox and its warnings, which end together; apart so that it never holds the node."""
+
+    def __init__(self, reader: Reader, inbox: Inbox, unwatch: Callable[[], None]) -> None:
+        self._reader = reader
+        self._inbox = inbox
+        self._unwatch = unwatch
+
+    def close(self) -> None:
+        self._unwatch()
+        self._reader.close()
+        self._inbox.close()
+
+
+def _raw(sample: Sample) -> Any:
+    return sample[0]
+
+
+def _decoding(backend: Backend, type_: str) -> Callable[[Sample], Any]:
+    message_type(type_)  # an unknown one is an error here and now
+    decode = backend.decoder(type_)
+    return lambda sample: decode(sample[0])
+
+
+def _warn(wanted: RawEndpoint, warned: set[bytes], event: EndpointEvent) -> None:
+    """Say aloud, once for each publisher, that it will never reach a subscription, and why.
+
+    Types that differ and requests beyond what is offered are silent in DDS: nothing arrives. ROS 2 warns, too.
+    """
+    publisher = event.endpoint
+    if not isinstance(event, EndpointAdded):
+        warned.discard(publisher.gid)
+        return
+    reasons = _mismatches(publisher, wanted)
+    if reasons and publisher.gid not in warned:
+        warned.add(publisher.gid)
+        who = f"node {publisher.node!r}" if publisher.node else "another process"
+        _log.warning(
+            "topic %r: nothing will arrive from a publisher of %s: %s", wanted.name, who, "; ".join(reasons)
+        )
+
+
+def _mismatches(publisher: EndpointInfo, wanted: RawEndpoint) -> tuple[str, ...]:
+    if publisher.transport != wanted.transport:
+        return ()  # the two transports do not meet on purpose
+    if publisher.type != wanted.type:
+        return (f"type: the reader wants {wanted.type}, the writer has {publisher.type}",)
+    return incompatibilities(offered=publisher.qos, requested=wanted.qos)
