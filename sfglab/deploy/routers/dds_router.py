@@ -16,7 +16,7 @@ from sfglab.names import TF, TF_STATIC, dds_topic
 from sfglab.qos import COMPRESSED_STREAM
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from sfglab.fleet.fleet_file import Fleet
 
@@ -171,3 +171,24 @@ def _participant(name: str, domain: int, interface: str | None) -> Iterator[str]
         yield f"    whitelist-interfaces: [{_quoted(address)}]"
     elif interface is not None:
         yield f"    # To keep to {interface}: whitelist-interfaces with its address; names are passed over."
+
+
+_PLAIN = ("rt/chatter", "rt/rosout", "rt/parameter_events", "rt/local/go2/x", "rt/tf2", "ros_discovery_info")
+_FILLINGS = ("", "a", "a/b", "aRequest", "aReply", "a/_action/status")
+
+
+def probe_names(patterns: Iterable[str]) -> tuple[str, ...]:
+    """Return DDS topic names inside, at the edge of and just outside of patterns, each once and sorted.
+
+    Args:
+        patterns: Names with ``*`` as wildcard.
+    """
+    names = set(_PLAIN)
+    for pattern in patterns:
+        filled = {pattern.replace("*", filling) for filling in _FILLINGS}
+        names |= filled
+        names |= {name[:-1] for name in filled} | {f"{name}_x" for name in filled}
+        names |= {f"{name[:2]}/local{name[2:]}" for name in filled} | {
+            name.replace("/", "ly/", 2) for name in filled
+        }
+    return tuple(sorted(name for name in names if name))

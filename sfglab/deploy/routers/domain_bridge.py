@@ -6,11 +6,14 @@ left out stands in the file's first lines.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from sfglab.deploy.findings import Broken, Rules, worst_first
 from sfglab.deploy.routers.dds_router import header
-from sfglab.fleet.border import Use, View
-from sfglab.fleet.routing import Direction
+from sfglab.deploy.shapes import check_shape
+from sfglab.documents import Document, KeyPath
+from sfglab.fleet.border import Finding, Use, View
+from sfglab.fleet.routing import Direction, Policy
 from sfglab.names import ResourceKind, dds_topic
 from sfglab.qos import Durability
 
@@ -78,3 +81,54 @@ def _topic(name: str, type_: str, ways: frozenset[Direction], uses: list[Use]) -
     if latched:
         depth = sum(use.count for use in latched if use.speaks) or 1
         yield f"    qos: {{reliability: reliable, durability: transient_local, depth: {depth}}}"
+
+
+Config = dict[str, Any]
+
+RULES: Rules[Config, KeyPath] = Rules()
+"""What a configuration may mean that has the right shape."""
+
+POLICY: Rules[tuple[Config, Policy], KeyPath] = Rules()
+"""Whether it bridges nothing that a policy keeps, name by name."""
+
+
+def check_domain_bridge(
+    text: str, *, file: str = "bridge.yaml", policy: Policy | None = None
+) -> tuple[Finding, ...]:
+    """Return what is wrong with a `domain_bridge` configuration, the worst first.
+
+    Args:
+        text: The YAML file's text.
+        file: Its name, for the findings' places.
+        policy: What may cross, from the agent's domain as ``from_domain``; None does not ask. That
+            something does not cross is no fault: a bridge has topics of a known type only.
+
+    Raises:
+        DocumentError: It is not YAML.
+        MissingProgramError: The library that reads JSON Schema is not installed.
+    """
+    document = Document(text, file)
+    config: Any = document.value
+    findings = check_shape(document, "domain-bridge")
+    if not findings:
+        findings = (*RULES.broken(config, document.place),)
+        findings += (*POLICY.broken((config, policy), document.place),) if policy else ()
+    return worst_first(findings)
+
+
+@RULES.add("loop", "every message goes round for ever", "give them different domains")
+def _same_domain(config: Config) -> Iterator[Broken[KeyPath]]:
+    for name, topic in config["topics"].items():
+        domains = {topic.get(key, config.get(key)) for key in ("from_domain", "to_domain")}
+        if len(domains) == 1 and topic.get("remap", name) == name:
+            yield Broken(("topics", name), f"{name} goes from domain {domains.pop()} to the same")
+
+
+@POLICY.add("policy", "the bridge does not do what the fleet file says", "generate it from the fleet file")
+def _kept_by_policy(asked: tuple[Config, Policy]) -> Iterator[Broken[KeyPath]]:
+    config, policy = asked
+    for name, topic in config["topics"].items():
+        one_way = Direction.INWARD if topic.get("reversed") else Direction.OUTWARD
+        for way in Direction if topic.get("bidirectional") else (one_way,):
+            if not policy.crosses(dds_topic(name), way):
+                yield Broken(("topics", name), f"{name} crosses {way.value}, and the policy keeps it")

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.routers.dds_router import render_dds_router
 from sfglab.deploy.routers.dds_router_check import check_dds_router
-from sfglab.deploy.routers.domain_bridge import render_domain_bridge
+from sfglab.deploy.routers.domain_bridge import check_domain_bridge, render_domain_bridge
 from sfglab.deploy.routers.zenoh import render_zenoh_acl, render_zenoh_bridge
 from sfglab.deploy.routers.zenoh_check import check_zenoh
-from sfglab.documents import suggestion
+from sfglab.documents import Document, suggestion
 from sfglab.fleet.fleet_file import RouterSoftware
 
 if TYPE_CHECKING:
@@ -52,7 +52,9 @@ def render_router(fleet: Fleet, agent: str, target: str) -> str:
 
 
 def check_file(path: Path | str, *, policy: Policy | None = None) -> tuple[Finding, ...]:
-    """Check a configuration of a DDS Router (``.yaml``, ``.yml``) or of Zenoh (``.json5``, ``.json``).
+    """Check a file of a DDS Router, a domain_bridge (``.yaml``, ``.yml``) or Zenoh (``.json5``, ``.json``).
+
+    A domain_bridge's has ``from_domain`` or its topics by name; other YAML is taken for a DDS Router's.
 
     Args:
         path: The file.
@@ -66,7 +68,12 @@ def check_file(path: Path | str, *, policy: Policy | None = None) -> tuple[Findi
         DocumentError: It is neither YAML nor JSON5.
     """
     path = Path(path)
-    checks = {".yaml": check_dds_router, ".yml": check_dds_router, ".json5": check_zenoh, ".json": check_zenoh}
+    checks: dict[str, Callable[..., tuple[Finding, ...]]] = {
+        ".yaml": _check_yaml,
+        ".yml": _check_yaml,
+        ".json5": check_zenoh,
+        ".json": check_zenoh,
+    }
     check = checks.get(path.suffix)
     if check is None:
         raise DeployError(f"{path}: given a file {path.suffix!r}, allowed: {', '.join(checks)}")
@@ -102,3 +109,9 @@ def render_router_file(fleet: Fleet, agent: str, interface: str) -> str:
         return ""
     agents = tuple(replace(a, local_interface=interface) if a.name == agent else a for a in fleet.agents)
     return render_router(replace(fleet, agents=agents), agent, _TARGETS[software])
+
+
+def _check_yaml(text: str, *, file: str, policy: Policy | None) -> tuple[Finding, ...]:
+    config = Document(text, file).value
+    bridge = isinstance(config, dict) and ("from_domain" in config or isinstance(config.get("topics"), dict))
+    return (check_domain_bridge if bridge else check_dds_router)(text, file=file, policy=policy)

@@ -1,6 +1,6 @@
-"""What is wrong with Zenoh's access control, and whether it lets cross what the policy does.
+"""Faults of Zenoh's access control that has the right shape, and whether it lets cross what the policy does.
 
-Format: section ``access_control`` of Zenoh 1 (DEFAULT_CONFIG.json5, 2025).
+Format: section ``access_control`` of Zenoh 1 (``schemas/zenoh.yaml``).
 """
 
 from __future__ import annotations
@@ -8,43 +8,84 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from sfglab.deploy.routers.shapes import fault, flag, listing, mapping, text
-from sfglab.fleet.border import Finding, Severity
-from sfglab.fleet.routing import Direction
+from sfglab.deploy.findings import Broken, Rules
+from sfglab.fleet.border import Severity
+from sfglab.fleet.routing import Direction, Policy
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sfglab.documents import Document, KeyPath
-    from sfglab.fleet.routing import Policy
+    from sfglab.documents import KeyPath
 
 
 Control = dict[str, Any]
 HERE = ("access_control",)
-MESSAGES = (
-    "put",
-    "delete",
-    "declare_subscriber",
-    "query",
-    "reply",
-    "declare_queryable",
-    "liveliness_token",
-    "liveliness_query",
-    "declare_liveliness_subscriber",
+_PROBES = (
+    *("chatter", "rosout", "local/go2/x", "tf", "tf_static", "tf2"),
+    *("global", "global/x", "global/go2/a/b", "globally/x"),
 )
-PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws", "serial", "unixsock-stream", "unixpipe", "vsock")
-PROBES = (
-    "chatter",
-    "rosout",
-    "local/go2/x",
-    "tf",
-    "tf_static",
-    "tf2",
-    "global",
-    "global/x",
-    "global/go2/a/b",
-    "globally/x",
+
+RULES: Rules[Control, KeyPath] = Rules()
+"""What access control may mean that has the right shape."""
+
+POLICY: Rules[tuple[Control, Policy], KeyPath] = Rules()
+"""Whether it lets messages pass that a policy lets cross, name by name; asked where no rule is broken."""
+
+
+@RULES.add("open-router", "it filters nothing until it is", "enabled: true")
+def _disabled(control: Control) -> Iterator[Broken[KeyPath]]:
+    if control.get("enabled") is not True:
+        yield Broken((*HERE, "enabled"), "access control is not enabled")
+
+
+@RULES.add(
+    "open-router", "every name that nobody thought of crosses", "default_permission: deny", Severity.WARNING
 )
+def _allowed_by_default(control: Control) -> Iterator[Broken[KeyPath]]:
+    if control.get("default_permission") == "allow":
+        yield Broken((*HERE, "default_permission"), "whatever no rule names is allowed")
+
+
+@RULES.add("duplicate", "Zenoh does not start")
+def _same_id(control: Control) -> Iterator[Broken[KeyPath]]:
+    for key in ("rules", "subjects"):
+        names = [item["id"] for item in control[key]]
+        for position, name in enumerate(names):
+            if name in names[:position]:
+                yield Broken((*HERE, key, position), f"{name!r} is an id twice")
+
+
+@RULES.add("reference", "Zenoh does not start")
+def _unknown_id(control: Control) -> Iterator[Broken[KeyPath]]:
+    for key in ("rules", "subjects"):
+        known = [entry["id"] for entry in control[key]]
+        for position, item in enumerate(control["policies"]):
+            for name in item[key]:
+                if name not in known:
+                    yield Broken((*HERE, "policies", position, key), f"{name!r} is none of the {key}")
+
+
+@RULES.add("unused", "it has no effect", severity=Severity.WARNING)
+def _unused(control: Control) -> Iterator[Broken[KeyPath]]:
+    used = {name for item in control["policies"] for name in item["rules"]}
+    for position, rule in enumerate(control["rules"]):
+        if rule["id"] not in used:
+            yield Broken((*HERE, "rules", position), f"rule {rule['id']!r} is in no policy")
+
+
+@POLICY.add(
+    "policy", "access control does not do what the fleet file says", "generate the file from the fleet file"
+)
+def _differences(asked: tuple[Control, Policy]) -> Iterator[Broken[KeyPath]]:
+    control, policy = asked
+    for way, flow in ((Direction.OUTWARD, "egress"), (Direction.INWARD, "ingress")):
+        for key in _PROBES:
+            should = policy.crosses(f"rt/{key}", way)
+            if permits(control, "put", flow, key) is not should:
+                does = (
+                    "is stopped, and the policy lets it cross" if should else "passes, and the policy keeps it"
+                )
+                yield Broken((*HERE, "rules"), f"a message of {key} {does} ({flow})")
 
 
 def includes(expression: str, key: str) -> bool:
@@ -82,7 +123,7 @@ def permits(control: Control, message: str, flow: str, key: str) -> bool:
 
     Args:
         control: The values of ``access_control``.
-        message: One of `MESSAGES`.
+        message: Its kind, as in ``put``.
         flow: ``egress`` or ``ingress``.
         key: The message's key.
     """
@@ -99,147 +140,3 @@ def permits(control: Control, message: str, flow: str, key: str) -> bool:
     if "deny" in matching:
         return False
     return "allow" in matching or control.get("default_permission", "deny") == "allow"
-
-
-def check_access_control(document: Document, control: Any, policy: Policy | None) -> Iterator[Finding]:
-    """Find what is wrong with a section ``access_control``, and with its meaning.
-
-    Args:
-        document: Where it stands.
-        control: Its values.
-        policy: What should cross; None does not ask.
-    """
-    found = list(_CONTROL(document, HERE, control))
-    if not found:
-        for check in (_disabled, _identities, _references):
-            found += check(document, control)
-        found += _check_policy(document, control, policy) if policy and not found else ()
-    yield from found
-
-
-def _disabled(document: Document, control: Control) -> Iterator[Finding]:
-    if control.get("enabled") is not True:
-        yield fault(
-            document,
-            (*HERE, "enabled"),
-            "access control is not enabled",
-            why="it filters nothing until it is",
-            remedy="enabled: true",
-            code="open-router",
-        )
-    if control.get("default_permission") == "allow":
-        yield fault(
-            document,
-            (*HERE, "default_permission"),
-            "whatever no rule names is allowed",
-            why="every name that nobody thought of crosses",
-            remedy="default_permission: deny",
-            code="open-router",
-            severity=Severity.WARNING,
-        )
-
-
-def _identities(document: Document, control: Control) -> Iterator[Finding]:
-    for key in ("rules", "subjects"):
-        names = [item["id"] for item in control[key]]
-        for position, name in enumerate(names):
-            if names.index(name) != position:
-                what = f"{name!r} is an id twice"
-                yield fault(
-                    document, (*HERE, key, position), what, why="Zenoh does not start", code="duplicate"
-                )
-
-
-def _references(document: Document, control: Control) -> Iterator[Finding]:
-    used: set[str] = set()
-    for position, item in enumerate(control["policies"]):
-        for key in ("rules", "subjects"):
-            known = [entry["id"] for entry in control[key]]
-            for name in item[key]:
-                used.add(name)
-                if name not in known:
-                    what = f"{name!r} is none of the {key}"
-                    path = (*HERE, "policies", position, key)
-                    yield fault(document, path, what, why="Zenoh does not start", code="reference")
-    for position, rule in enumerate(control["rules"]):
-        if rule["id"] not in used:
-            yield fault(
-                document,
-                (*HERE, "rules", position),
-                f"rule {rule['id']!r} is in no policy",
-                why="it has no effect",
-                code="unused",
-                severity=Severity.WARNING,
-            )
-
-
-def _check_policy(document: Document, control: Control, policy: Policy) -> Iterator[Finding]:
-    for way, flow in ((Direction.OUTWARD, "egress"), (Direction.INWARD, "ingress")):
-        for key in PROBES:
-            should = policy.crosses(f"rt/{key}", way)
-            if permits(control, "put", flow, key) is not should:
-                does = (
-                    "is stopped, and the policy lets it cross" if should else "passes, and the policy keeps it"
-                )
-                yield fault(
-                    document,
-                    (*HERE, "rules"),
-                    f"a message of {key} {does} ({flow})",
-                    why="access control does not do what the fleet file says",
-                    remedy="generate the file from the fleet file",
-                    code="policy",
-                )
-
-
-def _key_expression(document: Document, path: KeyPath, value: Any) -> Iterator[Finding]:
-    bad = not isinstance(value, str) or not value or any(_bad_segment(s) for s in str(value).split("/"))
-    if bad:
-        yield fault(
-            document,
-            path,
-            f"given {value!r}, allowed: a key expression",
-            why="segments are not empty; '*' and '**' stand alone, '$*' within one; '#' and '?' do not stand",
-            remedy="a ROS name goes without its first slash",
-            code="key-expression",
-        )
-
-
-def _bad_segment(segment: str) -> bool:
-    if segment in {"*", "**"}:
-        return False
-    return not segment or "*" in segment.replace("$*", "") or bool(set("#?$") & set(segment.replace("$*", "")))
-
-
-_RULE = mapping(
-    {
-        "id": text(),
-        "permission": text("allow", "deny"),
-        "messages": listing(text(*MESSAGES), least=1),
-        "flows": listing(text("egress", "ingress"), least=1),
-        "key_exprs": listing(_key_expression, least=1),
-    },
-    needed=("id", "permission", "messages", "key_exprs"),
-)
-_SUBJECT = mapping(
-    {
-        "id": text(),
-        **dict.fromkeys(("interfaces", "cert_common_names", "usernames", "zids"), listing(text(), least=1)),
-        "link_protocols": listing(text(*PROTOCOLS), least=1),
-    },
-    needed=("id",),
-)
-_POLICY = mapping(
-    {"id": text(), "rules": listing(text(), least=1), "subjects": listing(text(), least=1)},
-    needed=("rules", "subjects"),
-)
-_CONTROL = mapping(
-    {
-        "enabled": flag,
-        "default_permission": text("allow", "deny"),
-        "rules": listing(_RULE),
-        "subjects": listing(_SUBJECT),
-        "policies": listing(_POLICY),
-    },
-    needed=("rules", "subjects", "policies"),
-)
-"""The shape of ``access_control``; without one of its three lists Zenoh does not start."""

@@ -1,0 +1,190 @@
+"""Shapes of foreign files by JSON Schema, and the one translator of its messages into findings.
+
+A shape is a file of the folder ``schemas`` (JSON Schema 2020-12 as YAML). Beside the standard's keywords it may
+hold ``x-allowed``, words for what is allowed; ``x-finding``, parts of the finding in place of the general ones,
+whose texts may name ``{given}``, ``{cause}`` and keys around the value; and at its top ``x-why``: what follows,
+by code.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from collections import defaultdict
+from functools import cache
+from importlib import import_module, resources
+from typing import TYPE_CHECKING, Any
+
+from sfglab.deploy.programs import MissingProgramError
+from sfglab.documents import suggestion
+from sfglab.fleet.border import Finding, Severity
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from sfglab.documents import Document, KeyPath
+
+
+_TYPES = {
+    "array": "a list",
+    "boolean": "true or false",
+    "integer": "a whole number",
+    "number": "a number",
+    "object": "a mapping",
+    "string": "a text",
+}
+
+
+def check_shape(document: Document, shape: str) -> tuple[Finding, ...]:
+    """Return where a document has not the shape that it must have, each fault once.
+
+    Args:
+        document: The document.
+        shape: Name of the shape's file without suffix.
+
+    Raises:
+        MissingProgramError: The library that reads JSON Schema is not installed.
+    """
+    validator = _validator(shape)
+    errors = validator.iter_errors(document.value)
+    found = (
+        _finding(document, error, validator.schema, *fault) for error in errors for fault in _faults(error)
+    )
+    return tuple(dict.fromkeys(found))
+
+
+@cache
+def _validator(shape: str) -> Any:
+    import yaml
+
+    try:
+        jsonschema: Any = import_module("jsonschema")
+    except ImportError as error:
+        raise MissingProgramError("jsonschema") from error
+    text = resources.files(__package__).joinpath("schemas", f"{shape}.yaml").read_text(encoding="utf-8")
+    standard = jsonschema.Draft202012Validator
+    # To the standard 1.0 is an integer; readers of these files refuse it.
+    types = standard.TYPE_CHECKER.redefine("integer", lambda _, value: type(value) is int)
+    formats = jsonschema.FormatChecker()
+    formats.checks("ip", raises=ValueError)(lambda value: bool(ipaddress.ip_address(value)) or True)
+    formats.checks("bracketed")(lambda value: not _has_bare_alternative(value))
+    return jsonschema.validators.extend(standard, type_checker=types)(
+        yaml.safe_load(text), format_checker=formats
+    )
+
+
+def _finding(document: Document, error: Any, schema: Any, inner: KeyPath, parts: dict[str, str]) -> Finding:
+    path = (*error.absolute_path, *inner)
+    own = dict(error.schema.get("x-finding", {})) if isinstance(error.schema, dict) else {}
+    texts = _around(document.value, path) | {"given": error.instance, "cause": error.cause}
+    parts = parts | {key: str(text).format_map(texts) for key, text in own.items()}
+    code = parts.get("code", "schema")
+    return Finding(
+        severity=Severity(parts.get("severity", "error")),
+        code=code,
+        place=document.place(path),
+        what=parts["what"],
+        why=parts.get("why") or schema["x-why"].get(code) or schema["x-why"]["schema"],
+        remedy=parts.get("remedy", ""),
+    )
+
+
+def _around(value: Any, path: KeyPath) -> dict[str, Any]:
+    """Return the innermost mapping on the way to a place, for texts that name its keys."""
+    found: dict[str, Any] = {}
+    for key in (*path, None):
+        found = value if isinstance(value, dict) else found
+        try:
+            value = value[key]
+        except (KeyError, IndexError, TypeError):
+            break
+    return defaultdict(lambda: None, found)
+
+
+def _faults(error: Any) -> Iterator[tuple[KeyPath, dict[str, str]]]:
+    """Yield what an error says: where below its own place, and the parts of its finding."""
+    given, asked = error.instance, error.validator_value
+    match error.validator:
+        case "additionalProperties":
+            known = tuple(error.schema["properties"])
+            for key in given:
+                if key not in known:
+                    yield (key,), _unknown(key, known)
+        case "required":
+            for key in asked:
+                if key not in given:
+                    yield (key,), _missing(key)
+        case "anyOf":
+            yield (), _missing(" or ".join(branch["required"][0] for branch in asked if "required" in branch))
+        case "dependentRequired":
+            yield (), {"what": _torn(error, [key for key in asked if key in given])}
+        case "uniqueItems":
+            twice = [(n, item) for n, item in enumerate(given) if item in given[:n]]
+            yield from (((n,), {"what": f"{item} stands there twice"}) for n, item in twice)
+        case _:
+            # The schema of a key's name does not say in its path which key it is.
+            inner = (given,) if "propertyNames" in error.absolute_schema_path else ()
+            yield inner, {"what": f"given {given!r}, allowed: {_allowed(error)}"}
+
+
+def _unknown(key: str, known: tuple[str, ...]) -> dict[str, str]:
+    what = f"unknown key {key!r}{suggestion(key, known)}"
+    return {"code": "unknown-key", "what": what, "remedy": f"allowed here: {', '.join(known)}"}
+
+
+def _missing(key: str) -> dict[str, str]:
+    return {"code": "missing-key", "what": f"{key} is missing", "remedy": f"add {key}"}
+
+
+def _torn(error: Any, given: list[str]) -> str:
+    missing = [key for key in error.validator_value if key not in given]
+    return f"{error.absolute_path[-1]} has {', '.join(given)} without {', '.join(missing)}"
+
+
+def _allowed(error: Any) -> str:
+    """Return words for what is allowed in the place of a value."""
+    schema = error.schema if isinstance(error.schema, dict) else {}
+    given, asked = error.instance, error.validator_value
+    words = schema.get("x-allowed", asked if error.validator == "enum" else None)
+    if isinstance(words, list):
+        return ", ".join(map(str, words)) + suggestion(given, words)
+    return str(words) if words else _WORDS.get(error.validator, _by_message)(error, schema, asked)
+
+
+def _type(_error: Any, schema: Any, asked: Any) -> str:
+    names = " or ".join(_TYPES[name] for name in ([asked] if isinstance(asked, str) else asked))
+    keys = ", ".join(schema.get("properties", ()))
+    return f"{names} with {keys}" if keys and asked == "object" else names
+
+
+def _range(_error: Any, schema: Any, asked: Any) -> str:
+    if "maximum" in schema:
+        return f"{schema['minimum']} to {schema['maximum']}"
+    return f"{asked} or more" if schema.get("type") == "integer" else f"at least {asked:g}"
+
+
+def _by_message(error: Any, _schema: Any, _asked: Any) -> str:
+    return f"what fits the schema ({error.message})"
+
+
+_WORDS: dict[str, Callable[[Any, Any, Any], str]] = {
+    "type": _type,
+    "minimum": _range,
+    "maximum": _range,
+    "exclusiveMinimum": lambda _error, _schema, asked: f"above {asked:g}",
+    "minItems": lambda _error, _schema, asked: f"a list of at least {asked}",
+    "const": lambda _error, _schema, asked: repr(asked),
+}
+"""What is allowed, by the keyword that is not fulfilled."""
+
+
+def _has_bare_alternative(regex: Any) -> bool:
+    """Tell whether a ``|`` of a regular expression stands outside of all brackets."""
+    if not isinstance(regex, str):
+        return False
+    depth = 0
+    for character in re.sub(r"\\.|\[(?:\\.|[^\]])*\]", "", regex):
+        depth += {"(": 1, ")": -1}.get(character, 0)
+        if character == "|" and depth == 0:
+            return True
+    return False
