@@ -7,8 +7,11 @@ scaled to 640 x 360: as it is, and with the noise of a stereo camera. Run: pytho
 
 from __future__ import annotations
 
+import importlib
 import statistics
+import sys
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -16,7 +19,7 @@ import numba
 import numpy as np
 from skimage import data
 
-from sfglab.codecs import rvl, rvl_reference
+from sfglab.codecs import rvl
 from sfglab.codecs.depth import PNG_LEVEL
 from sfglab.codecs.still import decode_still, encode_png
 
@@ -24,6 +27,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
+
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "codecs"))
+rvl_reference = importlib.import_module("rvl_reference")  # the tests' plain implementation
 
 ROUNDS = 21
 FOCAL_PX, BASELINE_MM, OFFSET_PX = 994.978, 193.001, 31.086  # from the docstring of stereo_motorcycle

@@ -13,7 +13,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from sfglab import __version__
-from sfglab.cli import components, deploy, experiments, fleet, follow, mapping, mocap, plan, qos, view
+from sfglab.cli import deploy, experiments, fleet, mapping, mocap, plan, view
 from sfglab.errors import SfglabError
 
 __all__ = ["app", "main"]
@@ -26,11 +26,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 experiments.add_to(app)
-components.add_to(app)
-app.add_typer(fleet.app, name="fleet")
+fleet.add_to(app)
 app.add_typer(deploy.app, name="deploy")
-app.add_typer(follow.app, name="follow")
-qos.add_to(app)
+app.add_typer(plan.app, name="follow")
 mapping.add_to(app)
 mocap.add_to(app)
 plan.add_to(app)

@@ -1,4 +1,4 @@
-"""Commands of designers: check a fleet before anything runs, and configure other people's routers for it."""
+"""Commands of fleets: check their files, configure routers, and run an agent's components beside ROS 2."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from typing import Annotated
 
 import typer
 
-app = typer.Typer(
+from sfglab.pipes import run
+
+fleet_app = typer.Typer(
     help="A fleet file: what crosses its borders, and routers' configurations for it.", no_args_is_help=True
 )
 
 
-@app.command()
+@fleet_app.command()
 def lint(file: Annotated[Path, typer.Argument(help="A fleet file, e.g. data/fleets/lab.yaml")]) -> None:
     """Say who hears what, which services are half open, which frames clash, and what discovery will cost.
 
@@ -29,7 +31,7 @@ def lint(file: Annotated[Path, typer.Argument(help="A fleet file, e.g. data/flee
     raise typer.Exit(code)
 
 
-@app.command("router")
+@fleet_app.command("router")
 def router_configuration(
     file: Annotated[Path, typer.Argument(help="A fleet file.")],
     agent: Annotated[str, typer.Option(help="Whose router.")],
@@ -58,7 +60,7 @@ def router_configuration(
         output.write_text(text, encoding="utf-8")
 
 
-@app.command()
+@fleet_app.command()
 def check(
     file: Annotated[Path, typer.Argument(help="A configuration of a DDS Router (.yaml) or Zenoh (.json5).")],
     fleet: Annotated[
@@ -78,3 +80,180 @@ def check(
     findings = check_file(file, policy=load_fleet(fleet).policy if fleet is not None else None)
     typer.echo(render_findings(findings))
     raise typer.Exit(any(finding.severity is Severity.ERROR for finding in findings))
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add these commands to a program."""
+    agent = typer.Typer(
+        help="An agent of a fleet: router, status provider, discoverer, decoder.", no_args_is_help=True
+    )
+    agent.command("up")(agent_up)
+    app.add_typer(agent, name="agent")
+    for command in (router, decoder, camera):
+        app.command()(command)
+    app.add_typer(fleet_app, name="fleet")
+
+
+def agent_up(
+    domain: Annotated[int | None, typer.Option(help="The agent's own DDS domain, 1 to 101.")] = None,
+    interface: Annotated[
+        str | None, typer.Option(help="Interface of its own domain; lo keeps it inside.")
+    ] = None,
+    global_domain: Annotated[int | None, typer.Option(help="The domain that all agents share; 0.")] = None,
+    global_interface: Annotated[str | None, typer.Option(help="Interface towards the other agents.")] = None,
+    fleet: Annotated[Path | None, typer.Option(help="A fleet file that describes the agent.")] = None,
+    agent: Annotated[
+        str | None, typer.Option(help="Its name; SFG_AGENT_NAME, else the host's name, when not given.")
+    ] = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(help="A component to leave out: router, status, discoverer, keeper, decoder."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Report JSON lines instead of sentences.")] = False,
+) -> None:
+    """Run an agent: everything that paper A puts on each robot, until Ctrl-C.
+
+    A component that crashes is started again, and it is said.
+
+    Examples:
+
+      sfglab agent up --domain 7
+
+      sfglab agent up --domain 7 --interface lo --global-interface wlan0
+
+      sfglab agent up --fleet data/fleets/lab.yaml --agent go2
+
+      sfglab agent up --domain 7 --without router   # beside a DDS Router of your own
+    """
+    from sfglab.fleet.agent import plan
+    from sfglab.fleet.agent.app import serve_agent
+    from sfglab.fleet.agent.options import SideOptions, config_from_options
+    from sfglab.fleet.fleet_file import load_fleet
+    from sfglab.names import default_agent
+
+    config = config_from_options(
+        agent or default_agent(),
+        load_fleet(fleet) if fleet is not None else None,
+        local=SideOptions(domain_id=domain, interface=interface),
+        remote=SideOptions(domain_id=global_domain, interface=global_interface),
+    )
+    run(serve_agent(plan.without(config, without or ()), typer.echo, as_json=as_json))
+
+
+def router(
+    domain: Annotated[int | None, typer.Option(help="The agent's own DDS domain.")] = None,
+    interface: Annotated[str | None, typer.Option(help="Interface of its own domain.")] = None,
+    global_domain: Annotated[int | None, typer.Option(help="The domain that all agents share; 0.")] = None,
+    global_interface: Annotated[str | None, typer.Option(help="Interface towards the other agents.")] = None,
+    fleet: Annotated[Path | None, typer.Option(help="A fleet file: domains, policy and frames.")] = None,
+    agent: Annotated[str | None, typer.Option(help="Name of the agent.")] = None,
+    prefix_frames: Annotated[
+        bool | None, typer.Option(help="Whether TF frames get the agent's name in front on their way out; yes.")
+    ] = None,
+) -> None:
+    """Run a router alone: what Table 1, or the fleet file's policy, names crosses, everything else stays.
+
+    Examples:
+
+      sfglab router --domain 7 --interface lo --global-interface wlan0
+
+      sfglab router --fleet data/fleets/lab.yaml --agent go2
+    """
+    from dataclasses import replace
+
+    from sfglab.fleet.agent.options import SideOptions, config_from_options
+    from sfglab.fleet.agent.plan import router_config
+    from sfglab.fleet.fleet_file import load_fleet
+    from sfglab.fleet.routing.app import serve_terminal
+    from sfglab.names import default_agent
+
+    if domain is None and fleet is None:
+        raise typer.BadParameter("nothing is given, allowed: a domain, or a fleet file", param_hint="--domain")
+    described = config_from_options(
+        agent or default_agent(),
+        load_fleet(fleet) if fleet is not None else None,
+        local=SideOptions(domain_id=domain, interface=interface),
+        remote=SideOptions(domain_id=global_domain, interface=global_interface),
+    )
+    config = router_config(described)
+    if prefix_frames is not None:
+        config = replace(config, prefix_frames=prefix_frames)
+    run(serve_terminal(config, typer.echo))
+
+
+def decoder(
+    streams: Annotated[
+        list[str] | None,
+        typer.Argument(help="Remote streams by name, e.g. /global/go2/camera_front/color/ffmpeg"),
+    ] = None,
+    domain: Annotated[int, typer.Option(help="DDS domain of the local subscribers.")] = 0,
+    interface: Annotated[str | None, typer.Option(help="Interface of the local domain.")] = None,
+    remote_domain: Annotated[
+        int | None, typer.Option(help="DDS domain of the remote streams; the local one when not given.")
+    ] = None,
+    remote_interface: Annotated[str | None, typer.Option(help="Interface of the remote domain.")] = None,
+    linger: Annotated[float, typer.Option(help="Seconds a pipeline outlives its last subscriber.")] = 1.0,
+) -> None:
+    """Decode remote streams once for all subscribers on this device, on demand.
+
+    Examples:
+
+      sfglab decoder --domain 7 /global/go2/camera_front/color/ffmpeg
+
+      sfglab decoder --domain 7 --interface lo --remote-domain 0 --remote-interface eth0
+
+    Without streams it offers what remote agents announce on /local/<agent>/agent_discovery_event.
+    """
+    from sfglab.fleet.address import BusAddress
+    from sfglab.fleet.decoder.app import DecoderConfig, serve_terminal
+    from sfglab.names import Resource, RosFqnBuilder, Scope
+
+    local = BusAddress(domain_id=domain, interface=interface)
+    remote = (
+        local
+        if remote_domain is None and remote_interface is None
+        else BusAddress(
+            domain_id=domain if remote_domain is None else remote_domain, interface=remote_interface
+        )
+    )
+    discovery = RosFqnBuilder().scope(Scope.LOCAL).resource(Resource.AGENT_DISCOVERY_EVENT).build()
+    config = DecoderConfig(
+        remote=remote,
+        local=local,
+        streams=tuple(streams or ()),
+        discovery_topic=str(discovery),
+        linger_s=linger,
+    )
+    run(serve_terminal(config, typer.echo))
+
+
+def camera(
+    topic: Annotated[str, typer.Argument(help="Topic, e.g. /global/go2/camera_front/color/ffmpeg")],
+    source: Annotated[
+        str, typer.Option(help="photos, stereo, camera:0, bag:PATH#/topic, or a video file.")
+    ] = "photos",
+    codec: Annotated[
+        str, typer.Option(help="h264 (colour) or rvl (depth, needs a source with depth).")
+    ] = "h264",
+    domain: Annotated[int, typer.Option(help="DDS domain.")] = 0,
+    interface: Annotated[str | None, typer.Option(help="Network interface.")] = None,
+    encoder: Annotated[str, typer.Option(help="H.264 encoder by FFmpeg's name.")] = "auto",
+) -> None:
+    """Publish a camera stream at the settings of the paper's Table 2, from any source.
+
+    Example:
+
+      sfglab camera /global/go2/camera_front/color/ffmpeg --source drive.mp4
+    """
+    from sfglab.lab.workers.camera import CameraConfig, run_camera
+
+    config = CameraConfig(
+        domain_id=domain,
+        interface=interface,
+        multicast="default",
+        topic=topic,
+        codec=codec,
+        source=source,
+        encoder=encoder,
+    )
+    run(run_camera(config, typer.echo))

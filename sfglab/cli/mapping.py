@@ -1,7 +1,9 @@
-"""The command that maps a computation graph onto a system-on-chip."""
+"""Commands that plan before anything runs: QoS of topics, and mappings of graphs onto a system-on-chip."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,9 +11,167 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfglab.errors import SfglabError
+from sfglab.tables import columns
+from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
+    from sfglab.arp import Plan, TopicFile
     from sfglab.soc import CommunicationMapping, Graph, Topic
+
+
+@contextmanager
+def writing(option: str, path: Path, needed: str) -> Iterator[None]:
+    """Refuse an option's path where it cannot be written."""
+    try:
+        yield
+    except (OSError, ValueError) as error:
+        raise SfglabError(
+            f"{option}: given {path}, needed is {needed} that can be written ({error})"
+        ) from error
+
+
+class _Format(StrEnum):
+    TABLE = "table"
+    FASTDDS = "fastdds"
+    FASTDDS3 = "fastdds3"
+    CYCLONE = "cyclone"
+    ROS2 = "ros2"
+
+
+class _Method(StrEnum):
+    OURS = "ours"
+    PRINTED = "printed"
+
+
+class _Vendor(StrEnum):
+    FAST_DDS = "fast_dds"
+    CYCLONE_DDS = "cyclone_dds"
+
+
+def qos(
+    file: Annotated[Path, typer.Argument(help="A file of topics, e.g. data/qos/paper_b.yaml")],
+    method: Annotated[
+        _Method, typer.Option(help="ours: a convex programme that sees the link. printed: paper B, Eq. 1 to 6.")
+    ] = _Method.OURS,
+    output_format: Annotated[
+        _Format,
+        typer.Option("--format", help="A table, or a file that Fast DDS 2 or 3, Cyclone DDS or ROS 2 reads."),
+    ] = _Format.TABLE,
+    out: Annotated[
+        Path | None, typer.Option(help="Write the file into this folder, not to the terminal.")
+    ] = None,
+    rate_max: Annotated[float | None, typer.Option(min=0.001, help="No topic faster than this, Hz.")] = None,
+    vendor: Annotated[
+        _Vendor | None, typer.Option(help="Another DDS than the file's, with its defaults.")
+    ] = None,
+    latency_price: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="What a second of latency costs; else the front's most up-to-date point."),
+    ] = None,
+    front: Annotated[
+        bool, typer.Option("--front", help="Show the Pareto front, one line for each price of latency.")
+    ] = False,
+) -> None:
+    """Say how often each topic should be sent, how deep its history and how long its deadline should be.
+
+    Examples:
+
+      sfglab qos data/qos/paper_b.yaml
+
+      sfglab qos data/qos/paper_b.yaml --method printed --rate-max 500
+
+      sfglab qos data/qos/paper_b.yaml --front
+
+      sfglab qos data/qos/paper_b.yaml --format fastdds --out config
+
+      sfglab qos data/qos/warehouse.yaml --format cyclone --out config
+    """
+    from dataclasses import replace
+
+    from sfglab.arp import load_topics
+    from sfglab.arp.exports import EXPORTS
+    from sfglab.rtps import PRESETS
+
+    given = load_topics(file).limited_to(rate_max)
+    if vendor is not None and PRESETS[vendor.value].name != given.vendor.name:
+        given = replace(given, vendor=PRESETS[vendor.value])
+    if front:
+        typer.echo(_front_table(given))
+        return
+    plan = _plan(given, method, latency_price)
+    if output_format is _Format.TABLE:
+        _put(_plan_table(plan), "qos.txt", out)
+    else:
+        export = EXPORTS[output_format.value]
+        _put(export.render(plan), export.file, out)
+
+
+def _plan(given: TopicFile, method: _Method, latency_price: float | None) -> Plan:
+    from sfglab.arp import plan_as_printed, plan_file
+
+    if method is _Method.PRINTED:
+        return plan_as_printed(given)
+    return plan_file(given, latency_price_hz=latency_price)
+
+
+def _put(text: str, name: str, folder: Path | None) -> None:
+    if folder is None:
+        typer.echo(text, nl=False)
+        return
+    with writing("--out", folder, "a folder"):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
+    typer.echo(folder / name)
+
+
+def _plan_table(plan: Plan) -> str:
+    rows = [("topic", "rate Hz", "depth", "deadline ms", "latency ms", "lost %", "up to date %")]
+    rows += [
+        (
+            part.topic.name,
+            f"{part.rate_hz:.2f}",
+            str(part.depth),
+            "none" if part.deadline_ns is None else f"{part.deadline_ns / NS_PER_MS:.1f}",
+            f"{1e3 * part.latency_s:.2f}",
+            f"{100 * part.loss:.3f}",
+            f"{100 * part.up_to_date:.1f}",
+        )
+        for part in plan.topics
+    ]
+    lines = [
+        *columns(rows, right=range(1, 7)),
+        "",
+        f"{plan.vendor.name}, {plan.medium.rate_bps / 1e6:g} Mbit/s, {100 * plan.medium.loss:g} % loss",
+        f"taken of the medium's time {100 * plan.utilisation:.0f} %, expected latency {_ms(plan.latency_s)}",
+        f"readers up to date {100 * plan.up_to_date:.1f} % of the time",
+    ]
+    if plan.utilisation >= 1:
+        lines.append("the medium is overloaded: queues grow without end, and what they cannot hold is lost")
+    return "\n".join(lines) + "\n"
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.2f} ms" if seconds < float("inf") else "without bound"
+
+
+def _front_table(given: TopicFile) -> str:
+    from sfglab.arp import Limits, pareto_front
+
+    limits = Limits(utilisation_max=given.utilisation_max, residual_loss=given.residual_loss)
+    points = pareto_front(given.topics, given.medium, given.vendor, limits=limits)
+    rows = [("price Hz", "freshness %", "latency ms", "up to date %", "medium taken %", "price of airtime")]
+    rows += [
+        (
+            f"{point.latency_price_hz:.2f}",
+            f"{100 * point.freshness:.2f}",
+            f"{1e3 * point.latency_s:.3f}",
+            f"{100 * point.up_to_date:.2f}",
+            f"{100 * point.utilisation:.1f}",
+            f"{point.airtime_price:.4f}",
+        )
+        for point in points
+    ]
+    return "\n".join(columns(rows, right=range(6)))
 
 
 class _Rule(StrEnum):
@@ -80,7 +240,8 @@ def map_graph(
 
 
 def add_to(app: typer.Typer) -> None:
-    """Add the command to the program."""
+    """Add these commands to a program."""
+    app.command()(qos)
     app.command("map")(map_graph)
 
 
@@ -125,19 +286,14 @@ def _report(mapping: CommunicationMapping) -> str:
 def _topic_table(mapping: CommunicationMapping) -> list[str]:
     from sfglab.soc import carriages_per_message
 
-    width = max([len("topic"), *(len(topic.name) for topic in mapping.gateways.topics)])
-    lines = [f"{'topic':{width}}  mapped to  times carried  predicted ms (all in software -> as mapped)"]
+    rows = [("topic", "mapped to", "times carried", "predicted ms (all in software -> as mapped)")]
     for topic in mapping.gateways.topics:
         first = mapping.software.topic(topic.name)
-        before, after = (
-            carriages_per_message(mapping.software, first),
-            carriages_per_message(mapping.gateways, topic),
-        )
+        before = carriages_per_message(mapping.software, first)
+        after = carriages_per_message(mapping.gateways, topic)
         predicted = f"{_predicted(mapping.software, first)} -> {_predicted(mapping.gateways, topic)}"
-        lines.append(
-            f"{topic.name:{width}}  {topic.mapping.value:9}  {f'{before:g} -> {after:g}':13}  {predicted}"
-        )
-    return lines
+        rows.append((topic.name, topic.mapping.value, f"{before:g} -> {after:g}", predicted))
+    return columns(rows)
 
 
 def _predicted(graph: Graph, topic: Topic) -> str:
@@ -149,27 +305,22 @@ def _predicted(graph: Graph, topic: Topic) -> str:
 def _crossing_table(mapping: CommunicationMapping) -> list[str]:
     from sfglab.soc import crossing_edges
 
-    lines = ["edges across the boundary       publish  subscribe  together"]
+    rows = [(f"{'edges across the boundary':30}", "publish", "subscribe", "together")]
     titles = ("all topics in software", "topics in hardware", "topics in hardware, gateways")
     for title, graph in zip(titles, mapping.stages, strict=True):
         found = crossing_edges(graph)
-        publications, subscriptions = len(found.publications), len(found.subscriptions)
-        lines.append(f"{title:30}  {publications:7d}  {subscriptions:9d}  {len(found):8d}")
+        rows.append((title, str(len(found.publications)), str(len(found.subscriptions)), str(len(found))))
     left = crossing_edges(mapping.gateways)
     edges = [str(edge) for edge in (*left.publications, *left.subscriptions)]
-    return [*lines, f"left: {', '.join(edges) or 'none'}"]
+    return [*columns(rows, right=(1, 2, 3)), f"left: {', '.join(edges) or 'none'}"]
 
 
 def _write_build_cfg(graph: Graph, path: Path) -> None:
     from sfglab.soc import build_cfg
 
     text = build_cfg(graph, name=graph.name or path.stem)
-    try:
+    with writing("--build-cfg", path, "a file"):
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise SfglabError(
-            f"--build-cfg: given {path}, needed is a file that can be written ({error})"
-        ) from error
 
 
 def _write_verilog(graph: Graph, folder: Path) -> None:
@@ -191,13 +342,9 @@ def _write_verilog(graph: Graph, folder: Path) -> None:
     for count, names in sorted(topics.items()):
         path = folder / f"sfglab_gateway_{count}.v"
         text = gateway_verilog(count)
-        try:
+        with writing("--verilog", folder, "a folder"):
             folder.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise SfglabError(
-                f"--verilog: given {folder}, needed is a folder that can be written ({error})"
-            ) from error
         typer.echo(f"{path.name}: for {', '.join(names)}")
 
 
@@ -208,9 +355,5 @@ def _draw(mapping: CommunicationMapping, path: Path) -> None:
 
     figure = Figure(layout="constrained")
     draw_mapping(mapping, figure)
-    try:
+    with writing("--figure", path, "a .png, .svg or .pdf"):
         figure.savefig(path)
-    except (OSError, ValueError) as error:
-        raise SfglabError(
-            f"--figure: given {path}, needed is a .png, .svg or .pdf that can be written ({error})"
-        ) from error

@@ -1,11 +1,23 @@
-"""The command that opens the scene editor in the browser."""
+"""Commands of trajectories: the scene editor, a simulated agent, and sending agents along."""
 
 from __future__ import annotations
 
+import asyncio
+import signal
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from sfglab.errors import SfglabError
+from sfglab.pipes import run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.bus import Node
+    from sfglab.spatial.execution import AgentSetup, Ended, Execution, Order
 
 
 def plan(
@@ -57,3 +69,173 @@ def plan(
 def add_to(app: typer.Typer) -> None:
     """Add the command to the program."""
     app.command()(plan)
+
+
+app = typer.Typer(
+    help="Trajectories carried out: a simulated agent, and sending an agent along its trajectory.",
+    no_args_is_help=True,
+)
+_Domain = Annotated[int, typer.Option(help="DDS domain.")]
+_Interface = Annotated[str | None, typer.Option(help="Network interface; lo keeps it inside.")]
+_Action = Annotated[
+    str, typer.Option(help="Name of the action; /global/<agent>/execute_trajectory when not given.")
+]
+
+
+@app.command()
+def serve(
+    agent: Annotated[str, typer.Option(help="Name of the agent.")],
+    domain: _Domain = 0,
+    interface: _Interface = None,
+    action: _Action = "",
+    scene: Annotated[
+        Path | None, typer.Option(help="A scene that has the agent: its start and its limits.")
+    ] = None,
+    preempt: Annotated[
+        bool, typer.Option("--preempt", help="A second goal takes the first one's place; else it is refused.")
+    ] = False,
+) -> None:
+    """Simulate an agent that an action moves, until Ctrl-C; without a scene it stands at 0 and has no limits.
+
+    It publishes /global/<agent>/pose, /global/<agent>/odometry and <agent>/base on /tf.
+
+    Examples:
+
+      sfglab follow serve --agent go2 --domain 7
+
+      sfglab follow serve --agent go2 --scene data/scenes/hall.yaml --domain 7 --interface lo
+    """
+    from sfglab.names import validate_agent
+
+    setup = _setup(validate_agent(agent), scene, preempt=preempt)
+    run(_serve(agent, setup, action, {"domain_id": domain, "interface": interface}))
+
+
+@app.command("run")
+def run_scene(
+    file: Annotated[Path, typer.Argument(help="A scene, e.g. data/scenes/hall.yaml")],
+    agent: Annotated[
+        list[str] | None, typer.Option(help="Who is sent; all that have a trajectory when not given.")
+    ] = None,
+    domain: _Domain = 0,
+    interface: _Interface = None,
+    action: _Action = "",
+    delay: Annotated[
+        float, typer.Option(min=0.0, help="Seconds until all start together; 0: each when it gets its goal.")
+    ] = 1.0,
+) -> None:
+    """Send agents along their trajectories of a scene, and wait until they are there; Ctrl-C stops them.
+
+    Several agents start together by their clocks, which must agree. Ends with 0 if all came through, else 1,
+    and 130 after Ctrl-C, when all stand.
+
+    Examples:
+
+      sfglab follow run data/scenes/hall.yaml --agent go2 --domain 7
+
+      sfglab follow run data/scenes/hall.yaml --domain 7 --interface lo
+    """
+    from sfglab.spatial.execution import scene_orders
+    from sfglab.spatial.scene import load_scene
+
+    scene = load_scene(file)
+    agents = tuple(agent or ())
+
+    def orders(start_ns: int) -> tuple[Order, ...]:
+        begin_ns = start_ns + round(delay * 1e9) if delay else 0
+        found = scene_orders(scene, agents=agents, start_ns=begin_ns)
+        if action and len(found) > 1:
+            raise SfglabError(f"--action: given for {len(found)} agents, allowed: with one --agent")
+        return found
+
+    if not orders(0):
+        raise SfglabError(f"{file}: given no agent with a trajectory, allowed: at least one")
+    code = 0
+
+    async def main() -> None:
+        nonlocal code
+        code = await _send_all(orders, action, {"domain_id": domain, "interface": interface})
+
+    run(main())
+    raise typer.Exit(code)
+
+
+def _setup(agent: str, scene: Path | None, *, preempt: bool) -> AgentSetup:
+    from sfglab.spatial.execution import AgentSetup, Dynamics
+    from sfglab.spatial.scene import AgentObject, load_scene
+
+    if scene is None:
+        return AgentSetup(preempt=preempt)
+    loaded = load_scene(scene)
+    named = {found.name: found for found in loaded.all_of(AgentObject)}
+    if agent not in named:
+        raise SfglabError(f"--agent: given {agent!r}, allowed for {scene}: {', '.join(named) or 'none'}")
+    return AgentSetup(
+        pose=loaded.world_pose(named[agent].id),
+        frame_id=loaded.frame_id,
+        dynamics=Dynamics(limits=named[agent].limits),
+        preempt=preempt,
+    )
+
+
+async def _serve(agent: str, setup: AgentSetup, action: str, address: dict[str, Any]) -> None:
+    from sfglab.bus import Node
+    from sfglab.spatial.execution import TrajectoryServer
+
+    asked = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, asked.set)
+    async with (
+        Node(agent, **address) as node,
+        TrajectoryServer(node, agent, name=action, setup=setup) as server,
+    ):
+        typer.echo(f"{agent}: {server.action_name} moves it; Ctrl-C ends")
+        await asked.wait()
+
+
+async def _send_all(orders: Callable[[int], tuple[Order, ...]], action: str, address: dict[str, Any]) -> int:
+    from sfglab.bus import Node
+    from sfglab.spatial.execution import FOLLOW_TRAJECTORY
+
+    async with Node("planner", **address) as node:
+        sent = [_execution(node, order.agent, action, place) for place, order in enumerate(orders(0))]
+        for order in orders(0):
+            FOLLOW_TRAJECTORY.goal(
+                order
+            )  # what is imported at first use is not to cost time once the start is set
+        await asyncio.gather(*(execution.ready() for execution in sent))
+        wanted = orders(node.get_clock().now_ns())
+        await asyncio.gather(*(e.begin(order) for e, order in zip(sent, wanted, strict=True)))
+        loop, stopping = asyncio.get_running_loop(), set[asyncio.Task[Any]]()
+
+        def stop() -> None:
+            stopping.update(loop.create_task(execution.cancel()) for execution in sent)
+
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, stop)
+        ended = await asyncio.gather(*(execution.result() for execution in sent))
+        await asyncio.gather(*stopping)
+    for order, end in zip(wanted, ended, strict=True):
+        typer.echo(f"{order.agent}: {_sentence(end)}")
+    if stopping:
+        return 130
+    return 0 if all(end.outcome.value == "succeeded" for end in ended) else 1
+
+
+def _execution(node: Node, agent: str, action: str, place: int) -> Execution:
+    from tqdm import tqdm
+
+    from sfglab.spatial.execution import Execution
+
+    bar = tqdm(total=100, desc=agent, position=place, unit="%", file=sys.stderr, leave=True)
+
+    def show(feedback: Any) -> None:
+        bar.set_postfix_str(f"{feedback.error_m:.2f} m off" if feedback.error_m is not None else "")
+        bar.update(round(100 * feedback.share) - bar.n)
+
+    return Execution(node, agent, action=action, on_feedback=show)
+
+
+def _sentence(ended: Ended) -> str:
+    at = "" if ended.pose is None else " at ({:.2f}, {:.2f}, {:.2f}) m".format(*ended.pose.position_m)
+    return f"{ended}{at}"

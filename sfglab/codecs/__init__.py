@@ -12,15 +12,17 @@ from sfglab.codecs.carriers import (
     FFMPEG_PACKET,
     CompressedImageFields,
     CompressedVideoFields,
+    DecodedImage,
     FfmpegEncoding,
     FfmpegPacketFields,
+    ImageDecoder,
     compressed_depth_fields,
     compressed_image_fields,
     compressed_video_fields,
     ffmpeg_packet_fields,
+    image_decoder,
     parse_ffmpeg_encoding,
 )
-from sfglab.codecs.decoding import DecodedImage, ImageDecoder, image_decoder
 from sfglab.codecs.depth import DepthFormat, decode_depth, encode_depth, parse_depth_format
 from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, CodecUnavailableError
 from sfglab.codecs.h264 import DecoderState, H264Decoder, H264Encoder, VideoDecoder

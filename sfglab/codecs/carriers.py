@@ -1,7 +1,8 @@
-"""The fields of the ROS messages that carry compressed images.
+"""Messages that carry compressed images: their fields as plain values, and the way from a message to a picture.
 
-Knows ffmpeg_image_transport_msgs/FFMPEGPacket, sensor_msgs/CompressedImage and foxglove_msgs/CompressedVideo
-as plain values, headers left out. Refuses to know message classes; `sfglab.codecs.decoding` reads them.
+Knows ffmpeg_image_transport_msgs/FFMPEGPacket, sensor_msgs/CompressedImage and foxglove_msgs/CompressedVideo,
+headers left out; messages are read by their attributes, so no message class is needed. Refuses to know nodes
+and clocks.
 
 Source: ffmpeg_image_transport 3 (FFMPEGPacket); image_transport_plugins (format strings); foxglove-sdk
 (CompressedVideo).
@@ -9,15 +10,20 @@ Source: ffmpeg_image_transport 3 (FFMPEGPacket); image_transport_plugins (format
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from sfglab.codecs.depth import PNG_LEVEL, encode_depth
-from sfglab.codecs.errors import CodecError
+from sfglab.codecs.depth import PNG_LEVEL, DepthFormat, decode_depth, encode_depth, parse_depth_format
+from sfglab.codecs.errors import CodecError, CodecUnavailableError
+from sfglab.codecs.h264 import DecoderState, H264Decoder, VideoDecoder
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from av import VideoFrame
     from numpy.typing import NDArray
 
     from sfglab.codecs.libav import EncodedFrame, H264Settings
@@ -145,3 +151,193 @@ def parse_ffmpeg_encoding(text: str) -> FfmpegEncoding:
     ros_encoding = rest[2] if len(rest) >= 3 else ""
     known = next((codec for codec in _CODEC_PREFIXES if name.lower().startswith(f"{codec}_")), name)
     return FfmpegEncoding(codec=VIDEO_CODECS.get(known.lower(), known), ros_encoding=ros_encoding)
+
+
+_HINTS = ("h264", "hevc", "jpeg", "png", "rvl")
+_VIDEO = ("h264", "hevc")
+_LOADED_WITH = {"jpeg": "sfglab.codecs.still", "png": "sfglab.codecs.still", "rvl": "sfglab.codecs.rvl"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DecodedImage:
+    """One picture."""
+
+    array: NDArray[Any]  #: Pixels, contiguous, shape (rows, columns) or (rows, columns, channels).
+    encoding: str  #: ROS image encoding of `array`, such as ``"bgr8"``, ``"16UC1"`` or ``"32FC1"``.
+    is_key: bool  #: Whether a decoder could have started here.
+    #: False from a video packet that is known to be missing until the next key frame. Only FFMPEGPacket counts
+    #: its packets; elsewhere a loss goes unnoticed.
+    intact: bool
+
+
+class ImageDecoder(Protocol):
+    """Whatever turns the messages of one stream into pictures."""
+
+    @property
+    def waiting_for_keyframe(self) -> bool:
+        """Whether messages of a video are passed over until a key frame comes."""
+
+    def feed(self, message: Any) -> tuple[DecodedImage, ...]:
+        """Decode one message of the stream's type; its pictures come out at once or never.
+
+        Raises:
+            CodecError: If it cannot be decoded; the next messages may be.
+        """
+
+    def skip(self, message: Any) -> None:
+        """Take one message whose picture nobody wants, so that the next ones can be decoded.
+
+        Cheaper than `feed`: nothing is converted to pixels.
+
+        Raises:
+            CodecError: As `feed`.
+        """
+
+    def reset(self) -> None:
+        """Forget the stream's past, as after a pause."""
+
+
+def image_decoder(type_name: str, codec_hint: str | None = None) -> ImageDecoder:
+    """Return a decoder for one stream of messages.
+
+    The codec is read from each message, so a stream may change it.
+
+    Args:
+        type_name: ROS type of the messages: `FFMPEG_PACKET`, `COMPRESSED_IMAGE` or `COMPRESSED_VIDEO`.
+        codec_hint: Codec to expect: ``"h264"``, ``"hevc"``, ``"jpeg"``, ``"png"`` or ``"rvl"``; empty or None
+            for none. It is loaded and tried out here, so that the first message does not wait for that (0.1 s
+            for H.264, up to 2 s for RVL), and assumed for messages that name no known codec themselves.
+
+    Raises:
+        CodecUnavailableError: If messages of this type hold no readable images, or the hint is no codec.
+    """
+    readers = {
+        FFMPEG_PACKET: _read_ffmpeg_packet,
+        COMPRESSED_IMAGE: _read_compressed_image,
+        COMPRESSED_VIDEO: _read_compressed_video,
+    }
+    reader = readers.get(type_name)
+    if reader is None:
+        raise CodecUnavailableError(type_name, reason=f"no images in it; allowed are {', '.join(readers)}")
+    hint = VIDEO_CODECS.get(codec_hint or "", codec_hint or "")
+    if hint and hint not in _HINTS:
+        raise CodecUnavailableError(hint, reason=f"not a known codec; allowed are {', '.join(_HINTS)}")
+    if hint in _LOADED_WITH:
+        importlib.import_module(_LOADED_WITH[hint])
+    return _StreamDecoder(reader, hint)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Content:
+    """What a message holds: the codec as the message names it, and what else matters for that codec."""
+
+    codec: str
+    data: bytes
+    ros_encoding: str = ""
+    depth_format: DepthFormat | None = None
+    pts: int | None = None
+
+
+def _read_ffmpeg_packet(message: Any) -> _Content:
+    encoding = parse_ffmpeg_encoding(message.encoding)
+    if any(width in encoding.ros_encoding for width in ("16", "32")):
+        reason = "pictures of more than 8 bits in video are not decoded, because BGR would drop the rest"
+        raise CodecUnavailableError(message.encoding, reason=reason)
+    return _Content(codec=encoding.codec, data=bytes(message.data), pts=int(message.pts))
+
+
+def _read_compressed_video(message: Any) -> _Content:
+    return _Content(codec=VIDEO_CODECS.get(message.format.lower(), message.format), data=bytes(message.data))
+
+
+def _read_compressed_image(message: Any) -> _Content:
+    text = message.format.lower()
+    if "compresseddepth" in text:
+        return _Content(
+            codec="depth", data=bytes(message.data), depth_format=parse_depth_format(message.format)
+        )
+    names = {"h264": "h264", "h265": "hevc", "hevc": "hevc", "jpeg": "jpeg", "jpg": "jpeg", "png": "png"}
+    codec = next((codec for name, codec in names.items() if name in text), message.format)
+    return _Content(
+        codec=codec, data=bytes(message.data), ros_encoding=message.format.partition(";")[0].strip()
+    )
+
+
+class _StreamDecoder:
+    """The decoder of one stream, whatever its messages; see `ImageDecoder`."""
+
+    def __init__(self, read: Callable[[Any], _Content], codec_hint: str) -> None:
+        self._read = read
+        self._hint = codec_hint
+        self._video: VideoDecoder | None = _video_decoder(codec_hint) if codec_hint in _VIDEO else None
+        self._next_pts: int | None = None
+        self._intact = True
+
+    @property
+    def waiting_for_keyframe(self) -> bool:
+        """Whether messages of a video are passed over until a key frame comes."""
+        return self._video is not None and self._video.state is DecoderState.WAITING_FOR_KEYFRAME
+
+    def feed(self, message: Any) -> tuple[DecodedImage, ...]:
+        """Decode one message."""
+        content = self._read(message)
+        codec = self._codec(content)
+        if codec in _VIDEO:
+            return self._decode_video(codec, content)
+        if codec in ("depth", "rvl"):
+            depth_format = content.depth_format or DepthFormat(encoding="", codec="rvl")
+            array, encoding = decode_depth(content.data, depth_format)
+        elif codec in ("jpeg", "png"):
+            array, encoding = _decode_still(content)
+        else:
+            reason = f"a message names it, but known are {', '.join(_HINTS)}; if it is one of them, hint it"
+            raise CodecUnavailableError(content.codec, reason=reason)
+        return (DecodedImage(array=array, encoding=encoding, is_key=True, intact=True),)
+
+    def skip(self, message: Any) -> None:
+        """Keep up with the stream without a picture; a still image is passed over unread."""
+        content = self._read(message)
+        codec = self._codec(content)
+        if codec in _VIDEO:
+            self._decode_packet(codec, content)
+
+    def reset(self) -> None:
+        """Forget the reference frames and the count of packets."""
+        self._next_pts, self._intact = None, True
+        if self._video is not None:
+            self._video.reset()
+
+    def _codec(self, content: _Content) -> str:
+        return content.codec if content.codec in ("depth", *_HINTS) else self._hint
+
+    def _decode_video(self, codec: str, content: _Content) -> tuple[DecodedImage, ...]:
+        video, frames = self._decode_packet(codec, content)
+        return tuple(
+            DecodedImage(array=video.bgr(frame), encoding="bgr8", is_key=frame.key_frame, intact=self._intact)
+            for frame in frames
+        )
+
+    def _decode_packet(self, codec: str, content: _Content) -> tuple[VideoDecoder, tuple[VideoFrame, ...]]:
+        if self._video is None or self._video.codec != codec:
+            self._video = _video_decoder(codec)
+        if content.pts is not None:
+            self._intact &= self._next_pts in (None, content.pts)
+            self._next_pts = content.pts + 1
+        frames = self._video.decode(content.data)
+        self._intact |= any(frame.key_frame for frame in frames)
+        return self._video, frames
+
+
+def _video_decoder(codec: str) -> VideoDecoder:
+    return H264Decoder() if codec == "h264" else VideoDecoder(codec, decoder=codec)
+
+
+def _decode_still(content: _Content) -> tuple[NDArray[Any], str]:
+    from sfglab.codecs.still import decode_still
+
+    array = decode_still(content.data)
+    bits = 8 * array.dtype.itemsize
+    if array.ndim == 2:
+        same = content.ros_encoding in (f"{bits}UC1", f"mono{bits}")
+        return array, content.ros_encoding if same else f"mono{bits}"
+    return array, f"bgr{bits}" if array.shape[2] == 3 else f"bgra{bits}"

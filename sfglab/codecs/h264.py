@@ -16,9 +16,16 @@ from typing import TYPE_CHECKING, NoReturn
 import av
 import numpy as np
 
-from sfglab.codecs.annexb import has_start_code, is_entry_point
 from sfglab.codecs.errors import BitstreamError, CodecError, CodecUnavailableError
-from sfglab.codecs.libav import TABLE_2, DecoderSession, EncodedFrame, EncoderSession, H264Settings
+from sfglab.codecs.libav import (
+    TABLE_2,
+    DecoderSession,
+    EncodedFrame,
+    EncoderSession,
+    H264Settings,
+    has_start_code,
+    is_entry_point,
+)
 from sfglab.codecs.probe import choose_decoder, choose_encoder, why
 
 if TYPE_CHECKING:
@@ -95,7 +102,7 @@ class VideoDecoder:
     """A decoder for one H.264 or H.265 stream that joins, and joins again after a fault, at a key frame.
 
     A packet that went missing is not noticed here: libavcodec goes on from the wrong reference and marks
-    nothing until the next key frame. Whoever can count packets should (`sfglab.codecs.decoding` does).
+    nothing until the next key frame. Whoever can count packets should (`sfglab.codecs.carriers` does).
 
     Args:
         codec: ``"h264"`` or ``"hevc"``.

@@ -16,9 +16,15 @@ import av
 import numpy as np
 from av.codec.codec import UnknownCodecError
 
-from sfglab.codecs.annexb import has_start_code, is_entry_point
 from sfglab.codecs.errors import CodecError, CodecUnavailableError
-from sfglab.codecs.libav import DecoderSession, EncodedFrame, EncoderSession, H264Settings
+from sfglab.codecs.libav import (
+    DecoderSession,
+    EncodedFrame,
+    EncoderSession,
+    H264Settings,
+    has_start_code,
+    is_entry_point,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -3,7 +3,7 @@
 A frame is a sequence of numbers: how many zeros, how many non-zeros, then each non-zero pixel as the zigzag
 of its difference to the non-zero pixel before it (holes do not interrupt that chain). Each number is written
 as nibbles of three bits, lowest first, the fourth bit saying that more follow; eight nibbles fill a 32-bit
-little-endian word from its top. `sfglab.codecs.rvl_reference` says the same in plain loops.
+little-endian word from its top. The tests' `rvl_reference` says the same in plain loops.
 
 Knows this bitstream and nothing of the messages around it (`sfglab.codecs.depth`). Importing this module
 imports numba and, the first time on a machine, compiles the kernels; no later call is ever cold.

@@ -9,6 +9,7 @@ from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.errors import DeployError
+from sfglab.tables import columns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -68,12 +69,9 @@ def render_verdicts(verdicts: Iterable[Verdict], *, every: bool = True) -> str:
     verdicts = tuple(verdicts)
     shown = (verdict for verdict in verdicts if every or verdict.state is not State.HOLDS)
     rows = sorted(shown, key=lambda verdict: order.index(verdict.state))
-    widths = [max((len(cell) for cell in column), default=0) for column in zip(*map(_cells, rows), strict=True)]
     lines: list[str] = []
-    for row in rows:
-        cells = (cell.ljust(width) for cell, width in zip(_cells(row), widths, strict=True))
-        lines.append("  ".join(cells).rstrip())
-        lines += _WORDS.wrap(row.says)
+    for row, line in zip(rows, columns(map(_cells, rows)), strict=True):
+        lines += [line, *_WORDS.wrap(row.says)]
     return "\n".join([*lines, _summary(verdicts)])
 
 

@@ -12,6 +12,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
+from sfglab.tables import columns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -176,8 +177,7 @@ def render(entries: Sequence[Entry]) -> str:
     """Return the ledger as a table for a terminal, a line a claim."""
     rows: list[tuple[str, ...]] = [("claim", "paper", "ours (median, 95 % interval)", "unit", "how", "verdict")]
     rows += [_row(entry) for entry in entries]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines = columns(rows)
     lines.insert(1, "-" * len(lines[0]))
     counts = {v: sum(e.verdict is v for e in entries) for v in Verdict}
     lines.append("")

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from sfglab.codecs.annexb import has_start_code, is_entry_point, nal_unit_types
+from sfglab.codecs.libav import has_start_code, is_entry_point, nal_unit_types
 
 SPS, PPS, SEI, IDR, P = b"\x67abc", b"\x68abc", b"\x06abc", b"\x65abc", b"\x41abc"
 

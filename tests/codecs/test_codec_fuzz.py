@@ -26,7 +26,7 @@ from sfglab.codecs import (
     parse_depth_format,
     parse_ffmpeg_encoding,
 )
-from sfglab.codecs.annexb import nal_unit_types
+from sfglab.codecs.libav import nal_unit_types
 
 
 def mutations(data: bytes, rng: np.random.Generator, count: int):

@@ -23,7 +23,7 @@ from sfglab.codecs import (
     h264,
     libav,
 )
-from sfglab.codecs.annexb import nal_unit_types
+from sfglab.codecs.libav import nal_unit_types
 
 SMALL = H264Settings(width=320, height=192, fps=30, bitrate_bps=2_000_000, gop=10)
 

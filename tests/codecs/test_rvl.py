@@ -5,11 +5,12 @@ import sys
 
 import numpy as np
 import pytest
+import rvl_reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sfglab.codecs import MAX_PIXELS, BitstreamError, CodecError, rvl, rvl_reference
+from sfglab.codecs import MAX_PIXELS, BitstreamError, CodecError, rvl
 from sfglab.codecs.rvl import RvlError
 
 

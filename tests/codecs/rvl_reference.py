@@ -18,15 +18,7 @@ if TYPE_CHECKING:
 
 
 def encode_nibbles(pixels: NDArray[np.uint16], nibbles: NDArray[np.uint8]) -> int:
-    """Write depth pixels as RVL nibbles, before they are packed eight to a word.
-
-    Args:
-        pixels: Depth values, shape (n,); 0 is "no reading".
-        nibbles: Receives the nibbles, one per element; 8 per pixel and 8 more always suffice.
-
-    Returns:
-        How many nibbles were written.
-    """
+    """Write depth pixels as nibbles, not packed, 8 a pixel and 8 more at most; return how many were written."""
     written = 0
     previous = 0
     at = 0
@@ -58,15 +50,7 @@ def encode_nibbles(pixels: NDArray[np.uint16], nibbles: NDArray[np.uint8]) -> in
 
 
 def decode_nibbles(nibbles: NDArray[np.uint8], pixels: NDArray[np.uint16]) -> int:
-    """Read RVL nibbles back into depth pixels.
-
-    Args:
-        nibbles: What `encode_nibbles` wrote.
-        pixels: Receives the depth values, shape (n,).
-
-    Returns:
-        How many nibbles were read.
-    """
+    """Read nibbles back into depth pixels and return how many were read."""
     read = 0
     previous = 0
     at = 0
