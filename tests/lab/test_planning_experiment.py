@@ -2,43 +2,35 @@
 
 from __future__ import annotations
 
-import asyncio
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sfglab.lab.claims import How
-from sfglab.lab.experiments import planning
-from sfglab.lab.experiments.planning import cases, editing, geometry
+from sfglab.lab.checks import editing, trajectories
+from sfglab.lab.experiments.planning import checks, exp
 from sfglab.record import LogReader
 from sfglab.spatial.trajectory import Interpolation, stretched
 
-ROOT = Path(__file__).parents[2]
-SMOKE = replace(planning.Config.of_profile("smoke"), cases=3, edit_cases=2)
+REFERENCE = Path(__file__).parents[2] / "data" / "reference" / "planning.mcap"
 
 
-@pytest.fixture(scope="module")
-def log(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("SFGLAB_ROOT", str(ROOT))
-        yield asyncio.run(planning.run(SMOKE, tmp_path_factory.mktemp("planning") / "a.mcap"))
+@pytest.fixture
+def run():
+    return exp.load(REFERENCE)
 
 
-def test_a_run_fills_its_claim_and_draws_its_figures(log):
-    measured = planning.measure_claims(log)["A-PLAN"]
-    assert (measured.estimate.value, measured.how, measured.reason) == (1.0, How.SIMULATED, "")
-    assert (
-        measured.details["execution checks"].split(" of ")[0]
-        == measured.details["execution checks"].split()[-1]
-    )
-    assert set(planning.figures(log)) == {"planning_scene", "planning_interpolation"}
+def test_the_reference_run_fills_its_claim(run):
+    measured = exp.measure(run)["A-PLAN"]
+    assert (measured.estimate.value, measured.reason) == (1.0, "")
+    held, _, checked = measured.details["execution checks"].split()
+    assert held == checked
+    assert len(checks(run)) > 30
 
 
-def test_every_way_in_which_a_goal_can_end_was_seen(log):
-    results = planning.load_results(log)
-    assert set(results.goals["outcome"]) == {
+def test_every_way_in_which_a_goal_can_end_was_seen(run):
+    assert set(run["goal"]["outcome"]) == {
         "succeeded",
         "canceled",
         "overtaken",
@@ -50,12 +42,10 @@ def test_every_way_in_which_a_goal_can_end_was_seen(log):
         "invalid trajectory",
         "server gone",
     }
-    assert len(planning.checks(results)) > 30
 
 
-def test_the_log_holds_plans_and_poses_as_messages(log):
-    assert log.stat().st_size < 300_000
-    with LogReader(log) as reader:
+def test_the_log_holds_plans_and_poses_as_messages(run):
+    with LogReader(run.log) as reader:
         kinds = {name: info.type_name for name, info in reader.topics.items() if name.startswith("/global")}
         assert kinds == {
             f"/global/{agent}/{what}": type_
@@ -63,26 +53,23 @@ def test_the_log_holds_plans_and_poses_as_messages(log):
             for what, type_ in (("path", "nav_msgs/msg/Path"), ("pose", "geometry_msgs/msg/PoseStamped"))
         }
         poses = sum(1 for entry in reader.messages("/global/go2/pose"))
-        tracks = reader.table("track")
-        assert poses == (tracks["agent"] == "go2").sum() > 100
+    assert poses == (run["track"]["agent"] == "go2").sum() > 100
 
 
-def test_one_goal_that_ends_otherwise_fails_the_claim(log):
-    results = planning.load_results(log)
-    goals = results.goals.copy()
+def test_one_goal_that_ends_otherwise_fails_the_claim(run):
+    goals = run["goal"]
     goals.loc[goals["case"] == "too fast", "outcome"] = "succeeded"
-    table = planning.checks(replace(results, goals=goals))
+    run.table("goal")["outcome"] = goals["outcome"]
+    table = checks(run)
     wrong = table[table["held"] < table["checked"]]
     assert "too fast: succeeded" in set(wrong["example"])
     assert set(wrong["group"]) == {"execution"}
 
 
-def test_agents_that_come_too_close_fail_their_check(log):
-    results = planning.load_results(log)
-    tracks = results.tracks.copy()
-    drone = tracks["agent"] == "drone"
-    tracks.loc[drone, ["x_m", "y_m", "z_m"]] = [0.0, 1.2, 0.8]
-    table = planning.checks(replace(results, tracks=tracks)).set_index("check")
+def test_agents_that_come_too_close_fail_their_check(run):
+    tracks = run.table("track")
+    tracks.loc[tracks["agent"] == "drone", ["x_m", "y_m", "z_m"]] = [0.0, 1.2, 0.8]
+    table = checks(run).set_index("check")
     assert table.loc["driven, agents stay as far apart as the scene demands", "held"] == 0
 
 
@@ -97,9 +84,9 @@ def test_agents_that_come_too_close_fail_their_check(log):
     ],
 )
 def test_a_broken_library_fails_its_check(monkeypatch, name, attribute, broken):
-    monkeypatch.setattr(geometry, attribute, broken)
-    trial = next((check, trial) for check, trial in geometry.GEOMETRY if check.startswith(name))
-    [row] = cases.checked([trial], 10, seed=1)
+    monkeypatch.setattr(trajectories, attribute, broken)
+    check = next(check for check in trajectories.checks.names if check.startswith(name))
+    row = trajectories.checks.row(check, count=10, seed=1)
     assert row.held < row.checked
     assert row.example != "all of them"
 
@@ -117,18 +104,17 @@ class _Approach:
 
 def test_a_reader_that_lets_faults_pass_fails_the_check(monkeypatch):
     monkeypatch.setattr("sfglab.spatial.scene.editor.load_scene", lambda *_: editing.read_scene(editing._GOOD))
-    rows = list(editing.fault_rows())
-    assert not any(row.one_line or row.names_the_line or row.scene_kept for row in rows)
+    assert not any(f["one_line"] or f["names_the_line"] or f["scene_kept"] for f in editing.faults())
 
 
 def test_an_undo_that_forgets_fails_its_check(monkeypatch):
     monkeypatch.setattr("sfglab.spatial.scene.commands.History.undo", lambda *_: None)
-    [row] = cases.checked([editing.EDITING[0]], 3, seed=1)
+    row = editing.checks.row(editing.checks.names[0], count=3, seed=1)
     assert row.held == 0
     assert row.example.startswith("undoing")
 
 
 def test_evenly_spaced_knots_make_loops_and_the_check_sees_them():
     points = np.array([[5.3, 7.2], [0.47, 0.14], [-0.05, 0.24], [-5.3, 6.5]])
-    assert any(map(geometry.loops, geometry.uniform_curve(points)))
-    assert not any(map(geometry.loops, geometry.planar_curve(points)))
+    assert any(map(trajectories.loops, trajectories.uniform_curve(points)))
+    assert not any(map(trajectories.loops, trajectories.planar_curve(points)))

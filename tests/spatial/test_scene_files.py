@@ -17,7 +17,6 @@ from sfglab.spatial.scene import (
     Rename,
     Scene,
     SceneError,
-    SetPose,
     load_scene,
     read_scene,
     scene_text,
@@ -146,13 +145,6 @@ def test_an_aligned_waypoint_edited_by_hand_looks_along_its_new_segment():
     )
     pose = read_scene(text).get(5).pose
     assert pose.same_as(Pose.from_yaw((0.0, 2.0, 0.0), 1.5707963267948966))
-
-
-def test_moving_a_waypoint_changes_one_line():
-    scene = read_scene(GOOD)
-    editor = Editor(scene)
-    editor.do(SetPose(id=5, pose=Pose.at((1.0, 2.0, 0.0))))
-    assert len(lines_changed(scene_text(scene), scene_text(editor.scene))) == 2
 
 
 def test_inserting_a_waypoint_adds_its_line_and_the_next_id():

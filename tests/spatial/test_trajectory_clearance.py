@@ -82,16 +82,6 @@ def test_two_who_stand_are_as_far_apart_as_they_stand():
 
 
 @settings(deadline=None, max_examples=30)
-@given(trajectories(least=1, interpolation=POLYLINE), trajectories(least=1, interpolation=POLYLINE))
-def test_the_closest_approach_of_polylines_is_real_and_no_sample_is_closer(a, b):
-    found = closest_approach(a, b)
-    assert found.distance_m <= gaps(a, b, dense(a, b)).min() + 1e-9
-    assert gaps(a, b, np.array([found.time_s]))[0] == pytest.approx(found.distance_m)
-    assert math.dist(found.position_a_m, found.position_b_m) == pytest.approx(found.distance_m)
-    assert min(a.start_ns, b.start_ns) / S <= found.time_s <= max(a.end_ns, b.end_ns) / S
-
-
-@settings(deadline=None, max_examples=30)
 @given(trajectories(least=3, most=4, interpolation=SPLINE), trajectories(most=4))
 def test_the_closest_approach_of_splines_is_within_the_tolerance_it_states(a, b):
     found = closest_approach(a, b, tolerance_m=1e-2)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
-from trajectory_strategies import trajectories
 
 from sfglab.messages import deserialize, serialize
 from sfglab.spatial import Pose, PoseError
@@ -29,29 +27,6 @@ MULTI_DOF = "trajectory_msgs/msg/MultiDOFJointTrajectory"
 
 def wired(message, type_name):
     return deserialize(serialize(message), type_name)
-
-
-@settings(deadline=None, max_examples=30)
-@given(trajectories(least=1))
-def test_a_path_gives_back_every_nanosecond_and_every_bit(trajectory):
-    message = wired(path_from_trajectory(trajectory, frame_id="map", start_ns=START_NS), PATH)
-    assert message.header.frame_id == "map"
-    assert trajectory_from_path(message, interpolation=trajectory.interpolation) == trajectory
-
-
-@settings(deadline=None, max_examples=30)
-@given(trajectories(least=1))
-def test_a_multi_dof_trajectory_gives_back_every_nanosecond_and_every_bit(trajectory):
-    message = multi_dof_from_trajectory(trajectory, "go2", frame_id="map", start_ns=START_NS)
-    again = trajectory_from_multi_dof(wired(message, MULTI_DOF), "go2", interpolation=trajectory.interpolation)
-    assert again == trajectory
-
-
-@settings(deadline=None, max_examples=30)
-@given(trajectories(least=1))
-def test_csv_gives_back_every_nanosecond_and_every_bit(trajectory):
-    text = csv_from_trajectory(trajectory)
-    assert trajectory_from_csv(text, interpolation=trajectory.interpolation) == trajectory
 
 
 def test_a_multi_dof_trajectory_says_how_fast_and_for_splines_how_bent():

@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from trajectory_strategies import poses, trajectories
+from trajectory_strategies import trajectories
 
 from sfglab.spatial import Pose
 from sfglab.spatial.trajectory import (
@@ -22,7 +22,6 @@ from sfglab.spatial.trajectory import (
     TrajectoryError,
     align_waypoint,
     aligned_quat,
-    in_frame,
     limit_violations,
     motion_of,
     peaks,
@@ -71,47 +70,6 @@ def test_a_polyline_is_half_way_in_position_and_angle_at_half_the_time():
     assert half.same_as(Pose.from_yaw((1.0, 2.0, 3.0), math.pi / 4))
 
 
-@settings(deadline=None, max_examples=30)
-@given(a=poses, b=poses, share=st.floats(0, 1))
-def test_a_polyline_agrees_with_poses_own_interpolation(a, b, share):
-    found = pose_at(Trajectory.of([(0, a), (S, b)]), share)
-    expected = a.interpolate(b, share)
-    assert found.distance_m(expected) < 1e-9
-    if a.angle_rad(b) < 3.1:  # at half a turn there are two short ways around
-        assert found.angle_rad(expected) < 1e-6
-
-
-@settings(deadline=None, max_examples=30)
-@given(trajectories())
-def test_every_interpolation_meets_every_waypoint(trajectory):
-    found = sample(trajectory, [w.time_ns / S for w in trajectory.waypoints])
-    for i, waypoint in enumerate(trajectory.waypoints):
-        assert found.pose(i).same_as(waypoint.pose, within_m=1e-6, within_rad=1e-6)
-
-
-@settings(deadline=None, max_examples=30)
-@given(trajectories(most=5), poses)
-def test_interpolating_and_moving_to_another_frame_commute(trajectory, frame):
-    assume(
-        all(a.pose.angle_rad(b.pose) < 3.1 for a, b in pairwise(trajectory.waypoints))
-    )  # else two ways around
-    times = inner_times(trajectory, 12)
-    here, there = sample(trajectory, times), sample(in_frame(trajectory, frame), times)
-    for i in range(len(times)):
-        assert (frame @ here.pose(i)).same_as(there.pose(i), within_m=1e-6, within_rad=1e-6)
-
-
-@settings(deadline=None, max_examples=30)
-@given(st.lists(poses, min_size=4, max_size=4), st.floats(0, 1))
-def test_the_spline_is_the_barry_goldman_pyramid_with_centripetal_knots(four, share):
-    points = [p.position_m for p in four]
-    assume(min(math.dist(a, b) for a, b in pairwise(points)) > 1e-3)
-    motion = motion_of(Trajectory.of([(i * S, p) for i, p in enumerate(four)], SPLINE))
-    path = motion._path[1]
-    found = sum(path[power] * share**power for power in range(4))
-    assert found == pytest.approx(barry_goldman(*points, share), abs=1e-6)
-
-
 def test_a_spline_through_points_on_a_line_at_even_times_is_the_line():
     trajectory = line((0, 0), (1, 1), (2, 2), (3, 3), interpolation=SPLINE)
     times = inner_times(trajectory)
@@ -129,16 +87,6 @@ def test_a_spline_rounds_the_corner_that_a_polyline_cuts_sharp():
         ).max()
     assert velocity[SPLINE] < 1e-12
     assert velocity[Interpolation.POLYLINE] == pytest.approx(2.0)
-
-
-@settings(deadline=None, max_examples=30)
-@given(trajectories(interpolation=st.just(SPLINE), least=3))
-def test_a_splines_velocity_does_not_jump(trajectory):
-    motion = motion_of(trajectory)
-    ends = np.arange(len(motion) - 1)
-    before = motion.rates(ends, motion.durations_s[ends])[1]
-    after = motion.rates(ends + 1, np.zeros(len(ends)))[1]
-    assert before == pytest.approx(after, rel=1e-6, abs=1e-6 * max(1.0, np.abs(before).max()))
 
 
 def test_a_wait_in_a_spline_is_at_rest_and_begins_and_ends_gently():
@@ -234,19 +182,6 @@ def test_the_ends_look_along_the_only_segment_they_have():
             assert aligned_quat(points, index, align) == pytest.approx(north)
 
 
-@settings(deadline=None, max_examples=30)
-@given(poses, poses)
-def test_an_aligned_x_axis_points_at_the_next_waypoint_without_roll(a, b):
-    quat = aligned_quat([a.position_m, b.position_m], 0, Align.NEXT)
-    way = np.array(b.position_m) - a.position_m
-    if quat is None:
-        assert math.hypot(way[0], way[1]) <= 1e-9
-        return
-    turned = Pose(quat_xyzw=quat)
-    assert turned.apply((1.0, 0.0, 0.0)) == pytest.approx(way / np.linalg.norm(way), abs=1e-9)
-    assert turned.apply((0.0, 1.0, 0.0))[2] == pytest.approx(0.0, abs=1e-9)
-
-
 def test_straight_up_has_no_heading_and_the_waypoint_keeps_its_own():
     own = Pose.from_yaw((0.0, 0.0, 0.0), 0.7)
     trajectory = Trajectory.of([(0, own), (S, Pose.at((0.0, 0.0, 3.0)))])
@@ -293,20 +228,6 @@ limits_ = st.builds(
     acceleration_m_s2=st.one_of(st.none(), st.floats(0.1, 5)),
     yaw_rate_rad_s=st.one_of(st.none(), st.floats(0.1, 3)),
 )
-
-
-@settings(deadline=None, max_examples=30)
-@given(trajectories(), limits_)
-def test_retiming_meets_all_limits_on_the_same_path_and_only_slows_down(trajectory, limits):
-    found = retimed(trajectory, limits)
-    assert limit_violations(found, limits) == ()
-    assert [w.pose for w in found.waypoints] == [w.pose for w in trajectory.waypoints]
-    assert found.start_ns == trajectory.start_ns
-    old, new = (np.diff([w.time_ns for w in t.waypoints]) for t in (trajectory, found))
-    assert np.all(new >= old)
-    assert np.array_equal(motion_of(found)._path, motion_of(trajectory)._path)
-    if not limit_violations(trajectory, limits):
-        assert found is trajectory
 
 
 def test_retiming_a_straight_line_takes_as_long_as_the_limit_says():

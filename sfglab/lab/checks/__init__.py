@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-GROUPS = ("naming",)
+GROUPS = ("naming", "trajectories", "exchange", "editing")
 """Modules of this package, each a group."""
 
 Case = tuple[str, bool]
@@ -136,8 +136,9 @@ def check_row(check: str, cases: Iterable[Case]) -> CheckRow:
     """Return what the cases of one property came to; the example is the first that fails, else the first."""
     tried = list(cases)
     failed = [text for text, held in tried if not held]
-    example = failed[0] if failed else next((text for text, _ in tried), "")
-    return CheckRow(check=check, checked=len(tried), held=len(tried) - len(failed), example=example)
+    example = failed[0] if failed else next((text for text, _ in tried), "nothing to check")
+    # Without anything to look at a check has not held.
+    return CheckRow(check=check, checked=max(1, len(tried)), held=len(tried) - len(failed), example=example)
 
 
 def group(name: str) -> Checks:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus import ActionServerGoneError
-from sfglab.lab.experiments.planning.rows import PlanningGoalRow, PlanningTrackRow
 from sfglab.messages import ns_from_stamp
 from sfglab.spatial import Pose
 from sfglab.spatial.execution import (
@@ -32,6 +31,7 @@ from sfglab.spatial.execution import (
 )
 from sfglab.spatial.scene import AgentObject
 from sfglab.spatial.trajectory import Limits, Trajectory, pose_at
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene import Scene
 
     MakeNode = Callable[[str], Any]
+    GoalRow = dict[str, Any]
 
 
 GONE = "server gone"
-_NS_PER_S = 1_000_000_000
 _LEAD_S = 1.0
 _LOGGED_EVERY = 5
 """Of 50 poses a second, which go into the log."""
@@ -55,8 +55,8 @@ class Driven:
     """What came of driving a scene."""
 
     start_ns: int = 0  #: The scene's time 0.
-    goals: list[PlanningGoalRow] = field(default_factory=list)  #: One row an agent.
-    tracks: list[PlanningTrackRow] = field(default_factory=list)  #: Where everybody was.
+    goals: list[GoalRow] = field(default_factory=list)  #: One row an agent.
+    tracks: list[dict[str, Any]] = field(default_factory=list)  #: Where everybody was.
     #: Topic, time and message of what was heard of the agents.
     poses: list[tuple[str, int, Any]] = field(default_factory=list)
     orders: tuple[Order, ...] = ()  #: What was sent.
@@ -85,7 +85,7 @@ async def drive_scene(node: MakeNode, scene: Scene) -> Driven:
         planner = await stack.enter_async_context(node("planner"))
         sent = [_Sent(planner, servers[order.agent], order) for order in scene_orders(scene)]
         await asyncio.gather(*(one.execution.ready() for one in sent))
-        driven.start_ns = planner.get_clock().now_ns() + round(_LEAD_S * _NS_PER_S)
+        driven.start_ns = planner.get_clock().now_ns() + round(_LEAD_S * NS_PER_S)
         driven.orders = scene_orders(scene, start_ns=driven.start_ns)
         for order in driven.orders:
             _listen(viewer, order, driven)
@@ -108,7 +108,7 @@ def _listen(viewer: Node, order: Order, driven: Driven) -> None:
         before, heard = (stamp_ns, pose), heard + 1
         if last is None or stamp_ns <= last[0] or heard % _LOGGED_EVERY or stamp_ns < driven.start_ns:
             return
-        speed = pose.distance_m(last[1]) / ((stamp_ns - last[0]) / _NS_PER_S)
+        speed = pose.distance_m(last[1]) / ((stamp_ns - last[0]) / NS_PER_S)
         driven.tracks.append(_track(order, stamp_ns, pose, speed))
         driven.poses.append((topic, stamp_ns, message))
 
@@ -116,23 +116,23 @@ def _listen(viewer: Node, order: Order, driven: Driven) -> None:
     viewer.create_subscription("geometry_msgs/msg/PoseStamped", topic, lambda message: note(topic, message))
 
 
-def _track(order: Order, stamp_ns: int, pose: Pose, speed_m_s: float) -> PlanningTrackRow:
-    t_s = (stamp_ns - order.start_ns) / _NS_PER_S
+def _track(order: Order, stamp_ns: int, pose: Pose, speed_m_s: float) -> dict[str, Any]:
+    t_s = (stamp_ns - order.start_ns) / NS_PER_S
     planned = pose_at(order.trajectory, t_s)
     x, y, z = pose.position_m
     planned_x, planned_y, planned_z = planned.position_m
-    return PlanningTrackRow(
-        agent=order.agent,
-        t_s=t_s,
-        x_m=x,
-        y_m=y,
-        z_m=z,
-        speed_m_s=speed_m_s,
-        planned_x_m=planned_x,
-        planned_y_m=planned_y,
-        planned_z_m=planned_z,
-        error_m=pose.distance_m(planned),
-    )
+    return {
+        "agent": order.agent,
+        "t_s": t_s,
+        "x_m": x,
+        "y_m": y,
+        "z_m": z,
+        "speed_m_s": speed_m_s,
+        "planned_x_m": planned_x,
+        "planned_y_m": planned_y,
+        "planned_z_m": planned_z,
+        "error_m": pose.distance_m(planned),
+    }
 
 
 class _Sent:
@@ -151,7 +151,7 @@ class _Sent:
             planner, order.agent, action=server.action_name, on_feedback=self._heard.append
         )
 
-    async def row(self, order: Order, *, case: str, expected: Outcome) -> PlanningGoalRow:
+    async def row(self, order: Order, *, case: str, expected: Outcome) -> GoalRow:
         """Send an order, wait for its end, and return the row about it."""
         begun_ns = self._clock.now_ns()
         try:
@@ -159,7 +159,7 @@ class _Sent:
             ended = await self.execution.result()
         finally:
             self.execution.close()
-        seconds = (self._clock.now_ns() - begun_ns) / _NS_PER_S
+        seconds = (self._clock.now_ns() - begun_ns) / NS_PER_S
         return _row(case, order, expected, ended, self._heard, self._server, seconds)
 
 
@@ -171,32 +171,32 @@ def _row(  # noqa: PLR0913, PLR0917 - a row's worth
     heard: list[Feedback],
     server: TrajectoryServer,
     seconds: float,
-) -> PlanningGoalRow:
+) -> GoalRow:
     shares = [feedback.share for feedback in heard]
     last = order.trajectory.waypoints[-1].pose
     arrived = ended.outcome is Outcome.SUCCEEDED and ended.pose is not None
-    return PlanningGoalRow(
-        case=case,
-        agent=order.agent,
-        expected=expected.value,
-        outcome=ended.outcome.value,
-        said=ended.text,
-        feedbacks=len(shares),
-        steady=shares == sorted(shares),
-        share=shares[-1] if shares else 0.0,
-        left_m=last.distance_m(ended.pose) if arrived and ended.pose is not None else math.nan,
-        end_speed_m_s=server.state.speed_m_s,
-        seconds=seconds,
-    )
+    return {
+        "case": case,
+        "agent": order.agent,
+        "expected": expected.value,
+        "outcome": ended.outcome.value,
+        "said": ended.text,
+        "feedbacks": len(shares),
+        "steady": shares == sorted(shares),
+        "share": shares[-1] if shares else 0.0,
+        "left_m": last.distance_m(ended.pose) if arrived and ended.pose is not None else math.nan,
+        "end_speed_m_s": server.state.speed_m_s,
+        "seconds": seconds,
+    }
 
 
-async def try_goals(node: MakeNode) -> list[PlanningGoalRow]:
+async def try_goals(node: MakeNode) -> list[GoalRow]:
     """Return what became of goals that succeed, are canceled, refused, overtaken, or lose their server.
 
     Args:
         node: Makes a node of a name.
     """
-    rows: list[PlanningGoalRow] = []
+    rows: list[GoalRow] = []
     limits = Limits(speed_m_s=1.0, acceleration_m_s2=2.0)
     async with node("planner") as planner:
         for preempt in (False, True):
@@ -211,7 +211,7 @@ async def try_goals(node: MakeNode) -> list[PlanningGoalRow]:
 
 def _way(length_m: float, duration_s: float, *, x_m: float = 0.0) -> Trajectory:
     ends = ((0.0, x_m), (duration_s, x_m + length_m))
-    return Trajectory.of((round(t * _NS_PER_S), Pose.at((x, 0.0, 0.0))) for t, x in ends)
+    return Trajectory.of((round(t * NS_PER_S), Pose.at((x, 0.0, 0.0))) for t, x in ends)
 
 
 class _Trials:
@@ -223,7 +223,7 @@ class _Trials:
         rows: What came of them.
     """
 
-    def __init__(self, planner: Node, server: TrajectoryServer, rows: list[PlanningGoalRow]) -> None:
+    def __init__(self, planner: Node, server: TrajectoryServer, rows: list[GoalRow]) -> None:
         self._planner, self._server, self._rows = planner, server, rows
 
     def one_at_a_time(self) -> tuple[Coroutine[Any, Any, None], ...]:
@@ -293,7 +293,7 @@ class _Trials:
         self._rows.append(_row(case, order, expected, ended, heard, self._server, math.nan))
 
 
-async def _lose_server(node: MakeNode, planner: Node, rows: list[PlanningGoalRow]) -> None:
+async def _lose_server(node: MakeNode, planner: Node, rows: list[GoalRow]) -> None:
     """Let a server go away in the middle of a goal; the client hears of it as an error."""
     order = Order(agent="ghost", trajectory=_way(5.0, 60.0))
     async with node("ghost") as home:
@@ -306,4 +306,4 @@ async def _lose_server(node: MakeNode, planner: Node, rows: list[PlanningGoalRow
         outcome, said = GONE, str(error)
     execution.close()
     row = _row(GONE, order, Outcome.FAILED, Ended(outcome=Outcome.FAILED, text=said), [], server, math.nan)
-    rows.append(replace(row, expected=GONE, outcome=outcome))
+    rows.append({**row, "expected": GONE, "outcome": outcome})

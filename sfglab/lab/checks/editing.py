@@ -1,4 +1,4 @@
-"""What must hold of edits: undone and done again to the byte, small differences, and files that stay whole."""
+"""Checks of edits: undone and done again to the byte, small differences, and files that stay whole."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sfglab.lab.checks import CheckRow
-from sfglab.lab.experiments.planning.cases import random_limits, random_pose
-from sfglab.lab.experiments.planning.rows import PlanningFaultRow
+from sfglab.lab.checks import CheckRow, Checks
+from sfglab.lab.checks.trajectories import random_limits, random_pose
 from sfglab.spatial.scene import (
     AgentObject,
     AlignWaypoints,
@@ -35,6 +34,7 @@ from sfglab.spatial.scene import (
     scene_text,
 )
 from sfglab.spatial.trajectory import Align, Interpolation
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -43,12 +43,11 @@ if TYPE_CHECKING:
 
     from sfglab.spatial.scene import Command
 
-    Trial = Callable[[np.random.Generator], str]
 
+checks = Checks("editing")
 
 _EDITS = 25
 _NAMES = ("go2", "spot", "yes", "a: b", '"quoted" \\', "Halle 5 (Süd)", "null")
-_NS_PER_S = 1_000_000_000
 
 
 def _begun(rng: np.random.Generator) -> Editor:
@@ -74,7 +73,7 @@ def _command(editor: Editor, rng: np.random.Generator) -> Command:  # noqa: PLR0
         case 2:
             return Move(id=one, parent=_any(editor, rng, Group), keep_place=bool(rng.random() < 0.5))
         case 3:
-            return SetTime(id=waypoint, time_ns=int(rng.integers(0, 20 * _NS_PER_S)))
+            return SetTime(id=waypoint, time_ns=int(rng.integers(0, 20 * NS_PER_S)))
         case 4:
             return AlignWaypoints(id=path, align=list(Align)[rng.integers(3)])
         case 5:
@@ -112,6 +111,7 @@ def _edited(rng: np.random.Generator) -> tuple[Editor, list[str]]:
     return editor, texts
 
 
+@checks.trial("any edits, undone and done again, give the same bytes at every step")
 def _undo_and_redo(rng: np.random.Generator) -> str:
     editor, texts = _edited(rng)
     for text in texts[-2::-1]:
@@ -125,6 +125,7 @@ def _undo_and_redo(rng: np.random.Generator) -> str:
     return ""
 
 
+@checks.trial("an edit that is refused changes nothing")
 def _refused_edits_change_nothing(rng: np.random.Generator) -> str:
     editor, _ = _edited(rng)
     before, label = editor.scene, editor.undo_label
@@ -143,6 +144,7 @@ def _refused_edits_change_nothing(rng: np.random.Generator) -> str:
     return "" if editor.scene is before and editor.undo_label == label else "something changed"
 
 
+@checks.trial("a scene's text reads back as the same scene and the same text")
 def _text_reads_back(rng: np.random.Generator) -> str:
     editor, _ = _edited(rng)
     text = scene_text(editor.scene)
@@ -150,6 +152,7 @@ def _text_reads_back(rng: np.random.Generator) -> str:
     return "" if scene == editor.scene and scene_text(scene) == text else text[:200]
 
 
+@checks.trial("moving a waypoint changes one line of the file")
 def _one_line_changes(rng: np.random.Generator) -> str:
     """Moving a waypoint that is not aligned changes its line and no other."""
     editor = _begun(rng)
@@ -160,15 +163,6 @@ def _one_line_changes(rng: np.random.Generator) -> str:
     after = scene_text(editor.scene)
     changed = [line for line in difflib.ndiff(before.splitlines(), after.splitlines()) if line[0] in "+-"]
     return "" if len(changed) == 2 else f"{len(changed)} lines"
-
-
-EDITING: tuple[tuple[str, Trial], ...] = (
-    ("any edits, undone and done again, give the same bytes at every step", _undo_and_redo),
-    ("an edit that is refused changes nothing", _refused_edits_change_nothing),
-    ("a scene's text reads back as the same scene and the same text", _text_reads_back),
-    ("moving a waypoint changes one line of the file", _one_line_changes),
-)
-"""Every property and its trial."""
 
 
 _GOOD = """\
@@ -213,7 +207,7 @@ _FAULTS: tuple[tuple[str, str, str, int], ...] = (
 """What is broken, what is replaced by what, and the line that must be named."""
 
 
-def fault_rows() -> Iterator[PlanningFaultRow]:
+def faults() -> Iterator[dict[str, Any]]:
     """Yield for every kind of broken file how it is refused, with the file before and after."""
     with tempfile.TemporaryDirectory() as folder:
         for name, old, new, line in _FAULTS:
@@ -224,14 +218,14 @@ def fault_rows() -> Iterator[PlanningFaultRow]:
             scene, broken = editor.scene, _GOOD.replace(old, new, 1)
             path.write_text(broken)
             said = _refusal(editor.load)
-            yield PlanningFaultRow(
-                fault=name,
-                said=said.removeprefix(f"{folder}/"),
-                names_the_line=f"hall.yaml:{line}: " in said,
-                one_line=bool(said) and "\n" not in said,
-                file_kept=path.read_text() == broken,
-                scene_kept=editor.scene is scene,
-            )
+            yield {
+                "fault": name,
+                "said": said.removeprefix(f"{folder}/"),
+                "names_the_line": f"hall.yaml:{line}: " in said,
+                "one_line": bool(said) and "\n" not in said,
+                "file_kept": path.read_text() == broken,
+                "scene_kept": editor.scene is scene,
+            }
 
 
 def _refusal(act: Callable[[], None]) -> str:

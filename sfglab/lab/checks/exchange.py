@@ -1,10 +1,11 @@
-"""What must hold of exports and imports: every nanosecond and every bit comes back, also over the wire."""
+"""Checks of exports and imports: every nanosecond and every bit comes back, also over the wire."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from sfglab.lab.experiments.planning.cases import random_trajectory
+from sfglab.lab.checks import Checks
+from sfglab.lab.checks.trajectories import random_trajectory
 from sfglab.messages import deserialize, serialize
 from sfglab.spatial.execution import Order
 from sfglab.spatial.execution.orders import goal_message, order_from_goal
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from sfglab.spatial.trajectory import Trajectory
 
     Trial = Callable[[np.random.Generator], str]
+
+checks = Checks("exchange")
 
 
 def _sent(message: Any) -> Any:
@@ -55,16 +58,15 @@ def _by_csv(path: Trajectory) -> Trajectory:
     return trajectory_from_csv(csv_from_trajectory(path), interpolation=path.interpolation)
 
 
+checks.trial("nav_msgs/Path gives back every bit")(_same("a path", _by_path))
+checks.trial("trajectory_msgs/MultiDOFJointTrajectory gives back every bit")(
+    _same("a trajectory", _by_multi_dof)
+)
+checks.trial("CSV gives back every bit")(_same("a text", _by_csv))
+
+
+@checks.trial("the action's goal gives back every bit")
 def _by_goal(rng: np.random.Generator) -> str:
     path = random_trajectory(rng, kinds=(Interpolation.POLYLINE,))
     order = Order(agent="go2", trajectory=path, frame_id="hall", start_ns=int(rng.integers(1, 10**18)))
     return "" if order_from_goal(_sent(goal_message(order))) == order else f"{len(path.waypoints)} waypoints"
-
-
-EXCHANGE: tuple[tuple[str, Trial], ...] = (
-    ("nav_msgs/Path gives back every bit", _same("a path", _by_path)),
-    ("trajectory_msgs/MultiDOFJointTrajectory gives back every bit", _same("a trajectory", _by_multi_dof)),
-    ("CSV gives back every bit", _same("a text", _by_csv)),
-    ("the action's goal gives back every bit", _by_goal),
-)
-"""Every property and its trial."""

@@ -1,4 +1,7 @@
-"""What must hold of waypoints, headings, interpolation, re-timing and clearance, each stated for one case."""
+"""Checks of trajectories: waypoints, headings, interpolation, re-timing and clearance; paper A, section 4.5.
+
+A trial draws a trajectory and says what is wrong with it.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.lab.experiments.planning.cases import random_limits, random_pose, random_trajectory
+from sfglab.lab.checks import Checks
 from sfglab.spatial import Pose
 from sfglab.spatial.trajectory import (
     Align,
@@ -26,6 +29,7 @@ from sfglab.spatial.trajectory import (
     sample,
     stretched,
 )
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,8 +39,45 @@ if TYPE_CHECKING:
     Trial = Callable[[np.random.Generator], str]
     Floats = NDArray[np.float64]
 
+checks = Checks("geometry")
+contrast = Checks("contrast")
+"""What must fail now and then: it shows what the check for loops can see."""
 
-_NS_PER_S = 1_000_000_000
+
+EITHER = tuple(Interpolation)
+_REACH_M = 5.0
+_WAIT = 0.15
+"""Share of waypoints that stand where the one before stands."""
+
+
+def random_pose(rng: np.random.Generator) -> Pose:
+    """Return a pose within some metres, turned in any way."""
+    return Pose.at(rng.uniform(-_REACH_M, _REACH_M, 3), rng.normal(size=4))
+
+
+def random_trajectory(
+    rng: np.random.Generator, *, least: int = 2, kinds: tuple[Interpolation, ...] = EITHER
+) -> Trajectory:
+    """Return a trajectory with dense and far apart times, turns on the spot, and any interpolation."""
+    time_ns, found = int(rng.integers(0, 5 * NS_PER_S)), [random_pose(rng)]
+    times = [time_ns]
+    for _ in range(int(rng.integers(least, 8)) - 1):
+        time_ns += round(NS_PER_S * float(rng.choice([0.05, 0.5, 1.0, 3.0])) * rng.uniform(0.5, 2.0))
+        times.append(time_ns)
+        there = random_pose(rng)
+        waits = rng.random() < _WAIT
+        found.append(Pose.at(found[-1].position_m, there.quat_xyzw) if waits else there)
+    return Trajectory.of(zip(times, found, strict=True), kinds[int(rng.integers(len(kinds)))])
+
+
+def random_limits(rng: np.random.Generator) -> Limits:
+    """Return limits, one of them missing now and then."""
+    speed, acceleration, yaw_rate = (
+        None if rng.random() < 0.1 else float(rng.uniform(0.3, 3.0)) for _ in range(3)
+    )
+    return Limits(speed_m_s=speed, acceleration_m_s2=acceleration, yaw_rate_rad_s=yaw_rate)
+
+
 _SPLINE, _LINE = (Interpolation.CATMULL_ROM,), (Interpolation.POLYLINE,)
 _NEAR_M, _NEAR_RAD = 1e-9, 1e-6
 _TWO_WAYS_RAD = 3.1
@@ -48,38 +89,42 @@ def _said(problem: bool, text: str) -> str:  # noqa: FBT001 - the one thing that
     return text if problem else ""
 
 
+@checks.trial("a trajectory is at every waypoint at its time")
 def _waypoints_are_met(rng: np.random.Generator) -> str:
     path = random_trajectory(rng)
-    found = sample(path, [w.time_ns / _NS_PER_S for w in path.waypoints])
+    found = sample(path, [w.time_ns / NS_PER_S for w in path.waypoints])
     off = [i for i, w in enumerate(path.waypoints) if not found.pose(i).same_as(w.pose, within_rad=_NEAR_RAD)]
     return _said(bool(off), f"{path.interpolation.value}: waypoint {off}")
 
 
+@checks.trial("every pose between is a rigid motion")
 def _poses_are_rigid(rng: np.random.Generator) -> str:
     path = random_trajectory(rng)
-    times = np.linspace(path.start_ns / _NS_PER_S - 1, path.end_ns / _NS_PER_S + 1, 50)
+    times = np.linspace(path.start_ns / NS_PER_S - 1, path.end_ns / NS_PER_S + 1, 50)
     matrices = [sample(path, times).pose(i).matrix()[:3, :3] for i in range(len(times))]
     worst = max(float(np.abs(m @ m.T - np.eye(3)).max()) for m in matrices)
     return _said(worst > 1e-12 or min(map(np.linalg.det, matrices)) < 0.5, f"not orthogonal by {worst:.1g}")
 
 
+@checks.trial("a polyline is linear in position and SLERP in orientation")
 def _polyline_is_slerp(rng: np.random.Generator) -> str:
     path = random_trajectory(rng, kinds=_LINE)
     for before, after in pairwise(path.waypoints):
         share = float(rng.uniform())
         time_ns = before.time_ns + share * (after.time_ns - before.time_ns)
-        found, wanted = pose_at(path, time_ns / _NS_PER_S), before.pose.interpolate(after.pose, share)
+        found, wanted = pose_at(path, time_ns / NS_PER_S), before.pose.interpolate(after.pose, share)
         two_ways = before.pose.angle_rad(after.pose) > _TWO_WAYS_RAD
         if found.distance_m(wanted) > 1e-6 or (not two_ways and found.angle_rad(wanted) > 1e-5):
             return f"{found} instead of {wanted}"
     return ""
 
 
+@checks.trial("interpolating and moving to another frame commute")
 def _frames_commute(rng: np.random.Generator) -> str:
     path, frame = random_trajectory(rng), random_pose(rng)
     while any(a.pose.angle_rad(b.pose) > _TWO_WAYS_RAD for a, b in pairwise(path.waypoints)):
         path = random_trajectory(rng)
-    times = np.linspace(path.start_ns, path.end_ns, 15) / _NS_PER_S
+    times = np.linspace(path.start_ns, path.end_ns, 15) / NS_PER_S
     here, there = sample(path, times), sample(in_frame(path, frame), times)
     for i, time_s in enumerate(times):
         if not (frame @ here.pose(i)).same_as(there.pose(i), within_m=1e-6, within_rad=1e-5):
@@ -105,6 +150,14 @@ def _headings_follow(align: Align) -> Trial:
     return trial
 
 
+checks.trial("aligned to the previous waypoint, x looks along the segment that arrives, without roll")(
+    _headings_follow(Align.PREVIOUS)
+)
+checks.trial("aligned to the next waypoint, x looks along the segment that leaves, without roll")(
+    _headings_follow(Align.NEXT)
+)
+
+
 def _pyramid(points: Floats, share: float) -> Floats:
     """Return a point of the segment between the second and third of four, by Barry and Goldman's pyramid."""
     knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1) ** 0.5)])
@@ -121,20 +174,22 @@ def _pyramid(points: Floats, share: float) -> Floats:
 def _timed_by_knots(points: Floats) -> Trajectory:
     """Return the spline through points at times that grow as its knots do, so that it is a cubic in time."""
     knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1) ** 0.5)])
-    pairs = ((round(u * _NS_PER_S), Pose.at(p)) for u, p in zip(knots, points, strict=True))
+    pairs = ((round(u * NS_PER_S), Pose.at(p)) for u, p in zip(knots, points, strict=True))
     return Trajectory.of(pairs, Interpolation.CATMULL_ROM)
 
 
+@checks.trial("a spline is Barry and Goldman's pyramid with centripetal knots")
 def _spline_is_the_pyramid(rng: np.random.Generator) -> str:
     points = rng.uniform(-5, 5, (4, 3))
     path = _timed_by_knots(points)
-    start, end = (path.waypoints[i].time_ns / _NS_PER_S for i in (1, 2))
+    start, end = (path.waypoints[i].time_ns / NS_PER_S for i in (1, 2))
     share = float(rng.uniform())
     found = motion_of(path).positions(start + share * (end - start))[0]
     off = float(np.linalg.norm(found - _pyramid(points, share)))
     return _said(off > 1e-6, f"off by {off:.1g} m")
 
 
+@checks.trial("a spline's velocity does not jump at waypoints")
 def _velocity_is_continuous(rng: np.random.Generator) -> str:
     motion = motion_of(random_trajectory(rng, least=3, kinds=_SPLINE))
     ends = np.arange(len(motion) - 1)
@@ -144,16 +199,17 @@ def _velocity_is_continuous(rng: np.random.Generator) -> str:
     return _said(jump > 1e-6 * max(1.0, float(np.abs(before).max())), f"jumps by {jump:.1g} m/s")
 
 
+@checks.trial("a spline along a line never goes back")
 def _no_overshoot(rng: np.random.Generator) -> str:
     """On a straight line: waypoints that advance, by 1 cm to 10 m each, and a spline that never goes back."""
     way = rng.normal(size=3)
     way /= np.linalg.norm(way)
     along = np.cumsum(10.0 ** rng.uniform(-2, 1, int(rng.integers(3, 8))))
-    times = np.cumsum(rng.integers(1, 3 * _NS_PER_S, len(along)))
+    times = np.cumsum(rng.integers(1, 3 * NS_PER_S, len(along)))
     path = Trajectory.of(
         ((int(t), Pose.at(s * way)) for t, s in zip(times, along, strict=True)), Interpolation.CATMULL_ROM
     )
-    found = sample(path, np.linspace(path.start_ns, path.end_ns, 500) / _NS_PER_S)
+    found = sample(path, np.linspace(path.start_ns, path.end_ns, 500) / NS_PER_S)
     back = float((found.velocities_m_s @ way).min())
     return _said(back < -1e-9 * float(found.speeds_m_s.max()), f"goes back at {-back:.1g} m/s")
 
@@ -186,6 +242,7 @@ def scattered(rng: np.random.Generator) -> Floats:
     return np.asarray(rng.normal(size=(5, 2)) * 10.0 ** rng.uniform(-1, 1, (5, 1)))
 
 
+@contrast.trial("with evenly spaced knots instead, there would be no loop")
 def uniform_has_no_loop(rng: np.random.Generator) -> str:
     """Say where evenly spaced knots make a loop: the contrast that shows what the check can see."""
     points = scattered(rng)
@@ -211,6 +268,7 @@ def loops(cubic: Floats) -> bool:
     return bool(s > _HALF_TURN_SHARE and t < 1.0 - _HALF_TURN_SHARE)
 
 
+@checks.trial("a spline in the plane has no loop and no cusp within a segment")
 def _no_loop(rng: np.random.Generator) -> str:
     """Yuksel et al. 2011: centripetal segments have neither cusps nor loops, whatever the points."""
     points = scattered(rng)
@@ -218,10 +276,11 @@ def _no_loop(rng: np.random.Generator) -> str:
     return _said(bool(bad), f"segment {bad} of {points.round(3).tolist()}")
 
 
+@checks.trial("re-timed, no sample exceeds a limit")
 def _retiming_meets_limits(rng: np.random.Generator) -> str:
     path, limits = random_trajectory(rng), random_limits(rng)
     slower = retimed(path, limits)
-    times = np.linspace(slower.start_ns, slower.end_ns, 4000)[1:-1] / _NS_PER_S
+    times = np.linspace(slower.start_ns, slower.end_ns, 4000)[1:-1] / NS_PER_S
     found = sample(slower, times)
     tops = {
         "speed": (found.speeds_m_s.max(), limits.speed_m_s),
@@ -240,7 +299,7 @@ def _accelerations(path: Trajectory, inside: Floats) -> float:
     """Return the largest acceleration: of samples, and of a polyline's corners over half of both segments."""
     largest = float(np.linalg.norm(inside, axis=1).max())
     if motion_of(path).exact and len(path.waypoints) > 2:
-        times = np.array([w.time_ns for w in path.waypoints]) / _NS_PER_S
+        times = np.array([w.time_ns for w in path.waypoints]) / NS_PER_S
         places = np.array([w.pose.position_m for w in path.waypoints])
         steps = np.diff(times)
         jumps = np.diff(np.diff(places, axis=0) / steps[:, None], axis=0)
@@ -248,6 +307,7 @@ def _accelerations(path: Trajectory, inside: Floats) -> float:
     return largest
 
 
+@checks.trial("re-timed, poses stay, durations only grow, and once is enough")
 def _retiming_keeps_the_path(rng: np.random.Generator) -> str:
     path, limits = random_trajectory(rng), random_limits(rng)
     slower = retimed(path, limits)
@@ -261,21 +321,7 @@ def _spans(path: Trajectory) -> list[tuple[int, int]]:
     return list(pairwise(w.time_ns for w in path.waypoints))
 
 
-def _clearance_is_the_least(rng: np.random.Generator) -> str:
-    """No sample is closer than what is reported, and what is reported is no closer than it states."""
-    a, b = random_trajectory(rng), random_trajectory(rng)
-    found = closest_approach(a, b)
-    if found is None:
-        return "none is given, though both hold their ends"
-    start_s, end_s = min(a.start_ns, b.start_ns) / _NS_PER_S, max(a.end_ns, b.end_ns) / _NS_PER_S
-    times = np.linspace(start_s, end_s, 5000)
-    apart = np.linalg.norm(motion_of(a).positions(times) - motion_of(b).positions(times), axis=1)
-    at = motion_of(a).positions(found.time_s)[0] - motion_of(b).positions(found.time_s)[0]
-    real = abs(float(np.linalg.norm(at)) - found.distance_m) < _NEAR_M
-    least = found.distance_m - found.tolerance_m <= float(apart.min()) + _NEAR_M
-    return _said(not (real and least), f"given {found.distance_m:.6f} m, a sample {apart.min():.6f} m")
-
-
+@checks.trial("a spline within limits, resampled for an action, is a polyline within them")
 def _resampling_keeps_limits(rng: np.random.Generator) -> str:
     """What an action is sent of a spline keeps to the limits that the spline keeps to."""
     limits = random_limits(rng)
@@ -290,39 +336,30 @@ def _resampling_keeps_limits(rng: np.random.Generator) -> str:
     return str(over[0]) if over else ""
 
 
+@checks.trial("stretched in time, the path stays")
 def _stretching_scales_rates(rng: np.random.Generator) -> str:
     path, factor = random_trajectory(rng), float(rng.uniform(1.0, 5.0))
     slower = stretched(path, factor)
     shares = np.linspace(0.05, 0.95, 9)
     ways = [
-        motion_of(p).positions((p.start_ns + shares * (p.end_ns - p.start_ns)) / _NS_PER_S)
+        motion_of(p).positions((p.start_ns + shares * (p.end_ns - p.start_ns)) / NS_PER_S)
         for p in (path, slower)
     ]
     off = float(np.abs(ways[0] - ways[1]).max())
     return _said(off > 1e-4, f"off by {off:.1g} m")
 
 
-GEOMETRY: tuple[tuple[str, Trial], ...] = (
-    ("a trajectory is at every waypoint at its time", _waypoints_are_met),
-    ("every pose between is a rigid motion", _poses_are_rigid),
-    ("a polyline is linear in position and SLERP in orientation", _polyline_is_slerp),
-    ("interpolating and moving to another frame commute", _frames_commute),
-    (
-        "aligned to the previous waypoint, x looks along the segment that arrives, without roll",
-        _headings_follow(Align.PREVIOUS),
-    ),
-    (
-        "aligned to the next waypoint, x looks along the segment that leaves, without roll",
-        _headings_follow(Align.NEXT),
-    ),
-    ("a spline is Barry and Goldman's pyramid with centripetal knots", _spline_is_the_pyramid),
-    ("a spline's velocity does not jump at waypoints", _velocity_is_continuous),
-    ("a spline along a line never goes back", _no_overshoot),
-    ("a spline in the plane has no loop and no cusp within a segment", _no_loop),
-    ("re-timed, no sample exceeds a limit", _retiming_meets_limits),
-    ("re-timed, poses stay, durations only grow, and once is enough", _retiming_keeps_the_path),
-    ("a spline within limits, resampled for an action, is a polyline within them", _resampling_keeps_limits),
-    ("stretched in time, the path stays", _stretching_scales_rates),
-    ("no sample of two agents is closer than the closest approach", _clearance_is_the_least),
-)
-"""Every property and its trial."""
+@checks.trial("no sample of two agents is closer than the closest approach")
+def _clearance_is_the_least(rng: np.random.Generator) -> str:
+    """No sample is closer than what is reported, and what is reported is no closer than it states."""
+    a, b = random_trajectory(rng), random_trajectory(rng)
+    found = closest_approach(a, b)
+    if found is None:
+        return "none is given, though both hold their ends"
+    start_s, end_s = min(a.start_ns, b.start_ns) / NS_PER_S, max(a.end_ns, b.end_ns) / NS_PER_S
+    times = np.linspace(start_s, end_s, 5000)
+    apart = np.linalg.norm(motion_of(a).positions(times) - motion_of(b).positions(times), axis=1)
+    at = motion_of(a).positions(found.time_s)[0] - motion_of(b).positions(found.time_s)[0]
+    real = abs(float(np.linalg.norm(at)) - found.distance_m) < _NEAR_M
+    least = found.distance_m - found.tolerance_m <= float(apart.min()) + _NEAR_M
+    return _said(not (real and least), f"given {found.distance_m:.6f} m, a sample {apart.min():.6f} m")

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.lab.experiments.planning.analysis import apart_m
-from sfglab.lab.experiments.planning.example import EXAMPLE_LIMITS, EXAMPLE_M
-from sfglab.lab.figures import COLORS, house_style
+from sfglab.lab.experiments.planning.analysis import apart_m, scene_of
+from sfglab.lab.experiments.planning.experiment import EXAMPLE_LIMITS, EXAMPLE_M, Config, exp
+from sfglab.lab.figures import COLORS
 from sfglab.spatial.scene import AgentObject, ObstacleObject, ZoneObject, ZoneRule
 from sfglab.spatial.trajectory import Box, Interpolation, motion_of
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from sfglab.lab.experiments.planning.analysis import Results
+    from sfglab.lab.runs import Run
     from sfglab.spatial import Pose
     from sfglab.spatial.trajectory import Shape, Trajectory
 
@@ -28,32 +28,29 @@ _WAYS = {Interpolation.POLYLINE: "polyline (paper)", Interpolation.CATMULL_ROM: 
 _AGENTS = (COLORS["standard"], COLORS["proxy"], COLORS["third"])
 
 
-def figure_scene(results: Results) -> tuple[Figure, dict[str, Any]]:
+@exp.figure("planning_scene", size=(12.5, 5.6))
+def draw_scene(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the scene from above with everybody's way, and how far apart and off they were."""
-    from matplotlib.figure import Figure
-
-    with house_style():
-        figure = Figure(figsize=(12.5, 5.6))
-        grid = figure.add_gridspec(2, 2, width_ratios=(1.55, 1.0))
-        _draw_hall(figure.add_subplot(grid[:, 0]), results)
-        shown = _draw_apart(figure.add_subplot(grid[0, 1]), results)
-        shown |= _draw_errors(figure.add_subplot(grid[1, 1]), results)
-        how = "over DDS" if results.config["live"] else "on the simulated bus"
-        figure.suptitle(f"{results.scene.name}: planned, and driven by action {how}", fontsize=11)
-    return figure, shown
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.55, 1.0))
+    _draw_hall(figure.add_subplot(grid[:, 0]), run)
+    shown = _draw_apart(figure.add_subplot(grid[0, 1]), run)
+    shown |= _draw_errors(figure.add_subplot(grid[1, 1]), run)
+    how = "over DDS" if run.config.live else "on the simulated bus"
+    figure.suptitle(f"{scene_of(run).name}: planned, and driven by action {how}", fontsize=11)
+    return shown
 
 
-def _draw_hall(axes: Axes, results: Results) -> None:
+def _draw_hall(axes: Axes, run: Run[Config]) -> None:
     from matplotlib.collections import LineCollection
 
-    scene = results.scene
+    scene = scene_of(run)
     for thing in (*scene.all_of(ZoneObject), *scene.all_of(ObstacleObject)):
         _draw_body(axes, thing, scene.world_pose(thing.id))
-    fastest = float(results.tracks["speed_m_s"].max())
+    fastest = float(run["track"]["speed_m_s"].max())
     drawn = LineCollection([])
     for agent in scene.all_of(AgentObject):
         _draw_plan(axes, scene.motion(agent.id), label=agent is next(scene.all_of(AgentObject)))
-        track = results.tracks[results.tracks["agent"] == agent.name]
+        track = run["track"][run["track"]["agent"] == agent.name]
         places = track[["x_m", "y_m"]].to_numpy()
         segments = np.stack([places[:-1], places[1:]], axis=1)
         drawn = LineCollection(list(segments), cmap="viridis", linewidths=5.0, zorder=3)
@@ -63,7 +60,7 @@ def _draw_hall(axes: Axes, results: Results) -> None:
         axes.annotate(
             agent.name, places[0], xytext=(-7, -4), textcoords="offset points", ha="right", weight="bold"
         )
-    _mark_closest(axes, results)
+    _mark_closest(axes, run)
     axes.figure.colorbar(drawn, ax=axes, label="speed, driven (m/s)", shrink=0.75, pad=0.01)
     axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)", title="From above")
     axes.legend(loc="upper left", bbox_to_anchor=(0.05, 0.945), fontsize=8)
@@ -112,24 +109,24 @@ def _draw_plan(axes: Axes, planned: Trajectory, *, label: bool) -> None:
         axes.annotate("", heading[:2], waypoint.pose.position_m[:2], arrowprops=tip, zorder=5)
 
 
-def _mark_closest(axes: Axes, results: Results) -> None:
-    for a, b in combinations(sorted(results.tracks["agent"].unique()), 2):
-        times, _, driven = apart_m(results, a, b)
+def _mark_closest(axes: Axes, run: Run[Config]) -> None:
+    for a, b in combinations(sorted(run["track"]["agent"].unique()), 2):
+        times, _, driven = apart_m(run, a, b)
         at_s, ends = float(times[driven.argmin()]), []
         for name in (a, b):
-            track = results.tracks[results.tracks["agent"] == name]
+            track = run["track"][run["track"]["agent"] == name]
             ends.append([np.interp(at_s, track["t_s"], track[axis]) for axis in ("x_m", "y_m")])
         (x1, y1), (x2, y2) = ends
         text = f"closest, driven: {driven.min():.2f} m at {at_s:.1f} s"
         axes.plot([x1, x2], [y1, y2], "o-", color="crimson", markersize=5, linewidth=1.6, zorder=6, label=text)
 
 
-def _draw_apart(axes: Axes, results: Results) -> dict[str, Any]:
-    agents = {agent.name: agent for agent in results.scene.all_of(AgentObject)}
+def _draw_apart(axes: Axes, run: Run[Config]) -> dict[str, Any]:
+    agents = {agent.name: agent for agent in scene_of(run).all_of(AgentObject)}
     shown: dict[str, Any] = {}
     for a, b in combinations(sorted(agents), 2):
-        times, planned, driven = apart_m(results, a, b)
-        needed = agents[a].radius_m + agents[b].radius_m + results.scene.margin_m
+        times, planned, driven = apart_m(run, a, b)
+        needed = agents[a].radius_m + agents[b].radius_m + scene_of(run).margin_m
         axes.plot(times, planned, color=COLORS["network"], label="planned")
         axes.plot(times, driven, color=COLORS["proxy"], label="driven")
         axes.axhline(needed, color="crimson", linestyle=":", label=f"needed: radii and margin, {needed:.2f} m")
@@ -140,11 +137,11 @@ def _draw_apart(axes: Axes, results: Results) -> dict[str, Any]:
     return shown
 
 
-def _draw_errors(axes: Axes, results: Results) -> dict[str, Any]:
+def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, Any]:
     worst = {}
-    for color, (agent, track) in zip(_AGENTS, results.tracks.groupby("agent"), strict=False):
+    for color, (agent, track) in zip(_AGENTS, run["track"].groupby("agent"), strict=False):
         axes.plot(track["t_s"], track["error_m"], color=color, label=str(agent))
-        end = results.scene.motion(_id_of(results, str(agent))).end_ns / 1e9
+        end = scene_of(run).motion(_id_of(run, str(agent))).end_ns / 1e9
         axes.axvline(end, color=color, linestyle=":", linewidth=1.0)
         worst[str(agent)] = float(track["error_m"].max())
     axes.set(
@@ -154,33 +151,30 @@ def _draw_errors(axes: Axes, results: Results) -> dict[str, Any]:
     return {"largest error (m)": worst}
 
 
-def _id_of(results: Results, name: str) -> int:
-    return next(int(agent.id) for agent in results.scene.all_of(AgentObject) if agent.name == name)
+def _id_of(run: Run[Config], name: str) -> int:
+    return next(int(agent.id) for agent in scene_of(run).all_of(AgentObject) if agent.name == name)
 
 
-def figure_interpolation(results: Results) -> tuple[Figure, dict[str, Any]]:
+@exp.figure("planning_interpolation", size=(12.5, 6.2))
+def draw_interpolation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw path, speed and acceleration of both interpolations, as drawn and re-timed."""
-    from matplotlib.figure import Figure
-
-    with house_style():
-        figure = Figure(figsize=(12.5, 6.2))
-        grid = figure.add_gridspec(2, 3, width_ratios=(1.15, 1.0, 1.0))
-        _draw_paths(figure.add_subplot(grid[:, 0]), results)
-        tops = {}
-        for row, (slow, words) in enumerate(((False, "as drawn"), (True, "re-timed to its limits"))):
-            chosen = results.samples[results.samples["retimed"] == slow]
-            pair = [figure.add_subplot(grid[row, 1]), figure.add_subplot(grid[row, 2])]
-            tops[words] = _draw_rates(pair, chosen, words)
-        figure.suptitle(
-            "One trajectory as polyline and as centripetal Catmull-Rom spline, before and after re-timing",
-            fontsize=11,
-        )
-    return figure, {"highest speed (m/s) and acceleration (m/s^2)": tops}
+    grid = figure.add_gridspec(2, 3, width_ratios=(1.15, 1.0, 1.0))
+    _draw_paths(figure.add_subplot(grid[:, 0]), run)
+    tops = {}
+    for row, (slow, words) in enumerate(((False, "as drawn"), (True, "re-timed to its limits"))):
+        chosen = run["sample"][run["sample"]["retimed"] == slow]
+        pair = [figure.add_subplot(grid[row, 1]), figure.add_subplot(grid[row, 2])]
+        tops[words] = _draw_rates(pair, chosen, words)
+    figure.suptitle(
+        "One trajectory as polyline and as centripetal Catmull-Rom spline, before and after re-timing",
+        fontsize=11,
+    )
+    return {"highest speed (m/s) and acceleration (m/s^2)": tops}
 
 
-def _draw_paths(axes: Axes, results: Results) -> None:
+def _draw_paths(axes: Axes, run: Run[Config]) -> None:
     for kind in Interpolation:
-        chosen = results.samples[(results.samples["interpolation"] == kind.value) & ~results.samples["retimed"]]
+        chosen = run["sample"][(run["sample"]["interpolation"] == kind.value) & ~run["sample"]["retimed"]]
         axes.plot(chosen["x_m"], chosen["y_m"], color=_LINES[kind], label=_WAYS[kind], linewidth=1.8)
     axes.plot(*np.array(EXAMPLE_M).T, "k.", markersize=8, label="waypoint")
     for number, place in enumerate(EXAMPLE_M):
