@@ -110,6 +110,11 @@ def execute(name: str, path: Path) -> None:
     from sfglab.lab.experiments import experiment
 
     target, how = experiment(name), RUNS[name]
+    if hasattr(target, "measure"):  # on the kit
+        from sfglab.lab.bench import Options
+
+        asyncio.run(target.run("smoke", path=path, options=Options(**how.options), **how.changes))
+        return
     config = target.Config.of_profile("smoke")
     known = {f.name for f in fields(config)}
     config = replace(config, **{k: v for k, v in how.changes.items() if k in known})
@@ -222,6 +227,7 @@ def read_log(path: Path, how: Run) -> dict[str, object]:
                 {k: v for k, v in row.items() if k not in {*how.columns, "__msgtype__"}}
             )
     found.pop("metadata run")
+    found.pop("metadata completion", None)  # which of the two versions writes it is no difference of a run
     compared = {k: v for k, v in found.items() if k.split()[-1] not in how.but}
     if how.only is not None:
         compared = {k: v for k, v in compared.items() if k.startswith(("metadata", "schema")) or k in how.only}
