@@ -234,10 +234,16 @@ class StampedTransform:
 
     def to_msg(self) -> Any:
         """Return a `geometry_msgs/msg/TransformStamped`."""
-        header = message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(self.stamp_ns), frame_id=self.parent)
         return message_type("geometry_msgs/msg/TransformStamped")(
-            header=header, child_frame_id=self.child, transform=self.pose.to_transform_msg()
+            header=header_msg(self.parent, self.stamp_ns),
+            child_frame_id=self.child,
+            transform=self.pose.to_transform_msg(),
         )
+
+
+def header_msg(frame_id: str, stamp_ns: int) -> Any:
+    """Return a `std_msgs/msg/Header`."""
+    return message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(stamp_ns), frame_id=frame_id)
 
 
 @functools.cache

@@ -9,8 +9,7 @@ from sfglab.names import FqnError
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames import Edge, FrameBuffer, FrameRule, draw_tree, lint_frames
 from sfglab.spatial.frames.buffer import FrameLoopError
-from sfglab.spatial.frames.drawing import tree_layout
-from sfglab.spatial.frames.lint import roots_of
+from sfglab.spatial.frames.lint import roots_of, tree_layout
 
 
 def tree(*pairs, **options):

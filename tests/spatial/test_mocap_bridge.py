@@ -176,7 +176,7 @@ def test_what_the_tree_does_not_allow_is_said_until_it_does():
     for transform in ROBOT:
         buffer.insert(transform, static=True)
     assert len(core.take(capture(1), 0)) == 1
-    assert (core.statuses[0].problem, core.problems) == ("", {})
+    assert core.statuses[0].problem == ""
 
 
 def test_two_objects_do_not_move_one_root():
@@ -208,8 +208,7 @@ def test_live_the_bridge_joins_a_robots_tree_to_the_world(domain_id, caplog):
                 async with FramesListener(viewer, buffer) as listener:
                     publisher = robot.create_publisher(TRANSFORMS, TF_STATIC, TF_STATIC_QOS)
                     publisher.publish(message_type(TRANSFORMS)(transforms=[t.to_msg() for t in ROBOT]))
-                    await bridge.wait_published(15.0)
-                    placed = await listener.wait_for("map", "agent_x/markers", timeout_s=10)
+                    placed = await listener.wait_for("map", "agent_x/markers", timeout_s=25)
                     await listener.wait_for("map", "agent_x/camera", timeout_s=10)
                     statuses = viewer.create_subscription(STATUS, status_topic(), qos=STATUS_QOS)
                     told = await statuses.take(timeout_s=10)

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sfglab.errors import InvalidValueError
 from sfglab.spatial import Pose
 from sfglab.spatial.mocap import Lapse, Limits, SyntheticConfig, SyntheticMotion, Verdict, synthetic_captures
-from sfglab.spatial.mocap.tracking import TRANSITIONS, MocapError, Track, TrackState, judge
+from sfglab.spatial.mocap.tracking import TRANSITIONS, Track, TrackState, judge
 
 MS = 1_000_000
 LIMITS = Limits(speed_m_s=5.0, turn_rad_s=10.0, slack_m=0.02, slack_rad=0.2, believe_after_s=0.1)
@@ -149,5 +150,5 @@ def test_short_flips_of_a_moving_object_are_all_found_and_nothing_sound_is_lost(
 
 @pytest.mark.parametrize("fault", [{"rate_hz": 0}, {"dropped": 1.0}, {"noise_m": -1}, {"flip_s": float("nan")}])
 def test_impossible_capture_systems_are_refused(fault):
-    with pytest.raises(MocapError, match="allowed"):
+    with pytest.raises(InvalidValueError, match="allowed"):
         SyntheticConfig(**fault)

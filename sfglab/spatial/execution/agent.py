@@ -14,6 +14,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
+from sfglab.fields import between, check_bounds
 from sfglab.spatial.execution.orders import Outcome
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.trajectory import Limits, pose_at, sample
@@ -53,15 +54,16 @@ class Dynamics:
 
     #: Never exceeded, whatever is asked for; the yaw rate's bounds the whole turn's rate.
     limits: Limits = field(default_factory=Limits)
-    lag_s: float = 0.1  #: Time constant of the velocity; 0: only the limits hold it back.
-    gain_per_s: float = 2.0  #: How much velocity is added to a target's for every metre that is missing.
+    lag_s: float = between(
+        0.1, 0, math.inf, without=(math.inf,)
+    )  #: Time constant of the velocity; 0: only the limits hold it back.
+    #: How much velocity is added to a target's for every metre that is missing.
+    gain_per_s: float = between(2.0, 0, math.inf, without=(0, math.inf))
 
     def __post_init__(self) -> None:
-        place, given = "dynamics, lag_s and gain_per_s", (self.lag_s, self.gain_per_s)
-        if not 0.0 <= self.lag_s < math.inf or not 0.0 < self.gain_per_s < math.inf:
-            raise InvalidValueError(place, given, "a lag from 0 and a gain above 0")
-        if self.lag_s * self.gain_per_s > _WELL_DAMPED:
-            raise InvalidValueError(place, given, "a product of lag and gain up to 1/4")
+        check_bounds(self)
+        if (product := self.lag_s * self.gain_per_s) > _WELL_DAMPED:
+            raise InvalidValueError("dynamics, lag_s times gain_per_s", product, "up to 1/4")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -223,18 +225,6 @@ class Progress:
     outcome: Outcome | None  #: How it ended; None before the end.
 
 
-@dataclass(slots=True, kw_only=True)
-class _Way:
-    """What changes on the way."""
-
-    state: AgentState
-    last_ns: int
-    phase: Phase = Phase.DRIVING
-    outcome: Outcome | None = None
-    error_m: float = 0.0
-    largest_m: float = 0.0
-
-
 class Follower:
     """Moves an agent along one trajectory.
 
@@ -261,7 +251,10 @@ class Follower:
         self._start_ns = start_ns
         self._dynamics = dynamics
         self._tolerances = tolerances
-        self._way = _Way(state=state, last_ns=now_ns)
+        self._state, self._last_ns = state, now_ns
+        self._phase = Phase.DRIVING
+        self._outcome: Outcome | None = None
+        self._error_m = self._largest_m = 0.0
 
     def stop(self, outcome: Outcome) -> None:
         """Brake from here on, and end with an outcome; once it brakes already, nothing changes."""
@@ -269,8 +262,7 @@ class Follower:
 
     def step(self, now_ns: int) -> Progress:
         """Move the agent to a later time and return how it stands; an earlier time changes nothing."""
-        way = self._way
-        begin_ns, way.last_ns = max(way.last_ns, now_ns - _LONGEST_NS), max(way.last_ns, now_ns)
+        begin_ns, self._last_ns = max(self._last_ns, now_ns - _LONGEST_NS), max(self._last_ns, now_ns)
         count = math.ceil(max(0, now_ns - begin_ns) / _SUBSTEP_NS)
         times_ns = [begin_ns + (now_ns - begin_ns) * i // count for i in range(1, count + 1)] if count else []
         if times_ns:
@@ -280,25 +272,25 @@ class Follower:
     @property
     def progress(self) -> Progress:
         """How it stood after the latest step."""
-        way, points = self._way, self._trajectory
-        time_ns = way.last_ns - self._start_ns
+        points = self._trajectory
+        time_ns = self._last_ns - self._start_ns
         span_ns = points.end_ns - points.start_ns
         share = (time_ns - points.start_ns) / span_ns if span_ns else float(time_ns >= points.start_ns)
         return Progress(
-            phase=way.phase,
+            phase=self._phase,
             share=min(max(share, 0.0), 1.0),
             time_ns=time_ns,
-            state=way.state,
+            state=self._state,
             target=pose_at(points, time_ns / NS_PER_S),
-            error_m=way.error_m,
-            largest_error_m=way.largest_m,
-            outcome=way.outcome if way.phase is Phase.ENDED else None,
+            error_m=self._error_m,
+            largest_error_m=self._largest_m,
+            outcome=self._outcome if self._phase is Phase.ENDED else None,
         )
 
     def _move(self, begin_ns: int, times_ns: list[int]) -> None:
         found = sample(self._trajectory, [(t - self._start_ns) / NS_PER_S for t in times_ns])
         for index, time_ns in enumerate(times_ns):
-            if self._way.phase is Phase.ENDED:
+            if self._phase is Phase.ENDED:
                 return
             vx, vy, vz = found.velocities_m_s[index].tolist()
             target = Target(pose=found.pose(index), velocity_m_s=(vx, vy, vz))
@@ -306,23 +298,22 @@ class Follower:
             begin_ns = time_ns
 
     def _substep(self, target: Target, time_ns: int, dt_s: float) -> None:
-        way = self._way
         if dt_s <= 0.0:
             return
-        if way.phase is Phase.BRAKING:
-            way.state = braked(way.state, dt_s, self._dynamics)
+        if self._phase is Phase.BRAKING:
+            self._state = braked(self._state, dt_s, self._dynamics)
         else:
-            way.state = steered(way.state, target, dt_s, self._dynamics)
-        way.error_m = way.state.pose.distance_m(target.pose)
-        if way.phase is not Phase.BRAKING:
-            way.largest_m = max(way.largest_m, way.error_m)
+            self._state = steered(self._state, target, dt_s, self._dynamics)
+        self._error_m = self._state.pose.distance_m(target.pose)
+        if self._phase is not Phase.BRAKING:
+            self._largest_m = max(self._largest_m, self._error_m)
         self._judge(target.pose, time_ns - self._start_ns)
 
     def _judge(self, target: Pose, time_ns: int) -> None:
-        way, allowed = self._way, self._tolerances
-        if way.state.speed_m_s == 0.0:
+        allowed = self._tolerances
+        if self._state.speed_m_s == 0.0:
             self._happens(FollowerEvent.STANDS)
-        if allowed.path_m is not None and way.error_m > allowed.path_m:
+        if allowed.path_m is not None and self._error_m > allowed.path_m:
             self._happens(FollowerEvent.PATH_LEFT, Outcome.PATH_LEFT)
         if time_ns >= self._trajectory.end_ns:
             self._happens(FollowerEvent.TIME_OVER)
@@ -332,13 +323,12 @@ class Follower:
             self._happens(FollowerEvent.TOO_LATE, Outcome.GOAL_MISSED)
 
     def _arrived(self, target: Pose) -> bool:
-        state, allowed = self._way.state, self._tolerances
-        near = self._way.error_m <= allowed.goal_m and state.speed_m_s <= allowed.goal_m_s
+        state, allowed = self._state, self._tolerances
+        near = self._error_m <= allowed.goal_m and state.speed_m_s <= allowed.goal_m_s
         return near and state.pose.angle_rad(target) <= allowed.goal_rad
 
     def _happens(self, event: FollowerEvent, outcome: Outcome | None = None) -> None:
-        way = self._way
-        following = TRANSITIONS[way.phase].get(event)
+        following = TRANSITIONS[self._phase].get(event)
         if following is not None:
-            way.phase = following
-            way.outcome = outcome or way.outcome
+            self._phase = following
+            self._outcome = outcome or self._outcome

@@ -57,6 +57,9 @@ class Execution:
 
     Raises:
         FqnError: No action is given, and it is not the name of an agent.
+        DiscoveryTimeoutError: By what needs a server: there is none.
+        ServiceTimeoutError: By what asks it: it does not answer.
+        ActionServerGoneError: By waiting for the end: the server went away before that.
     """
 
     def __init__(self, node: Node, agent: str, **options: Unpack[ExecuteOptions]) -> None:
@@ -69,40 +72,23 @@ class Execution:
         self._handle: ClientGoalHandle | None = None
 
     async def ready(self) -> None:
-        """Return once there is a server, so that what is sent now arrives at once.
-
-        Raises:
-            DiscoveryTimeoutError: There is none.
-        """
+        """Return once there is a server, so that what is sent now arrives at once."""
         await self._client.wait_for_server(self._timeout_s)
 
     async def begin(self, order: Order) -> None:
-        """Send an order, once, and return when the server has answered.
-
-        Raises:
-            DiscoveryTimeoutError: There is no server.
-            ServiceTimeoutError: It does not answer.
-        """
+        """Send an order, once, and return when the server has answered."""
         goal = self._dialect.goal(order)
         with contextlib.suppress(GoalRejectedError):
             self._handle = await self._client.send_goal(goal, self._heard, self._timeout_s)
 
     async def result(self) -> Ended:
-        """Return how it ended, waiting for the end.
-
-        Raises:
-            ActionServerGoneError: The server went away before that.
-        """
+        """Return how it ended, waiting for the end."""
         if self._handle is None:
             return Ended(outcome=Outcome.REJECTED, text=OUTCOMES[Outcome.REJECTED].meaning)
         return self._dialect.result(await self._handle.result())
 
     async def cancel(self) -> None:
-        """Ask the agent to stop; `result` then says when it stands. Once it ended, nothing happens.
-
-        Raises:
-            ServiceTimeoutError: The server does not answer.
-        """
+        """Ask the agent to stop; `result` then says when it stands. Once it ended, nothing happens."""
         if self._handle is not None:
             await self._handle.cancel_goal(self._timeout_s)
 

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.bus import GoalResult, GoalStatus
 from sfglab.errors import SfglabError
-from sfglab.messages import action_type, message_type, ns_from_stamp, stamp_from_ns
+from sfglab.messages import action_type, message_type, ns_from_stamp
 from sfglab.names import Resource, RosFqnBuilder, Scope
-from sfglab.spatial.poses import Pose, PoseError
+from sfglab.spatial.poses import Pose, PoseError, header_msg
 from sfglab.spatial.trajectory import (
     Interpolation,
     Limits,
+    Quantity,
     limit_violations,
     multi_dof_from_trajectory,
     pose_at,
@@ -167,11 +168,8 @@ def _check_addressee(order: Order, rules: Rules) -> None:
 
 
 def _widened(limits: Limits, by: float) -> Limits:
-    speed, acceleration, yaw_rate = (
-        None if value is None else value * by
-        for value in (limits.speed_m_s, limits.acceleration_m_s2, limits.yaw_rate_rad_s)
-    )
-    return Limits(speed_m_s=speed, acceleration_m_s2=acceleration, yaw_rate_rad_s=yaw_rate)
+    given = {quantity.value: limits.of(quantity) for quantity in Quantity}
+    return Limits(**{name: None if limit is None else limit * by for name, limit in given.items()})
 
 
 _POLYLINE_STEP_NS = 100_000_000
@@ -257,8 +255,8 @@ def result_message(outcome: Outcome, text: str, pose: Any) -> Any:
 
 def stamped_pose(pose: Pose, frame_id: str, stamp_ns: int) -> Any:
     """Return a `geometry_msgs/msg/PoseStamped`."""
-    header = message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(stamp_ns), frame_id=frame_id)
-    return message_type("geometry_msgs/msg/PoseStamped")(header=header, pose=pose.to_pose_msg())
+    stamped = message_type("geometry_msgs/msg/PoseStamped")
+    return stamped(header=header_msg(frame_id, stamp_ns), pose=pose.to_pose_msg())
 
 
 def _feedback(message: Any) -> Feedback:

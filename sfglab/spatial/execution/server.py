@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from sfglab.bus import CancelResponse, GoalResponse, GoalStatus
-from sfglab.messages import action_type, message_type, stamp_from_ns
+from sfglab.messages import action_type, message_type
 from sfglab.names import TF, Resource, RosFqnBuilder, Scope
 from sfglab.spatial.execution.agent import AgentState, Dynamics, Follower, Tolerances, braked
 from sfglab.spatial.execution.orders import (
@@ -29,13 +29,12 @@ from sfglab.spatial.execution.orders import (
     stamped_pose,
 )
 from sfglab.spatial.frames import TF_QOS, TRANSFORMS
-from sfglab.spatial.poses import Pose, StampedTransform
+from sfglab.spatial.poses import Pose, StampedTransform, header_msg
 from sfglab.spatial.trajectory import Trajectory, motion_of
+from sfglab.spatial.trajectory.exchange import duration_msg
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from sfglab.bus import Node, ServerGoalHandle
     from sfglab.spatial.execution.agent import Progress
     from sfglab.spatial.execution.orders import Order
@@ -131,9 +130,7 @@ class TrajectoryServer:
     async def __aenter__(self) -> Self:
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         self.close()
 
     def _takes(self, goal: Any) -> GoalResponse:
@@ -263,12 +260,9 @@ def _odometry(state: AgentState, transform: StampedTransform) -> Any:
         linear=vector(*turned.apply(state.velocity_m_s)),
         angular=vector(*turned.apply((0.0, 0.0, state.yaw_rate_rad_s))),
     )
-    header = message_type("std_msgs/msg/Header")(
-        stamp=stamp_from_ns(transform.stamp_ns), frame_id=transform.parent
-    )
     no_covariance = np.zeros(36)
     return message_type("nav_msgs/msg/Odometry")(
-        header=header,
+        header=header_msg(transform.parent, transform.stamp_ns),
         child_frame_id=transform.child,
         pose=message_type("geometry_msgs/msg/PoseWithCovariance")(
             pose=state.pose.to_pose_msg(), covariance=no_covariance
@@ -279,10 +273,9 @@ def _odometry(state: AgentState, transform: StampedTransform) -> Any:
 
 def _feedback(progress: Progress, pose: Any) -> Any:
     """Return how it stands as feedback of ours, with the agent's stamped pose."""
-    sec, nanosec = divmod(progress.time_ns, NS_PER_S)
     return action_type(FOLLOW_TRAJECTORY.type).feedback(
         progress=progress.share,
-        time_from_start=message_type("builtin_interfaces/msg/Duration")(sec=sec, nanosec=nanosec),
+        time_from_start=duration_msg(progress.time_ns),
         pose=pose,
         distance_error=progress.error_m,
     )

@@ -10,8 +10,7 @@ from sfglab.spatial.frames.buffer import (
     NotConnectedError,
     UnknownFrameError,
 )
-from sfglab.spatial.frames.drawing import draw_tree
-from sfglab.spatial.frames.lint import FrameFinding, FrameRule, lint_frames
+from sfglab.spatial.frames.lint import FrameFinding, FrameRule, draw_tree, lint_frames
 from sfglab.spatial.frames.listener import TF_QOS, TF_STATIC_QOS, TRANSFORMS, FramesListener, fill_from_log
 
 __all__ = [

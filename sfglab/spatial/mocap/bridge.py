@@ -122,21 +122,11 @@ class MocapBridge:
         self._options = options or BridgeOptions()
         self.core = BridgeCore(mapping, self.buffer, reach_s=self._options.reach_s)
         self._said: set[tuple[str, str]] = set()
-        self._published = asyncio.Event()
 
     @property
     def statuses(self) -> tuple[MocapObjectStatus, ...]:
         """How it stands with every object of the mapping."""
         return self.core.statuses
-
-    async def wait_published(self, timeout_s: float = 5.0) -> None:
-        """Return once a transform has left.
-
-        Raises:
-            TimeoutError: None has.
-        """
-        async with asyncio.timeout(timeout_s):
-            await self._published.wait()
 
     async def run(self) -> None:
         """Run until the source ends, or until cancelled.
@@ -160,7 +150,6 @@ class MocapBridge:
     def _pass_on(self, capture: Capture, publisher: Publisher) -> None:
         if transforms := self.core.take(capture, self._node.get_clock().now_ns()):
             publisher.publish(message_type(TRANSFORMS)(transforms=[t.to_msg() for t in transforms]))
-            self._published.set()
         self._say_problems()
 
     async def _tell(self, status: Publisher) -> None:
@@ -171,7 +160,8 @@ class MocapBridge:
 
     def _say_problems(self) -> None:
         """Log each kind of problem of each object once."""
-        for object_id, (kind, text) in self.core.problems.items():
-            if (object_id, kind) not in self._said:
-                self._said.add((object_id, kind))
-                _log.warning("object %r: %s", object_id, text)
+        for status in self.core.statuses:
+            key = (status.object_id, status.problem_kind)
+            if status.problem and key not in self._said:
+                self._said.add(key)
+                _log.warning("object %r: %s", status.object_id, status.problem)

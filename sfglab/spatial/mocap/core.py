@@ -136,11 +136,6 @@ class BridgeCore:
         """
         return dict(self._objects[object_id].verdicts)
 
-    @property
-    def problems(self) -> dict[str, tuple[str, str]]:
-        """Of every object whose last believed pose was not published: the error's name and its sentence."""
-        return {id_: (o.problem_kind, o.problem) for id_, o in self._objects.items() if o.problem}
-
     def _count(self, capture: Capture) -> None:
         self.captures += 1
         self.unmapped.update(id_ for id_ in capture.sights if id_ not in self._objects)

@@ -9,15 +9,16 @@ cameras see it. Pure: takes texts, poses and a buffer of the agent's transforms.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sfglab.documents import Document, DocumentError, Place
+from sfglab.documents import Document, DocumentError, Place, by_name, read_by
+from sfglab.errors import InvalidValueError
 from sfglab.spatial.mocap.tracking import Limits, MocapError
 from sfglab.spatial.poses import Pose, PoseError, StampedTransform
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Iterator
     from pathlib import Path
 
     from sfglab.documents import KeyPath, Section
@@ -25,7 +26,27 @@ if TYPE_CHECKING:
     from sfglab.spatial.mocap.tracking import Capture
 
 
-_ABSENT = object()
+class _TakenError(DocumentError):
+    """A frame that another object moves already; its key as a path finds its line in a document."""
+
+    path: KeyPath
+
+
+def _frame(section: Section, key: str) -> str:
+    value = section.get(key)
+    if not isinstance(value, str) or not value or value != value.strip() or value.startswith("/"):
+        raise section.refusal(key, value, "the name of a frame, without leading slash")
+    return value
+
+
+def _offset(section: Section, key: str) -> Pose:
+    inner = section.section(key)
+    position, quat = inner.numbers("position_m", 3), inner.numbers("quat_xyzw", 4, Pose().quat_xyzw)
+    inner.close()
+    try:
+        return Pose(position_m=position, quat_xyzw=quat)
+    except PoseError as error:
+        raise inner.refusal("quat_xyzw", error.given, error.allowed) from error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,12 +54,13 @@ class MappedObject:
     """One object of the capture system."""
 
     id: str  #: Its name there.
-    via: str  #: The proxy: the frame of the agent's tree that the object stands for, as "agent_x/markers".
+    #: The proxy: the frame of the agent's tree that the object stands for, as "agent_x/markers".
+    via: str = field(metadata=read_by(_frame))
     #: The frame that is published, as "agent_x/base"; empty for whatever is the root of the agent's tree.
-    frame: str = ""
+    frame: str = field(default="", metadata=read_by(_frame))
     #: Where `via` is in the object's own frame (``object_from_via``); the same place by default, else as
     #: `estimate_offset` finds it.
-    offset: Pose = field(default_factory=Pose)
+    offset: Pose = field(default_factory=Pose, metadata=read_by(_offset))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,18 +68,31 @@ class MocapMapping:
     """All objects, and what they can physically do.
 
     Raises:
-        DocumentError: Two objects stand for one frame, or a frame is the world.
+        InvalidValueError: There is no object, two stand for one frame, or a frame is the world.
     """
 
-    world: str  #: The frame in which the capture system measures.
-    objects: Mapping[str, MappedObject]  #: The objects, by their ids.
+    world: str = field(metadata=read_by(_frame))  #: The frame in which the capture system measures.
+    objects: dict[str, MappedObject] = field(metadata=by_name("id"))  #: The objects, by their ids.
     limits: Limits = field(default_factory=Limits)  #: What no object outdoes.
 
     def __post_init__(self) -> None:
-        def refusal(path: KeyPath, frame: str, allowed: str) -> DocumentError:
-            return DocumentError(Place(file="mapping", key=".".join(map(str, path))), frame, allowed)
+        if not self.objects:
+            raise InvalidValueError("objects", self.objects, "a mapping of object ids, at least one")
+        taken: dict[str, KeyPath] = {self.world: ("world",)}
+        for id_, mapped in self.objects.items():
+            places = {"via": mapped.via} | ({"frame": mapped.frame} if mapped.frame else {})
+            for key, frame in places.items():
+                path: KeyPath = ("objects", id_, key)
+                before = taken.setdefault(frame, path)
+                if before[:2] != path[:2]:
+                    raise _taken(path, frame, before)
 
-        _check_apart(self.world, self.objects, refusal)
+
+def _taken(path: KeyPath, frame: str, before: KeyPath) -> _TakenError:
+    key, holder = (".".join(map(str, p)) for p in (path, before))
+    error = _TakenError(Place(file="mapping", key=key), frame, f"a frame of its own; {holder} has that one")
+    error.path = path
+    return error
 
 
 def load_mapping(path: Path) -> MocapMapping:
@@ -86,66 +121,10 @@ def read_mapping(text: str, *, file: str = "mapping.yaml") -> MocapMapping:
 
 
 def _mapping(document: Document) -> MocapMapping:
-    top = document.section()
-    world = _frame(top, "world")
-    if not top.get("objects"):
-        raise top.refusal("objects", top.get("objects"), "a mapping of object ids, at least one")
-    objects = {id_: _object(id_, section) for id_, section in top.members("objects")}
-    limits = _limits(top.section("limits"))
-    top.close()
-
-    def refusal(path: KeyPath, frame: str, allowed: str) -> DocumentError:
-        return DocumentError(document.place(path), frame, allowed)
-
-    _check_apart(world, objects, refusal)
-    return MocapMapping(world=world, objects=objects, limits=limits)
-
-
-def _object(id_: str, section: Section) -> MappedObject:
-    via = _frame(section, "via")
-    frame = _frame(section, "frame", default="")
-    offset = Pose() if section.get("offset", _ABSENT) is _ABSENT else _offset(section.section("offset"))
-    section.close()
-    return MappedObject(id=id_, via=via, frame=frame, offset=offset)
-
-
-def _offset(section: Section) -> Pose:
-    position, quat = section.numbers("position_m", 3), section.numbers("quat_xyzw", 4, Pose().quat_xyzw)
-    section.close()
     try:
-        return Pose(position_m=position, quat_xyzw=quat)
-    except PoseError as error:
-        raise section.refusal("quat_xyzw", error.given, error.allowed) from error
-
-
-def _limits(section: Section) -> Limits:
-    limits = Limits(**{f.name: section.positive(f.name, f.default) for f in fields(Limits)})
-    section.close()
-    return limits
-
-
-def _frame(section: Section, key: str, default: str | None = None) -> str:
-    value = section.get(key) if default is None else section.get(key, _ABSENT)
-    if value is _ABSENT and default is not None:
-        return default
-    if not isinstance(value, str) or not value or value != value.strip() or value.startswith("/"):
-        raise section.refusal(key, value, "the name of a frame, without leading slash")
-    return value
-
-
-def _check_apart(
-    world: str, objects: Mapping[str, MappedObject], refusal: Callable[[KeyPath, str, str], DocumentError]
-) -> None:
-    """Refuse frames that two objects would move."""
-    taken: dict[str, KeyPath] = {world: ("world",)}
-    for id_, mapped in objects.items():
-        places = {"via": mapped.via} | ({"frame": mapped.frame} if mapped.frame else {})
-        for key, frame in places.items():
-            path: KeyPath = ("objects", id_, key)
-            before = taken.setdefault(frame, path)
-            if before[:2] != path[:2]:
-                holder = ".".join(map(str, before))
-                raise refusal(path, frame, f"a frame of its own; {holder} has that one")
+        return document.section().read(MocapMapping)
+    except _TakenError as error:
+        raise DocumentError(document.place(error.path), error.given, error.allowed) from error
 
 
 class PlacingError(MocapError):

@@ -11,7 +11,8 @@ from contextlib import aclosing, asynccontextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from sfglab.spatial.mocap.tracking import Capture, Lapse, MocapError
+from sfglab.fields import between, check_bounds
+from sfglab.spatial.mocap.tracking import Capture, Lapse
 from sfglab.spatial.poses import Pose
 from sfglab.units import NS_PER_S
 
@@ -53,26 +54,19 @@ class SyntheticMotion:
 class SyntheticConfig:
     """How well a capture system sees; rates are per object and second, durations means of exponential ones."""
 
-    rate_hz: float = 100.0  #: Captures a second.
-    noise_m: float = 0.0005  #: Standard deviation of every coordinate.
-    noise_rad: float = 0.002  #: Standard deviation of the turn about every axis.
-    occlusions_hz: float = 0.0  #: How often an object gets hidden.
-    occlusion_s: float = 0.2  #: For how long.
-    flips_hz: float = 0.0  #: How often an object's pattern is taken for itself turned by half a turn.
-    flip_s: float = 0.05  #: For how long.
-    dropped: float = 0.0  #: Share of captures that never arrive.
-    latency_s: float = 0.006  #: From capture to receipt, at least.
-    jitter_s: float = 0.0005  #: Mean of the exponential part of the latency.
+    rate_hz: float = between(100.0, without=(0,))  #: Captures a second.
+    noise_m: float = between(0.0005)  #: Standard deviation of every coordinate.
+    noise_rad: float = between(0.002)  #: Standard deviation of the turn about every axis.
+    occlusions_hz: float = between(0.0)  #: How often an object gets hidden.
+    occlusion_s: float = between(0.2, without=(0,))  #: For how long.
+    flips_hz: float = between(0.0)  #: How often an object's pattern is taken for itself turned by half a turn.
+    flip_s: float = between(0.05, without=(0,))  #: For how long.
+    dropped: float = between(0.0, 0, 1, without=(1,))  #: Share of captures that never arrive.
+    latency_s: float = between(0.006)  #: From capture to receipt, at least.
+    jitter_s: float = between(0.0005)  #: Mean of the exponential part of the latency.
 
     def __post_init__(self) -> None:
-        for name in ("rate_hz", "occlusion_s", "flip_s"):
-            if not getattr(self, name) > 0:
-                raise MocapError(f"synthetic {name}: given {getattr(self, name)}, allowed are numbers above 0")
-        for name in ("noise_m", "noise_rad", "occlusions_hz", "flips_hz", "latency_s", "jitter_s"):
-            if not getattr(self, name) >= 0:
-                raise MocapError(f"synthetic {name}: given {getattr(self, name)}, allowed are numbers from 0")
-        if not 0 <= self.dropped < 1:
-            raise MocapError(f"synthetic dropped: given {self.dropped}, allowed is a share from 0 to below 1")
+        check_bounds(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,11 +8,12 @@ be told from one that turned; nothing here pretends to. Pure: takes sights and c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Protocol
 
 from sfglab.errors import SfglabError
+from sfglab.fields import between
 from sfglab.spatial.poses import Pose
 from sfglab.units import NS_PER_S
 
@@ -111,11 +112,13 @@ TRANSITIONS: dict[tuple[TrackState, Verdict], TrackState] = {
 class Limits:
     """What no object outdoes, and how long an impossible place must be held to be believed."""
 
-    speed_m_s: float = 10.0  #: The highest speed.
-    turn_rad_s: float = 12.0  #: The highest rate of turn.
-    slack_m: float = 0.02  #: How far apart two poses may always be, for noise.
-    slack_rad: float = 0.2  #: By how much two poses may always differ in orientation.
-    believe_after_s: float = 0.5  #: After how long at an impossible place the object is believed to be there.
+    speed_m_s: float = between(10.0, 0, without=(0,))  #: The highest speed.
+    turn_rad_s: float = between(12.0, 0, without=(0,))  #: The highest rate of turn.
+    slack_m: float = between(0.02, 0, without=(0,))  #: How far apart two poses may always be, for noise.
+    slack_rad: float = between(0.2, 0, without=(0,))  #: By how much two poses may always differ in orientation.
+    believe_after_s: float = between(
+        0.5, 0, without=(0,)
+    )  #: After how long at an impossible place the object is believed to be there.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,7 +159,7 @@ def judge(track: Track, sight: Sight, capture_ns: int, limits: Limits) -> tuple[
     if isinstance(sight, Lapse):
         verdict = Verdict.OCCLUDED if sight is Lapse.OCCLUDED else Verdict.INVALID
         state = TRANSITIONS[track.state, verdict]
-        return Track(state=state, seen_ns=capture_ns, pose=track.pose, pose_ns=track.pose_ns), verdict
+        return replace(track, state=state, seen_ns=capture_ns, doubt=None), verdict
     verdict = _verdict(track, sight, capture_ns, limits)
     state = TRANSITIONS[track.state, verdict]
     if verdict.believed:
@@ -168,7 +171,7 @@ def judge(track: Track, sight: Sight, capture_ns: int, limits: Limits) -> tuple[
         since_ns=track.doubt.since_ns if track.doubt and same else capture_ns,
         verdict=verdict,
     )
-    return Track(state=state, seen_ns=capture_ns, pose=track.pose, pose_ns=track.pose_ns, doubt=doubt), verdict
+    return replace(track, state=state, seen_ns=capture_ns, doubt=doubt), verdict
 
 
 def _verdict(track: Track, pose: Pose, now_ns: int, limits: Limits) -> Verdict:

@@ -15,7 +15,17 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from sfglab.errors import InvalidValueError
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.trajectory import LATEST_NS, Align, Box, Cylinder, Interpolation, Limits, Shape, Sphere
+from sfglab.spatial.trajectory import (
+    LATEST_NS,
+    Align,
+    Box,
+    Cylinder,
+    Interpolation,
+    Limits,
+    Quantity,
+    Shape,
+    Sphere,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,10 +36,6 @@ class SceneError(InvalidValueError):
 
     Its place is an object and its property, or a file, line and key.
     """
-
-    def __str__(self) -> str:
-        given = "nothing is given" if self.given is None else f"given {self.given!r}"
-        return f"{self.place}: {given}, allowed: {self.allowed}"
 
 
 _LONGEST = 100
@@ -199,11 +205,7 @@ class AgentObject(SceneObject):
     @property
     def limits(self) -> Limits:
         """What its trajectory must keep to."""
-        return Limits(
-            speed_m_s=self.speed_m_s,
-            acceleration_m_s2=self.acceleration_m_s2,
-            yaw_rate_rad_s=self.yaw_rate_rad_s,
-        )
+        return Limits(**{quantity.value: getattr(self, quantity.value) for quantity in Quantity})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

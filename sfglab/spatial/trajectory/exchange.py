@@ -12,8 +12,8 @@ import io
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any
 
-from sfglab.messages import message_type, ns_from_stamp, stamp_from_ns
-from sfglab.spatial.poses import Pose, PoseError
+from sfglab.messages import message_type, ns_from_stamp
+from sfglab.spatial.poses import Pose, PoseError, header_msg
 from sfglab.spatial.trajectory.motion import sample
 from sfglab.spatial.trajectory.path import Interpolation, Trajectory, TrajectoryError
 from sfglab.units import NS_PER_S
@@ -88,17 +88,12 @@ def path_from_trajectory(trajectory: Trajectory, *, frame_id: str, start_ns: int
     Raises:
         StampError: A time does not fit into a stamp.
     """
-    header = message_type("std_msgs/msg/Header")
     stamped = message_type("geometry_msgs/msg/PoseStamped")
     poses = [
-        stamped(
-            header=header(stamp=stamp_from_ns(start_ns + w.time_ns), frame_id=frame_id),
-            pose=w.pose.to_pose_msg(),
-        )
+        stamped(header=header_msg(frame_id, start_ns + w.time_ns), pose=w.pose.to_pose_msg())
         for w in trajectory.waypoints
     ]
-    own = header(stamp=stamp_from_ns(start_ns), frame_id=frame_id)
-    return message_type("nav_msgs/msg/Path")(header=own, poses=poses)
+    return message_type("nav_msgs/msg/Path")(header=header_msg(frame_id, start_ns), poses=poses)
 
 
 def trajectory_from_path(message: Any, *, interpolation: Interpolation = Interpolation.POLYLINE) -> Trajectory:
@@ -139,13 +134,12 @@ def multi_dof_from_trajectory(trajectory: Trajectory, joint: str, *, frame_id: s
             transforms=[w.pose.to_transform_msg()],
             velocities=[_twist(found.velocities_m_s[i], found.angular_rad_s[i])],
             accelerations=[_twist(found.accelerations_m_s2[i], 0.0 * found.angular_rad_s[i])] if curved else [],
-            time_from_start=_duration(w.time_ns),
+            time_from_start=duration_msg(w.time_ns),
         )
         for i, w in enumerate(trajectory.waypoints)
     ]
-    header = message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(start_ns), frame_id=frame_id)
     return message_type("trajectory_msgs/msg/MultiDOFJointTrajectory")(
-        header=header, joint_names=[joint], points=points
+        header=header_msg(frame_id, start_ns), joint_names=[joint], points=points
     )
 
 
@@ -178,7 +172,8 @@ def trajectory_from_multi_dof(
     return Trajectory.of(pairs, interpolation)
 
 
-def _duration(time_ns: int) -> Any:
+def duration_msg(time_ns: int) -> Any:
+    """Return a `builtin_interfaces/msg/Duration`."""
     sec, nanosec = divmod(time_ns, NS_PER_S)
     return message_type("builtin_interfaces/msg/Duration")(sec=sec, nanosec=nanosec)
 

@@ -1,4 +1,4 @@
-"""What lies between waypoints: positions, orientations and their rates at any time, for whole arrays of times.
+"""Motion between waypoints: positions, orientations and their rates at any time, for whole arrays of times.
 
 Every segment is a path P(g) with g from 0 to 1, driven by a law g(t); both are cubics.
 
