@@ -28,9 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import simpy
 
-from sfglab.lab.experiments.transmission.cell import simulate_cell
-from sfglab.lab.experiments.transmission.config import Config, Point, grid
-from sfglab.lab.experiments.transmission.scenario import scenario_of
+from sfglab.lab.experiments.transmission.experiment import Point, exp, grid, scenario_of, simulate_cell
 from sfglab.lab.sweep import Workers, sweep
 from sfglab.rtps import run
 
@@ -454,7 +452,7 @@ def compare(rounds: int) -> None:
 
 def time_grid(workers: int) -> None:
     """Print how long the whole grid takes."""
-    points = grid(Config.of_profile("quick"))
+    points = grid(exp.config("quick"))
     simulate_cell(points[0], 1)  # compiled or loaded from here on
     with tempfile.TemporaryDirectory() as folder:
         start_s = time.perf_counter()
@@ -466,7 +464,7 @@ def time_grid(workers: int) -> None:
             workers=Workers(count=workers, threads=True),
         )
         seconds = time.perf_counter() - start_s
-    frames = sum(row.data + row.heartbeats + row.acknacks for row in rows)
+    frames = sum(row["data"] + row["heartbeats"] + row["acknacks"] for row in rows)
     print(
         f"grid: {len(rows)} cells of {points[0].duration_s:.0f} s, {frames / 1e6:.1f} million frames, "
         f"{workers} threads: {seconds:.1f} s, asked {ASKED_S} s"

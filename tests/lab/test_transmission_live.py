@@ -11,10 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.lab.experiments.transmission.config import Point
-from sfglab.lab.experiments.transmission.live import LiveStage, Played, hosts_of
-from sfglab.lab.experiments.transmission.live_rows import GROUPS, compare, measure
-from sfglab.lab.experiments.transmission.scenario import HELLO_DOWN, HELLO_UP, scenario_of
+from sfglab.lab.experiments.transmission.experiment import HELLO_DOWN, HELLO_UP, Point, scenario_of
+from sfglab.lab.experiments.transmission.stage import GROUPS, Played, compare, hosts_of, live_hosts, measure
 from sfglab.lab.hosts import RadioCounters
 from sfglab.lab.workers.flowplay import text_of, value_of
 from sfglab.messages import deserialize
@@ -55,9 +53,7 @@ def played(outcome: Outcome, *, radio: RadioCounters | None = None, late_p95_s: 
         delay_s=0.0,
         outcome=outcome,
         radio=radio or RadioCounters(delivered=100, late_after_s=2e-3),
-        busy={},
-        late_p95_s={"robot1": late_p95_s},
-        take_s={},
+        late_p95_s=late_p95_s,
         refused=0,
     )
 
@@ -67,17 +63,16 @@ POINT = Point(rate_max_hz=100, depth="10", method="none", duration_s=1.0)
 
 def test_losses_and_latencies_are_those_of_their_group():
     outcome = outcome_of_losses(1, 2)
-    assert [measure([outcome], group).loss for group in GROUPS] == pytest.approx([0.0, 0.1, 0.3])
-    up_ms, round_ms = (measure([outcome], group).p50_ms for group in ("hello_up", "hello"))
+    assert [measure([outcome], group)["loss"] for group in GROUPS] == pytest.approx([0.0, 0.1, 0.3])
+    up_ms, round_ms = (measure([outcome], group)["p50_ms"] for group in ("hello_up", "hello"))
     assert 1.0 < up_ms < 1.3
     assert round_ms == pytest.approx(2 * up_ms, rel=0.1)
-    assert measure([outcome, outcome], "hello").published == 20
+    assert measure([outcome, outcome], "hello")["published"] == 20
 
 
 def test_three_points_and_thirty_percent_agree_and_more_does_not():
-    agrees = {
-        row.group: row for row in compare(POINT, played(outcome_of_losses(0, 0)), [outcome_of_losses(0, 1)])
-    }
+    rows = compare(POINT, played(outcome_of_losses(0, 0)), [outcome_of_losses(0, 1)])
+    agrees = {row.group: row for row in rows}
     assert agrees["sensors"].loss_agrees
     assert agrees["sensors"].latency_agrees
     assert not agrees["hello"].loss_agrees
@@ -99,8 +94,8 @@ def test_a_run_that_did_not_keep_its_schedule_says_so():
 
 def play(*scenarios: Scenario) -> list[Played]:
     async def all_of_them() -> list[Played]:
-        async with LiveStage(*hosts_of(scenarios[0])) as stage:
-            return [await stage.play(scenario, seed=3) for scenario in scenarios]
+        async with live_hosts(*hosts_of(scenarios[0])) as hosts:
+            return [await hosts.play(scenario, seed=3) for scenario in scenarios]
 
     return asyncio.run(all_of_them())
 

@@ -1,36 +1,19 @@
-"""From the log to figures: latency and loss by cell, where each "Hello" was lost, and the claims.
-
-Everything here is computed from the log alone.
-"""
+"""Latency and loss by cell, the paper's order of methods against ours, and the claims, computed from a run."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from sfglab.arp.robots import DEPTHS, METHODS, RATES_HZ
-from sfglab.lab.claims import How, Measured
-from sfglab.lab.experiments.transmission.config import OPT_DEPTH
-from sfglab.lab.experiments.transmission.live_rows import LiveRow
-from sfglab.lab.stats import Estimate
-from sfglab.record import LogReader
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import pandas as pd
-
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.transmission.experiment import OPT_DEPTH, Config, exp
+from sfglab.lab.runs import Run, derived
+from sfglab.lab.stats import exactly
 
 BEST = "OPT+LC"
 """The paper's winner."""
-
-LOSSES = {
-    "lost_medium": "lost on air, overwritten before repair",
-    "lost_queue": "dropped by a full sender's queue, overwritten before repair",
-    "lost_late": "pushed out of the reader's history",
-    "lost_underway": "still under way at the end",
-}
-"""Where a "Hello" was lost, by column."""
 
 SMALL_DEPTH = 10
 """A depth up to this is small: the lower half of Table 2."""
@@ -39,52 +22,10 @@ TIE = 0.05
 """Cells whose latency differs by less than this share count as equal."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Results:
-    """The tables of one run."""
-
-    cells: pd.DataFrame  #: One line for each cell and seed, as `TransmissionRow`, and ``loss``.
-    lossless: pd.DataFrame  #: The same cells with one seed, over an air that loses nothing.
-    beyond: pd.DataFrame  #: One line for each way, Rmax and seed, as `BeyondRow`.
-    #: One line for each live cell and group of flows, as `LiveRow`; empty where nothing ran live.
-    live: pd.DataFrame
-    hindrance: str  #: What hindered the live cells; empty when nothing did.
-    config: dict[str, Any]  #: The run's configuration.
-
-
-def load_results(log: Path) -> Results:
-    """Read a run's tables.
-
-    Args:
-        log: The log.
-    """
-    with LogReader(log) as reader:
-        return Results(
-            cells=_cells(reader, "cell"),
-            lossless=_cells(reader, "lossless"),
-            beyond=reader.table("beyond").drop(columns="log_time_ns"),
-            live=_live(reader),
-            hindrance=reader.metadata("live")["hindrance"],
-            config=reader.metadata("config"),
-        )
-
-
-def _cells(reader: LogReader, name: str) -> pd.DataFrame:
-    table = reader.table(name).drop(columns="log_time_ns")
-    return table.assign(loss=1 - table["arrived"] / table["published"])
-
-
-def _live(reader: LogReader) -> pd.DataFrame:
-    import pandas as pd
-
-    if "live" not in reader.tables:
-        return pd.DataFrame(columns=[f.name for f in fields(LiveRow)])
-    return reader.table("live").drop(columns="log_time_ns")
-
-
-def agreement(results: Results) -> dict[str, str]:
+@derived
+def agreement(run: Run[Config]) -> dict[str, str]:
     """Return how many live cells agree with the model, of those that kept to their schedules."""
-    fair = results.live[results.live["kept_up"].astype(bool)]
+    fair = run["live"][run["live"]["kept_up"].astype(bool)]
     counts = {
         "loss within 3 points": fair["loss_agrees"],
         "median latency within 30 %": fair["latency_agrees"],
@@ -92,107 +33,107 @@ def agreement(results: Results) -> dict[str, str]:
     return {what: f"{int(agrees.sum())} of {len(agrees)}" for what, agrees in counts.items()}
 
 
-def cells(results: Results, column: str) -> pd.DataFrame:
+@derived
+def cells(run: Run[Config], column: str, table: str = "cell") -> pd.DataFrame:
     """Return median, lowest and highest over seeds, a line a cell.
 
     Args:
-        results: The run.
-        column: Of `Results.cells`.
+        run: The run.
+        column: Of `TransmissionRow`, or ``loss``.
+        table: ``cell``, or ``lossless``: one seed, over an air that loses nothing.
     """
-    keys = ["rate_max_hz", "depth", "method"]
-    grouped = results.cells.groupby(keys, sort=False)[column]
+    rows = run[table].assign(loss=1 - run[table]["arrived"] / run[table]["published"])
+    grouped = rows.groupby(["rate_max_hz", "depth", "method"], sort=False)[column]
     return grouped.agg(["median", "min", "max"]).reset_index()
 
 
-def order(results: Results, column: str, *, tie: float = 0.0) -> pd.DataFrame:
-    """Compare the paper's order of methods with ours, a line an Rmax.
+@derived
+def order(run: Run[Config], column: str, *, tie: float = 0.0, table: str = "cell") -> pd.DataFrame:
+    """Compare the paper's order of methods with ours, a line an Rmax, as `order_of` does.
+
+    Args:
+        run: The run.
+        column: ``latency_p50_ms`` or ``loss``.
+        tie: Share by which another may be lower and count as equal.
+        table: ``cell`` or ``lossless``.
+    """
+    by_rate = cells(run, column, table).groupby("rate_max_hz")
+    return pd.DataFrame([{"rate_max_hz": rate, **order_of(part, tie=tie)} for rate, part in by_rate])
+
+
+def order_of(table: pd.DataFrame, *, tie: float = 0.0) -> dict[str, Any]:
+    """Compare the paper's order of methods with ours at one Rmax.
 
     The paper's winner at the depth that Eq. 6 gives is compared with the methods that lack its optimisation, at
     every depth of Table 2, and with those that lack its local cache, at its own depth.
 
     Args:
-        results: The run.
-        column: ``latency_p50_ms`` or ``loss``.
+        table: ``depth``, ``method``, ``median`` of each cell.
         tie: Share by which another may be lower and count as equal.
 
     Returns:
-        ``rate_max_hz``; ``best`` (the winner's value), ``lowest`` (the lowest of the others), ``wins``; and
-        ``highest_method``, ``highest_depth``, ``highest`` (the cell with the highest value) and
-        ``small_is_worst``.
+        ``best`` (the winner's value), ``lowest`` (the lowest of the others), ``wins``; and ``highest_method``,
+        ``highest_depth``, ``highest`` (the cell with the highest value) and ``small_is_worst``.
     """
-    import pandas as pd
-
-    lines = []
-    for rate, table in cells(results, column).groupby("rate_max_hz"):
-        best = _best(table)
-        others = _others(table)["median"].min()
-        worst = table.iloc[int(table["median"].argmax())]
-        small = worst["depth"] != OPT_DEPTH and int(worst["depth"]) <= SMALL_DEPTH
-        lines.append(
-            {
-                "rate_max_hz": rate,
-                "best": best,
-                "lowest": others,
-                "wins": best <= others * (1 + tie),
-                "highest_method": worst["method"],
-                "highest_depth": worst["depth"],
-                "highest": worst["median"],
-                "small_is_worst": small and not METHODS[worst["method"]].optimised,
-            }
-        )
-    return pd.DataFrame(lines)
-
-
-def _best(table: pd.DataFrame) -> float:
-    chosen = table[(table["method"] == BEST) & (table["depth"] == OPT_DEPTH)]
-    return float(chosen["median"].iloc[0])
-
-
-def _others(table: pd.DataFrame) -> pd.DataFrame:
     optimised = table["method"].map(lambda name: METHODS[name].optimised)
     cached = table["method"].map(lambda name: METHODS[name].local_cache)
     at_optimum = table["depth"] == OPT_DEPTH
-    return table[(~optimised & ~at_optimum) | (optimised & ~cached & at_optimum)]
+    best = float(table[(table["method"] == BEST) & at_optimum]["median"].iloc[0])
+    others = table[(~optimised & ~at_optimum) | (optimised & ~cached & at_optimum)]["median"].min()
+    worst = table.iloc[int(table["median"].argmax())]
+    small = worst["depth"] != OPT_DEPTH and int(worst["depth"]) <= SMALL_DEPTH
+    return {
+        "best": best,
+        "lowest": others,
+        "wins": best <= others * (1 + tie),
+        "highest_method": worst["method"],
+        "highest_depth": worst["depth"],
+        "highest": worst["median"],
+        "small_is_worst": small and not METHODS[worst["method"]].optimised,
+    }
 
 
-def compare_ways(results: Results, column: str) -> pd.DataFrame:
+@derived
+def compare_ways(run: Run[Config], column: str) -> pd.DataFrame:
     """Return means over seeds, a line an Rmax and a column a way to choose rates and depths.
 
     Args:
-        results: The run.
-        column: Of `Results.beyond`.
+        run: The run.
+        column: Of `BeyondRow`.
     """
-    return results.beyond.pivot_table(index="rate_max_hz", columns="way", values=column, sort=False)
+    return run["beyond"].pivot_table(index="rate_max_hz", columns="way", values=column, sort=False)
 
 
-def measure_claims(log: Path) -> dict[str, Measured]:
-    """Return our figures for the claims that this experiment answers, by claim id."""
-    results = load_results(log)
-    return {
-        "B-TAB2": _grid_claim(results),
-        "B-LAT": _order_claim(results, "latency_p50_ms", tie=TIE),
-        "B-LOSS": _order_claim(results, "loss"),
-    }
-
-
-def _grid_claim(results: Results) -> Measured:
+@exp.claim("B-TAB2", how=How.SIMULATED)
+def share_of_grid(run: Run[Config]) -> Finding:
+    """Return how much of the paper's grid was run."""
     depths = (*map(str, DEPTHS), OPT_DEPTH)
     asked = {(rate, depth, method) for rate in RATES_HZ for depth in depths for method in METHODS}
-    columns = results.cells[["rate_max_hz", "depth", "method"]]
-    run = set(columns.drop_duplicates().itertuples(index=False, name=None))
-    share = len(asked & run) / len(asked)
-    estimate = Estimate(value=share, low=share, high=share, unit="share of the grid that was run")
+    columns = run["cell"][["rate_max_hz", "depth", "method"]]
+    done = set(columns.drop_duplicates().itertuples(index=False, name=None))
     details = {
-        "cells": str(len(run)),
-        "seeds": str(results.cells["seed"].nunique()),
-        "simulated seconds a cell": str(results.config["duration_s"]),
+        "cells": str(len(done)),
+        "seeds": str(run["cell"]["seed"].nunique()),
+        "simulated seconds a cell": str(run.config.duration_s),
     }
-    return Measured(estimate=estimate, how=How.SIMULATED, details=details)
+    share = len(asked & done) / len(asked)
+    return Finding(estimate=exactly(share, "share of the grid that was run"), details=details)
 
 
-def _order_claim(results: Results, column: str, *, tie: float = 0.0) -> Measured:
-    table = order(results, column, tie=tie)
-    share = float((table["wins"] & table["small_is_worst"]).mean())
+@exp.claim("B-LAT", how=How.SIMULATED)
+def latency_order(run: Run[Config]) -> Finding:
+    """Return the share of rates at which latencies have the paper's order."""
+    return _order_finding(run, "latency_p50_ms", tie=TIE)
+
+
+@exp.claim("B-LOSS", how=How.SIMULATED)
+def loss_order(run: Run[Config]) -> Finding:
+    """Return the share of rates at which losses have the paper's order."""
+    return _order_finding(run, "loss")
+
+
+def _order_finding(run: Run[Config], column: str, *, tie: float = 0.0) -> Finding:
+    table, lossless = (order(run, column, tie=tie, table=name) for name in ("cell", "lossless"))
     wins, small = int(table["wins"].sum()), int(table["small_is_worst"].sum())
     worst = "; ".join(
         f"{row.rate_max_hz} Hz: {row.highest_method}, depth {row.highest_depth}" for row in table.itertuples()
@@ -201,12 +142,9 @@ def _order_claim(results: Results, column: str, *, tie: float = 0.0) -> Measured
         f"{BEST} is lowest": f"at {wins} of {len(table)} rates",
         "full rate with a small depth is highest": f"at {small} of {len(table)} rates",
         "highest": worst,
+        "were the air without losses": f"{BEST} lowest at {int(lossless['wins'].sum())}, a small depth highest "
+        f"at {int(lossless['small_is_worst'].sum())} of {len(lossless)} rates",
     }
-    lossless = order(replace(results, cells=results.lossless), column, tie=tie)
-    details["were the air without losses"] = (
-        f"{BEST} lowest at {int(lossless['wins'].sum())}, a small depth highest at "
-        f"{int(lossless['small_is_worst'].sum())} of {len(lossless)} rates"
-    )
     reasons = []
     if wins < len(table):
         reasons.append(
@@ -218,5 +156,6 @@ def _order_claim(results: Results, column: str, *, tie: float = 0.0) -> Measured
             f"a small depth is not what is highest ({worst}): on a saturated link a deep history keeps old "
             "samples in front of new ones"
         )
-    estimate = Estimate(value=share, low=share, high=share, unit="share of rates with this order")
-    return Measured(estimate=estimate, how=How.SIMULATED, details=details, reason="; ".join(reasons))
+    share = float((table["wins"] & table["small_is_worst"]).mean())
+    estimate = exactly(share, "share of rates with this order")
+    return Finding(estimate=estimate, details=details, reason="; ".join(reasons))

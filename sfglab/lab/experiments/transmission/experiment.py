@@ -1,0 +1,482 @@
+"""The grid of paper B, Table 2, over the flows of Fig. 9, each cell simulated, and the ways beyond the grid.
+
+Robot 1's sensing node publishes "Hello" to its localisation in the station; when that and robot 3's
+localisation have had it, the station publishes it to robot 1's actuation node. A topic's rate is Rmax, or R of
+Eq. 6, and so is what its local cache looks at; the topics of an agent are those flows that begin or end there
+(Eq. 1).
+
+Beyond the grid: which choice of rates and depths serves the station better. What serves is the share of time in
+which the station has the value that a sensor has now, beside latency and loss of "Hello": a slow topic is late
+with news, a crowded air is late with everything. The same air, seeds and sensors for all ways.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.arp.balancing import Balance, BalanceInput, balance_closed_form
+from sfglab.arp.programme import plan
+from sfglab.arp.robots import DEPTHS, METHODS, PLAN_S, RATES_HZ, ROBOTS, SENSORS, TAKE_S, Method
+from sfglab.arp.topics import Topic
+from sfglab.errors import InvalidValueError
+from sfglab.lab.experiment import Actor, Experiment, Link, Setup, seeded
+from sfglab.lab.sweep import Workers
+from sfglab.qos import QoSProfile
+from sfglab.rtps import FAST_DDS, Drop, Fate, Flow, Medium, Scenario, run
+from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sfglab.arp.plan import Plan
+    from sfglab.rtps import FlowOutcome, Outcome, Vendor
+
+
+OPT_DEPTH = "opt"
+"""The depth that Eq. 6 gives."""
+STATION = "station"
+HELLO_UP, HELLO_DOWN = "robot1/hello", "robot1/move"
+HELLO_BYTES = len("Hello") + 1 + 4 + 4
+"""CDR: header, length, text and its final zero (RTPS 2.5, clause 10)."""
+THREADS = Workers(threads=True)
+"""Sweeps run in threads: the time is spent in compiled code."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Point:
+    """One cell of the grid.
+
+    Raises:
+        InvalidValueError: There is no such method or depth.
+    """
+
+    rate_max_hz: int  #: Rmax.
+    depth: str  #: A number as text, or ``opt``.
+    method: str  #: One of `METHODS`.
+    duration_s: float  #: How long is published, simulated seconds.
+    loss: float = Medium().loss  #: Share of frames that the air loses.
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InvalidValueError("method", self.method, ", ".join(METHODS))
+        if self.depth != OPT_DEPTH and not (self.depth.isdecimal() and int(self.depth) > 0):
+            raise InvalidValueError("depth", self.depth, f"whole numbers from 1 and {OPT_DEPTH!r}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """The whole run."""
+
+    profile: str = "quick"  #: Name of the profile it came from.
+    seeds: int = 6  #: How many seeds each cell is run with.
+    duration_s: float = 60.0  #: Simulated seconds of a cell.
+    rates_hz: tuple[int, ...] = RATES_HZ  #: Values of Rmax.
+    depths: tuple[int, ...] = DEPTHS  #: Values of DEPTH beside the optimum.
+    methods: tuple[str, ...] = tuple(METHODS)  #: Names of methods.
+    live_s: float = 8.0  #: How long each live cell is, seconds; 0: none is run.
+    live_rates_hz: tuple[int, ...] = (100, 200)  #: Rmax of the live cells.
+    #: DEPTH of the live cells; optimised methods run with ``opt`` as well.
+    live_depths: tuple[str, ...] = ("1", "10", "1000")
+    live_methods: tuple[str, ...] = ("none", "OPT+LC")  #: Methods of the live cells.
+    seed: int = 0  #: The first seed.
+
+
+exp = Experiment(
+    "transmission",
+    Config,
+    where="B 3.1",
+    smoke={
+        "seeds": 1,
+        "duration_s": 2.0,
+        "live_s": 2.0,
+        "live_rates_hz": (100,),
+        "live_depths": ("10",),
+        "live_methods": ("none",),
+    },
+    paper={"seeds": 30, "live_s": 20.0},
+    setup=Setup(
+        actors=(
+            *(Actor(robot, host=robot, does="sensing nodes, a process") for robot in ROBOTS),
+            Actor(STATION, host=STATION, does="localisation and planning, a process"),
+        ),
+        links=(
+            *(
+                Link(robot, STATION, f"{len(sensors)} sensors' values", boundary="a lossy air")
+                for robot, sensors in ROBOTS.items()
+            ),
+            Link("robot1", STATION, '"Hello"', boundary="a lossy air"),
+            Link(STATION, "robot1", '"Hello", back', boundary="a lossy air"),
+        ),
+    ),
+)
+
+
+def grid(config: Config, *, loss: float = Medium().loss) -> list[Point]:
+    """Return every cell: Rmax by DEPTH by method.
+
+    Args:
+        config: The run.
+        loss: Share of frames that the air loses.
+    """
+    return [
+        Point(rate_max_hz=rate, depth=depth, method=method, duration_s=config.duration_s, loss=loss)
+        for rate in config.rates_hz
+        for depth in (*map(str, config.depths), OPT_DEPTH)
+        for method in config.methods
+    ]
+
+
+# --- From a cell to flows -------------------------------------------------------------------------------------
+
+
+def balance_of(rate_max_hz: float) -> Balance:
+    """Return R and D of Eq. 6; T_a of Eq. 1 are the topics that begin or end at each robot."""
+    hello = {"robot1": 2}
+    topics = tuple(len(sensors) + hello.get(robot, 0) for robot, sensors in ROBOTS.items())
+    return balance_closed_form(BalanceInput(topics=topics, rate_max_hz=rate_max_hz))
+
+
+def rate_and_depth(point: Point) -> tuple[float, int]:
+    """Return a cell's publishing rate, Hz, and history depth."""
+    optimum = balance_of(point.rate_max_hz)
+    rate_hz = optimum.rate_hz if METHODS[point.method].optimised else float(point.rate_max_hz)
+    return rate_hz, int(optimum.depth) if point.depth == OPT_DEPTH else int(point.depth)
+
+
+def scenario_of(
+    point: Point, *, seed: int = 0, medium: Medium | None = None, vendor: Vendor = FAST_DDS
+) -> Scenario:
+    """Return a cell as a scenario.
+
+    Args:
+        point: The cell.
+        seed: Of the phases: nodes do not start together.
+        medium: The air; None: `Medium`'s defaults with the cell's loss.
+        vendor: Timing; the paper used Fast DDS.
+    """
+    rate_hz, depth = rate_and_depth(point)
+    qos = QoSProfile(depth=depth, deadline_ns=round(NS_PER_S / rate_hz))
+    phases = np.random.default_rng(seed).uniform(0, 1 / rate_hz, sum(map(len, ROBOTS.values())) + 1)
+    flows = _sensor_flows(METHODS[point.method], rate_hz, qos, phases)
+    return Scenario(
+        flows=(*flows, *_hello_flows(rate_hz, qos, float(phases[-1]))),
+        medium=medium or Medium(loss=point.loss),
+        vendor=vendor,
+        duration_s=point.duration_s,
+    )
+
+
+def _sensor_flows(method: Method, rate_hz: float, qos: QoSProfile, phases: np.ndarray) -> list[Flow]:
+    pairs = [(robot, sensor) for robot, sensors in ROBOTS.items() for sensor in sensors]
+    return [
+        Flow(
+            name=f"{robot}/{sensor}",
+            source=robot,
+            target=STATION,
+            size_bytes=SENSORS[sensor].table_bytes,
+            rate_hz=rate_hz,
+            phase_s=float(phase),
+            qos=qos,
+            executor=f"{robot} planning",
+            service_s=TAKE_S + PLAN_S,
+            compare_s=TAKE_S if method.cache_control else None,
+            change_s=SENSORS[sensor].change_s,
+            cached=method.local_cache,
+        )
+        for (robot, sensor), phase in zip(pairs, phases, strict=False)
+    ]
+
+
+def _hello_flows(rate_hz: float, qos: QoSProfile, phase_s: float) -> tuple[Flow, Flow]:
+    """Every "Hello" is counted, so none repeats another and no cache holds it back."""
+    up = Flow(
+        name=HELLO_UP,
+        source="robot1",
+        target=STATION,
+        size_bytes=HELLO_BYTES,
+        rate_hz=rate_hz,
+        phase_s=phase_s,
+        qos=qos,
+        executor="robot1 planning",
+        service_s=TAKE_S + 2 * PLAN_S,  # robot 1's localisation, and robot 3's
+        then=HELLO_DOWN,
+    )
+    down = Flow(
+        name=HELLO_DOWN, source=STATION, target="robot1", size_bytes=HELLO_BYTES, qos=qos, service_s=TAKE_S
+    )
+    return up, down
+
+
+# --- A cell, simulated ----------------------------------------------------------------------------------------
+
+
+@exp.table("cell", "lossless")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TransmissionRow:
+    """One cell of the grid with one seed, simulated.
+
+    "Hello" goes up to the station and down to the robot; what is lost is counted where it was lost.
+    """
+
+    rate_max_hz: int  #: Rmax.
+    depth: str  #: DEPTH as the grid has it.
+    method: str  #: The method.
+    seed: int  #: The seed.
+    rate_hz: float  #: At which each topic was published.
+    history_depth: int  #: Samples of each history.
+    published: int  #: "Hello"s that were published.
+    arrived: int  #: Those that reached the actuation node.
+    latency_p50_ms: float  #: Median time from publication to actuation of those; NaN when none arrived.
+    latency_mean_ms: float  #: Mean of it.
+    latency_p95_ms: float  #: 95th percentile of it.
+    lost_medium: int  #: Lost on air, and overwritten in the writer's history before it was repaired.
+    lost_queue: int  #: Dropped by a sender's full queue, and overwritten before it was repaired.
+    lost_late: int  #: Arrived, and pushed out of the reader's history before the node took it.
+    lost_underway: int  #: Neither there nor given up when time was over.
+    deadlines_missed: int  #: How often the station waited beyond the deadline for the next "Hello".
+    sensor_values: int  #: Values that the sensing nodes read.
+    sensor_held: int  #: Those that local caches held back.
+    sensor_published: int  #: Those that were published.
+    sensor_delivered: int  #: Those that planning nodes had.
+    planned: int  #: Messages that cost the station its full time.
+    compared: int  #: Messages that cache control discarded.
+    data: int  #: DATA frames, repairs included.
+    heartbeats: int  #: HEARTBEAT frames.
+    acknacks: int  #: ACKNACK frames.
+    repeated: int  #: DATA frames that repair.
+    queue_full: int  #: Frames that found their sender's queue full.
+    air_share: float  #: Share of the time that the air was in use while messages were published.
+
+
+@exp.sweep(
+    "lossless",
+    over=lambda config: grid(config, loss=0.0),
+    seeds=lambda config: seeded(config, 1),
+    workers=THREADS,
+)
+@exp.sweep("cell", over=grid, workers=THREADS)
+def simulate_cell(point: Point, seed: int) -> dict[str, Any]:
+    """Run one cell with one seed."""
+    scenario = scenario_of(point, seed=seed)
+    outcome = run(scenario, seed=seed)
+    rate_hz, depth = rate_and_depth(point)
+    counts = outcome.counts
+    sensors = [f for name, f in outcome.flows.items() if name not in (HELLO_UP, HELLO_DOWN)]
+    published = sum(len(f.fate) for f in sensors)
+    return {
+        "rate_hz": rate_hz,
+        "history_depth": depth,
+        **_hello_columns(outcome),
+        "sensor_values": published + counts["held"],
+        "sensor_held": counts["held"],
+        "sensor_published": published,
+        "sensor_delivered": sum(int(f.delivered.sum()) for f in sensors),
+        "planned": counts["processed"],
+        "heartbeats": counts["heartbeat"],
+        "acknacks": counts["acknack"],
+        **{name: counts[name] for name in ("compared", "data", "repeated", "queue_full")},
+        "air_share": air_share(scenario, outcome),
+    }
+
+
+def _hello_columns(outcome: Outcome) -> dict[str, Any]:
+    latency, up = hello_latency_ms(outcome), outcome.flows[HELLO_UP]
+    return {
+        "published": len(up.fate),
+        "arrived": len(latency),
+        "latency_mean_ms": float(np.mean(latency)) if len(latency) else float("nan"),
+        **latency_columns(latency),
+        **hello_losses(outcome),
+        "deadlines_missed": up.deadlines_missed(),
+    }
+
+
+def air_share(scenario: Scenario, outcome: Outcome) -> float:
+    """Return the share of the time that the air was in use."""
+    return outcome.counts["airtime_ns"] / ((scenario.duration_s + scenario.drain_s) * NS_PER_S)
+
+
+def latency_columns(latency_ms: NDArray[np.float64]) -> dict[str, float]:
+    """Return median and 95th percentile by their columns; NaN of nothing."""
+    if not len(latency_ms):
+        return dict.fromkeys(("latency_p50_ms", "latency_p95_ms"), float("nan"))
+    return {
+        "latency_p50_ms": float(np.median(latency_ms)),
+        "latency_p95_ms": float(np.percentile(latency_ms, 95)),
+    }
+
+
+def hello_latency_ms(outcome: Outcome) -> NDArray[np.float64]:
+    """Return the time of each "Hello" from publication to actuation, shape (arrived,)."""
+    up, down = outcome.flows[HELLO_UP], outcome.flows[HELLO_DOWN]
+    arrived = down.value[down.delivered]
+    place = np.searchsorted(up.value, arrived)
+    return (down.received_ns[down.delivered] - up.published_ns[place]) / 1e6
+
+
+def hello_losses(outcome: Outcome) -> dict[str, int]:
+    """Return where "Hello"s were lost, up and down together, by `TransmissionRow`'s names."""
+    up, down = (_losses(outcome.flows[name]) for name in (HELLO_UP, HELLO_DOWN))
+    return {name: int(up[name].sum() + down[name].sum()) for name in up}
+
+
+def _losses(flow: FlowOutcome) -> dict[str, NDArray[np.bool_]]:
+    overwritten = np.equal(flow.fate, Fate.OVERWRITTEN)
+    return {
+        "lost_medium": overwritten & np.equal(flow.dropped, Drop.MEDIUM),
+        "lost_queue": overwritten & np.equal(flow.dropped, Drop.QUEUE),
+        "lost_late": np.equal(flow.fate, Fate.LATE),
+        "lost_underway": np.equal(flow.fate, Fate.UNDERWAY),
+    }
+
+
+# --- The printed problem against our own ----------------------------------------------------------------------
+
+WAYS = {
+    "none": ("none", "10"),
+    "LC": ("LC", "10"),
+    "OPT": ("OPT", OPT_DEPTH),
+    "OPT+LC": ("OPT+LC", OPT_DEPTH),
+    "own": ("none", "10"),
+    "own+LC": ("LC", "10"),
+}
+"""Method and depth that each way begins with; ``own`` then has the rates and depths of our programme."""
+
+HELLO_CHANGE_S = 0.1
+"""How often there is something new to say hello with, for the plan: ten times a second, as the LIDAR turns."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Way:
+    """A cell of the comparison."""
+
+    rate_max_hz: int  #: Rmax.
+    way: str  #: One of `WAYS`.
+    duration_s: float  #: Simulated seconds.
+
+
+def ways(config: Config) -> list[Way]:
+    """Return every way at every Rmax."""
+    return [
+        Way(rate_max_hz=rate, way=way, duration_s=config.duration_s) for rate in config.rates_hz for way in WAYS
+    ]
+
+
+@exp.table("beyond")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BeyondRow:
+    """One way to choose rates and depths, the printed problem's or our own, with one seed, simulated."""
+
+    rate_max_hz: int  #: Rmax.
+    way: str  #: One of `WAYS`.
+    seed: int  #: The seed.
+    rate_low_hz: float  #: Rate of the slowest topic.
+    rate_high_hz: float  #: Rate of the fastest topic.
+    depth_high: int  #: Deepest history.
+    latency_p50_ms: float  #: Median time of "Hello" from publication to actuation; NaN when none arrived.
+    latency_p95_ms: float  #: 95th percentile of it.
+    loss: float  #: Share of "Hello"s lost.
+    #: Share of time in which the station has the value that a sensor has now, mean over sensors.
+    up_to_date: float
+    air_share: float  #: Share of the time that the air was in use.
+
+
+@exp.sweep("beyond", over=ways, workers=THREADS)
+def simulate_way(way: Way, seed: int) -> dict[str, Any]:
+    """Run one way with one seed."""
+    method, depth = WAYS[way.way]
+    point = Point(rate_max_hz=way.rate_max_hz, depth=depth, method=method, duration_s=way.duration_s)
+    scenario = scenario_of(point, seed=seed)
+    if way.way.startswith("own"):
+        chosen = own_plan(way.rate_max_hz, cached=way.way == "own+LC")
+        scenario = replace(scenario, flows=tuple(_planned(flow, chosen) for flow in scenario.flows))
+    outcome = run(scenario, seed=seed)
+    latency = hello_latency_ms(outcome)
+    rates = [f.rate_hz for f in scenario.flows if f.rate_hz]
+    known = [
+        up_to_date(flow, outcome.flows[flow.name], duration_s=scenario.duration_s)
+        for flow in scenario.flows
+        if flow.change_s
+    ]
+    return {
+        "rate_low_hz": min(rates),
+        "rate_high_hz": max(rates),
+        "depth_high": max(f.qos.depth for f in scenario.flows),
+        **latency_columns(latency),
+        "loss": 1 - len(latency) / len(outcome.flows[HELLO_UP].fate),
+        "up_to_date": float(np.mean(known)),
+        "air_share": air_share(scenario, outcome),
+    }
+
+
+@lru_cache
+def own_plan(rate_max_hz: int, *, cached: bool = False) -> Plan:
+    """Return our programme's rates and depths for this experiment's topics.
+
+    Args:
+        rate_max_hz: No topic is faster.
+        cached: Whether local caches send only changes; rates then are those of reading.
+    """
+    method = "LC" if cached else "none"
+    scenario = scenario_of(Point(rate_max_hz=rate_max_hz, depth="1", method=method, duration_s=1.0))
+    topics = [
+        Topic(
+            name=flow.name,
+            source=flow.source,
+            target=flow.target,
+            size_bytes=flow.size_bytes,
+            rate_max_hz=float(rate_max_hz),
+            change_s=flow.change_s or HELLO_CHANGE_S,
+            cached=flow.cached,
+        )
+        for flow in scenario.flows
+    ]
+    return plan(topics, scenario.medium, scenario.vendor)
+
+
+def _planned(flow: Flow, chosen: Plan) -> Flow:
+    """Give a flow its planned rate; its phase keeps its share of the period. The answer follows "Hello"."""
+    qos = chosen.qos(flow.name)
+    if flow.name == HELLO_DOWN:
+        return replace(flow, qos=qos)
+    rate_hz = chosen[flow.name].rate_hz
+    return replace(flow, qos=qos, rate_hz=rate_hz, phase_s=flow.phase_s * flow.rate_hz / rate_hz)
+
+
+def up_to_date(flow: Flow, outcome: FlowOutcome, *, duration_s: float) -> float:
+    """Return the share of time in which the reader has the value that the sensor has now.
+
+    At a reading the sensor's value is known: that of the last sample published, held back or not. Until the
+    next reading it stays with probability exp(-t / change_s), as changes come at random; that is integrated.
+
+    Args:
+        flow: The flow, with its schedule of readings.
+        outcome: What became of its samples.
+        duration_s: Over which time, seconds.
+    """
+    # In whole nanoseconds, as the model schedules: rounding adds up, and a reading must not precede its sample.
+    first_ns, period_ns = round(flow.phase_s * NS_PER_S), round(NS_PER_S / flow.rate_hz)
+    readings = np.arange(first_ns, round(duration_s * NS_PER_S), period_ns) / NS_PER_S
+    received = outcome.received_ns[outcome.delivered] / NS_PER_S
+    times = np.unique(np.concatenate([readings, received[received < duration_s], [duration_s]]))
+    starts, ends = times[:-1], times[1:]
+    read_at = readings[np.maximum(np.searchsorted(readings, starts, side="right") - 1, 0)]
+    # Nanoseconds are rounded where the model schedules; half of one is far below any period.
+    published = outcome.published_ns / NS_PER_S - 1 / NS_PER_S
+    true = _last(outcome.value, published, read_at)
+    known = _last(outcome.value[outcome.delivered], received, starts)
+    since, until = starts - read_at, ends - read_at
+    stays = flow.change_s * (np.exp(-since / flow.change_s) - np.exp(-until / flow.change_s))
+    return float(stays[(true == known) & (known >= 0)].sum() / duration_s)
+
+
+def _last(values: NDArray[np.int32], since: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the value at each time; -1 before the first."""
+    place = np.searchsorted(since, at, side="right") - 1
+    if not len(values):
+        return np.full(len(at), -1)
+    return np.where(place >= 0, values[place], -1)

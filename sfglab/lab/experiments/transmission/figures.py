@@ -1,0 +1,220 @@
+"""Figures 10 and 11 of paper B, redrawn from a run, and where each "Hello" was lost."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.arp.robots import METHODS
+from sfglab.lab.experiments.transmission.analysis import BEST, TIE, agreement, cells, compare_ways, order
+from sfglab.lab.experiments.transmission.experiment import Config, exp
+from sfglab.lab.experiments.transmission.stage import LATENCY_WITHIN, LOSS_WITHIN
+from sfglab.lab.figures import COLORS
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from sfglab.lab.runs import Run
+
+
+METHOD_STYLES: dict[str, dict[str, Any]] = {
+    "none": {"color": "black", "marker": "o", "linestyle": "-"},
+    "CC": {"color": COLORS["network"], "marker": "^", "linestyle": "--"},
+    "OPT": {"color": COLORS["proxy"], "marker": "s", "linestyle": "-"},
+    "OPT+CC": {"color": COLORS["fourth"], "marker": "v", "linestyle": "--"},
+    "LC": {"color": COLORS["standard"], "marker": "D", "linestyle": "-"},
+    "OPT+LC": {"color": COLORS["third"], "marker": "P", "linestyle": "-"},
+    "OPT+LC+CC": {"color": COLORS["third"], "marker": "x", "linestyle": ":"},
+}
+FATES = {
+    "arrived": ("arrived", COLORS["third"]),
+    "lost_medium": ("lost on air, overwritten before repair", COLORS["fourth"]),
+    "lost_queue": ("dropped by a full sender's queue, overwritten before repair", COLORS["standard"]),
+    "lost_late": ("pushed out of the reader's history", COLORS["proxy"]),
+    "lost_underway": ("still under way at the end", COLORS["network"]),
+}
+"""What became of a "Hello", and its colour, by column."""
+WAY_COLORS = {
+    "none": "black",
+    "LC": COLORS["standard"],
+    "OPT": COLORS["proxy"],
+    "OPT+LC": COLORS["network"],
+    "own": COLORS["fourth"],
+    "own+LC": COLORS["third"],
+}
+GROUP_STYLES = {
+    "sensors": (COLORS["third"], "s"),
+    "hello_up": (COLORS["proxy"], "^"),
+    "hello": (COLORS["standard"], "o"),
+}
+FATE_METHODS = ("none", "OPT", "LC", "OPT+LC")
+
+
+@exp.figure("transmission_latency", size=(10, 6.2))
+def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw Fig. 10: the latency of "Hello", a panel for each Rmax."""
+    wins = order(run, "latency_p50_ms", tie=TIE)["wins"]
+    figure.suptitle(f'Latency of "Hello" (simulated): {BEST} is lowest at {wins.sum()} of {len(wins)} rates')
+    table = cells(run, "latency_p50_ms")
+    _draw_panels(figure, table, "median latency (ms)", "log")
+    return {"latency_p50_ms": table.to_dict(orient="list")}
+
+
+@exp.figure("transmission_loss", size=(10, 6.2))
+def draw_loss(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw Fig. 11: the packet loss of "Hello", a panel for each Rmax."""
+    wins = order(run, "loss")["wins"]
+    figure.suptitle(
+        f'Packet loss of "Hello" (simulated): {BEST} is lowest at {wins.sum()} of {len(wins)} rates'
+    )
+    table = cells(run, "loss")
+    _draw_panels(figure, table, "packet loss (%)", "linear", scale=100.0)
+    return {"loss": table.to_dict(orient="list")}
+
+
+def _draw_panels(figure: Figure, table: pd.DataFrame, label: str, kind: str, scale: float = 1.0) -> None:
+    panels = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
+    for axes, rate in zip(panels, table["rate_max_hz"].unique(), strict=False):
+        draw_panel(axes, table[table["rate_max_hz"] == rate], scale=scale)
+        axes.set_title(f"Rmax = {rate} Hz", fontsize=9)
+        axes.set_yscale(kind)
+    for axes in panels[2:]:
+        axes.set_xlabel("DEPTH")
+    for axes in panels[::2]:
+        axes.set_ylabel(label)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center")
+
+
+def draw_panel(axes: Axes, table: pd.DataFrame, *, scale: float = 1.0) -> None:
+    """Draw one panel: a line a method over the depths, bars from the lowest to the highest seed.
+
+    Args:
+        axes: Where.
+        table: Cells of one Rmax, from `cells`.
+        scale: What values are multiplied with.
+    """
+    depths = list(dict.fromkeys(table["depth"]))
+    for shift, method in enumerate(METHODS):
+        part = table[table["method"] == method].set_index("depth").reindex(depths)
+        middle = part["median"] * scale
+        spread = np.stack([middle - part["min"] * scale, part["max"] * scale - middle])
+        axes.errorbar(
+            np.arange(len(depths)) + 0.04 * (shift - 3),
+            middle,
+            yerr=spread,
+            label=method,
+            markersize=4.5,
+            linewidth=1.2,
+            elinewidth=0.8,
+            **METHOD_STYLES[method],
+        )
+    axes.set_xticks(range(len(depths)), depths)
+
+
+@exp.figure("transmission_fates", size=(10, 7))
+def draw_fates(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw where "Hello"s were lost: a row a method, a column an Rmax, a bar a depth."""
+    rates = run["cell"]["rate_max_hz"].unique()
+    shares = _shares_of_fates(run["cell"])
+    panels = figure.subplots(len(FATE_METHODS), len(rates), sharex=True, sharey=True, squeeze=False)
+    for row, method in zip(panels, FATE_METHODS, strict=True):
+        row[0].set_ylabel(f"{method}\nshare (%)")
+        for axes, rate in zip(row, rates, strict=True):
+            _draw_bars(axes, shares[(shares["rate_max_hz"] == rate) & (shares["method"] == method)])
+    for axes, rate in zip(panels[0], rates, strict=True):
+        axes.set_title(f"Rmax = {rate} Hz", fontsize=9)
+    for axes in panels[-1]:
+        axes.set_xlabel("DEPTH")
+        axes.tick_params(axis="x", labelrotation=60)
+    figure.legend(*panels[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    figure.suptitle('What became of every "Hello" (simulated)')
+    return {"shares": shares.to_dict(orient="list")}
+
+
+def _shares_of_fates(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the share of each fate among what was published, mean over seeds, by Rmax, method and depth."""
+    shares = table[list(FATES)].div(table["published"], axis=0)
+    keys = [table["rate_max_hz"], table["method"], table["depth"]]
+    return shares.groupby(keys, sort=False).mean().reset_index()
+
+
+def _draw_bars(axes: Axes, shares: pd.DataFrame) -> None:
+    floor = np.zeros(len(shares))
+    for column, (label, color) in FATES.items():
+        axes.bar(range(len(shares)), 100 * shares[column], bottom=floor, color=color, width=0.8, label=label)
+        floor = floor + 100 * shares[column].to_numpy()
+    axes.set_xticks(range(len(shares)), list(shares["depth"]), fontsize=7)
+    axes.grid(visible=False, axis="x")
+
+
+@exp.figure("transmission_beyond", size=(10, 3.8))
+def draw_beyond(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw how long the station is up to date, and how late "Hello" is, for the printed problem and our own."""
+    shown = {c: compare_ways(run, c) for c in ("up_to_date", "latency_p95_ms", "loss", "rate_high_hz")}
+    fresh, late = figure.subplots(1, 2)
+    _draw_groups(fresh, 100 * shown["up_to_date"])
+    fresh.set(ylabel="station up to date (% of the time)", ylim=(0, 100))
+    _draw_groups(late, shown["latency_p95_ms"])
+    late.set(yscale="log", ylabel='"Hello", 95th percentile (ms)')
+    figure.legend(*fresh.get_legend_handles_labels(), loc="outside right center")
+    low = shown["up_to_date"].min()
+    figure.suptitle(
+        f"Whatever Rmax, our own programme keeps the station up to date {low['own']:.0%} of the time, "
+        f"the printed one at worst {low['OPT']:.0%} (simulated)"
+    )
+    return {name: table.reset_index().to_dict(orient="list") for name, table in shown.items()}
+
+
+def _draw_groups(axes: Axes, table: pd.DataFrame) -> None:
+    width = 0.85 / len(table.columns)
+    for place, way in enumerate(table.columns):
+        spots = np.arange(len(table)) + (place - (len(table.columns) - 1) / 2) * width
+        axes.bar(spots, table[way], width, label=way, color=WAY_COLORS[str(way)])
+    axes.set_xticks(range(len(table)), [f"{rate} Hz" for rate in table.index])
+    axes.set_xlabel("Rmax")
+    axes.grid(visible=False, axis="x")
+
+
+@exp.figure("transmission_live", size=(9.6, 4.6))
+def draw_live(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw live cells against the model: losses left, median latencies right, with the bands asked for."""
+    live, agreed = run["live"], agreement(run)
+    loss, latency = figure.subplots(1, 2)
+    _draw_scatter(loss, live, ("loss_model", "loss_live"), 100.0)
+    loss.set(xlabel="packet loss, model (%)", ylabel="packet loss, live (%)")
+    _draw_scatter(latency, live, ("p50_model_ms", "p50_live_ms"), 1.0)
+    latency.set(xlabel="median latency, model (ms)", ylabel="median latency, live (ms)")
+    if len(live):
+        _draw_bands(loss, latency, live)
+        loss.legend(title="filled: kept its schedule", fontsize=8)
+    said = ", ".join(f"{what}: {count}" for what, count in agreed.items())
+    title = (
+        f"Live Cyclone DDS against the model: {said}" if len(live) else f"Nothing live: {run.skipped('live')}"
+    )
+    figure.suptitle(title)
+    return {"live": live.to_dict(orient="list"), "agreement": agreed}
+
+
+def _draw_scatter(axes: Axes, live: pd.DataFrame, columns: tuple[str, str], scale: float) -> None:
+    for group, (color, marker) in GROUP_STYLES.items():
+        part = live[live["group"] == group]
+        fair = part["kept_up"].astype(bool)
+        for shown, face in ((part[fair], color), (part[~fair], "none")):
+            x, y = (scale * shown[column].astype(float) for column in columns)
+            label = group.replace("_", " ") if face != "none" else None
+            axes.plot(x, y, marker, color=color, markerfacecolor=face, label=label)
+
+
+def _draw_bands(loss: Axes, latency: Axes, live: pd.DataFrame) -> None:
+    ends = np.array([0.0, 100.0])
+    loss.plot(ends, ends, color="black", linewidth=0.8)
+    loss.fill_between(ends, ends - 100 * LOSS_WITHIN, ends + 100 * LOSS_WITHIN, color="black", alpha=0.1)
+    times = live[["p50_model_ms", "p50_live_ms"]].to_numpy(float)
+    ends = np.array([0.8 * np.nanmin(times), 1.25 * np.nanmax(times)])
+    latency.plot(ends, ends, color="black", linewidth=0.8)
+    inside = (ends * (1 - LATENCY_WITHIN), ends * (1 + LATENCY_WITHIN))
+    latency.fill_betweenx(ends, *inside, color="black", alpha=0.1)
+    latency.set(xscale="log", yscale="log")

@@ -1,0 +1,417 @@
+"""Scenarios of the reliability model on real DDS, and beside them the model: the same air, the same timing.
+
+Each host is a namespace with one process, the air is a radio with the model's medium, the middleware is Cyclone
+DDS. What comes back is an `Outcome` too, so that everything that reads one reads the other. Hosts find each
+other, and all endpoints match, over a quiet medium before time begins; then the medium is set.
+
+Asked is a loss within three percentage points and a median latency within 30 %. Where a run did not keep to its
+schedules the row says so, and the comparison with it says nothing about the model.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import tempfile
+import time
+from contextlib import asynccontextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.arp.robots import METHODS
+from sfglab.lab.experiment import SkippedPartError, seeded
+from sfglab.lab.experiments.transmission.experiment import (
+    HELLO_DOWN,
+    HELLO_UP,
+    OPT_DEPTH,
+    Config,
+    Point,
+    exp,
+    hello_latency_ms,
+    scenario_of,
+)
+from sfglab.lab.hosts import HostsUnavailableError, Network
+from sfglab.lab.workers.flowplay import PartFlow
+from sfglab.lab.workers.robotparts import PartsConfig
+from sfglab.processes import Member, ProcessGroup
+from sfglab.qos import History, QoSProfile, Reliability
+from sfglab.rtps import CYCLONE_DDS, Fate, Flow, FlowOutcome, Medium, Outcome, run
+from sfglab.rtps.sizes import data_bytes
+from sfglab.units import BITS_PER_BYTE, NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from sfglab.component import Report
+    from sfglab.lab.bench import Bench
+    from sfglab.lab.hosts import RadioCounters
+    from sfglab.rtps import Scenario
+
+    Arrays = dict[str, NDArray[np.int64]]
+
+
+START_S, MATCH_S, SETTLE_S, LEAD_S, SPARE_S = 30.0, 30.0, 0.3, 0.15, 15.0
+LONGEST_DRAIN_S = 1.5
+"""Repairs that come later than this are rare, and a live second costs a second."""
+
+QUIET = Medium(rate_bps=1e9, loss=0.0, overhead_s=0.0, contention=0.0)
+"""What hosts find each other over."""
+
+PROBE_S, PROBE_HZ = 1.0, 100.0
+"""How long and how often a topic is published that shows the hosts' own delay."""
+
+_STAMP_SLACK_NS = 2  # RTPS counts time in units of 2**-32 s (RTPS 2.5, clause 9.3.2)
+
+LOSS_WITHIN = 0.03
+LATENCY_WITHIN = 0.30
+
+GROUPS = ("sensors", "hello_up", "hello")
+"""All sensors' topics; "Hello" to the station; "Hello" from publication to actuation."""
+
+
+# --- The part of the experiment -------------------------------------------------------------------------------
+
+
+@exp.table("live")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveRow:
+    """One group of flows of one cell, live and simulated."""
+
+    rate_max_hz: int  #: Rmax.
+    depth: str  #: DEPTH as the grid has it.
+    method: str  #: The method.
+    group: str  #: One of `GROUPS`.
+    duration_s: float  #: How long was published, seconds.
+    published: int  #: Samples, live.
+    loss_live: float  #: Share of them that never arrived.
+    loss_model: float  #: The same in the model, all seeds together.
+    p50_live_ms: float  #: Median latency.
+    p50_model_ms: float  #: The same in the model.
+    frames: int  #: Frames on air, live.
+    frames_lost: int  #: Those that the radio lost.
+    queue_full: int  #: Frames that found their sender's queue full.
+    air_share: float  #: Share of the time that the air was in use.
+    kept_up: bool  #: Whether relay and processes kept to their schedules.
+    late_mean_ms: float  #: How much later than due the relay delivered, on average.
+    delay_ms: float  #: What the hosts need themselves, by `Played.delay_s`; the model has it too.
+    loss_agrees: bool  #: Whether the losses differ by no more than `LOSS_WITHIN`.
+    latency_agrees: bool  #: Whether the medians differ by no more than `LATENCY_WITHIN` of the live one.
+
+
+def live_cells(config: Config) -> list[Point]:
+    """Return the cells that are run live as well; an optimised method has the depth ``opt`` in addition."""
+    if not config.live_s:
+        return []
+    return [
+        Point(rate_max_hz=rate, depth=depth, method=method, duration_s=config.live_s)
+        for rate in config.live_rates_hz
+        for method in config.live_methods
+        for depth in (*config.live_depths, *((OPT_DEPTH,) if METHODS[method].optimised else ()))
+    ]
+
+
+@exp.part("live", total=lambda config: len(live_cells(config)), skips=(HostsUnavailableError,), timed=False)
+async def play_cells(bench: Bench[Config]) -> None:
+    """Play cells live, one after the other, each beside the model with all seeds."""
+    config = bench.config
+    scenarios = {cell: scenario_of(cell, seed=config.seed, vendor=CYCLONE_DDS) for cell in live_cells(config)}
+    if not scenarios:
+        raise SkippedPartError("not asked for")
+    async with live_hosts(*hosts_of(next(iter(scenarios.values())))) as hosts:
+        for cell, scenario in scenarios.items():
+            played = await hosts.play(scenario, seed=config.seed)
+            models = [run(played.scenario, seed=seed) for seed in seeded(config, config.seeds)]
+            bench.write_all("live", compare(cell, played, models))
+            bench.advance(f"{cell.method}, {cell.rate_max_hz} Hz, depth {cell.depth}")
+    bench.metadata("live", {"hindrance": ""})
+
+
+# --- Live -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Played:
+    """What a live run came to."""
+
+    #: What the model has to run beside it: as asked, with the drain that it had, and with `delay_s` as latency
+    #: of the medium.
+    scenario: Scenario
+    #: What kernel, relay and DDS add to a sample's airtime between the applications, measured with one topic
+    #: alone on the same medium without losses.
+    delay_s: float
+    #: As the model's; a sample that never came has the fate UNDERWAY, as nobody saw why. Counts are those that
+    #: can be seen: ``lost``, ``queue_full``, ``bytes``, ``airtime_ns``, ``held``, ``compared``.
+    outcome: Outcome
+    radio: RadioCounters  #: The medium's own counters.
+    late_p95_s: float  #: How late a host's process published, 95th percentile, of the latest host, seconds.
+    refused: int  #: Samples that DDS refused.
+
+    @property
+    def kept_up(self) -> bool:
+        """Whether relay and publishers kept within 2 ms, but for 1 % of the frames and 5 % of the samples."""
+        return self.radio.kept_up and self.late_p95_s <= self.radio.late_after_s
+
+
+def hosts_of(scenario: Scenario) -> tuple[str, ...]:
+    """Return the hosts of a scenario, in the order of the model."""
+    return tuple(dict.fromkeys(host for flow in scenario.flows for host in (flow.source, flow.target)))
+
+
+@asynccontextmanager
+async def live_hosts(*names: str) -> AsyncIterator[LiveHosts]:
+    """Provide hosts on a radio, with a process each.
+
+    Args:
+        names: Their names; the hosts of every scenario are among them.
+
+    Raises:
+        HostsUnavailableError: This machine has no test hosts.
+        ProcessFailedError: A process did not start.
+    """
+    with Network() as network:
+        hosts = [network.add_host(name) for name in names]
+        network.set_radio(QUIET)
+        members = [
+            Member(
+                name=host.name,
+                host=host.name,
+                module="sfglab.lab.workers.robotparts",
+                config=PartsConfig(host=host.name, interface=host.interface, domain_id=0),
+            )
+            for host in hosts
+        ]
+        async with ProcessGroup(_argv_on(network), members, start_s=START_S) as group:
+            yield LiveHosts(network, group)
+
+
+def _argv_on(network: Network) -> Callable[[str, Sequence[str]], Sequence[str]]:
+    return lambda host, command: network.hosts[host].argv(command)
+
+
+class LiveHosts:
+    """Hosts that play one scenario after the other.
+
+    Args:
+        network: The hosts, on a radio.
+        group: Their processes, each named like its host.
+    """
+
+    def __init__(self, network: Network, group: ProcessGroup) -> None:
+        self._network = network
+        self._group = group
+        self._delay_s: float | None = None
+
+    async def play(self, scenario: Scenario, *, seed: int) -> Played:
+        """Play a scenario, in real time; before the first one, the hosts' own delay is measured.
+
+        Args:
+            scenario: What.
+            seed: Of the medium's losses and the values; which frame meets which loss depends on the machine.
+
+        Raises:
+            ProcessFailedError: A process failed or was silent.
+            HostsError: The hosts are gone.
+        """
+        if self._delay_s is None:
+            probe = await self._play(_probe(scenario), delay_s=0.0, seed=seed)
+            self._delay_s = _delay_s(probe)
+        return await self._play(scenario, delay_s=self._delay_s, seed=seed)
+
+    async def _play(self, scenario: Scenario, *, delay_s: float, seed: int) -> Played:
+        scenario = replace(scenario, drain_s=min(scenario.drain_s, LONGEST_DRAIN_S))
+        for host in self._group:
+            self._group.order([host], do="open", flows=_parts(scenario, host), seed=seed)
+        await self._group.expect("matched", timeout_s=MATCH_S)
+        await asyncio.sleep(SETTLE_S)  # the last acknowledgements of what was said about the endpoints
+        self._network.set_radio(scenario.medium, seed=seed)
+        start_ns, arrays, reports = await self._run(scenario)
+        radio = self._network.radio_counters()
+        self._network.set_radio(QUIET)
+        await self._group.ask("closed", timeout_s=START_S, do="close")
+        latency_s = scenario.medium.latency_s + delay_s
+        return Played(
+            scenario=replace(scenario, medium=replace(scenario.medium, latency_s=latency_s)),
+            delay_s=delay_s,
+            outcome=_outcome(scenario, arrays, reports, radio=radio, start_ns=start_ns),
+            radio=radio,
+            late_p95_s=max(report["late_p95_s"] for report in reports),
+            refused=sum(report["refused"] for report in reports),
+        )
+
+    async def _run(self, scenario: Scenario) -> tuple[int, dict[str, Arrays], list[Report]]:
+        """Return when it started, and each host's arrays and report."""
+        with tempfile.TemporaryDirectory(prefix="sfglab-live-") as folder:
+            files = {host: Path(folder, f"{host}.npz") for host in self._group}
+            times = {"duration_s": scenario.duration_s, "drain_s": scenario.drain_s}
+            start_ns = time.time_ns() + round(LEAD_S * NS_PER_S)
+            for host, file in files.items():
+                self._group.order([host], do="play", start_ns=start_ns, result=os.fspath(file), **times)
+            reports = await self._group.expect("done", timeout_s=sum(times.values()) + SPARE_S)
+            return start_ns, {host: _read(file) for host, file in files.items()}, list(reports.values())
+
+
+def _probe(scenario: Scenario) -> Scenario:
+    flow = scenario.flows[0]
+    probe = Flow(
+        name="probe", source=flow.source, target=flow.target, rate_hz=PROBE_HZ, qos=QoSProfile(depth=10)
+    )
+    medium = replace(scenario.medium, loss=0.0)
+    return replace(scenario, flows=(probe,), medium=medium, duration_s=PROBE_S, drain_s=LEAD_S)
+
+
+def _delay_s(probe: Played) -> float:
+    """Return what the median sample took beyond its airtime; never less than nothing."""
+    medium, (flow,) = probe.scenario.medium, probe.scenario.flows
+    bits = data_bytes(flow.size_bytes, with_heartbeat=True) * BITS_PER_BYTE
+    airtime_s = medium.overhead_s + bits / medium.rate_bps + medium.latency_s
+    latency_s = float(np.median(probe.outcome.flows[flow.name].latency_ns)) / NS_PER_S
+    return max(0.0, latency_s - airtime_s)
+
+
+_AS_THEY_ARE = (
+    *("name", "size_bytes", "rate_hz", "phase_s", "service_s", "compare_s", "change_s", "cached"),
+    *("max_silence_s", "then"),
+)
+
+
+def _parts(scenario: Scenario, host: str) -> list[dict[str, Any]]:
+    """Return the flows that begin or end at a host, as its process is told of them."""
+    return [asdict(_part(flow, host)) for flow in scenario.flows if host in (flow.source, flow.target)]
+
+
+def _part(flow: Flow, host: str) -> PartFlow:
+    depth = 0 if flow.qos.history is History.KEEP_ALL else flow.qos.depth
+    return PartFlow(
+        writes=flow.source == host,
+        reads=flow.target == host,
+        depth=depth,
+        reader_depth=depth if flow.reader_depth is None else flow.reader_depth,
+        reliable=flow.qos.reliability is Reliability.RELIABLE,
+        deadline_ns=flow.qos.deadline_ns,
+        executor=flow.executor or "",
+        **{name: getattr(flow, name) for name in _AS_THEY_ARE},
+    )
+
+
+def _read(path: Path) -> Arrays:
+    with np.load(path) as file:
+        return dict(file)
+
+
+def _outcome(
+    scenario: Scenario,
+    arrays: dict[str, Arrays],
+    reports: Sequence[Report],
+    *,
+    radio: RadioCounters,
+    start_ns: int,
+) -> Outcome:
+    flows = {
+        flow.name: _flow_outcome(flow, arrays[flow.source], arrays[flow.target], start_ns)
+        for flow in scenario.flows
+    }
+    counts = {
+        "lost": radio.lost,
+        "queue_full": radio.queue_full,
+        "bytes": sum(host.bytes_ for host in radio.hosts.values()),
+        "airtime_ns": round(sum(host.airtime_s for host in radio.hosts.values()) * NS_PER_S),
+        "held": sum(report["held"] for report in reports),
+        "compared": sum(report["compared"] for report in reports),
+    }
+    return Outcome(flows=flows, counts=counts)
+
+
+def _flow_outcome(flow: Flow, source: Arrays, target: Arrays, start_ns: int) -> FlowOutcome:
+    sent_ns = source[f"{flow.name} written sent_ns"]
+    heard_ns, done_ns = (target[f"{flow.name} received {column}"] for column in ("sent_ns", "done_ns"))
+    received_ns = np.zeros(len(sent_ns), np.int64)
+    place = np.searchsorted(sent_ns, heard_ns - _STAMP_SLACK_NS)
+    received_ns[place] = done_ns - start_ns
+    fate = np.full(len(sent_ns), Fate.UNDERWAY, np.int8)
+    fate[place] = Fate.DELIVERED
+    return FlowOutcome(
+        name=flow.name,
+        published_ns=sent_ns - start_ns,
+        received_ns=received_ns,
+        value=source[f"{flow.name} written value"].astype(np.int32),
+        fate=fate,
+        dropped=np.zeros(len(sent_ns), np.int8),
+        deadline_ns=flow.qos.deadline_ns,
+    )
+
+
+# --- Live against simulated -----------------------------------------------------------------------------------
+
+
+def measure(outcomes: Sequence[Outcome], group: str) -> dict[str, Any]:
+    """Return what a group came to, in several runs together.
+
+    Args:
+        outcomes: Of the model, or of live runs.
+        group: One of `GROUPS`.
+
+    Returns:
+        ``published`` samples, the ``loss`` among them, and the median latency ``p50_ms`` of those that arrived;
+        NaN where there is nothing to say it of.
+    """
+    flows = [flow for outcome in outcomes for flow in _flows(outcome, group)]
+    if group == "hello":
+        latency_ms = np.concatenate([hello_latency_ms(outcome) for outcome in outcomes])
+    else:
+        latency_ms = np.concatenate([flow.latency_ns for flow in flows]) / 1e6
+    published = sum(len(flow.fate) for flow in flows)
+    return {
+        "published": published,
+        "loss": 1 - len(latency_ms) / published if published else float("nan"),
+        "p50_ms": float(np.median(latency_ms)) if len(latency_ms) else float("nan"),
+    }
+
+
+def _flows(outcome: Outcome, group: str) -> list[FlowOutcome]:
+    """Return the flows whose samples are a group's."""
+    if group == "sensors":
+        return [flow for name, flow in outcome.flows.items() if name not in (HELLO_UP, HELLO_DOWN)]
+    return [outcome.flows[HELLO_UP]]
+
+
+def compare(point: Point, played: Played, models: Sequence[Outcome]) -> list[LiveRow]:
+    """Return a live cell beside the model's runs of `played.scenario`, a row for each group.
+
+    Args:
+        point: The cell.
+        played: Live.
+        models: The model's runs, with as many seeds as you like.
+    """
+    radio, hosts = played.radio, played.radio.hosts.values()
+    shared: dict[str, Any] = {
+        "rate_max_hz": point.rate_max_hz,
+        "depth": point.depth,
+        "method": point.method,
+        "duration_s": played.scenario.duration_s,
+        "frames": sum(host.frames for host in hosts),
+        "frames_lost": radio.lost,
+        "queue_full": radio.queue_full,
+        "air_share": sum(host.airtime_s for host in hosts) / radio.elapsed_s if radio.elapsed_s else 0.0,
+        "kept_up": played.kept_up,
+        "late_mean_ms": radio.late_mean_s * 1e3,
+        "delay_ms": played.delay_s * 1e3,
+    }
+    return [LiveRow(**shared, group=group, **_compared(played, models, group)) for group in GROUPS]
+
+
+def _compared(played: Played, models: Sequence[Outcome], group: str) -> dict[str, Any]:
+    live, model = measure([played.outcome], group), measure(models, group)
+    return {
+        "published": live["published"],
+        "loss_live": live["loss"],
+        "loss_model": model["loss"],
+        "p50_live_ms": live["p50_ms"],
+        "p50_model_ms": model["p50_ms"],
+        "loss_agrees": abs(live["loss"] - model["loss"]) <= LOSS_WITHIN,
+        "latency_agrees": abs(live["p50_ms"] - model["p50_ms"]) <= LATENCY_WITHIN * live["p50_ms"],
+    }
