@@ -47,9 +47,9 @@ def test_a_message_and_its_info_cross_to_another_process_and_back(domain_id, chi
             await ping.wait_for_subscriptions()
             await pong.wait_for_publishers()
             ping.publish(String(data="marco"))
-            message, info = await pong.take_with_info(5)
+            message, info = await pong.take_with_info(60)
             assert message.data == "marco!"
-            assert 0 <= info.received_timestamp_ns - info.source_timestamp_ns < 5e9
+            assert info.source_timestamp_ns <= info.received_timestamp_ns
             assert info.publisher_gid == here.graph.publishers("/pong")[0].gid
             await other.end()
 
@@ -61,7 +61,7 @@ def test_a_late_joiner_gets_the_latched_message_and_an_image_arrives_whole(domai
         reader = f"""
         async with Node("late", domain_id={domain_id}, interface="lo") as node:
             sub = node.create_subscription(Image, "/image", qos=LATCHED)
-            message = await sub.take(10)
+            message = await sub.take(60)
             data = message.data
             say(sum=int(data.sum()), shape=[message.height, message.width], writeable=data.flags.writeable)
         """
@@ -92,7 +92,7 @@ def test_a_slow_subscription_drops_the_oldest_and_a_fast_one_gets_all(domain_id,
             await publisher.wait_for_subscriptions(2)
             for number in range(40):  # in lock step with the fast one, so only the slow one can drop
                 publisher.publish(String(data=str(number)))
-                assert (await fast_sub.take(5)).data == str(number)
+                assert (await fast_sub.take(60)).data == str(number)
             await until(lambda: slow_sub.dropped == 40 - 5 - 1)
             gate.set()
             await until(lambda: len(slow_got) == 6)
@@ -119,7 +119,7 @@ def test_an_exception_in_a_callback_is_reported_and_stops_nobody(domain_id, unti
             await publisher.wait_for_subscriptions(2)
             publisher.publish(String(data="1"))
             publisher.publish(String(data="2"))
-            await asyncio.wait_for(received.wait(), 5)
+            await asyncio.wait_for(received.wait(), 60)
             await until(lambda: len(reported) == 2)
             assert reported == [(LookupError, "subscription '/t'")] * 2
             assert isinstance(broken.last_error, LookupError)
@@ -151,7 +151,7 @@ def test_raw_cdr_passes_unchanged_with_its_source_time_stamp(domain_id):
             cdr = serialize(String(data="four"))
             for data in (cdr, bytearray(cdr), memoryview(cdr), np.frombuffer(cdr, np.uint8)):
                 publisher.publish_raw(data, source_timestamp_ns=1_234_567_890)
-                received, info = await raw.take_with_info(5)
+                received, info = await raw.take_with_info(60)
                 assert received == cdr
                 assert info.source_timestamp_ns == 1_234_567_890
 
@@ -201,7 +201,7 @@ def test_cancelling_a_take_loses_no_message(domain_id):
                 if not isinstance(result, asyncio.CancelledError):
                     got.append(int(result.data))
             while len(got) < 100:
-                got.append(int((await subscription.take(5)).data))
+                got.append(int((await subscription.take(60)).data))
             assert got == list(range(100))
 
     asyncio.run(scenario())
@@ -238,8 +238,8 @@ def test_all_data_is_acknowledged_before_a_short_lived_publisher_leaves(domain_i
             await publisher.wait_for_subscriptions()
             for number in range(100):
                 publisher.publish(String(data=str(number)))
-            assert await publisher.wait_for_all_acked(5)
+            assert await publisher.wait_for_all_acked(60)
             await here.close()
-            assert [int((await subscription.take(5)).data) for _ in range(100)] == list(range(100))
+            assert [int((await subscription.take(60)).data) for _ in range(100)] == list(range(100))
 
     asyncio.run(scenario())

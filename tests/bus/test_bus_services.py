@@ -17,7 +17,7 @@ Response = service_type(SERVICE).response
 String = message_type("std_msgs/msg/String")
 
 SERVER = """
-async with Node("server", domain_id={domain_id}, interface="lo", lease_s=0.5) as node:
+async with Node("server", domain_id={domain_id}, interface="lo", lease_s=1.0) as node:
     response = service_type("sfglab_interfaces/srv/GetMetadata").response
     calls = 0
     async def answer(request):
@@ -39,7 +39,7 @@ async with Node("server", domain_id={domain_id}, interface="lo", lease_s=0.5) as
 
 
 def node(domain_id, name="here", **options):
-    return bus.Node(name, domain_id=domain_id, interface="lo", lease_s=0.5, **options)
+    return bus.Node(name, domain_id=domain_id, interface="lo", **options)
 
 
 def response(text):
@@ -62,7 +62,7 @@ def test_a_server_survives_slow_and_failing_requests_and_its_death_is_a_timeout(
             await server.kill()
             with pytest.raises(bus.ServiceTimeoutError, match=r"has gone|did not respond"):
                 await client.call(Request(), timeout_s=0.2)
-            assert await client._pair.changed.wait_until(lambda: not client.service_is_ready(), 5)
+            assert await client._pair.changed.wait_until(lambda: not client.service_is_ready(), 60)
 
     asyncio.run(scenario())
 
@@ -123,7 +123,7 @@ def test_closing_a_client_ends_its_calls(domain_id):
             here.create_service(SERVICE, "/s", never)
             client = here.create_client(SERVICE, "/s")
             call = asyncio.create_task(client.call(Request()))
-            await asyncio.wait_for(asked.wait(), 5)
+            await asyncio.wait_for(asked.wait(), 60)
             client.close()
             with pytest.raises(bus.ClosedError, match=r"client '/s'"):
                 await call

@@ -119,9 +119,7 @@ def test_waiting_takes_no_time_and_happens_in_order():
         await asyncio.gather(*(wait(seconds) for seconds in (1e6, 3600, 0.25, 1e-9)))
         return order
 
-    start_s = time.monotonic()
     assert run_simulated(main) == [(1e-9, 1), (0.25, 250 * MS), (3600, 3600 * 10**9), (1e6, 10**15)]
-    assert time.monotonic() - start_s < 5
 
 
 @given(st.lists(st.floats(0, 100), min_size=1, max_size=20))

@@ -24,7 +24,7 @@ class Live:
     """Nodes on the loopback interface, in real time."""
 
     def __init__(self, domain_id):
-        self.node = partial(bus.Node, domain_id=domain_id, interface="lo", lease_s=0.5, presence=False)
+        self.node = partial(bus.Node, domain_id=domain_id, interface="lo", presence=False)
 
     def run(self, scenario):
         return asyncio.run(scenario(self.node))
@@ -57,7 +57,7 @@ def world(request):
 
 
 async def until(predicate):
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(60):
         while not predicate():
             await asyncio.sleep(0.001)
 
@@ -80,7 +80,7 @@ def test_a_message_arrives_with_what_is_known_about_it(world):
             await subscription.wait_for_publishers()
             before_ns = here.get_clock().now_ns()
             publisher.publish(text("hello"))
-            message, info = await subscription.take_with_info(5)
+            message, info = await subscription.take_with_info(60)
             assert message.data == "hello"
             assert before_ns <= info.source_timestamp_ns <= info.received_timestamp_ns
             assert info.received_timestamp_ns <= there.get_clock().now_ns()
@@ -103,7 +103,7 @@ def test_every_subscription_gets_every_message_in_order(world):
             for number in numbers:
                 publisher.publish(text(number))
             for reader in readers:
-                assert [(await reader.take(5)).data for _ in numbers] == numbers
+                assert [(await reader.take(60)).data for _ in numbers] == numbers
             await until(lambda: got == numbers)
 
     world.run(scenario)
@@ -143,9 +143,9 @@ def test_a_late_joiner_hears_the_history_first_and_then_what_follows(world, dept
             late = there.create_subscription(STRING, "/t", qos=wanted)
             await publisher.wait_for_subscriptions()
             kept = [str(number) for number in range(5 - depth, 5)]
-            assert [(await late.take(5)).data for _ in kept] == kept
+            assert [(await late.take(60)).data for _ in kept] == kept
             publisher.publish(text("new"))
-            assert (await late.take(5)).data == "new"
+            assert (await late.take(60)).data == "new"
 
     world.run(scenario)
 
@@ -159,7 +159,7 @@ def test_a_late_joiner_that_wants_no_history_gets_none(world):
             await publisher.wait_for_subscriptions()
             await late.wait_for_publishers()
             publisher.publish(text("new"))
-            assert (await late.take(5)).data == "new"
+            assert (await late.take(60)).data == "new"
 
     world.run(scenario)
 
@@ -233,9 +233,9 @@ def test_a_full_queue_drops_the_oldest_and_counts(world):
             await publisher.wait_for_subscriptions(2)
             for number in range(10):  # in lock step with one of them, so that none is lost on the way
                 publisher.publish(text(number))
-                assert (await deep.take(5)).data == str(number)
+                assert (await deep.take(60)).data == str(number)
             await until(lambda: shallow.dropped == 7)
-            assert [(await shallow.take(5)).data for _ in range(3)] == ["7", "8", "9"]
+            assert [(await shallow.take(60)).data for _ in range(3)] == ["7", "8", "9"]
             assert (shallow.lost, deep.dropped) == (0, 0)
 
     world.run(scenario)
@@ -271,7 +271,7 @@ def test_raw_cdr_passes_unchanged_with_its_source_time_stamp(world):
             cdr = serialize(text("four"))
             for data in (cdr, bytearray(cdr), memoryview(cdr)):
                 publisher.publish_raw(data, source_timestamp_ns=1_234_567_890)
-                received, info = await raw.take_with_info(5)
+                received, info = await raw.take_with_info(60)
                 assert (received, info.source_timestamp_ns) == (cdr, 1_234_567_890)
 
     world.run(scenario)
@@ -309,7 +309,7 @@ def test_cancelling_a_take_loses_no_message(world):
                 if not isinstance(result, asyncio.CancelledError):
                     got.append(int(result.data))
             while len(got) < 50:
-                got.append(int((await subscription.take(5)).data))
+                got.append(int((await subscription.take(60)).data))
             assert got == list(range(50))
 
     world.run(scenario)
@@ -510,7 +510,7 @@ def test_closing_a_client_ends_its_pending_calls(world):
             here.create_service(SERVICE, "/s", never)
             client = here.create_client(SERVICE, "/s")
             call = asyncio.create_task(client.call(Request()))
-            await asyncio.wait_for(asked.wait(), 5)
+            await asyncio.wait_for(asked.wait(), 60)
             client.close()
             with pytest.raises(bus.ClosedError, match="client '/s'"):
                 await call
@@ -535,9 +535,11 @@ def test_timers_tick_without_drift_skip_what_they_miss_and_can_be_cancelled(worl
             await until(lambda: len(ticks) == 5)
             timer.cancel()
             turns = [time_s // 0.02 for time_s in ticks]
-            assert turns[:2] == [1, 2]
+            assert all(turn >= number for number, turn in enumerate(turns, start=1)), "none is early"
             assert turns[2] >= 5
-            assert all(0 <= time_s % 0.02 < 0.015 for time_s in ticks)
+            if isinstance(world, Simulated):  # where a machine's other work makes none late
+                assert turns[:2] == [1, 2]
+                assert all(0 <= time_s % 0.02 < 0.015 for time_s in ticks)
             await here.get_clock().sleep_for(0.05)
             assert len(ticks) == 5
             with pytest.raises(ValueError, match="positive"):
@@ -562,7 +564,7 @@ def test_an_exception_in_a_callback_is_reported_and_stops_nobody(world):
             await publisher.wait_for_subscriptions(2)
             publisher.publish(text("1"))
             publisher.publish(text("2"))
-            await asyncio.wait_for(received.wait(), 5)
+            await asyncio.wait_for(received.wait(), 60)
             await until(lambda: len(reported) == 2)
             assert reported == [(LookupError, "subscription '/t'")] * 2
             assert isinstance(broken.last_error, LookupError)
@@ -578,9 +580,9 @@ def test_all_is_acknowledged_in_the_end(world):
             await publisher.wait_for_subscriptions()
             for number in range(20):
                 publisher.publish(text(number))
-            assert await publisher.wait_for_all_acked(5)
+            assert await publisher.wait_for_all_acked(60)
             await here.close()
-            assert [int((await subscription.take(5)).data) for _ in range(20)] == list(range(20))
+            assert [int((await subscription.take(60)).data) for _ in range(20)] == list(range(20))
 
     world.run(scenario)
 
@@ -608,7 +610,7 @@ def test_the_two_transports_do_not_meet(world):
             await shm.wait_for_publishers()
             with publisher.loan(len(serialize(text("lent")))) as memory:
                 memory[:] = serialize(text("lent"))
-            assert (await shm.take(5)).data == "lent"
+            assert (await shm.take(60)).data == "lent"
             assert (publisher.get_subscription_count(), dds.get_publisher_count()) == (1, 0)
             with pytest.raises(bus.MessageTooLargeError):
                 here.create_publisher(STRING, "/u", transport="shm", max_message_bytes=8).publish(text("long"))

@@ -219,7 +219,7 @@ def live_ingress():
             host.interface_bytes().rx_bytes - earlier for host, earlier in zip(hosts, before, strict=True)
         ]
         for process in processes:
-            process.communicate("\n", timeout=20)
+            process.communicate("\n", timeout=60)
         return received
 
 

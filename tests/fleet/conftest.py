@@ -84,7 +84,7 @@ class Decoder:
         self.pool = pool
         self.ready.set()
 
-    async def reaches(self, state: str, topic: str = LOCAL, timeout_s: float = 15) -> None:
+    async def reaches(self, state: str, topic: str = LOCAL, timeout_s: float = 60) -> None:
         async with asyncio.timeout(timeout_s):
             while topic not in self.status or self.status[topic].state != state:
                 await asyncio.sleep(0.01)
@@ -112,7 +112,7 @@ def serve(domains):
             task = asyncio.create_task(run_decoder(config, on_status=decoder.note, on_ready=decoder.is_ready))
             ready = asyncio.create_task(decoder.ready.wait())
             try:
-                await asyncio.wait({task, ready}, return_when=asyncio.FIRST_COMPLETED, timeout=30)
+                await asyncio.wait({task, ready}, return_when=asyncio.FIRST_COMPLETED, timeout=60)
                 if task.done():
                     task.result()
                 yield far, near, decoder

@@ -12,7 +12,7 @@ import pytest
 
 pytestmark = [pytest.mark.live, pytest.mark.timeout(30)]
 
-DEADLINE_S = 10
+DEADLINE_S = 60
 PREAMBLE = """
 import asyncio
 from sfglab.errors import SfglabError

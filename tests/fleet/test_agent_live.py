@@ -16,7 +16,7 @@ from sfglab.fleet.agent.supervisor import ComponentError
 
 pytestmark = [pytest.mark.live, pytest.mark.timeout(30)]
 
-DEADLINE_S = 10
+DEADLINE_S = 60
 
 TERMINAL = """
 import sys

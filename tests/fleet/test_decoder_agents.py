@@ -32,7 +32,7 @@ def event(agent: str, kind: str = "DISCOVERED"):
 
 async def heard(changes, count: int) -> set:
     found = set()
-    async with asyncio.timeout(15):
+    async with asyncio.timeout(60):
         while len(found) < count:
             change = await anext(changes)
             found.add((type(change), change.agent))

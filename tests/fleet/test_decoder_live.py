@@ -31,7 +31,7 @@ def level_of(image) -> float:
 
 async def right_pictures(subscription, count: int = 5) -> list:
     """Take pictures and check each against its stamp."""
-    images = [await subscription.take(timeout_s=10) for _ in range(count)]
+    images = [await subscription.take(timeout_s=60) for _ in range(count)]
     for image in images:
         assert abs(level_of(image) - ns_from_stamp(image.header.stamp) / 1e9) <= 3
     return images
@@ -59,7 +59,7 @@ def test_nothing_runs_until_somebody_subscribes_and_nothing_after_the_last_left(
                 await right_pictures(second)
                 second.close()
                 await decoder.reaches("IDLE")
-                async with asyncio.timeout(5):
+                async with asyncio.timeout(60):
                     while camera.publisher.get_subscription_count():
                         await asyncio.sleep(0.01)
             assert decoder.states[LOCAL] == ["IDLE", "STARTING", "RUNNING", "LINGERING", "STOPPING", "IDLE"]
@@ -78,7 +78,7 @@ def test_a_plain_dds_subscriber_is_served_from_the_same_pipeline(serve):
             assert images[0].encoding == "bgr8"
             assert (images[0].height, images[0].width, images[0].step) == (192, 320, 960)
             await right_pictures(shared)
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(60):
                 while len(decoder.pool.pids) != 2:  # one pipeline and, a while later, one spare
                     await asyncio.sleep(0.01)
 
@@ -111,7 +111,7 @@ def test_a_stream_that_stops_and_resumes_and_changes_its_size_is_followed(serve)
                 await right_pictures(subscription)
             camera.size = (640, 368)
             async with camera.running():
-                async with asyncio.timeout(10):
+                async with asyncio.timeout(60):
                     while (image := await subscription.take()).width != 640:
                         pass
                 assert image.height == 368
@@ -135,11 +135,11 @@ def test_broken_packets_are_counted_and_the_stream_heals(serve):
                     noise.width, noise.height = camera.size
                     noise.data = np.frombuffer(b"\0\0\0\1\x65" + bytes(range(200)), dtype=np.uint8)
                     camera.publisher.publish(noise)
-                async with asyncio.timeout(10):
+                async with asyncio.timeout(60):
                     while not (s := decoder.status[LOCAL].statistics) or s.broken == 0:
                         await subscription.take()
                 assert s.last_error
-                images = [await subscription.take(timeout_s=10) for _ in range(15)]
+                images = [await subscription.take(timeout_s=60) for _ in range(15)]
                 assert abs(level_of(images[-1]) - ns_from_stamp(images[-1].header.stamp) / 1e9) <= 3
             assert decoder.status[LOCAL].state == "RUNNING"
 
@@ -155,7 +155,7 @@ def test_camera_info_is_relayed_unchanged_on_demand(serve):
             info = default_message("sensor_msgs/msg/CameraInfo")
             info.width, info.height, info.distortion_model = 640, 360, "plumb_bob"
             info.d = np.array([0.1, 0.2])
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(60):
                 while True:
                     publisher.publish(info)
                     try:
@@ -241,9 +241,9 @@ def test_as_a_process_it_reports_its_processes_and_a_wrong_interface_in_one_sent
         child.stdin.write(orders)
         reports = []
         while not reports or reports[-1]["is"] not in ("processes", "failed"):
-            reports.append(json.loads(await asyncio.wait_for(child.stdout.readline(), 30)))
+            reports.append(json.loads(await asyncio.wait_for(child.stdout.readline(), 60)))
         child.stdin.close()
-        _, err = await asyncio.wait_for(child.communicate(), 30)
+        _, err = await asyncio.wait_for(child.communicate(), 60)
         return child.returncode, reports, err.decode()
 
     async def scenario():

@@ -37,7 +37,7 @@ AGENTS = {
     "pi1": ("router", "status", "discoverer"),
     "station": ("router", "status", "discoverer", "decoder"),
 }
-DEADLINE_S = 30
+DEADLINE_S = 60
 SEED = 7
 # Short, yet a process that starves on a busy machine for a second is not taken for lost.
 SCHEDULE = Schedule(startup_period_s=0.4, steady_period_s=0.4, startup_s=0)

@@ -161,7 +161,7 @@ def test_static_transforms_of_two_nodes_reach_whoever_joins_late_and_go_with_the
 
     async def heard(node, count):
         late = node.create_subscription("tf2_msgs/msg/TFMessage", "/tf_static", qos=listener_qos)
-        messages = [await late.take(10) for _ in range(count)]
+        messages = [await late.take(60) for _ in range(count)]
         with pytest.raises(ReceiveTimeoutError):
             await late.take(0.1)
         late.close()
@@ -265,7 +265,7 @@ def test_a_path_ends_with_its_last_subscription_and_forms_again(ids):
             for number in range(2):
                 publisher.publish(String(data=str(number)))
                 subscription = two.create_subscription(STRING, TOPIC, qos=LATCHED)
-                assert (await subscription.take(10)).data == str(number)
+                assert (await subscription.take(60)).data == str(number)
                 assert router_names(everybody) == {"rt" + TOPIC}
                 subscription.close()
                 await until(lambda: not (router_names(everybody) | router_names(one) | router_names(two)))
@@ -290,7 +290,7 @@ def test_qos_across_the_border_is_that_of_the_source(ids):
             assert scan.qos.reliability is Reliability.BEST_EFFORT
             assert log.qos == latched
             late = two.create_subscription(STRING, "/global/a/log", qos=replace(latched, depth=100))
-            assert [(await late.take(5)).data for _ in range(5)] == ["4", "5", "6", "7", "8"]
+            assert [(await late.take(60)).data for _ in range(5)] == ["4", "5", "6", "7", "8"]
             reliable = two.create_subscription(STRING, "/global/a/scan")
             with pytest.raises(ReceiveTimeoutError):
                 await reliable.take(0.1)  # as without router: best effort does not satisfy it
@@ -339,7 +339,7 @@ def test_a_clash_of_frames_is_dropped_and_reported_and_the_rest_passes(ids, capl
             await local.wait_for_publishers()
             await outside.wait_for_subscriptions()
             outside.publish(transforms(("map", f"{me}/camera"), ("map", f"{me}/base")))
-            got = await local.take(5)
+            got = await local.take(60)
             assert [t.child_frame_id for t in got.transforms] == [f"{me}/base"]
             assert router.status.clashed == 1
 
@@ -382,7 +382,7 @@ def test_routers_that_come_and_go_leave_nothing(ids):
         async with fleet(ids) as (one, two, _):
             publisher = one.create_publisher(STRING, TOPIC, LATCHED)
             publisher.publish(String(data="x"))
-            assert (await two.create_subscription(STRING, TOPIC, qos=LATCHED).take(10)).data == "x"
+            assert (await two.create_subscription(STRING, TOPIC, qos=LATCHED).take(60)).data == "x"
 
     def resources():
         process = psutil.Process()
@@ -475,7 +475,7 @@ def test_at_a_terminal_it_says_which_paths_open_and_close(ids):
         ):
             one.create_publisher(STRING, TOPIC, LATCHED).publish(String(data="x"))
             subscription = everybody.create_subscription(STRING, TOPIC, qos=LATCHED)
-            await subscription.take(10)
+            await subscription.take(60)
             subscription.close()
             await until(lambda: f"outward rt{TOPIC}: closed" in said)
             os.kill(os.getpid(), signal.SIGTERM)

@@ -119,7 +119,7 @@ async def main():
     async with Crossing(2, 10_000, seed=0) as crossing:
         crossing._lines["reader0"].order(do="round", publisher="software", gateway=False, message_bytes=8,
                                          offset=0, order=["reader0"], woken=[])
-        await crossing._lines["reader0"].expect("armed", timeout_s=10)
+        await crossing._lines["reader0"].expect("armed", timeout_s=60)
         print(*crossing.pids.values(), flush=True)
         await asyncio.sleep(60)
 
@@ -134,6 +134,6 @@ def test_processes_end_when_their_parent_is_killed_in_the_middle_of_a_message():
         workers = [psutil.Process(pid) for pid in pids]
         parent.kill()
     assert len(workers) == 6
-    gone, alive = psutil.wait_procs(workers, timeout=10)
+    gone, alive = psutil.wait_procs(workers, timeout=60)
     assert not alive
     assert len(gone) == len(workers)

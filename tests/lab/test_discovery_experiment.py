@@ -232,14 +232,14 @@ def test_ros_nodes_of_two_agents_find_each_other_completely():
         agents = [await start("a"), await start("b")]
         try:
             for agent in agents:
-                await agent.expect("ready", timeout_s=20)
+                await agent.expect("ready", timeout_s=60)
             for agent in agents:
                 agent.order(do="start")
             for agent in agents:
-                found = await agent.expect("resolved", timeout_s=20)
+                found = await agent.expect("resolved", timeout_s=60)
                 assert found["endpoints"] == found["expected"] == 3 * 18
                 assert (found["participants"], found["announcements"]) == (3, 6)
-                await agent.expect("settled", timeout_s=20)
+                await agent.expect("settled", timeout_s=60)
         finally:
             await asyncio.gather(*(agent.close() for agent in agents))
 
@@ -259,7 +259,7 @@ def test_an_idle_component_is_loaded_before_it_starts_and_keeps_its_orders(tmp_p
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
     with subprocess.Popen(argv, **options, env=environment) as process:
         assert json.loads(process.stdout.readline()) == {"is": "idle"}
-        assert process.communicate("start\nfirst order\n", timeout=20)[0] == "told first order\n"
+        assert process.communicate("start\nfirst order\n", timeout=60)[0] == "told first order\n"
         assert process.returncode == 0
     done = subprocess.run(argv, input="", capture_output=True, text=True, env=environment, check=True)
     assert done.stdout == '{"is": "idle"}\n', "whoever is gone starts nothing"

@@ -11,7 +11,7 @@ import pytest
 from sfglab.lab.hosts import Network
 
 pytestmark = [pytest.mark.netns, pytest.mark.live]
-TIMEOUT_S = 20
+TIMEOUT_S = 60
 CONFIG = (
     "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='eth0'/></Interfaces>"
     "</General></Domain></CycloneDDS>"

@@ -35,7 +35,7 @@ def planner(tmp_path):
         yield made
 
 
-def until(planner, holds, timeout_s=10.0):
+def until(planner, holds, timeout_s=60):
     """Return what the editor says, as soon as it is truthy."""
     end = time.monotonic() + timeout_s
     while not (found := planner.call(holds)):

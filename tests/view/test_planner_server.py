@@ -112,7 +112,7 @@ def test_an_edit_touches_only_the_rows_and_nodes_that_it_concerns(planner):
 
 def test_conflicts_are_listed_and_lead_to_their_time_and_objects(planner):
     planner.call(lambda e: e.do(Rename(id=1, name="cat")))
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 60.0
     while not (buttons := planner.call(lambda _: planner._warnings._buttons)):
         assert time.monotonic() < end
         time.sleep(0.02)
@@ -163,7 +163,7 @@ def test_paths_by_speed_are_drawn_in_other_colours_and_back(planner):
 
 def test_playing_moves_the_time_and_ends_with_the_planner(planner):
     clicked(planner, planner._timeline._button)
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 60.0
     while planner.call(lambda e: e.time_s) == 0.0:
         assert time.monotonic() < end
         time.sleep(0.02)
@@ -210,7 +210,7 @@ def test_the_command_ends_at_ctrl_c_says_nothing_of_a_saved_scene_and_leaves_the
         try:
             assert "s.yaml: http://127.0.0.1:" in process.stdout.readline()
             process.send_signal(signal.SIGINT)
-            _, said = process.communicate(timeout=20)
+            _, said = process.communicate(timeout=60)
         finally:
             process.kill()
     assert (process.returncode, said) == (0, "")
@@ -242,7 +242,7 @@ def test_what_was_not_saved_at_ctrl_c_is_said_in_one_line_and_the_file_stays_as_
 def test_the_command_begins_a_scene_only_when_it_is_told_to(tmp_path):
     def refused(*arguments):
         command = [sys.executable, "-m", "sfglab", "plan", *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+        return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
 
     missing = refused(tmp_path / "none.yaml")
     assert missing.returncode == 1

@@ -40,7 +40,7 @@ def viewing(*arguments):
 def interrupted(process):
     """What it still says, and its status, after Ctrl-C."""
     process.send_signal(signal.SIGINT)
-    said, _ = process.communicate(timeout=10)
+    said, _ = process.communicate(timeout=60)
     return said.splitlines(), process.returncode
 
 
@@ -78,7 +78,7 @@ def test_a_log_is_served_until_ctrl_c(pytestconfig):
     log, port = pytestconfig.rootpath / "data/reference/cooperation.mcap", free_port()
     with viewing(log, "--topic", "/failure/robot1/pose", "--to", f"serve:{port}") as process:
         said = [process.stdout.readline(), process.stdout.readline()]
-        with closing(socket.create_connection(("127.0.0.1", port), timeout=5)):
+        with closing(socket.create_connection(("127.0.0.1", port), timeout=60)):
             pass
         rest, status = interrupted(process)
     assert said[1] == f"rerun rerun+http://127.0.0.1:{port}/proxy\n"
@@ -94,7 +94,7 @@ def test_live_it_shows_what_another_process_sends_until_ctrl_c_and_the_file_is_w
     async def beat_until_shown(process):
         async with Node("agent", domain_id=domain_id, interface="lo") as node:
             publisher = node.create_publisher(BEAT, "/global/agent_heartbeat")
-            await publisher.wait_for_subscriptions(1, timeout_s=10)
+            await publisher.wait_for_subscriptions(1, timeout_s=60)
             beat = default_message(BEAT)
             beat.agent, beat.period_s, beat.phase = "go2", 1.0, 1
             for _ in range(30):  # three of its ticks
@@ -171,7 +171,7 @@ def said(client, code, kind):
         if message["msg_type"] == kind:
             found.append(message["content"].get("text") or message["content"].get("data"))
 
-    client.execute_interactive(code, output_hook=hear, timeout=30)
+    client.execute_interactive(code, output_hook=hear, timeout=60)
     return found
 
 

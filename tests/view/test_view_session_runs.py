@@ -340,7 +340,7 @@ class Slow:
 
     def settle(self, size_bytes):
         if size_bytes:
-            assert self.go.wait(10)
+            assert self.go.wait(60)
 
 
 def test_silence_in_a_log_is_seen_when_it_begins_and_not_when_the_next_message_comes(paper):
@@ -459,7 +459,7 @@ def test_the_bridge_shows_what_is_published_and_follows_new_topics(paper, domain
                 session.remove(session.displays[0].id)
                 display = session.add(Pair, {"image": topic, "info": "/info"})
                 removed = session.offers({topic: IMAGE})[0].kind
-                async with asyncio.timeout(5):
+                async with asyncio.timeout(60):
                     while display.slot.counts.received == 0:
                         publisher.publish_raw(stamped(IMAGE, topic, 5, 5).cdr)
                         await asyncio.sleep(0.01)
@@ -474,7 +474,7 @@ async def shot(publisher, paper):
     image = default_message(IMAGE)
     image.encoding, image.height, image.width, image.step = "mono8", 2, 3, 3
     image.data = np.zeros(6, np.uint8)
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(60):
         while not paper.drawn:
             publisher.publish(image)
             await asyncio.sleep(0.01)
@@ -494,7 +494,7 @@ def test_a_topic_or_type_that_cannot_be_is_noted_at_its_display_and_others_go_on
             async with Bridge(node, session, paper):
                 publisher = node.create_publisher(STRING, "/words", SENSOR_DATA)
                 await publisher.wait_for_subscriptions(1)
-                async with asyncio.timeout(5):
+                async with asyncio.timeout(60):
                     while not paper.drawn:
                         publisher.publish_raw(said("word").cdr)
                         await asyncio.sleep(0.01)
@@ -520,14 +520,14 @@ def test_a_viewer_that_hangs_costs_pictures_and_nothing_else(paper, domain_id):
             async with Bridge(node, session, slow):
                 publisher = camera.create_publisher(STRING, "/words", SENSOR_DATA)
                 await publisher.wait_for_subscriptions(1)
-                async with asyncio.timeout(10):
+                async with asyncio.timeout(60):
                     while display.slot.counts.pushed_out < 50:
                         publisher.publish_raw(said("word").cdr)
-                        await asyncio.sleep(0)
+                        await asyncio.sleep(0.001)
                 assert display.slot.counts.waiting <= Word.queue
                 assert display.slot.counts.shown == 1
                 slow.go.set()
-                async with asyncio.timeout(10):
+                async with asyncio.timeout(60):
                     while display.slot.counts.waiting:
                         await asyncio.sleep(0.01)
         counts = display.slot.counts
@@ -548,7 +548,7 @@ def test_a_sink_that_breaks_ends_the_view_with_its_reason(paper, domain_id):
             session = Session()
             session.add("communication", "/global/agent_heartbeat")
             async with Bridge(node, session, Broken()) as bridge:
-                async with asyncio.timeout(5):
+                async with asyncio.timeout(60):
                     with pytest.raises(SinkError, match="the viewer is gone"):
                         await bridge.failed()
 
@@ -570,7 +570,7 @@ def test_an_interrupted_live_view_leaves_a_whole_file(tmp_path, domain_id, read_
             viewing = asyncio.create_task(
                 view_live(node, options, on_start=lambda s: (sessions.append(s), started.set()))
             )
-            await asyncio.wait_for(started.wait(), 10)
+            await asyncio.wait_for(started.wait(), 60)
             beat = default_message("sfglab_interfaces/msg/AgentHeartbeat")
             beat.agent, beat.period_s, beat.phase = "go2", 1.0, 1
             publisher = agent.create_publisher(
@@ -578,7 +578,7 @@ def test_an_interrupted_live_view_leaves_a_whole_file(tmp_path, domain_id, read_
             )
             await publisher.wait_for_subscriptions(1)
             (display,) = sessions[0].displays
-            async with asyncio.timeout(5):
+            async with asyncio.timeout(60):
                 while display.slot.counts.shown == 0:
                     publisher.publish(beat)
                     await asyncio.sleep(0.02)
