@@ -5,7 +5,6 @@ Used by every helper process of sfglab. Knows bytes and lines; refuses to know w
 
 from __future__ import annotations
 
-import asyncio
 import os
 import sys
 from typing import TYPE_CHECKING
@@ -24,6 +23,8 @@ def run(main: Coroutine[Any, Any, None]) -> None:
 
 async def standard_input_lines() -> AsyncIterator[bytes]:
     """Yield the lines of standard input until it ends, which it does when the parent is gone."""
+    import asyncio
+
     reader = asyncio.StreamReader()
     loop = asyncio.get_running_loop()
     transport, _ = await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import json
 import signal
@@ -233,6 +232,8 @@ async def _serve(
     trees: bool,
     duration: float | None,
 ) -> None:
+    import asyncio
+
     from sfglab.bus import Node
     from sfglab.spatial.mocap import BridgeOptions, MocapBridge, status_topic
 
@@ -291,6 +292,8 @@ def _object_line(status: MocapObjectStatus) -> str:
 
 
 async def _listen(buffer: FrameBuffer, options: dict[str, Any], seconds: float) -> None:
+    import asyncio
+
     from sfglab.bus import Node
     from sfglab.spatial.frames import FramesListener
 

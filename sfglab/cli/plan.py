@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import signal
 import sys
 from pathlib import Path
@@ -179,6 +178,8 @@ def _setup(agent: str, scene: Path | None, *, preempt: bool) -> AgentSetup:
 
 
 async def _serve(agent: str, setup: AgentSetup, action: str, address: dict[str, Any]) -> None:
+    import asyncio
+
     from sfglab.bus import Node
     from sfglab.spatial.execution import TrajectoryServer
 
@@ -194,6 +195,8 @@ async def _serve(agent: str, setup: AgentSetup, action: str, address: dict[str, 
 
 
 async def _send_all(orders: Callable[[int], tuple[Order, ...]], action: str, address: dict[str, Any]) -> int:
+    import asyncio
+
     from sfglab.bus import Node
     from sfglab.spatial.execution import FOLLOW_TRAJECTORY
 
