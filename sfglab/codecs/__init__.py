@@ -10,12 +10,6 @@ from sfglab.codecs.carriers import (
     COMPRESSED_IMAGE,
     COMPRESSED_VIDEO,
     FFMPEG_PACKET,
-    CompressedImageFields,
-    CompressedVideoFields,
-    DecodedImage,
-    FfmpegEncoding,
-    FfmpegPacketFields,
-    ImageDecoder,
     compressed_depth_fields,
     compressed_image_fields,
     compressed_video_fields,
@@ -25,7 +19,7 @@ from sfglab.codecs.carriers import (
 )
 from sfglab.codecs.depth import DepthFormat, decode_depth, encode_depth, parse_depth_format
 from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, CodecUnavailableError
-from sfglab.codecs.h264 import DecoderState, H264Decoder, H264Encoder, VideoDecoder
+from sfglab.codecs.h264 import DecoderState, H264Decoder, H264Encoder
 from sfglab.codecs.libav import TABLE_2, EncodedFrame, H264Settings
 from sfglab.codecs.probe import CodecProbe, available_decoders, available_encoders
 
@@ -39,19 +33,12 @@ __all__ = [
     "CodecError",
     "CodecProbe",
     "CodecUnavailableError",
-    "CompressedImageFields",
-    "CompressedVideoFields",
-    "DecodedImage",
     "DecoderState",
     "DepthFormat",
     "EncodedFrame",
-    "FfmpegEncoding",
-    "FfmpegPacketFields",
     "H264Decoder",
     "H264Encoder",
     "H264Settings",
-    "ImageDecoder",
-    "VideoDecoder",
     "available_decoders",
     "available_encoders",
     "compressed_depth_fields",

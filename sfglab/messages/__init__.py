@@ -15,21 +15,17 @@ from sfglab.messages.cdr import (
     serialize_into,
     serialized_size,
 )
-from sfglab.messages.rows import RowTypeError, row_message, row_type
+from sfglab.messages.rows import row_message, row_type
 from sfglab.messages.services import (
     ActionType,
     ServiceFrame,
-    ServiceFrameError,
     action_type,
     frame_service,
     register_action,
     unframe_service,
 )
 from sfglab.messages.store import (
-    ActionTextError,
-    ServiceType,
-    StampError,
-    TypeConflictError,
+    MessageError,
     TypeNameError,
     UnknownTypeError,
     dds_type_name,
@@ -45,15 +41,10 @@ from sfglab.messages.store import (
 )
 
 __all__ = [
-    "ActionTextError",
     "ActionType",
     "CdrError",
-    "RowTypeError",
+    "MessageError",
     "ServiceFrame",
-    "ServiceFrameError",
-    "ServiceType",
-    "StampError",
-    "TypeConflictError",
     "TypeNameError",
     "UnknownTypeError",
     "action_type",

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.errors import SfglabError
 from sfglab.messages.flat import flat_reader
-from sfglab.messages.store import numpy_dtype, parse_definition, type_name, type_store
+from sfglab.messages.store import MessageError, numpy_dtype, parse_definition, type_name, type_store
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,7 +29,7 @@ _NUMBERS: Any = (*_WHOLE, float, np.floating)
 _ALIGNMENT = 4  # Cyclone DDS takes nothing whose length is not a multiple
 
 
-class CdrError(SfglabError, ValueError):
+class CdrError(MessageError):
     """Bytes that are not a message of the type, or a message that cannot become bytes.
 
     Attributes:

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfglab.errors import SfglabError
 from sfglab.fields import field_docs
-from sfglab.messages.store import numpy_dtype, register
+from sfglab.messages.store import MessageError, numpy_dtype, register
 
 _PACKAGE = "sfglab_rows"
 _SCALARS = {bool: "bool", int: "int64", float: "float64", str: "string"}
@@ -28,18 +27,6 @@ _FIELD_NAME = re.compile(r"[a-z](?:_?[a-z0-9]+)*")
 # Annotations may name these although the module imports them for type checkers only.
 _KNOWN = {"np": np, "NDArray": NDArray, "Sequence": Sequence}
 _types: dict[type[Any], tuple[type[Any], dict[str, str]]] = {}
-
-
-class RowTypeError(SfglabError, TypeError):
-    """A class or a value that cannot become a row of a table.
-
-    Attributes:
-        place: The class, or the class and the field.
-    """
-
-    def __init__(self, place: str, reason: str) -> None:
-        self.place = place
-        super().__init__(f"{place}: {reason}")
 
 
 def _is_text_enum(hint: Any) -> bool:
@@ -61,10 +48,9 @@ def _field_type(hint: Any, place: str) -> str:
         dtype = np.dtype(dtypes[0]) if isinstance(dtypes[0], type) else None
         if dtype is not None and dtype.kind in _ARRAY_KINDS and dtype.itemsize <= 8:
             return f"{dtype.name}[]"
-    raise RowTypeError(
-        place,
-        f"given {hint}, allowed are int, float, bool, str, enums of text, list[...] and tuple[..., ...] of "
-        "these, and NDArray of numbers; use NaN or an empty value instead of None",
+    raise MessageError(
+        f"{place}: given {hint}, allowed are int, float, bool, str, text enums, list[...] and tuple[..., ...]"
+        " of these, and NDArray of numbers; use NaN or an empty value instead of None"
     )
 
 
@@ -72,19 +58,19 @@ def _fields(row_class: type[Any]) -> dict[str, str]:
     """Return the words of the interface language for each field, by name."""
     name = row_class.__name__
     if not (dataclasses.is_dataclass(row_class) and _CLASS_NAME.fullmatch(name)):
-        raise RowTypeError(name, "given this class, allowed are dataclasses with a CamelCase name")
+        raise MessageError(f"{name}: given this class, allowed are dataclasses with a CamelCase name")
     try:
         hints = typing.get_type_hints(row_class, localns=_KNOWN)
     except NameError as exc:
-        raise RowTypeError(name, f"{exc}: annotations must be importable at run time") from exc
+        raise MessageError(f"{name}: {exc}: annotations must be importable at run time") from exc
     fields = {}
     for field in dataclasses.fields(row_class):
         place = f"{name}.{field.name}"
         if not _FIELD_NAME.fullmatch(field.name):
-            raise RowTypeError(place, "allowed are names_like_this, with single underscores")
+            raise MessageError(f"{place}: allowed are names_like_this, with single underscores")
         fields[field.name] = _field_type(hints[field.name], place)
     if not fields:
-        raise RowTypeError(name, "a row needs at least one field")
+        raise MessageError(f"{name}: a row needs at least one field")
     return fields
 
 
@@ -110,8 +96,8 @@ def row_type(row_class: type[Any]) -> type[Any]:
         The type `sfglab_rows/msg/<ClassName>`, in the order of the fields.
 
     Raises:
-        RowTypeError: A field is of another type, or a name is not allowed in a message.
-        TypeConflictError: Another row class of that name has other fields.
+        MessageError: A field is of another type, or a name is not allowed in a message.
+        MessageError: Another row class of that name has other fields.
     """
     return _registered(row_class)[0]
 
@@ -141,8 +127,8 @@ def row_message(row: Any) -> Any:
         The message, ready for `serialize`.
 
     Raises:
-        RowTypeError: As for `row_type`, or a value is None or an array of another kind.
-        TypeConflictError: As for `row_type`.
+        MessageError: As for `row_type`, or a value is None or an array of another kind.
+        MessageError: As for `row_type`.
     """
     message, fields = _registered(type(row))
     values = {}
@@ -151,7 +137,6 @@ def row_message(row: Any) -> Any:
         try:
             values[name] = _value(value, word)
         except TypeError as exc:
-            raise RowTypeError(
-                f"{type(row).__name__}.{name}", f"given {value!r}, allowed is {word}: {exc}"
-            ) from exc
+            place = f"{type(row).__name__}.{name}"
+            raise MessageError(f"{place}: given {value!r}, allowed is {word}: {exc}") from exc
     return message(**values)

@@ -11,8 +11,8 @@ import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sfglab.errors import SfglabError
 from sfglab.messages.store import (
+    MessageError,
     UnknownTypeError,
     action_texts,
     message_type,
@@ -29,33 +29,12 @@ _ENCAPSULATION_BYTES = 4
 _FRAME = {0: struct.Struct(">Qq"), 1: struct.Struct("<Qq")}  # by the second octet of the encapsulation
 
 
-class ServiceFrameError(SfglabError, ValueError):
-    """Bytes that carry no service header.
-
-    Attributes:
-        size_bytes: Length of what was given.
-    """
-
-    def __init__(self, size_bytes: int) -> None:
-        self.size_bytes = size_bytes
-        super().__init__(
-            f"service frame: given {size_bytes} bytes, allowed are CDR bytes with a header of 16: "
-            "does the peer run rmw_cyclonedds?"
-        )
-
-
 class ServiceFrame(NamedTuple):
-    """One request or reply, taken apart.
+    """One request or reply, taken apart."""
 
-    Attributes:
-        client_guid: Which client asked; a reply repeats it.
-        sequence: Which of its requests; a reply repeats it.
-        cdr: The request or response alone, as `deserialize` takes it.
-    """
-
-    client_guid: int
-    sequence: int
-    cdr: bytes
+    client_guid: int  #: Which client asked; a reply repeats it.
+    sequence: int  #: Which of its requests; a reply repeats it.
+    cdr: bytes  #: The request or response alone, as `deserialize` takes it.
 
 
 def frame_service(frame: ServiceFrame) -> bytes:
@@ -81,12 +60,15 @@ def unframe_service(data: bytes) -> ServiceFrame:
         The two numbers and the plain CDR.
 
     Raises:
-        ServiceFrameError: Too short, or not CDR.
+        MessageError: Too short, or not CDR.
     """
     start = _ENCAPSULATION_BYTES
     end = start + _FRAME[1].size
     if len(data) < end or data[0] != 0 or data[1] not in _FRAME:
-        raise ServiceFrameError(len(data))
+        raise MessageError(
+            f"service frame: given {len(data)} bytes, allowed are CDR bytes with a header of 16: "
+            "does the peer run rmw_cyclonedds?"
+        )
     client_guid, sequence = _FRAME[data[1]].unpack_from(data, start)
     return ServiceFrame(client_guid, sequence, data[:start] + data[end:])
 
@@ -142,8 +124,8 @@ def register_action(name: str, text: str) -> ActionType:
         The action's types.
 
     Raises:
-        ActionTextError: The text has not three parts.
-        TypeConflictError: The name belongs to an action with other fields.
+        MessageError: The text has not three parts.
+        MessageError: The name belongs to an action with other fields.
     """
     for part, definition in action_texts(name, text).items():
         register(part, definition)

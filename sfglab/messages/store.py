@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.errors import SfglabError
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -29,6 +30,10 @@ _RULE = "=" * 80
 _FOLDER = re.compile("/(?:srv|action)/")
 _sources: dict[str, str] = {}
 _lock = threading.RLock()
+
+
+class MessageError(SfglabError, ValueError):
+    """A definition, a value or bytes from which no message can be made."""
 
 
 class UnknownTypeError(SfglabError, LookupError):
@@ -44,18 +49,6 @@ class UnknownTypeError(SfglabError, LookupError):
         self.near = near
         hint = f"did you mean {', '.join(near)}?" if near else "names look like std_msgs/msg/String"
         super().__init__(f"message type {name!r} is unknown: {hint}")
-
-
-class TypeConflictError(SfglabError, ValueError):
-    """A type is to be registered under the name of another one.
-
-    Attributes:
-        name: The name in question.
-    """
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        super().__init__(f"{name} is already registered with other fields: choose another name")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,14 +131,14 @@ def register(name: str, text: str) -> type[Any]:
         The type.
 
     Raises:
-        TypeConflictError: The name belongs to a type with other fields.
+        MessageError: The name belongs to a type with other fields.
     """
     with _lock:
         store = type_store()
         parsed = parse_definition(name, text)
         if name in store.fielddefs:
             if store.fielddefs[name] != parsed[name]:
-                raise TypeConflictError(name)
+                raise MessageError(f"{name} is already registered with other fields: choose another name")
         else:
             store.register(parsed)
             _sources[name] = text
@@ -316,20 +309,6 @@ _ACTION_WRAPPERS = {
 }
 
 
-class ActionTextError(SfglabError, ValueError):
-    """A text that does not define an action.
-
-    Attributes:
-        name: The action's name.
-        parts: How many parts the text has.
-    """
-
-    def __init__(self, name: str, *, parts: int) -> None:
-        self.name = name
-        self.parts = parts
-        super().__init__(f"action {name!r}: given {parts} part(s), allowed are 3 with lines of `---` between")
-
-
 def action_texts(name: str, text: str) -> dict[str, str]:
     """Return the message texts of an action: its three parts, and what carries them to and fro.
 
@@ -342,11 +321,13 @@ def action_texts(name: str, text: str) -> dict[str, str]:
         design (design.ros2.org, "Actions") as rosidl_parser adds them.
 
     Raises:
-        ActionTextError: It has another number of parts.
+        MessageError: It has another number of parts.
     """
     parts = _ACTION_RULE.split(text)
     if len(parts) != len(_ACTION_PARTS):
-        raise ActionTextError(name, parts=len(parts))
+        raise MessageError(
+            f"action {name!r}: given {len(parts)} part(s), allowed are 3 with lines of `---` between"
+        )
     texts = {f"{name}_{kind}": part.strip("\n") for kind, part in zip(_ACTION_PARTS, parts, strict=True)}
     return texts | {f"{name}_{kind}": wrapper.format(name=name) for kind, wrapper in _ACTION_WRAPPERS.items()}
 
@@ -358,16 +339,8 @@ _ROS = re.compile(rf"(?P<package>{_PACKAGE})/(?P<kind>msg|srv|action)/(?P<name>{
 _DDS = re.compile(rf"(?P<package>{_PACKAGE})::(?P<kind>msg|srv|action)::dds_::(?P<name>{_NAME})_")
 
 
-class TypeNameError(SfglabError, ValueError):
-    """Text that is not the name of a type in the expected form.
-
-    Attributes:
-        name: What was given.
-    """
-
-    def __init__(self, name: str, *, expected: str) -> None:
-        self.name = name
-        super().__init__(f"type name: given {name!r}, allowed is the form {expected!r}")
+class TypeNameError(MessageError):
+    """Text that is not the name of a type in the expected form."""
 
 
 def dds_type_name(name: str) -> str:
@@ -383,7 +356,7 @@ def dds_type_name(name: str) -> str:
         TypeNameError: The name has another form.
     """
     if not (match := _ROS.fullmatch(name)):
-        raise TypeNameError(name, expected="package/msg/Name")
+        raise TypeNameError(f"type name: given {name!r}, allowed is the form 'package/msg/Name'")
     return "{package}::{kind}::dds_::{name}_".format_map(match.groupdict())
 
 
@@ -400,26 +373,11 @@ def ros_type_name(name: str) -> str:
         TypeNameError: No ROS 2 type is announced under such a name.
     """
     if not (match := _DDS.fullmatch(name)):
-        raise TypeNameError(name, expected="package::msg::dds_::Name_")
+        raise TypeNameError(f"type name: given {name!r}, allowed is the form 'package::msg::dds_::Name_'")
     return "{package}/{kind}/{name}".format_map(match.groupdict())
 
 
-_NS_PER_S = 1_000_000_000
 _SECONDS = range(-(2**31), 2**31)
-
-
-class StampError(SfglabError, ValueError):
-    """A time that `builtin_interfaces/msg/Time` cannot hold.
-
-    Attributes:
-        stamp_ns: What was given, in nanoseconds.
-    """
-
-    def __init__(self, stamp_ns: int) -> None:
-        self.stamp_ns = stamp_ns
-        super().__init__(
-            f"stamp: given {stamp_ns} ns, allowed are {_SECONDS.start} to {_SECONDS.stop} s (int32)"
-        )
 
 
 def stamp_from_ns(stamp_ns: int) -> Any:
@@ -432,11 +390,13 @@ def stamp_from_ns(stamp_ns: int) -> Any:
         The stamp, exact to the nanosecond.
 
     Raises:
-        StampError: The seconds do not fit into 32 bits.
+        MessageError: The seconds do not fit into 32 bits.
     """
-    sec, nanosec = divmod(int(stamp_ns), _NS_PER_S)
+    sec, nanosec = divmod(int(stamp_ns), NS_PER_S)
     if sec not in _SECONDS:
-        raise StampError(stamp_ns)
+        raise MessageError(
+            f"stamp: given {stamp_ns} ns, allowed are {_SECONDS.start} to {_SECONDS.stop} s (int32)"
+        )
     return message_type("builtin_interfaces/msg/Time")(sec=sec, nanosec=nanosec)
 
 
@@ -449,4 +409,4 @@ def ns_from_stamp(stamp: Any) -> int:
     Returns:
         Nanoseconds, exact.
     """
-    return int(stamp.sec) * _NS_PER_S + int(stamp.nanosec)
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)

@@ -22,7 +22,6 @@ from sfglab.names.agent import (
     validate_agent,
 )
 from sfglab.names.dds import (
-    ActionNames,
     DdsRole,
     WireName,
     dds_action,
@@ -32,19 +31,7 @@ from sfglab.names.dds import (
     ros_name_from_dds,
     router_hazards,
 )
-from sfglab.names.fqn import (
-    ComponentSegment,
-    ResourceSegment,
-    RosFqn,
-    RosFqnBuilder,
-    SchemaEdge,
-    SchemaNode,
-    SchemaTable,
-    StreamSegment,
-    all_standard_fqns,
-    parse,
-    schema_table,
-)
+from sfglab.names.fqn import RosFqn, RosFqnBuilder, SchemaNode, all_standard_fqns, parse, schema_table
 from sfglab.names.grammar import (
     TF,
     TF_STATIC,
@@ -61,24 +48,18 @@ __all__ = [
     "SHARED_FRAMES",
     "TF",
     "TF_STATIC",
-    "ActionNames",
     "After",
     "Component",
-    "ComponentSegment",
     "Custom",
     "DdsRole",
     "FqnError",
     "Resource",
     "ResourceKind",
-    "ResourceSegment",
     "RosFqn",
     "RosFqnBuilder",
-    "SchemaEdge",
     "SchemaNode",
-    "SchemaTable",
     "Scope",
     "Stream",
-    "StreamSegment",
     "Suffixed",
     "WireName",
     "all_standard_fqns",

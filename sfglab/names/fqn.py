@@ -16,9 +16,9 @@ domain border; that is Table 1, and `sfglab.fleet`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from sfglab.names.agent import default_agent, validate_agent
 from sfglab.names.dds import dds_names, router_breaks
@@ -36,7 +36,7 @@ from sfglab.names.vocabulary import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
 
 ComponentSegment: TypeAlias = Component | Suffixed[Component] | Custom
@@ -218,69 +218,43 @@ def _check_routable(fqn: RosFqn) -> None:
             raise FqnError(label, text, allowed)
 
 
-_T = TypeVar("_T", Component, Stream, Resource)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Parts:
-    scope: Scope | None = None
-    agent: str | None = None
-    has_agent: bool = True
-    component: ComponentSegment | None = None
-    stream: StreamSegment | None = None
-    resource: ResourceSegment | None = None
-
-
 class RosFqnBuilder:
     """Collects the segments of one name, in any order; a later call replaces an earlier one.
 
-    Immutable: every method returns a new builder, so a common beginning can be kept and continued more than
-    once. An agent that is neither given nor excluded is this host's, as `default_agent` says.
+    The builder of paper A, section 4.1: names from enumerations, not from joined strings. Immutable: every
+    method returns a new builder, so a common beginning can be kept and continued more than once. An agent that
+    is neither given nor excluded is this host's, as `default_agent` says. Component, stream and resource take a
+    suffix, as in `Component.CAMERA, "front"` or `Stream.INFRA, "1"`; a wrong one raises `FqnError`.
     """
 
-    __slots__ = ("_parts",)
+    __slots__ = ("_segments",)
 
     def __init__(self) -> None:
-        self._parts = _Parts()
+        self._segments: Mapping[str, Any] = {}
 
     def scope(self, scope: Scope) -> RosFqnBuilder:
         """Return a builder with this scope."""
-        return _continued(replace(self._parts, scope=scope))
+        return self._with("scope", scope)
 
     def agent(self, agent: str) -> RosFqnBuilder:
         """Return a builder with this agent instead of the default one."""
-        return _continued(replace(self._parts, agent=agent, has_agent=True))
+        return self._with("agent", agent)
 
     def without_agent(self) -> RosFqnBuilder:
         """Return a builder for a name without agent, such as `/global/agent_heartbeat`."""
-        return _continued(replace(self._parts, agent=None, has_agent=False))
+        return self._with("agent", None)
 
     def component(self, component: ComponentSegment, suffix: str | None = None) -> RosFqnBuilder:
-        """Return a builder with this component, for example `Component.CAMERA, "front"`.
-
-        Raises:
-            FqnError: If the suffix is not allowed.
-        """
-        segment = component if suffix is None else _suffixed("component", component, suffix)
-        return _continued(replace(self._parts, component=segment))
+        """Return a builder with this component."""
+        return self._with("component", component, suffix)
 
     def stream(self, stream: StreamSegment, suffix: str | None = None) -> RosFqnBuilder:
-        """Return a builder with this data stream, for example `Stream.INFRA, "1"`.
-
-        Raises:
-            FqnError: If the suffix is not allowed.
-        """
-        segment = stream if suffix is None else _suffixed("stream", stream, suffix)
-        return _continued(replace(self._parts, stream=segment))
+        """Return a builder with this data stream."""
+        return self._with("stream", stream, suffix)
 
     def resource(self, resource: ResourceSegment, suffix: str | None = None) -> RosFqnBuilder:
-        """Return a builder with this resource.
-
-        Raises:
-            FqnError: If the suffix is not allowed.
-        """
-        segment = resource if suffix is None else _suffixed("resource", resource, suffix)
-        return _continued(replace(self._parts, resource=segment))
+        """Return a builder with this resource."""
+        return self._with("resource", resource, suffix)
 
     def build(self) -> RosFqn:
         """Return the name.
@@ -290,31 +264,22 @@ class RosFqnBuilder:
         Raises:
             FqnError: Naming the segment that is missing or not allowed.
         """
-        parts = self._parts
-        if parts.scope is None:
+        if "scope" not in self._segments:
             raise FqnError("scope", None, "Scope.LOCAL or Scope.GLOBAL; it is mandatory")
-        if parts.resource is None:
+        if "resource" not in self._segments:
             raise FqnError("resource", None, "a Resource, one with a suffix, or Custom; it is mandatory")
-        agent = default_agent() if parts.has_agent and parts.agent is None else parts.agent
-        return RosFqn(
-            scope=parts.scope,
-            agent=agent,
-            component=parts.component,
-            stream=parts.stream,
-            resource=parts.resource,
-        )
+        agent: dict[str, Any] = {} if "agent" in self._segments else {"agent": default_agent()}
+        return RosFqn(**agent, **self._segments)
 
-
-def _continued(parts: _Parts) -> RosFqnBuilder:
-    builder = RosFqnBuilder()
-    builder._parts = parts  # noqa: SLF001 - a second constructor of the same class
-    return builder
-
-
-def _suffixed(label: str, value: _T | Suffixed[_T] | Custom, suffix: str) -> Suffixed[_T]:
-    if isinstance(value, (Component, Stream, Resource)):
-        return value.suffixed(suffix)
-    raise FqnError(label, value, "a suffix only on a standard value that has none yet; write it into Custom")
+    def _with(self, label: str, value: Any, suffix: str | None = None) -> RosFqnBuilder:
+        if suffix is not None:
+            if not isinstance(value, (Component, Stream, Resource)):
+                allowed = "a suffix only on a standard value that has none yet; write it into Custom"
+                raise FqnError(label, value, allowed)
+            value = value.suffixed(suffix)
+        builder = RosFqnBuilder()
+        builder._segments = {**self._segments, label: value}
+        return builder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from enum import Enum
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
 
 TF = "/tf"
 """The transform topic: routed by Table 1 of paper A, but outside the schema."""
@@ -37,24 +37,12 @@ _WORDS_RULE = (
 )
 
 
-class FqnError(SfglabError, ValueError):
+class FqnError(InvalidValueError):
     """A name, or one segment of it, that the rules do not allow.
 
-    Attributes:
-        segment: What is wrong: scope, agent, component, stream, resource, suffix, custom, namespace, node, or
-            name for the whole.
-        given: The offending text.
-        allowed: What is allowed in its place, with the reason.
+    Its place is what is wrong: scope, agent, component, stream, resource, suffix, custom, namespace, node, or
+    name for the whole.
     """
-
-    def __init__(self, segment: str, given: object, allowed: str) -> None:
-        self.segment = segment
-        self.given = given
-        self.allowed = allowed
-        super().__init__(segment, given, allowed)  # all arguments, so that the error survives pickling
-
-    def __str__(self) -> str:
-        return f"{self.segment}: given {self.given!r}, allowed: {self.allowed}"
 
 
 class ResourceKind(Enum):

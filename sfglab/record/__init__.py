@@ -6,17 +6,13 @@ as rows of tables, configuration and versions as metadata.
 
 from __future__ import annotations
 
-from sfglab.record.metadata import (
-    LogError,
-    run_context,
-)
-from sfglab.record.reader import DecodedMessage, LogMessage, LogReader, TopicInfo
+from sfglab.record.metadata import LogError, run_context
+from sfglab.record.reader import DecodedMessage, LogReader, TopicInfo
 from sfglab.record.writer import LogWriter
 
 __all__ = [
     "DecodedMessage",
     "LogError",
-    "LogMessage",
     "LogReader",
     "LogWriter",
     "TopicInfo",

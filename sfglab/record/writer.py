@@ -167,7 +167,7 @@ class LogWriter:
             log_time_ns: When it was measured, in nanoseconds of the run's clock; not negative.
 
         Raises:
-            RowTypeError: The row has a field that no message can hold.
+            MessageError: The row has a field that no message can hold.
             LogError: The name is not allowed, the table has rows of another class, or the time is out of
                 range.
             LogError: The log is closed.

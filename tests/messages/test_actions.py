@@ -7,8 +7,7 @@ import pytest
 from rosbags.typesys import get_types_from_msg
 
 from sfglab.messages import (
-    ActionTextError,
-    TypeConflictError,
+    MessageError,
     UnknownTypeError,
     action_type,
     default_message,
@@ -91,13 +90,13 @@ def test_a_definition_holds_the_part_that_is_wrapped():
 
 def test_registering_again_is_harmless_and_another_text_a_conflict():
     assert register_action(COUNT, TEXT) == register_action(COUNT, TEXT)
-    with pytest.raises(TypeConflictError, match="Count_Goal"):
+    with pytest.raises(MessageError, match="Count_Goal"):
         register_action(COUNT, TEXT.replace("until", "to"))
 
 
 @pytest.mark.parametrize("text", ["", "int32 a\n---\nint32 b\n", "---\n---\n---\n"])
 def test_a_text_without_three_parts_is_refused_with_their_number(text):
-    with pytest.raises(ActionTextError, match=rf"'a/action/B'.*given {text.count('---') + 1} part"):
+    with pytest.raises(MessageError, match=rf"'a/action/B'.*given {text.count('---') + 1} part"):
         register_action("a/action/B", text)
 
 

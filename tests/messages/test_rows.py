@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from sfglab.messages import (
-    RowTypeError,
-    TypeConflictError,
+    MessageError,
     definition,
     deserialize,
     row_message,
@@ -92,7 +91,7 @@ def test_numpy_scalars_and_strided_arrays_are_values_too():
     ],
 )
 def test_values_that_would_be_bent_are_refused(field, value, complaint):
-    with pytest.raises(RowTypeError, match=complaint):
+    with pytest.raises(MessageError, match=complaint):
         row_message(row(**{field: value}))
 
 
@@ -112,23 +111,23 @@ def local_class(name, **annotations):
     ],
 )
 def test_fields_that_no_message_can_hold_are_named(annotation, complaint):
-    with pytest.raises(RowTypeError, match=complaint):
+    with pytest.raises(MessageError, match=complaint):
         row_type(local_class("BadRow", value=annotation))
 
 
 def test_names_that_no_message_can_have_are_refused():
     for field in ("Big", "two__lines", "end_"):
-        with pytest.raises(RowTypeError, match=f"BadRow.{field}"):
+        with pytest.raises(MessageError, match=f"BadRow.{field}"):
             row_type(local_class("BadRow", **{field: int}))
     for row_class in (local_class("lower", x=int), int):
-        with pytest.raises(RowTypeError, match="CamelCase"):
+        with pytest.raises(MessageError, match="CamelCase"):
             row_type(row_class)
-    with pytest.raises(RowTypeError, match="at least one field"):
+    with pytest.raises(MessageError, match="at least one field"):
         row_type(local_class("EmptyRow"))
 
 
 def test_a_class_of_the_same_name_must_have_the_same_fields():
     first = row_type(local_class("SameRow", x=int))
     assert row_type(local_class("SameRow", x=int)) is first
-    with pytest.raises(TypeConflictError, match="sfglab_rows/msg/SameRow"):
+    with pytest.raises(MessageError, match="sfglab_rows/msg/SameRow"):
         row_type(local_class("SameRow", x=float))

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.messages import (
+    MessageError,
     ServiceFrame,
-    ServiceFrameError,
     default_message,
     frame_service,
     serialize,
@@ -34,6 +34,5 @@ def test_a_big_endian_frame_is_read():
 
 @pytest.mark.parametrize("data", [b"", bytes(19), b"\0\6\0\0" + bytes(16), b"\1\1\0\0" + bytes(16)])
 def test_what_has_no_header_is_refused(data):
-    with pytest.raises(ServiceFrameError, match="rmw_cyclonedds") as error:
+    with pytest.raises(MessageError, match="rmw_cyclonedds"):
         unframe_service(data)
-    assert error.value.size_bytes == len(data)

@@ -28,9 +28,8 @@ def test_every_type_of_the_store_comes_back_from_its_dds_name():
     "name", ["std_msgs/String", "String", "", "std_msgs/msg/String_", "a/b/msg/C", "9a/msg/B"]
 )
 def test_other_forms_are_no_ros_names(name):
-    with pytest.raises(TypeNameError, match="package/msg/Name") as error:
+    with pytest.raises(TypeNameError, match="package/msg/Name"):
         dds_type_name(name)
-    assert error.value.name == name
 
 
 @pytest.mark.parametrize("name", ["std_msgs::msg::String", "DDS::Time", "std_msgs::msg::dds_::String", "bool"])

@@ -42,7 +42,7 @@ def test_host_names_become_lower_case_words(hostname, agent):
 def test_a_host_name_that_leaves_nothing_is_refused(hostname):
     with pytest.raises(FqnError, match=AGENT_VARIABLE) as caught:
         sanitize_agent(hostname)
-    assert (caught.value.segment, caught.value.given) == ("agent", hostname)
+    assert (caught.value.place, caught.value.given) == ("agent", hostname)
 
 
 @pytest.mark.parametrize("hostname", ["Camera-Front.local", "torq", "base-station"])
@@ -56,7 +56,7 @@ def test_sanitising_gives_a_valid_agent_or_an_fqn_error_and_is_idempotent(hostna
     try:
         agent = sanitize_agent(hostname)
     except FqnError as error:
-        agent, segment = None, error.segment
+        agent, segment = None, error.place
     if agent is None:
         assert segment == "agent"
     else:
@@ -72,7 +72,7 @@ def test_the_variable_goes_before_the_host_name():
 def test_an_invalid_variable_is_an_error_and_never_changed(given_name):
     with pytest.raises(FqnError, match=f"comes from {AGENT_VARIABLE}") as caught:
         default_agent({AGENT_VARIABLE: given_name}, hostname="go2")
-    assert (caught.value.segment, caught.value.given) == ("agent", given_name)
+    assert (caught.value.place, caught.value.given) == ("agent", given_name)
 
 
 def test_by_default_the_environment_and_the_operating_system_are_asked(monkeypatch):
@@ -101,13 +101,13 @@ def test_by_default_the_environment_and_the_operating_system_are_asked(monkeypat
 def test_an_agent_that_reads_as_another_segment_is_refused(agent):
     with pytest.raises(FqnError, match="mistaken") as caught:
         validate_agent(agent)
-    assert caught.value.segment == "agent"
+    assert caught.value.place == "agent"
 
 
 def test_a_name_whose_agent_was_forgotten_is_found():
     with pytest.raises(FqnError, match=r"mistaken for Component\.CAMERA") as caught:
         parse("/global/camera_front/color/ffmpeg")
-    assert caught.value.segment == "agent"
+    assert caught.value.place == "agent"
 
 
 @pytest.mark.parametrize("agent", ["torq", "carr", "rq", "xRequest", "theReplyBot"])

@@ -80,7 +80,7 @@ def test_no_two_suffixed_values_of_a_set_are_written_alike(a, b, first, second):
 def test_suffixes_with_other_characters_are_refused(suffix):
     with pytest.raises(FqnError, match="component suffix") as caught:
         Component.CAMERA.suffixed(suffix)
-    assert caught.value.segment == "suffix"
+    assert caught.value.place == "suffix"
 
 
 def test_a_suffix_that_spells_another_standard_value_is_refused():
@@ -96,7 +96,7 @@ def test_a_suffix_that_spells_another_standard_value_is_refused():
 def test_digits_behind_an_underscore_are_refused_with_the_right_spelling():
     with pytest.raises(FqnError, match="'camera1'") as caught:
         read_standard(Component, "camera_1")
-    assert caught.value.segment == "component"
+    assert caught.value.place == "component"
 
 
 @pytest.mark.parametrize("text", ["cameras", "mast", "arm64x", "my_camera", "infra1_left"])
@@ -108,7 +108,7 @@ def test_what_only_resembles_a_standard_value_is_none(text):
 def test_custom_takes_only_words_of_a_ros_name(text):
     with pytest.raises(FqnError, match="words") as caught:
         Custom(text)
-    assert (caught.value.segment, caught.value.given) == ("custom", text)
+    assert (caught.value.place, caught.value.given) == ("custom", text)
 
 
 def test_custom_resources_may_follow_everything_and_are_topics_unless_said_otherwise():

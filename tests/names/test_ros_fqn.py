@@ -167,8 +167,8 @@ def test_any_text_parses_and_rebuilds_the_same_or_is_an_error_that_names_a_segme
     if error is None:
         assert str(parse(name)) == name
     else:
-        assert error.segment in SEGMENTS
-        assert str(error).startswith(error.segment)
+        assert error.place in SEGMENTS
+        assert str(error).startswith(error.place)
         assert error.allowed
 
 
@@ -178,7 +178,7 @@ def test_what_parses_as_a_kind_is_of_that_kind(name, kind):
     if error is None:
         assert parse(name, kind=kind).kind is kind
     else:
-        assert error.segment in SEGMENTS
+        assert error.place in SEGMENTS
 
 
 @settings(max_examples=300)
@@ -207,7 +207,7 @@ def test_a_segment_that_a_router_breaks_is_refused_where_it_is_routed(component,
     parts = {"agent": "go2", "component": component, "resource": Custom(resource, kind=kind)}
     with pytest.raises(FqnError, match="router") as caught:
         RosFqn(scope=Scope.GLOBAL, **parts)
-    assert caught.value.segment == segment
+    assert caught.value.place == segment
     assert RosFqn(scope=Scope.LOCAL, **parts).dds_names[0].startswith("rq/local/")
     topic = {**parts, "resource": Custom(resource)}
     assert len(RosFqn(scope=Scope.GLOBAL, **topic).dds_names) == 1
@@ -252,7 +252,7 @@ def test_the_last_segment_of_a_service_may_end_like_a_prefix():
 def test_tuples_against_the_schema_are_refused_at_the_segment(parts, segment):
     with pytest.raises(FqnError) as caught:
         RosFqn(scope=Scope.LOCAL, **parts)
-    assert caught.value.segment == segment
+    assert caught.value.place == segment
 
 
 @pytest.mark.parametrize(
@@ -281,7 +281,7 @@ def test_tuples_against_the_schema_are_refused_at_the_segment(parts, segment):
 def test_values_of_the_wrong_set_are_refused(parts, segment):
     with pytest.raises(FqnError) as caught:
         RosFqn(**parts)
-    assert caught.value.segment == segment
+    assert caught.value.place == segment
 
 
 @pytest.mark.parametrize(
@@ -290,7 +290,7 @@ def test_values_of_the_wrong_set_are_refused(parts, segment):
 def test_names_outside_the_schema_do_not_parse(name):
     with pytest.raises(FqnError) as caught:
         parse(name)
-    assert caught.value.segment in {"scope", "name"}
+    assert caught.value.place in {"scope", "name"}
 
 
 def test_every_optional_segment_needs_the_one_before_so_position_says_what_it_is():
@@ -311,7 +311,7 @@ def test_a_name_with_more_than_five_segments_is_refused(name):
 def test_the_error_of_a_constraint_says_where_the_resource_may_stand():
     with pytest.raises(FqnError, match="after component, stream; here it follows the agent") as caught:
         parse("/global/go2/ffmpeg")
-    assert (caught.value.segment, caught.value.given) == ("resource", "ffmpeg")
+    assert (caught.value.place, caught.value.given) == ("resource", "ffmpeg")
 
 
 def test_a_standard_resource_keeps_its_kind():
@@ -328,7 +328,7 @@ def test_the_length_limit_holds_for_the_whole_name(kind):
     assert max(map(len, longest.dds_names)) <= 255
     with pytest.raises(FqnError, match="at most") as caught:
         RosFqn(scope=Scope.LOCAL, agent="go2", resource=Custom("x" * (room + 1), kind=kind))
-    assert caught.value.segment == "name"
+    assert caught.value.place == "name"
 
 
 def test_a_builder_can_be_continued_more_than_once():
@@ -354,10 +354,10 @@ def test_a_builder_without_agent_takes_this_hosts(monkeypatch):
 def test_a_builder_names_the_mandatory_segment_that_is_missing():
     with pytest.raises(FqnError, match="mandatory") as caught:
         RosFqnBuilder().resource(Resource.STATUS).build()
-    assert caught.value.segment == "scope"
+    assert caught.value.place == "scope"
     with pytest.raises(FqnError, match="mandatory") as caught:
         RosFqnBuilder().scope(Scope.LOCAL).build()
-    assert caught.value.segment == "resource"
+    assert caught.value.place == "resource"
 
 
 @pytest.mark.parametrize("value", [Custom("mast"), Component.CAMERA.suffixed("front")])

@@ -48,7 +48,7 @@ def test_valid_names_pass_unchanged(name):
 def test_names_against_the_design_article_are_refused(name):
     with pytest.raises(FqnError) as caught:
         validate_ros_name(name)
-    assert caught.value.segment == "name"
+    assert caught.value.place == "name"
     assert caught.value.given == name
 
 
@@ -108,7 +108,7 @@ def test_names_resolve_as_rclpy_resolves_them(name, namespace, expected):
 def test_what_cannot_resolve_names_the_culprit(name, namespace, node, segment):
     with pytest.raises(FqnError) as caught:
         resolve(name, namespace, node_name=node)
-    assert caught.value.segment == segment
+    assert caught.value.place == segment
 
 
 def test_a_name_that_outgrows_the_limit_by_its_namespace_is_refused():
@@ -133,7 +133,7 @@ def test_the_error_carries_its_data_and_survives_pickling():
     copy = pickle.loads(pickle.dumps(error))  # noqa: S301 - our own bytes
     assert isinstance(copy, SfglabError)
     assert isinstance(copy, ValueError)
-    assert (copy.segment, copy.given, copy.allowed) == (error.segment, error.given, error.allowed)
+    assert (copy.place, copy.given, copy.allowed) == (error.place, error.given, error.allowed)
     assert str(copy) == str(error)
     for part in ("name", "'bad name'", "allowed"):
         assert part in str(error)

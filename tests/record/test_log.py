@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 
 from sfglab.messages import (
     CdrError,
-    RowTypeError,
+    MessageError,
     UnknownTypeError,
     default_message,
     message_type,
@@ -234,7 +234,7 @@ def test_input_that_mcap_cannot_hold_is_refused_before_it_spoils_the_file(path):
             log.write_row("a b", None, log_time_ns=1)
         with pytest.raises(LogError, match="ClashRow has a field log_time_ns: rename it"):
             log.write_row("clash", ClashRow(1), log_time_ns=1)
-        with pytest.raises(RowTypeError, match="CamelCase"):
+        with pytest.raises(MessageError, match="CamelCase"):
             log.write_row("meter", {"a": 1}, log_time_ns=1)
         log.write_metadata("config", {})
         with pytest.raises(LogError, match="metadata 'config' is there already"):

@@ -86,7 +86,7 @@ def path_from_trajectory(trajectory: Trajectory, *, frame_id: str, start_ns: int
         start_ns: The trajectory's time 0, in nanoseconds since the epoch; the header's stamp.
 
     Raises:
-        StampError: A time does not fit into a stamp.
+        MessageError: A time does not fit into a stamp.
     """
     stamped = message_type("geometry_msgs/msg/PoseStamped")
     poses = [
@@ -124,7 +124,7 @@ def multi_dof_from_trajectory(trajectory: Trajectory, joint: str, *, frame_id: s
         start_ns: The trajectory's time 0, in nanoseconds since the epoch; the header's stamp.
 
     Raises:
-        StampError: A time does not fit into a stamp.
+        MessageError: A time does not fit into a stamp.
     """
     found = sample(trajectory, [w.time_ns / NS_PER_S for w in trajectory.waypoints])
     curved = trajectory.interpolation is Interpolation.CATMULL_ROM
