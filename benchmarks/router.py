@@ -96,7 +96,7 @@ async def listen(load: str, domain_id: int) -> None:
     serdata, infos = (ct.c_void_p * _BATCH)(), (SampleInfo * _BATCH)()
     taken: list[tuple[int, int]] = []
     async with Node("listener", domain_id=domain_id, interface="lo") as node:
-        participant = node._core.participant  # noqa: SLF001 - a subscription would cost more than the router
+        participant = node.backend.participant  # a subscription would cost more than the router
         qos = _qos(rate_hz) if not rate_hz else QoSProfile(depth=100)
         reader = participant.create_reader("rt" + TOPIC, idl_struct(type_), qos)
 

@@ -1,15 +1,21 @@
-"""Fixtures of the bus's tests: DDS domains of their own and child processes that talk in JSON lines."""
+"""Fixtures of the bus's tests: worlds of each backend, and child processes that talk in JSON lines."""
 
 from __future__ import annotations
 
 import asyncio
+import inspect
 import json
 import signal
 import sys
 import textwrap
 from contextlib import asynccontextmanager
+from functools import partial
 
 import pytest
+from toy_bus import ToyDomain
+
+from sfglab.bus import Node
+from sfglab.bus.sim import run_simulated
 
 _DEADLINE_S = 60
 _PREAMBLE = """
@@ -32,6 +38,20 @@ async def hear():
     return json.loads(line)
 
 """
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem):
+    """Run tests that are coroutine functions; those that take `node` in their world, which makes the nodes."""
+    test = pyfuncitem.obj
+    if not inspect.iscoroutinefunction(test):
+        return None
+    arguments = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
+    if "node" in arguments:
+        arguments["node"].run(lambda node: test(**arguments | {"node": node}))
+    else:
+        asyncio.run(test(**arguments))
+    return True
 
 
 @pytest.fixture
@@ -96,3 +116,42 @@ def child():
                 await process.wait()
 
     return start
+
+
+class World:
+    """Runs a scenario, which is given what makes nodes."""
+
+    def __init__(self, kind, node):
+        self.kind, self.node = kind, node
+
+    def run(self, scenario):
+        if not self.kind.startswith("simulated"):
+            return asyncio.run(scenario(self.node))
+        apart = self.kind == "simulated-apart"
+
+        def main(world):
+            return scenario(lambda name, **more: world.node(name, host=name if apart else "host", **more))
+
+        return run_simulated(main, seed=3, limit_s=3600)
+
+
+@pytest.fixture
+def live(domain_id):
+    """Nodes on the loopback interface, in real time."""
+    return World("live", partial(Node, domain_id=domain_id, interface="lo", presence=False))
+
+
+@pytest.fixture(
+    params=[pytest.param("live", marks=pytest.mark.live), "simulated", "simulated-apart", "toy"],
+)
+def world(request):
+    """Nodes of one backend; simulated ones on one host or each on its own."""
+    if request.param == "live":
+        return request.getfixturevalue("live")
+    return World(request.param, ToyDomain().node)
+
+
+@pytest.fixture
+def node(world):
+    """Make a node of the world: `async with node("name") as here`."""
+    return world

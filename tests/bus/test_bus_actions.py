@@ -6,14 +6,12 @@ import asyncio
 import gc
 import weakref
 from contextlib import asynccontextmanager, suppress
-from functools import partial
 
 import numpy as np
 import pytest
 
 from sfglab import bus
 from sfglab.bus.actions.goals import NO_GOAL_ID
-from sfglab.bus.sim import run_simulated
 from sfglab.messages import action_type, message_type, register_action, service_type
 from sfglab.qos import DEFAULT, LATCHED, Durability, History
 
@@ -21,28 +19,6 @@ ACTION = "sfglab_test_interfaces/action/Fibonacci"
 Fibonacci = register_action(ACTION, "int32 order\n---\nint32[] sequence\n---\nint32[] sequence\n")
 STATUS = "action_msgs/msg/GoalStatusArray"
 Status, Code = bus.GoalStatus, bus.CancelCode
-
-
-class Live:
-    def __init__(self, domain_id):
-        self.node = partial(bus.Node, domain_id=domain_id, interface="lo", presence=False)
-
-    def run(self, scenario):
-        return asyncio.run(scenario(self.node))
-
-
-class Simulated:
-    def run(self, scenario):
-        return run_simulated(
-            lambda world: scenario(lambda name, **more: world.node(name, host=name, **more)),
-            seed=3,
-            limit_s=3600,
-        )
-
-
-@pytest.fixture(params=[pytest.param("live", marks=pytest.mark.live), "simulated"])
-def world(request):
-    return Live(request.getfixturevalue("domain_id")) if request.param == "live" else Simulated()
 
 
 def goal(order):
@@ -112,235 +88,197 @@ async def heard(latched, wanted):
         pass
 
 
-def test_a_goal_gives_feedback_in_order_and_then_its_result(world):
-    async def scenario(node):
-        async with pair(node, compute) as (there, _, server, client):
-            called = []
-            before_ns = there.get_clock().now_ns()
-            handle = await client.send_goal(goal(4), lambda feedback: called.append(numbers(feedback)))
-            assert before_ns <= handle.accepted_ns <= there.get_clock().now_ns()
-            feedback = [numbers(message) async for message in handle.feedback()]
-            assert feedback == called == [[0, 1, 1], [0, 1, 1, 2], [0, 1, 1, 2, 3], [0, 1, 1, 2, 3, 5]]
-            end = await handle.result()
-            assert (end.status, numbers(end.result)) == (Status.SUCCEEDED, [0, 1, 1, 2, 3, 5])
-            assert handle.status is Status.SUCCEEDED
-            again = await client.result_of(handle.goal_id)  # kept, so it can be asked again
-            assert numbers(again.result) == numbers(end.result)
-            assert (client.action_name, server.action_name) == ("/agent/count", "/agent/count")
-            assert server.last_error is None
-
-    world.run(scenario)
+async def test_a_goal_gives_feedback_in_order_and_then_its_result(node):
+    async with pair(node, compute) as (there, _, server, client):
+        called = []
+        before_ns = there.get_clock().now_ns()
+        handle = await client.send_goal(goal(4), lambda feedback: called.append(numbers(feedback)))
+        assert before_ns <= handle.accepted_ns <= there.get_clock().now_ns()
+        feedback = [numbers(message) async for message in handle.feedback()]
+        assert feedback == called == [[0, 1, 1], [0, 1, 1, 2], [0, 1, 1, 2, 3], [0, 1, 1, 2, 3, 5]]
+        end = await handle.result()
+        assert (end.status, numbers(end.result)) == (Status.SUCCEEDED, [0, 1, 1, 2, 3, 5])
+        assert handle.status is Status.SUCCEEDED
+        again = await client.result_of(handle.goal_id)  # kept, so it can be asked again
+        assert numbers(again.result) == numbers(end.result)
+        assert (client.action_name, server.action_name) == ("/agent/count", "/agent/count")
+        assert server.last_error is None
 
 
-def test_goals_run_beside_each_other_and_hear_only_of_themselves(world):
-    async def scenario(node):
-        async with pair(node, compute) as (_, here, _, client):
-            other = here.create_action_client(ACTION, "/agent/count")
-            await other.wait_for_server()
-            orders = range(1, 5)  # ten messages of feedback, no more than the topic's depth
-            handles = await asyncio.gather(
-                *((client, other)[order % 2].send_goal(goal(order)) for order in orders)
-            )
-            assert len({handle.goal_id for handle in handles}) == len(orders)
-            for order, handle in zip(orders, handles, strict=True):
-                heard = [numbers(message) async for message in handle.feedback()]
-                assert [len(values) for values in heard] == list(range(3, order + 3))
-                assert len(numbers((await handle.result()).result)) == order + 2
-
-    world.run(scenario)
+async def test_goals_run_beside_each_other_and_hear_only_of_themselves(node):
+    async with pair(node, compute) as (_, here, _, client):
+        other = here.create_action_client(ACTION, "/agent/count")
+        await other.wait_for_server()
+        orders = range(1, 5)  # ten messages of feedback, no more than the topic's depth
+        handles = await asyncio.gather(*((client, other)[order % 2].send_goal(goal(order)) for order in orders))
+        assert len({handle.goal_id for handle in handles}) == len(orders)
+        for order, handle in zip(orders, handles, strict=True):
+            heard = [numbers(message) async for message in handle.feedback()]
+            assert [len(values) for values in heard] == list(range(3, order + 3))
+            assert len(numbers((await handle.result()).result)) == order + 2
 
 
-def test_a_rejected_goal_is_an_error_whether_refused_failed_or_unanswered(world):
-    async def scenario(node):
-        reported = []
-        answers = {0: lambda: bus.GoalResponse.REJECT, 1: lambda: True, 2: lambda: 1 / 0}
+async def test_a_rejected_goal_is_an_error_whether_refused_failed_or_unanswered(node):
+    reported = []
+    answers = {0: lambda: bus.GoalResponse.REJECT, 1: lambda: True, 2: lambda: 1 / 0}
 
-        async def decide(wanted):
-            return answers[wanted.order]() if wanted.order in answers else bus.GoalResponse.ACCEPT
+    async def decide(wanted):
+        return answers[wanted.order]() if wanted.order in answers else bus.GoalResponse.ACCEPT
 
-        async with pair(
-            node,
-            compute,
-            goal_callback=decide,
-            on_error=lambda error, where: reported.append((type(error), where)),
-        ) as (_, _, _, client):
-            for order in answers:
-                with pytest.raises(bus.GoalRejectedError, match="'/agent/count'"):
-                    await client.send_goal(goal(order))
-            where = f"action server {ACTION!r}"
-            assert reported == [(ValueError, where), (ZeroDivisionError, where)]
-            assert (await (await client.send_goal(goal(3))).result()).status is Status.SUCCEEDED
-            with pytest.raises(bus.WrongTypeError, match="Fibonacci_Goal"):
-                await client.send_goal(sequence(Fibonacci.result, []))
-
-    world.run(scenario)
+    async with pair(
+        node,
+        compute,
+        goal_callback=decide,
+        on_error=lambda error, where: reported.append((type(error), where)),
+    ) as (_, _, _, client):
+        for order in answers:
+            with pytest.raises(bus.GoalRejectedError, match="'/agent/count'"):
+                await client.send_goal(goal(order))
+        where = f"action server {ACTION!r}"
+        assert reported == [(ValueError, where), (ZeroDivisionError, where)]
+        assert (await (await client.send_goal(goal(3))).result()).status is Status.SUCCEEDED
+        with pytest.raises(bus.WrongTypeError, match="Fibonacci_Goal"):
+            await client.send_goal(sequence(Fibonacci.result, []))
 
 
-def test_a_goal_is_canceled_when_the_server_agrees_and_only_then(world):
-    async def scenario(node):
-        steps = Steps()
-        willing = [bus.CancelResponse.REJECT, bus.CancelResponse.ACCEPT]
-        async with pair(node, steps, cancel_callback=lambda _: willing.pop(0)) as (_, _, _, client):
+async def test_a_goal_is_canceled_when_the_server_agrees_and_only_then(node):
+    steps = Steps()
+    willing = [bus.CancelResponse.REJECT, bus.CancelResponse.ACCEPT]
+    async with pair(node, steps, cancel_callback=lambda _: willing.pop(0)) as (_, _, _, client):
+        handle = await client.send_goal(goal(1))
+        await steps.begun.wait()
+        assert await handle.cancel_goal() is Code.REJECTED
+        assert steps.handles[0].status is Status.EXECUTING
+        assert await handle.cancel_goal() is Code.NONE
+        end = await handle.result()
+        assert (end.status, numbers(end.result)) == (Status.CANCELED, [1])
+        assert await handle.cancel_goal() is Code.GOAL_TERMINATED
+        unknown = await client.cancel_goals(bytes(range(16)))
+        assert (unknown.code, unknown.goal_ids) == (Code.UNKNOWN_GOAL_ID, ())
+        with pytest.raises(bus.GoalTransitionError, match="is CANCELED: given SUCCEED"):
+            steps.handles[0].succeed()
+
+
+async def test_all_goals_or_those_until_a_time_are_canceled_at_once(node):
+    steps = Steps()
+    async with pair(node, steps, cancel_callback=lambda _: bus.CancelResponse.ACCEPT) as (_, _, _, client):
+        handles = [await client.send_goal(goal(order)) for order in range(4)]
+        first = await client.cancel_goals(until_ns=handles[1].accepted_ns)
+        assert first.goal_ids == tuple(handle.goal_id for handle in handles[:2])
+        rest = await client.cancel_goals(NO_GOAL_ID)
+        assert rest.goal_ids == tuple(handle.goal_id for handle in handles[2:])
+        ends = [await handle.result() for handle in handles]
+        assert [end.status for end in ends] == [Status.CANCELED] * 4
+        nothing = await client.cancel_goals()
+        assert (nothing.code, nothing.goal_ids) == (Code.NONE, ())
+
+
+async def test_without_a_cancel_callback_nothing_is_canceled(node):
+    steps = Steps()
+    async with pair(node, steps) as (_, _, _, client):
+        handle = await client.send_goal(goal(1))
+        assert await handle.cancel_goal() is Code.REJECTED
+        steps.go_on.set()
+        assert (await handle.result()).status is Status.SUCCEEDED
+
+
+async def test_a_callback_that_fails_or_says_nothing_aborts_its_goal(node):
+    reported = []
+
+    def execute(handle):
+        if handle.request.order == 0:
+            raise LookupError("lost")
+        if handle.request.order == 3:
+            raise asyncio.CancelledError
+        return None if handle.request.order == 1 else goal(0)  # the last is no result
+
+    async with pair(node, execute, on_error=lambda error, _: reported.append(type(error))) as (*_, client):
+        for order in range(4):
+            end = await (await client.send_goal(goal(order))).result()
+            assert (end.status, numbers(end.result)) == (Status.ABORTED, [])
+        assert reported == [LookupError, bus.WrongTypeError]
+
+
+async def test_a_server_may_queue_goals_and_cancel_them_before_they_begin(node):
+    queue, steps = [], Steps()
+    options = {
+        "handle_accepted_callback": queue.append,
+        "cancel_callback": lambda _: bus.CancelResponse.ACCEPT,
+    }
+    async with pair(node, steps, **options) as (*_, client):
+        handles = [await client.send_goal(goal(order)) for order in range(2)]
+        assert [waiting.status for waiting in queue] == [Status.ACCEPTED, Status.ACCEPTED]
+        with pytest.raises(bus.GoalTransitionError, match="is ACCEPTED: given SUCCEED"):
+            queue[0].succeed()
+        assert await handles[1].cancel_goal() is Code.NONE
+        for waiting in queue:
+            waiting.execute()
+        with pytest.raises(bus.GoalTransitionError, match="is EXECUTING: given EXECUTE"):
+            queue[0].execute()
+        assert (await handles[1].result()).status is Status.CANCELED
+        steps.go_on.set()
+        assert (await handles[0].result()).status is Status.SUCCEEDED
+
+
+async def test_a_result_is_forgotten_after_its_timeout_and_the_goal_with_it(node):
+    async with pair(node, compute, result_timeout_s=1.0) as (_, here, _, client):
+        handle = await client.send_goal(goal(1))
+        assert (await handle.result()).status is Status.SUCCEEDED
+        await here.get_clock().sleep_for(1.1)
+        with pytest.raises(bus.UnknownGoalError, match=handle.goal_id.hex()):
+            await client.result_of(handle.goal_id)
+        assert (await handle.result()).status is Status.SUCCEEDED  # who asked in time has it
+        assert await handle.cancel_goal() is Code.UNKNOWN_GOAL_ID
+
+
+async def test_an_id_that_is_taken_is_rejected(node):
+    async with pair(node, compute) as (_, here, _, client):
+        handle = await client.send_goal(goal(1))
+        again = here.create_client(Fibonacci.send_goal.name, "/agent/count/_action/send_goal")
+        uuid = message_type("unique_identifier_msgs/msg/UUID")(uuid=np.frombuffer(handle.goal_id, np.uint8))
+        response = await again.call(Fibonacci.send_goal.request(goal_id=uuid, goal=goal(2)))
+        assert not response.accepted
+        assert len(numbers((await handle.result()).result)) == 3
+
+
+async def test_a_server_that_goes_ends_the_waiting_of_its_clients(node):
+    steps = Steps()
+    async with node("client") as here:
+        client = here.create_action_client(ACTION, "/agent/count")
+        with pytest.raises(bus.DiscoveryTimeoutError, match="action '/agent/count': a server"):
+            await client.send_goal(goal(1), timeout_s=0.01)
+        async with node("server") as there:
+            there.create_action_server(ACTION, "/agent/count", steps)
             handle = await client.send_goal(goal(1))
+            with pytest.raises(bus.ServiceTimeoutError):
+                await handle.result(timeout_s=0.05)
+            result = asyncio.create_task(handle.result())
+            feedback = asyncio.create_task(anext(handle.feedback()))
             await steps.begun.wait()
-            assert await handle.cancel_goal() is Code.REJECTED
-            assert steps.handles[0].status is Status.EXECUTING
-            assert await handle.cancel_goal() is Code.NONE
-            end = await handle.result()
-            assert (end.status, numbers(end.result)) == (Status.CANCELED, [1])
-            assert await handle.cancel_goal() is Code.GOAL_TERMINATED
-            unknown = await client.cancel_goals(bytes(range(16)))
-            assert (unknown.code, unknown.goal_ids) == (Code.UNKNOWN_GOAL_ID, ())
-            with pytest.raises(bus.GoalTransitionError, match="is CANCELED: given SUCCEED"):
-                steps.handles[0].succeed()
-
-    world.run(scenario)
+        for waiting in (result, feedback):
+            with pytest.raises(bus.ActionServerGoneError, match=handle.goal_id.hex()):
+                await waiting
 
 
-def test_all_goals_or_those_until_a_time_are_canceled_at_once(world):
-    async def scenario(node):
-        steps = Steps()
-        async with pair(node, steps, cancel_callback=lambda _: bus.CancelResponse.ACCEPT) as (_, _, _, client):
-            handles = [await client.send_goal(goal(order)) for order in range(4)]
-            first = await client.cancel_goals(until_ns=handles[1].accepted_ns)
-            assert first.goal_ids == tuple(handle.goal_id for handle in handles[:2])
-            rest = await client.cancel_goals(NO_GOAL_ID)
-            assert rest.goal_ids == tuple(handle.goal_id for handle in handles[2:])
-            ends = [await handle.result() for handle in handles]
-            assert [end.status for end in ends] == [Status.CANCELED] * 4
-            nothing = await client.cancel_goals()
-            assert (nothing.code, nothing.goal_ids) == (Code.NONE, ())
-
-    world.run(scenario)
-
-
-def test_without_a_cancel_callback_nothing_is_canceled(world):
-    async def scenario(node):
-        steps = Steps()
-        async with pair(node, steps) as (_, _, _, client):
-            handle = await client.send_goal(goal(1))
-            assert await handle.cancel_goal() is Code.REJECTED
-            steps.go_on.set()
-            assert (await handle.result()).status is Status.SUCCEEDED
-
-    world.run(scenario)
-
-
-def test_a_callback_that_fails_or_says_nothing_aborts_its_goal(world):
-    async def scenario(node):
-        reported = []
-
-        def execute(handle):
-            if handle.request.order == 0:
-                raise LookupError("lost")
-            if handle.request.order == 3:
-                raise asyncio.CancelledError
-            return None if handle.request.order == 1 else goal(0)  # the last is no result
-
-        async with pair(node, execute, on_error=lambda error, _: reported.append(type(error))) as (*_, client):
-            for order in range(4):
-                end = await (await client.send_goal(goal(order))).result()
-                assert (end.status, numbers(end.result)) == (Status.ABORTED, [])
-            assert reported == [LookupError, bus.WrongTypeError]
-
-    world.run(scenario)
-
-
-def test_a_server_may_queue_goals_and_cancel_them_before_they_begin(world):
-    async def scenario(node):
-        queue, steps = [], Steps()
-        options = {
-            "handle_accepted_callback": queue.append,
-            "cancel_callback": lambda _: bus.CancelResponse.ACCEPT,
-        }
-        async with pair(node, steps, **options) as (*_, client):
-            handles = [await client.send_goal(goal(order)) for order in range(2)]
-            assert [waiting.status for waiting in queue] == [Status.ACCEPTED, Status.ACCEPTED]
-            with pytest.raises(bus.GoalTransitionError, match="is ACCEPTED: given SUCCEED"):
-                queue[0].succeed()
-            assert await handles[1].cancel_goal() is Code.NONE
-            for waiting in queue:
-                waiting.execute()
-            with pytest.raises(bus.GoalTransitionError, match="is EXECUTING: given EXECUTE"):
-                queue[0].execute()
-            assert (await handles[1].result()).status is Status.CANCELED
-            steps.go_on.set()
-            assert (await handles[0].result()).status is Status.SUCCEEDED
-
-    world.run(scenario)
-
-
-def test_a_result_is_forgotten_after_its_timeout_and_the_goal_with_it(world):
-    async def scenario(node):
-        async with pair(node, compute, result_timeout_s=1.0) as (_, here, _, client):
-            handle = await client.send_goal(goal(1))
-            assert (await handle.result()).status is Status.SUCCEEDED
-            await here.get_clock().sleep_for(1.1)
-            with pytest.raises(bus.UnknownGoalError, match=handle.goal_id.hex()):
-                await client.result_of(handle.goal_id)
-            assert (await handle.result()).status is Status.SUCCEEDED  # who asked in time has it
-            assert await handle.cancel_goal() is Code.UNKNOWN_GOAL_ID
-
-    world.run(scenario)
-
-
-def test_an_id_that_is_taken_is_rejected(world):
-    async def scenario(node):
-        async with pair(node, compute) as (_, here, _, client):
-            handle = await client.send_goal(goal(1))
-            again = here.create_client(Fibonacci.send_goal.name, "/agent/count/_action/send_goal")
-            uuid = message_type("unique_identifier_msgs/msg/UUID")(uuid=np.frombuffer(handle.goal_id, np.uint8))
-            response = await again.call(Fibonacci.send_goal.request(goal_id=uuid, goal=goal(2)))
-            assert not response.accepted
-            assert len(numbers((await handle.result()).result)) == 3
-
-    world.run(scenario)
-
-
-def test_a_server_that_goes_ends_the_waiting_of_its_clients(world):
-    async def scenario(node):
-        steps = Steps()
-        async with node("client") as here:
-            client = here.create_action_client(ACTION, "/agent/count")
-            with pytest.raises(bus.DiscoveryTimeoutError, match="action '/agent/count': a server"):
-                await client.send_goal(goal(1), timeout_s=0.01)
-            async with node("server") as there:
-                there.create_action_server(ACTION, "/agent/count", steps)
-                handle = await client.send_goal(goal(1))
-                with pytest.raises(bus.ServiceTimeoutError):
-                    await handle.result(timeout_s=0.05)
-                result = asyncio.create_task(handle.result())
-                feedback = asyncio.create_task(anext(handle.feedback()))
-                await steps.begun.wait()
-            for waiting in (result, feedback):
-                with pytest.raises(bus.ActionServerGoneError, match=handle.goal_id.hex()):
-                    await waiting
-
-    world.run(scenario)
-
-
-def test_a_server_that_closes_tells_that_its_goals_are_aborted(world):
-    async def scenario(node):
-        steps = Steps()
-        async with pair(node, steps) as (_, here, server, client):
-            latched = here.create_subscription(STATUS, "/agent/count/_action/status", None, LATCHED)
-            await latched.wait_for_publishers()
-            handle = await client.send_goal(goal(1))
-            await steps.begun.wait()
-            server.close()
-            server.close()
-            if isinstance(world, Live):  # a simulated writer that ends takes with it what is on its way
-                await heard(latched, Status.ABORTED)
-            with pytest.raises(bus.ActionServerGoneError):
-                await handle.result()
-            assert not client.server_is_ready()
-            assert steps.handles[0].status is Status.ABORTED
-
-    world.run(scenario)
+async def test_a_server_that_closes_tells_that_its_goals_are_aborted(world, node):
+    steps = Steps()
+    async with pair(node, steps) as (_, here, server, client):
+        latched = here.create_subscription(STATUS, "/agent/count/_action/status", None, LATCHED)
+        await latched.wait_for_publishers()
+        handle = await client.send_goal(goal(1))
+        await steps.begun.wait()
+        server.close()
+        server.close()
+        if world.kind == "live":  # another writer that ends takes with it what is on its way
+            await heard(latched, Status.ABORTED)
+        with pytest.raises(bus.ActionServerGoneError):
+            await handle.result()
+        assert not client.server_is_ready()
+        assert steps.handles[0].status is Status.ABORTED
 
 
 @pytest.mark.live
-def test_a_server_that_is_killed_has_gone_when_its_lease_is_over(domain_id, child):
+async def test_a_server_that_is_killed_has_gone_when_its_lease_is_over(live, domain_id, child):
     body = f"""
         register_action({ACTION!r}, "int32 order\\n---\\nint32[] sequence\\n---\\nint32[] sequence\\n")
         async with Node("server", domain_id={domain_id}, interface="lo", lease_s=1.0) as node:
@@ -348,165 +286,141 @@ def test_a_server_that_is_killed_has_gone_when_its_lease_is_over(domain_id, chil
             await hear()
     """
 
-    async def scenario():
-        async with Live(domain_id).node("client") as here, child(body) as server:
-            client = here.create_action_client(ACTION, "/count")
-            handle = await client.send_goal(goal(1), timeout_s=60)
-            result = asyncio.create_task(handle.result())
-            await server.kill()
-            with pytest.raises(bus.ActionServerGoneError, match="'/count'"):
-                async with asyncio.timeout(60):
-                    await result
-
-    asyncio.run(scenario())
+    async with live.node("client") as here, child(body) as server:
+        client = here.create_action_client(ACTION, "/count")
+        handle = await client.send_goal(goal(1), timeout_s=60)
+        result = asyncio.create_task(handle.result())
+        await server.kill()
+        with pytest.raises(bus.ActionServerGoneError, match="'/count'"):
+            async with asyncio.timeout(60):
+                await result
 
 
-def test_a_client_that_goes_leaves_its_goals_running(world):
-    async def scenario(node):
-        steps = Steps()
-        async with node("server") as there:
-            server = there.create_action_server(ACTION, "/agent/count", steps)
-            async with node("first") as first:
-                leaving = first.create_action_client(ACTION, "/agent/count")
-                handle = await leaving.send_goal(goal(5))
-                reading = asyncio.create_task(anext(handle.feedback(), "ended"))
-                waiting = asyncio.create_task(handle.result())
-                await steps.begun.wait()
-            assert await reading == "ended"
-            with pytest.raises(bus.ClosedError):
-                await waiting
-            async with node("second") as second:
-                client = second.create_action_client(ACTION, "/agent/count")
-                await client.wait_for_server()
-                steps.go_on.set()
-                end = await client.result_of(handle.goal_id)
-                assert (end.status, numbers(end.result)) == (Status.SUCCEEDED, [5])
-            assert server.last_error is None
-
-    world.run(scenario)
+async def test_a_client_that_goes_leaves_its_goals_running(node):
+    steps = Steps()
+    async with node("server") as there:
+        server = there.create_action_server(ACTION, "/agent/count", steps)
+        async with node("first") as first:
+            leaving = first.create_action_client(ACTION, "/agent/count")
+            handle = await leaving.send_goal(goal(5))
+            reading = asyncio.create_task(anext(handle.feedback(), "ended"))
+            waiting = asyncio.create_task(handle.result())
+            await steps.begun.wait()
+        assert await reading == "ended"
+        with pytest.raises(bus.ClosedError):
+            await waiting
+        async with node("second") as second:
+            client = second.create_action_client(ACTION, "/agent/count")
+            await client.wait_for_server()
+            steps.go_on.set()
+            end = await client.result_of(handle.goal_id)
+            assert (end.status, numbers(end.result)) == (Status.SUCCEEDED, [5])
+        assert server.last_error is None
 
 
-def test_a_latecomer_hears_the_status_of_all_goals(world):
-    async def scenario(node):
-        async with pair(node, compute) as (_, here, _, client):
-            handle = await client.send_goal(goal(1))
-            await handle.result()
-            late = here.create_subscription(STATUS, "/agent/count/_action/status", None, LATCHED)
-            (entry,) = (await late.take(60)).status_list
-            assert bytes(entry.goal_info.goal_id.uuid) == handle.goal_id
-            assert entry.status == Status.SUCCEEDED
-
-    world.run(scenario)
+async def test_a_latecomer_hears_the_status_of_all_goals(node):
+    async with pair(node, compute) as (_, here, _, client):
+        handle = await client.send_goal(goal(1))
+        await handle.result()
+        late = here.create_subscription(STATUS, "/agent/count/_action/status", None, LATCHED)
+        (entry,) = (await late.take(60)).status_list
+        assert bytes(entry.goal_info.goal_id.uuid) == handle.goal_id
+        assert entry.status == Status.SUCCEEDED
 
 
-def test_the_topics_have_the_names_types_and_qualities_of_rcl_action(world):
-    async def scenario(node):
-        async with node("both") as here:
-            here.create_action_server(ACTION, "/count", compute)
-            here.create_action_client(ACTION, "/count")
-            await until(lambda: len(here.graph.endpoints()) == 16)
-            shown = {}
-            for end in here.graph.endpoints():
-                shown.setdefault((end.dds_topic, end.type), []).append(end.qos)
-            services = {"send_goal": f"{ACTION}_SendGoal", "get_result": f"{ACTION}_GetResult"}
-            services["cancel_goal"] = "action_msgs/srv/CancelGoal"
-            wanted = {
-                ("rt/count/_action/feedback", f"{ACTION}_FeedbackMessage"),
-                ("rt/count/_action/status", STATUS),
-            }
-            for name, type_ in services.items():
-                wanted.add((f"rq/count/_action/{name}Request", f"{type_}_Request"))
-                wanted.add((f"rr/count/_action/{name}Reply", f"{type_}_Response"))
-            assert set(shown) == wanted
-            for (topic, _), (one, other) in shown.items():
-                assert one == other, topic
-                latched = topic == "rt/count/_action/status"
-                assert (one.durability is Durability.TRANSIENT_LOCAL) == latched
-                assert one.reliability is DEFAULT.reliability
-                assert (one.history is History.KEEP_ALL) == topic.startswith(("rq/", "rr/"))
-                if not topic.startswith(("rq/", "rr/")):
-                    assert one.depth == (1 if latched else 10)
-
-    world.run(scenario)
+async def test_the_topics_have_the_names_types_and_qualities_of_rcl_action(node):
+    async with node("both") as here:
+        here.create_action_server(ACTION, "/count", compute)
+        here.create_action_client(ACTION, "/count")
+        await until(lambda: len(here.graph.endpoints()) == 16)
+        shown = {}
+        for end in here.graph.endpoints():
+            shown.setdefault((end.dds_topic, end.type), []).append(end.qos)
+        services = {"send_goal": f"{ACTION}_SendGoal", "get_result": f"{ACTION}_GetResult"}
+        services["cancel_goal"] = "action_msgs/srv/CancelGoal"
+        wanted = {
+            ("rt/count/_action/feedback", f"{ACTION}_FeedbackMessage"),
+            ("rt/count/_action/status", STATUS),
+        }
+        for name, type_ in services.items():
+            wanted.add((f"rq/count/_action/{name}Request", f"{type_}_Request"))
+            wanted.add((f"rr/count/_action/{name}Reply", f"{type_}_Response"))
+        assert set(shown) == wanted
+        for (topic, _), (one, other) in shown.items():
+            assert one == other, topic
+            latched = topic == "rt/count/_action/status"
+            assert (one.durability is Durability.TRANSIENT_LOCAL) == latched
+            assert one.reliability is DEFAULT.reliability
+            assert (one.history is History.KEEP_ALL) == topic.startswith(("rq/", "rr/"))
+            if not topic.startswith(("rq/", "rr/")):
+                assert one.depth == (1 if latched else 10)
 
 
 @pytest.mark.live
-def test_dds_itself_announces_the_types_of_the_ros_2_design(domain_id):
+async def test_dds_itself_announces_the_types_of_the_ros_2_design(domain_id):
     from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
     from cyclonedds.domain import DomainParticipant
 
-    async def scenario():
-        async with bus.Node("server", domain_id=domain_id, interface="lo", presence=False) as there:
-            there.create_action_server("sfglab_interfaces/action/FollowTrajectory", "/go", compute)
-            participant = DomainParticipant(domain_id)
-            reader = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
-            found, wanted = {}, 5
-            async with asyncio.timeout(60):
-                while len(found) < wanted:
-                    found |= {s.topic_name: s.type_name for s in reader.take(64) if "_action" in s.topic_name}
-                    await asyncio.sleep(0.01)
-            stem = "sfglab_interfaces::action::dds_::FollowTrajectory"
-            assert found == {
-                "rt/go/_action/feedback": f"{stem}_FeedbackMessage_",
-                "rt/go/_action/status": "action_msgs::msg::dds_::GoalStatusArray_",
-                "rr/go/_action/send_goalReply": f"{stem}_SendGoal_Response_",
-                "rr/go/_action/get_resultReply": f"{stem}_GetResult_Response_",
-                "rr/go/_action/cancel_goalReply": "action_msgs::srv::dds_::CancelGoal_Response_",
-            }
-
-    asyncio.run(scenario())
+    async with bus.Node("server", domain_id=domain_id, interface="lo", presence=False) as there:
+        there.create_action_server("sfglab_interfaces/action/FollowTrajectory", "/go", compute)
+        participant = DomainParticipant(domain_id)
+        reader = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
+        found, wanted = {}, 5
+        async with asyncio.timeout(60):
+            while len(found) < wanted:
+                found |= {s.topic_name: s.type_name for s in reader.take(64) if "_action" in s.topic_name}
+                await asyncio.sleep(0)
+        stem = "sfglab_interfaces::action::dds_::FollowTrajectory"
+        assert found == {
+            "rt/go/_action/feedback": f"{stem}_FeedbackMessage_",
+            "rt/go/_action/status": "action_msgs::msg::dds_::GoalStatusArray_",
+            "rr/go/_action/send_goalReply": f"{stem}_SendGoal_Response_",
+            "rr/go/_action/get_resultReply": f"{stem}_GetResult_Response_",
+            "rr/go/_action/cancel_goalReply": "action_msgs::srv::dds_::CancelGoal_Response_",
+        }
 
 
-def test_feedback_and_status_are_these_bytes(world):
-    async def scenario(node):
-        async with node("server") as there, node("client") as here:
-            there.create_action_server(ACTION, "/count", compute)
-            raw = here.create_subscription(Fibonacci.feedback_message, "/count/_action/feedback", raw=True)
-            statuses = here.create_subscription(STATUS, "/count/_action/status", None, LATCHED, raw=True)
-            client = here.create_action_client(ACTION, "/count")
-            await raw.wait_for_publishers()
-            await statuses.wait_for_publishers()
-            handle = await client.send_goal(goal(1))
-            header, one = b"\0\1\0\0", (1).to_bytes(4, "little")
-            values = b"\3\0\0\0" + bytes(4) + one + one
-            assert bytes(await raw.take(60)) == header + handle.goal_id + values
-            sec, nanosec = divmod(handle.accepted_ns, 10**9)
-            stamp = sec.to_bytes(4, "little") + nanosec.to_bytes(4, "little")
-            ended = header + one + handle.goal_id + stamp + bytes([Status.SUCCEEDED, 0, 0, 0])
-            while bytes(await statuses.take(60)) != ended:
-                pass
-
-    world.run(scenario)
+async def test_feedback_and_status_are_these_bytes(node):
+    async with node("server") as there, node("client") as here:
+        there.create_action_server(ACTION, "/count", compute)
+        raw = here.create_subscription(Fibonacci.feedback_message, "/count/_action/feedback", raw=True)
+        statuses = here.create_subscription(STATUS, "/count/_action/status", None, LATCHED, raw=True)
+        client = here.create_action_client(ACTION, "/count")
+        await raw.wait_for_publishers()
+        await statuses.wait_for_publishers()
+        handle = await client.send_goal(goal(1))
+        header, one = b"\0\1\0\0", (1).to_bytes(4, "little")
+        values = b"\3\0\0\0" + bytes(4) + one + one
+        assert bytes(await raw.take(60)) == header + handle.goal_id + values
+        sec, nanosec = divmod(handle.accepted_ns, 10**9)
+        stamp = sec.to_bytes(4, "little") + nanosec.to_bytes(4, "little")
+        ended = header + one + handle.goal_id + stamp + bytes([Status.SUCCEEDED, 0, 0, 0])
+        while bytes(await statuses.take(60)) != ended:
+            pass
 
 
 @pytest.mark.live
-def test_a_forgotten_node_ends_its_action_server(domain_id):
-    async def scenario():
-        here = await bus.Node.create("forgotten", domain_id=domain_id, interface="lo", presence=False)
-        here.create_action_server(ACTION, "/count", compute)
-        here.create_action_client(ACTION, "/count")
-        gone = weakref.ref(here)
-        del here
-        gc.collect()
-        assert gone() is None
-
-    asyncio.run(scenario())
+async def test_a_forgotten_node_ends_its_action_server(domain_id):
+    here = await bus.Node.create("forgotten", domain_id=domain_id, interface="lo", presence=False)
+    here.create_action_server(ACTION, "/count", compute)
+    here.create_action_client(ACTION, "/count")
+    gone = weakref.ref(here)
+    del here
+    gc.collect()
+    assert gone() is None
 
 
-def test_the_result_outlives_requests_that_end(world):
-    async def scenario(node):
-        steps = Steps()
-        async with pair(node, steps) as (_, _, _, client):
-            handle = await client.send_goal(goal(2))
-            impatient = asyncio.create_task(handle.result())
-            await steps.begun.wait()
-            impatient.cancel()
-            with suppress(asyncio.CancelledError):
-                await impatient
-            steps.go_on.set()
-            assert numbers((await handle.result()).result) == [2]
-
-    world.run(scenario)
+async def test_the_result_outlives_requests_that_end(node):
+    steps = Steps()
+    async with pair(node, steps) as (_, _, _, client):
+        handle = await client.send_goal(goal(2))
+        impatient = asyncio.create_task(handle.result())
+        await steps.begun.wait()
+        impatient.cancel()
+        with suppress(asyncio.CancelledError):
+            await impatient
+        steps.go_on.set()
+        assert numbers((await handle.result()).result) == [2]
 
 
 def test_our_trajectory_action_is_an_action():

@@ -83,110 +83,98 @@ def endpoint(type_=STRING, topic="rt/t", qos=DEEP, user_data=b""):
 
 
 @pytest.mark.live
-def test_bytes_and_source_stamps_pass_unchanged_and_wait_until_their_source_is_judged(pair_ids, until):
-    async def scenario():
-        async with two_domains(pair_ids) as (talker, near, far, listener):
-            forwarder = near.open_forwarder(far)
-            forward, outlet = forwarder.open(endpoint()), forwarder.open_writer(endpoint(user_data=b"k=v;"))
-            publisher = talker.create_publisher(STRING, "/t", 200)
-            subscription = listener.create_subscription(STRING, "/t", qos=200, raw=True)
-            await publisher.wait_for_subscriptions()
-            await subscription.wait_for_publishers()
-            cdrs = [serialize(String(data=str(number) * (number % 9))) for number in range(100)]
-            for number, cdr in enumerate(cdrs[:50]):
-                publisher.publish_raw(cdr, source_timestamp_ns=1_000 + number)
-            assert await publisher.wait_for_all_acked()
+async def test_bytes_and_source_stamps_pass_unchanged_and_wait_until_their_source_is_judged(pair_ids, until):
+    async with two_domains(pair_ids) as (talker, near, far, listener):
+        forwarder = near.open_forwarder(far)
+        forward, outlet = forwarder.open(endpoint()), forwarder.open_writer(endpoint(user_data=b"k=v;"))
+        publisher = talker.create_publisher(STRING, "/t", 200)
+        subscription = listener.create_subscription(STRING, "/t", qos=200, raw=True)
+        await publisher.wait_for_subscriptions()
+        await subscription.wait_for_publishers()
+        cdrs = [serialize(String(data=str(number) * (number % 9))) for number in range(100)]
+        for number, cdr in enumerate(cdrs[:50]):
+            publisher.publish_raw(cdr, source_timestamp_ns=1_000 + number)
+        assert await publisher.wait_for_all_acked()
+        forward.admit(publisher.gid, outlet)
+        for number, cdr in enumerate(cdrs[50:]):
+            publisher.publish_raw(cdr, source_timestamp_ns=1_050 + number)
+        got = [await subscription.take_with_info(60) for _ in cdrs]
+        assert [cdr for cdr, _ in got] == cdrs
+        assert [info.source_timestamp_ns for _, info in got] == list(range(1_000, 1_100))
+        assert {info.publisher_gid for _, info in got} == {outlet.gid}
+        assert listener.graph.publishers("/t")[0].user_data == b"k=v;"
+        await until(lambda: forward.counts.forwarded >= 100)  # a sample is counted after it was passed on
+        assert (forward.counts.forwarded, forward.counts.dropped) == (100, 0)
+        assert forward.counts.bytes == sum(len(cdr) + -len(cdr) % 4 for cdr in cdrs)
+
+
+@pytest.mark.live
+async def test_each_source_has_its_own_way_and_a_refused_one_none(pair_ids, until):
+    async with two_domains(pair_ids) as (talker, near, far, listener):
+        latched = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=256)
+        publishers = [talker.create_publisher(STRING, "/t", LATCHED) for _ in range(3)]
+        for number, publisher in enumerate(publishers):
+            publisher.publish(String(data=str(number)))
+        forwarder = near.open_forwarder(far)
+        forward = forwarder.open(endpoint(qos=latched))
+        outlets = [forwarder.open_writer(endpoint(qos=LATCHED)) for _ in range(2)]
+        for publisher, outlet in zip(publishers, outlets, strict=False):
             forward.admit(publisher.gid, outlet)
-            for number, cdr in enumerate(cdrs[50:]):
-                publisher.publish_raw(cdr, source_timestamp_ns=1_050 + number)
-            got = [await subscription.take_with_info(60) for _ in cdrs]
-            assert [cdr for cdr, _ in got] == cdrs
-            assert [info.source_timestamp_ns for _, info in got] == list(range(1_000, 1_100))
-            assert {info.publisher_gid for _, info in got} == {outlet.gid}
-            assert listener.graph.publishers("/t")[0].user_data == b"k=v;"
-            await until(lambda: forward.counts.forwarded >= 100)  # a sample is counted after it was passed on
-            assert (forward.counts.forwarded, forward.counts.dropped) == (100, 0)
-            assert forward.counts.bytes == sum(len(cdr) + -len(cdr) % 4 for cdr in cdrs)
-
-    asyncio.run(scenario())
+        forward.refuse(publishers[2].gid)
+        await until(lambda: forward.counts.forwarded == 2 and forward.counts.dropped == 1)
+        late = listener.create_subscription(STRING, "/t", qos=latched)
+        assert sorted([(await late.take(60)).data for _ in range(2)]) == ["0", "1"]
+        outlets[0].close()
+        await until(lambda: late.get_publisher_count() == 1)
+        later = listener.create_subscription(STRING, "/t", qos=latched)
+        assert (await later.take(60)).data == "1"
+        with pytest.raises(bus.ReceiveTimeoutError):
+            await later.take(0.1)
 
 
 @pytest.mark.live
-def test_each_source_has_its_own_way_and_a_refused_one_none(pair_ids, until):
-    async def scenario():
-        async with two_domains(pair_ids) as (talker, near, far, listener):
-            latched = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=256)
-            publishers = [talker.create_publisher(STRING, "/t", LATCHED) for _ in range(3)]
-            for number, publisher in enumerate(publishers):
-                publisher.publish(String(data=str(number)))
-            forwarder = near.open_forwarder(far)
-            forward = forwarder.open(endpoint(qos=latched))
-            outlets = [forwarder.open_writer(endpoint(qos=LATCHED)) for _ in range(2)]
-            for publisher, outlet in zip(publishers, outlets, strict=False):
-                forward.admit(publisher.gid, outlet)
-            forward.refuse(publishers[2].gid)
-            await until(lambda: forward.counts.forwarded == 2 and forward.counts.dropped == 1)
-            late = listener.create_subscription(STRING, "/t", qos=latched)
-            assert sorted([(await late.take(60)).data for _ in range(2)]) == ["0", "1"]
-            outlets[0].close()
-            await until(lambda: late.get_publisher_count() == 1)
-            later = listener.create_subscription(STRING, "/t", qos=latched)
-            assert (await later.take(60)).data == "1"
-            with pytest.raises(bus.ReceiveTimeoutError):
-                await later.take(0.1)
+async def test_a_transform_changes_drops_or_leaves_a_sample_and_the_stamp_stays(pair_ids, until):
+    def transform(cdr):
+        return {b"a": cdr, b"b": None, b"c": serialize(String(data="other")), b"d": b"\0\1\0\0garbage"}[
+            cdr[8:9]
+        ]
 
-    asyncio.run(scenario())
+    async with two_domains(pair_ids) as (talker, near, far, listener):
+        forwarder = near.open_forwarder(far)
+        forward, outlet = forwarder.open(endpoint()), forwarder.open_writer(endpoint())
+        publisher = talker.create_publisher(STRING, "/t")
+        subscription = listener.create_subscription(STRING, "/t")
+        forward.admit(publisher.gid, outlet, transform)
+        await publisher.wait_for_subscriptions()
+        await subscription.wait_for_publishers()
+        for number, letter in enumerate("abcda"):
+            publisher.publish_raw(serialize(String(data=letter)), source_timestamp_ns=1_000 + number)
+        got = [await subscription.take_with_info(60) for _ in range(3)]
+        assert [m.data for m, _ in got] == ["a", "other", "a"]
+        assert [info.source_timestamp_ns for _, info in got] == [1_000, 1_002, 1_004]
+        await until(lambda: forward.counts.forwarded >= 3)  # a sample is counted after it was passed on
+        assert (forward.counts.forwarded, forward.counts.dropped) == (3, 2)
 
 
 @pytest.mark.live
-def test_a_transform_changes_drops_or_leaves_a_sample_and_the_stamp_stays(pair_ids, until):
-    async def scenario():
-        def transform(cdr):
-            return {b"a": cdr, b"b": None, b"c": serialize(String(data="other")), b"d": b"\0\1\0\0garbage"}[
-                cdr[8:9]
-            ]
-
-        async with two_domains(pair_ids) as (talker, near, far, listener):
-            forwarder = near.open_forwarder(far)
-            forward, outlet = forwarder.open(endpoint()), forwarder.open_writer(endpoint())
-            publisher = talker.create_publisher(STRING, "/t")
-            subscription = listener.create_subscription(STRING, "/t")
-            forward.admit(publisher.gid, outlet, transform)
-            await publisher.wait_for_subscriptions()
-            await subscription.wait_for_publishers()
-            for number, letter in enumerate("abcda"):
-                publisher.publish_raw(serialize(String(data=letter)), source_timestamp_ns=1_000 + number)
-            got = [await subscription.take_with_info(60) for _ in range(3)]
-            assert [m.data for m, _ in got] == ["a", "other", "a"]
-            assert [info.source_timestamp_ns for _, info in got] == [1_000, 1_002, 1_004]
-            await until(lambda: forward.counts.forwarded >= 3)  # a sample is counted after it was passed on
-            assert (forward.counts.forwarded, forward.counts.dropped) == (3, 2)
-
-    asyncio.run(scenario())
-
-
-@pytest.mark.live
-def test_both_ways_at_once_there_is_no_echo(pair_ids, until):
-    async def scenario():
-        async with two_domains(pair_ids) as (talker, near, far, listener):
-            out, back = near.open_forwarder(far), far.open_forwarder(near)
-            outward, inward = out.open(endpoint()), back.open(endpoint())
-            outlets = out.open_writer(endpoint()), back.open_writer(endpoint())
-            publisher = talker.create_publisher(STRING, "/t")
-            own, other = (n.create_subscription(STRING, "/t") for n in (talker, listener))
-            outward.admit(publisher.gid, outlets[0])
-            inward.admit(outlets[0].gid, outlets[1])
-            outward.admit(outlets[1].gid, outlets[0])
-            await publisher.wait_for_subscriptions(2)
-            await other.wait_for_publishers()
-            publisher.publish(String(data="x"))
-            assert (await other.take(60)).data == "x"
-            assert (await own.take(60)).data == "x"
-            publisher.publish(String(data="y"))
-            assert (await other.take(60)).data == (await own.take(60)).data == "y"
-            assert inward.counts.forwarded == inward.counts.dropped == 0
-
-    asyncio.run(scenario())
+async def test_both_ways_at_once_there_is_no_echo(pair_ids, until):
+    async with two_domains(pair_ids) as (talker, near, far, listener):
+        out, back = near.open_forwarder(far), far.open_forwarder(near)
+        outward, inward = out.open(endpoint()), back.open(endpoint())
+        outlets = out.open_writer(endpoint()), back.open_writer(endpoint())
+        publisher = talker.create_publisher(STRING, "/t")
+        own, other = (n.create_subscription(STRING, "/t") for n in (talker, listener))
+        outward.admit(publisher.gid, outlets[0])
+        inward.admit(outlets[0].gid, outlets[1])
+        outward.admit(outlets[1].gid, outlets[0])
+        await publisher.wait_for_subscriptions(2)
+        await other.wait_for_publishers()
+        publisher.publish(String(data="x"))
+        assert (await other.take(60)).data == "x"
+        assert (await own.take(60)).data == "x"
+        publisher.publish(String(data="y"))
+        assert (await other.take(60)).data == (await own.take(60)).data == "y"
+        assert inward.counts.forwarded == inward.counts.dropped == 0
 
 
 @pytest.mark.live
@@ -227,31 +215,28 @@ def test_an_unknown_type_passes_between_endpoints_that_announce_none(pair_ids, c
 
 
 @pytest.mark.live
-def test_a_service_passes_with_its_frames(pair_ids, until):
+async def test_a_service_passes_with_its_frames(pair_ids, until):
     type_, name = "sfglab_interfaces/srv/GetMetadata", "/s"
     request, reply = "rq/sRequest", "rr/sReply"
 
-    async def scenario():
-        async with two_domains(pair_ids) as (talker, near, far, listener):
-            response = default_message(f"{type_}_Response")
-            response.message = "hello"
-            listener.create_service(type_, name, lambda _: response)
-            client = talker.create_client(type_, name)
-            out, back = near.open_forwarder(far), far.open_forwarder(near)
-            asked = endpoint(f"{type_}_Request", request)
-            answered = endpoint(f"{type_}_Response", reply)
-            there, here = out.open(asked), back.open(answered)
-            outlets = out.open_writer(asked), back.open_writer(answered)
-            await near.graph.wait_for(lambda: _writer_of(near, request) is not None)
-            await far.graph.wait_for(lambda: _writer_of(far, reply) is not None)
-            there.admit(_writer_of(near, request), outlets[0])
-            here.admit(_writer_of(far, reply), outlets[1])
-            got = await client.call(default_message(f"{type_}_Request"), 5)
-            assert got.message == "hello"
-            await until(lambda: here.counts.forwarded >= 1)  # a sample is counted after it was passed on
-            assert (there.counts.forwarded, here.counts.forwarded) == (1, 1)
-
-    asyncio.run(scenario())
+    async with two_domains(pair_ids) as (talker, near, far, listener):
+        response = default_message(f"{type_}_Response")
+        response.message = "hello"
+        listener.create_service(type_, name, lambda _: response)
+        client = talker.create_client(type_, name)
+        out, back = near.open_forwarder(far), far.open_forwarder(near)
+        asked = endpoint(f"{type_}_Request", request)
+        answered = endpoint(f"{type_}_Response", reply)
+        there, here = out.open(asked), back.open(answered)
+        outlets = out.open_writer(asked), back.open_writer(answered)
+        await near.graph.wait_for(lambda: _writer_of(near, request) is not None)
+        await far.graph.wait_for(lambda: _writer_of(far, reply) is not None)
+        there.admit(_writer_of(near, request), outlets[0])
+        here.admit(_writer_of(far, reply), outlets[1])
+        got = await client.call(default_message(f"{type_}_Request"), 5)
+        assert got.message == "hello"
+        await until(lambda: here.counts.forwarded >= 1)  # a sample is counted after it was passed on
+        assert (there.counts.forwarded, here.counts.forwarded) == (1, 1)
 
 
 def _writer_of(node, dds_topic):
@@ -264,7 +249,7 @@ def _writer_of(node, dds_topic):
 
 
 @pytest.mark.live
-def test_a_reader_that_stands_still_costs_no_sample_and_holds_up_no_other_topic(pair_ids, child, until):
+async def test_a_reader_that_stands_still_costs_no_sample_and_holds_up_no_other_topic(pair_ids, child, until):
     count, slow = 60, "x" * 100_000
     listening = f"""
     async with Node("slow", domain_id={pair_ids[1]}, interface="lo") as node:
@@ -274,66 +259,60 @@ def test_a_reader_that_stands_still_costs_no_sample_and_holds_up_no_other_topic(
         say(got=[int((await sub.take(60)).data.rstrip("x")) for _ in range({count})])
     """
 
-    async def scenario():
-        async with two_domains(pair_ids) as (talker, near, far, listener):
-            forwarder = near.open_forwarder(far)
-            forwards, publishers = {}, {}
-            for topic, qos in (("/slow", DEEP), ("/fast", QoSProfile())):
-                publishers[topic] = talker.create_publisher(STRING, topic, qos)
-                forwards[topic] = forwarder.open(endpoint(topic=f"rt{topic}", qos=qos))
-                outlet = forwarder.open_writer(endpoint(topic=f"rt{topic}", qos=qos))
-                forwards[topic].admit(publishers[topic].gid, outlet)
-                await publishers[topic].wait_for_subscriptions()
-            fast = listener.create_subscription(STRING, "/fast")
-            await fast.wait_for_publishers()
-            async with child(listening) as other:
-                await other.hear()
-                os.kill(other.pid, signal.SIGSTOP)
-                for number in range(count):
-                    publishers["/slow"].publish(String(data=f"{number}{slow}"))
-                for number in range(20):
-                    publishers["/fast"].publish(String(data=str(number)))
-                    assert (await fast.take(60)).data == str(number)
-                assert forwards["/slow"].counts.forwarded < count, "it does stand still"
-                os.kill(other.pid, signal.SIGCONT)
-                assert (await other.hear())["got"] == list(range(count))
-                await until(lambda: forwards["/slow"].counts.forwarded >= count)
-                assert (forwards["/slow"].counts.forwarded, forwards["/slow"].counts.dropped) == (count, 0)
-
-    asyncio.run(scenario())
+    async with two_domains(pair_ids) as (talker, near, far, listener):
+        forwarder = near.open_forwarder(far)
+        forwards, publishers = {}, {}
+        for topic, qos in (("/slow", DEEP), ("/fast", QoSProfile())):
+            publishers[topic] = talker.create_publisher(STRING, topic, qos)
+            forwards[topic] = forwarder.open(endpoint(topic=f"rt{topic}", qos=qos))
+            outlet = forwarder.open_writer(endpoint(topic=f"rt{topic}", qos=qos))
+            forwards[topic].admit(publishers[topic].gid, outlet)
+            await publishers[topic].wait_for_subscriptions()
+        fast = listener.create_subscription(STRING, "/fast")
+        await fast.wait_for_publishers()
+        async with child(listening) as other:
+            await other.hear()
+            os.kill(other.pid, signal.SIGSTOP)
+            for number in range(count):
+                publishers["/slow"].publish(String(data=f"{number}{slow}"))
+            for number in range(20):
+                publishers["/fast"].publish(String(data=str(number)))
+                assert (await fast.take(60)).data == str(number)
+            assert forwards["/slow"].counts.forwarded < count, "it does stand still"
+            os.kill(other.pid, signal.SIGCONT)
+            assert (await other.hear())["got"] == list(range(count))
+            await until(lambda: forwards["/slow"].counts.forwarded >= count)
+            assert (forwards["/slow"].counts.forwarded, forwards["/slow"].counts.dropped) == (count, 0)
 
 
 @pytest.mark.live
-def test_no_sample_is_leaked_whether_forwarded_dropped_held_or_transformed(pair_ids, until):
+async def test_no_sample_is_leaked_whether_forwarded_dropped_held_or_transformed(pair_ids, until):
     cdr = serialize(String(data="x" * 1_000_000))
 
     def copied(cdr):
         return bytes(bytearray(cdr))
 
-    async def scenario():
-        async with two_domains(pair_ids) as (talker, near, far, listener):
-            publisher = talker.create_publisher(STRING, "/t", DEEP)
-            forwarder = near.open_forwarder(far)
-            outlet = forwarder.open_writer(endpoint(qos=SENSOR_DATA))
-            listener.create_subscription(STRING, "/t", lambda _: None, SENSOR_DATA, raw=True)
-            sizes = []
-            for _ in range(3):
-                for judge in ("hold", "admit", "refuse", "transform"):
-                    forward = forwarder.open(endpoint())
-                    if judge == "refuse":
-                        forward.refuse(publisher.gid)
-                    elif judge != "hold":
-                        forward.admit(publisher.gid, outlet, copied if judge == "transform" else None)
-                    await publisher.wait_for_subscriptions()
-                    for _ in range(30):
-                        publisher.publish_raw(cdr)
-                    assert await publisher.wait_for_all_acked()
-                    counts = forward.counts
-                    if judge != "hold":
-                        await until(lambda c=counts: c.forwarded + c.dropped == 30)
-                    forward.close()
-                    await until(lambda: publisher.get_subscription_count() == 0)
-                sizes.append(psutil.Process().memory_info().rss)
-            assert sizes[2] - sizes[0] < 60e6, "two rounds more forward 240 MB"
-
-    asyncio.run(scenario())
+    async with two_domains(pair_ids) as (talker, near, far, listener):
+        publisher = talker.create_publisher(STRING, "/t", DEEP)
+        forwarder = near.open_forwarder(far)
+        outlet = forwarder.open_writer(endpoint(qos=SENSOR_DATA))
+        listener.create_subscription(STRING, "/t", lambda _: None, SENSOR_DATA, raw=True)
+        sizes = []
+        for _ in range(3):
+            for judge in ("hold", "admit", "refuse", "transform"):
+                forward = forwarder.open(endpoint())
+                if judge == "refuse":
+                    forward.refuse(publisher.gid)
+                elif judge != "hold":
+                    forward.admit(publisher.gid, outlet, copied if judge == "transform" else None)
+                await publisher.wait_for_subscriptions()
+                for _ in range(30):
+                    publisher.publish_raw(cdr)
+                assert await publisher.wait_for_all_acked()
+                counts = forward.counts
+                if judge != "hold":
+                    await until(lambda c=counts: c.forwarded + c.dropped == 30)
+                forward.close()
+                await until(lambda: publisher.get_subscription_count() == 0)
+            sizes.append(psutil.Process().memory_info().rss)
+        assert sizes[2] - sizes[0] < 60e6, "two rounds more forward 240 MB"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from contextlib import closing
 
 import numpy as np
@@ -124,120 +123,107 @@ def test_a_nodes_full_name_has_its_namespace():
 
 @pytest.mark.live
 @pytest.mark.parametrize(("distro", "size"), [("humble", 24), ("jazzy", 16)])
-def test_another_process_sees_the_node_with_exactly_its_endpoints(monkeypatch, domain_id, child, distro, size):
+async def test_another_process_sees_the_node_with_exactly_its_endpoints(
+    monkeypatch, domain_id, child, distro, size
+):
     monkeypatch.setenv("ROS_DISTRO", distro)
 
-    async def scenario():
-        async with child(READER.format(domain_id=domain_id, size=size)) as reader:
-            assert await reader.hear() == {"ready": True}
-            async with node(domain_id, namespace="/robot") as here:
-                gid = here.guid.ljust(size, b"\0").hex()
+    async with child(READER.format(domain_id=domain_id, size=size)) as reader:
+        assert await reader.hear() == {"ready": True}
+        async with node(domain_id, namespace="/robot") as here:
+            gid = here.guid.ljust(size, b"\0").hex()
 
-                async def reaches(subscriptions, publishers):
-                    while True:
-                        said = await reader.hear()
-                        assert said["gid"] == gid
-                        ((*name, readers, writers),) = said["nodes"]
-                        assert name == ["/robot", "here"]
-                        if (len(readers), len(writers)) == (subscriptions, publishers):
-                            break
-                    assert readers == own_gids(here, "subscription", size)
-                    assert writers == own_gids(here, "publisher", size)
+            async def reaches(subscriptions, publishers):
+                while True:
+                    said = await reader.hear()
+                    assert said["gid"] == gid
+                    ((*name, readers, writers),) = said["nodes"]
+                    assert name == ["/robot", "here"]
+                    if (len(readers), len(writers)) == (subscriptions, publishers):
+                        break
+                assert readers == own_gids(here, "subscription", size)
+                assert writers == own_gids(here, "publisher", size)
 
-                await reaches(0, 0)
-                talk = here.create_publisher(STRING, "chatter")
-                here.create_publisher(STRING, "fast", transport="shm")
-                here.create_subscription(STRING, "chatter")
-                here.create_service(SERVICE, "ask", lambda _: None)
-                client = here.create_client(SERVICE, "ask")
-                await reaches(3, 3)
-                talk.close()
-                await reaches(3, 2)
-                client.close()
-                await reaches(2, 1)
-            assert await reader.hear() == {"gone": True}
-
-    asyncio.run(scenario())
+            await reaches(0, 0)
+            talk = here.create_publisher(STRING, "chatter")
+            here.create_publisher(STRING, "fast", transport="shm")
+            here.create_subscription(STRING, "chatter")
+            here.create_service(SERVICE, "ask", lambda _: None)
+            client = here.create_client(SERVICE, "ask")
+            await reaches(3, 3)
+            talk.close()
+            await reaches(3, 2)
+            client.close()
+            await reaches(2, 1)
+        assert await reader.hear() == {"gone": True}
 
 
 @pytest.mark.live
-def test_the_graph_names_nodes_while_they_live_and_hides_how_it_knows(domain_id):
-    async def scenario():
-        async with node(domain_id) as here, node(domain_id, "quiet", presence=False) as quiet:
-            assert here.graph.nodes() == ()
-            quiet.create_publisher(STRING, "/t")
-            async with node(domain_id, "there", namespace="/far") as there:
-                topic = there.create_publisher(STRING, "/t")
-                seen = await here.graph.wait_for(
-                    lambda: [n.writers for n in here.graph.nodes()][:1] == [(topic.gid,)]
-                )
-                assert seen
-                assert [(n.namespace, n.name, n.participant) for n in here.graph.nodes()] == [
-                    ("/far", "there", there.guid),
-                    ("/", "here", here.guid),
-                ]
-                await here.graph.wait_for(lambda: len(here.graph.publishers("/t")) == 2)
-                assert set(here.graph.topics()) == {"/t"}
-            assert await here.graph.wait_for(lambda: [n.name for n in here.graph.nodes()] == ["here"])
-
-    asyncio.run(scenario())
+async def test_the_graph_names_nodes_while_they_live_and_hides_how_it_knows(domain_id):
+    async with node(domain_id) as here, node(domain_id, "quiet", presence=False) as quiet:
+        assert here.graph.nodes() == ()
+        quiet.create_publisher(STRING, "/t")
+        async with node(domain_id, "there", namespace="/far") as there:
+            topic = there.create_publisher(STRING, "/t")
+            seen = await here.graph.wait_for(
+                lambda: [n.writers for n in here.graph.nodes()][:1] == [(topic.gid,)]
+            )
+            assert seen
+            assert [(n.namespace, n.name, n.participant) for n in here.graph.nodes()] == [
+                ("/far", "there", there.guid),
+                ("/", "here", here.guid),
+            ]
+            await here.graph.wait_for(lambda: len(here.graph.publishers("/t")) == 2)
+            assert set(here.graph.topics()) == {"/t"}
+        assert await here.graph.wait_for(lambda: [n.name for n in here.graph.nodes()] == ["here"])
 
 
 @pytest.mark.live
-def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_asked_for(domain_id):
-    async def scenario():
-        config = DomainConfig(domain_id=domain_id, interface="lo")
-        ros = DdsParticipant(config, b"enclave=/;", name="ros", after_round=lambda: None)
-        with closing(ros):
-            talker = entity_guid(ros.create_writer("rt/chatter", idl_struct(STRING), QoSProfile()))
-            handle = ros.create_writer("ros_discovery_info", info_type(24), LATCHED)
-            info = DdsWriter(handle, "info", type_="info", waiter=ros.waiter, on_matched=lambda: None)
-            listed = NodeInfo(namespace="/demo", name="talker", participant=ros.guid, writers=(talker,))
-            info.write(pack_nodes(ros.guid, [listed], 24))
-            async with node(domain_id) as here:
-                assert await here.graph.wait_for(lambda: here.graph.publishers("/chatter") != ())
-                assert here.graph.publishers("/chatter")[0].node == ""
-                here.graph.nodes()
-                assert await here.graph.wait_for(
-                    lambda: here.graph.publishers("/chatter")[0].node == "/demo/talker"
-                )
-                assert listed in here.graph.nodes()
-
-    asyncio.run(scenario())
-
-
-@pytest.mark.live
-def test_twenty_endpoints_at_once_are_few_messages(domain_id, until):
-    async def scenario():
-        config = DomainConfig(domain_id=domain_id, interface="lo")
+async def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_asked_for(domain_id):
+    config = DomainConfig(domain_id=domain_id, interface="lo")
+    ros = DdsParticipant(config, b"enclave=/;", name="ros", after_round=lambda: None)
+    with closing(ros):
+        talker = entity_guid(ros.create_writer("rt/chatter", idl_struct(STRING), QoSProfile()))
+        handle = ros.create_writer("ros_discovery_info", info_type(24), LATCHED)
+        info = DdsWriter(handle, "info", type_="info", waiter=ros.waiter, on_matched=lambda: None)
+        listed = NodeInfo(namespace="/demo", name="talker", participant=ros.guid, writers=(talker,))
+        info.write(pack_nodes(ros.guid, [listed], 24))
         async with node(domain_id) as here:
-            messages = []
-            watcher = DdsParticipant(config, b"", name="watcher", after_round=lambda: None)
-            with closing(watcher):
-                Discovery(watcher, lambda _: None).read_nodes(lambda _, nodes: messages.append(nodes[0]))
-                gids = {here.create_publisher(STRING, f"/t{i}").gid for i in range(20)}
-                await until(lambda: messages and set(messages[-1].writers) == gids)
-                assert len(messages) < 10
-
-    asyncio.run(scenario())
+            assert await here.graph.wait_for(lambda: here.graph.publishers("/chatter") != ())
+            assert here.graph.publishers("/chatter")[0].node == ""
+            here.graph.nodes()
+            assert await here.graph.wait_for(
+                lambda: here.graph.publishers("/chatter")[0].node == "/demo/talker"
+            )
+            assert listed in here.graph.nodes()
 
 
 @pytest.mark.live
-def test_nodes_of_two_domain_ids_meet_in_one_external_domain(domain_id):
-    async def scenario():
-        ids = [d for d in range(60, 63) if d != domain_id]
-        options = {"interface": "lo", "external_domain_id": domain_id}
-        async with (
-            bus.Node("a", domain_id=ids[0], **options) as a,
-            bus.Node("b", domain_id=ids[1], **options) as b,
-        ):
-            publisher = a.create_publisher(STRING, "/t")
-            subscription = b.create_subscription(STRING, "/t")
-            await publisher.wait_for_subscriptions()
-            await subscription.wait_for_publishers()
-            assert a.guid[:12] != b.guid[:12]
+async def test_twenty_endpoints_at_once_are_few_messages(domain_id, until):
+    config = DomainConfig(domain_id=domain_id, interface="lo")
+    async with node(domain_id) as here:
+        messages = []
+        watcher = DdsParticipant(config, b"", name="watcher", after_round=lambda: None)
+        with closing(watcher):
+            Discovery(watcher, lambda _: None).read_nodes(lambda _, nodes: messages.append(nodes[0]))
+            gids = {here.create_publisher(STRING, f"/t{i}").gid for i in range(20)}
+            await until(lambda: messages and set(messages[-1].writers) == gids)
+            assert len(messages) < 10
 
-    asyncio.run(scenario())
+
+@pytest.mark.live
+async def test_nodes_of_two_domain_ids_meet_in_one_external_domain(domain_id):
+    ids = [d for d in range(60, 63) if d != domain_id]
+    options = {"interface": "lo", "external_domain_id": domain_id}
+    async with (
+        bus.Node("a", domain_id=ids[0], **options) as a,
+        bus.Node("b", domain_id=ids[1], **options) as b,
+    ):
+        publisher = a.create_publisher(STRING, "/t")
+        subscription = b.create_subscription(STRING, "/t")
+        await publisher.wait_for_subscriptions()
+        await subscription.wait_for_publishers()
+        assert a.guid[:12] != b.guid[:12]
 
 
 def test_an_external_domain_is_one_that_exists(monkeypatch):

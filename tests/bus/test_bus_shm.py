@@ -64,315 +64,253 @@ async def pair(domain_id_node, *, qos=10, type_=IMAGE, **options):
     return publisher, subscription
 
 
-def test_images_cross_to_another_process_and_the_graph_says_how(domain_id, child):
-    async def scenario():
-        reader = f"""
-        async with Node("reader", domain_id={domain_id}, interface="lo") as node:
-            sub = node.create_subscription(Image, "/image", qos=LATCHED, transport="shm")
-            for _ in range(2):
-                message, info = await sub.take_with_info(60)
-                say(sum=int(message.data.sum()), frame=message.header.frame_id, gid=info.publisher_gid.hex())
-                del message
-                await hear()
-        """
-        async with node(domain_id) as here:
-            publisher = here.create_publisher(IMAGE, "/image", LATCHED, transport="shm")
-            publisher.publish(image(2))
-            publisher.publish(image(3))  # the late joiner gets the last one
-            async with child(reader) as other:
-                heard = await other.hear()
-                assert heard == {"sum": 3 * PIXELS, "frame": "camera", "gid": publisher.gid.hex()}
-                (there,) = here.graph.subscriptions("/image")
-                (mine,) = here.graph.publishers("/image")
-                assert (there.transport, there.host, there.node) == ("shm", mine.host, "/reader")
-                await other.tell()
-                publisher.publish(image(7))
-                assert (await other.hear())["sum"] == 7 * PIXELS
-                await other.tell()
-                await other.end()
-
-    asyncio.run(scenario())
-
-
-def test_dds_and_shared_memory_endpoints_of_a_topic_do_not_mix(domain_id):
-    async def scenario():
-        async with node(domain_id) as here:
-            by_dds = here.create_publisher(STRING, "/t")
-            in_memory = here.create_publisher(STRING, "/t", transport="shm")
-            dds_sub = here.create_subscription(STRING, "/t")
-            shm_sub = here.create_subscription(STRING, "/t", transport="shm")
-            await by_dds.wait_for_subscriptions()
-            await in_memory.wait_for_subscriptions()
-            await shm_sub.wait_for_publishers()
-            by_dds.publish(String(data="network"))
-            in_memory.publish(String(data="memory"))
-            assert (await dds_sub.take(60)).data == "network"
-            assert (await shm_sub.take(60)).data == "memory"
-            counts = (by_dds.get_subscription_count(), in_memory.get_subscription_count())
-            assert counts == (1, 1)
-            assert (dds_sub.get_publisher_count(), shm_sub.get_publisher_count()) == (1, 1)
-
-    asyncio.run(scenario())
-
-
-def test_a_received_array_is_the_map_itself_and_cannot_be_written(domain_id):
-    async def scenario():
-        async with node(domain_id) as here:
-            publisher, subscription = await pair(here)
-            publisher.publish(image(5))
-            message = await subscription.take(60)
-            start = address_of(message.data)
-            assert any(low <= start and start + PIXELS <= high for low, high in maps("r--s"))
-            assert not message.data.flags.writeable
-            with pytest.raises(ValueError, match="WRITEABLE"):
-                message.data.flags.writeable = True
-
-    asyncio.run(scenario())
-
-
-def test_a_held_message_is_never_overwritten_and_its_slot_is_free_once_let_go(domain_id):
-    async def scenario():
-        async with node(domain_id) as here:
-            publisher, subscription = await pair(here, qos=3)
-            pool = publisher._writer._pool
-            publisher.publish(image(1))
-            held = (await subscription.take(60)).data[100:200]  # a view of a view holds it, too
-            addresses = set()
-            for fill in range(2, 60):
-                publisher.publish(image(fill))
-                addresses.add(address_of((await subscription.take(60)).data))
-            assert held.tolist() == [1] * 100
-            assert address_of(held) - 100 not in addresses
-            assert len(addresses) <= 1 + TOGETHER  # the others' slots were used again and again
-            del held
-            publisher.publish(image(60))
-            assert pool.slots_in_use <= TOGETHER
-            assert pool.used_bytes < (3 + TOGETHER) * PIXELS
-
-    asyncio.run(scenario())
-
-
-def test_a_reader_that_keeps_everything_goes_on_receiving_in_bounded_memory(domain_id):
-    async def scenario():
-        async with node(domain_id) as here, node(domain_id, "there") as there:
-            publisher, hoarder = await pair(here, qos=2)
-            fast = there.create_subscription(IMAGE, "/t", qos=2, transport="shm")
-            await publisher.wait_for_subscriptions(2)
-            await fast.wait_for_publishers()
-            hoard = []
-            for fill in range(50):
-                publisher.publish(image(fill))
-                assert (await fast.take(60)).data[0] == fill
-                hoard.append(await hoarder.take(60))
-            assert [m.data[0] for m in hoard] == list(range(50)), "beyond its slots it is given copies"
-            assert publisher._writer._pool.slots_in_use <= 2 * credits_of(2)
-            assert (hoarder.dropped, fast.dropped) == (0, 0)
-
-    asyncio.run(scenario())
-
-
-def test_a_process_that_slept_gets_the_newest_messages_only(domain_id, child):
-    async def scenario():
-        reader = f"""
-        import time
-        async with Node("reader", domain_id={domain_id}, interface="lo") as node:
-            sub = node.create_subscription(String, "/t", qos=3, transport="shm")
-            await sub.wait_for_publishers()
-            say(ready=True)
-            sys.stdin.readline()  # the loop stands still
-            say(got=[(await sub.take(60)).data for _ in range(3)], dropped=sub.dropped)
-        """
-        async with node(domain_id) as here:
-            publisher = here.create_publisher(STRING, "/t", transport="shm")
-            async with child(reader) as other:
-                await other.hear()
-                for number in range(100):
-                    publisher.publish(String(data=str(number)))
-                assert publisher._writer._pool.slots_in_use <= credits_of(3) + 3
-                await other.tell()
-                assert await other.hear() == {"got": ["97", "98", "99"], "dropped": 97}
-                await other.end()
-
-    asyncio.run(scenario())
-
-
-def test_the_death_of_a_subscriber_that_holds_slots_frees_them_at_once(domain_id, child, until):
-    async def scenario():
-        reader = f"""
-        async with Node("reader", domain_id={domain_id}, interface="lo", lease_s=1.0) as node:
-            sub = node.create_subscription(Image, "/t", qos=5, transport="shm")
-            await sub.wait_for_publishers()
-            say(ready=True)
-            held = [await sub.take(60) for _ in range(5)]
-            say(held=len(held))
-            await hear()
-        """
-        async with node(domain_id) as here:
-            publisher = here.create_publisher(IMAGE, "/t", 5, transport="shm")
-            async with child(reader) as other:
-                await other.hear()
-                for fill in range(5):
-                    publisher.publish(image(fill))
-                assert await other.hear() == {"held": 5}
-                assert publisher._writer._pool.slots_in_use == 5
-                await other.kill()
-                await until(lambda: publisher.get_subscription_count() == 0)
-                assert publisher._writer._pool.slots_in_use < TOGETHER, (
-                    "let go, but for what is given back together"
-                )
-                assert await here.graph.wait_for(lambda: not here.graph.subscriptions("/t"), 60)
-
-    asyncio.run(scenario())
-
-
-def test_the_death_of_a_publisher_leaves_held_messages_readable(domain_id, child, until):
-    async def scenario():
-        writer = f"""
-        async with Node("writer", domain_id={domain_id}, interface="lo", lease_s=1.0) as node:
-            publisher = node.create_publisher(Image, "/image", transport="shm")
-            await publisher.wait_for_subscriptions()
-            image = default_message(Image)
-            image.data = np.full(1000, 9, np.uint8)
-            publisher.publish(image)
-            await hear()
-        """
-        async with node(domain_id) as here, child(writer) as other:
-            subscription = here.create_subscription(IMAGE, "/image", transport="shm")
-            message = await subscription.take(60)
-            await other.kill()
-            await until(lambda: subscription.get_publisher_count() == 0)
-            assert message.data.tolist() == [9] * 1000
-            assert await here.graph.wait_for(lambda: not here.graph.publishers("/image"), 60)
-            assert len(maps("r--s")) == 1
+async def test_images_cross_to_another_process_and_the_graph_says_how(domain_id, child):
+    reader = f"""
+    async with Node("reader", domain_id={domain_id}, interface="lo") as node:
+        sub = node.create_subscription(Image, "/image", qos=LATCHED, transport="shm")
+        for _ in range(2):
+            message, info = await sub.take_with_info(60)
+            say(sum=int(message.data.sum()), frame=message.header.frame_id, gid=info.publisher_gid.hex())
             del message
-            gc.collect()
-            assert maps("r--s") == []
+            await hear()
+    """
+    async with node(domain_id) as here:
+        publisher = here.create_publisher(IMAGE, "/image", LATCHED, transport="shm")
+        publisher.publish(image(2))
+        publisher.publish(image(3))  # the late joiner gets the last one
+        async with child(reader) as other:
+            heard = await other.hear()
+            assert heard == {"sum": 3 * PIXELS, "frame": "camera", "gid": publisher.gid.hex()}
+            (there,) = here.graph.subscriptions("/image")
+            (mine,) = here.graph.publishers("/image")
+            assert (there.transport, there.host, there.node) == ("shm", mine.host, "/reader")
+            await other.tell()
+            publisher.publish(image(7))
+            assert (await other.hear())["sum"] == 7 * PIXELS
+            await other.tell()
+            await other.end()
 
-    asyncio.run(scenario())
+
+async def test_a_received_array_is_the_map_itself_and_cannot_be_written(domain_id):
+    async with node(domain_id) as here:
+        publisher, subscription = await pair(here)
+        publisher.publish(image(5))
+        message = await subscription.take(60)
+        start = address_of(message.data)
+        assert any(low <= start and start + PIXELS <= high for low, high in maps("r--s"))
+        assert not message.data.flags.writeable
+        with pytest.raises(ValueError, match="WRITEABLE"):
+            message.data.flags.writeable = True
 
 
-def test_a_closed_subscription_gets_nothing_more_but_keeps_what_it_holds(domain_id, until):
-    async def scenario():
-        async with node(domain_id) as here:
-            publisher, subscription = await pair(here)
-            publisher.publish(image(1))
-            held = (await subscription.take(60)).data
-            subscription.close()
-            del subscription
-            await until(lambda: publisher.get_subscription_count() == 0)
-            other = here.create_subscription(IMAGE, "/t", transport="shm")
-            await publisher.wait_for_subscriptions()
-            await other.wait_for_publishers()
-            for fill in range(2, 20):
+async def test_a_held_message_is_never_overwritten_and_its_slot_is_free_once_let_go(domain_id):
+    async with node(domain_id) as here:
+        publisher, subscription = await pair(here, qos=3)
+        pool = publisher._writer._pool
+        publisher.publish(image(1))
+        held = (await subscription.take(60)).data[100:200]  # a view of a view holds it, too
+        addresses = set()
+        for fill in range(2, 60):
+            publisher.publish(image(fill))
+            addresses.add(address_of((await subscription.take(60)).data))
+        assert held.tolist() == [1] * 100
+        assert address_of(held) - 100 not in addresses
+        assert len(addresses) <= 1 + TOGETHER  # the others' slots were used again and again
+        del held
+        publisher.publish(image(60))
+        assert pool.slots_in_use <= TOGETHER
+        assert pool.used_bytes < (3 + TOGETHER) * PIXELS
+
+
+async def test_a_reader_that_keeps_everything_goes_on_receiving_in_bounded_memory(domain_id):
+    async with node(domain_id) as here, node(domain_id, "there") as there:
+        publisher, hoarder = await pair(here, qos=2)
+        fast = there.create_subscription(IMAGE, "/t", qos=2, transport="shm")
+        await publisher.wait_for_subscriptions(2)
+        await fast.wait_for_publishers()
+        hoard = []
+        for fill in range(50):
+            publisher.publish(image(fill))
+            assert (await fast.take(60)).data[0] == fill
+            hoard.append(await hoarder.take(60))
+        assert [m.data[0] for m in hoard] == list(range(50)), "beyond its slots it is given copies"
+        assert publisher._writer._pool.slots_in_use <= 2 * credits_of(2)
+        assert (hoarder.dropped, fast.dropped) == (0, 0)
+
+
+async def test_a_process_that_slept_gets_the_newest_messages_only(domain_id, child):
+    reader = f"""
+    import time
+    async with Node("reader", domain_id={domain_id}, interface="lo") as node:
+        sub = node.create_subscription(String, "/t", qos=3, transport="shm")
+        await sub.wait_for_publishers()
+        say(ready=True)
+        sys.stdin.readline()  # the loop stands still
+        say(got=[(await sub.take(60)).data for _ in range(3)], dropped=sub.dropped)
+    """
+    async with node(domain_id) as here:
+        publisher = here.create_publisher(STRING, "/t", transport="shm")
+        async with child(reader) as other:
+            await other.hear()
+            for number in range(100):
+                publisher.publish(String(data=str(number)))
+            assert publisher._writer._pool.slots_in_use <= credits_of(3) + 3
+            await other.tell()
+            assert await other.hear() == {"got": ["97", "98", "99"], "dropped": 97}
+            await other.end()
+
+
+async def test_the_death_of_a_subscriber_that_holds_slots_frees_them_at_once(domain_id, child, until):
+    reader = f"""
+    async with Node("reader", domain_id={domain_id}, interface="lo", lease_s=1.0) as node:
+        sub = node.create_subscription(Image, "/t", qos=5, transport="shm")
+        await sub.wait_for_publishers()
+        say(ready=True)
+        held = [await sub.take(60) for _ in range(5)]
+        say(held=len(held))
+        await hear()
+    """
+    async with node(domain_id) as here:
+        publisher = here.create_publisher(IMAGE, "/t", 5, transport="shm")
+        async with child(reader) as other:
+            await other.hear()
+            for fill in range(5):
                 publisher.publish(image(fill))
-                await other.take(60)
-            assert (held == 1).all()
-            del held
-            gc.collect()
-            await until(lambda: len(publisher._writer._connections) == 1)
-
-    asyncio.run(scenario())
-
-
-def test_a_loan_is_written_in_place_and_an_exception_publishes_nothing(domain_id):
-    async def scenario():
-        async with node(domain_id) as here:
-            publisher, subscription = await pair(here, type_=STRING)
-            cdr = serialize(String(data="in place"))
-            with publisher.loan(len(cdr)) as buffer:
-                buffer[:] = cdr
-                start = ctypes.addressof(ctypes.c_char.from_buffer(buffer))
-            assert any(low <= start < high for low, high in maps("rw-s"))
-            assert start % 64 == 60  # so that what follows the CDR header is aligned
-            with pytest.raises(KeyError), publisher.loan(100):
-                raise KeyError
-            publisher.publish(String(data="next"))
-            assert [(await subscription.take(60)).data for _ in range(2)] == ["in place", "next"]
-            assert await publisher.wait_for_all_acked()
+            assert await other.hear() == {"held": 5}
+            assert publisher._writer._pool.slots_in_use == 5
+            await other.kill()
+            await until(lambda: publisher.get_subscription_count() == 0)
             assert publisher._writer._pool.slots_in_use < TOGETHER, (
                 "let go, but for what is given back together"
             )
-            with pytest.raises(TypeError, match="transport='shm'"):
-                here.create_publisher(STRING, "/t").loan(10)
-
-    asyncio.run(scenario())
+            assert await here.graph.wait_for(lambda: not here.graph.subscriptions("/t"), 60)
 
 
-def test_limits_of_size_and_memory_are_errors_that_say_so(domain_id):
-    async def scenario():
-        async with node(domain_id) as here:
-            publisher, subscription = await pair(here, type_=STRING, qos=1, max_message_bytes=4000)
-            with pytest.raises(bus.MessageTooLargeError, match=r"5009 bytes exceeds.*4000") as caught:
-                publisher.publish_raw(bytes(5009))
-            assert caught.value.limit_bytes == 4000
-            with ExitStack() as loans:
-                for _ in range(64):
-                    loans.enter_context(publisher.loan(3000))
-                with pytest.raises(bus.PublishError, match="hold all of the"):
-                    publisher.publish(String(data="no room"))
-                loans.pop_all()  # given up, not published
-            gc.collect()
-            publisher.publish(String(data="room"))
-            assert (await subscription.take(60)).data == "room"
-
-    asyncio.run(scenario())
-
-
-def test_a_peer_cannot_write_or_truncate_the_memory_and_nonsense_is_hung_up_on(domain_id):
-    async def scenario():
-        async with node(domain_id) as here:
-            publisher, subscription = await pair(here, type_=STRING)
-            address = entries(here.graph.publishers("/t")[0].user_data)[SHM_KEY]
-            for nonsense in (b"x", b"", b"sfgs" + bytes(100)):
-                peer = wire.connect(address)
-                peer.send(nonsense)
-                peer.setblocking(True)
-                received = asyncio.to_thread(peer.recv, 10)
-                assert await asyncio.wait_for(received, 60) == b""
-                peer.close()
-            publisher.publish(String(data="still there"))
-            assert (await subscription.take(60)).data == "still there"
-            fd = os.open(f"/proc/self/fd/{publisher._writer._arena.reader_fd}", os.O_RDONLY)
-            with pytest.raises(PermissionError):
-                mmap.mmap(fd, 4096, prot=mmap.PROT_WRITE)
-            os.close(fd)
-            with pytest.raises(PermissionError):
-                os.ftruncate(publisher._writer._arena._fd, 0)
-
-    asyncio.run(scenario())
+async def test_the_death_of_a_publisher_leaves_held_messages_readable(domain_id, child, until):
+    writer = f"""
+    async with Node("writer", domain_id={domain_id}, interface="lo", lease_s=1.0) as node:
+        publisher = node.create_publisher(Image, "/image", transport="shm")
+        await publisher.wait_for_subscriptions()
+        image = default_message(Image)
+        image.data = np.full(1000, 9, np.uint8)
+        publisher.publish(image)
+        await hear()
+    """
+    async with node(domain_id) as here, child(writer) as other:
+        subscription = here.create_subscription(IMAGE, "/image", transport="shm")
+        message = await subscription.take(60)
+        await other.kill()
+        await until(lambda: subscription.get_publisher_count() == 0)
+        assert message.data.tolist() == [9] * 1000
+        assert await here.graph.wait_for(lambda: not here.graph.publishers("/image"), 60)
+        assert len(maps("r--s")) == 1
+        del message
+        gc.collect()
+        assert maps("r--s") == []
 
 
-def test_a_subscriber_refuses_hostile_datagrams_of_a_publisher(domain_id):
-    async def scenario():
-        async with node(domain_id) as here:
-            _, subscription = await pair(here, type_=STRING)
-            (link,) = subscription._reader._links.values()
-            near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-            near.setblocking(False)
-            loop = asyncio.get_running_loop()
-            loop.remove_reader(link.sock.fileno())
-            real, link.sock = link.sock, near
-            far.send(b"\xff" * 32)
-            subscription._reader._receive(link.gid, link)
-            assert subscription.get_publisher_count() == 0
-            assert far.recv(10) == b""
-            real.close()
-            far.close()
+async def test_a_closed_subscription_gets_nothing_more_but_keeps_what_it_holds(domain_id, until):
+    async with node(domain_id) as here:
+        publisher, subscription = await pair(here)
+        publisher.publish(image(1))
+        held = (await subscription.take(60)).data
+        subscription.close()
+        del subscription
+        await until(lambda: publisher.get_subscription_count() == 0)
+        other = here.create_subscription(IMAGE, "/t", transport="shm")
+        await publisher.wait_for_subscriptions()
+        await other.wait_for_publishers()
+        for fill in range(2, 20):
+            publisher.publish(image(fill))
+            await other.take(60)
+        assert (held == 1).all()
+        del held
+        gc.collect()
+        await until(lambda: len(publisher._writer._connections) == 1)
 
-    asyncio.run(scenario())
+
+async def test_a_loan_is_written_in_place_and_an_exception_publishes_nothing(domain_id):
+    async with node(domain_id) as here:
+        publisher, subscription = await pair(here, type_=STRING)
+        cdr = serialize(String(data="in place"))
+        with publisher.loan(len(cdr)) as buffer:
+            buffer[:] = cdr
+            start = ctypes.addressof(ctypes.c_char.from_buffer(buffer))
+        assert any(low <= start < high for low, high in maps("rw-s"))
+        assert start % 64 == 60  # so that what follows the CDR header is aligned
+        with pytest.raises(KeyError), publisher.loan(100):
+            raise KeyError
+        publisher.publish(String(data="next"))
+        assert [(await subscription.take(60)).data for _ in range(2)] == ["in place", "next"]
+        assert await publisher.wait_for_all_acked()
+        assert publisher._writer._pool.slots_in_use < TOGETHER, "let go, but for what is given back together"
+        with pytest.raises(TypeError, match="transport='shm'"):
+            here.create_publisher(STRING, "/t").loan(10)
 
 
-def test_keep_all_loses_nothing_within_the_memory_limit(domain_id):
-    async def scenario():
-        async with node(domain_id) as here:
-            from sfglab.qos import History
+async def test_limits_of_size_and_memory_are_errors_that_say_so(domain_id):
+    async with node(domain_id) as here:
+        publisher, subscription = await pair(here, type_=STRING, qos=1, max_message_bytes=4000)
+        with pytest.raises(bus.MessageTooLargeError, match=r"5009 bytes exceeds.*4000") as caught:
+            publisher.publish_raw(bytes(5009))
+        assert caught.value.limit_bytes == 4000
+        with ExitStack() as loans:
+            for _ in range(64):
+                loans.enter_context(publisher.loan(3000))
+            with pytest.raises(bus.PublishError, match="hold all of the"):
+                publisher.publish(String(data="no room"))
+            loans.pop_all()  # given up, not published
+        gc.collect()
+        publisher.publish(String(data="room"))
+        assert (await subscription.take(60)).data == "room"
 
-            qos = QoSProfile(history=History.KEEP_ALL)
-            publisher, subscription = await pair(here, type_=STRING, qos=qos)
-            for number in range(1000):
-                publisher.publish(String(data=str(number)))
-            got = [int((await subscription.take(60)).data) for _ in range(1000)]
-            assert got == list(range(1000))
-            assert subscription.dropped == 0
 
-    asyncio.run(scenario())
+async def test_a_peer_cannot_write_or_truncate_the_memory_and_nonsense_is_hung_up_on(domain_id):
+    async with node(domain_id) as here:
+        publisher, subscription = await pair(here, type_=STRING)
+        address = entries(here.graph.publishers("/t")[0].user_data)[SHM_KEY]
+        for nonsense in (b"x", b"", b"sfgs" + bytes(100)):
+            peer = wire.connect(address)
+            peer.send(nonsense)
+            peer.setblocking(True)
+            received = asyncio.to_thread(peer.recv, 10)
+            assert await asyncio.wait_for(received, 60) == b""
+            peer.close()
+        publisher.publish(String(data="still there"))
+        assert (await subscription.take(60)).data == "still there"
+        fd = os.open(f"/proc/self/fd/{publisher._writer._arena.reader_fd}", os.O_RDONLY)
+        with pytest.raises(PermissionError):
+            mmap.mmap(fd, 4096, prot=mmap.PROT_WRITE)
+        os.close(fd)
+        with pytest.raises(PermissionError):
+            os.ftruncate(publisher._writer._arena._fd, 0)
+
+
+async def test_a_subscriber_refuses_hostile_datagrams_of_a_publisher(domain_id):
+    async with node(domain_id) as here:
+        _, subscription = await pair(here, type_=STRING)
+        (link,) = subscription._reader._links.values()
+        near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        near.setblocking(False)
+        loop = asyncio.get_running_loop()
+        loop.remove_reader(link.sock.fileno())
+        real, link.sock = link.sock, near
+        far.send(b"\xff" * 32)
+        subscription._reader._receive(link.gid, link)
+        assert subscription.get_publisher_count() == 0
+        assert far.recv(10) == b""
+        real.close()
+        far.close()
+
+
+async def test_keep_all_loses_nothing_within_the_memory_limit(domain_id):
+    async with node(domain_id) as here:
+        from sfglab.qos import History
+
+        qos = QoSProfile(history=History.KEEP_ALL)
+        publisher, subscription = await pair(here, type_=STRING, qos=qos)
+        for number in range(1000):
+            publisher.publish(String(data=str(number)))
+        got = [int((await subscription.take(60)).data) for _ in range(1000)]
+        assert got == list(range(1000))
+        assert subscription.dropped == 0

@@ -212,7 +212,7 @@ def test_a_request_that_is_there_before_its_reply_reader_is_answered_when_that_i
             request, response = (default_message(f"{METADATA}_{half}") for half in ("Request", "Response"))
             one.create_service(METADATA, "/global/one/get_metadata", lambda r: asked.append(r) or response)
             one.create_service(METADATA, "/global/one/barrier", lambda _: response)
-            side = everybody._core.participant
+            side = everybody.backend.participant
             writer = DdsWriter(
                 side.create_writer(requests, wire_type(requests, f"{METADATA}_Request"), SERVICES),
                 requests,
@@ -355,7 +355,7 @@ def test_an_unknown_type_crosses_two_routers(ids):
     async def scenario():
         async with fleet(ids) as (one, two, _):
             got = []
-            sides = [node._core.participant for node in (one, two)]
+            sides = [node.backend.participant for node in (one, two)]
             struct = opaque_idl_struct(custom)
             writer = DdsWriter(
                 sides[0].create_writer("rt" + TOPIC, struct, LATCHED),
