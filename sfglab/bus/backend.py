@@ -1,4 +1,4 @@
-"""A middleware as nodes see it: the base class of its half of a node, and what it forwards between nodes.
+"""A middleware as nodes see it: the base class of its half of a node, and forwarding between two of them.
 
 Knows what ends with a node and in which order. Refuses to know any middleware: DDS (`sfglab.bus.dds`), the
 simulated world (`sfglab.bus.sim`) and any further one derive from `Backend`, and no component needs a change.
@@ -11,20 +11,19 @@ import secrets
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from sfglab.bus.api import EndpointKind, Listener, RawEndpoint
+from sfglab.bus.endpoints import Inbox, Sample
 from sfglab.bus.errors import ClosedError
+from sfglab.bus.forwarding import Forward, Forwarder, Transform
 from sfglab.bus.loop import Calls, LoopBridge, OnError
 from sfglab.messages import decoder
 
 if TYPE_CHECKING:
-    from sfglab.bus.endpoints import Inbox, Reader, Writer
+    from sfglab.bus.endpoints import Reader, Writer
     from sfglab.bus.graph import Graph
-
-Transform = Callable[[bytes], bytes | None]
-"""Changes a sample on its way: CDR in, CDR out, None drops it. The same object back means: as it was."""
 
 
 class Clock:
@@ -44,69 +43,6 @@ class Owned(Protocol):
 
     def close(self) -> None:
         """Release what it holds."""
-
-
-class RawWriter(Protocol):
-    """A writer of samples as they are, in the target's domain of a forwarder."""
-
-    @property
-    def gid(self) -> bytes:
-        """Its 16-byte GUID, as the graph shows it."""
-
-    def close(self) -> None:
-        """End it; again is harmless."""
-
-
-@dataclass(slots=True)
-class ForwardCounts:
-    """What a forward did so far."""
-
-    forwarded: int = 0  #: Samples handed to a raw writer.
-    #: Samples that were not: of refused sources, by the transform, pushed out while they were held, or refused
-    #: by the target's middleware.
-    dropped: int = 0
-    bytes: int = 0  #: Size of the CDR that was forwarded.
-
-
-class Forward(Protocol):
-    """One raw reader of one topic, whose samples go on by their source; made by `Forwarder.open`."""
-
-    @property
-    def gid(self) -> bytes:
-        """The reader's 16-byte GUID."""
-
-    @property
-    def counts(self) -> ForwardCounts:
-        """What it did so far."""
-
-    def admit(self, source: bytes, writer: RawWriter, transform: Transform | None = None) -> None:
-        """Send a source's samples to a raw writer from now on, those held for it first.
-
-        Args:
-            source: The 16-byte GUID of a publisher in the source's domain.
-            writer: Made by the same forwarder.
-            transform: Given each sample. On live nodes it runs in the thread that reads, so it must not
-                touch what belongs to the loop.
-        """
-
-    def refuse(self, source: bytes) -> None:
-        """Drop a source's samples from now on, and those held."""
-
-    def forget(self, source: bytes) -> None:
-        """Take a source for one that was never judged: its samples are held, within bounds, until it is."""
-
-    def close(self) -> None:
-        """End it at once: nothing is forwarded any more; raw writers stay. Again is harmless."""
-
-
-class Forwarder(Protocol):
-    """Opens forwards from one node and raw writers on another; made by `Node.open_forwarder`."""
-
-    def open(self, endpoint: RawEndpoint) -> Forward:
-        """Read a topic in the source's domain; until its sources are judged their samples are held."""
-
-    def open_writer(self, endpoint: RawEndpoint) -> RawWriter:
-        """Write to a topic in the target's domain; to be closed when no source goes there any more."""
 
 
 class Backend(ABC):
@@ -141,12 +77,12 @@ class Backend(ABC):
         """Return a new reader, which pushes into `inbox`; see `open_writer`."""
 
     @abstractmethod
-    def open_forwarder(self, target: Any) -> Forwarder:
-        """Return what forwards to another node of this kind; `target` is its backend."""
-
-    @abstractmethod
     def leave(self) -> None:
         """Leave the domain; everything registered is closed."""
+
+    def open_forwarder(self, target: Any) -> Forwarder:
+        """Return what forwards to another node of this kind; `target` is its backend."""
+        return RawForwarder(self, target)
 
     def decoder(self, type_: str) -> Callable[[Any], Any]:
         """Return what makes messages of a type from CDR."""
@@ -210,6 +146,91 @@ class Backend(ABC):
             for task in self._tasks - {current}:
                 task.cancel()
         self.leave()
+
+
+class RawForwarder:
+    """Forwards between two nodes by readers and writers of theirs, all on the loop.
+
+    Args:
+        source: Where samples come from.
+        target: Where they go to.
+    """
+
+    def __init__(self, source: Backend, target: Backend) -> None:
+        self._source = source
+        self._target = target
+
+    def open(self, endpoint: RawEndpoint) -> LoopForward:
+        """Read a topic in the source's domain; until its sources are judged their samples are held."""
+        return LoopForward(self._source, replace(endpoint, forwards=True))
+
+    def open_writer(self, endpoint: RawEndpoint) -> LoopWriter:
+        """Write to a topic in the target's domain."""
+        return LoopWriter(self._target, replace(endpoint, forwards=True))
+
+
+class LoopWriter:
+    """A raw writer that is written to on the loop, and ignores what comes after its end."""
+
+    def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
+        self._backend = backend
+        self._writer: Writer | None = backend.open_writer(endpoint, _ignore)
+        self.gid = self._writer.gid
+        backend.register(self._writer)
+
+    def write(self, cdr: bytes, source_timestamp_ns: int) -> None:
+        """Send one sample with the time stamp that its first publisher gave it."""
+        if self._writer is not None and not self._backend.closed:
+            self._writer.write(cdr, source_timestamp_ns)
+
+    def close(self) -> None:
+        """End it; again is harmless."""
+        if self._writer is not None:
+            self._backend.end(self._writer)
+            self._writer = None
+
+
+class LoopForward(Forward[Sample, LoopWriter]):
+    """A forward whose samples pass on the loop."""
+
+    def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
+        calls = backend.calls(f"raw reader {endpoint.dds_topic!r}")
+        inbox = Inbox(backend.bridge, endpoint.qos, decode=_whole, callback=self._take, calls=calls)
+        self._reader = backend.open_reader(endpoint, _ignore, inbox)
+        self._backend = backend
+        super().__init__(self._reader.gid)
+        backend.register(self._reader)
+
+    def close(self) -> None:
+        """End it at once; again is harmless."""
+        self._backend.end(self._reader)
+        self._gate.clear()
+
+    def _take(self, sample: Sample) -> None:
+        self._gate.take(sample[3], sample)
+
+    def _send(self, exit_: tuple[LoopWriter, Transform | None], sample: Sample) -> None:
+        writer, transform = exit_
+        cdr = bytes(sample[0])
+        changed = cdr if transform is None else transform(cdr)
+        if changed is None:
+            self._drop(sample)
+            return
+        writer.write(changed, sample[1])
+        self.counts.forwarded += 1
+        self.counts.bytes += len(changed)
+
+    def _drop(self, sample: Sample) -> None:
+        del sample
+        self.counts.dropped += 1
+
+
+def _whole(sample: Sample) -> Sample:
+    return sample
+
+
+def _ignore() -> None:
+    """Take no notice of a change of what matches."""
 
 
 Join = Callable[[str, OnError | None], Backend]

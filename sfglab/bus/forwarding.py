@@ -2,28 +2,52 @@
 
 Refuses to know policies: whoever opens a forward says which sources pass; what others send waits until then.
 Live nodes forward inside the middleware (`sfglab.bus.dds.forwarder`), without the bytes ever being Python's;
-`RawForwarder` serves every other backend, all on the loop.
+every other backend by `sfglab.bus.backend.RawForwarder`, on the loop.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import deque
-from dataclasses import replace
-from typing import TYPE_CHECKING, Generic, TypeVar, cast
-
-from sfglab.bus.backend import Backend, ForwardCounts, RawWriter, Transform
-from sfglab.bus.endpoints import Inbox, Sample, Writer
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sfglab.bus.api import RawEndpoint
+
+Transform = Callable[[bytes], bytes | None]
+"""Changes a sample on its way: CDR in, CDR out, None drops it. The same object back means: as it was."""
 
 HELD_SAMPLES = 256
 """How many samples of a source that nobody judged yet are kept; the oldest go first."""
 
 _Sample = TypeVar("_Sample")
 _Exit = TypeVar("_Exit")
+_Writer = TypeVar("_Writer")
+
+
+class RawWriter(Protocol):
+    """A writer of samples as they are, in the target's domain of a forwarder."""
+
+    @property
+    def gid(self) -> bytes:
+        """Its 16-byte GUID, as the graph shows it."""
+
+    def close(self) -> None:
+        """End it; again is harmless."""
+
+
+@dataclass(slots=True)
+class ForwardCounts:
+    """What a forward did so far."""
+
+    forwarded: int = 0  #: Samples handed to a raw writer.
+    #: Samples that were not: of refused sources, by the transform, pushed out while they were held, or refused
+    #: by the target's middleware.
+    dropped: int = 0
+    bytes: int = 0  #: Size of the CDR that was forwarded.
 
 
 class SourceGate(Generic[_Sample, _Exit]):
@@ -79,102 +103,57 @@ class SourceGate(Generic[_Sample, _Exit]):
             self._drop(sample)
 
 
-class RawForwarder:
-    """Forwards between two nodes by readers and writers of theirs.
+class Forward(ABC, Generic[_Sample, _Writer]):
+    """One raw reader of one topic, whose samples go on by their source; made by `Forwarder.open`.
 
     Args:
-        source: Where samples come from.
-        target: Where they go to.
+        gid: The reader's 16-byte GUID.
     """
 
-    def __init__(self, source: Backend, target: Backend) -> None:
-        self._source = source
-        self._target = target
-
-    def open(self, endpoint: RawEndpoint) -> LoopForward:
-        """Read a topic in the source's domain; until its sources are judged their samples are held."""
-        return LoopForward(self._source, replace(endpoint, forwards=True))
-
-    def open_writer(self, endpoint: RawEndpoint) -> LoopWriter:
-        """Write to a topic in the target's domain."""
-        return LoopWriter(self._target, replace(endpoint, forwards=True))
-
-
-class LoopWriter:
-    """A raw writer that is written to on the loop, and ignores what comes after its end."""
-
-    def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
-        self._backend = backend
-        self._writer: Writer | None = backend.open_writer(endpoint, _ignore)
-        self.gid = self._writer.gid
-        backend.register(self._writer)
-
-    def write(self, cdr: bytes, source_timestamp_ns: int) -> None:
-        """Send one sample with the time stamp that its first publisher gave it."""
-        if self._writer is not None and not self._backend.closed:
-            self._writer.write(cdr, source_timestamp_ns)
-
-    def close(self) -> None:
-        """End it; again is harmless."""
-        if self._writer is not None:
-            self._backend.end(self._writer)
-            self._writer = None
-
-
-_LoopExit = tuple[LoopWriter, Transform | None]
-
-
-class LoopForward:
-    """One reader whose samples go on by their source, all on the loop."""
-
-    def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
+    def __init__(self, gid: bytes) -> None:
+        self.gid = gid
         self.counts = ForwardCounts()
-        self._backend = backend
-        self._gate: SourceGate[Sample, _LoopExit] = SourceGate(self._send, self._drop)
-        calls = backend.calls(f"raw reader {endpoint.dds_topic!r}")
-        inbox = Inbox(backend.bridge, endpoint.qos, decode=_whole, callback=self._take, calls=calls)
-        self._reader = backend.open_reader(endpoint, _ignore, inbox)
-        self.gid = self._reader.gid
-        backend.register(self._reader)
+        self._gate: SourceGate[_Sample, tuple[_Writer, Transform | None]] = SourceGate(self._send, self._drop)
 
-    def admit(self, source: bytes, writer: RawWriter, transform: Transform | None = None) -> None:
-        """Send a source's samples to a raw writer from now on, those held for it first."""
-        self._gate.judge(source, (cast("LoopWriter", writer), transform))
+    def admit(self, source: bytes, writer: _Writer, transform: Transform | None = None) -> None:
+        """Send a source's samples to a raw writer from now on, those held for it first.
+
+        Args:
+            source: The 16-byte GUID of a publisher in the source's domain.
+            writer: Made by the same forwarder.
+            transform: Given each sample. On live nodes it runs in the thread that reads, so it must not
+                touch what belongs to the loop.
+        """
+        self._order(partial(self._gate.judge, source, (writer, transform)))
 
     def refuse(self, source: bytes) -> None:
         """Drop a source's samples from now on, and those held."""
-        self._gate.judge(source, None)
+        self._order(partial(self._gate.judge, source, None))
 
     def forget(self, source: bytes) -> None:
-        """Take a source for one that was never judged."""
-        self._gate.forget(source)
+        """Take a source for one that was never judged: its samples are held, within bounds, until it is."""
+        self._order(partial(self._gate.forget, source))
 
+    @abstractmethod
     def close(self) -> None:
-        """End it at once; again is harmless."""
-        self._backend.end(self._reader)
-        self._gate.clear()
+        """End it at once: nothing is forwarded any more; raw writers stay. Again is harmless."""
 
-    def _take(self, sample: Sample) -> None:
-        self._gate.take(sample[3], sample)
+    def _order(self, order: Callable[[], None]) -> None:
+        """Do something where samples pass."""
+        order()
 
-    def _send(self, exit_: _LoopExit, sample: Sample) -> None:
-        writer, transform = exit_
-        cdr = bytes(sample[0])
-        changed = cdr if transform is None else transform(cdr)
-        if changed is None:
-            self._drop(sample)
-            return
-        writer.write(changed, sample[1])
-        self.counts.forwarded += 1
-        self.counts.bytes += len(changed)
+    @abstractmethod
+    def _send(self, exit_: tuple[_Writer, Transform | None], sample: _Sample) -> None: ...
 
-    def _drop(self, _: Sample) -> None:
-        self.counts.dropped += 1
+    @abstractmethod
+    def _drop(self, sample: _Sample) -> None: ...
 
 
-def _whole(sample: Sample) -> Sample:
-    return sample
+class Forwarder(Protocol):
+    """Opens forwards from one node and raw writers on another; made by `Node.open_forwarder`."""
 
+    def open(self, endpoint: RawEndpoint) -> Forward[Any, Any]:
+        """Read a topic in the source's domain; until its sources are judged their samples are held."""
 
-def _ignore() -> None:
-    """Take no notice of a change of what matches."""
+    def open_writer(self, endpoint: RawEndpoint) -> RawWriter:
+        """Write to a topic in the target's domain; to be closed when no source goes there any more."""

@@ -11,7 +11,7 @@ from sfglab import names
 from sfglab.bus.actions.client import ActionClient
 from sfglab.bus.actions.server import ActionServer, ActionServerOptions, ExecuteCallback
 from sfglab.bus.api import DEFAULT_MAX_MESSAGE_BYTES, Callback, Handler, MessageType, Transport
-from sfglab.bus.backend import Backend, Clock, Forwarder, Join
+from sfglab.bus.backend import Backend, Clock, Join
 from sfglab.bus.dds.backend import DdsBackend
 from sfglab.bus.dds.domain import DomainConfig, DomainOptions
 from sfglab.bus.errors import ClosedError
@@ -22,6 +22,7 @@ from sfglab.qos import DEFAULT, QoSProfile
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
+    from sfglab.bus.forwarding import Forwarder
     from sfglab.bus.graph import Graph
     from sfglab.bus.loop import Calls, OnError
 

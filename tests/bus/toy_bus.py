@@ -11,7 +11,6 @@ from sfglab import bus
 from sfglab.bus.api import EndpointInfo, EndpointKind, ros_topic
 from sfglab.bus.backend import Backend
 from sfglab.bus.errors import InvalidMessageError, MessageTooLargeError
-from sfglab.bus.forwarding import RawForwarder
 from sfglab.bus.graph import Graph
 from sfglab.messages import CdrError, decoder, serialize
 from sfglab.qos import Durability, History, incompatibilities
@@ -48,9 +47,6 @@ class ToyBackend(Backend):
 
     def open_reader(self, endpoint, notify, inbox):
         return ToyReader(self, endpoint, notify, inbox).opened()
-
-    def open_forwarder(self, target):
-        return RawForwarder(self, target)
 
     def leave(self):
         self.domain.backends.remove(self)

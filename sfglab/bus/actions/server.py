@@ -53,39 +53,24 @@ class CancelResponse(Enum):
     REJECT = "reject"
 
 
-class Running:
-    """One accepted goal: what its handle, its task and the requests for its result share."""
+class ServerGoalHandle:
+    """One accepted goal, on its server; given to the server's callbacks.
 
-    def __init__(self, goal_id: bytes, request: Any, result: asyncio.Future[Any]) -> None:
+    Args:
+        goals: All of the server's.
+        goal_id: The goal's 16 bytes, chosen by the client.
+        request: The goal message.
+        result: What requests for the result wait for.
+    """
+
+    def __init__(self, goals: Goals, goal_id: bytes, request: Any, result: asyncio.Future[Any]) -> None:
         self.goal_id = goal_id
         self.request = request
         self.result = result
-        self.status = GoalStatus.ACCEPTED
-        self.canceling = asyncio.Event()
-        self.task: asyncio.Task[Any] | None = None
-
-
-class ServerGoalHandle:
-    """One accepted goal, on its server; given to the server's callbacks."""
-
-    def __init__(self, goals: Goals, running: Running) -> None:
+        self.status = GoalStatus.ACCEPTED  #: Where the goal is in its life.
+        self.canceling = asyncio.Event()  #: Set once a request to cancel was accepted.
+        self.task: asyncio.Task[Any] | None = None  #: Executes it.
         self._goals = goals
-        self._running = running
-
-    @property
-    def goal_id(self) -> bytes:
-        """The goal's 16 bytes, chosen by the client."""
-        return self._running.goal_id
-
-    @property
-    def request(self) -> Any:
-        """The goal message."""
-        return self._running.request
-
-    @property
-    def status(self) -> GoalStatus:
-        """Where the goal is in its life."""
-        return self._running.status
 
     @property
     def is_active(self) -> bool:
@@ -99,7 +84,7 @@ class ServerGoalHandle:
 
     async def cancel_requested(self) -> None:
         """Return once a request to cancel was accepted."""
-        await self._running.canceling.wait()
+        await self.canceling.wait()
 
     def execute(self) -> None:
         """Run the execute callback in a task of its own; only once, and only for who deferred it.
@@ -108,9 +93,9 @@ class ServerGoalHandle:
             GoalTransitionError: The goal is executed already.
         """
         # A goal that was canceled while it waited is executed too: its callback has to end it.
-        if self._running.task is not None or not self.is_cancel_requested:
-            self._goals.apply(self._running, GoalEvent.EXECUTE)
-        self._running.task = self._goals.calls.spawn(self._goals.run(self._running))
+        if self.task is not None or not self.is_cancel_requested:
+            self._goals.apply(self, GoalEvent.EXECUTE)
+        self.task = self._goals.calls.spawn(self._goals.run(self))
 
     def publish_feedback(self, feedback: Any) -> None:
         """Tell everybody who listens how far the goal has come.
@@ -129,15 +114,15 @@ class ServerGoalHandle:
         Raises:
             GoalTransitionError: The goal has ended already, or was not executed yet.
         """
-        self._goals.apply(self._running, GoalEvent.SUCCEED)
+        self._goals.apply(self, GoalEvent.SUCCEED)
 
     def abort(self) -> None:
         """End the goal as ABORTED; see `succeed`."""
-        self._goals.apply(self._running, GoalEvent.ABORT)
+        self._goals.apply(self, GoalEvent.ABORT)
 
     def canceled(self) -> None:
         """End the goal as CANCELED, once a request to cancel was accepted; see `succeed`."""
-        self._goals.apply(self._running, GoalEvent.CANCELED)
+        self._goals.apply(self, GoalEvent.CANCELED)
 
 
 # rcl_action's default in Humble, 15 minutes; later releases have 10 s.
@@ -183,8 +168,8 @@ class Goals:
         self._backend = backend
         self._action = action
         self._execute = execute
-        self._running: dict[bytes, Running] = {}
-        self._waiting: dict[bytes, Running] = {}  # accepted, but their clients were not told yet
+        self._running: dict[bytes, ServerGoalHandle] = {}
+        self._waiting: dict[bytes, ServerGoalHandle] = {}  # accepted, but their clients were not told yet
 
     def open(self, feedback: Publisher, status: Publisher, options: ActionServerOptions) -> None:
         """Begin to publish, with an empty list of goals for whoever wants to know that none runs."""
@@ -195,15 +180,15 @@ class Goals:
         self._status = status
         self._publish_status()
 
-    def apply(self, running: Running, event: GoalEvent) -> None:
+    def apply(self, goal: ServerGoalHandle, event: GoalEvent) -> None:
         """Let something happen to a goal, and tell all who listen to the status.
 
         Raises:
             GoalTransitionError: It may not happen now.
         """
-        running.status = self._book.apply(running.goal_id, event, self._steady_ns())
+        goal.status = self._book.apply(goal.goal_id, event, self._steady_ns())
         if event is GoalEvent.CANCEL_GOAL:
-            running.canceling.set()
+            goal.canceling.set()
         self._publish_status()
 
     def publish_feedback(self, goal_id: bytes, feedback: Any) -> None:
@@ -221,45 +206,46 @@ class Goals:
         stamp_ns = self._backend.clock.now_ns()
         # Two requests with one id may both have passed the callback; the book accepts one.
         if accepted := taken and self._book.accept(goal_id, stamp_ns):
-            self._running[goal_id] = Running(goal_id, request.goal, self._backend.loop.create_future())
+            result = self._backend.loop.create_future()
+            self._running[goal_id] = ServerGoalHandle(self, goal_id, request.goal, result)
             self._waiting[goal_id] = self._running[goal_id]
             self._publish_status()
         return self._action.send_goal.response(accepted=accepted, stamp=stamp_from_ns(stamp_ns))
 
     def on_answered(self, request: Any) -> None:
         """Begin with a goal whose client was told; by then it is known to listen for feedback, too."""
-        running = self._waiting.pop(goal_id_from(request.goal_id), None)
-        if running is not None and not self.closed:
+        goal = self._waiting.pop(goal_id_from(request.goal_id), None)
+        if goal is not None and not self.closed:
             begin = self._options.get("handle_accepted_callback", ServerGoalHandle.execute)
-            self.calls.run(begin, ServerGoalHandle(self, running))
+            self.calls.run(begin, goal)
 
     async def on_get_result(self, request: Any) -> Any:
         """Return a goal's result once it has ended; UNKNOWN and zeros for a goal that is not remembered."""
         self._expire()
-        running = self._running.get(goal_id_from(request.goal_id))
+        goal = self._running.get(goal_id_from(request.goal_id))
         response = self._action.get_result.response
-        if running is None:
+        if goal is None:
             return response(status=int(GoalStatus.UNKNOWN), result=default_message(self._action.result))
         # Shielded: several may wait for it, and one of them that ends must not end it for the others.
-        result = await asyncio.shield(running.result)
-        return response(status=int(running.status), result=result)
+        result = await asyncio.shield(goal.result)
+        return response(status=int(goal.status), result=result)
 
     async def on_cancel_goal(self, request: Any) -> Any:
         """Ask the user about each goal that a request is about, and return which go to CANCELING."""
         self._expire()
         plan = self._book.to_cancel(*read_goal_info(request.goal_info))
         chosen = [self._running[goal_id] for goal_id in plan.goal_ids]
-        canceling = {running.goal_id for running in chosen if await self._cancels(running)}
+        canceling = {goal.goal_id for goal in chosen if await self._cancels(goal)}
         code = CancelCode.REJECTED if plan.goal_ids and not canceling else plan.code
-        goals = [goal for goal in self._book.goals() if goal.goal_id in canceling]
-        infos = [goal_info(goal.goal_id, goal.accepted_ns) for goal in goals]
+        booked = [known for known in self._book.goals() if known.goal_id in canceling]
+        infos = [goal_info(known.goal_id, known.accepted_ns) for known in booked]
         return service_type(CANCEL_GOAL).response(return_code=int(code), goals_canceling=infos)
 
-    async def run(self, running: Running) -> None:
+    async def run(self, goal: ServerGoalHandle) -> None:
         """Execute a goal to its end; a callback that does not say how it ends has failed."""
         result = None
         try:
-            result = await _awaited(self._execute(ServerGoalHandle(self, running)))
+            result = await _awaited(self._execute(goal))
             if result is not None:
                 checked_type(result, type_=type_name(self._action.result), where=self._action.name)
         except Exception as error:  # noqa: BLE001 - reported; the client gets an aborted goal
@@ -267,37 +253,37 @@ class Goals:
             result = None
         finally:
             if not self.closed:
-                self._finish(running, result)
+                self._finish(goal, result)
 
     def close(self) -> None:
         """Abort what runs; whoever listens to the status hears of it, unless the node closes."""
         if self._backend.loop.is_closed():
             return
         self.closed = self._backend.closed
-        for running in self._running.values():
-            if is_allowed(running.status, GoalEvent.ABORT):
-                self.apply(running, GoalEvent.ABORT)
-            running.result.cancel()
-            if running.task is not None:
-                running.task.cancel()
+        for goal in self._running.values():
+            if is_allowed(goal.status, GoalEvent.ABORT):
+                self.apply(goal, GoalEvent.ABORT)
+            goal.result.cancel()
+            if goal.task is not None:
+                goal.task.cancel()
         self.closed = True
 
-    def _finish(self, running: Running, result: Any) -> None:
-        if running.status not in TERMINAL:
-            self.apply(running, GoalEvent.ABORT)
-        running.result.set_result(default_message(self._action.result) if result is None else result)
+    def _finish(self, goal: ServerGoalHandle, result: Any) -> None:
+        if goal.status not in TERMINAL:
+            self.apply(goal, GoalEvent.ABORT)
+        goal.result.set_result(default_message(self._action.result) if result is None else result)
 
     async def _takes(self, goal: Any) -> bool:
         callback = self._options.get("goal_callback")
         return callback is None or await self._asked(callback, goal, GoalResponse) is GoalResponse.ACCEPT
 
-    async def _cancels(self, running: Running) -> bool:
-        callback, handle = self._options.get("cancel_callback"), ServerGoalHandle(self, running)
-        if callback is None or await self._asked(callback, handle, CancelResponse) is not CancelResponse.ACCEPT:
+    async def _cancels(self, goal: ServerGoalHandle) -> bool:
+        callback = self._options.get("cancel_callback")
+        if callback is None or await self._asked(callback, goal, CancelResponse) is not CancelResponse.ACCEPT:
             return False
-        if not is_allowed(running.status, GoalEvent.CANCEL_GOAL):
+        if not is_allowed(goal.status, GoalEvent.CANCEL_GOAL):
             return False  # it ended, or another request was faster, while the callback was asked
-        self.apply(running, GoalEvent.CANCEL_GOAL)
+        self.apply(goal, GoalEvent.CANCEL_GOAL)
         return True
 
     async def _asked(self, callback: Callable[[Any], Any], about: Any, answers: type[Enum]) -> Enum | None:

@@ -14,7 +14,7 @@ from collections import deque
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.backend import ForwardCounts, RawWriter, Transform
+from sfglab.bus.api import RawEndpoint
 from sfglab.bus.dds.clib import (
     ANY_STATE,
     RETCODE_ERROR,
@@ -36,7 +36,7 @@ from sfglab.bus.dds.endpoints import (
     source_timestamp_ns,
     stamp,
 )
-from sfglab.bus.forwarding import SourceGate
+from sfglab.bus.forwarding import Forward, Transform
 from sfglab.messages import UnknownTypeError
 from sfglab.qos import History
 
@@ -94,17 +94,12 @@ class DdsRawWriter:
         handle: The C handle of the writer, which batches.
         order: Has a function called in the forwarder's thread.
         keeps_all: Whether it may block, because it must not lose what is not acknowledged yet.
-
-    Attributes:
-        gid: Its 16-byte GUID.
-        sertype: What new samples for it are made with.
-        closed: Whether it was deleted.
     """
 
     def __init__(self, handle: int, order: Callable[[Callable[[], None]], None], *, keeps_all: bool) -> None:
-        self.gid = entity_guid(handle)
-        self.sertype = sertype_of(handle)
-        self.closed = False
+        self.gid = entity_guid(handle)  #: Its 16-byte GUID.
+        self.sertype = sertype_of(handle)  #: What new samples for it are made with.
+        self.closed = False  #: Whether it was deleted.
         self._handle = handle
         self._order = order
         self._keeps_all = keeps_all
@@ -160,15 +155,11 @@ class DdsRawWriter:
         return RETCODE_ERROR
 
 
-_log = logging.getLogger("sfglab.bus")
 _BATCH = 64
 _MAX_MATCHED = 4096
 # What a KEEP_ALL reader may hold before its senders have to wait: a target slower than its source would
 # otherwise fill the memory. Measured: 256 halve the rate of 64-byte messages, more than this gains nothing.
 _MAX_KEPT = 1024
-
-
-_Exit = tuple[DdsRawWriter, Transform | None]
 
 
 class DdsForwarder:
@@ -232,13 +223,8 @@ class DdsForwarder:
             self._orders.popleft()()
 
 
-class DdsForward:
-    """One reader whose samples go on by their source.
-
-    Attributes:
-        gid: The reader's 16-byte GUID.
-        counts: What it did so far.
-    """
+class DdsForward(Forward[int, DdsRawWriter]):
+    """A forward whose samples pass in a WaitSet thread, as references to what Cyclone holds."""
 
     def __init__(
         self,
@@ -247,13 +233,11 @@ class DdsForward:
         *,
         on_closed: Callable[[DdsForward], None],
     ) -> None:
-        self.gid = entity_guid(handle)
-        self.counts = ForwardCounts()
+        super().__init__(entity_guid(handle))
         self._handle = handle
-        self._order = order
+        self._give = order
         self._on_closed = on_closed
         self._open = True
-        self._gate: SourceGate[int, _Exit] = SourceGate(self._send, self._drop)
         self._unflushed: set[DdsRawWriter] = set()
         self._waiting: deque[tuple[DdsRawWriter, int]] = deque()
         self._gids: dict[int, bytes] = {}
@@ -274,27 +258,17 @@ class DdsForward:
 
         self._detach = detach
 
-    def admit(self, source: bytes, writer: RawWriter, transform: Transform | None = None) -> None:
-        """Send a source's samples to a raw writer from now on, those held for it first."""
-        assert isinstance(writer, DdsRawWriter)
-        self._order(partial(self._judge, source, (writer, transform)))
-
-    def refuse(self, source: bytes) -> None:
-        """Drop a source's samples from now on, and those held."""
-        self._order(partial(self._judge, source, None))
-
-    def forget(self, source: bytes) -> None:
-        """Take a source for one that was never judged."""
-        self._order(partial(self._gate.forget, source))
-
     def close(self) -> None:
         """End it at once; again is harmless."""
         if self._open:
             self._open = False
             self._order(self._end)
 
-    def _judge(self, source: bytes, exit_: _Exit | None) -> None:
-        self._gate.judge(source, exit_)
+    def _order(self, order: Callable[[], None]) -> None:
+        self._give(partial(self._carry_out, order))
+
+    def _carry_out(self, order: Callable[[], None]) -> None:
+        order()
         self._flush()
 
     def _end(self) -> None:
@@ -328,7 +302,7 @@ class DdsForward:
             writer.flush()
         self._unflushed.clear()
 
-    def _send(self, exit_: _Exit, serdata: int) -> None:
+    def _send(self, exit_: tuple[DdsRawWriter, Transform | None], serdata: int) -> None:
         writer, transform = exit_
         changed = serdata if transform is None else _transformed(serdata, transform, writer.sertype)
         if changed is None:

@@ -45,43 +45,26 @@ RETURN_BYTES = _RETURNS[-1].size
 
 
 class ProtocolError(BusError, ValueError):
-    """A peer sent what no peer of this version sends.
-
-    Attributes:
-        datagram: The bytes.
-    """
+    """A peer sent what no peer of this version sends."""
 
     def __init__(self, datagram: bytes, expected: str) -> None:
-        self.datagram = datagram
         super().__init__(f"shared memory: given {datagram.hex() or 'nothing'}, expected is {expected}")
 
 
 class Hello(NamedTuple):
-    """How a subscriber introduces itself.
+    """How a subscriber introduces itself."""
 
-    Attributes:
-        depth: How many of the newest messages it wants kept; 0 is all.
-        wants_history: Whether it wants those published before it came.
-    """
-
-    depth: int
-    wants_history: bool
+    depth: int  #: How many of the newest messages it wants kept; 0 is all.
+    wants_history: bool  #: Whether it wants those published before it came.
 
 
 class Announcement(NamedTuple):
-    """Where a message is.
+    """Where a message is."""
 
-    Attributes:
-        sequence: 1, 2, 3 ... for each publisher.
-        offset: Where its slot starts in the memory file, in bytes.
-        size: The length of its CDR, in bytes.
-        source_timestamp_ns: When it was published.
-    """
-
-    sequence: int
-    offset: int
-    size: int
-    source_timestamp_ns: int
+    sequence: int  #: 1, 2, 3 ... for each publisher.
+    offset: int  #: Where its slot starts in the memory file, in bytes.
+    size: int  #: The length of its CDR, in bytes.
+    source_timestamp_ns: int  #: When it was published.
 
 
 def pack_hello(hello: Hello) -> bytes:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from sfglab import names
 from sfglab.bus.api import EndpointEvent, EndpointInfo, EndpointKind, Listener, NodeInfo, RawEndpoint, ros_topic
-from sfglab.bus.backend import Backend, Clock, Forwarder
-from sfglab.bus.forwarding import RawForwarder
+from sfglab.bus.backend import Backend, Clock
 from sfglab.bus.graph import Graph
 from sfglab.bus.node import Node
 from sfglab.bus.sim.discovery import Discovery, Watch
@@ -249,10 +248,6 @@ class SimBackend(Backend):
         reader = Reader(self.participant, info, notify, push=inbox.push, ignores_own=endpoint.forwards)
         self._discovery.open(reader)
         return reader
-
-    def open_forwarder(self, target: Backend) -> Forwarder:
-        """Return what forwards on the loop."""
-        return RawForwarder(self, target)
 
     def watch_publishers(
         self, reader: AnyReader, endpoint: RawEndpoint, listener: Listener

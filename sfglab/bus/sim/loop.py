@@ -27,16 +27,10 @@ class SimulationError(BusError, RuntimeError):
 
 
 class DeadlockError(SimulationError):
-    """Everybody waits and nothing is scheduled, so nothing will ever happen again.
-
-    Attributes:
-        time_s: The virtual time, in seconds since the start.
-        waiting: Names and places of the tasks that wait, at most five.
-    """
+    """Everybody waits and nothing is scheduled, so nothing will ever happen again."""
 
     def __init__(self, time_s: float, tasks: Iterable[asyncio.Task[object]]) -> None:
-        self.time_s = time_s
-        self.waiting = _places(tasks)
+        self.waiting = _places(tasks)  #: Names and places of the tasks that wait, at most five.
         super().__init__(
             f"virtual time {time_s:g} s: nothing is scheduled and nobody is done; waiting are "
             f"{'; '.join(self.waiting)}"
@@ -44,28 +38,17 @@ class DeadlockError(SimulationError):
 
 
 class TimeLimitError(SimulationError, TimeoutError):
-    """The simulation was not done at its virtual time limit.
-
-    Attributes:
-        limit_s: The limit, in virtual seconds since the start.
-        waiting: Names and places of the tasks that wait, at most five.
-    """
+    """The simulation was not done at its virtual time limit."""
 
     def __init__(self, limit_s: float, tasks: Iterable[asyncio.Task[object]]) -> None:
-        self.limit_s = limit_s
-        self.waiting = _places(tasks)
-        super().__init__(f"not done after {limit_s:g} s of virtual time; waiting are {'; '.join(self.waiting)}")
+        waiting = "; ".join(_places(tasks))
+        super().__init__(f"not done after {limit_s:g} s of virtual time; waiting are {waiting}")
 
 
 class NotSimulatedError(SimulationError, NotImplementedError):
-    """Something that a simulated world does not have.
-
-    Attributes:
-        what: The thing.
-    """
+    """Something that a simulated world does not have."""
 
     def __init__(self, what: str) -> None:
-        self.what = what
         super().__init__(f"{what} does not exist in a simulated world: it would not be reproducible")
 
 
@@ -100,16 +83,12 @@ class VirtualLoop(asyncio.BaseEventLoop):
 
     Args:
         limit_s: The virtual time at which the run is given up; None is never.
-
-    Attributes:
-        now_ns: The virtual time since the start, in nanoseconds.
-        events: How many events have run.
     """
 
     def __init__(self, limit_s: float | None = None) -> None:
         super().__init__()
-        self.now_ns = 0
-        self.events = 0
+        self.now_ns = 0  #: The virtual time since the start, in nanoseconds.
+        self.events = 0  #: How many events have run.
         self._limit_ns = None if limit_s is None else round(limit_s * NS_PER_S)
         self._schedule: list[_Event] = []
         self._numbers = count()

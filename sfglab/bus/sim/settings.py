@@ -131,14 +131,10 @@ class TraceEvent:
 
 
 class TraceDigest:
-    """Hashes events as they happen.
-
-    Attributes:
-        count: How many there were.
-    """
+    """Hashes events as they happen."""
 
     def __init__(self) -> None:
-        self.count = 0
+        self.count = 0  #: How many there were.
         self._hash = hashlib.blake2b(digest_size=16)
 
     def __call__(self, event: TraceEvent) -> None:

@@ -61,13 +61,10 @@ class Views:
         loop: Whose time it is.
         clockwork: How long what takes.
         seed: Decides which announcements are lost.
-
-    Attributes:
-        partitions: Those of the network so far.
     """
 
     def __init__(self, loop: VirtualLoop, clockwork: Clockwork, seed: int) -> None:
-        self.partitions: list[Partition] = []
+        self.partitions: list[Partition] = []  #: Those of the network so far.
         self._loop = loop
         self._clockwork = clockwork
         self._seed = seed

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import RawEndpoint, entries, user_data
-from sfglab.bus.backend import ForwardCounts
 from sfglab.bus.errors import BusError
+from sfglab.bus.forwarding import ForwardCounts
 from sfglab.fleet.routing.paths import ReaderSpec, WriterSpec
 from sfglab.fleet.routing.plan import ROUTER_KEY, Close, Forget, Judge, Open
 from sfglab.fleet.routing.policy import Direction
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from sfglab.bus import Node
     from sfglab.bus.api import EndpointInfo
-    from sfglab.bus.backend import Forward, RawWriter, Transform
+    from sfglab.bus.forwarding import Forward, RawWriter, Transform
     from sfglab.fleet.routing.paths import Path
     from sfglab.fleet.routing.plan import Action
     from sfglab.fleet.routing.policy import Side
@@ -50,7 +50,7 @@ class PathStatus:
 
 @dataclass(slots=True)
 class _OpenPath:
-    readers: dict[ReaderSpec, Forward] = field(default_factory=dict)
+    readers: dict[ReaderSpec, Forward[Any, Any]] = field(default_factory=dict)
     writers: dict[WriterSpec, RawWriter] = field(default_factory=dict)
     past: ForwardCounts = field(default_factory=ForwardCounts)
     """What readers did that were replaced."""

@@ -17,7 +17,7 @@ from sfglab.messages import CdrError, deserialize, message_type, serialize
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus.backend import Transform
+    from sfglab.bus.forwarding import Transform
 
 
 TF_TYPE = "tf2_msgs/msg/TFMessage"
