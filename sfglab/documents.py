@@ -8,7 +8,6 @@ Refuses to know what a file is about: fleets, topics, graphs.
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import math
 import sys
@@ -19,11 +18,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
 from enum import Enum
-from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.errors import InvalidValueError
-from sfglab.fields import BOUNDS, Bounds
+from sfglab.fields import BOUNDS, Bounds, alternatives_of, choices_of, typed_fields
 
 if TYPE_CHECKING:
     import pathlib
@@ -103,11 +101,7 @@ class Document:
 
     @classmethod
     def of_file(cls, path: pathlib.Path, what: str = "a readable text file") -> Document:
-        """Read a file.
-
-        Args:
-            path: Where it is.
-            what: What it should be, for messages.
+        """Read a file; `what` says in messages what it should be.
 
         Raises:
             DocumentError: It cannot be read, or is not YAML.
@@ -203,12 +197,8 @@ class Section:
     where something else stands there, or nothing and there is no default.
 
     Args:
-        document: Where it stands.
-        path: Its keys from the top.
-        value: What stands there.
-
-    Raises:
-        DocumentError: It is not a mapping.
+        document: Where it stands, at `path`.
+        value: What stands there; a `DocumentError` where it is not a mapping.
     """
 
     def __init__(self, document: Document, path: KeyPath, value: Any) -> None:
@@ -346,7 +336,8 @@ class Section:
         Raises:
             DocumentError: A key is missing or unknown, or a value is not allowed.
         """
-        fields = {k: f for k, f in _fields_by_key(typing.cast("Any", cls)).items() if f.name not in given}
+        typed = typed_fields(typing.cast("Any", cls)).values()
+        fields = {f.metadata.get("key", f.name): f for f in typed if f.init and f.name not in given}
         self._known |= {key for key, f in fields.items() if f.type is not Place}
         self._all_known = True
         for key, f in fields.items():
@@ -369,7 +360,7 @@ class Section:
                 return extra["read"](self, key)
         if "names" in extra:
             return self._read_by_name(key, hint, extra["names"])
-        options = {_kind_of(option): option for option in _options_of(hint)}
+        options = {_kind_of(option): option for option in alternatives_of(hint)}
         kind = next((k for k in options if isinstance(value, _KINDS[k])), next(iter(options)))
         if len(options) > 1 and not isinstance(value, _KINDS[kind]):
             raise self.refusal(key, value, " or ".join(options))
@@ -381,7 +372,7 @@ class Section:
             return self._number(key, _REQUIRED, hint, extra.get(BOUNDS, Bounds(0)))
         if hint is bool:
             return self.flag(key)
-        choices = _choices_of(hint)
+        choices = choices_of(hint)
         text = self.text(key, choices=tuple(choices))
         self._match(key, [text], extra)
         return choices.get(text, text)
@@ -407,7 +398,7 @@ class Section:
                 item.read(typing.cast("type[Any]", each))
                 for item in self.items(key, short=extra.get("short", ""))
             )
-        texts, choices = self.texts(key), _choices_of(each)
+        texts, choices = self.texts(key), choices_of(each)
         for text in texts:
             if choices and text not in choices:
                 raise self.refusal(key, text, " or ".join(choices) + suggestion(text, choices))
@@ -497,22 +488,6 @@ _KINDS: dict[str, Any] = {
 }
 
 
-@cache
-def _fields_by_key(cls: type[Any]) -> dict[str, dataclasses.Field[Any]]:
-    """Return the fields of a dataclass by their keys, with types instead of their texts."""
-    hints = typing.get_type_hints(cls)
-    fields = {f.metadata.get("key", f.name): copy.copy(f) for f in dataclasses.fields(cls) if f.init}
-    for f in fields.values():
-        f.type = hints[f.name]
-    return fields
-
-
-def _options_of(hint: Any) -> list[Any]:
-    """Return the alternatives of a type, without None."""
-    is_union = typing.get_origin(hint) in (typing.Union, types.UnionType)
-    return [option for option in typing.get_args(hint) if option is not types.NoneType] if is_union else [hint]
-
-
 def _kind_of(hint: Any) -> str:
     """Return which of `_KINDS` says a type in YAML."""
     origin = typing.get_origin(hint) or hint
@@ -521,10 +496,3 @@ def _kind_of(hint: Any) -> str:
     if origin in (tuple, frozenset, list):
         return "a list"
     return {bool: "true or false", int: "a number", float: "a number"}.get(origin, "a text")
-
-
-def _choices_of(hint: Any) -> dict[str, Any]:
-    """Return the values that a type allows by their texts; none where every text is."""
-    if typing.get_origin(hint) is typing.Literal:
-        return {choice: choice for choice in typing.get_args(hint)}
-    return {str(member.value): member for member in hint} if issubclass(hint, Enum) else {}

@@ -8,6 +8,7 @@ they describe.
 from __future__ import annotations
 
 import ast
+import copy
 import dataclasses
 import inspect
 import math
@@ -128,6 +129,30 @@ def _text(field: ast.AnnAssign, lines: list[str]) -> str:
     return " ".join(above)
 
 
+@cache
+def typed_fields(cls: type[Any]) -> dict[str, dataclasses.Field[Any]]:
+    """Return the fields of a dataclass by name, with their types, which must be importable at run time."""
+    hints = typing.get_type_hints(cls)
+    fields = {f.name: copy.copy(f) for f in dataclasses.fields(cls)}
+    for name, field in fields.items():
+        field.type = hints[name]
+    return fields
+
+
+def alternatives_of(hint: Any) -> list[Any]:
+    """Return the alternatives of an annotated type, without None."""
+    options = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
+    return [option for option in options if option is not types.NoneType]
+
+
+def choices_of(hint: Any) -> dict[str, Any]:
+    """Return the values that an enumeration or a ``Literal`` allows by their texts; none of other types."""
+    if typing.get_origin(hint) is typing.Literal:
+        return {choice: choice for choice in typing.get_args(hint)}
+    is_enum = isinstance(hint, type) and issubclass(hint, Enum)
+    return {str(member.value): member for member in hint} if is_enum else {}
+
+
 def to_json(value: Any) -> Any:
     """Return a value as JSON has it: dataclasses as objects, enums by their value, tuples as lists."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -177,10 +202,9 @@ def from_json(hint: Any, value: Any) -> Any:  # noqa: PLR0911  # one return a ki
 
 
 def _dataclass_from_json(hint: type[Any], value: Mapping[str, Any]) -> Any:
-    hints = typing.get_type_hints(hint)
-    fields = [f.name for f in dataclasses.fields(hint) if f.init and f.name in value]
+    fields = [f for f in typed_fields(typing.cast("Any", hint)).values() if f.init and f.name in value]
     try:
-        return hint(**{name: from_json(hints[name], value[name]) for name in fields})
+        return hint(**{f.name: from_json(f.type, value[f.name]) for f in fields})
     except (TypeError, KeyError) as error:
         raise InvalidValueError(hint.__name__, dict(value), str(error)) from error
 

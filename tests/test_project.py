@@ -29,7 +29,7 @@ SIBLINGS_APART = {"fleet", "arp", "soc", "spatial"}
 MOST_LINES = 500
 MOST_BODY_LINES = 50
 NO_NOUN = re.compile(r"(?:What|Who|Whose|Whatever|How|Where|Which)\b")
-LONG_PENDING = {"sfglab.documents", "sfglab.deploy.routers.dds_router_check"}
+LONG_PENDING = {"sfglab.deploy.routers.dds_router_check"}
 NOUNS_PENDING = {"arp", "deploy", "fleet", "lab", "rtps", "soc", "spatial", "view"}
 """Parts whose modules may still begin with another word."""
 
