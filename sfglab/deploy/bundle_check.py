@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.compose_check import check_compose
-from sfglab.deploy.editor_check import check_editor
-from sfglab.deploy.errors import DeployError
+from sfglab.deploy.editor_check import SHAPES, check_editor
+from sfglab.deploy.findings import error_sentences
 from sfglab.deploy.programs import MissingProgramError, find_program
 from sfglab.deploy.routers import ROUTER_FILES, check_dds_router, check_zenoh
 from sfglab.deploy.text_check import check_dockerfiles, check_secrets, check_shell
-from sfglab.deploy.verdicts import State, Verdict, verdict_of
-from sfglab.documents import DocumentError
-from sfglab.fleet.border import Severity
+from sfglab.deploy.verdicts import SkippedError, State, Verdict, verdict_of
+from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 
 EDITOR = (".devcontainer/*", ".vscode/*")
+_NO_FILE = "there is no such file"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,60 +82,47 @@ def check_bundle(
 def _own(own: OwnRules, files: Mapping[str, BundleFile]) -> Iterator[Verdict]:
     names = [name for name in files if fnmatchcase(name, own.pattern)]
     if not names:
-        yield Verdict(check=own.check, subject=own.pattern, state=State.FAILS, says="there is no such file")
+        yield Verdict(check=own.check, subject=own.pattern, state=State.FAILS, says=_NO_FILE)
     for name in names:
-        yield verdict_of(own.check, name, _by_findings, own.rules, files[name].text, name)
-        if own.program:
-            yield from _present(own, name)
+        yield verdict_of(own.check, name, _errors, own.rules, files[name].text, name.rpartition("/")[2])
+        try:  # that a program was not asked is told by a verdict of its own
+            find_program(own.program or "sh", own.install)
+        except MissingProgramError as error:
+            yield Verdict(check=own.program, subject=name, state=State.SKIPPED, says=str(error))
 
 
-def _by_findings(rules: Callable[[str, str], Iterable[Finding]], text: str, name: str) -> Iterator[str]:
+def _errors(find: Callable[..., Iterable[Finding]], *about: Any) -> Iterator[str]:
+    """Yield the errors among findings; what cannot be read at all is one."""
     try:
-        findings = tuple(rules(text, name.rpartition("/")[2]))
-    except DeployError as error:
+        yield from error_sentences(find(*about))
+    except SkippedError:
+        raise
+    except SfglabError as error:
         yield str(error)
-        return
-    yield from (_sentence(finding) for finding in findings if finding.severity is Severity.ERROR)
-
-
-def _present(own: OwnRules, name: str) -> Iterator[Verdict]:
-    """Yield that a program was not asked, where it is missing."""
-    try:
-        find_program(own.program, own.install)
-    except MissingProgramError as error:
-        yield Verdict(check=own.program, subject=name, state=State.SKIPPED, says=str(error))
 
 
 def _routers(files: Mapping[str, BundleFile], deployment: Deployment) -> Iterator[Verdict]:
     """Yield a verdict about the file of another's router; our own reads the fleet file."""
-    expected = ROUTER_FILES.get(deployment.common.router)
-    for name in dict.fromkeys(
-        (*((expected,) if expected else ()), *(n for n in files if n.startswith("router/")))
-    ):
-        yield verdict_of("router's file", name, _router, files, name, deployment.fleet.policy)
+    expected = ROUTER_FILES.get(deployment.common.router, "")
+    given = (name for name in files if name.startswith("router/"))
+    for name in dict.fromkeys(filter(None, (expected, *given))):
+        if name in files:
+            yield verdict_of("router's file", name, _errors, _router, files, name, deployment.fleet.policy)
+        else:
+            yield Verdict(check="router's file", subject=name, state=State.FAILS, says=_NO_FILE)
 
 
-def _router(files: Mapping[str, BundleFile], name: str, policy: Policy) -> Iterator[str]:
-    if name not in files:
-        yield "there is no such file"
-        return
+def _router(files: Mapping[str, BundleFile], name: str, policy: Policy) -> tuple[Finding, ...]:
     check = check_dds_router if name.endswith((".yaml", ".yml")) else check_zenoh
-    try:
-        findings = check(files[name].text, file=name, policy=policy)
-    except DocumentError as error:
-        yield str(error)
-        return
-    yield from (_sentence(finding) for finding in findings if finding.severity is Severity.ERROR)
+    return check(files[name].text, file=name, policy=policy)
 
 
 def _editor(files: Mapping[str, BundleFile]) -> Iterator[Verdict]:
-    findings = check_editor(files)
+    found = cache(partial(check_editor, files))
     names = {name for name in files if any(fnmatchcase(name, pattern) for pattern in EDITOR)}
-    for name in sorted(names | {finding.place.file for finding in findings}):
-        own = [_sentence(finding) for finding in findings if finding.place.file == name]
-        yield verdict_of("editor's file", name, tuple, own)
+    for name in sorted(names | set(SHAPES)):
+        yield verdict_of("editor's file", name, _errors, _of_file, found, name)
 
 
-def _sentence(finding: Finding) -> str:
-    line = f"line {finding.place.line}" if finding.place.line else ""
-    return f"{finding.place.key or line}: {finding.what}".removeprefix(": ")
+def _of_file(found: Callable[[], Iterable[Finding]], name: str) -> Iterator[Finding]:
+    yield from (finding for finding in found() if finding.place.file == name)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from sfglab.deploy.errors import DeployError
+from sfglab.deploy.findings import Broken, Rules, worst_first
 from sfglab.documents import Place
 from sfglab.fleet.border import Finding, Severity
 
@@ -57,6 +58,15 @@ _SECRET = re.compile(
 )
 _PREFIXES = "@-:+!|"  # systemd.service(5), "Command lines"
 
+ANALYZE = "systemd-analyze"
+STAND_INS = ("docker.service",)
+UNIT_FOLDERS = ("/etc/systemd/system", "/run/systemd/system", "/usr/lib/systemd/system", "/lib/systemd/system")
+_STAND_IN = "[Service]\nExecStart=/bin/true\n"
+_TIMEOUT_S = 30.0
+_NAME = re.compile(r"[\w:.@-]+\.service", re.ASCII)
+_SAYS = re.compile(r"(?P<file>[^\s:]+\.service):(?:(?P<line>\d+):)? (?P<what>.+)")
+_MISSING = re.compile(r"Command (\S+) is not executable")
+
 
 class Entry(NamedTuple):
     """An assignment, with the section and the line at which it begins."""
@@ -66,108 +76,20 @@ class Entry(NamedTuple):
     value: str
     line: int
 
+    @property
+    def where(self) -> str:
+        """Section and key, for people."""
+        return f"[{self.section}] {self.key}"
 
-def check_lines(text: str, name: str) -> Iterator[Finding]:
-    """Yield what is wrong with a unit's text.
-
-    Args:
-        text: The unit.
-        name: Its file name.
-    """
-    entries: list[Entry] = []
-    for entry in _entries(text):
-        if isinstance(entry, int):
-            yield _error(
-                name, entry, "neither a [Section] nor Key=value", code="syntax", why="systemd does not read it"
-            )
-        else:
-            entries.append(entry)
-            yield from _check_entry(entry, name)
-    yield from _check_whole(entries, name)
+    @property
+    def ours(self) -> bool:
+        """Whether systemd is to read it."""
+        return bool(self.key) and not (self.section.startswith("X-") or self.key.startswith("X-"))
 
 
-def _entries(text: str) -> Iterator[Entry | int]:
-    """Yield assignments, and the numbers of lines that are none; lines that end in a backslash go on."""
-    section = ""
-    lines = enumerate(text.splitlines(), 1)
-    for number, first in lines:
-        line = first.strip()
-        while line.endswith("\\"):
-            line = line[:-1] + " " + next(lines, (0, ""))[1].strip()
-        if not line or line[0] in "#;":
-            continue
-        if line.startswith("[") and line.endswith("]"):
-            section = line[1:-1]
-            continue
-        key, equals, value = line.partition("=")
-        yield Entry(section, key.strip(), value.strip(), number) if equals and section else number
-
-
-def _check_entry(entry: Entry, name: str) -> Iterator[Finding]:
-    if entry.section.startswith("X-") or entry.key.startswith("X-"):
-        return
-    where = f"[{entry.section}] {entry.key}"
-    known = KEYS.get(entry.section)
-    if known is None:
-        what = f"{where}: the section is not known, allowed: {', '.join(KEYS)}"
-        yield _error(name, entry.line, what, code="section", why="systemd ignores it")
-    elif entry.key not in known:
-        yield _error(
-            name, entry.line, f"{where}: the key is not known", code="key", why="systemd may ignore it"
-        )
-    elif entry.key.startswith("Exec") and entry.section == "Service" and entry.value:
-        yield from _check_command(entry, name)
-    if _SECRET.search(entry.value) and (entry.key == "Environment" or entry.key.startswith("Exec")):
-        yield Finding(
-            severity=Severity.ERROR,
-            code="secret",
-            place=Place(file=name, line=entry.line),
-            what=f"{where}: holds what reads as a secret",
-            why="everybody on the machine may read units (systemctl show)",
-            remedy="LoadCredential=",
-        )
-
-
-def _check_command(entry: Entry, name: str) -> Iterator[Finding]:
-    if entry.key.endswith("Paths"):
-        return
-    program = entry.value.split()[0].lstrip(_PREFIXES)
-    if "/" in program and not program.startswith("/"):
-        what = f"[Service] {entry.key}: given {program!r}, allowed: an absolute path, or a name without '/'"
-        yield _error(name, entry.line, what, code="command", why="systemd refuses the unit")
-
-
-def _check_whole(entries: list[Entry], name: str) -> Iterator[Finding]:
-    values = {(entry.section, entry.key): entry.value for entry in entries}
-    if not values.get(("Service", "ExecStart")):
-        yield _error(
-            name, 0, "[Service] ExecStart: nothing is given", code="command", why="there is nothing to run"
-        )
-    if not any(section == "Install" for section, _ in values):
-        yield _warning(name, "[Install]: nothing is given", code="install", why="it cannot be enabled at boot")
-    unlimited = ("Unit", "StartLimitBurst") not in values
-    if values.get(("Service", "Restart"), "no") in _RESTARTING and unlimited:
-        what = "[Unit] StartLimitBurst: nothing is given beside Restart"
-        yield _warning(name, what, code="limit", why="how often it is tried is left to the machine")
-
-
-def _error(name: str, line: int, what: str, *, code: str, why: str) -> Finding:
-    place = Place(file=name, line=line)
-    return Finding(severity=Severity.ERROR, code=code, place=place, what=what, why=why)
-
-
-def _warning(name: str, what: str, *, code: str, why: str) -> Finding:
-    return Finding(severity=Severity.WARNING, code=code, place=Place(file=name), what=what, why=why)
-
-
-ANALYZE = "systemd-analyze"
-STAND_INS = ("docker.service",)
-UNIT_FOLDERS = ("/etc/systemd/system", "/run/systemd/system", "/usr/lib/systemd/system", "/lib/systemd/system")
-_STAND_IN = "[Service]\nExecStart=/bin/true\n"
-_TIMEOUT_S = 30.0
-_NAME = re.compile(r"[\w:.@-]+\.service", re.ASCII)
-_SAYS = re.compile(r"(?P<file>[^\s:]+\.service):(?:(?P<line>\d+):)? (?P<what>.+)")
-_MISSING = re.compile(r"Command (\S+) is not executable")
+Unit = list[Entry]
+RULES: Rules[Unit, int] = Rules()
+"""What a unit's text alone tells; a place is a line, 0 for the whole."""
 
 
 def check_unit(text: str, name: str) -> tuple[Finding, ...]:
@@ -182,14 +104,91 @@ def check_unit(text: str, name: str) -> tuple[Finding, ...]:
     """
     if not _NAME.fullmatch(name):
         raise DeployError(f"unit: given {name!r}, allowed: a file name that ends in .service")
-    findings = list(check_lines(text, name))
+    findings = list(RULES.broken(list(_entries(text)), lambda line: Place(file=name, line=line)))
     if shutil.which(ANALYZE):
-        findings.extend(_verify(text, name))
+        findings += _verify(text, name)
     else:
-        why = "only our own rules were asked"
-        findings.append(_finding(Severity.INFO, "verify", Place(file=name), f"{ANALYZE} is not installed", why))
-    order = list(Severity)
-    return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
+        findings.append(_remark("verify", name, f"{ANALYZE} is not installed", "only our own rules were asked"))
+    return worst_first(findings)
+
+
+def _entries(text: str) -> Iterator[Entry]:
+    """Yield assignments, without key where a line is none; lines that end in a backslash go on."""
+    section = ""
+    lines = enumerate(text.splitlines(), 1)
+    for number, first in lines:
+        line = first.strip()
+        while line.endswith("\\"):
+            line = line[:-1] + " " + next(lines, (0, ""))[1].strip()
+        if not line or line[0] in "#;":
+            continue
+        if line.startswith("[") and line.endswith("]"):
+            section = line[1:-1]
+            continue
+        key, equals, value = line.partition("=")
+        yield Entry(section, key.strip() if equals and section else "", value.strip(), number)
+
+
+@RULES.add("syntax", "systemd does not read it")
+def _no_assignment(unit: Unit) -> Iterator[Broken[int]]:
+    yield from (Broken(entry.line, "neither a [Section] nor Key=value") for entry in unit if not entry.key)
+
+
+@RULES.add("section", "systemd ignores it")
+def _unknown_section(unit: Unit) -> Iterator[Broken[int]]:
+    for entry in unit:
+        if entry.ours and entry.section not in KEYS:
+            yield Broken(entry.line, f"{entry.where}: the section is not known, allowed: {', '.join(KEYS)}")
+
+
+@RULES.add("key", "systemd may ignore it")
+def _unknown_key(unit: Unit) -> Iterator[Broken[int]]:
+    for entry in unit:
+        if entry.ours and entry.section in KEYS and entry.key not in KEYS[entry.section]:
+            yield Broken(entry.line, f"{entry.where}: the key is not known")
+
+
+@RULES.add("secret", "everybody on the machine may read units (systemctl show)", "LoadCredential=")
+def _secret(unit: Unit) -> Iterator[Broken[int]]:
+    for entry in unit:
+        holds = entry.key == "Environment" or entry.key.startswith("Exec")
+        if entry.ours and holds and _SECRET.search(entry.value):
+            yield Broken(entry.line, f"{entry.where}: holds what reads as a secret")
+
+
+@RULES.add("command", "systemd refuses the unit")
+def _relative_command(unit: Unit) -> Iterator[Broken[int]]:
+    for entry in unit:
+        runs = entry.section == "Service" and entry.key.startswith("Exec") and entry.key in KEYS["Service"]
+        if not runs or not entry.value or entry.key.endswith("Paths"):
+            continue
+        program = entry.value.split()[0].lstrip(_PREFIXES)
+        if "/" in program and not program.startswith("/"):
+            what = f"{entry.where}: given {program!r}, allowed: an absolute path, or a name without '/'"
+            yield Broken(entry.line, what)
+
+
+def _values(unit: Unit) -> dict[tuple[str, str], str]:
+    return {(entry.section, entry.key): entry.value for entry in unit if entry.key}
+
+
+@RULES.add("command", "there is nothing to run")
+def _nothing_to_run(unit: Unit) -> Iterator[Broken[int]]:
+    if not _values(unit).get(("Service", "ExecStart")):
+        yield Broken(0, "[Service] ExecStart: nothing is given")
+
+
+@RULES.add("install", "it cannot be enabled at boot", severity=Severity.WARNING)
+def _not_installed(unit: Unit) -> Iterator[Broken[int]]:
+    if not any(section == "Install" for section, _ in _values(unit)):
+        yield Broken(0, "[Install]: nothing is given")
+
+
+@RULES.add("limit", "how often it is tried is left to the machine", severity=Severity.WARNING)
+def _unlimited(unit: Unit) -> Iterator[Broken[int]]:
+    values = _values(unit)
+    if values.get(("Service", "Restart"), "no") in _RESTARTING and ("Unit", "StartLimitBurst") not in values:
+        yield Broken(0, "[Unit] StartLimitBurst: nothing is given beside Restart")
 
 
 def _verify(text: str, name: str) -> Iterator[Finding]:
@@ -200,7 +199,7 @@ def _verify(text: str, name: str) -> Iterator[Finding]:
             if not any(Path(place, unit).exists() for place in UNIT_FOLDERS):
                 Path(folder, unit).write_text(_STAND_IN, encoding="utf-8")
                 why = "a stand-in took its place in the check"
-                yield _finding(Severity.INFO, "stand-in", Place(file=name), f"this machine has no {unit}", why)
+                yield _remark("stand-in", name, f"this machine has no {unit}", why)
         yield from _said(_run(path), name)
 
 
@@ -226,17 +225,15 @@ def _run(path: Path) -> str:
 
 def _said(output: str, name: str) -> Iterator[Finding]:
     """Yield what was said of this unit; verify also says what is wrong with others that it loads."""
-    for line in output.splitlines():
-        match = _SAYS.match(line)
-        if match is None or Path(match["file"]).name != name:
+    for match in filter(None, map(_SAYS.match, output.splitlines())):
+        if Path(match["file"]).name != name:
             continue
         if missing := _MISSING.search(match["what"]):
-            what, why = f"{missing[1]} is not on this machine", "it must be on the agent's"
-            yield _finding(Severity.INFO, "program", Place(file=name), what, why)
+            yield _remark("program", name, f"{missing[1]} is not on this machine", "it must be on the agent's")
         else:
-            place = Place(file=name, line=int(match["line"] or 0))
-            yield _finding(Severity.ERROR, "verify", place, match["what"], f"{ANALYZE} verify")
+            place, why = Place(file=name, line=int(match["line"] or 0)), f"{ANALYZE} verify"
+            yield Finding(severity=Severity.ERROR, code="verify", place=place, what=match["what"], why=why)
 
 
-def _finding(severity: Severity, code: str, place: Place, what: str, why: str) -> Finding:
-    return Finding(severity=severity, code=code, place=place, what=what, why=why)
+def _remark(code: str, name: str, what: str, why: str) -> Finding:
+    return Finding(severity=Severity.INFO, code=code, place=Place(file=name), what=what, why=why)

@@ -11,6 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from sfglab.deploy.errors import DeployError
+from sfglab.deploy.json5 import read_json5
 from sfglab.deploy.routers import (
     check_file,
     check_zenoh,
@@ -19,7 +20,7 @@ from sfglab.deploy.routers import (
 )
 from sfglab.deploy.routers.zenoh import KINDS
 from sfglab.deploy.routers.zenoh_acl_check import includes, permits
-from sfglab.deploy.routers.zenoh_check import bridges, policy_bridges, read_json5
+from sfglab.deploy.routers.zenoh_check import bridges, policy_bridges
 from sfglab.documents import DocumentError
 from sfglab.fleet.border import Severity
 from sfglab.fleet.fleet_file import AgentSpec, Fleet, load_fleet

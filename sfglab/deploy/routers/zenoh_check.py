@@ -6,24 +6,25 @@ other sections only that there are some, because they do not decide what crosses
 
 from __future__ import annotations
 
-import json
 import re
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.findings import Broken, Rules, has_errors, worst_first
+from sfglab.deploy.json5 import read_json5
 from sfglab.deploy.routers.dds_router import probe_names
 from sfglab.deploy.routers.zenoh import KINDS
 from sfglab.deploy.routers.zenoh_acl_check import HERE
 from sfglab.deploy.routers.zenoh_acl_check import POLICY as CONTROL_POLICY
 from sfglab.deploy.routers.zenoh_acl_check import RULES as CONTROL_RULES
 from sfglab.deploy.shapes import check_shape
-from sfglab.documents import Document, KeyPath
 from sfglab.fleet.border import Finding, Severity
 from sfglab.fleet.routing import Direction, Policy
 from sfglab.names import FqnError, ResourceKind, dds_names, ros_name_from_dds
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from sfglab.documents import KeyPath
 
 
 Bridge = dict[str, Any]
@@ -196,59 +197,3 @@ def _listed(regexes: str | list[str] | None, name: str) -> bool:
         return False
     entries = [regexes] if isinstance(regexes, str) else regexes
     return any(re.search(f"^{entry}$", name) for entry in entries)
-
-
-_TOKEN = re.compile(
-    r"""
-      (?P<string>"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*')
-    | (?P<comment>//[^\n]*|/\*.*?\*/)
-    | (?P<comma>,(?=(?:\s|//[^\n]*|/\*.*?\*/)*[}\]]))
-    | (?P<colon>:)
-    | (?P<tab>\t)
-    | (?P<word>[A-Za-z_$][\w$]*)
-    | (?P<power>-?\d+(?:\.\d*)?[eE][+-]?\d+)
-    """,
-    re.VERBOSE | re.DOTALL,
-)
-
-
-def read_json5(text: str, file: str) -> Document:
-    """Read a JSON5 file.
-
-    Args:
-        text: What stands in it.
-        file: Its name, for places.
-
-    Raises:
-        DocumentError: It is not JSON5, or has more of it than is taken here.
-    """
-    return Document(_TOKEN.sub(_as_yaml, text), file)
-
-
-def _as_yaml(token: re.Match[str]) -> str:
-    """Return what stands for a token in YAML, with as many lines."""
-    found = token.group()
-    match token.lastgroup:
-        case "string":
-            return _string(found)
-        case "colon":
-            return ": "
-        case "word":
-            return found
-        case "power":
-            return repr(float(found))  # YAML 1.1 asks for a dot and a sign
-        case _:
-            return "\n" * found.count("\n") + " "
-
-
-def _string(found: str) -> str:
-    """Return a string of YAML; a pair of surrogates, which YAML does not know, becomes one character."""
-    inner = found[1:-1]
-    if found[0] == "'":
-        inner = inner.replace("\\'", "'").replace('"', '\\"')
-    try:
-        value = json.loads(f'"{inner}"')
-    except json.JSONDecodeError:
-        return f'"{inner}"'  # an escape that JSON does not have; YAML may
-    plain = (c if " " <= c <= "~" and c not in '"\\' else f"\\U{ord(c):08x}" for c in value)
-    return f'"{"".join(plain)}"'
