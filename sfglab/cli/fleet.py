@@ -50,7 +50,7 @@ def router_configuration(
 
       sfglab fleet router data/fleets/lab.yaml --agent go2 --target zenoh-bridge
     """
-    from sfglab.deploy.routers import render_router
+    from sfglab.deploy.routers.targets import render_router
     from sfglab.fleet.fleet_file import load_fleet
 
     text = render_router(load_fleet(file), agent, target)
@@ -73,7 +73,7 @@ def check(
 
       sfglab fleet check go2.yaml --fleet data/fleets/lab.yaml
     """
-    from sfglab.deploy.routers import check_file
+    from sfglab.deploy.routers.targets import check_file
     from sfglab.fleet.border import Severity, render_findings
     from sfglab.fleet.fleet_file import load_fleet
 

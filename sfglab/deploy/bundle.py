@@ -21,7 +21,7 @@ from sfglab.deploy.editor import editor_files
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile
 from sfglab.deploy.host import host_files
-from sfglab.deploy.routers import ROUTER_FILES, render_router_file
+from sfglab.deploy.routers.targets import ROUTER_FILES, render_router_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

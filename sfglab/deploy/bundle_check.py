@@ -11,7 +11,9 @@ from sfglab.deploy.compose_check import check_compose
 from sfglab.deploy.editor_check import SHAPES, check_editor
 from sfglab.deploy.findings import error_sentences
 from sfglab.deploy.programs import MissingProgramError, find_program
-from sfglab.deploy.routers import ROUTER_FILES, check_dds_router, check_zenoh
+from sfglab.deploy.routers.dds_router_check import check_dds_router
+from sfglab.deploy.routers.targets import ROUTER_FILES
+from sfglab.deploy.routers.zenoh_check import check_zenoh
 from sfglab.deploy.text_check import check_dockerfiles, check_secrets, check_shell
 from sfglab.deploy.verdicts import SkippedError, State, Verdict, verdict_of
 from sfglab.errors import SfglabError

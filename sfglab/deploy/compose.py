@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.files import BundleFile
-from sfglab.deploy.routers import ROUTER_FILES
+from sfglab.deploy.routers.targets import ROUTER_FILES
 from sfglab.fleet.fleet_file import Accelerator, RosDistribution, RouterSoftware
 
 if TYPE_CHECKING:

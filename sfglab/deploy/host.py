@@ -30,9 +30,6 @@ class TimePlan:
 def plan_time(deployment: Deployment) -> TimePlan:
     """Return whom an agent's machine asks for the time, and whether it answers others.
 
-    Args:
-        deployment: The agent on its machine.
-
     Raises:
         DeployError: A time server is an agent whose machine has no address.
     """
@@ -90,9 +87,6 @@ def firewall_left_out(deployment: Deployment) -> str:
 def firewall_rules(deployment: Deployment) -> str:
     """Return the table as ``nft -f`` loads it, in one transaction; empty where there is nothing to close.
 
-    Args:
-        deployment: The agent on its machine.
-
     Raises:
         DeployError: The global interface has a name that Linux does not take.
     """
@@ -137,11 +131,7 @@ def project_name(deployment: Deployment) -> str:
 
 
 def service_unit(deployment: Deployment) -> str:
-    """Return the unit's text.
-
-    Args:
-        deployment: The agent on its machine.
-    """
+    """Return the unit's text."""
     project = project_name(deployment)
     return render(
         "agent.service",
@@ -202,9 +192,6 @@ _STATIC = {
 
 def host_files(deployment: Deployment) -> dict[str, BundleFile]:
     """Return the hooks and the unit, by their paths in the agent's folder.
-
-    Args:
-        deployment: The agent on its machine.
 
     Raises:
         DeployError: A time server has no address, or an interface a name that Linux does not take.

@@ -46,11 +46,7 @@ _NO_SECRET = re.compile(
 
 
 def check_secrets(files: Mapping[str, BundleFile]) -> tuple[Verdict, ...]:
-    """Return one verdict about each file.
-
-    Args:
-        files: The agent's folder.
-    """
+    """Return one verdict about each file."""
     return tuple(verdict_of("no secrets", name, leaks, file.text) for name, file in files.items())
 
 
@@ -76,9 +72,6 @@ def check_dockerfiles(files: Mapping[str, BundleFile]) -> tuple[Verdict, ...]:
     """Return hadolint's verdict about each Dockerfile of a folder.
 
     What a recipe does against a rule on purpose, it says by hadolint's own comment with the reason beside it.
-
-    Args:
-        files: The agent's folder.
     """
     recipes = [name for name in files if name.rpartition("/")[2].startswith(NAME)]
     if not recipes:

@@ -10,7 +10,7 @@ from sfglab.deploy.deployment import Release, deployment_of
 from sfglab.deploy.editor import editor_files
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import BundleFile
-from sfglab.deploy.routers import render_router
+from sfglab.deploy.routers.targets import render_router
 from sfglab.deploy.verdicts import State
 from sfglab.documents import Place
 from sfglab.fleet.border import Finding, Severity

@@ -11,14 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.routers import (
-    check_dds_router,
-    check_file,
-    render_dds_router,
-    render_router,
-)
-from sfglab.deploy.routers.dds_router import accepts
+from sfglab.deploy.routers.dds_router import accepts, render_dds_router
+from sfglab.deploy.routers.dds_router_check import check_dds_router
 from sfglab.deploy.routers.domain_bridge import check_domain_bridge
+from sfglab.deploy.routers.targets import check_file, render_router
 from sfglab.deploy.shapes import _validator, check_shape
 from sfglab.documents import Document, DocumentError
 from sfglab.fleet.border import Severity

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from sfglab.codecs.probe import DECODERS, ENCODERS, probe_encoder
-from sfglab.deploy.hardware import CodecRole, codecs_found, detect, expected_codecs, render_machine
+from sfglab.deploy.hardware.detection import codecs_found, detect, expected_codecs
+from sfglab.deploy.hardware.machine import CodecRole, render_machine
 from sfglab.fleet.fleet_file import Accelerator
 from sfglab.lab.example_machines import EXAMPLES, write_example
 

@@ -12,15 +12,10 @@ from hypothesis import strategies as st
 
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.json5 import read_json5
-from sfglab.deploy.routers import (
-    check_file,
-    check_zenoh,
-    render_zenoh_acl,
-    render_zenoh_bridge,
-)
-from sfglab.deploy.routers.zenoh import KINDS
+from sfglab.deploy.routers.targets import check_file
+from sfglab.deploy.routers.zenoh import KINDS, render_zenoh_acl, render_zenoh_bridge
 from sfglab.deploy.routers.zenoh_acl_check import includes, permits
-from sfglab.deploy.routers.zenoh_check import bridges, policy_bridges
+from sfglab.deploy.routers.zenoh_check import bridges, check_zenoh, policy_bridges
 from sfglab.documents import DocumentError
 from sfglab.fleet.border import Severity
 from sfglab.fleet.fleet_file import AgentSpec, Fleet, load_fleet

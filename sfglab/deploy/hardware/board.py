@@ -31,11 +31,7 @@ _CLASS_64, _LITTLE_ENDIAN = 2, 1
 
 
 def find_architecture(files: MachineFiles) -> tuple[Architecture | None, str]:
-    """Return the architecture, and how it is known or why there is none.
-
-    Args:
-        files: The machine's files.
-    """
+    """Return the architecture, and how it is known or why there is none."""
     loaders = [
         path for folder in _LOADERS for path in files.paths(folder, r"ld-(linux|musl)-?[\w.-]*so[\w.-]*")
     ]

@@ -1,6 +1,7 @@
-"""What a machine has, found out from here: detection runs on copies of the few files that it reads.
+"""Reaching a machine, this one or another over SSH, and copying what detection reads there.
 
-Nothing has to be installed on the machine for it.
+The same shell commands run on both. Knows how bytes and commands get there; refuses to know what they mean.
+Needs `sh` and `tar` there, and over SSH a key that asks for nothing and a user with `sudo` without password.
 """
 
 from __future__ import annotations
@@ -10,20 +11,21 @@ import shlex
 import socket
 import subprocess
 import tempfile
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from sfglab.deploy.bases import JETPACK
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.hardware import detect
+from sfglab.deploy.hardware.detection import detect
 from sfglab.deploy.programs import run_heard
 from sfglab.fleet.fleet_file import Accelerator
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from sfglab.deploy.hardware import Machine
+    from sfglab.deploy.hardware.machine import Machine
     from sfglab.fleet.fleet_file import HostSpec
 
 
@@ -33,16 +35,22 @@ QUICK_S = 120.0
 """How long a command that only moves files may take."""
 
 
-class Transport(Protocol):
+class Transport(ABC):
     """A machine that takes commands."""
 
     @property
+    @abstractmethod
     def name(self) -> str:
         """What the machine is called in messages."""
 
     @property
     def root(self) -> str:
         """Where its files begin: empty, or a folder that stands for its root."""
+        return ""
+
+    @abstractmethod
+    def command(self, script: str) -> list[str]:
+        """Return the program that runs a script of `sh` there as root."""
 
     def run(self, script: str, *, data: bytes = b"", timeout_s: float = QUICK_S) -> bytes:
         """Run a shell script there as root and return what it prints.
@@ -55,6 +63,7 @@ class Transport(Protocol):
         Raises:
             DeployError: It cannot be reached, or the script failed; with its last words.
         """
+        return _call(self.name, self.command(script), data, timeout_s)
 
     def stream(self, script: str, hear: Callable[[str], None]) -> None:
         """Run a shell script there as root, however long it takes, and hand on each line that it prints.
@@ -66,10 +75,11 @@ class Transport(Protocol):
         Raises:
             DeployError: It cannot be reached, or the script failed; with its last words.
         """
+        run_heard(self.command(script), hear, self.name)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Local:
+@dataclass(frozen=True, kw_only=True)
+class Local(Transport):
     """This machine."""
 
     folder: Path = Path("/")  #: What stands for its root; ``/`` is the machine itself.
@@ -84,20 +94,13 @@ class Local:
         """Where its files begin."""
         return "" if self.folder == Path("/") else str(self.folder.absolute())
 
-    def run(self, script: str, *, data: bytes = b"", timeout_s: float = QUICK_S) -> bytes:
-        """Run a shell script here and return what it prints; see `Transport`."""
-        return _call(self.name, self._command(script), data, timeout_s)
-
-    def stream(self, script: str, hear: Callable[[str], None]) -> None:
-        """Run a shell script here and hand on its lines; see `Transport`."""
-        run_heard(self._command(script), hear, self.name)
-
-    def _command(self, script: str) -> list[str]:
+    def command(self, script: str) -> list[str]:
+        """Return the shell with the script."""
         return ["sh", "-eu", "-c", script]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ssh:
+@dataclass(frozen=True, kw_only=True)
+class Ssh(Transport):
     """Another machine."""
 
     address: str  #: ``[user@]host``.
@@ -108,20 +111,8 @@ class Ssh:
         """What the machine is called in messages."""
         return self.address
 
-    @property
-    def root(self) -> str:
-        """Where its files begin."""
-        return ""
-
-    def run(self, script: str, *, data: bytes = b"", timeout_s: float = QUICK_S) -> bytes:
-        """Run a shell script there and return what it prints; see `Transport`."""
-        return _call(self.name, self._command(script), data, timeout_s)
-
-    def stream(self, script: str, hear: Callable[[str], None]) -> None:
-        """Run a shell script there and hand on its lines; see `Transport`."""
-        run_heard(self._command(script), hear, self.name)
-
-    def _command(self, script: str) -> list[str]:
+    def command(self, script: str) -> list[str]:
+        """Return the SSH client with the script for the shell at the other end."""
         options = ("-o", "BatchMode=yes", "-o", f"ConnectTimeout={CONNECT_S}")
         return [self.program, *options, "--", self.address, f"sudo -n sh -eu -c {shlex.quote(script)}"]
 
@@ -195,9 +186,6 @@ def detect_over(host: HostSpec, *, root: Path | None = None) -> Accelerator | No
 def accelerator_of(transport: Transport) -> Accelerator:
     """Return what images for a machine are made for.
 
-    Args:
-        transport: The machine.
-
     Raises:
         DeployError: It cannot be reached, or is a Jetson with another JetPack than the images' base.
     """
@@ -212,9 +200,6 @@ def accelerator_of(transport: Transport) -> Accelerator:
 
 def machine_of(transport: Transport) -> Machine:
     """Return what a machine was found to have.
-
-    Args:
-        transport: The machine.
 
     Raises:
         DeployError: It cannot be reached.

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.bundle import bundle_of, write_bundle
-from sfglab.deploy.hardware import detect
-from sfglab.deploy.rollout import Change, Local, apply_plan, copy_facts, look_and_plan, released
+from sfglab.deploy.hardware.detection import detect
+from sfglab.deploy.rollout.apply import apply_plan, look_and_plan, released
+from sfglab.deploy.rollout.plan import Change
+from sfglab.deploy.rollout.transport import Local, copy_facts
 from sfglab.fleet.fleet_file import Accelerator
 from sfglab.lab.example_machines import EXAMPLES, write_example
 from sfglab.lab.experiments.deployment.rows import DeployCheckRow, DetectedRow
