@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+import asyncio
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,20 +13,22 @@ import pytest
 from sfglab.arp.cache import Decision
 from sfglab.arp.robots import SENSORS
 from sfglab.lab.claims import How
-from sfglab.lab.experiments import balancing
-from sfglab.lab.experiments.balancing import caches
-from sfglab.lab.experiments.balancing import stale as stale_module
-from sfglab.lab.experiments.balancing.config import Config
+from sfglab.lab.experiments.balancing import exp, experiment, staleness
+from sfglab.lab.experiments.balancing.experiment import QOS, readings, staleness_of
 from sfglab.lab.experiments.balancing.optimum import balance_checks, balance_rows
-from sfglab.lab.experiments.balancing.readings import readings
-from sfglab.lab.experiments.profiles import ConfigError
 from sfglab.qos import QoSProfile
-from sfglab.record import LogReader
 from sfglab.rtps import Drop, Fate, FlowOutcome
+from sfglab.units import NS_PER_S
 
 ROOT = Path(__file__).parents[2]
-S = 1_000_000_000
-SMALL = replace(Config.of_profile("smoke"), rates_hz=(100,), stale_s=5.0, stale_seeds=1, weights=2)
+SMALL = {"rates_hz": (100,), "stale_s": 5.0, "stale_seeds": 1, "weights": 2}
+REFERENCE = exp.load(ROOT / "data/reference/balancing.mcap")
+
+
+@pytest.fixture
+def small_run(tmp_path, monkeypatch):
+    monkeypatch.setenv("SFGLAB_ROOT", str(ROOT))
+    return lambda name: asyncio.run(exp.run("smoke", path=tmp_path / f"{name}.mcap", **SMALL))
 
 
 @pytest.mark.parametrize("name", SENSORS)
@@ -37,74 +40,60 @@ def test_readings_repeat_as_long_as_the_sensor_says(name):
     assert 320 < changes < 480, "400 are expected, and a few are too short to be read"
 
 
-def test_a_cache_that_forgets_a_change_fails_its_checks(monkeypatch):
-    class Deaf(caches.LocalCache):
+def test_a_cache_that_forgets_a_change_fails_its_checks(small_run, monkeypatch):
+    class Deaf(experiment.LocalCache):
         def offer(self, topic, value, *, now_ns, size_bytes=0):
             if now_ns == 0:
                 return super().offer(topic, value, now_ns=now_ns, size_bytes=size_bytes)
             return Decision.HELD
 
-    monkeypatch.setattr(caches, "LocalCache", Deaf)
-    _, checks = caches.cache_rows(SMALL)
-    broken = {row.check for row in checks if row.held < row.checked}
+    monkeypatch.setattr(experiment, "LocalCache", Deaf)
+    run = small_run("deaf")
+    broken = set(run["check"]["check"][run["check"]["held"] < run["check"]["checked"]])
     assert "LC: the station always knows the sensor's value" in broken
     assert "LC: the model's compiled cache lets the same readings pass" in broken
-
-
-def flow_outcome(published_s, received_s, values):
-    received = np.array([0 if r is None else round(r * S) for r in received_s])
-    return FlowOutcome(
-        name="a",
-        published_ns=np.array([round(p * S) for p in published_s]),
-        received_ns=received,
-        value=np.array(values, np.int32),
-        fate=np.where(received > 0, Fate.DELIVERED, Fate.OVERWRITTEN).astype(np.int8),
-        dropped=np.where(received > 0, Drop.NOT, Drop.MEDIUM).astype(np.int8),
-    )
+    assert exp.measure(run)["B-LC"].estimate.value < 1
 
 
 def test_stale_time_is_from_the_change_to_the_next_value_that_arrives():
     # Value 2 is lost at 2 s; the station believes 1 until 3 arrives at 5.5 s.
-    outcome = flow_outcome([0, 2, 5], [1, None, 5.5], [1, 2, 3])
-    row = stale_module._row("reliable", 0.0, 0, outcome, 10.0)
-    assert row.stale_share == pytest.approx((1 + 3.5) / 10)
-    assert row.longest_s == pytest.approx(3.5)
-    assert row.messages_hz == pytest.approx(0.3)
+    arrives = np.array([True, False, True])
+    outcome = FlowOutcome(
+        name="a",
+        published_ns=np.array([0, 2, 5]) * NS_PER_S,
+        received_ns=np.array([1, 0, 5.5]) * NS_PER_S,
+        value=np.array([1, 2, 3], np.int32),
+        fate=np.where(arrives, Fate.DELIVERED, Fate.OVERWRITTEN).astype(np.int8),
+        dropped=np.where(arrives, Drop.NOT, Drop.MEDIUM).astype(np.int8),
+    )
+    expected = {"stale_share": (1 + 3.5) / 10, "longest_s": 3.5, "messages_hz": 0.3}
+    assert staleness_of(outcome, 10.0) == pytest.approx(expected)
 
 
 def test_a_longest_silence_makes_the_station_wrong_for_less_time():
-    rows, _ = stale_module.stale_rows(replace(SMALL, stale_s=120.0, silences_s=(0.0, 0.2)))
-    share = {(row.qos, row.silence_s): row.stale_share for row in rows}
-    for qos in stale_module.QOS:
+    share = staleness(REFERENCE).set_index(["qos", "silence_s"])["stale_share"]
+    for qos in QOS:
         assert share[qos, 0.2] < share[qos, 0.0] / 2
 
 
 def test_a_wrong_optimum_fails_its_checks():
-    rows = balance_rows(SMALL)
+    rows = list(balance_rows(exp.config("smoke", **SMALL)))
     assert all(check.held == check.checked for check in balance_checks(rows))
     wrong = [replace(row, depth=row.depth * 1.001) for row in rows]
     assert [c.check for c in balance_checks(wrong) if c.held < c.checked] == ["OPT: D is the closed form's"]
 
 
-def test_a_run_is_a_log_that_fills_its_claims_and_the_same_again(tmp_path, monkeypatch):
-    monkeypatch.setenv("SFGLAB_ROOT", str(ROOT))
-    tables = []
-    for name in ("one", "two"):
-        log = balancing.run(SMALL, tmp_path / f"{name}.mcap")
-        with LogReader(log) as reader:
-            tables.append({t: reader.table(t) for t in ("cache", "stale", "shown", "balance", "front")})
-    for table, first in tables[0].items():
-        assert first.equals(tables[1][table]), table
-    measured = balancing.measure_claims(log)
+def test_a_run_fills_its_claims_and_gives_the_same_again(small_run):
+    one, two = small_run("one"), small_run("two")
+    assert all(one.table(table).equals(two.table(table)) for table in exp.tables)
+    measured = exp.measure(one)
     assert set(measured) == {"B-LC", "B-CC", "B-OPT", "B-TAB1"}
     assert all(m.estimate.value == 1 and m.how is How.EXACT for m in measured.values())
-    assert set(balancing.figures(log)) == {"balancing_caches", "balancing_stale", "balancing_qos"}
+    assert set(exp.figures(one)) == {"balancing_caches", "balancing_stale", "balancing_qos"}
 
 
-def test_the_front_has_a_trade_off_and_the_printed_optimum_is_no_better(tmp_path, monkeypatch):
-    monkeypatch.setenv("SFGLAB_ROOT", str(ROOT))
-    log = balancing.run(replace(SMALL, weights=5, rates_hz=(100, 1000)), tmp_path / "a.mcap")
-    front = balancing.load_results(log).front
+def test_the_front_has_a_trade_off_and_the_printed_optimum_is_no_better():
+    front = REFERENCE["front"]
     for _, group in front.groupby("rate_max_hz"):
         ours = group[group["method"] == "ours"].sort_values("freshness")
         assert (ours["latency_ms"].diff().dropna() >= -1e-6).all(), "fresher is later"
@@ -113,11 +102,5 @@ def test_the_front_has_a_trade_off_and_the_printed_optimum_is_no_better(tmp_path
     assert (front[front["method"] == "ours"]["utilisation"] <= 0.9 + 1e-6).all()
 
 
-def test_unknown_profiles_are_refused():
-    with pytest.raises(ConfigError, match="given 'long'"):
-        Config.of_profile("long")
-    assert asdict(Config.of_profile("quick", seed=3))["seed"] == 3
-
-
 def test_the_model_qos_is_what_the_rows_say():
-    assert stale_module.QOS["reliable"] == QoSProfile(depth=1)
+    assert QOS["reliable"] == QoSProfile(depth=1)

@@ -1,50 +1,87 @@
-"""Eq. 1 to 6 solved with CVXPY and by the closed form, over topics, limits and weights. Exact."""
+"""The printed optimum, Eq. 1 to 6, by CVXPY and by the closed form, and the Pareto front of our own problem."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING
 
-from sfglab.arp.balancing import BalanceInput, InfeasibleBalanceError, balance, balance_closed_form
-from sfglab.lab.checks import CheckRow
-from sfglab.lab.experiments.balancing.rows import BalanceRow
+import numpy as np
+
+from sfglab.arp.balancing import (
+    BalanceInput,
+    InfeasibleBalanceError,
+    average_topics,
+    balance,
+    balance_closed_form,
+)
+from sfglab.arp.plan import plan_as_printed
+from sfglab.arp.programme import pareto_front
+from sfglab.arp.topics import load_topics
+from sfglab.lab.checks import CheckRow, check_row
+from sfglab.lab.experiments.balancing.experiment import Config, exp
+from sfglab.lab.paths import find_project
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from sfglab.arp.balancing import Balance
-    from sfglab.lab.experiments.balancing.config import Config
-
+    from sfglab.arp.plan import Plan
+    from sfglab.lab.bench import Bench
 
 WEIGHTS = (0.05, 0.5, 0.95)
 _TOLERANCE = 1e-5
 """Relative; the solver stops at 1e-8 of the objective."""
+_NAN = float("nan")
 
 
-def balance_rows(config: Config) -> list[BalanceRow]:
-    """Solve every combination of topics, Rmax, Rmin and weight."""
-    combinations = product(config.topics, config.rates_hz, config.rates_min_hz, WEIGHTS)
-    return [_solve(topics, rate_max, rate_min, weight) for topics, rate_max, rate_min, weight in combinations]
+@exp.table("balance")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BalanceRow:
+    """Eq. 6 solved twice."""
+
+    topics: str  #: Topics of each agent, as text.
+    rate_max_hz: int  #: Rmax.
+    rate_min_hz: float  #: Rmin.
+    weight: float  #: Share of R in the objective.
+    solvable: bool  #: Whether CVXPY found an optimum.
+    solvable_closed: bool  #: Whether the closed form did.
+    rate_hz: float  #: R by CVXPY; NaN without an optimum.
+    depth: float  #: D by CVXPY.
+    rate_closed_hz: float  #: R by the closed form.
+    depth_closed: float  #: D by the closed form.
+    why: str  #: Which constraint fails, and by how much.
 
 
-def _solve(topics: tuple[int, ...], rate_max_hz: int, rate_min_hz: float, weight: float) -> BalanceRow:
-    given = BalanceInput(topics=topics, rate_max_hz=rate_max_hz, rate_min_hz=rate_min_hz)
-    solved, why = _attempt(lambda: balance(given, weight=weight))
-    closed, why_closed = _attempt(lambda: balance_closed_form(given))
-    nan = float("nan")
-    return BalanceRow(
-        topics="+".join(map(str, topics)),
-        rate_max_hz=rate_max_hz,
-        rate_min_hz=rate_min_hz,
-        weight=weight,
-        solvable=solved is not None,
-        solvable_closed=closed is not None,
-        rate_hz=solved.rate_hz if solved else nan,
-        depth=solved.depth if solved else nan,
-        rate_closed_hz=closed.rate_hz if closed else nan,
-        depth_closed=closed.depth if closed else nan,
-        why=why or why_closed,
-    )
+@exp.part("Eq. 6", timed=False)
+def solve_printed(bench: Bench[Config]) -> None:
+    """Solve every combination of topics, Rmax, Rmin and weight twice, and compare."""
+    rows = list(balance_rows(bench.config))
+    bench.write_all("balance", rows)
+    bench.write_all("check", balance_checks(rows))
+
+
+def balance_rows(config: Config) -> Iterator[BalanceRow]:
+    """Yield every combination, solved."""
+    for case in product(config.topics, config.rates_hz, config.rates_min_hz, WEIGHTS):
+        topics, rate_max_hz, rate_min_hz, weight = case
+        given = BalanceInput(topics=topics, rate_max_hz=rate_max_hz, rate_min_hz=rate_min_hz)
+        solved, why = _attempt(partial(balance, given, weight=weight))
+        closed, why_closed = _attempt(partial(balance_closed_form, given))
+        yield BalanceRow(
+            topics="+".join(map(str, topics)),
+            rate_max_hz=rate_max_hz,
+            rate_min_hz=rate_min_hz,
+            weight=weight,
+            solvable=solved is not None,
+            solvable_closed=closed is not None,
+            rate_hz=solved.rate_hz if solved else _NAN,
+            depth=solved.depth if solved else _NAN,
+            rate_closed_hz=closed.rate_hz if closed else _NAN,
+            depth_closed=closed.depth if closed else _NAN,
+            why=why or why_closed,
+        )
 
 
 def _attempt(solve: Callable[[], Balance]) -> tuple[Balance | None, str]:
@@ -54,37 +91,30 @@ def _attempt(solve: Callable[[], Balance]) -> tuple[Balance | None, str]:
         return None, str(error)
 
 
-def balance_checks(rows: list[BalanceRow]) -> list[CheckRow]:
-    """Return how often CVXPY and the closed form agree, and how often the equations hold.
+def balance_checks(rows: list[BalanceRow]) -> Iterator[CheckRow]:
+    """Yield how often CVXPY and the closed form agree, and how often the equations hold.
 
     Args:
         rows: From `balance_rows`.
     """
+    name = "OPT: CVXPY finds an optimum where the closed form does, and nowhere else"
+    yield check_row(name, [(str(row), row.solvable == row.solvable_closed) for row in rows])
     checks: dict[str, Callable[[BalanceRow], bool]] = {
-        "OPT: CVXPY finds an optimum where the closed form does, and nowhere else": lambda r: (
-            r.solvable == r.solvable_closed
-        ),
         "OPT: R is the closed form's": lambda r: _close(r.rate_hz, r.rate_closed_hz),
         "OPT: D is the closed form's": lambda r: _close(r.depth, r.depth_closed),
         "OPT: Eq. 4 holds, and Rmin <= R <= Rmax": lambda r: (
-            _at_most(r.rate_hz + r.rate_min_hz, r.rate_max_hz / _average(r.topics))
+            _at_most(r.rate_hz + r.rate_min_hz, r.rate_max_hz / mean_topics(r.topics))
             and _at_most(r.rate_min_hz, r.rate_hz)
             and _at_most(r.rate_hz, r.rate_max_hz)
         ),
     }
-    found = [row for row in rows if row.solvable]
-    results = []
     for name, holds in checks.items():
-        rows_ = rows if "optimum where" in name else found
-        failed = [row for row in rows_ if not holds(row)]
-        example = str((failed or rows_)[0])
-        results.append(CheckRow(check=name, checked=len(rows_), held=len(rows_) - len(failed), example=example))
-    return results
+        yield check_row(name, [(str(row), holds(row)) for row in rows if row.solvable])
 
 
-def _average(topics: str) -> float:
-    counts = [int(part) for part in topics.split("+")]
-    return sum(counts) / len(counts)
+def mean_topics(topics: str) -> float:
+    """Return T_avg of a row's topics."""
+    return average_topics([int(part) for part in topics.split("+")])
 
 
 def _close(one: float, other: float) -> bool:
@@ -93,3 +123,53 @@ def _close(one: float, other: float) -> bool:
 
 def _at_most(one: float, other: float) -> bool:
     return one <= other + _TOLERANCE * abs(other)
+
+
+@exp.table("front")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrontRow:
+    """A point of our own problem's Pareto front, or the printed optimum judged alike."""
+
+    method: str  #: ``ours`` or ``printed``.
+    rate_max_hz: int  #: Rmax.
+    latency_price_hz: float  #: Price of latency; NaN for the printed optimum.
+    rate_low_hz: float  #: Rate of the slowest topic.
+    rate_high_hz: float  #: Rate of the fastest topic.
+    depth_high: int  #: Deepest history.
+    utilisation: float  #: Share of the air that is taken; above 1, more than there is.
+    freshness: float  #: Share of time in which the value sent last is still true, mean over topics.
+    latency_ms: float  #: Mean expected latency; infinite where the air is overloaded.
+    up_to_date: float  #: Share of time in which the station has the sensor's value, expected, mean over topics.
+    airtime_price: float  #: Shadow price of the air; NaN for the printed optimum.
+    chosen: bool  #: Whether it is the point that is used.
+
+
+@exp.part("Pareto front", timed=False)
+def solve_own(bench: Bench[Config]) -> None:
+    """Write our problem's Pareto front and the printed optimum for every Rmax."""
+    config = bench.config
+    given = load_topics(find_project().data / config.topic_file)
+    prices = tuple(float(price) for price in np.geomspace(0.1, 1000, config.weights))
+    for rate in config.rates_hz:
+        limited = given.limited_to(float(rate))
+        points = pareto_front(limited.topics, limited.medium, limited.vendor, prices_hz=prices)
+        best = max(points, key=lambda point: point.up_to_date)
+        bench.write_all("front", (_front_row(point, rate, chosen=point is best) for point in points))
+        bench.write("front", _front_row(plan_as_printed(limited), rate, chosen=False))
+
+
+def _front_row(point: Plan, rate_max_hz: int, *, chosen: bool) -> FrontRow:
+    return FrontRow(
+        method=point.method,
+        rate_max_hz=rate_max_hz,
+        latency_price_hz=_NAN if point.latency_price_hz is None else point.latency_price_hz,
+        rate_low_hz=float(point.rates_hz.min()),
+        rate_high_hz=float(point.rates_hz.max()),
+        depth_high=max(part.depth for part in point.topics),
+        utilisation=point.utilisation,
+        freshness=point.freshness,
+        latency_ms=1e3 * point.latency_s,
+        up_to_date=point.up_to_date,
+        airtime_price=_NAN if point.airtime_price is None else point.airtime_price,
+        chosen=chosen,
+    )
