@@ -35,7 +35,7 @@ from sfglab.bus import Node
 from sfglab.messages import default_message, serialize
 from sfglab.qos import SENSOR_DATA
 from sfglab.view import Bridge, RerunCanvas, Session, SinkError, open_canvas
-from sfglab.view.sdk import rerun
+from sfglab.view.rerunning import rerun
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

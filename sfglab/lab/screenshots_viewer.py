@@ -39,7 +39,7 @@ from sfglab.lab.experiments.visualisation.timing import free_port
 from sfglab.lab.paths import find_project
 from sfglab.messages import default_message, message_type, serialize
 from sfglab.view import Arrival, Session, blueprint, layout_of_fleet, open_canvas, replay
-from sfglab.view.blueprint import Camera
+from sfglab.view.rerunning import Camera
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

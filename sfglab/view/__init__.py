@@ -30,19 +30,24 @@ and an entry point in your ``pyproject.toml``:
 from __future__ import annotations
 
 from sfglab.view.app import Report, ViewOptions, report_of, session_for, view_live, view_log
-from sfglab.view.arrivals import Arrival
-from sfglab.view.blueprint import Layout, blueprint, layout_of_fleet, layout_of_topics
+from sfglab.view.arrivals import Arrival, open_log
 from sfglab.view.bridge import Bridge
-from sfglab.view.entities import agent_root, entity_of_topic
 from sfglab.view.errors import ContentError, SessionError, SettingError, SinkError, SourceError, ViewError
-from sfglab.view.logs import open_log
-from sfglab.view.parameters import Parameter
 from sfglab.view.registry import GROUP, available, find
-from sfglab.view.replay import replay
-from sfglab.view.rerunning import RerunCanvas, open_canvas
+from sfglab.view.rerunning import Layout, RerunCanvas, blueprint, layout_of_fleet, layout_of_topics, open_canvas
 from sfglab.view.session import Display, Session
+from sfglab.view.stage import replay
 from sfglab.view.sync import Approximate, Exact, Independent, Latest
-from sfglab.view.visualizer import Canvas, Input, TopicHealth, Update, Visualizer
+from sfglab.view.visualizer import (
+    Canvas,
+    Input,
+    Parameter,
+    TopicHealth,
+    Update,
+    Visualizer,
+    agent_root,
+    entity_of_topic,
+)
 
 __all__ = [
     "GROUP",

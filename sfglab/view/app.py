@@ -11,12 +11,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sfglab.view.blueprint import blueprint, layout_of_fleet, layout_of_topics
+from sfglab.view.arrivals import open_log
 from sfglab.view.bridge import Bridge
-from sfglab.view.logs import open_log
-from sfglab.view.replay import replay, wanted_topics
-from sfglab.view.rerunning import NOTEBOOK, RerunCanvas, open_canvas
+from sfglab.view.rerunning import (
+    NOTEBOOK,
+    RerunCanvas,
+    blueprint,
+    layout_of_fleet,
+    layout_of_topics,
+    open_canvas,
+)
 from sfglab.view.session import Session
+from sfglab.view.stage import replay, wanted_topics
 from sfglab.view.visualizers.fleet import Communication
 
 if TYPE_CHECKING:

@@ -1,20 +1,27 @@
-"""A message as it arrives from anywhere: its bytes or itself, its topic and its times.
+"""Messages as they arrive from anywhere, and logs that they come from: MCAP files, and what else rosbags reads.
 
-Pure. Bytes stay bytes until somebody wants to see them, so a message that is passed over costs no decoding;
-the capture stamp is read from where it stands in the bytes.
+Bytes stay bytes until somebody wants to see them, so a message that is passed over costs no decoding; the
+capture stamp is read from where it stands in the bytes. Knows the order of a log; refuses to know what is shown
+of it.
 """
 
 from __future__ import annotations
 
 import functools
+import heapq
 import struct
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sfglab.messages import decoder, message_type, ns_from_stamp
+from sfglab.messages import decoder, message_type, message_types, ns_from_stamp
 from sfglab.messages.store import type_store
+from sfglab.record import LogReader
+from sfglab.units import NS_PER_S
+from sfglab.view.errors import SourceError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection, Iterator
 
 
 _STAMP = {b"\0\0": struct.Struct(">iI"), b"\0\1": struct.Struct("<iI")}
@@ -79,7 +86,7 @@ def _from_bytes(cdr: bytes) -> int:
     if layout is None or len(cdr) < 12:
         return 0
     seconds, nanoseconds = layout.unpack_from(cdr, 4)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+    return int(seconds) * NS_PER_S + int(nanoseconds)
 
 
 def _from_message(message: Any) -> int:
@@ -89,3 +96,91 @@ def _from_message(message: Any) -> int:
         if hasattr(stamp, "nanosec"):
             return ns_from_stamp(stamp)
     return 0
+
+
+class Log:
+    """A log to read once or several times; made by `open_log`."""
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Type by topic."""
+        raise NotImplementedError
+
+    def arrivals(self, topics: Collection[str]) -> Iterator[Arrival]:
+        """Yield the messages of some topics in the order in which they were received."""
+        raise NotImplementedError
+
+
+class _Mcap(Log):
+    def __init__(self, reader: LogReader) -> None:
+        self._reader = reader
+
+    @property
+    def topics(self) -> dict[str, str]:
+        return {topic: info.type_name for topic, info in self._reader.topics.items()}
+
+    def arrivals(self, topics: Collection[str]) -> Iterator[Arrival]:
+        """Types that this process does not know are decoded by the log's own definitions."""
+        known = set(message_types())
+        foreign = [topic for topic in topics if self.topics.get(topic) not in known]
+        sources = [self._foreign(topic) for topic in foreign]
+        return heapq.merge(self._ours(set(topics) - set(foreign)), *sources, key=lambda a: a.received_ns)
+
+    def _ours(self, topics: Collection[str]) -> Iterator[Arrival]:
+        for entry in self._reader.messages():
+            if entry.topic in topics:
+                yield Arrival(entry.topic, entry.type_name, entry.log_time_ns, entry.cdr)
+
+    def _foreign(self, topic: str) -> Iterator[Arrival]:
+        for entry in self._reader.decoded(topic):
+            yield Arrival(topic, entry.type_name, entry.log_time_ns, b"", entry.message)
+
+
+class _Bag(Log):
+    def __init__(self, reader: Any) -> None:
+        self._reader = reader
+
+    @property
+    def topics(self) -> dict[str, str]:
+        return {connection.topic: connection.msgtype for connection in self._reader.connections}
+
+    def arrivals(self, topics: Collection[str]) -> Iterator[Arrival]:
+        wanted = [connection for connection in self._reader.connections if connection.topic in topics]
+        if not wanted:  # rosbags takes none for all
+            return
+        for connection, received_ns, data in self._reader.messages(connections=wanted):
+            message = self._reader.deserialize(data, connection.msgtype)
+            yield Arrival(connection.topic, connection.msgtype, received_ns, b"", message)
+
+
+@contextmanager
+def open_log(path: str | Path) -> Iterator[Log]:
+    """Open a log.
+
+    Args:
+        path: An MCAP file, also one that was cut off; a rosbag2 directory or its file; a ROS 1 bag.
+
+    Raises:
+        LogError: There is no such MCAP file.
+        LogError: The MCAP file cannot be read.
+        SourceError: Any other cannot be.
+    """
+    path = Path(path)
+    if path.suffix == ".mcap":
+        with LogReader(path) as reader:
+            yield _Mcap(reader)
+        return
+    from rosbags.highlevel import AnyReader, AnyReaderError
+
+    bag = path.parent if path.suffix == ".db3" and (path.parent / "metadata.yaml").is_file() else path
+    try:
+        bag_reader = AnyReader([bag], default_typestore=type_store())
+        bag_reader.open()
+    except (AnyReaderError, OSError) as error:
+        raise SourceError(
+            f"log {path}: given what rosbags does not read, allowed an MCAP or a bag: {error}"
+        ) from error
+    try:
+        yield _Bag(bag_reader)
+    finally:
+        bag_reader.close()

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from sfglab.names import FqnError, Resource, Scope, parse, validate_agent
+from sfglab.units import NS_PER_S
 from sfglab.view.errors import SettingError
 
 LATE_PERIODS = 1.5
@@ -17,8 +18,6 @@ LATE_PERIODS = 1.5
 
 LOST_PERIODS = 3.0
 """An agent is taken for lost when its last heartbeat is this many of its own periods old."""
-
-_NS_PER_S = 1_000_000_000
 
 
 class Life(Enum):
@@ -58,7 +57,7 @@ class _Known:
     """What was heard of one agent."""
 
     beat_ns: int | None = None
-    period_ns: int = _NS_PER_S
+    period_ns: int = NS_PER_S
     starting: bool = False
     said_lost: bool = False
     incarnation: int | None = None
@@ -111,10 +110,10 @@ class FleetLinks:
         if known is None:
             return
         if not 0 < period_s < 86_400:
-            raise SettingError("period_s", given=period_s, allowed="seconds above 0, below a day")
+            raise SettingError("period_s", period_s, "seconds above 0, below a day")
         known.restarts += known.incarnation is not None and incarnation > known.incarnation
         known.incarnation = max(incarnation, known.incarnation or 0)
-        known.beat_ns, known.period_ns = now_ns, round(period_s * _NS_PER_S)
+        known.beat_ns, known.period_ns = now_ns, round(period_s * NS_PER_S)
         known.starting, known.said_lost = is_starting, False
 
     def discovered(self, agent: str, *, is_lost: bool) -> None:

@@ -18,8 +18,8 @@ from sfglab.view.registry import available
 from sfglab.view.session import Change, Changed
 
 if TYPE_CHECKING:
-    from sfglab.view.parameters import Parameter
     from sfglab.view.session import Display, Session
+    from sfglab.view.visualizer import Parameter
 
 
 Topics = Callable[[], Mapping[str, str]]

@@ -1,23 +1,42 @@
-"""The Rerun side: a canvas over a recording, and the places that a recording can go to.
+"""The Rerun side: a canvas over a recording, the places that a recording can go to, and the viewer's layout.
 
-Two timelines: `capture` is the sender's stamp, `received` this host's or the log's clock. Refuses to know
-messages. What is on its way is bounded: a canvas waits when `WINDOW_BYTES` were drawn that no sink has taken.
+The one place that imports Rerun, so that everything else can be imported without it. Two timelines: `capture`
+is the sender's stamp, `received` this host's or the log's clock. What is on its way is bounded: a canvas waits
+when `WINDOW_BYTES` were drawn that no sink has taken. Refuses to know messages.
 """
 
 from __future__ import annotations
 
 import socket
 from contextlib import closing, suppress
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import MissingExtraError
+from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT
+from sfglab.units import NS_PER_S
 from sfglab.view.errors import SettingError, SinkError, ViewError
-from sfglab.view.sdk import rerun
+from sfglab.view.visualizer import AGENTS, agent_root, entity_of_topic
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
+
+    from sfglab.fleet.fleet_file import Fleet
+
+
+def rerun() -> Any:
+    """Return the Rerun SDK.
+
+    Raises:
+        MissingExtraError: It is not installed.
+    """
+    try:
+        import rerun
+    except ImportError as error:
+        raise MissingExtraError("rerun", extra="view", purpose="the view") from error
+    return rerun
 
 
 NOTEBOOK = "notebook"
@@ -31,7 +50,6 @@ WINDOW_BYTES = 32 * 2**20
 
 _PLACES = "<path>.rrd, viewer, rerun+http://<host>:<port>/proxy, serve[[:<address>]:<port>], notebook"
 _TAKE_LIMIT_S = 10.0
-_NS_PER_S = 1_000_000_000
 _IMAGE_BYTES = 128 * 1024
 """A batch of this size leaves at once: a picture does not wait for company."""
 
@@ -110,7 +128,7 @@ class RerunCanvas:
             SinkError: They do not take it.
         """
         self._pending_bytes += size_bytes
-        if self._pending_bytes >= WINDOW_BYTES or abs(self._now_ns - self._flushed_ns) >= _NS_PER_S:
+        if self._pending_bytes >= WINDOW_BYTES or abs(self._now_ns - self._flushed_ns) >= NS_PER_S:
             self.flush()
 
     def flush(self) -> None:
@@ -156,9 +174,9 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%"
     """
     sdk = rerun()
     if not to:
-        raise SettingError("to", given=to, allowed="at least one place")
+        raise SettingError("to", to, "at least one place")
     if NOTEBOOK in to and len(to) > 1:
-        raise SettingError("to", given=to, allowed="the notebook alone, or other places")
+        raise SettingError("to", to, "the notebook alone, or other places")
     config = sdk.ChunkBatcherConfig.LOW_LATENCY()
     config.flush_num_bytes = _IMAGE_BYTES
     recording = sdk.RecordingStream(title, batcher_config=config)
@@ -191,14 +209,14 @@ def _sink(place: str, recording: Any, memory: str) -> Any:
         return sdk.GrpcServerSink(*_bound(place, rest), server_memory_limit=memory)
     if place == NOTEBOOK:
         return None
-    raise SettingError("to", given=place, allowed=_PLACES)
+    raise SettingError("to", place, _PLACES)
 
 
 def _bound(place: str, rest: str) -> tuple[str, int]:
     """Return address and port to wait at; only this host is served unless another address is given."""
     address, _, port = rest.rpartition(":")
     if not (port or "9876").isdecimal():
-        raise SettingError("to", given=place, allowed=_PLACES)
+        raise SettingError("to", place, _PLACES)
     bound = address or "127.0.0.1", int(port or 9876)
     with closing(socket.socket()) as probe:  # the server itself would tell only its log
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -210,3 +228,117 @@ def _file_sink(path: Path) -> Any:
     if not path.parent.is_dir():
         raise SinkError(f"{path} cannot be opened: there is no directory {path.parent}")
     return rerun().FileSink(path)
+
+
+_PICTURES = (
+    "sensor_msgs/msg/Image",
+    "sensor_msgs/msg/CompressedImage",
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
+    "foxglove_msgs/msg/CompressedVideo",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Camera:
+    """A view of one stream of pictures."""
+
+    name: str  #: For people.
+    entity: str  #: What it shows.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """What a viewer shows side by side."""
+
+    frame: str = ""  #: The frame in which space is drawn; empty leaves the choice to the viewer.
+    agents: tuple[str, ...] = ()  #: Whose heartbeats and states are drawn.
+    cameras: tuple[Camera, ...] = ()  #: One view each.
+    #: Whether heartbeats and states are drawn; without `agents` those of all that turn up.
+    communication: bool = False
+
+
+def layout_of_fleet(fleet: Fleet, *, frame: str = "map") -> Layout:
+    """Return the layout of a fleet: a view for every stream that its agents announce.
+
+    Args:
+        fleet: As the fleet file has it.
+        frame: The frame in which space is drawn.
+    """
+    cameras = [
+        Camera(name=f"{agent.name} {sensor.name} {stream.codec}", entity=entity_of_topic(stream.topic))
+        for agent in fleet.agents
+        for sensor in agent.sensors
+        for stream in sensor.streams
+    ]
+    agents = tuple(agent.name for agent in fleet.agents)
+    return Layout(frame=frame, agents=agents, cameras=tuple(cameras), communication=True)
+
+
+def layout_of_topics(topics: Mapping[str, str], *, frame: str = "") -> Layout:
+    """Return a layout for topics alone.
+
+    Args:
+        topics: Type by topic.
+        frame: The frame in which space is drawn.
+    """
+    pictures = sorted(topic for topic, type_name in topics.items() if type_name in _PICTURES)
+    cameras = tuple(Camera(name=topic, entity=entity_of_topic(topic)) for topic in pictures)
+    return Layout(frame=frame, cameras=cameras, communication=AGENT_HEARTBEAT in topics.values())
+
+
+def blueprint(layout: Layout) -> Any:
+    """Return Rerun's blueprint of a layout.
+
+    Raises:
+        MissingExtraError: Rerun is not installed.
+    """
+    rerun()
+    import rerun.blueprint as rrb
+
+    views: list[Any] = [
+        rrb.Spatial3DView(origin="/", contents=_contents(layout), name="space", **_space(layout.frame))
+    ]
+    if layout.cameras:
+        cameras = (
+            rrb.Spatial2DView(origin=c.entity, contents=c.entity, name=c.name)
+            for c in layout.cameras  # no points
+        )
+        views.append(rrb.Grid(*cameras, name="cameras"))
+    upper = rrb.Horizontal(*views, column_shares=[3, 2][: len(views)])
+    lower = _communication(layout.agents) if layout.communication else []
+    parts = rrb.Vertical(upper, rrb.Horizontal(*lower), row_shares=[2, 1]) if lower else upper
+    return rrb.Blueprint(parts, rrb.TimePanel(timeline="received"), collapse_panels=False)
+
+
+def _contents(layout: Layout) -> list[str]:
+    """Return what space holds: everything but pictures of depth, whose points it holds already, coloured."""
+    depths = [camera.entity for camera in layout.cameras if "depth" in camera.entity]
+    return ["/**", *(rule for depth in depths for rule in (f"- {depth}", f"+ {depth}/cloud"))]
+
+
+def _space(frame: str) -> dict[str, Any]:
+    """Return how space is looked at: from above one side of a known frame, else as the viewer likes."""
+    import rerun.blueprint as rrb
+
+    if not frame:
+        return {}
+    eye = rrb.EyeControls3D(position=(-5.0, -5.0, 4.0), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0))
+    return {"spatial_information": rrb.SpatialInformation(frame, show_axes=True), "eye_controls": eye}
+
+
+def _communication(agents: tuple[str, ...]) -> list[Any]:
+    import rerun.blueprint as rrb
+
+    roots = [f"{agent_root(agent)}/communication" for agent in agents]
+    everything = [f"{AGENTS}/**"]
+    ages = [f"{root}/heartbeat_age_s" for root in roots] or everything
+    bands = [f"{root}/{what}" for root in roots for what in ("life", "decoders")] or everything
+    drops = [f"{root}/{what}" for root in roots for what in ("dropped", "lost")] or everything
+    return [
+        rrb.Tabs(
+            rrb.TimeSeriesView(origin=AGENTS, contents=ages, name="heartbeat age (s)"),
+            rrb.TimeSeriesView(origin=AGENTS, contents=drops, name="dropped and lost"),
+        ),
+        rrb.StateTimelineView(origin=AGENTS, contents=bands, name="life and decoders"),
+        rrb.GraphView(origin="/fleet/border", name="what crosses the border"),
+    ]

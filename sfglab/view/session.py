@@ -1,4 +1,4 @@
-"""What is shown now, and how: visualizers added, removed and tuned at run time.
+"""Displays of a view: visualizers added, removed and tuned at run time, and kept in files as plain values.
 
 The model behind every panel and command line, as RViz's list of displays is. Pure: it knows which visualizers
 look at which topics; it refuses to know where messages come from and how they are drawn (`stage`), and tells
@@ -7,21 +7,24 @@ whoever listens what has changed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from sfglab.view.errors import SessionError
+from sfglab.fields import from_json, to_json
+from sfglab.qos import Durability, History, QoSProfile, Reliability
+from sfglab.view.errors import SessionError, SettingError
 from sfglab.view.registry import available, find
 from sfglab.view.slot import Slot
-from sfglab.view.written import qos_from_values, qos_to_values, sync_from_values, sync_to_values
+from sfglab.view.sync import Approximate, Exact, Independent, Latest, SyncPolicy
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from sfglab.qos import QoSProfile
-    from sfglab.view.sync import SyncPolicy
     from sfglab.view.visualizer import Input, Visualizer
+
+
+T = TypeVar("T")
 
 
 class Changed(Enum):
@@ -226,7 +229,7 @@ class Session:
                 "settings": display.visualizer.settings,
                 "max_hz": display.slot.budget.max_hz,
                 "enabled": display.enabled,
-                "qos": {role: qos_to_values(profile) for role, profile in display.qos.items()},
+                "qos": to_json(display.qos),
                 "sync": sync_to_values(display.sync),
             }
             for display in self.displays
@@ -271,3 +274,49 @@ def _bound(kind: type[Visualizer], topic: str, topics: Mapping[str, str]) -> dic
         elif not given.optional:
             return None
     return bound
+
+
+_POLICIES: dict[str, type[SyncPolicy]] = {
+    kind.__name__.lower(): kind for kind in (Independent, Exact, Approximate, Latest)
+}
+_ENUMS = {"reliability": Reliability, "durability": Durability, "history": History}
+
+
+def qos_from_values(values: Mapping[str, Any]) -> QoSProfile:
+    """Return the profile that values stand for; what is left out has its default.
+
+    Raises:
+        SettingError: A name or a value is not allowed.
+        QoSError: No middleware could honour it.
+    """
+    for name, kind in _ENUMS.items():
+        allowed = [member.value for member in kind]
+        if name in values and values[name] not in allowed:
+            raise SettingError(name, values[name], ", ".join(allowed))
+    return _from_values("qos", QoSProfile, values)
+
+
+def sync_to_values(policy: SyncPolicy) -> dict[str, Any]:
+    """Return a policy as plain values."""
+    return {"policy": type(policy).__name__.lower(), **to_json(policy)}
+
+
+def sync_from_values(values: Mapping[str, Any]) -> SyncPolicy:
+    """Return the policy that values stand for.
+
+    Raises:
+        SettingError: There is no such policy, or a value is not allowed.
+    """
+    given = dict(values)
+    name = given.pop("policy", None)
+    if name not in _POLICIES:
+        raise SettingError("policy", name, ", ".join(_POLICIES))
+    return _from_values(name, _POLICIES[name], given)
+
+
+def _from_values(what: str, kind: type[T], values: Mapping[str, Any]) -> T:
+    known = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    if unknown := sorted(values.keys() - set(known)):
+        raise SettingError(what, unknown, ", ".join(known) or "nothing")
+    made: T = from_json(kind, values)
+    return made

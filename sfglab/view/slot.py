@@ -1,8 +1,9 @@
-"""What stands between the messages of a visualizer's topics and the visualizer: bounds, order and counts.
+"""Queues between the messages of a visualizer's topics and the visualizer: bounds, order, counts, rate budget.
 
 Pure: stamps and opaque items in, updates out, the clock is the caller's. Memory is bounded by construction: at
 most ``depth`` items of each topic wait for their partners and at most ``queue`` sets for their turn, however
-slow whoever takes them is; what does not fit is counted and gone.
+slow whoever takes them is; what does not fit is counted and gone. Viewers keep what they are sent, and pictures
+also in graphics memory that no limit of the viewer covers, so a rate belongs on the sender's side.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
-from sfglab.view.budget import RateBudget
+from sfglab.units import NS_PER_S
+from sfglab.view.errors import SettingError
 from sfglab.view.sync import Matched, SyncPolicy, synchronizer
 
 if TYPE_CHECKING:
@@ -127,3 +129,52 @@ class Slot(Generic[T]):
             over_budget=self.budget.dropped,
             pushed_out=self._pushed_out,
         )
+
+
+class RateBudget:
+    """Lets at most `max_hz` events a second pass, evenly.
+
+    Events that come in step with the budget pass although they jitter: half a period that an event was late is
+    credited to the next one.
+
+    Args:
+        max_hz: Events a second; None lets everything pass.
+
+    Attributes:
+        dropped: Events that did not pass.
+    """
+
+    def __init__(self, max_hz: float | None) -> None:
+        self.dropped = 0
+        self._max_hz: float | None = None
+        self._next_ns: int | None = None
+        self.max_hz = max_hz
+
+    @property
+    def max_hz(self) -> float | None:
+        """Events a second; None lets everything pass. May be changed at any time."""
+        return self._max_hz
+
+    @max_hz.setter
+    def max_hz(self, value: float | None) -> None:
+        if value is not None and not 0 < value < float("inf"):
+            raise SettingError("max_hz", value, "positive numbers, or None for no limit")
+        self._max_hz, self._next_ns = value, None
+
+    def allows(self, now_ns: int) -> bool:
+        """Return whether an event may pass now; if not, it is counted as dropped.
+
+        Args:
+            now_ns: The caller's clock in nanoseconds; when it runs backwards, counting starts anew.
+        """
+        if self._max_hz is None:
+            return True
+        period_ns = round(NS_PER_S / self._max_hz)
+        due_ns = self._next_ns
+        if due_ns is None or now_ns < due_ns - 2 * period_ns:
+            due_ns = now_ns
+        elif now_ns < due_ns - period_ns // 4:
+            self.dropped += 1
+            return False
+        self._next_ns = max(due_ns, now_ns - period_ns // 2) + period_ns
+        return True

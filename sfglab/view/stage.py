@@ -1,8 +1,9 @@
-"""From arrivals to drawings: every display gets its topics' messages, in its own rhythm.
+"""Drawings from arrivals: every display gets its topics' messages, in its own rhythm; and a log, replayed.
 
 Knows a session and a canvas; refuses to know where messages come from. The clock is the caller's, so a log is
-replayed on the log's. `deliver`, `ready` and `tick` belong to one thread and are cheap; the jobs that they
-return may be drawn in another and take their time, as long as it is always the same one.
+replayed on the log's, without gaps, as fast as the sinks take it, and nothing is pushed out of a queue.
+`deliver`, `ready` and `tick` belong to one thread and are cheap; the jobs that they return may be drawn in
+another and take their time, as long as it is always the same one.
 """
 
 from __future__ import annotations
@@ -11,21 +12,19 @@ from collections import Counter
 from typing import TYPE_CHECKING, Protocol
 
 from sfglab.errors import SfglabError
+from sfglab.units import NS_PER_S
 from sfglab.view.arrivals import Arrival, capture_ns, decoded
 from sfglab.view.errors import SinkError
 from sfglab.view.session import Change, Changed, Display
 from sfglab.view.visualizer import Canvas, TopicHealth, Update
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
     from types import TracebackType
 
     from sfglab.bus import EndpointEvent
     from sfglab.view.session import Session
     from sfglab.view.slot import Taken
-
-
-_NS_PER_S = 1_000_000_000
 
 
 class Surface(Canvas, Protocol):
@@ -162,7 +161,7 @@ class Stage:
         """Return whether a display's tick is due, and plan its next one; a clock may jump back."""
         if not display.visualizer.tick_hz:
             return False
-        period_ns = round(_NS_PER_S / display.visualizer.tick_hz)
+        period_ns = round(NS_PER_S / display.visualizer.tick_hz)
         next_ns = self._next_tick_ns.get(display.id, now_ns)
         if next_ns - period_ns <= now_ns < next_ns:
             return False
@@ -216,3 +215,50 @@ class _Noted:
         told = str(error) if isinstance(error, SfglabError) else f"{type(error).__name__}: {error}"
         self._display.last_error = told
         return True
+
+
+_STEP_NS = 100_000_000
+_MOST_STEPS = 3000
+"""Of a silence that is longer than five minutes the rest is passed over."""
+
+
+def wanted_topics(session: Session) -> frozenset[str]:
+    """Return the topics of all displays."""
+    return frozenset(t for display in session.displays for t in display.visualizer.topics.values())
+
+
+def replay(arrivals: Iterable[Arrival], session: Session, surface: Surface) -> int:
+    """Draw messages, and what changes with time between them.
+
+    Args:
+        arrivals: In the order in which they were received.
+        session: What is shown.
+        surface: What is drawn on; it stays open.
+
+    Returns:
+        How many messages were read.
+
+    Raises:
+        SinkError: The surface does not take any more.
+    """
+    stage, count, last_ns = Stage(session), 0, None
+    try:
+        for count, arrival in enumerate(arrivals, start=1):  # noqa: B007 - counts what was read
+            for now_ns in _moments(last_ns, arrival.received_ns):
+                if (due := stage.tick(now_ns)) is not None:
+                    due.draw(surface)
+            last_ns = arrival.received_ns
+            stage.deliver(arrival)
+            while (job := stage.ready()) is not None:
+                job.draw(surface)
+    finally:
+        stage.close()
+    return count
+
+
+def _moments(last_ns: int | None, now_ns: int) -> Iterator[int]:
+    """Yield when ticks may be due between two messages, so that silence is seen when it began; and `now_ns`."""
+    if last_ns is not None:
+        quiet_ns = range(last_ns + _STEP_NS, now_ns, _STEP_NS)
+        yield from quiet_ns[:_MOST_STEPS]
+    yield now_ns

@@ -1,4 +1,4 @@
-"""What a visualizer is: a small class that says what it needs and shows what it gets.
+"""A visualizer: a small class that says what it needs and shows what it gets.
 
     class Range(Visualizer):
         name = "range"
@@ -8,25 +8,29 @@
         def show(self, update, canvas):
             ...
 
-It is found through the entry points of the group ``sfglab.visualizers``. Refuses to know where messages come
-from and where what is shown goes; it decides nothing about rates and queues, but declares them.
+It is found through the entry points of the group ``sfglab.visualizers``. A panel makes a widget of each of its
+parameters; `Parameter.check` is the one place that decides which values are allowed. A name of the schema
+(paper A, section 4.1) lands below its agent, whichever scope it has, so one click hides an agent:
+``/global/go2/camera_front/color/ffmpeg`` is ``/agents/go2/global/camera_front/color/ffmpeg``. Refuses to know
+where messages come from and where what is shown goes; it decides nothing about rates and queues, but declares
+them.
 """
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
+from sfglab.names import FqnError, parse
 from sfglab.qos import SENSOR_DATA, QoSProfile
-from sfglab.view.entities import agent_of_topic, entity_of_topic
 from sfglab.view.errors import SettingError
-from sfglab.view.parameters import Parameter, Setting, check_all
 from sfglab.view.sync import Independent, SyncPolicy
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from sfglab.bus import EndpointEvent
 
@@ -165,8 +169,104 @@ def _checked_topics(kind: type[Visualizer], topics: Mapping[str, str]) -> dict[s
     roles = [given.role for given in kind.inputs]
     for role in topics:
         if role not in roles:
-            raise SettingError("role", given=role, allowed=f"in {kind.name}: {', '.join(roles)}")
+            raise SettingError("role", role, f"in {kind.name}: {', '.join(roles)}")
     missing = [i.role for i in kind.inputs if not i.optional and i.role not in topics]
     if missing:
-        raise SettingError("topics", given=dict(topics), allowed=f"with all of: {', '.join(missing)}")
+        raise SettingError("topics", dict(topics), f"with all of: {', '.join(missing)}")
     return {role: topics[role] for role in roles if role in topics}
+
+
+AGENTS = "/agents"
+"""The root of all agents."""
+
+
+def agent_root(agent: str) -> str:
+    """Return the entity below which everything of an agent stands."""
+    return f"{AGENTS}/{agent}"
+
+
+def agent_of_topic(topic: str) -> str | None:
+    """Return whose topic it is by the schema; None for one of nobody, or outside the schema."""
+    try:
+        return parse(topic).agent
+    except FqnError:
+        return None
+
+
+def entity_of_topic(topic: str) -> str:
+    """Return the entity of a topic."""
+    agent = agent_of_topic(topic)
+    if agent is None:
+        return topic
+    scope, _, *rest = topic.strip("/").split("/")
+    return "/".join((agent_root(agent), scope, *rest))
+
+
+Setting = bool | int | float | str
+"""What a parameter can hold."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """One thing to tune."""
+
+    name: str  #: A Python identifier.
+    default: Setting  #: Its first value, which also says its type.
+    help: str  #: What it does, for people, with its unit.
+    minimum: float | None = None  #: Smallest number; None for no bound.
+    maximum: float | None = None  #: Largest number; None for no bound.
+    choices: tuple[str, ...] = ()  #: The allowed texts; empty allows all.
+
+    @property
+    def kind(self) -> type[Setting]:
+        """`bool`, `int`, `float` or `str`."""
+        return type(self.default)
+
+    @property
+    def allowed(self) -> str:
+        """What it takes, in words."""
+        if self.kind is bool:
+            return "true or false"
+        if self.kind is str:
+            return ", ".join(self.choices) or "any text"
+        number = "whole numbers" if self.kind is int else "numbers"
+        low = "" if self.minimum is None else f" from {self.minimum:g}"
+        high = "" if self.maximum is None else f" to {self.maximum:g}"
+        return number + low + high
+
+    def check(self, value: object) -> Setting:
+        """Return a value in the parameter's type.
+
+        Raises:
+            SettingError: It is of another type or out of range.
+        """
+        checked = self._converted(value)
+        if isinstance(checked, str):
+            fits = not self.choices or checked in self.choices
+        else:
+            low = -math.inf if self.minimum is None else self.minimum
+            high = math.inf if self.maximum is None else self.maximum
+            fits = math.isfinite(checked) and low <= checked <= high
+        if not fits:
+            raise SettingError(self.name, value, self.allowed)
+        return checked
+
+    def _converted(self, value: object) -> Setting:
+        if self.kind is float and isinstance(value, int) and not isinstance(value, bool):
+            return float(value)
+        if type(value) is not self.kind:
+            raise SettingError(self.name, value, self.allowed)
+        return value
+
+
+def check_all(parameters: Iterable[Parameter], values: Mapping[str, object]) -> dict[str, Setting]:
+    """Return a value for every parameter: the given one, checked, or the default.
+
+    Raises:
+        SettingError: A value is not allowed, or belongs to no parameter.
+    """
+    known = {parameter.name: parameter for parameter in parameters}
+    for name in values:
+        if name not in known:
+            raise SettingError(name, values[name], f"a parameter: {', '.join(known) or 'none'}")
+    return {name: parameter.check(values.get(name, parameter.default)) for name, parameter in known.items()}

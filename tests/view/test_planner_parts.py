@@ -24,13 +24,21 @@ from sfglab.spatial.scene import (
     WaypointObject,
 )
 from sfglab.spatial.trajectory import Box, Cylinder, Sphere, Trajectory
-from sfglab.view.planner.desk import Desk
+from sfglab.view.planner.context import JobQueue
 from sfglab.view.planner.forms import fields_of, yaw_pitch_roll_deg
-from sfglab.view.planner.looks import agent_colours, camera_for, line_of, linear, outline_of, ramp
-from sfglab.view.planner.making import ADDABLE, add, add_waypoint, insert_waypoint
-from sfglab.view.planner.rows import MOST_ROWS, rows_of
+from sfglab.view.planner.looks import (
+    MOST_ROWS,
+    agent_colours,
+    camera_for,
+    line_of,
+    linear,
+    outline_of,
+    ramp,
+    rows_of,
+)
+from sfglab.view.planner.server import ConflictWatch
+from sfglab.view.planner.toolbar import ADDABLE, add, add_waypoint, insert_waypoint
 from sfglab.view.planner.viewport import concerned
-from sfglab.view.planner.watch import ConflictWatch
 
 
 @pytest.fixture
@@ -275,49 +283,49 @@ def test_a_moved_waypoint_redraws_its_trajectory_and_a_moved_group_all_it_holds(
 
 def test_jobs_are_done_in_order_and_only_the_newest_of_a_row_of_one_key():
     done, gate = [], threading.Event()
-    desk = Desk(done.append)
-    desk.submit(gate.wait)
+    jobs = JobQueue(done.append)
+    jobs.submit(gate.wait)
     for i in range(3):
-        desk.submit(lambda i=i: done.append(i), key="slider")
-    desk.submit(lambda: done.append("end"))
-    desk.submit(lambda: done.append("next drag"), key="slider")
+        jobs.submit(lambda i=i: done.append(i), key="slider")
+    jobs.submit(lambda: done.append("end"))
+    jobs.submit(lambda: done.append("next drag"), key="slider")
     gate.set()
-    desk.close()
+    jobs.close()
     assert done == [2, "end", "next drag"]
 
 
 def test_what_is_still_being_typed_is_done_before_an_undo_and_once():
     done = []
-    desk = Desk(done.append)
-    desk.later("name", lambda: done.append("ty"), delay_s=60.0)
-    desk.later("name", lambda: done.append("typed"), delay_s=60.0)
-    assert desk.waits("name")
-    desk.call(lambda: done.append("undo"))
-    desk.close()
+    jobs = JobQueue(done.append)
+    jobs.later("name", lambda: done.append("ty"), delay_s=60.0)
+    jobs.later("name", lambda: done.append("typed"), delay_s=60.0)
+    assert jobs.waits("name")
+    jobs.call(lambda: done.append("undo"))
+    jobs.close()
     assert done == ["typed", "undo"]
 
 
 def test_what_nobody_types_at_any_more_is_done_by_itself():
     done = threading.Event()
-    desk = Desk(print)
-    desk.later("name", done.set, delay_s=0.01)
+    jobs = JobQueue(print)
+    jobs.later("name", done.set, delay_s=0.01)
     assert done.wait(60.0)
-    desk.close()
+    jobs.close()
 
 
 def test_a_job_that_fails_is_told_and_the_next_one_is_done():
     refused, done = [], []
-    desk = Desk(refused.append)
-    desk.submit(lambda: add_waypoint(Editor()))
-    desk.submit(lambda: done.append(1))
+    jobs = JobQueue(refused.append)
+    jobs.submit(lambda: add_waypoint(Editor()))
+    jobs.submit(lambda: done.append(1))
     with pytest.raises(SceneError):
-        desk.call(lambda: Editor().save())
-    desk.close()
+        jobs.call(lambda: Editor().save())
+    jobs.close()
     assert [type(e) for e in refused] == [SceneError]
     assert done == [1]
     with pytest.raises(SfglabError, match="closed"):
-        desk.call(lambda: None)
-    assert not desk._thread.is_alive()
+        jobs.call(lambda: None)
+    assert not jobs._thread.is_alive()
 
 
 def test_conflicts_are_found_of_the_newest_scene_while_older_ones_are_left_out():

@@ -286,7 +286,7 @@ def test_importing_the_view_loads_neither_rerun_nor_widgets():
 def test_a_place_that_is_none_is_refused(tmp_path):
     pytest.importorskip("rerun", reason="the extra 'view' is not installed")
     for place in ("a.mcap", "serve:x"):
-        with pytest.raises(SettingError, match=f"to: given '{place}', allowed <path>.rrd, viewer"):
+        with pytest.raises(SettingError, match=f"to: given '{place}', allowed: <path>.rrd, viewer"):
             open_canvas([place])
     with pytest.raises(SinkError, match="there is no directory"):
         open_canvas([str(tmp_path / "gone" / "a.rrd")])

@@ -22,8 +22,7 @@ from sfglab.qos import DEFAULT
 from sfglab.view import Arrival, ContentError, Session, TopicHealth, find, open_canvas, replay
 from sfglab.view.sync import PATIENCE
 from sfglab.view.visualizers import BUILT_IN
-from sfglab.view.visualizers.images import image_plane
-from sfglab.view.visualizers.video import has_key_frame
+from sfglab.view.visualizers.images import has_key_frame, image_plane
 
 rr = pytest.importorskip("rerun", reason="the extra 'view' is not installed")
 S = 1_000_000_000
@@ -399,7 +398,7 @@ def test_a_flood_of_markers_pushes_the_oldest_out(paper, update):
 def test_one_bad_marker_does_not_keep_the_others_of_its_array_back(paper, update):
     array = default_message("visualization_msgs/msg/MarkerArray")
     array.markers = [marker(1, 1), marker(10, 2), marker(1, 3)]
-    with pytest.raises(ContentError, match=r"marker type: given 10, allowed are 0, .*; meshes are not loaded"):
+    with pytest.raises(ContentError, match=r"marker type: given 10, allowed: 0, .*; meshes are not loaded"):
         made("marker_array").show(update(markers=array), paper)
     assert set(paper.frames) == {"/markers/walls/1", "/markers/walls/3"}
 
@@ -493,16 +492,16 @@ def test_clouds_and_scans_are_coloured_points_in_their_frame(paper, update):
     made("point_cloud", decimation=3).show(update(cloud=cloud), paper)
     assert paper.frames == {"/scan": "laser"}
     assert [p[0] for p in values(paper.at_entity("/cloud")[0], "positions")] == [0.0, 3.0, 6.0, 9.0]
-    with pytest.raises(ContentError, match="color_by: given 'ring', allowed are the fields x, y, z, intensity"):
+    with pytest.raises(ContentError, match="color_by: given 'ring', allowed: the fields x, y, z, intensity"):
         made("point_cloud", color_by="ring").show(update(cloud=cloud), paper)
 
 
 def test_the_calibration_of_another_camera_or_size_is_refused(paper, update, make_image):
     depth = make_image(np.full((4, 6), 1.0, np.float32), "32FC1")
-    with pytest.raises(ContentError, match="camera info: given for 12 x 8, allowed is for 6 x 4"):
+    with pytest.raises(ContentError, match="camera info, size: given '12 x 8', allowed: 6 x 4"):
         made("depth_cloud").show(update(depth=depth, info=camera_info(12, 8)), paper)
     other = make_image(np.full((4, 6), 1.0, np.float32), "32FC1", frame="rear")
-    with pytest.raises(ContentError, match="camera info: given of 'camera', allowed is that of 'rear'"):
+    with pytest.raises(ContentError, match="camera info, frame: given 'camera', allowed: 'rear'"):
         made("depth_cloud").show(update(depth=other, info=camera_info()), paper)
     assert paper.drawn == []
 

@@ -78,7 +78,7 @@ async def _camera(report: Callable[[bytes], None], domain_id: int) -> None:
 
 
 def _sink(report: Callable[[bytes], None], port: int) -> None:
-    from sfglab.view.sdk import rerun
+    from sfglab.view.rerunning import rerun
 
     recording = rerun().RecordingStream("sink")
     recording.serve_grpc(grpc_port=port, server_memory_limit="128MB")

@@ -8,6 +8,7 @@ import numpy as np
 
 from sfglab.spatial.scene import ObstacleObject, TrajectoryObject, WaypointObject, ZoneObject, ZoneRule
 from sfglab.spatial.trajectory import Box, Cylinder
+from sfglab.units import NS_PER_S
 from sfglab.view.planner.looks import NOBODY, agent_colours, line_of, linear, outline_of, top_speed_m_s, wxyz
 
 if TYPE_CHECKING:
@@ -195,7 +196,7 @@ class Drawing:
     def _time(self, scene: Scene, waypoint: WaypointObject, before: Mapping[str, Any]) -> Any:
         """Label a waypoint; the label that is there is moved, for there may be many, and one is dragged."""
         name = f"/objects/{waypoint.parent}/time {waypoint.id}"
-        text = f"{waypoint.time_ns / 1e9:g} s"
+        text = f"{waypoint.time_ns / NS_PER_S:g} s"
         position = scene.world_pose(waypoint.id).position_m
         label = before.get(name)
         if label is None:

@@ -1,6 +1,8 @@
 """The editor in the browser: starts viser, puts the panels around the viewport, and carries changes to them.
 
-All browsers that open its address see and edit the same scene. Knows no scene and no edit; see `panels`.
+All browsers that open its address see and edit the same scene. Conflicts are found in a thread of their own
+once nobody has changed the scene for a moment: a crowded scene takes seconds; a drag must not. Scenes are
+values, so nothing is locked while one is checked. Knows no edit; see `panels`.
 """
 
 from __future__ import annotations
@@ -14,14 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self, TypeVar
 
 from sfglab.errors import SfglabError
-from sfglab.spatial.scene import Editor
+from sfglab.spatial.scene import Editor, conflicts
 from sfglab.view.errors import ViewError
-from sfglab.view.planner.bench import Bench, Part
-from sfglab.view.planner.desk import Desk
-from sfglab.view.planner.kit import quiet, viser
-from sfglab.view.planner.panels import Hierarchy, Inspector, Timeline, Toolbar, Warnings
+from sfglab.view.planner.context import Context, JobQueue, Part, quiet, viser
+from sfglab.view.planner.panels import Hierarchy, Inspector, Timeline, Warnings
+from sfglab.view.planner.toolbar import Toolbar
 from sfglab.view.planner.viewport import Viewport
-from sfglab.view.planner.watch import ConflictWatch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,6 +35,70 @@ _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 _LEFT_PX, _RIGHT_PX, _TIME_PX = 270, 330, 560
 _SAID_S = 10.0
+
+
+class ConflictWatch:
+    """Checks the newest scene that it was shown, and leaves out those between.
+
+    Args:
+        found: Told, on the watch's thread, of a scene and what is wrong with it.
+        failed: Told, on the watch's thread, why a scene could not be checked.
+        quiet_s: How long a scene must have been the newest.
+        check: How conflicts are found.
+    """
+
+    def __init__(
+        self,
+        found: Callable[[Scene, tuple[Conflict, ...]], None],
+        failed: Callable[[Exception], None],
+        *,
+        quiet_s: float = 0.25,
+        check: Callable[[Scene], tuple[Conflict, ...]] = conflicts,
+    ) -> None:
+        self._found = found
+        self._failed = failed
+        self._quiet_s = quiet_s
+        self._check = check
+        self._wake = threading.Condition()
+        self._newest: Scene | None = None
+        self._closed = False
+        self._thread = threading.Thread(target=self._work, name="planner-conflicts", daemon=True)
+        self._thread.start()
+
+    def look(self, scene: Scene) -> None:
+        """Have a scene checked."""
+        with self._wake:
+            self._newest = scene
+            self._wake.notify()
+
+    def close(self) -> None:
+        """End; a check that goes on is let run out, and nobody hears of it."""
+        with self._wake:
+            self._closed = True
+            self._wake.notify()
+        self._thread.join(timeout=self._quiet_s)
+
+    def _work(self) -> None:
+        while (scene := self._next()) is not None:
+            try:
+                found = self._check(scene)
+            except Exception as error:  # noqa: BLE001 - one scene that cannot be checked must not end the watch
+                if not self._closed:
+                    self._failed(error)
+                continue
+            if not self._closed:
+                self._found(scene, found)
+
+    def _next(self) -> Scene | None:
+        """Return the newest scene once it has been the newest for a while; None at the end."""
+        with self._wake:
+            while not self._closed:
+                scene = self._newest
+                self._wake.wait(None if scene is None else self._quiet_s)
+                if scene is not None and scene is self._newest and not self._closed:
+                    self._newest = None
+                    return scene
+            return None
 
 
 class PlannerError(ViewError, OSError):
@@ -70,17 +134,17 @@ class Planner:
         self._host, self._height_px = host, height_px
         self._closed = threading.Event()
         self._parts: list[Part] = []
-        self._desk = Desk(self._refused)
+        self._jobs = JobQueue(self._refused)
         self._watch = ConflictWatch(
-            lambda scene, found: self._desk.submit(lambda: self._found(scene, found), settle=False),
-            lambda error: self._desk.submit(lambda: self._unchecked(error), settle=False),
+            lambda scene, found: self._jobs.submit(lambda: self._found(scene, found), settle=False),
+            lambda error: self._jobs.submit(lambda: self._unchecked(error), settle=False),
         )
-        self._bench = Bench(viser=library, server=self._server, editor=editor, desk=self._desk)
+        self._context = Context(viser=library, server=self._server, editor=editor, jobs=self._jobs)
         try:
-            self._desk.call(self._furnish)
+            self._jobs.call(self._furnish)
         except BaseException:
             self._watch.close()
-            self._desk.close()
+            self._jobs.close()
             self._stop()
             raise
 
@@ -100,7 +164,7 @@ class Planner:
         Raises:
             SfglabError: The planner is closed; or what the job raises.
         """
-        return self._desk.call(lambda: job(self._bench.editor))
+        return self._jobs.call(lambda: job(self._context.editor))
 
     def wait(self) -> None:
         """Return when it is closed."""
@@ -113,7 +177,7 @@ class Planner:
         self._closed.set()
         self._watch.close()
         self._timeline.close()
-        self._desk.close()
+        self._jobs.close()
         self._end_listening()
         self._stop()
 
@@ -135,15 +199,15 @@ class Planner:
 
     def _furnish(self) -> None:
         """Put the panels around the viewport: hierarchy left, inspector right, time below."""
-        gui, icon, bench = self._server.gui, self._bench.viser.Icon, self._bench
+        gui, icon, context = self._server.gui, self._context.viser.Icon, self._context
         gui.configure_theme(show_logo=False, show_share_button=False)
         left, below, bottom = gui.add_panel(), gui.add_panel(), gui.add_panel()
-        self._toolbar = Toolbar(bench, _Root())
-        self._viewport = Viewport(bench, _Root())
-        self._inspector = Inspector(bench, _Root())
-        self._hierarchy = Hierarchy(bench, left.add_tab("Scene", icon.HIERARCHY))
-        self._warnings = Warnings(bench, below.add_tab("Conflicts", icon.ALERT_TRIANGLE))
-        self._timeline = Timeline(bench, bottom.add_tab("Time", icon.CLOCK))
+        self._toolbar = Toolbar(context, _Root())
+        self._viewport = Viewport(context, _Root())
+        self._inspector = Inspector(context, _Root())
+        self._hierarchy = Hierarchy(context, left.add_tab("Scene", icon.HIERARCHY))
+        self._warnings = Warnings(context, below.add_tab("Conflicts", icon.ALERT_TRIANGLE))
+        self._timeline = Timeline(context, bottom.add_tab("Time", icon.CLOCK))
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_RIGHT_PX)
         left.dock_left()
@@ -158,8 +222,8 @@ class Planner:
             self._timeline,
             self._warnings,
         ]
-        self._end_listening = bench.editor.listen(self._changed)
-        self._watch.look(bench.editor.scene)
+        self._end_listening = context.editor.listen(self._changed)
+        self._watch.look(context.editor.scene)
 
     def _changed(self, change: Change) -> None:
         for part in self._parts:
@@ -168,10 +232,10 @@ class Planner:
             except Exception:  # noqa: BLE001 - a part that fails must not stop the others, nor the editor
                 _log.exception("the scene editor failed to show a change")
         if change.added or change.removed or change.changed:
-            self._watch.look(self._bench.editor.scene)
+            self._watch.look(self._context.editor.scene)
 
     def _found(self, scene: Scene, conflicts: tuple[Conflict, ...]) -> None:
-        if scene is self._bench.editor.scene:
+        if scene is self._context.editor.scene:
             self._warnings.found(conflicts)
             self._viewport.found(conflicts)
 

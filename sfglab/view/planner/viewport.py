@@ -1,20 +1,110 @@
-"""The viewport: redraws what a change concerns, and only that; a click on something selects it."""
+"""The viewport: redraws what a change concerns, and only that; a click on something selects it.
+
+The gizmo stands on what is selected: one drag with it is one step that can be undone.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene import AgentObject, ChangeKind, Group, TrajectoryObject, WaypointObject
+from sfglab.spatial.trajectory import Align
 from sfglab.view.planner.drawing import Drawing
-from sfglab.view.planner.gizmo import Gizmo
-from sfglab.view.planner.looks import camera_for
-from sfglab.view.planner.rows import open_trajectory
+from sfglab.view.planner.looks import camera_for, open_trajectory, wxyz
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable
 
     from sfglab.spatial.scene import Change, Conflict, Scene
-    from sfglab.view.planner.bench import Bench
+    from sfglab.view.planner.context import Context
+
+
+_SCALE = 1.6
+
+
+class Gizmo:
+    """The transform controls, where one object is selected.
+
+    Args:
+        context: What it works with.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._on: tuple[int, bool] | None = None
+        self._handle: Any = None
+        self._dragging = False
+
+    def show(self) -> None:
+        """Stand on the last selected object; while somebody drags, stay under their hand."""
+        editor = self._context.editor
+        on = None
+        if editor.selection:
+            thing = editor.scene.get(editor.selection[-1])
+            on = (thing.id, isinstance(thing, WaypointObject) and thing.align is not Align.NONE)
+        if on != self._on:
+            self._change(on)
+        if on is not None and not self._dragging:
+            pose = editor.scene.world_pose(on[0])
+            self._handle.position, self._handle.wxyz = pose.position_m, wxyz(pose)
+
+    def drop(self) -> None:
+        """End a drag whose browser is gone."""
+        if self._dragging:
+            self._dragging = False
+            self._context.editor.end_drag()
+            self.show()
+
+    def _change(self, on: tuple[int, bool] | None) -> None:
+        if self._dragging:
+            self._dragging = False
+            self._context.editor.end_drag()
+        if self._handle is not None:
+            self._handle.remove()
+            self._handle = None
+        self._on = on
+        if on is None:
+            return
+        pose = self._context.editor.scene.world_pose(on[0])
+        self._handle = self._context.server.scene.add_transform_controls(
+            f"/gizmo/{on[0]}",
+            scale=_SCALE,
+            disable_rotations=on[1],
+            depth_test=False,
+            position=pose.position_m,
+            wxyz=wxyz(pose),
+            translation_limits=((-1e6, 1e6),) * 3,
+        )
+        self._handle.on_update(self._follow(on[0]))
+
+    def _follow(self, id_: int) -> Any:
+        jobs = self._context.jobs
+
+        async def moved(event: Any) -> None:
+            if event.phase == "start":
+                jobs.submit(lambda: self._start(id_))
+            elif event.phase == "end":
+                jobs.submit(lambda: self._end(id_))
+            else:
+                w, x, y, z = (float(c) for c in event.target.wxyz)
+                place = [float(c) for c in event.target.position]
+                jobs.submit(lambda: self._place(id_, Pose.at(place, (x, y, z, w))), key=("gizmo", id_))
+
+        return moved
+
+    def _start(self, id_: int) -> None:
+        if self._on is not None and self._on[0] == id_:
+            self._dragging = True
+            self._context.editor.begin_drag()
+
+    def _place(self, id_: int, pose: Pose) -> None:
+        if self._dragging and self._on is not None and self._on[0] == id_:
+            self._context.editor.place(id_, pose)
+
+    def _end(self, id_: int) -> None:
+        if self._on is not None and self._on[0] == id_:
+            self.drop()
 
 
 _FLOOR_M = 40.0
@@ -37,22 +127,22 @@ class Viewport:
     """What is seen in 3D.
 
     Args:
-        bench: What it works with.
+        context: What it works with.
         container: A context that widgets are put into.
     """
 
-    def __init__(self, bench: Bench, container: Any) -> None:
-        self._bench = bench
-        self._drawing = Drawing(bench.server.scene, self._clicked)
-        self._gizmo = Gizmo(bench)
+    def __init__(self, context: Context, container: Any) -> None:
+        self._context = context
+        self._drawing = Drawing(context.server.scene, self._clicked)
+        self._gizmo = Gizmo(context)
         self._nodes: dict[int, list[Any]] = {}
         self._open: int | None = None
         self._agents: frozenset[int] = frozenset()
         self._drawing.floor(_FLOOR_M)
         with container:
-            colours = bench.server.gui.add_dropdown("paths by", ("agent", "speed"))
-        colours.on_update(bench.on(self._colour, read=lambda event: event.target.value))
-        bench.server.on_client_disconnect(lambda _: bench.desk.submit(self._gizmo.drop))
+            colours = context.server.gui.add_dropdown("paths by", ("agent", "speed"))
+        colours.on_update(context.on(self._colour, read=lambda event: event.target.value))
+        context.server.on_client_disconnect(lambda _: context.jobs.submit(self._gizmo.drop))
         self._look()
         self._draw_all()
 
@@ -60,7 +150,7 @@ class Viewport:
         """Redraw what a change concerns."""
         if change.kind is ChangeKind.SAVE:
             return
-        with self._bench.server.atomic():
+        with self._context.server.atomic():
             if change.kind is ChangeKind.LOAD:
                 self._look()
                 self._draw_all()
@@ -71,11 +161,11 @@ class Viewport:
 
     def found(self, conflicts: tuple[Conflict, ...]) -> None:
         """Mark where conflicts are."""
-        with self._bench.server.atomic():
+        with self._context.server.atomic():
             self._drawing.conflicts(conflicts)
 
     def _draw_change(self, change: Change) -> None:
-        editor = self._bench.editor
+        editor = self._context.editor
         scene = editor.scene
         agents = frozenset(agent.id for agent in scene.all_of(AgentObject))
         if agents != self._agents:  # colours go by rank
@@ -92,7 +182,7 @@ class Viewport:
         self._gizmo.show()
 
     def _draw_all(self) -> None:
-        editor = self._bench.editor
+        editor = self._context.editor
         for id_ in self._nodes.keys() - editor.scene.objects.keys():
             self._erase(id_)
         self._agents = frozenset(agent.id for agent in editor.scene.all_of(AgentObject))
@@ -102,7 +192,7 @@ class Viewport:
         self._gizmo.show()
 
     def _draw(self, ids: Iterable[int]) -> None:
-        scene = self._bench.editor.scene
+        scene = self._context.editor.scene
         for id_ in tuple(ids):
             before = {node.name: node for node in self._nodes.pop(id_, ())}
             nodes = self._drawing.object(scene, id_, before, selected=id_ == self._open)
@@ -116,20 +206,20 @@ class Viewport:
             node.remove()
 
     def _ghosts(self, again: Collection[int] = ()) -> None:
-        self._drawing.ghosts(self._bench.editor.scene, self._bench.editor.ghosts(), again)
+        self._drawing.ghosts(self._context.editor.scene, self._context.editor.ghosts(), again)
 
     def _look(self) -> None:
-        camera = self._bench.server.initial_camera
-        camera.position, camera.look_at = camera_for(self._bench.editor.scene)
+        camera = self._context.server.initial_camera
+        camera.position, camera.look_at = camera_for(self._context.editor.scene)
 
     def _colour(self, by: str) -> None:
         self._drawing.by_speed = by == "speed"
-        self._draw([t.id for t in self._bench.editor.scene.all_of(TrajectoryObject)])
+        self._draw([t.id for t in self._context.editor.scene.all_of(TrajectoryObject)])
 
     def _clicked(self, of: Callable[[Any], int]) -> Any:
         def select(index: Any) -> None:
             id_ = of(index)
-            if id_ in self._bench.editor.scene.objects:
-                self._bench.editor.select(id_)
+            if id_ in self._context.editor.scene.objects:
+                self._context.editor.select(id_)
 
-        return self._bench.on(select, read=lambda event: event.instance_index)
+        return self._context.on(select, read=lambda event: event.instance_index)

@@ -6,10 +6,16 @@ from typing import TYPE_CHECKING
 
 from sfglab.view.visualizers.clouds import CompressedDepthCloud, DepthCloud, LaserScan, PointCloud
 from sfglab.view.visualizers.fleet import AgentStatus, Communication
-from sfglab.view.visualizers.images import CameraModel, CompressedImage, Image
+from sfglab.view.visualizers.images import (
+    CameraModel,
+    CompressedImage,
+    CompressedImageVideo,
+    FfmpegVideo,
+    FoxgloveVideo,
+    Image,
+)
 from sfglab.view.visualizers.markers import Marker, MarkerArray
 from sfglab.view.visualizers.poses import Imu, Odometry, Path, Pose, StaticTransforms, Transforms
-from sfglab.view.visualizers.video import CompressedImageVideo, FfmpegVideo, FoxgloveVideo
 
 if TYPE_CHECKING:
     from sfglab.view.visualizer import Visualizer

@@ -17,10 +17,9 @@ from sfglab.view.geometry import (
     pixels,
     scan_points,
 )
-from sfglab.view.parameters import Parameter
-from sfglab.view.sdk import rerun
+from sfglab.view.rerunning import rerun
 from sfglab.view.sync import Approximate
-from sfglab.view.visualizer import Canvas, Input, Update, Visualizer
+from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
 
 if TYPE_CHECKING:
     import numpy as np
@@ -83,12 +82,10 @@ class _DepthPoints(Visualizer):
 def _check_camera(frame: str, shape: tuple[int, ...], info: Any) -> None:
     """Refuse the calibration of another camera, or of another size."""
     if frame and info.header.frame_id and info.header.frame_id != frame:
-        raise ContentError("camera info", given=f"of {info.header.frame_id!r}", allowed=f"is that of {frame!r}")
+        raise ContentError("camera info, frame", info.header.frame_id, repr(frame))
     size = (info.height, info.width)
     if any(size) and size != shape:
-        raise ContentError(
-            "camera info", given=f"for {size[1]} x {size[0]}", allowed=f"is for {shape[1]} x {shape[0]}"
-        )
+        raise ContentError("camera info, size", f"{size[1]} x {size[0]}", f"{shape[1]} x {shape[0]}")
 
 
 class DepthCloud(_DepthPoints):
@@ -99,9 +96,7 @@ class DepthCloud(_DepthPoints):
 
     def _depth(self, message: Any) -> NDArray[Any]:
         if message.encoding not in ("16UC1", "mono16", "32FC1"):
-            raise ContentError(
-                "depth encoding", given=repr(message.encoding), allowed="are 16UC1, mono16, 32FC1"
-            )
+            raise ContentError("depth encoding", message.encoding, "16UC1, mono16, 32FC1")
         return pixels(message)
 
 
@@ -140,9 +135,7 @@ class PointCloud(Visualizer):
     def _colors(self, records: NDArray[Any]) -> NDArray[np.uint8]:
         names = records.dtype.names or ()
         if self["color_by"] and self["color_by"] not in names:
-            raise ContentError(
-                "color_by", given=repr(self["color_by"]), allowed=f"are the fields {', '.join(names)}"
-            )
+            raise ContentError("color_by", self["color_by"], f"the fields {', '.join(names)}")
         own = cloud_colors(records) if self["color_by"] in ("", "rgb", "rgba") else None
         field = self["color_by"] or ("intensity" if "intensity" in names else "z")
         return colors_by_value(records[field]) if own is None else own

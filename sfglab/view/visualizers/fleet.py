@@ -12,12 +12,20 @@ from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS
 from sfglab.fleet.fleet_file import load_fleet
 from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, Phase
 from sfglab.qos import DEFAULT
+from sfglab.units import NS_PER_S
 from sfglab.view.communication import AgentLink, FleetLinks, Life, Services
-from sfglab.view.entities import agent_of_topic, agent_root
 from sfglab.view.errors import ContentError
-from sfglab.view.parameters import Parameter
-from sfglab.view.sdk import rerun
-from sfglab.view.visualizer import Canvas, Input, TopicHealth, Update, Visualizer
+from sfglab.view.rerunning import rerun
+from sfglab.view.visualizer import (
+    Canvas,
+    Input,
+    Parameter,
+    TopicHealth,
+    Update,
+    Visualizer,
+    agent_of_topic,
+    agent_root,
+)
 
 if TYPE_CHECKING:
     from sfglab.bus import EndpointEvent
@@ -79,9 +87,7 @@ class AgentStatus(Visualizer):
         names = {event.DISCOVERED: "discovered", event.UPDATED: "updated", event.LOST: "lost"}
         names |= {event.RETURNED: "returned", event.RESTARTED: "restarted"}
         if event.event not in names:
-            raise ContentError(
-                "discovery event", given=event.event, allowed=f"are {', '.join(map(str, names))}"
-            )
+            raise ContentError("discovery event", event.event, f"{', '.join(map(str, names))}")
         what = names[event.event]
         level = rr.TextLogLevel.WARN if event.event == event.LOST else rr.TextLogLevel.INFO
         entity = f"{agent_root(event.agent)}/status"
@@ -163,7 +169,7 @@ class Communication(Visualizer):
         self._band(f"{root}/life", link.life.value, LIFE_COLORS, canvas)
         self._band(f"{root}/decoders", link.decoders.value, _DECODER_COLORS, canvas)
         if link.age_ns is not None:
-            canvas.log(f"{root}/heartbeat_age_s", rr.Scalars([link.age_ns / 1e9]))
+            canvas.log(f"{root}/heartbeat_age_s", rr.Scalars([link.age_ns / NS_PER_S]))
         canvas.log(f"{root}/dropped", rr.Scalars([link.dropped]))
         canvas.log(f"{root}/lost", rr.Scalars([link.lost]))
         self._draw_ring(link, f"{root}/ring", canvas)
@@ -220,7 +226,7 @@ def describe(link: AgentLink) -> str:
     """Return a link in a few words, as they stand beside the agent."""
     parts = [f"{link.agent}: {link.life.value}"]
     if link.age_ns is not None:
-        parts.append(f"{link.age_ns / 1e9:.1f} s")
+        parts.append(f"{link.age_ns / NS_PER_S:.1f} s")
     if link.decoders is not Services.NONE:
         parts.append(f"decoder {link.decoders.value}")
     if link.dropped or link.lost:

@@ -13,9 +13,8 @@ import numpy as np
 from sfglab.messages import ns_from_stamp
 from sfglab.qos import DEFAULT
 from sfglab.view.errors import ContentError
-from sfglab.view.parameters import Parameter
-from sfglab.view.sdk import rerun
-from sfglab.view.visualizer import Canvas, Input, Update, Visualizer
+from sfglab.view.rerunning import rerun
+from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
 from sfglab.view.visualizers.poses import pose_arrays
 
 if TYPE_CHECKING:
@@ -58,15 +57,13 @@ class _Markers(Visualizer):
         elif marker.action == _ADD:
             self._draw(entity, marker, update, canvas)
         else:
-            raise ContentError(
-                "marker action", given=marker.action, allowed="are 0 (add), 2 (delete), 3 (delete all)"
-            )
+            raise ContentError("marker action", marker.action, "0 (add), 2 (delete), 3 (delete all)")
 
     def _draw(self, entity: str, marker: Any, update: Update, canvas: Canvas) -> None:
         draw = _SHAPES.get(marker.type)
         if draw is None:
-            given, allowed = marker.type, f"are {', '.join(map(str, _SHAPES))}; meshes are not loaded"
-            raise ContentError("marker type", given=given, allowed=allowed)
+            allowed = f"{', '.join(map(str, _SHAPES))}; meshes are not loaded"
+            raise ContentError("marker type", marker.type, allowed)
         shape = draw(marker)
         if entity in self._shown and self._shown[entity][0] != marker.type:
             self._clear(entity, canvas)
@@ -232,7 +229,7 @@ def _triangles(marker: Any) -> Any:
     rr = rerun()
     points = _points(marker, _scale(marker))
     if len(points) % 3:
-        raise ContentError("triangle list", given=f"{len(points)} points", allowed="are a multiple of 3")
+        raise ContentError("triangle list, points", len(points), "a multiple of 3")
     colors = np.broadcast_to(_colors(marker), (len(points), 4)) if len(points) else None
     return rr.Mesh3D(vertex_positions=points, vertex_colors=colors)
 

@@ -9,12 +9,11 @@ import numpy as np
 
 from sfglab.messages import ns_from_stamp
 from sfglab.qos import DEFAULT, LATCHED, QoSProfile
-from sfglab.view.budget import RateBudget
 from sfglab.view.errors import ContentError
 from sfglab.view.geometry import covariance_ellipsoid
-from sfglab.view.parameters import Parameter
-from sfglab.view.sdk import rerun
-from sfglab.view.visualizer import Canvas, Input, Update, Visualizer
+from sfglab.view.rerunning import rerun
+from sfglab.view.slot import RateBudget
+from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,9 +47,7 @@ def pose_arrays(pose: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def _unit(rotation: Any, position: NDArray[np.float64]) -> NDArray[np.float64]:
     quaternion = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
     if not (np.isfinite(quaternion).all() and np.isfinite(position).all()):
-        raise ContentError(
-            "pose", given=f"{position.tolist()}, {quaternion.tolist()}", allowed="are finite numbers"
-        )
+        raise ContentError("pose", [*position.tolist(), *quaternion.tolist()], "finite numbers")
     length = np.linalg.norm(quaternion)
     return quaternion / length if length > 0 else np.array([0.0, 0.0, 0.0, 1.0])
 
@@ -100,7 +97,7 @@ class Transforms(Visualizer):
 
     def _budget(self, frame: str) -> RateBudget:
         if frame not in self._budgets and len(self._budgets) >= _MOST_FRAMES:
-            raise ContentError("frame", given=repr(frame), allowed=f"are {_MOST_FRAMES} frames at most")
+            raise ContentError("frame", frame, f"{_MOST_FRAMES} frames at most")
         budget = self._budgets.setdefault(frame, RateBudget(self["frame_hz"]))
         if budget.max_hz != self["frame_hz"]:
             budget.max_hz = self["frame_hz"]

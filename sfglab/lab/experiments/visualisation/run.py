@@ -32,7 +32,7 @@ from sfglab.lab.experiments.visualisation.timing import sink_process, time_pictu
 from sfglab.lab.paths import find_project
 from sfglab.lab.progress import progress_bar
 from sfglab.record import LogWriter, run_context
-from sfglab.view.sdk import rerun
+from sfglab.view.rerunning import rerun
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

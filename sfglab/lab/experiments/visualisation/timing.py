@@ -22,7 +22,7 @@ from sfglab.lab.experiments.visualisation.rows import VisualisationMemoryRow, Vi
 from sfglab.lab.experiments.visualisation.showing import process
 from sfglab.lab.workers.sights import CAMERA_HZ, CAMERA_TOPIC, picture
 from sfglab.view import Bridge, Session, open_canvas
-from sfglab.view.sdk import rerun
+from sfglab.view.rerunning import rerun
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Iterator

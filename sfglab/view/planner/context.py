@@ -1,6 +1,8 @@
-"""One thread that does everything in order, so that an editor of one thread can serve many browsers.
+"""The context of every part of the editor's window: viser, its server, the editor, and the queue of jobs.
 
-Callbacks come from viser's loop, a timer and workers; each leaves a job here. Refuses to know what jobs do.
+One thread does everything in order, so that an editor of one thread can serve many browsers. Callbacks come
+from viser's loop, a timer and workers; each leaves a job. The one place that imports viser, so that everything
+else can be imported without it; and keeps it quiet.
 """
 
 from __future__ import annotations
@@ -10,12 +12,17 @@ import threading
 import time
 from collections import deque
 from concurrent.futures import Future
-from typing import TYPE_CHECKING, TypeVar
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from sfglab.errors import SfglabError
+from sfglab.errors import MissingExtraError, SfglabError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable
+    from collections.abc import Awaitable, Callable, Hashable, Iterator
+
+    from sfglab.spatial.scene import Change, Editor
 
 
 _log = logging.getLogger(__name__)
@@ -23,11 +30,11 @@ _T = TypeVar("_T")
 _Job = tuple["Hashable", "Callable[[], object]"]
 
 
-class Desk:
+class JobQueue:
     """A queue of jobs and the thread that does them.
 
     Args:
-        refused: Told of every error that a job raises, on the desk's thread.
+        refused: Told of every error that a job raises, on the jobs's thread.
     """
 
     def __init__(self, refused: Callable[[Exception], None]) -> None:
@@ -36,7 +43,7 @@ class Desk:
         self._jobs: deque[_Job] = deque()
         self._later: dict[Hashable, tuple[float, Callable[[], object]]] = {}
         self._closed = False
-        self._thread = threading.Thread(target=self._work, name="planner-desk", daemon=True)
+        self._thread = threading.Thread(target=self._work, name="planner-jobs", daemon=True)
         self._thread.start()
 
     def submit(self, job: Callable[[], object], *, key: Hashable = None, settle: bool = True) -> None:
@@ -71,10 +78,10 @@ class Desk:
             return key in self._later
 
     def call(self, job: Callable[[], _T]) -> _T:
-        """Do a job and return what it returns; raises what it raises. Not from the desk's own thread.
+        """Do a job and return what it returns; raises what it raises. Not from the jobs's own thread.
 
         Raises:
-            SfglabError: The desk is closed.
+            SfglabError: The jobs is closed.
         """
         future: Future[_T] = Future()
 
@@ -126,3 +133,67 @@ class Desk:
                     due_s = min((due_s for due_s, _ in self._later.values()), default=None)
                     self._wake.wait(None if due_s is None else due_s - now_s)
             return self._jobs.popleft()[1]
+
+
+class Part(Protocol):
+    """A part of the window: it shows what the editor has, and leaves what people want at the jobs."""
+
+    def show(self, change: Change) -> None:
+        """Show what changed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Context:
+    """What a part works with."""
+
+    viser: Any  #: The library.
+    server: Any  #: Its server; what is added to it, every browser shows.
+    editor: Editor  #: The scene in work; touched on the jobs's thread only.
+    jobs: JobQueue  #: The thread.
+
+    def on(
+        self,
+        job: Callable[[Any], object],
+        *,
+        read: Callable[[Any], Any] = lambda _: None,
+        key: Hashable = None,
+    ) -> Callable[[Any], Awaitable[None]]:
+        """Return a callback for viser that leaves a job at the jobs.
+
+        It is a coroutine: viser awaits those in order, and hands others to a pool that does not keep it.
+
+        Args:
+            job: What to do with what was read.
+            read: What to read of the event, at once.
+            key: As for `JobQueue.submit`.
+        """
+
+        async def called(event: Any) -> None:
+            if event.client_id is not None:  # else it is our own assignment
+                given = read(event)
+                self.jobs.submit(lambda: job(given), key=key)
+
+        return called
+
+
+def viser() -> Any:
+    """Return viser.
+
+    Raises:
+        MissingExtraError: It is not installed.
+    """
+    try:
+        return import_module("viser")
+    except ImportError as error:
+        raise MissingExtraError("viser", extra="view", purpose="the scene editor") from error
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep viser from drawing its banner into the terminal; what there is to say, we say."""
+    console = import_module("rich").get_console()
+    before, console.quiet = console.quiet, True
+    try:
+        yield
+    finally:
+        console.quiet = before

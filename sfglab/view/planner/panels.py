@@ -1,0 +1,332 @@
+"""Panels around the viewport: hierarchy, inspector, timeline and warnings. Thin shells.
+
+Each shows a part of the editor's state in viser's widgets; decisions are in `sfglab.spatial.scene` and in
+`forms` and `looks`. Refuse to know each other.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from sfglab.spatial.scene import ROOT, ChangeKind, Retime, TrajectoryObject, WaypointObject
+from sfglab.units import NS_PER_S
+from sfglab.view.planner.forms import Field, FieldKind, fields_of
+from sfglab.view.planner.looks import TreeRow, rows_of, title_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.spatial.scene import Change, Conflict
+    from sfglab.view.planner.context import Context
+
+
+_ICONS = {
+    "group": "FOLDER",
+    "agent": "ROBOT",
+    "obstacle": "CUBE",
+    "zone": "BARRIER_BLOCK",
+    "trajectory": "ROUTE",
+    "waypoint": "MAP_PIN",
+}
+_INDENT = "\u2003"
+# Rows instead of buttons: flush left, filled only where selected.
+_ROWS_STYLE = """<style>
+div:has(> * > .sfg-rows) > div { padding-bottom: 1px !important; }
+div:has(> * > .sfg-rows) button { height: 1.9em !important; }
+div:has(> * > .sfg-rows) button:not([style*="--button-bg"]) { background: transparent; color: inherit; }
+div:has(> * > .sfg-rows) button:not([style*="--button-bg"]):hover { background: rgba(128,128,128,0.15); }
+div:has(> * > .sfg-rows) .mantine-Button-inner { justify-content: flex-start; }
+</style><span class="sfg-rows"></span>"""
+
+
+class Hierarchy:
+    """The rows, in the container that is open when it is made.
+
+    Args:
+        context: What it works with.
+        container: A context that widgets are put into.
+    """
+
+    def __init__(self, context: Context, container: Any) -> None:
+        self._context = context
+        self._container = container
+        self._rows: dict[int, tuple[int, TreeRow]] = {}
+        self._buttons: dict[int, Any] = {}
+        with container:
+            context.server.gui.add_html(_ROWS_STYLE, order=-1)
+        self._draw()
+
+    def show(self, change: Change) -> None:
+        """Show rows that are new, gone, elsewhere or called otherwise."""
+        if change.kind not in {ChangeKind.TIME, ChangeKind.SAVE}:
+            self._draw()
+
+    def _draw(self) -> None:
+        editor = self._context.editor
+        rows = {row.id: (i, row) for i, row in enumerate(rows_of(editor.scene, editor.selection))}
+        for id_ in self._rows.keys() - rows.keys():
+            self._buttons.pop(id_).remove()
+        for id_, (position, row) in rows.items():
+            if self._rows.get(id_) != (position, row):
+                self._put(position, row)
+        self._rows = rows
+
+    def _put(self, position: int, row: TreeRow) -> None:
+        label = _INDENT * row.depth + row.text
+        colour = "blue" if row.selected else None
+        button = self._buttons.get(row.id)
+        if button is None:
+            icon = getattr(self._context.viser.Icon, _ICONS[row.kind])
+            with self._container:
+                button = self._context.server.gui.add_button(label, icon=icon, color=colour, order=position)
+            button.on_click(self._context.on(lambda _: self._clicked(row.id)))
+            self._buttons[row.id] = button
+            return
+        for name, value in (("label", label), ("color", colour), ("order", position)):
+            if getattr(button, name) != value:
+                setattr(button, name, value)
+
+    def _clicked(self, id_: int) -> None:
+        editor = self._context.editor
+        if id_ in editor.scene.objects:
+            editor.select(*(() if editor.selection == (id_,) else (id_,)))
+
+
+_TYPING_S = 0.5
+_STEP = 0.05
+
+
+class Inspector:
+    """The fields of one object.
+
+    Args:
+        context: What it works with.
+        container: A context that widgets are put into.
+    """
+
+    def __init__(self, context: Context, container: Any) -> None:
+        self._context = context
+        self._container = container
+        self._makers: dict[FieldKind, Callable[[Field], Any]] = {
+            FieldKind.TEXT: lambda f: context.server.gui.add_text(f.label, f.value, hint=f.hint),
+            FieldKind.NUMBER: lambda f: context.server.gui.add_number(
+                f.label, float(f.value), min=0.0, step=_STEP, hint=f.hint
+            ),
+            FieldKind.VECTOR: lambda f: context.server.gui.add_vector3(
+                f.label, f.value, step=_STEP, hint=f.hint
+            ),
+            FieldKind.CHOICE: lambda f: context.server.gui.add_dropdown(
+                f.label, f.choices, initial_value=f.value, hint=f.hint
+            ),
+            FieldKind.SWITCH: lambda f: context.server.gui.add_checkbox(f.label, f.value, hint=f.hint),
+        }
+        self._form: tuple[object, ...] = ()
+        self._folder: Any = None
+        self._widgets: dict[str, Any] = {}
+        self._fields: dict[str, Field] = {}
+        self.refresh()
+
+    def show(self, change: Change) -> None:
+        """Show what an edit or another selection changed."""
+        if change.kind is ChangeKind.SELECTION or change.changed or change.added or change.removed:
+            self.refresh()
+
+    def refresh(self) -> None:
+        """Show what the scene has, also where a value was refused."""
+        editor = self._context.editor
+        id_ = editor.selection[-1] if editor.selection else ROOT
+        fields = fields_of(editor.scene, id_)
+        title = title_of(editor.scene.get(id_)) if id_ else "scene"
+        form = (id_, title, *((f.key, f.kind, f.choices) for f in fields))
+        self._fields = {field.key: field for field in fields}
+        if form != self._form:
+            self._build(id_, title, fields)
+            self._form = form
+            return
+        for field in fields:
+            self._update(field)
+
+    def _build(self, id_: int, title: str, fields: tuple[Field, ...]) -> None:
+        if self._folder is not None:
+            self._folder.remove()
+        thing = self._context.editor.scene.objects.get(id_)
+        gui = self._context.server.gui
+        with self._container:
+            kind = f"{thing.kind}: " if thing else ""
+            self._folder = gui.add_folder(kind + title)
+        with self._folder:
+            self._widgets = {field.key: self._add(id_, field) for field in fields}
+            if isinstance(thing, TrajectoryObject) and thing.agent is not None:
+                slower = gui.add_button("Keep to limits", hint="Slow down until the agent's limits hold.")
+                slower.on_click(self._context.on(lambda _: self._context.editor.do(Retime(id=id_))))
+
+    def _add(self, id_: int, field: Field) -> Any:
+        widget = self._makers[field.kind](field)
+        widget.disabled = not field.enabled
+        jobs = self._context.jobs
+        delay_s = 0.0 if field.kind in {FieldKind.CHOICE, FieldKind.SWITCH} else _TYPING_S
+
+        async def typed(event: Any) -> None:
+            if event.client_id is not None:
+                value = event.target.value
+                key = (id_, field.key)
+                jobs.later(key, lambda: self._set(id_, field.key, value), delay_s=delay_s)
+
+        widget.on_update(typed)
+        return widget
+
+    def _set(self, id_: int, key: str, value: Any) -> None:
+        """Do the edit of a field as it is by now; the object may be gone, or have no such field any more."""
+        editor = self._context.editor
+        if id_ != ROOT and id_ not in editor.scene.objects:
+            return
+        field = next((f for f in fields_of(editor.scene, id_) if f.key == key), None)
+        if field is not None and value != field.value:
+            editor.do(field.command(value))
+
+    def _update(self, field: Field) -> None:
+        widget = self._widgets[field.key]
+        if widget.disabled is field.enabled:
+            widget.disabled = not field.enabled
+        if widget.value != field.value and not self._context.jobs.waits((self._form[0], field.key)):
+            widget.value = field.value
+
+
+_TICK_S = 0.05
+_STEP_S = 0.01
+_SHORTEST_S = 1.0
+
+
+class Timeline:
+    """The slider and the play button.
+
+    Args:
+        context: What it works with.
+        container: A context that widgets are put into.
+    """
+
+    def __init__(self, context: Context, container: Any) -> None:
+        self._context = context
+        self._stop: threading.Event | None = None
+        self._ticker: threading.Thread | None = None
+        gui = context.server.gui
+        first, last = self._span()
+        with container:
+            self._slider = gui.add_slider(
+                "time (s)", first, last, _STEP_S, min(max(context.editor.time_s, first), last)
+            )
+            self._button = gui.add_button("Play", icon=context.viser.Icon.PLAYER_PLAY)
+        self._slider.on_update(context.on(context.editor.set_time, read=lambda e: e.target.value, key="time"))
+        self._button.on_click(context.on(lambda _: self._toggle()))
+
+    def show(self, change: Change) -> None:
+        """Show another time, or another span of times."""
+        if change.kind is not ChangeKind.TIME and change.kind is not ChangeKind.SELECTION:
+            first, last = self._span()
+            if (self._slider.min, self._slider.max) != (first, last):
+                self._slider.min, self._slider.max = first, last
+        shown = min(max(self._context.editor.time_s, self._slider.min), self._slider.max)
+        if abs(self._slider.value - shown) > _STEP_S / 2.0:
+            self._slider.value = shown
+
+    def close(self) -> None:
+        """Stop playing."""
+        if self._stop is not None and self._ticker is not None:
+            self._stop.set()
+            self._ticker.join()
+        self._stop = self._ticker = None
+
+    def _toggle(self) -> None:
+        playing = self._stop is not None
+        self.close()
+        icon = self._context.viser.Icon
+        self._button.label = "Play" if playing else "Pause"
+        self._button.icon = icon.PLAYER_PLAY if playing else icon.PLAYER_PAUSE
+        if not playing:
+            self._stop = threading.Event()
+            self._ticker = threading.Thread(
+                target=self._play, args=(self._stop,), name="planner-play", daemon=True
+            )
+            self._ticker.start()
+
+    def _play(self, stop: threading.Event) -> None:
+        last = time.monotonic()
+        while not stop.wait(_TICK_S):
+            now = time.monotonic()
+            passed_s, last = now - last, now
+            self._context.jobs.submit(partial(self._advance, passed_s), settle=False)
+
+    def _advance(self, passed_s: float) -> None:
+        first, end = self._span()
+        time_s = self._context.editor.time_s + passed_s
+        self._context.editor.set_time(time_s if time_s <= end else first)
+
+    def _span(self) -> tuple[float, float]:
+        scene = self._context.editor.scene
+        last_ns = max((waypoint.time_ns for waypoint in scene.all_of(WaypointObject)), default=0)
+        return (0.0, max(last_ns / NS_PER_S, _SHORTEST_S))
+
+
+_MOST = 50
+# Sentences, not captions: they wrap.
+_WARNINGS_STYLE = """<style>
+div:has(> * > .sfg-warnings) button { height: auto !important; padding: 0.35em 0.6em; }
+div:has(> * > .sfg-warnings) .mantine-Button-label { white-space: normal; text-align: left; line-height: 1.3; }
+div:has(> * > .sfg-warnings) .mantine-Button-inner { justify-content: flex-start; }
+</style><span class="sfg-warnings"></span>"""
+
+
+class Warnings:
+    """The buttons.
+
+    Args:
+        context: What it works with.
+        container: A context that widgets are put into.
+    """
+
+    def __init__(self, context: Context, container: Any) -> None:
+        self._context = context
+        self._container = container
+        self._buttons: list[Any] = []
+        self._shown: tuple[Conflict, ...] = ()
+        with container:
+            context.server.gui.add_html(_WARNINGS_STYLE)
+            self._head = context.server.gui.add_markdown("checking …")
+
+    def show(self, change: Change) -> None:
+        """Say that what is listed is of an older scene, where it is."""
+        if change.changed or change.added or change.removed:
+            self._head.content = "checking …"
+
+    def failed(self) -> None:
+        """Say that nobody knows what is wrong with the scene."""
+        self._head.content = "**not checked**: see the message"
+
+    def found(self, conflicts: tuple[Conflict, ...]) -> None:
+        """Show what is wrong with the scene."""
+        many = f"{len(conflicts)} conflict" + ("s" if len(conflicts) != 1 else "")
+        more = f", the first {_MOST} are listed" if len(conflicts) > _MOST else ""
+        self._head.content = f"**{many}**{more}" if conflicts else "no conflicts"
+        shown = conflicts[:_MOST]
+        if shown == self._shown:
+            return
+        for button in self._buttons:
+            button.remove()
+        with self._container:
+            self._buttons = [self._add(conflict) for conflict in shown]
+        self._shown = shown
+
+    def _add(self, conflict: Conflict) -> Any:
+        timed = conflict.time_s is not None
+        button = self._context.server.gui.add_button(conflict.text, color="red" if timed else "orange")
+        button.on_click(self._context.on(lambda _: self._go(conflict)))
+        return button
+
+    def _go(self, conflict: Conflict) -> None:
+        editor = self._context.editor
+        if conflict.time_s is not None:
+            editor.set_time(conflict.time_s)
+        editor.select(*(id_ for id_ in conflict.objects if id_ in editor.scene.objects))
