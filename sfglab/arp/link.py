@@ -19,7 +19,7 @@ import numpy as np
 
 from sfglab.arp.repairs import alone_held, batch_held, steady_held
 from sfglab.qos import Durability
-from sfglab.rtps.sizes import ACKNACK_BYTES, data_bytes
+from sfglab.rtps.model import ACKNACK_BYTES, data_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -1,16 +1,13 @@
 """RELIABLE and KEEP_LAST over a lossy medium: one model of writer, reader and medium, with vendors' timing.
 
-Bottom up: `presets` (vendors' constants with their sources), `world`, `heap`, `state`, `medium` and `engine`
-(compiled), `outcome` (fates and latencies), `model` (flows and scenarios in, an outcome out), `session` (the
-same in steps).
+`model` has what a run is given (vendors' constants with their sources, flows, the medium), `session` what it
+comes to; between them, compiled: `world`, `medium`, `writer`, `reader` and `engine`, over `state`.
 """
 
 from __future__ import annotations
 
-from sfglab.rtps.model import Flow, Medium, ModelError, Scenario, run
-from sfglab.rtps.outcome import FlowOutcome, Outcome
-from sfglab.rtps.presets import CYCLONE_DDS, FAST_DDS, PRESETS, Vendor
-from sfglab.rtps.session import Delivery, Session
+from sfglab.rtps.model import CYCLONE_DDS, FAST_DDS, PRESETS, Flow, Medium, ModelError, Scenario, Vendor
+from sfglab.rtps.session import Delivery, FlowOutcome, Outcome, Session, run
 from sfglab.rtps.state import Drop, Fate
 
 __all__ = [

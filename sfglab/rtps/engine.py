@@ -1,18 +1,17 @@
 """RELIABLE and BEST_EFFORT writers and readers with KEEP_LAST or KEEP_ALL, compiled: RTPS 2.5, clause 8.4.
 
 One event after the other: publications, frames, heartbeats, requests, repairs, and the executor that takes
-samples from readers. What writers and readers do at each stands in `writer` and `reader`. `simulate` runs to
-the end of time; everything that happened is in the state.
+samples from readers. What writers and readers do at each stands in `writer` and `reader`. Everything that
+happened is in the state.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from sfglab.rtps.answers import drop_overflow, request
-from sfglab.rtps.heap import pop, push
-from sfglab.rtps.medium import BURST_ROOM, arrived_frame, sent_frame
-from sfglab.rtps.reader import hear_gap, hear_heartbeat, hear_samples
+from sfglab.rtps.medium import arrived_frame, sent_frame
+from sfglab.rtps.model import BURST_ROOM
+from sfglab.rtps.reader import drop_overflow, hear_gap, hear_heartbeat, hear_samples, request
 from sfglab.rtps.state import (
     D_FLOW,
     D_FRESH,
@@ -38,12 +37,8 @@ from sfglab.rtps.state import (
     Frame,
     TimingColumn,
 )
-from sfglab.rtps.world import World, compiled
+from sfglab.rtps.world import compiled, pop, push
 from sfglab.rtps.writer import hear_acknack, heartbeat, repair, write
-
-if TYPE_CHECKING:
-    from sfglab.rtps.state import Params, State
-
 
 # Compiled code takes plain integers.
 _PUBLISH, _SENT, _ARRIVED, _HEARTBEAT, _ACKNACK, _SERVED = (
@@ -234,13 +229,3 @@ def publish(world: Any, now: int, flow: int, value: int) -> bool:
     world.writer[flow, W_VALUE] = value
     write(world, now, flow)
     return bool(world.counts[_C_HELD] == held)
-
-
-def simulate(params: Params, state: State) -> None:
-    """Run until time is over.
-
-    Args:
-        params: The run's parameters.
-        state: At time 0; afterwards, everything that happened.
-    """
-    advance(World(params, state), int(params.timing[_T_DURATION] + params.timing[_T_DRAIN]))

@@ -1,29 +1,27 @@
-"""RELIABLE and KEEP_LAST as a model: flows over a lossy medium in, the fate of every sample out.
+"""RELIABLE and KEEP_LAST as a model: vendors' timing, flows, the medium with its rules, scenarios.
 
-A *simulation*, with a virtual clock and a seed. A flow is one topic's writer and its one reader; hosts share a
-medium; readers are served by executors that take time. The protocol is RTPS 2.5, clause 8.4, timed as a vendor
-does (`presets`); it runs compiled (`engine`).
+A flow is one topic's writer and its one reader; hosts share a medium; readers are served by executors that take
+time. The protocol is RTPS 2.5, clause 8.4, timed as a vendor does: times are the vendors' defaults, with their
+sources; what a default does in the protocol stands in `writer` and `reader`. Here is everything that a run is
+given, and it becomes the arrays that the engine takes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfglab.errors import SfglabError
 from sfglab.qos import DEFAULT, Durability, History, QoSProfile, Reliability
-from sfglab.rtps.outcome import Outcome, outcome_of
-from sfglab.rtps.presets import FAST_DDS, Vendor
-from sfglab.rtps.state import FlowColumn, Params, Sizes, State, TimingColumn, new_state
+from sfglab.rtps.state import FlowColumn, Frame, Params, Sizes, State, TimingColumn, new_state
+from sfglab.units import NS_PER_MS, NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
 
-_S = 1_000_000_000
-_SMALLEST_FRAME_BYTES = 62
 _NOT_NEGATIVE = (
     *("rate_hz", "phase_s", "size_bytes", "reader_depth"),
     *("service_s", "compare_s", "change_s", "max_silence_s"),
@@ -31,7 +29,157 @@ _NOT_NEGATIVE = (
 
 
 class ModelError(SfglabError, ValueError):
-    """A scenario that cannot be simulated."""
+    """A scenario that cannot be simulated, or timing that no writer or reader can keep."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vendor:
+    """How one DDS implementation times its reliability protocol (RTPS 2.5, clause 8.4)."""
+
+    name: str  #: Of the implementation.
+    heartbeat_ns: int  #: Period of heartbeats while something is unacknowledged.
+    #: The period doubles with each heartbeat that brings no progress, up to this; equal to `heartbeat_ns` where
+    #: it does not.
+    heartbeat_max_ns: int
+    #: A heartbeat travels with each sample while the writer's history is full: of samples that are
+    #: unacknowledged, and with TRANSIENT_LOCAL durability of any.
+    piggyback_when_full: bool
+    nack_delay_ns: int  #: From the first heartbeat that shows a gap to the reader's request.
+    ack_delay_ns: int  #: From a heartbeat that shows no gap to the reader's acknowledgement.
+    nack_response_ns: int  #: From a request to the writer's repair.
+    #: Samples that one request can ask for: a bitmap has 256 bits (RTPS 2.5, clause 9.4.2.6).
+    nack_most: int = 256
+    #: A heartbeat travels with every sample. The reader answers each at once: with a request if it lacks
+    #: something that it has not asked for yet, with an acknowledgement only if it is asked. `nack_delay_ns` is
+    #: then how long it waits before it asks for the same again, `ack_delay_ns` before it acknowledges the same
+    #: again. The writer's repairs end with a heartbeat to which the reader may ask again at once, and it sends
+    #: a periodic one only if it has sent no other for a period, which does not grow.
+    prompt: bool = False
+    #: A heartbeat that travels with a sample asks for no answer (it is FINAL) when the sample before is younger
+    #: than this; 0: it always asks.
+    final_within_ns: int = 0
+    #: Samples that wait behind a gap, apart from the reader's history; beyond that the newest is dropped. 0:
+    #: they wait in the reader's history.
+    reorder_most: int = 0
+    burst_bytes: int = 0  #: RTPS message in which repairs travel together; 0: each has a frame of its own.
+
+    def __post_init__(self) -> None:
+        if not 0 < self.heartbeat_ns <= self.heartbeat_max_ns:
+            raise ModelError(
+                f"{self.name}: heartbeat_ns, heartbeat_max_ns: given {self.heartbeat_ns}, "
+                f"{self.heartbeat_max_ns}; allowed is 0 < heartbeat_ns <= heartbeat_max_ns"
+            )
+        if min(self.nack_delay_ns, self.ack_delay_ns, self.nack_response_ns) < 0:
+            raise ModelError(f"{self.name}: delays: given a negative one, allowed are 0 and more")
+        if not 1 <= self.nack_most <= 256:
+            raise ModelError(f"{self.name}: nack_most: given {self.nack_most}, allowed are 1 to 256")
+
+
+FAST_DDS = Vendor(
+    name="Fast DDS",
+    # fastdds/rtps/attributes/WriterAttributes.hpp: heartbeatPeriod 3 s, nackResponseDelay 5 ms;
+    # ReaderAttributes.hpp: heartbeatResponseDelay 5 ms, for requests and acknowledgements alike;
+    # StatefulWriter.cpp: a heartbeat is sent along when the history is full; DataWriterImpl.cpp (2.x, 3.x) and
+    # PublisherImpl.cpp (before): a VOLATILE writer's sample leaves the history once all have acknowledged it.
+    heartbeat_ns=3 * NS_PER_S,
+    heartbeat_max_ns=3 * NS_PER_S,
+    piggyback_when_full=True,
+    nack_delay_ns=5 * NS_PER_MS,
+    ack_delay_ns=5 * NS_PER_MS,
+    nack_response_ns=5 * NS_PER_MS,
+)
+
+CYCLONE_DDS = Vendor(
+    name="Cyclone DDS",
+    # docs/manual/options.md: HeartbeatInterval 100 ms (min 5 ms, minsched 20 ms, max 8 s), NackDelay 100 ms,
+    # AckDelay 10 ms, PrimaryReorderMaxSamples 128, MaxRexmitMessageSize 1456 B. ddsi_hbcontrol.c: a heartbeat
+    # travels with every sample and asks for an answer when 4/5 of the interval have passed since the sample
+    # before; the interval grows after five heartbeats in vain, which is left out. ddsi_acknack.c: what is new
+    # is asked for at once. ddsi_radmin.c: no more is asked for than can wait.
+    heartbeat_ns=100 * NS_PER_MS,
+    heartbeat_max_ns=8 * NS_PER_S,
+    piggyback_when_full=False,
+    nack_delay_ns=100 * NS_PER_MS,
+    ack_delay_ns=10 * NS_PER_MS,
+    nack_response_ns=0,
+    nack_most=128,
+    prompt=True,
+    final_within_ns=80 * NS_PER_MS,
+    reorder_most=128,
+    burst_bytes=1456,
+)
+
+PRESETS = {"fast_dds": FAST_DDS, "cyclone_dds": CYCLONE_DDS}
+
+
+# --- The rules of the medium, plain Python: `medium` compiles them, the test hosts' radio calls them ----------
+
+NETWORK_BYTES = 14 + 20 + 8
+"""Ethernet, IPv4 and UDP headers of a frame."""
+
+BURST_ROOM = 512
+"""More than the samples of one BURST: its second argument is their number, and this times the newest sample of
+all where a heartbeat rides along."""
+
+_BASE_BYTES = NETWORK_BYTES + 20
+_INFO_DST_BYTES, _HEARTBEAT_BYTES = 16, 32
+_DATA, _ACKNACK, _BURST = int(Frame.DATA), int(Frame.ACKNACK), int(Frame.BURST)
+
+
+def frame_bytes(kind: int, size_bytes: int, riding: int) -> int:
+    """Return the size of a frame on the medium.
+
+    Headers of the network and of RTPS (20 bytes); submessages INFO_DST 16, INFO_TS 12, DATA 24 and the payload,
+    padded as CDR is, HEARTBEAT 32, ACKNACK 28 and a bitmap of 32, GAP 32 (RTPS 2.5, clause 9.4).
+
+    Args:
+        kind: A `Frame`.
+        size_bytes: CDR size of the flow's samples.
+        riding: Of DATA: not 0 if a heartbeat rides along; of BURST: see `BURST_ROOM`.
+    """
+    sample = 12 + 24 + (size_bytes + 3) // 4 * 4
+    if kind == _DATA:
+        return _BASE_BYTES + sample + (_HEARTBEAT_BYTES if riding else 0)
+    if kind == _BURST:
+        heartbeat = _HEARTBEAT_BYTES if riding >= BURST_ROOM else 0
+        return _BASE_BYTES + _INFO_DST_BYTES + heartbeat + riding % BURST_ROOM * sample
+    return _BASE_BYTES + _INFO_DST_BYTES + (28 + 32 if kind == _ACKNACK else 32)
+
+
+def data_bytes(size_bytes: int, *, with_heartbeat: bool) -> int:
+    """Return the size of a sample's frame; `size_bytes` is the sample's in CDR."""
+    return frame_bytes(_DATA, size_bytes, int(with_heartbeat))
+
+
+ACKNACK_BYTES = frame_bytes(_ACKNACK, 0, 0)
+"""Size of an acknowledgement's frame."""
+
+
+def airtime_ns(size_bytes: int, contenders: int, overhead_ns: int, rate_bps: float, contention: float) -> int:
+    """Return how long a frame is on air while so many hosts want to send, ns; the rest as `Medium` has it."""
+    stretch = 1.0 + contention * (contenders - 1)
+    return int((overhead_ns + size_bytes * 8e9 / rate_bps) * stretch)
+
+
+def next_sender(waiting: Sequence[Any], turn: int) -> tuple[int, int]:
+    """Return whose turn it is, -1 for nobody's, and how many want to send.
+
+    Args:
+        waiting: Of each host, whether it has something to send.
+        turn: The first one to be asked; the others follow.
+    """
+    hosts = len(waiting)
+    chosen, contenders = -1, 0
+    host = turn - 1
+    for _ in range(hosts):
+        host += 1
+        if host == hosts:
+            host = 0
+        if waiting[host]:
+            contenders += 1
+            if chosen < 0:
+                chosen = host
+    return chosen, contenders
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,6 +217,20 @@ class Medium:
     contention: float = 0.15  #: By which share each further host that wants to send stretches a frame.
     latency_s: float = 0.0  #: From the end of sending to arrival.
     queue_frames: int = 500  #: Frames that a host's queue holds; more are dropped.
+
+    @property
+    def overhead_ns(self) -> int:
+        """`overhead_s` in nanoseconds."""
+        return _ns(self.overhead_s)
+
+    @property
+    def latency_ns(self) -> int:
+        """`latency_s` in nanoseconds."""
+        return _ns(self.latency_s)
+
+    def airtime_ns(self, size_bytes: int, contenders: int) -> int:
+        """Return how long a frame is on air while so many hosts want to send, nanoseconds."""
+        return airtime_ns(size_bytes, contenders, self.overhead_ns, self.rate_bps, self.contention)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,20 +273,6 @@ def _check_flow(flow: Flow, names: list[str]) -> None:
             raise ModelError(f"flow {flow.name!r}: {field}: given {getattr(flow, field)}, must not be negative")
     if flow.rate_hz > 0 and flow.rate_hz > 1e9:
         raise ModelError(f"flow {flow.name!r}: rate_hz: given {flow.rate_hz:g}, allowed are up to 1e9")
-
-
-def run(scenario: Scenario, *, seed: int) -> Outcome:
-    """Simulate a scenario.
-
-    Args:
-        scenario: What.
-        seed: Of losses and values; the same seed gives the same outcome to the bit.
-    """
-    from sfglab.rtps.engine import simulate
-
-    params, state = compile_scenario(scenario, samples=_most_samples(scenario), seed=seed)
-    simulate(params, state)
-    return outcome_of(scenario.flows, params, state)
 
 
 def compile_scenario(scenario: Scenario, *, samples: int, seed: int) -> tuple[Params, State]:
@@ -198,8 +346,8 @@ def _timing(scenario: Scenario) -> np.ndarray:
         TimingColumn.NACK_RESPONSE_NS: vendor.nack_response_ns,
         TimingColumn.NACK_MOST: vendor.nack_most,
         TimingColumn.SHARED: int(medium.shared),
-        TimingColumn.LATENCY_NS: _ns(medium.latency_s),
-        TimingColumn.OVERHEAD_NS: _ns(medium.overhead_s),
+        TimingColumn.LATENCY_NS: medium.latency_ns,
+        TimingColumn.OVERHEAD_NS: medium.overhead_ns,
         TimingColumn.DURATION_NS: _ns(scenario.duration_s),
         TimingColumn.UNACKED_MOST: scenario.unacked_most,
         TimingColumn.DRAIN_NS: _ns(scenario.drain_s),
@@ -211,7 +359,7 @@ def _timing(scenario: Scenario) -> np.ndarray:
     return np.array([values[column] for column in TimingColumn], np.int64)
 
 
-def _most_samples(scenario: Scenario) -> int:
+def most_samples(scenario: Scenario) -> int:
     """Return how many samples one flow can have at most; a chain publishes once for each that it follows."""
     own = {flow.name: scheduled_samples(scenario, flow) for flow in scenario.flows}
     most = own
@@ -231,9 +379,9 @@ def scheduled_samples(scenario: Scenario, flow: Flow) -> int:
 
 
 def _most_under_way(medium: Medium) -> int:
-    shortest_s = medium.overhead_s + _SMALLEST_FRAME_BYTES * 8 / medium.rate_bps
+    shortest_s = medium.overhead_s + _BASE_BYTES * 8 / medium.rate_bps
     return int(medium.latency_s / shortest_s) + 2
 
 
 def _ns(seconds: float) -> int:
-    return round(seconds * _S)
+    return round(seconds * NS_PER_S)

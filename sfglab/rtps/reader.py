@@ -1,22 +1,31 @@
-"""What a reader does, compiled: samples, heartbeats and gaps that arrive (RTPS 2.5, clause 8.4.12).
+"""What a reader does, compiled: samples, heartbeats and gaps that arrive, and its answers (RTPS 2.5, 8.4.12).
 
-Knows the state of one flow's reader; what it answers stands in `answers`. Refuses to know how a frame came.
+Knows the state of one flow's reader. Refuses to know how a frame came, and when a heartbeat is sent. In all
+functions `world` is the run, `now` is nanoseconds, and `flow` is whose reader it is.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from sfglab.rtps.answers import answer, make_room_behind_gap
-from sfglab.rtps.heap import push
+import numpy as np
+
+from sfglab.rtps.medium import enqueue
 from sfglab.rtps.state import (
+    R_ACKED,
+    R_ACKED_AT,
+    R_AGAIN,
     R_ARMED,
+    R_ASKED,
     R_FIRST,
     R_HEAD,
     R_KNOWN,
+    R_NACKED,
+    R_NACKED_AT,
     R_NEWEST,
     R_NEXT,
     R_OLDEST,
+    R_REPAIRED,
     R_TAIL,
     R_WAITING,
     S_WAITING,
@@ -28,23 +37,25 @@ from sfglab.rtps.state import (
     Frame,
     TimingColumn,
 )
-from sfglab.rtps.world import compiled
+from sfglab.rtps.world import compiled, push
 
 # Compiled code takes plain integers.
 _ACKNACK = int(Event.ACKNACK)
-_DATA = int(Frame.DATA)
+_DATA, _ACK = int(Frame.DATA), int(Frame.ACKNACK)
 _OVERWRITTEN, _LATE = int(Fate.OVERWRITTEN), int(Fate.LATE)
 _C_DUPLICATE = int(Count.DUPLICATE)
-_SERVER, _READER_DEPTH, _RELIABLE = (
+_SERVER, _READER_DEPTH, _RELIABLE, _TARGET = (
     int(FlowColumn.SERVER),
     int(FlowColumn.READER_DEPTH),
     int(FlowColumn.RELIABLE),
+    int(FlowColumn.TARGET),
 )
-_T_NACK, _T_ACK, _T_PROMPT, _T_REORDER = (
+_T_NACK, _T_ACK, _T_PROMPT, _T_REORDER, _T_MOST = (
     int(TimingColumn.NACK_DELAY_NS),
     int(TimingColumn.ACK_DELAY_NS),
     int(TimingColumn.PROMPT),
     int(TimingColumn.REORDER_MOST),
+    int(TimingColumn.NACK_MOST),
 )
 
 
@@ -99,11 +110,28 @@ def _advance(world: Any, flow: int) -> None:
 
 
 @compiled
+def _make_room_behind_gap(world: Any, flow: int, sample: int) -> bool:
+    """Return whether a sample can be kept; where too many wait behind a gap, the newest of all is dropped."""
+    reader, most = world.reader, world.timing[_T_REORDER]
+    if sample == reader[flow, R_NEXT] or reader[flow, R_WAITING] < most:
+        return True
+    newest = reader[flow, R_NEWEST]
+    if sample > newest:
+        return False
+    world.arrived[flow, newest] = 0
+    reader[flow, R_WAITING] -= 1
+    while newest > sample and world.arrived[flow, newest] != 1:
+        newest -= 1
+    reader[flow, R_NEWEST] = newest
+    return True
+
+
+@compiled
 def _hear_sample(world: Any, flow: int, sample: int) -> None:
     apart = world.timing[_T_REORDER] != 0
     if world.arrived[flow, sample] or sample < world.reader[flow, R_NEXT]:
         world.counts[_C_DUPLICATE] += 1
-    elif not apart or make_room_behind_gap(world, flow, sample):
+    elif not apart or _make_room_behind_gap(world, flow, sample):
         world.arrived[flow, sample] = 1
         world.reader[flow, R_NEWEST] = max(world.reader[flow, R_NEWEST], sample)
         if not world.flows[flow, _RELIABLE]:
@@ -121,12 +149,7 @@ def _hear_sample(world: Any, flow: int, sample: int) -> None:
 
 @compiled
 def hear_samples(world: Any, frame: Any) -> None:
-    """Take the one sample of a DATA frame, or the several of a BURST.
-
-    Args:
-        world: The run.
-        frame: The frame.
-    """
+    """Take the one sample of a DATA frame, or the several of a BURST."""
     alone = frame[0] == _DATA
     for i in range(1 if alone else 256):
         if alone or (frame[4 + i // 64] >> (i % 64)) & 1:
@@ -135,21 +158,13 @@ def hear_samples(world: Any, frame: Any) -> None:
 
 @compiled
 def hear_heartbeat(world: Any, now: int, flow: int, first: int, last: int) -> None:
-    """Learn what there is, and answer: at once if the vendor is prompt, else after its delay.
-
-    Args:
-        world: The run.
-        now: Nanoseconds.
-        flow: Whose reader.
-        first: The oldest sample that the writer still has.
-        last: Its newest.
-    """
+    """Learn what there is, and answer: at once if the vendor is prompt, else after its delay."""
     reader = world.reader
     reader[flow, R_FIRST] = max(reader[flow, R_FIRST], first)
     reader[flow, R_KNOWN] = max(reader[flow, R_KNOWN], last)
     _advance(world, flow)
     if world.timing[_T_PROMPT]:
-        answer(world, now, flow)
+        _answer(world, now, flow)
     elif not reader[flow, R_ARMED]:
         reader[flow, R_ARMED] = 1
         lacks = reader[flow, R_NEXT] <= reader[flow, R_KNOWN]
@@ -159,14 +174,78 @@ def hear_heartbeat(world: Any, now: int, flow: int, first: int, last: int) -> No
 
 @compiled
 def hear_gap(world: Any, frame: Any) -> None:
-    """Give up what the writer no longer has.
-
-    Args:
-        world: The run.
-        frame: The GAP.
-    """
+    """Give up what the writer no longer has."""
     flow = frame[1]
     for sample in range(max(frame[2], world.reader[flow, R_NEXT]), frame[3]):
         if world.arrived[flow, sample] == 0:
             world.arrived[flow, sample] = 2
     _advance(world, flow)
+
+
+@compiled
+def drop_overflow(world: Any, flow: int) -> None:
+    """Push the oldest samples out of a reader's history: what waited behind a gap comes all at once."""
+    reader, depth = world.reader, world.flows[flow, _READER_DEPTH]
+    while depth and reader[flow, R_TAIL] - reader[flow, R_HEAD] > depth:
+        world.fate[flow, world.order[flow, reader[flow, R_HEAD]]] = _LATE
+        reader[flow, R_HEAD] += 1
+        world.server[world.flows[flow, _SERVER], S_WAITING] -= 1
+
+
+@compiled
+def request(world: Any, now: int, flow: int) -> None:
+    """Acknowledge everything before the next sample, and ask for what is known to exist and is not here."""
+    base = world.reader[flow, R_NEXT]
+    most = min(world.timing[_T_MOST], world.reader[flow, R_KNOWN] - base + 1)
+    frame = world.scratch[1]
+    for k in range(4):
+        start = base + 64 * k
+        word = np.int64(0)
+        for i in range(min(64, most - 64 * k)):
+            word |= np.int64(world.arrived[flow, start + i] == 0) << i
+        frame[4 + k] = word
+    _acknowledge(world, now, flow, frame)
+
+
+@compiled
+def _acknowledge(world: Any, now: int, flow: int, frame: Any) -> None:
+    frame[0], frame[1], frame[2], frame[3] = _ACK, flow, world.reader[flow, R_NEXT], 0
+    world.counts[_ACK] += 1
+    enqueue(world, now, world.flows[flow, _TARGET], frame)
+
+
+@compiled
+def _answer(world: Any, now: int, flow: int) -> None:
+    """Answer a heartbeat as a prompt reader does, or not at all.
+
+    Something that no request has covered yet is asked for at once; the same again after the vendor's
+    `nack_delay_ns`, or when repairs have come and did not bring it, once. An acknowledgement goes out only when
+    the writer asks for it, and the same one again after `ack_delay_ns`.
+    """
+    reader, timing = world.reader, world.timing
+    base, known = reader[flow, R_NEXT], reader[flow, R_KNOWN]
+    if base <= known:
+        fresh = base >= reader[flow, R_NACKED]
+        waited = now >= reader[flow, R_NACKED_AT] + timing[_T_NACK]
+        vain = reader[flow, R_REPAIRED] and (waited or not reader[flow, R_AGAIN])
+        if fresh or vain or waited:
+            reader[flow, R_AGAIN] = 0 if fresh or vain else 1
+            reader[flow, R_NACKED] = min(known + 1, base + timing[_T_MOST])
+            reader[flow, R_NACKED_AT] = now
+            _note_answer(world, now, flow)
+            request(world, now, flow)
+            return
+    if reader[flow, R_ASKED] and (
+        base > reader[flow, R_ACKED] or now >= reader[flow, R_ACKED_AT] + timing[_T_ACK]
+    ):
+        _note_answer(world, now, flow)
+        frame = world.scratch[1]
+        frame[4:] = 0
+        _acknowledge(world, now, flow, frame)
+
+
+@compiled
+def _note_answer(world: Any, now: int, flow: int) -> None:
+    reader = world.reader
+    reader[flow, R_ASKED] = reader[flow, R_REPAIRED] = 0
+    reader[flow, R_ACKED], reader[flow, R_ACKED_AT] = reader[flow, R_NEXT], now

@@ -1,7 +1,8 @@
-"""A scenario run step by step, beside somebody who sets values, hears deliveries and publishes in answer.
+"""Runs of a scenario: at once, or in steps beside somebody who sets values and hears deliveries; their outcome.
 
-For nodes whose world depends on what arrives: they and the model take turns. Knows flows by name and values by
-number: equal numbers are equal values, to the local cache and to cache control. Refuses to know what they mean.
+A *simulation*, with a virtual clock and a seed; it runs compiled (`engine`). In steps it is for nodes that
+hang on what arrives: they and the model take turns. Knows flows by name and values by number: equal numbers
+are equal values, to the local cache and to cache control. Refuses to know what they mean.
 """
 
 from __future__ import annotations
@@ -9,18 +10,114 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sfglab.rtps.model import ModelError, compile_scenario, scheduled_samples
-from sfglab.rtps.outcome import outcome_of
-from sfglab.rtps.state import D_FLOW, D_SAMPLE, D_SKIPPED, SET, W_VALUE, FlowColumn
+import numpy as np
+
+from sfglab.rtps.model import ModelError, compile_scenario, most_samples, scheduled_samples
+from sfglab.rtps.state import (
+    D_FLOW,
+    D_SAMPLE,
+    D_SKIPPED,
+    SET,
+    W_LAST,
+    W_VALUE,
+    Count,
+    Drop,
+    Fate,
+    FlowColumn,
+    TimingColumn,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sfglab.rtps.model import Scenario
-    from sfglab.rtps.outcome import Outcome
+    from numpy.typing import NDArray
+
+    from sfglab.rtps.model import Flow, Scenario
+    from sfglab.rtps.state import Params, State
 
 
 _MOST_ANSWERS = 200_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlowOutcome:
+    """One flow's samples, in the order of their sequence numbers."""
+
+    name: str  #: The flow.
+    published_ns: NDArray[np.int64]  #: When each was published, shape (n,).
+    received_ns: NDArray[np.int64]  #: When the application was done with it, 0 where it never was, shape (n,).
+    value: NDArray[np.int32]  #: Number of the value that it carries, shape (n,).
+    fate: NDArray[np.int8]  #: A `Fate` each, shape (n,).
+    dropped: NDArray[np.int8]  #: A `Drop` each: where its first frame was lost, shape (n,).
+    deadline_ns: int | None = None  #: The agreed longest gap between samples; None: none.
+
+    @property
+    def delivered(self) -> NDArray[np.bool_]:
+        """Which samples the application had, shape (n,)."""
+        return np.equal(self.fate, Fate.DELIVERED)
+
+    @property
+    def loss(self) -> float:
+        """Share of samples that the application never had; NaN without samples."""
+        return float(1 - self.delivered.mean()) if len(self.fate) else float("nan")
+
+    @property
+    def latency_ns(self) -> NDArray[np.int64]:
+        """From publication to application, of those delivered, shape (delivered,)."""
+        return (self.received_ns - self.published_ns)[self.delivered]
+
+    def deadlines_missed(self) -> int:
+        """Return how often the reader waited beyond the deadline for the next sample (DDS 1.4, 2.2.3.7)."""
+        if self.deadline_ns is None:
+            return 0
+        gaps = np.diff(np.sort(self.received_ns[self.delivered]))
+        return int((gaps // self.deadline_ns).sum())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """A whole run."""
+
+    flows: dict[str, FlowOutcome]  #: By name.
+    counts: dict[str, int]  #: What the protocol and the medium did, by `Count`'s names in lower case.
+
+
+def _outcome_of(flows: Sequence[Flow], params: Params, state: State) -> Outcome:
+    """Return what a state came to."""
+    results = {}
+    for i, flow in enumerate(flows):
+        samples = slice(1, int(state.writer[i, W_LAST]) + 1)
+        fate = state.fate[i, samples].copy()
+        open_ = fate == Fate.NEVER_SENT
+        best_effort = not params.flows[i, FlowColumn.RELIABLE]
+        lost = open_ & best_effort & (state.dropped[i, samples] != Drop.NOT)
+        fate[open_] = Fate.UNDERWAY
+        fate[lost] = Fate.NOT_REPAIRED
+        results[flow.name] = FlowOutcome(
+            name=flow.name,
+            published_ns=state.published_ns[i, samples],
+            received_ns=state.received_ns[i, samples],
+            value=state.value[i, samples],
+            fate=fate,
+            dropped=state.dropped[i, samples],
+            deadline_ns=flow.qos.deadline_ns,
+        )
+    return Outcome(flows=results, counts={c.name.lower(): int(state.counts[c]) for c in Count})
+
+
+def run(scenario: Scenario, *, seed: int) -> Outcome:
+    """Simulate a scenario.
+
+    Args:
+        scenario: What.
+        seed: Of losses and values; the same seed gives the same outcome to the bit.
+    """
+    from sfglab.rtps.engine import advance
+    from sfglab.rtps.world import World
+
+    params, state = compile_scenario(scenario, samples=most_samples(scenario), seed=seed)
+    advance(World(params, state), int(params.timing[[TimingColumn.DURATION_NS, TimingColumn.DRAIN_NS]].sum()))
+    return _outcome_of(scenario.flows, params, state)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +218,7 @@ class Session:
 
     def outcome(self) -> Outcome:
         """Return what has become of every sample so far."""
-        return outcome_of(self._scenario.flows, self._params, self._state)
+        return _outcome_of(self._scenario.flows, self._params, self._state)
 
     def _number(self, flow: str) -> int:
         if flow not in self._numbers:

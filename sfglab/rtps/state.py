@@ -11,8 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sfglab.rtps.heap import new_heap, push
-
 
 class Event(IntEnum):
     """Kinds of events; the argument is a flow, a transmitter or a server."""
@@ -225,6 +223,8 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
         sizes: How much room is needed.
         seed: Of everything that is drawn.
     """
+    from sfglab.rtps.world import new_heap, push  # Numba takes its time to import
+
     flows = len(params.flows)
     transmitters = 1 if params.timing[TimingColumn.SHARED] else sizes.hosts
     heap, heap_sizes = new_heap(

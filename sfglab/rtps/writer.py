@@ -1,6 +1,7 @@
 """What a writer does, compiled: what it publishes, its heartbeats, and its repairs (RTPS 2.5, clause 8.4.9).
 
-Knows the state of one flow's writer, and readers by their requests. Refuses to know what a reader has.
+Knows the state of one flow's writer, and readers by their requests. Refuses to know what a reader has. In all
+functions `world` is the run, `now` is nanoseconds, and `flow` is whose writer it is.
 """
 
 from __future__ import annotations
@@ -8,9 +9,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from sfglab.rtps.answers import repair_in_bursts
-from sfglab.rtps.heap import push
-from sfglab.rtps.medium import claim, send_next, uniform
+import numpy as np
+
+from sfglab.rtps.medium import burst_most, enqueue, uniform
+from sfglab.rtps.model import BURST_ROOM
 from sfglab.rtps.state import (
     SET,
     W_ACKED,
@@ -30,12 +32,18 @@ from sfglab.rtps.state import (
     Frame,
     TimingColumn,
 )
-from sfglab.rtps.world import compiled
+from sfglab.rtps.world import compiled, push
 
 # Compiled code takes plain integers.
 _HEARTBEAT, _REPAIR = int(Event.HEARTBEAT), int(Event.REPAIR)
-_DATA, _HB, _GAP = int(Frame.DATA), int(Frame.HEARTBEAT), int(Frame.GAP)
-_C_REPEATED, _C_HELD, _C_THROTTLED = int(Count.REPEATED), int(Count.HELD), int(Count.THROTTLED)
+_DATA, _HB, _GAP, _BURST = int(Frame.DATA), int(Frame.HEARTBEAT), int(Frame.GAP), int(Frame.BURST)
+_C_DATA, _C_REPEATED, _C_HELD, _C_THROTTLED, _C_GAP = (
+    int(Count.DATA),
+    int(Count.REPEATED),
+    int(Count.HELD),
+    int(Count.THROTTLED),
+    int(Count.GAP),
+)
 _DEPTH, _RELIABLE, _CHANGE, _CACHED, _SILENCE, _KEEPS_ACKED = (
     int(FlowColumn.DEPTH),
     int(FlowColumn.RELIABLE),
@@ -44,7 +52,7 @@ _DEPTH, _RELIABLE, _CHANGE, _CACHED, _SILENCE, _KEEPS_ACKED = (
     int(FlowColumn.SILENCE_NS),
     int(FlowColumn.KEEPS_ACKED),
 )
-_SOURCE, _SHARED = int(FlowColumn.SOURCE), int(TimingColumn.SHARED)
+_SOURCE, _SIZE = int(FlowColumn.SOURCE), int(FlowColumn.SIZE_BYTES)
 _T_HB, _T_HB_MAX, _T_FULL, _T_RESPONSE, _T_PROMPT, _T_FINAL = (
     int(TimingColumn.HEARTBEAT_NS),
     int(TimingColumn.HEARTBEAT_MAX_NS),
@@ -60,16 +68,11 @@ _T_BURST, _T_UNACKED = int(TimingColumn.BURST_BYTES), int(TimingColumn.UNACKED_M
 def _send(world: Any, now: int, what: Any, arguments: Any, kept: Any) -> None:
     kind, flow = what
     world.counts[kind] += 1
-    host = world.flows[flow, _SOURCE]
-    place = claim(world, host, kind, flow, arguments[0])
-    if place < 0:
-        return
-    queue = world.queue
-    queue[host, place, 0] = kind
-    queue[host, place, 1] = flow
-    queue[host, place, 2], queue[host, place, 3] = arguments
-    queue[host, place, 4], queue[host, place, 5] = kept
-    send_next(world, now, 0 if world.timing[_SHARED] else host)
+    frame = world.scratch[1]
+    frame[0], frame[1] = kind, flow
+    frame[2], frame[3] = arguments
+    frame[4], frame[5] = kept
+    enqueue(world, now, world.flows[flow, _SOURCE], frame)
 
 
 @compiled
@@ -133,13 +136,7 @@ def _send_data(world: Any, now: int, flow: int, sample: int) -> None:
 
 @compiled
 def write(world: Any, now: int, flow: int) -> None:
-    """Publish what the sensor has now, unless the local cache or a full history of KEEP_ALL holds it back.
-
-    Args:
-        world: The run.
-        now: Nanoseconds.
-        flow: Whose writer.
-    """
+    """Publish what the sensor has now, unless the local cache or a full history of KEEP_ALL holds it back."""
     writer = world.writer
     value = _sample_value(world, now, flow)
     if _held_back(world, now, flow, value):
@@ -165,13 +162,7 @@ def write(world: Any, now: int, flow: int) -> None:
 
 @compiled
 def heartbeat(world: Any, now: int, flow: int) -> None:
-    """Say what there is while anything is unacknowledged, and again after the interval.
-
-    Args:
-        world: The run.
-        now: Nanoseconds.
-        flow: Whose writer.
-    """
+    """Say what there is while anything is unacknowledged, and again after the interval."""
     writer = world.writer
     writer[flow, W_ARMED] = 0
     if writer[flow, W_ACKED] >= writer[flow, W_LAST]:
@@ -194,13 +185,7 @@ def heartbeat(world: Any, now: int, flow: int) -> None:
 
 @compiled
 def hear_acknack(world: Any, now: int, frame: Any) -> None:
-    """Take a reader's acknowledgement; what it asks for is repaired after the vendor's delay.
-
-    Args:
-        world: The run.
-        now: Nanoseconds.
-        frame: The ACKNACK.
-    """
+    """Take a reader's acknowledgement; what it asks for is repaired after the vendor's delay."""
     flow, base = frame[1], frame[2]
     writer, repair = world.writer, world.repair
     writer[flow, W_ACKED] = max(writer[flow, W_ACKED], base - 1)
@@ -217,18 +202,12 @@ def hear_acknack(world: Any, now: int, frame: Any) -> None:
 
 @compiled
 def repair(world: Any, now: int, flow: int) -> None:
-    """Send again what the last request asked for, and declare what is gone.
-
-    Args:
-        world: The run.
-        now: Nanoseconds.
-        flow: Whose writer.
-    """
+    """Send again what the last request asked for, and declare what is gone."""
     base = world.repair[flow, 0]
     world.repair[flow, 0] = 0
     kept = _first_kept(world, flow)
     if world.timing[_T_BURST]:
-        repair_in_bursts(world, now, flow, base, kept)
+        _repair_in_bursts(world, now, flow, base, kept)
         return
     if base < kept:
         _send(world, now, (_GAP, flow), (base, kept), (0, 0))
@@ -242,3 +221,39 @@ def repair(world: Any, now: int, flow: int) -> None:
                 if kept <= sample <= world.writer[flow, W_LAST]:
                     world.counts[_C_REPEATED] += 1
                     _send_data(world, now, flow, sample)
+
+
+@compiled
+def _repair_in_bursts(world: Any, now: int, flow: int, base: int, kept: int) -> None:
+    """Send what was asked for, many samples a frame, and a heartbeat with the last one."""
+    last, most = world.writer[flow, W_LAST], burst_most(world.flows[flow, _SIZE], world.timing[_T_BURST])
+    left = 0
+    for i in range(256):
+        left += _asked(world, flow, i) and kept <= base + i <= last
+    frame = world.scratch[1]
+    frame[:] = 0
+    if base < kept:
+        frame[0], frame[1], frame[2], frame[3] = _GAP, flow, base, kept
+        frame[4], frame[5] = kept, last if left == 0 else 0
+        world.counts[_C_GAP] += 1
+        enqueue(world, now, world.flows[flow, _SOURCE], frame)
+    inside = 0
+    for i in range(256):
+        if not (_asked(world, flow, i) and kept <= base + i <= last):
+            continue
+        if inside == 0:
+            frame[:] = 0
+            frame[0], frame[1], frame[2] = _BURST, flow, base
+        frame[4 + i // 64] |= np.int64(1) << (i % 64)
+        inside, left = inside + 1, left - 1
+        if inside == most or left == 0:
+            frame[3] = inside + (BURST_ROOM * last if left == 0 else 0)
+            world.counts[_C_DATA] += 1
+            world.counts[_C_REPEATED] += inside
+            enqueue(world, now, world.flows[flow, _SOURCE], frame)
+            inside = 0
+
+
+@compiled
+def _asked(world: Any, flow: int, place: int) -> bool:
+    return bool((world.repair[flow, 1 + place // 64] >> (place % 64)) & 1)

@@ -25,10 +25,6 @@ from sfglab.arp.plan import depths_for, rounds_needed
 from sfglab.arp.programme import ProgrammeError, build_programme, plan
 from sfglab.qos import Durability, Reliability, incompatibilities
 from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Fate, Flow, Medium, Scenario, run
-from sfglab.rtps.medium import _ACKNACK, _size_bytes
-from sfglab.rtps.model import compile_scenario
-from sfglab.rtps.sizes import ACKNACK_BYTES, data_bytes
-from sfglab.rtps.state import Frame
 
 PAPER_B = load_topics(Path(__file__).parents[2] / "data" / "qos" / "paper_b.yaml")
 VENDORS = pytest.mark.parametrize("vendor", [FAST_DDS, CYCLONE_DDS], ids=lambda v: v.name)
@@ -220,16 +216,6 @@ def test_meaningless_limits_are_refused(values):
 
 
 # --- The arithmetic and the simulation ----------------------------------------------------------------------
-
-
-@given(size_bytes=st.integers(0, 60_000), with_heartbeat=st.booleans())
-@settings(max_examples=30, deadline=None)
-def test_frames_have_the_sizes_of_the_compiled_medium(size_bytes, with_heartbeat):
-    flow = Flow(name="a", source="r", target="s", size_bytes=size_bytes, rate_hz=1)
-    params, *_ = compile_scenario(Scenario(flows=(flow,)), samples=1, seed=1)
-    there = _size_bytes.py_func(params, int(Frame.DATA), 0, int(with_heartbeat))
-    assert data_bytes(size_bytes, with_heartbeat=with_heartbeat) == there
-    assert ACKNACK_BYTES == _ACKNACK
 
 
 def test_repairs_cost_the_same_in_numbers_and_in_the_programme():

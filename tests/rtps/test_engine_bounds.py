@@ -19,17 +19,15 @@ from sfglab.rtps import (
     Flow,
     Medium,
     Scenario,
-    answers,
     engine,
-    heap,
     medium,
     reader,
     run,
-    state,
+    world,
     writer,
 )
 
-MODULES = (answers, heap, medium, reader, state, writer, engine)
+MODULES = (engine, medium, reader, world, writer)
 
 
 class Checked(np.ndarray):
@@ -57,7 +55,7 @@ def interpreted():
             for name, value in list(vars(module).items()):
                 if isinstance(value, CPUDispatcher):
                     patch.setattr(module, name, value.py_func)
-        patch.setattr(engine, "World", checked_world)
+        patch.setattr(world, "World", checked_world)
         yield
 
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfglab.rtps.heap import new_heap, pop, push
 from sfglab.rtps.state import Event
+from sfglab.rtps.world import new_heap, pop, push
 
 events = st.lists(
     st.tuples(

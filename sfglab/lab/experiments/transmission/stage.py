@@ -39,7 +39,7 @@ from sfglab.lab.workers.robotparts import PartsConfig
 from sfglab.processes import Member, ProcessGroup
 from sfglab.qos import History, QoSProfile, Reliability
 from sfglab.rtps import CYCLONE_DDS, Fate, Flow, FlowOutcome, Medium, Outcome, run
-from sfglab.rtps.sizes import data_bytes
+from sfglab.rtps.model import data_bytes
 from sfglab.units import BITS_PER_BYTE, NS_PER_S
 
 if TYPE_CHECKING:
