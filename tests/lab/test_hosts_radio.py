@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.lab.hosts import HostsError, Network
-from sfglab.lab.hosts.air import Air, AirTerms
+from sfglab.lab.hosts.air import Air
 from sfglab.lab.hosts.radio import RadioCounters
 from sfglab.qos import QoSProfile, Reliability
 from sfglab.rtps import Flow, Medium, Scenario, run
@@ -87,10 +86,6 @@ def quiet(network):
     network.end_radio()
 
 
-def terms(**values) -> AirTerms:
-    return AirTerms.of(asdict(Medium(**values)))
-
-
 def arrivals_of(air: Air, offers) -> list[tuple[int, int]]:
     """Return when the frames arrive that are offered as (time, host, frame number, size)."""
     arrived = []
@@ -131,30 +126,30 @@ def test_the_radio_delivers_each_frame_when_the_model_does(shared, rates, latenc
             offers.append((int(t_ns), hosts[f"h{i}"], (i, k), MODEL_BYTES + flow.size_bytes))
             if fate.delivered[k]:
                 expected[i, k] = int(fate.received_ns[k])
-    air: Air = Air(len(hosts), AirTerms.of(asdict(medium)))
+    air: Air = Air(len(hosts), medium)
     assert dict(arrivals_of(air, offers)) == expected
     assert sum(use.airtime_ns for use in air.use) == outcome.counts["airtime_ns"]
     assert sum(use.queue_full for use in air.use) == outcome.counts["queue_full"]
 
 
 def test_a_late_look_lowers_no_rate():
-    air: Air = Air(1, terms(rate_bps=8e6, overhead_s=0.0, contention=0.0))
+    air: Air = Air(1, Medium(rate_bps=8e6, overhead_s=0.0, contention=0.0))
     for k in range(10):
         air.offer(0, k, size_bytes=1000, now_ns=0)
     assert [sent.due_ns for sent in air.advance(10_000_000)] == [1_000_000 * (k + 1) for k in range(10)]
 
 
 def test_a_full_queue_drops_what_comes_last():
-    air: Air = Air(1, terms(queue_frames=2))
+    air: Air = Air(1, Medium(queue_frames=2))
     assert [air.offer(0, k, size_bytes=100, now_ns=0) for k in range(4)] == [True, True, True, False]
     assert air.use[0].queue_full == 1
 
 
 def test_a_change_of_the_medium_keeps_the_frames():
-    air: Air = Air(2, terms(queue_frames=5))
+    air: Air = Air(2, Medium(queue_frames=5))
     for k in range(3):
         air.offer(0, k, size_bytes=100, now_ns=0)
-    air.change(terms(shared=False, overhead_s=0.0))
+    air.change(Medium(shared=False, overhead_s=0.0))
     assert [frame for frame, _ in arrivals_of(air, [])] == [0, 1, 2]
 
 

@@ -1,49 +1,25 @@
 """The medium of a radio as a pure machine: frames at times in, frames at later times out.
 
-The rules are those of `sfglab.rtps.Medium`, frame for frame: queues with drop-tail at the hosts, one frame on
-air at a time, turns among hosts that have something to send, airtime stretched by contention, then latency. All
-times are nanoseconds of one clock that the caller reads. A frame's end follows from the end of the one before,
-not from when somebody looked, so a late look delays a frame and lowers no rate. Refuses to know sockets and
-losses.
+The rules are those of the model of RTPS, frame for frame, and airtime and turns its very functions: queues with
+drop-tail at the hosts, one frame on air at a time, turns among hosts that have something to send, airtime
+stretched by contention, then latency. All times are nanoseconds of one clock that the caller reads. A frame's
+end follows from the end of the one before, not from when somebody looked, so a late look delays a frame and
+lowers no rate. Refuses to know sockets and losses.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
+
+from sfglab.rtps.model import next_sender
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from sfglab.rtps import Medium
 
 
 F = TypeVar("F")
-_S = 1_000_000_000
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AirTerms:
-    """What a `sfglab.rtps.Medium` says, in the machine's units."""
-
-    rate_bps: float  #: Bits a second.
-    loss: float  #: Share of frames that a receiver does not get.
-    shared: bool  #: One half-duplex medium for all hosts; else each host sends independently.
-    overhead_ns: int  #: Airtime of a frame beside its bits.
-    contention: float  #: By which share each further host that wants to send stretches a frame.
-    latency_ns: int  #: From the end of sending to arrival.
-    queue_frames: int  #: Frames that a host's queue holds.
-
-    @classmethod
-    def of(cls, medium: Mapping[str, Any]) -> AirTerms:
-        """Return the terms of a medium, given as its fields; the medium's own module compiles for seconds."""
-        values = dict(medium)
-        overhead_ns, latency_ns = (round(values.pop(name) * _S) for name in ("overhead_s", "latency_s"))
-        return cls(overhead_ns=overhead_ns, latency_ns=latency_ns, **values)
-
-    def airtime_ns(self, size_bytes: int, contenders: int) -> int:
-        """Return how long a frame is on air while so many hosts want to send."""
-        stretch = 1.0 + self.contention * (contenders - 1)
-        return int((self.overhead_ns + size_bytes * 8e9 / self.rate_bps) * stretch)
 
 
 class Sent(NamedTuple, Generic[F]):
@@ -98,26 +74,26 @@ class Air(Generic[F]):
 
     Args:
         hosts: How many there are.
-        terms: What it is like.
+        medium: What it is like.
 
     Attributes:
         use: What each host has done with it.
     """
 
-    def __init__(self, hosts: int, terms: AirTerms) -> None:
+    def __init__(self, hosts: int, medium: Medium) -> None:
         self.use = [HostUse() for _ in range(hosts)]
         self._state: _State[F] = _State([deque() for _ in range(hosts)])
-        self.change(terms)
+        self.change(medium)
 
-    def change(self, terms: AirTerms) -> None:
-        """Go on with other terms and new counters; what is on air keeps its time, what waits, waits on."""
+    def change(self, medium: Medium) -> None:
+        """Go on with another medium and new counters; what is on air keeps its time, what waits, waits on."""
         state = self._state
         state.flight.extend(t.on_air for t in state.transmitters if t.on_air is not None)
         free_ns = max((t.free_ns for t in state.transmitters), default=0)
         everybody = tuple(range(len(self.use)))
-        groups = [everybody] if terms.shared else [(host,) for host in everybody]
+        groups = [everybody] if medium.shared else [(host,) for host in everybody]
         state.transmitters = [_Transmitter(group, free_ns=free_ns) for group in groups]
-        self._terms = terms
+        self._medium = medium
         self.use = [HostUse() for _ in everybody]
         for transmitter in state.transmitters:
             self._start(transmitter)
@@ -132,7 +108,7 @@ class Air(Generic[F]):
             now_ns: When it came.
         """
         queue = self._state.queues[host]
-        if len(queue) >= self._terms.queue_frames:
+        if len(queue) >= self._medium.queue_frames:
             self.use[host].queue_full += 1
             return False
         queue.append(_Waiting(now_ns, size_bytes, frame))
@@ -144,7 +120,7 @@ class Air(Generic[F]):
 
     def advance(self, until_ns: int) -> list[Sent[F]]:
         """Return the frames that have arrived until a time, this time included, in order."""
-        state, terms = self._state, self._terms
+        state = self._state
         for transmitter in state.transmitters:
             while transmitter.on_air is not None and transmitter.free_ns <= until_ns:
                 state.flight.append(transmitter.on_air)
@@ -153,7 +129,7 @@ class Air(Generic[F]):
         arrived = [sent for sent in state.flight if sent.due_ns <= until_ns]
         if arrived:
             state.flight = deque(sent for sent in state.flight if sent.due_ns > until_ns)
-        return arrived if terms.shared else sorted(arrived, key=lambda sent: sent.due_ns)
+        return arrived if self._medium.shared else sorted(arrived, key=lambda sent: sent.due_ns)
 
     def next_ns(self) -> int | None:
         """Return when something happens next; None: not before a frame is offered."""
@@ -168,14 +144,13 @@ class Air(Generic[F]):
         if not waiting:
             return
         start_ns = max(transmitter.free_ns, min(queues[host][0].since_ns for host in waiting))
-        ready = [host for host in waiting if queues[host][0].since_ns <= start_ns]
-        count = len(self.use)
-        host = min(ready, key=lambda h: (h - transmitter.next_) % count)
+        ready = {host for host in waiting if queues[host][0].since_ns <= start_ns}
+        host, contenders = next_sender([host in ready for host in range(len(queues))], transmitter.next_)
         entry = queues[host].popleft()
-        airtime_ns = self._terms.airtime_ns(entry.size_bytes, len(ready))
-        transmitter.next_ = (host + 1) % count
+        airtime_ns = self._medium.airtime_ns(entry.size_bytes, contenders)
+        transmitter.next_ = host + 1
         transmitter.free_ns = start_ns + airtime_ns
-        transmitter.on_air = Sent(transmitter.free_ns + self._terms.latency_ns, host, entry.frame)
+        transmitter.on_air = Sent(transmitter.free_ns + self._medium.latency_ns, host, entry.frame)
         use = self.use[host]
         use.frames += 1
         use.bytes_ += entry.size_bytes

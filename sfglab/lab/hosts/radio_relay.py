@@ -20,7 +20,8 @@ import time
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from sfglab.lab.hosts.air import Air, AirTerms, Sent
+from sfglab.lab.hosts.air import Air, Sent
+from sfglab.rtps import Medium
 
 # linux/if_ether.h, linux/if_packet.h, asm-generic/socket.h, linux/prctl.h
 _ETH_P_ALL = 0x0003
@@ -108,17 +109,17 @@ class _Relay:
         self._host_of = {bytes.fromhex(mac.replace(":", "")): i for i, (_, _, mac) in enumerate(ports)}
         self._others = [tuple(j for j in range(len(ports)) if j != i) for i in range(len(ports))]
         self._air: Air[bytes] | None = None
-        self._terms: AirTerms
+        self._medium: Medium
         self._random = random.Random()
         self._lost = [0] * len(ports)
         self._kept = _Kept(time.time_ns())
 
     def set(self, *, medium: dict[str, Any], seed: int) -> dict[str, Any]:
-        self._terms = AirTerms.of(medium)
+        self._medium = Medium(**medium)
         if self._air is None:
-            self._air = Air(len(self._names), self._terms)
+            self._air = Air(len(self._names), self._medium)
         else:
-            self._air.change(self._terms)
+            self._air.change(self._medium)
         self._random.seed(seed)
         self._lost = [0] * len(self._names)
         self._overrun()  # forgets, as reading resets it
@@ -172,7 +173,7 @@ class _Relay:
     def _deliver(self, sent: list[Sent[bytes]]) -> None:
         for due_ns, host, frame in sent:
             for receiver in self._receivers(host, frame):
-                if self._random.random() < self._terms.loss:
+                if self._random.random() < self._medium.loss:
                     self._lost[host] += 1
                     continue
                 try:
