@@ -20,10 +20,13 @@ from sfglab.codecs import (
     H264Decoder,
     H264Encoder,
     H264Settings,
+    available_decoders,
+    available_encoders,
     h264,
     libav,
+    probe,
 )
-from sfglab.codecs.libav import nal_unit_types
+from sfglab.codecs.libav import EncodedFrame, EncoderSession, has_start_code, is_entry_point, nal_unit_types
 
 SMALL = H264Settings(width=320, height=192, fps=30, bitrate_bps=2_000_000, gop=10)
 
@@ -296,3 +299,138 @@ def test_importing_the_codecs_loads_neither_numba_nor_opencv():
     code = "import sys, sfglab.codecs; print({'numba', 'cv2', 'cyclonedds'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.strip() == "set()"
+
+
+SPS, PPS, SEI, IDR, P = b"\x67abc", b"\x68abc", b"\x06abc", b"\x65abc", b"\x41abc"
+
+
+def annexb(*units: bytes, code: bytes = b"\0\0\0\1") -> bytes:
+    return b"".join(code + unit for unit in units)
+
+
+@pytest.mark.parametrize("code", [b"\0\0\1", b"\0\0\0\1"])
+def test_units_are_found_behind_either_start_code(code):
+    data = annexb(SPS, PPS, SEI, IDR, code=code)
+    assert has_start_code(data)
+    assert list(nal_unit_types(data, codec="h264")) == [7, 8, 6, 5]
+
+
+@pytest.mark.parametrize("data", [b"", b"\0", b"\0\0\1", b"\0\0\0\1", b"\0\0\1" * 3 + b"\0\0"])
+def test_a_start_code_without_a_unit_yields_nothing_false(data):
+    assert not is_entry_point(data, codec="h264")
+
+
+def test_length_prefixed_units_are_not_annex_b():
+    assert not has_start_code(b"\0\0\0\4" + IDR)
+
+
+@pytest.mark.parametrize(
+    ("units", "entry"),
+    [((IDR,), True), ((SPS, PPS), True), ((P,), False), ((SEI, P), False), ((PPS, P), False), ((P, IDR), True)],
+)
+def test_h264_starts_at_an_idr_slice_or_parameter_sets(units, entry):
+    assert is_entry_point(annexb(*units), codec="h264") is entry
+
+
+@pytest.mark.parametrize(
+    ("kind", "entry"), [(0, False), (1, False), (16, True), (19, True), (21, True), (32, True)]
+)
+def test_h265_starts_at_an_irap_slice_or_parameter_sets(kind, entry):
+    assert is_entry_point(annexb(bytes([kind << 1, 1]) + b"abc"), codec="hevc") is entry
+
+
+def test_every_candidate_gets_a_verdict_with_a_reason():
+    for probes, names in ((available_encoders(), probe.ENCODERS), (available_decoders(), probe.DECODERS)):
+        assert tuple(verdict.name for verdict in probes) == names
+        assert all(verdict.reason for verdict in probes)
+        assert all(verdict.hardware is (verdict.name not in probe.SOFTWARE) for verdict in probes)
+
+
+def test_the_software_decoder_works_wherever_a_software_encoder_does():
+    assert probe.probe_encoder("libx264").works
+    assert probe.probe_decoder("h264").works
+
+
+def test_a_verdict_is_reached_once():
+    assert probe.probe_encoder("libx264") is probe.probe_encoder("libx264")
+
+
+def test_a_codec_that_was_compiled_in_is_not_thereby_there():
+    import av
+
+    compiled = [name for name in probe.ENCODERS if name in av.codecs_available]
+    assert set(compiled) >= {verdict.name for verdict in available_encoders() if verdict.works}
+
+
+def broken(change):
+    """Return an encoder session whose frames are changed on the way out."""
+
+    class Broken(EncoderSession):
+        def encode(self, image_bgr, *, force_key=False):
+            return change(super().encode(image_bgr, force_key=force_key))
+
+    return Broken
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda frames: frames[1:], "wanted 1 at once"),
+        (lambda frames: frames * 2, "wanted 1 at once"),
+        (lambda frames: tuple(EncodedFrame(data=f.data, pts=f.pts, is_key=True) for f in frames), "forced key"),
+        (
+            lambda frames: tuple(EncodedFrame(data=f.data[4:], pts=f.pts, is_key=f.is_key) for f in frames),
+            "Annex B",
+        ),
+        (lambda frames: tuple(EncodedFrame(data=f.data[:40], pts=f.pts, is_key=f.is_key) for f in frames), ""),
+    ],
+    ids=["none", "two", "all key", "no start code", "cut"],
+)
+def test_an_encoder_that_opens_but_misbehaves_is_found_out(monkeypatch, change, reason):
+    monkeypatch.setattr(probe, "EncoderSession", broken(change))
+    verdict = probe.probe_encoder.__wrapped__("libx264")
+    assert not verdict.works
+    assert reason in verdict.reason
+
+
+def test_wrong_pictures_are_found_out(monkeypatch):
+    monkeypatch.setattr(probe.DecoderSession, "bgr", lambda *_: probe._trial_images()[0] * 0)
+    verdict = probe.probe_encoder.__wrapped__("libx264")
+    assert "dB" in verdict.reason
+    assert not verdict.works
+
+
+def fake(working: set[str]):
+    def verdict(name: str) -> probe.CodecProbe:
+        return probe.CodecProbe(name=name, works=name in working, reason="no device", hardware=True)
+
+    return verdict
+
+
+def test_auto_takes_the_first_that_works_and_says_what_it_passed_over(monkeypatch):
+    monkeypatch.setattr(probe, "probe_encoder", fake({"h264_qsv", "libx264"}))
+    choice = probe.choose_encoder("auto", fallback=False)
+    assert choice.name == "h264_qsv"
+    assert choice.fallback_reason == "h264_nvmpi: no device; h264_nvenc: no device"
+
+
+def test_the_most_preferred_is_no_fallback(monkeypatch):
+    monkeypatch.setattr(probe, "probe_encoder", fake({"h264_nvmpi", "libx264"}))
+    assert probe.choose_encoder("auto", fallback=False).fallback_reason is None
+
+
+def test_no_encoder_at_all_names_every_reason(monkeypatch):
+    monkeypatch.setattr(probe, "probe_encoder", fake(set()))
+    with pytest.raises(CodecUnavailableError, match=r"h264_nvmpi: no device.*libopenh264: no device"):
+        probe.choose_encoder("auto", fallback=True)
+    assert issubclass(CodecUnavailableError, CodecError)
+
+
+def test_without_an_encoder_the_software_decoder_is_taken_untried(monkeypatch):
+    monkeypatch.setattr(probe, "probe_encoder", fake(set()))
+    probe.probe_decoder.cache_clear()
+    try:
+        assert probe.choose_decoder("auto").name == "h264"
+        assert "no software encoder" in probe.probe_decoder("h264_cuvid").reason
+    finally:
+        probe.probe_decoder.cache_clear()

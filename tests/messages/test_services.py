@@ -2,18 +2,29 @@ from __future__ import annotations
 
 import struct
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rosbags.typesys import get_types_from_msg
 
 from sfglab.messages import (
     MessageError,
     ServiceFrame,
+    UnknownTypeError,
+    action_type,
     default_message,
+    definition,
+    deserialize,
     frame_service,
+    message_type,
+    register_action,
     serialize,
+    service_type,
+    type_name,
     unframe_service,
 )
+from sfglab.messages.store import parse_definition
 
 
 def test_the_header_stands_between_encapsulation_and_fields():
@@ -36,3 +47,105 @@ def test_a_big_endian_frame_is_read():
 def test_what_has_no_header_is_refused(data):
     with pytest.raises(MessageError, match="rmw_cyclonedds"):
         unframe_service(data)
+
+
+FOLLOW = "sfglab_interfaces/action/FollowTrajectory"
+COUNT = "sfglab_test_interfaces/action/Count"
+TEXT = "int32 until\nint32 LIMIT=9\n---\nint32 reached\n---\nint32 now\n"
+
+
+def fields(type_):
+    return {name for name in type_.__dataclass_fields__ if name != "__msgtype__" and not name.isupper()}
+
+
+def test_an_action_is_three_parts_and_the_wrappers_of_the_ros_2_design():
+    action = action_type(FOLLOW)
+    assert fields(action.goal) == {"agent", "trajectory"}
+    assert fields(action.result) == {"error_code", "text", "final_pose"}
+    assert fields(action.feedback) == {"progress", "time_from_start", "pose", "distance_error"}
+    assert fields(action.send_goal.request) == {"goal_id", "goal"}
+    assert fields(action.send_goal.response) == {"accepted", "stamp"}
+    assert fields(action.get_result.request) == {"goal_id"}
+    assert fields(action.get_result.response) == {"status", "result"}
+    assert fields(action.feedback_message) == {"goal_id", "feedback"}
+
+
+def test_dds_knows_the_wrappers_by_the_names_of_rosidl():
+    from sfglab.messages.dds import idl_struct, service_idl_struct
+
+    action = action_type(FOLLOW)
+    stem = "sfglab_interfaces::action::dds_::FollowTrajectory"
+    assert [s.__idl_typename__ for s in service_idl_struct(action.send_goal.name)] == [
+        f"{stem}_SendGoal_Request_",
+        f"{stem}_SendGoal_Response_",
+    ]
+    assert [s.__idl_typename__ for s in service_idl_struct(action.get_result.name)] == [
+        f"{stem}_GetResult_Request_",
+        f"{stem}_GetResult_Response_",
+    ]
+    assert idl_struct(action.feedback_message).__idl_typename__ == f"{stem}_FeedbackMessage_"
+    assert idl_struct(action.goal).__idl_typename__ == f"{stem}_Goal_"
+    assert [s.__idl_typename__ for s in service_idl_struct("action_msgs/srv/CancelGoal")] == [
+        "action_msgs::srv::dds_::CancelGoal_Request_",
+        "action_msgs::srv::dds_::CancelGoal_Response_",
+    ]
+
+
+def test_a_request_for_a_goal_is_the_id_and_then_the_goal():
+    action = register_action(COUNT, TEXT)
+    uuid = message_type("unique_identifier_msgs/msg/UUID")(uuid=np.arange(16, dtype=np.uint8))
+    cdr = serialize(action.send_goal.request(goal_id=uuid, goal=action.goal(until=7)))
+    assert cdr == b"\0\1\0\0" + bytes(range(16)) + b"\7\0\0\0"
+    assert deserialize(cdr, action.send_goal.request).goal.until == 7
+    assert action.goal.LIMIT == 9
+
+
+def test_an_action_without_any_field_has_one_octet_per_part():
+    action = register_action("sfglab_test_interfaces/action/Nothing", "---\n---\n")
+    for type_ in (action.goal, action.result, action.feedback):
+        assert len(serialize(default_message(type_))) == len(b"\0\1\0\0") + len(b"\0" + b"\0\0\0")
+
+
+def test_a_definition_holds_the_part_that_is_wrapped():
+    action = action_type(FOLLOW)
+    for type_ in (action.send_goal.request, action.get_result.response, action.feedback_message):
+        text = definition(type_)
+        read = get_types_from_msg(text, type_name(type_))
+        assert f"MSG: {FOLLOW}_" in text
+        assert len(read) == text.count("MSG: ") + 1
+        assert any(name.endswith("unique_identifier_msgs/msg/UUID") for name in read) == ("goal_id" in text)
+
+
+def test_registering_again_is_harmless_and_another_text_a_conflict():
+    assert register_action(COUNT, TEXT) == register_action(COUNT, TEXT)
+    with pytest.raises(MessageError, match="Count_Goal"):
+        register_action(COUNT, TEXT.replace("until", "to"))
+
+
+@pytest.mark.parametrize("text", ["", "int32 a\n---\nint32 b\n", "---\n---\n---\n"])
+def test_a_text_without_three_parts_is_refused_with_their_number(text):
+    with pytest.raises(MessageError, match=rf"'a/action/B'.*given {text.count('---') + 1} part"):
+        register_action("a/action/B", text)
+
+
+def test_a_short_name_is_looked_for_in_the_package_of_the_action():
+    name = "sfglab_interfaces/action/Watch_Goal"
+    (_, fields_of_goal), *_ = parse_definition(name, "StreamInfo stream").values()
+    assert [desc[1] for _, desc in fields_of_goal] == ["sfglab_interfaces/msg/StreamInfo"]
+
+
+def test_an_unknown_action_is_told_its_neighbours():
+    with pytest.raises(UnknownTypeError, match=f"did you mean {FOLLOW}"):
+        action_type("sfglab_interfaces/action/FollowTrajektory")
+
+
+def test_the_codes_of_cancel_goal_are_those_of_action_msgs():
+    response = service_type("action_msgs/srv/CancelGoal").response
+    codes = [
+        response.ERROR_NONE,
+        response.ERROR_REJECTED,
+        response.ERROR_UNKNOWN_GOAL_ID,
+        response.ERROR_GOAL_TERMINATED,
+    ]
+    assert codes == [0, 1, 2, 3]
+    assert serialize(response(return_code=1, goals_canceling=[])) == b"\0\1\0\0" + b"\1\0\0\0" + b"\0" * 4

@@ -6,18 +6,25 @@ from importlib import resources
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from rosbags.typesys import get_types_from_msg
 
 from sfglab.messages import (
     MessageError,
+    TypeNameError,
     UnknownTypeError,
+    dds_type_name,
     default_message,
     definition,
     deserialize,
     message_type,
     message_types,
+    ns_from_stamp,
+    ros_type_name,
     serialize,
     service_type,
+    stamp_from_ns,
     type_name,
 )
 from sfglab.messages.store import register, type_store
@@ -130,3 +137,49 @@ def test_importing_messages_loads_neither_dds_nor_the_type_store():
     code = "import sys, sfglab.messages; print({'cyclonedds', 'rosbags.typesys'} & sys.modules.keys())"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout == "set()\n"
+
+
+@pytest.mark.parametrize(
+    ("ros", "dds"),
+    [
+        ("std_msgs/msg/String", "std_msgs::msg::dds_::String_"),
+        ("sensor_msgs/msg/PointCloud2", "sensor_msgs::msg::dds_::PointCloud2_"),
+        ("std_srvs/srv/SetBool_Request", "std_srvs::srv::dds_::SetBool_Request_"),
+        ("nav2_msgs/action/Spin_SendGoal_Response", "nav2_msgs::action::dds_::Spin_SendGoal_Response_"),
+    ],
+)
+def test_names_are_mapped_as_rosidl_does_both_ways(ros, dds):
+    assert dds_type_name(ros) == dds
+    assert ros_type_name(dds) == ros
+
+
+def test_every_type_of_the_store_comes_back_from_its_dds_name():
+    for name in message_types():
+        assert ros_type_name(dds_type_name(name)) == name
+
+
+@pytest.mark.parametrize(
+    "name", ["std_msgs/String", "String", "", "std_msgs/msg/String_", "a/b/msg/C", "9a/msg/B"]
+)
+def test_other_forms_are_no_ros_names(name):
+    with pytest.raises(TypeNameError, match="package/msg/Name"):
+        dds_type_name(name)
+
+
+@pytest.mark.parametrize("name", ["std_msgs::msg::String", "DDS::Time", "std_msgs::msg::dds_::String", "bool"])
+def test_types_of_other_dds_applications_are_no_ros_types(name):
+    with pytest.raises(TypeNameError, match="dds_"):
+        ros_type_name(name)
+
+
+@given(st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1))
+def test_stamps_are_exact_to_the_nanosecond(stamp_ns):
+    stamp = stamp_from_ns(stamp_ns)
+    assert 0 <= stamp.nanosec < 10**9
+    assert ns_from_stamp(stamp) == stamp_ns
+
+
+@pytest.mark.parametrize("stamp_ns", [2**31 * 10**9, -(2**31) * 10**9 - 1])
+def test_a_time_beyond_32_bit_seconds_is_refused(stamp_ns):
+    with pytest.raises(MessageError, match=f"given {stamp_ns} ns.*int32"):
+        stamp_from_ns(stamp_ns)

@@ -8,14 +8,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sfglab.fleet.routing import frames as routing
 from sfglab.names import (
     AGENT_VARIABLE,
+    SHARED_FRAMES,
     FqnError,
     Resource,
     RosFqn,
     Scope,
     default_agent,
+    frame_owner,
     parse,
+    prefixed_frame,
     router_hazards,
     sanitize_agent,
     validate_agent,
@@ -122,3 +126,29 @@ def test_an_agent_that_a_router_breaks_is_refused_in_every_name(agent):
 )
 def test_ordinary_agents_are_allowed(agent):
     assert validate_agent(agent) == agent
+
+
+@pytest.mark.parametrize(
+    ("frame", "agent", "called"),
+    [
+        ("base", "go2", "go2/base"),
+        ("/base", "go2", "go2/base"),
+        ("map", "go2", "map"),
+        ("other/base", "go2", "other/base"),
+        ("base", "", "base"),
+    ],
+)
+def test_a_frame_is_called_by_its_agent_unless_it_is_shared_or_has_a_prefix(frame, agent, called):
+    assert prefixed_frame(frame, agent) == called
+    assert frame_owner(called) == called.rpartition("/")[0]
+
+
+def test_what_is_shared_can_be_chosen():
+    assert prefixed_frame("hall", "go2", shared=frozenset({"hall"})) == "hall"
+    assert prefixed_frame("map", "go2", shared=frozenset()) == "go2/map"
+
+
+def test_routers_follow_the_one_rule():
+    assert routing.Frames(agent="go2").shared == set(SHARED_FRAMES)
+    for frame in ("base", "/odom", "map", "x/base"):
+        assert routing.Frames(agent="go2").outward(frame) == prefixed_frame(frame, "go2")

@@ -21,9 +21,12 @@ from sfglab.names import (
     RosFqnBuilder,
     Scope,
     Stream,
+    all_standard_fqns,
     dds_service,
     max_name_length,
     parse,
+    router_hazards,
+    schema_table,
 )
 
 SEGMENTS = {"name", "scope", "agent", "component", "stream", "resource"}
@@ -97,52 +100,35 @@ NAME_LIKE = st.one_of(
 
 
 @pytest.mark.parametrize(
-    ("builder", "name"),
+    ("scope", "agent", "resource", "name"),
     [
-        (
-            RosFqnBuilder().scope(Scope.GLOBAL).without_agent().resource(Resource.AGENT_HEARTBEAT),
-            "/global/agent_heartbeat",
-        ),
-        (
-            RosFqnBuilder().scope(Scope.GLOBAL).agent("go2").resource(Resource.GET_METADATA),
-            "/global/go2/get_metadata",
-        ),
-        (
-            RosFqnBuilder().scope(Scope.LOCAL).agent("go2").resource(Resource.AGENT_DISCOVERY_EVENT),
-            "/local/go2/agent_discovery_event",
-        ),
+        (Scope.GLOBAL, None, Resource.AGENT_HEARTBEAT, "/global/agent_heartbeat"),
+        (Scope.GLOBAL, "go2", Resource.GET_METADATA, "/global/go2/get_metadata"),
+        (Scope.LOCAL, "go2", Resource.AGENT_DISCOVERY_EVENT, "/local/go2/agent_discovery_event"),
     ],
 )
-def test_the_names_that_the_paper_prints_come_out_exactly(builder, name):
-    assert str(builder.build()) == name
-    assert parse(name) == builder.build()
+def test_the_names_that_the_paper_prints_come_out_exactly(scope, agent, resource, name):
+    builder = RosFqnBuilder().scope(scope).resource(resource)
+    fqn = (builder.agent(agent) if agent else builder.without_agent()).build()
+    assert str(fqn) == name
+    assert parse(name) == fqn
 
 
 @pytest.mark.parametrize(
-    ("scope", "stream", "resource", "name"),
+    ("scope", "stream", "resource"),
     [
-        (Scope.GLOBAL, Stream.COLOR, Resource.FFMPEG, "/global/go2/camera_front/color/ffmpeg"),
-        (Scope.LOCAL, Stream.COLOR, Resource.IMAGE_RAW, "/local/go2/camera_front/color/image_raw"),
-        (
-            Scope.GLOBAL,
-            Stream.DEPTH,
-            Resource.COMPRESSED_DEPTH,
-            "/global/go2/camera_front/depth/compressed_depth",
-        ),
-        (Scope.GLOBAL, Stream.COLOR, Resource.CAMERA_INFO, "/global/go2/camera_front/color/camera_info"),
+        (Scope.GLOBAL, Stream.COLOR, Resource.FFMPEG),
+        (Scope.LOCAL, Stream.COLOR, Resource.IMAGE_RAW),
+        (Scope.GLOBAL, Stream.DEPTH, Resource.COMPRESSED_DEPTH),
+        (Scope.GLOBAL, Stream.COLOR, Resource.CAMERA_INFO),
     ],
 )
-def test_the_streams_of_a_front_camera_are_named(scope, stream, resource, name):
-    fqn = RosFqn(
-        scope=scope,
-        agent="go2",
-        component=Component.CAMERA.suffixed("front"),
-        stream=stream,
-        resource=resource,
-    )
-    assert str(fqn) == name
-    assert parse(name) == fqn
-    assert fqn.is_global == name.startswith("/global/")
+def test_the_streams_of_a_front_camera_are_named(scope, stream, resource):
+    camera = Component.CAMERA.suffixed("front")
+    fqn = RosFqn(scope=scope, agent="go2", component=camera, stream=stream, resource=resource)
+    assert str(fqn) == f"/{scope.value}/go2/camera_front/{stream.value}/{resource.value}"
+    assert parse(str(fqn)) == fqn
+    assert fqn.is_global is (scope is Scope.GLOBAL)
 
 
 @given(buildable())
@@ -218,70 +204,45 @@ def test_the_last_segment_of_a_service_may_end_like_a_prefix():
     assert fqn.dds_names == dds_service("/global/go2/torq")
 
 
-@pytest.mark.parametrize(
-    ("parts", "segment"),
-    [
-        ({"component": Component.LIDAR, "resource": Resource.POINTS}, "agent"),
-        ({"agent": "go2", "stream": Stream.COLOR, "resource": Resource.FFMPEG}, "component"),
-        ({"resource": Resource.GET_METADATA}, "resource"),
-        ({"agent": "go2", "resource": Resource.AGENT_HEARTBEAT}, "resource"),
-        ({"agent": "go2", "resource": Resource.IMAGE_RAW}, "resource"),
-        ({"agent": "go2", "component": Component.LIDAR, "resource": Resource.ROBOT_DESCRIPTION}, "resource"),
-        (
-            {"agent": "go2", "component": Component.CAMERA, "stream": Stream.COLOR, "resource": Resource.PATH},
-            "resource",
-        ),
-        ({"agent": "a b", "resource": Resource.STATUS}, "agent"),
-        ({"agent": "", "resource": Resource.STATUS}, "agent"),
-        ({"agent": "go2", "component": Custom("camera_front"), "resource": Resource.POINTS}, "component"),
-        ({"agent": "go2", "component": Custom("camera_1"), "resource": Resource.POINTS}, "component"),
-        ({"agent": "go2", "component": Custom("lidar"), "resource": Resource.POINTS}, "component"),
-        ({"agent": "go2", "component": Custom("color"), "resource": Resource.IMAGE_RAW}, "component"),
-        ({"agent": "go2", "component": Component.CAMERA, "resource": Custom("color")}, "resource"),
-        ({"agent": "go2", "component": Component.CAMERA, "resource": Custom("image_raw_left")}, "resource"),
-        (
-            {
-                "agent": "go2",
-                "component": Custom("mast", kind=ResourceKind.SERVICE),
-                "resource": Resource.POINTS,
-            },
-            "component",
-        ),
-    ],
-)
-def test_tuples_against_the_schema_are_refused_at_the_segment(parts, segment):
-    with pytest.raises(FqnError) as caught:
-        RosFqn(scope=Scope.LOCAL, **parts)
-    assert caught.value.place == segment
+C, S, R = Component, Stream, Resource
 
 
 @pytest.mark.parametrize(
-    ("parts", "segment"),
+    ("agent", "component", "stream", "resource", "segment"),
     [
-        ({"scope": "global", "resource": Resource.AGENT_HEARTBEAT}, "scope"),
-        ({"scope": Scope.GLOBAL, "resource": "agent_heartbeat"}, "resource"),
-        ({"scope": Scope.GLOBAL, "resource": None}, "resource"),
-        ({"scope": Scope.GLOBAL, "resource": Stream.COLOR}, "resource"),
-        ({"scope": Scope.GLOBAL, "agent": 7, "resource": Resource.STATUS}, "agent"),
-        (
-            {"scope": Scope.GLOBAL, "agent": "go2", "component": Stream.IMU, "resource": Resource.IMU},
-            "component",
-        ),
-        (
-            {
-                "scope": Scope.GLOBAL,
-                "agent": "go2",
-                "component": Stream.IMU.suffixed("1"),
-                "resource": Resource.IMU,
-            },
-            "component",
-        ),
+        (None, C.LIDAR, None, R.POINTS, "agent"),
+        ("go2", None, S.COLOR, R.FFMPEG, "component"),
+        (None, None, None, R.GET_METADATA, "resource"),
+        ("go2", None, None, R.AGENT_HEARTBEAT, "resource"),
+        ("go2", None, None, R.IMAGE_RAW, "resource"),
+        ("go2", C.LIDAR, None, R.ROBOT_DESCRIPTION, "resource"),
+        ("go2", C.CAMERA, S.COLOR, R.PATH, "resource"),
+        ("a b", None, None, R.STATUS, "agent"),
+        ("", None, None, R.STATUS, "agent"),
+        ("go2", Custom("camera_front"), None, R.POINTS, "component"),
+        ("go2", Custom("camera_1"), None, R.POINTS, "component"),
+        ("go2", Custom("lidar"), None, R.POINTS, "component"),
+        ("go2", Custom("color"), None, R.IMAGE_RAW, "component"),
+        ("go2", C.CAMERA, None, Custom("color"), "resource"),
+        ("go2", C.CAMERA, None, Custom("image_raw_left"), "resource"),
+        ("go2", Custom("mast", kind=ResourceKind.SERVICE), None, R.POINTS, "component"),
+        (None, None, None, "agent_heartbeat", "resource"),
+        (None, None, None, None, "resource"),
+        (None, None, None, S.COLOR, "resource"),
+        (7, None, None, R.STATUS, "agent"),
+        ("go2", S.IMU, None, R.IMU, "component"),
+        ("go2", S.IMU.suffixed("1"), None, R.IMU, "component"),
     ],
 )
-def test_values_of_the_wrong_set_are_refused(parts, segment):
+def test_tuples_against_the_schema_are_refused_at_the_segment(agent, component, stream, resource, segment):
     with pytest.raises(FqnError) as caught:
-        RosFqn(**parts)
+        RosFqn(scope=Scope.LOCAL, agent=agent, component=component, stream=stream, resource=resource)
     assert caught.value.place == segment
+
+
+def test_a_scope_is_no_text():
+    with pytest.raises(FqnError, match=r"scope: given 'global', allowed: Scope\.LOCAL or Scope\.GLOBAL"):
+        RosFqn(scope="global", resource=Resource.AGENT_HEARTBEAT)
 
 
 @pytest.mark.parametrize(
@@ -364,3 +325,62 @@ def test_a_builder_names_the_mandatory_segment_that_is_missing():
 def test_a_builder_adds_a_suffix_only_to_a_bare_standard_value(value):
     with pytest.raises(FqnError, match="suffix only on a standard value"):
         RosFqnBuilder().component(value, "left")
+
+
+def test_the_graph_is_a_chain_with_an_exit_into_the_resource_from_every_segment():
+    table = schema_table()
+    assert [node.name for node in table.nodes] == ["scope", "agent", "component", "stream", "resource"]
+    assert [node.name for node in table.nodes if node.mandatory] == ["scope", "resource"]
+    assert [node.name for node in table.nodes if node.extensible] == ["component", "stream", "resource"]
+    assert [(edge.source, edge.target, edge.after) for edge in table.edges] == [
+        ("scope", "agent", None),
+        ("agent", "component", None),
+        ("component", "stream", None),
+        ("scope", "resource", After.SCOPE),
+        ("agent", "resource", After.AGENT),
+        ("component", "resource", After.COMPONENT),
+        ("stream", "resource", After.STREAM),
+    ]
+
+
+def test_the_nodes_list_the_standard_values():
+    values = {node.name: node.values for node in schema_table().nodes}
+    assert values["scope"] == ("local", "global")
+    assert values["agent"] == ()
+    assert "locomotion_controller" in values["component"]
+    assert "lidar" in values["component"]
+    assert len(values["resource"]) == len(Resource)
+
+
+def test_an_edge_permits_exactly_the_resources_that_carry_its_flag():
+    for edge in schema_table().edges:
+        if edge.after is not None:
+            assert set(edge.resources) == {resource for resource in Resource if edge.after & resource.after}
+            assert edge.resources
+
+
+def test_all_standard_names_are_distinct_parse_back_and_survive_a_router():
+    fqns = list(all_standard_fqns("go2"))
+    names = [str(fqn) for fqn in fqns]
+    assert len(set(names)) == len(names)
+    for fqn, name in zip(fqns, names, strict=True):
+        assert parse(name) == fqn
+        assert not router_hazards(name, fqn.kind)
+
+
+def test_all_standard_names_are_as_many_as_the_flags_permit():
+    permitted = {edge.after: len(edge.resources) for edge in schema_table().edges if edge.after}
+    expected = len(Scope) * (
+        permitted[After.SCOPE]
+        + permitted[After.AGENT]
+        + len(Component) * permitted[After.COMPONENT]
+        + len(Component) * len(Stream) * permitted[After.STREAM]
+    )
+    names = {str(fqn) for fqn in all_standard_fqns("go2")}
+    assert len(names) == expected
+    assert {"/global/agent_heartbeat", "/global/go2/get_metadata", "/local/go2/agent_discovery_event"} <= names
+
+
+def test_an_agent_that_is_not_allowed_makes_no_names():
+    with pytest.raises(FqnError):
+        list(all_standard_fqns("lidar"))

@@ -1,22 +1,10 @@
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
+from meter_rows import MeterRow
 
 from sfglab.messages import default_message, stamp_from_ns
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MeterRow:
-    """One reading."""
-
-    agent: str  #: Who was measured.
-    received: int  #: Messages, a count.
-    mean_s: float  #: Mean latency, in seconds.
-    lossless: bool  #: Whether all came.
-    samples_s: tuple[float, ...]  #: Every latency, in seconds.
 
 
 @pytest.fixture

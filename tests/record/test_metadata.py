@@ -1,8 +1,13 @@
 from __future__ import annotations
 
 import json
+import os
+import platform
+import re
+import socket
 from dataclasses import dataclass
 from enum import Enum
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,8 +15,9 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sfglab import __version__
 from sfglab.qos import DEFAULT, LATCHED, Durability, History, QoSProfile, Reliability
-from sfglab.record import LogError
+from sfglab.record import LogError, LogReader, LogWriter, run_context
 from sfglab.record.metadata import offered_qos_profiles, strings_from_values, values_from_strings
 
 INFINITE = {"sec": 9223372036, "nsec": 854775807}
@@ -105,3 +111,35 @@ def test_policies_have_the_numbers_of_rmw():
     assert (written["reliability"], written["durability"], written["history"]) == (2, 1, 2)
     assert written["deadline"] == {"sec": 1, "nsec": 500_000_000}
     assert yaml.safe_load(offered_qos_profiles(LATCHED))[0]["durability"] == 1
+
+
+def test_context_names_versions_and_machine():
+    context = run_context()
+    assert context["sfglab"] == __version__
+    assert context["python"] == platform.python_version()
+    assert context["libraries"]["numpy"] == np.__version__
+    assert context["machine"]["usable_cores"] == len(os.sched_getaffinity(0))
+    assert context["machine"]["memory_bytes"] > 2**28
+    assert context["machine"]["cpu"]
+
+
+def test_context_identifies_neither_place_nor_host():
+    text = json.dumps(run_context())
+    assert socket.gethostname() not in text
+    assert str(Path.home()) not in text
+    assert not re.search(r'"/', text)
+
+
+def test_source_is_a_commit_or_absent():
+    source = run_context()["source"]
+    if source:
+        assert re.fullmatch(r"[0-9a-f]{40}", source["git_commit"])
+        assert isinstance(source["git_clean"], bool)
+
+
+def test_context_survives_a_log(tmp_path):
+    context = run_context()
+    with LogWriter(tmp_path / "run.mcap") as log:
+        log.write_metadata("run", context)
+    with LogReader(tmp_path / "run.mcap") as log:
+        assert log.metadata("run") == context

@@ -1,0 +1,16 @@
+"""A table's row, in a module whose name is its own: documentation of fields is read from the module."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeterRow:
+    """One reading."""
+
+    agent: str  #: Who was measured.
+    received: int  #: Messages, a count.
+    mean_s: float  #: Mean latency, in seconds.
+    lossless: bool  #: Whether all came.
+    samples_s: tuple[float, ...]  #: Every latency, in seconds.
