@@ -13,7 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from sfglab.lab.experiments.transfer.config import Config
+from sfglab.lab.experiments.transfer.experiment import exp
 from sfglab.lab.experiments.transfer.live import Crossing, cells_of, crossings
 from sfglab.lab.workers.crossing import Round, message_of, random_bytes
 from sfglab.processes import ProcessFailedError
@@ -21,7 +21,7 @@ from sfglab.processes import ProcessFailedError
 pytestmark = pytest.mark.live
 
 BYTES = 10_000
-TINY = replace(Config.of_profile("smoke"), live_bytes=(BYTES,), live_subscribers=(2,), live_rounds=2)
+TINY = exp.config("smoke", live_bytes=(BYTES,), live_subscribers=(2,), live_rounds=2)
 SMT = Round(
     publisher="software",
     gateway=False,
@@ -57,11 +57,11 @@ async def all_rows(config):
 @pytest.mark.usefixtures("nothing_left")
 def test_every_cell_is_measured_both_ways_in_every_repetition():
     rows = asyncio.run(all_rows(TINY))
-    seen = [(row.repeat, row.publisher, row.transport) for row in rows]
+    seen = [(row["repeat"], row["publisher"], row["transport"]) for row in rows]
     wanted = {(r, p, t) for r in range(2) for p in ("software", "hardware") for t in ("smt", "gateway")}
     assert set(seen) == wanted
     assert len(seen) == len(wanted) == 2 * 2 * len(cells_of(TINY))
-    assert all(row.hardware_ns > 0 and row.software_ns > 0 for row in rows)
+    assert all(row["hardware_ns"] > 0 and row["software_ns"] > 0 for row in rows)
 
 
 @pytest.mark.usefixtures("nothing_left")
@@ -117,9 +117,9 @@ from sfglab.lab.experiments.transfer.live import Crossing
 
 async def main():
     async with Crossing(2, 10_000, seed=0) as crossing:
-        crossing._lines["reader0"].order(do="round", publisher="software", gateway=False, message_bytes=8,
+        crossing._group["reader0"].order(do="round", publisher="software", gateway=False, message_bytes=8,
                                          offset=0, order=["reader0"], woken=[])
-        await crossing._lines["reader0"].expect("armed", timeout_s=60)
+        await crossing._group["reader0"].expect("armed", timeout_s=60)
         print(*crossing.pids.values(), flush=True)
         await asyncio.sleep(60)
 

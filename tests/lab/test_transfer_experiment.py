@@ -13,11 +13,12 @@ import pandas as pd
 import pytest
 
 from sfglab.lab.claims import How, Verdict, judge, load_claims
-from sfglab.lab.experiments import transfer
-from sfglab.lab.experiments.transfer import hardware
-from sfglab.lab.experiments.transfer.analysis import bars_of, live_speed_up, rtl_residual
+from sfglab.lab.experiments.transfer import exp, hardware
+from sfglab.lab.experiments.transfer import run as parts
+from sfglab.lab.experiments.transfer.analysis import bars, bars_of, live_speed_up, rtl_residual, stated
+from sfglab.lab.experiments.transfer.experiment import CrossingRow
 from sfglab.lab.experiments.transfer.hardware import IN, OUT, READS, WRITE, bars_with_laws
-from sfglab.lab.experiments.transfer.modelled import MODELS
+from sfglab.lab.experiments.transfer.modelled import JUDGES, MODELS
 from sfglab.lab.experiments.transfer.placing import (
     _cost_s,
     _platform,
@@ -25,10 +26,6 @@ from sfglab.lab.experiments.transfer.placing import (
     placed_rows,
     random_graph,
 )
-from sfglab.lab.experiments.transfer.rows import CrossingRow, CycleLawRow
-from sfglab.lab.experiments.transfer.run import _computed
-from sfglab.lab.experiments.transfer.worth import JUDGES
-from sfglab.record import LogReader
 from sfglab.soc import TopicMapping, place_nodes
 from sfglab.soc.memory import (
     STORED,
@@ -45,9 +42,7 @@ from sfglab.soc.memory import (
 )
 
 ROOT = Path(__file__).parents[2]
-SMOKE = transfer.Config.of_profile("smoke")
 CLAIMS = {"C-HWHW", "C-HWSW", "C-SWHW", "C-SWSW"}
-SIMULATED = replace(SMOKE, live_rounds=0)
 
 
 @pytest.fixture(autouse=True)
@@ -56,20 +51,15 @@ def _project(monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory):
+def run(tmp_path_factory):
     """One whole run, live part and all."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SFGLAB_ROOT", str(ROOT))
-        return asyncio.run(transfer.run(SMOKE, tmp_path_factory.mktemp("transfer") / "a.mcap"))
+        return asyncio.run(exp.run("smoke", path=tmp_path_factory.mktemp("transfer") / "a.mcap"))
 
 
-@pytest.fixture(scope="module")
-def results(log):
-    return transfer.load_results(log)
-
-
-def test_a_run_reproduces_its_claims(log):
-    measured = transfer.measure_claims(log)
+def test_a_run_reproduces_its_claims(run):
+    measured = exp.measure(run)
     claims = {claim.id: claim for claim in load_claims(ROOT / "data/claims.yaml")}
     assert set(measured) == CLAIMS
     assert {judge(claims[name], found) for name, found in measured.items()} == {Verdict.REPRODUCED}
@@ -80,43 +70,41 @@ def test_a_run_reproduces_its_claims(log):
     assert "2 readers, 10000 B" in details["live"]
 
 
-def test_a_run_draws_its_figures(log):
-    drawn = transfer.figures(log)
+def test_a_run_draws_its_figures(run):
+    drawn = exp.figures(run)
     names = {"transfer", "transfer_live", "transfer_residuals", "transfer_break_even", "node_mapping"}
     assert set(drawn) == names
     assert all(json.dumps(twin, allow_nan=False) for _, twin in drawn.values())
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_bars_residuals_and_tendencies_are_the_model_s(results, model):
+def test_bars_residuals_and_tendencies_are_the_model_s(run, model):
     costs = MODELS[model]
-    bars = results.bars[results.bars["model"] == model]
-    assert list(bars["ratio"]) == [bar.ratio for bar in speed_ups(costs)]
-    stated = results.stated[results.stated["model"] == model]
-    assert list(stated["residual"]) == [item.relative for item in residuals(costs)]
-    told = results.tendencies[results.tendencies["model"] == model]
+    found = bars(run)[bars(run)["model"] == model]
+    assert list(found["ratio"]) == [bar.ratio for bar in speed_ups(costs)]
+    numbers = stated(run)[stated(run)["model"] == model]
+    assert list(numbers["residual"]) == [item.relative for item in residuals(costs)]
+    told = run["tendency"][run["tendency"]["model"] == model]
     assert list(told["holds"]) == [holds for _, holds in tendencies(costs)]
-    table = results.constants[results.constants["model"] == model]
+    table = run["constant"][run["constant"]["model"] == model]
     assert list(table["value"]) == [item.value for item in constants(costs)]
 
 
-def test_the_committed_constants_are_what_the_run_s_own_fits_find(results):
-    assert (results.refits["farthest"] > 1.5).all()
-    best = results.refits.groupby("model")["shift"].min()
+def test_the_committed_constants_are_what_the_run_s_own_fits_find(run):
+    assert (run["refit"]["farthest"] > 1.5).all()
+    best = run["refit"].groupby("model")["shift"].min()
     assert (best < 0.001).all()
-    fitted = results.constants
+    fitted = run["constant"]
     assert np.allclose(fitted["refitted"], fitted["value"], rtol=0.001)
 
 
-def test_the_simulated_hardware_takes_the_model_s_cycles(results):
+def test_the_simulated_hardware_takes_the_model_s_cycles(run):
     pytest.importorskip("amaranth", reason="the extra rtl is not installed")
-    assert set(results.cycles["path"]) == {OUT, IN, READS, WRITE}
-    ran = results.cycles[results.cycles["simulated"]]
+    assert set(run["cycles"]["path"]) == {OUT, IN, READS, WRITE}
+    ran = run["cycles"][run["cycles"]["simulated"]]
     assert (ran["law_cycles"] / ran["rtl_cycles"] - 1).abs().max() < 0.002
-    assert rtl_residual(results) < 0.05
-    rtl, model = (
-        bars_of(results, Panel.HARDWARE_TO_HARDWARE, model=m, subscribers=2) for m in ("rtl", "stored")
-    )
+    assert rtl_residual(run) < 0.05
+    rtl, model = (bars_of(run, Panel.HARDWARE_TO_HARDWARE, model=m, subscribers=2) for m in ("rtl", "stored"))
     assert np.allclose(rtl["ratio"], model["ratio"], rtol=0.05)
 
 
@@ -129,8 +117,8 @@ def test_areas_are_those_of_the_synthesis(monkeypatch):
         )
 
     monkeypatch.setattr(rtl, "gateway_area", area)
-    rows = list(hardware.area_rows(SMOKE))
-    assert [(row.subscribers, row.luts, row.flip_flops) for row in rows] == [(2, 285, 300)]
+    rows = list(hardware.area_rows((2,)))
+    assert [(row["subscribers"], row["luts"], row["flip_flops"]) for row in rows] == [(2, 285, 300)]
 
 
 def test_laws_that_are_the_model_s_give_the_model_s_bars():
@@ -142,30 +130,29 @@ def test_laws_that_are_the_model_s_give_the_model_s_bars():
         WRITE: memory.write_cycles,
     }
     laws = {
-        path: CycleLawRow(path=path, subscribers=4, fixed_cycles=0.0, chunk_cycles=cycles)
+        path: {"path": path, "subscribers": 4, "fixed_cycles": 0.0, "chunk_cycles": cycles}
         for path, cycles in chunk.items()
     }
     wanted = [bar for bar in speed_ups() if bar.subscribers == 4]
     found = bars_with_laws(laws)
-    assert [bar.smt_s for bar in found] == pytest.approx([bar.smt_s for bar in wanted])
-    assert [bar.gateway_s for bar in found] == pytest.approx([bar.gateway_s for bar in wanted])
+    assert [bar["smt_s"] for bar in found] == pytest.approx([bar.smt_s for bar in wanted])
+    assert [bar["gateway_s"] for bar in found] == pytest.approx([bar.gateway_s for bar in wanted])
 
 
 def test_without_amaranth_the_log_says_why_and_the_rest_stands(tmp_path, monkeypatch):
     monkeypatch.setattr(hardware, "find_spec", lambda _name: None)
-    log = asyncio.run(transfer.run(SIMULATED, tmp_path / "a.mcap"))
-    with LogReader(log) as reader:
-        assert set(reader.metadata("missing")) == {"rtl", "synthesis"}
-    measured = transfer.measure_claims(log)
+    run = asyncio.run(exp.run("smoke", path=tmp_path / "a.mcap", live_rounds=0))
+    assert set(run.metadata("missing")) == {"rtl", "synthesis"}
+    measured = exp.measure(run)
     assert measured["C-HWHW"].details["RTL"].startswith("left out: amaranth is not installed")
     assert measured["C-HWHW"].details["live"] == "this bar was not measured"
-    assert "transfer_live" not in transfer.figures(log)
+    assert "transfer_live" not in exp.figures(run)
 
 
-def test_the_break_even_size_is_where_the_faster_one_changes(results):
-    assert results.break_even["changes"].max() <= 1
+def test_the_break_even_size_is_where_the_faster_one_changes(run):
+    assert run["break_even"]["changes"].max() <= 1
     chunk_bytes = STORED.memory.chunk_bytes
-    for row in results.break_even.itertuples():
+    for row in run["break_even"].itertuples():
         if row.worth and row.from_bytes > chunk_bytes:
             below, at = (
                 faster_transport(
@@ -182,14 +169,14 @@ def test_the_break_even_size_is_where_the_faster_one_changes(results):
             assert (below, at) == (Transport.SMT, Transport.GATEWAY)
 
 
-def test_a_rule_that_knows_sizes_is_never_predicted_slower_than_another(results):
-    times = results.sized.pivot_table(index="message_bytes", columns="rule", values="predicted_s")
+def test_a_rule_that_knows_sizes_is_never_predicted_slower_than_another(run):
+    times = run["sized_mapping"].pivot_table(index="message_bytes", columns="rule", values="predicted_s")
     assert (times["size-aware"] <= times[["paper", "none"]].min(axis=1) + 1e-12).all()
     assert (times["size-aware"] < times["paper"] - 1e-6).any()
 
 
-def test_placements_are_the_best_of_all_and_not_worse_than_simpler_ones(results):
-    placed = results.placed
+def test_placements_are_the_best_of_all_and_not_worse_than_simpler_ones(run):
+    placed = run["placed"]
     small = placed[placed["kind"] == "small"]
     assert np.allclose(small["placed"], small["brute_force"], rtol=1e-6)
     for name in ("greedy", "greedy_with_gateways", "same_without_gateways", "software"):
@@ -213,27 +200,26 @@ def test_what_a_placed_graph_costs_is_what_the_programme_says():
     assert _cost_s(graph, found.graph.in_hardware, gateways, platform) == pytest.approx(found.load.total_s)
 
 
-def test_the_same_seed_gives_the_same_simulated_rows():
-    without = {"rtl": "not asked here"}
-    few = replace(SIMULATED, refits=1, most_subscribers=1, sizes=2, large_graphs=0)
+def test_the_same_seed_gives_the_same_simulated_rows(tmp_path, monkeypatch):
+    monkeypatch.setattr(parts, "what_is_missing", lambda: {"rtl": "not asked here", "synthesis": "neither"})
+    few = {"refits": 1, "most_subscribers": 1, "sizes": 2, "large_graphs": 0, "live_rounds": 0}
     first, again, other = (
-        [
-            replace(row, seconds=0.0) if table == "placed" else row
-            for table, row in _computed(replace(few, seed=seed), without)
-        ]
-        for seed in (1, 1, 2)
+        asyncio.run(exp.run("smoke", path=tmp_path / f"{n}.mcap", seed=seed, **few))
+        for n, seed in enumerate((1, 1, 2))
     )
-    assert list(map(str, first)) == list(map(str, again))
-    assert list(map(str, first)) != list(map(str, other))
+    assert all(first[table].equals(again[table]) for table in exp.tables if table != "placed")
+    assert not first["refit"].equals(other["refit"])
+    costs = [run["placed"].drop(columns="seconds").astype(str).to_csv() for run in (first, again, other)]
+    assert costs[0] == costs[1] != costs[2]
 
 
 def test_small_graphs_stay_within_their_number_of_nodes():
     rows = list(placed_rows({"small": (5, 6)}, np.random.default_rng(0)))
-    assert {row.nodes for row in rows} <= {5, 6}
+    assert {row["nodes"] for row in rows} <= {5, 6}
     assert len(rows) == 5
 
 
-def test_known_live_times_are_found_again(results):
+def test_known_live_times_are_found_again(run):
     rows = [
         CrossingRow(
             repeat=repeat,
@@ -249,7 +235,7 @@ def test_known_live_times_are_found_again(results):
         for repeat in range(11)
         for transport in ("gateway", "smt")
     ]
-    made = replace(results, live=pd.DataFrame(rows))
+    made = {"crossing": pd.DataFrame(rows)}
     found = live_speed_up(made, Panel.HARDWARE_TO_HARDWARE, 4, 1000)
     assert found.value == pytest.approx(6005 / 2005)
     assert found.low < found.value < found.high
@@ -259,6 +245,6 @@ def test_known_live_times_are_found_again(results):
 
 def test_profiles_cover_the_paper_s_twelve_configurations():
     for profile in ("quick", "paper"):
-        config = transfer.Config.of_profile(profile)
+        config = exp.config(profile)
         assert len(config.live_bytes) * len(config.live_subscribers) == 12
         assert config.rtl_subscribers == SUBSCRIBERS

@@ -1,22 +1,22 @@
-"""From the log to tables: bars by panel, live times with intervals, residuals of the simulated hardware.
-
-Everything here is computed from the log alone.
-"""
+"""Bars, residuals, speed-ups across processes, and the claims on Fig. 6 and 7 with what they are worth."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from sfglab.lab.stats import bootstrap
-from sfglab.record import LogReader
-from sfglab.soc.memory import Panel
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.transfer.experiment import Config, exp
+from sfglab.lab.runs import Run, derived
+from sfglab.lab.stats import bootstrap, exactly
+from sfglab.soc.memory import MESSAGE_BYTES, SUBSCRIBERS, Origin, Panel
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Callable
 
     from sfglab.lab.stats import Estimate
 
@@ -26,96 +26,50 @@ MAIN = "stored"
 
 SIDES = {"hardware": "hardware_ns", "software": "software_ns"}
 _MS_PER_NS = 1e-6
-_TABLES = {
-    "bars": "bar",
-    "stated": "stated",
-    "tendencies": "tendency",
-    "constants": "constant",
-    "refits": "refit",
-    "variants": "variant",
-    "laws": "law",
-    "cycles": "cycles",
-    "areas": "area",
-    "live": "crossing",
-    "break_even": "break_even",
-    "sized": "sized_mapping",
-    "placed": "placed",
-}
-_OPTIONAL = {"laws": "law", "cycles": "cycles", "areas": "area", "live": "crossing"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Results:
-    """The tables of one run; those of parts that were left out are empty."""
-
-    bars: pd.DataFrame  #: As `TransferBarRow`, with ``ratio``.
-    stated: pd.DataFrame  #: As `StatedRow`, with ``residual``.
-    tendencies: pd.DataFrame  #: As `TendencyRow`.
-    constants: pd.DataFrame  #: As `ConstantRow`.
-    refits: pd.DataFrame  #: As `RefitRow`.
-    variants: pd.DataFrame  #: As `VariantRow`.
-    laws: pd.DataFrame  #: As `CycleLawRow`.
-    cycles: pd.DataFrame  #: As `CycleCheckRow`.
-    areas: pd.DataFrame  #: As `AreaRow`.
-    live: pd.DataFrame  #: As `CrossingRow`.
-    break_even: pd.DataFrame  #: As `BreakEvenRow`.
-    sized: pd.DataFrame  #: As `SizedMappingRow`.
-    placed: pd.DataFrame  #: As `PlacedRow`.
-    config: dict[str, Any]  #: The run's configuration.
-    machine: dict[str, Any]  #: Its machine.
-    missing: dict[str, Any]  #: Which parts were left out, and why.
+@derived
+def bars(run: Run[Config]) -> pd.DataFrame:
+    """Return the bars with their ``ratio``: how many times as fast a gateway is."""
+    return run["bar"].assign(ratio=lambda t: t["smt_s"] / t["gateway_s"])
 
 
-def load_results(log: Path) -> Results:
-    """Read a run's tables.
-
-    Args:
-        log: The log.
-    """
-    with LogReader(log) as reader:
-        found: dict[str, pd.DataFrame] = {
-            name: reader.table(table).drop(columns="log_time_ns")
-            if table in reader.tables or name not in _OPTIONAL
-            else pd.DataFrame()
-            for name, table in _TABLES.items()
-        }
-        config, machine = reader.metadata("config"), reader.metadata("run")["machine"]
-        missing = reader.metadata("missing")
-    found["bars"] = found["bars"].assign(ratio=lambda t: t["smt_s"] / t["gateway_s"])
-    found["stated"] = found["stated"].assign(residual=lambda t: t["found"] / t["stated"] - 1)
-    return Results(**found, config=config, machine=machine, missing=missing)
+@derived
+def stated(run: Run[Config]) -> pd.DataFrame:
+    """Return the stated numbers with their ``residual``."""
+    return run["stated"].assign(residual=lambda t: t["found"] / t["stated"] - 1)
 
 
 def bars_of(
-    results: Results, panel: Panel, *, model: str = MAIN, subscribers: int | None = None
+    run: Run[Config], panel: Panel, *, model: str = MAIN, subscribers: int | None = None
 ) -> pd.DataFrame:
     """Return a panel's bars, by subscribers and size; empty where that model has none.
 
     Args:
-        results: The run.
+        run: The run.
         panel: From whom to whom.
         model: Which set of constants, or ``rtl``.
         subscribers: Only those of this number of hardware nodes.
     """
-    table = results.bars
+    table = bars(run)
     chosen = table[(table["model"] == model) & (table["panel"] == panel.value)]
     if subscribers is not None:
         chosen = chosen[chosen["subscribers"] == subscribers]
     return chosen.sort_values(["subscribers", "message_bytes"])
 
 
-def live_speed_up(results: Results, panel: Panel, subscribers: int, message_bytes: int) -> Estimate | None:
+def live_speed_up(run: Run[Config], panel: Panel, subscribers: int, message_bytes: int) -> Estimate | None:
     """Return the ratio of the medians of both transports across processes; None: it was not measured.
 
     Repetitions, in which both were measured right after each other, are resampled as pairs.
 
     Args:
-        results: The run.
+        run: The run.
         panel: From whom to whom.
         subscribers: Processes on the hardware's side.
         message_bytes: Size of the message.
     """
-    pairs = _pairs(results, panel, subscribers, message_bytes)
+    pairs = _pairs(run, panel, subscribers, message_bytes)
     if pairs.empty:
         return None
 
@@ -126,10 +80,10 @@ def live_speed_up(results: Results, panel: Panel, subscribers: int, message_byte
     return bootstrap([pairs[["smt", "gateway"]].to_numpy(dtype=np.float64)], ratio, unit="times as fast")
 
 
-def _pairs(results: Results, panel: Panel, subscribers: int, message_bytes: int) -> pd.DataFrame:
+def _pairs(run: Run[Config], panel: Panel, subscribers: int, message_bytes: int) -> pd.DataFrame:
     """Return ns over both transports, a line a repetition."""
     publisher, receiver = panel.value.split(" to ")
-    table = results.live
+    table = run["crossing"]
     if table.empty:
         return pd.DataFrame({"smt": [], "gateway": []})
     chosen = table[
@@ -142,15 +96,15 @@ def _pairs(results: Results, panel: Panel, subscribers: int, message_bytes: int)
     )
 
 
-def live_table(results: Results) -> pd.DataFrame:
+def live_table(run: Run[Config]) -> pd.DataFrame:
     """Return every live cell: both medians in ms, speed-up with interval, the model's, repetitions."""
     lines = []
     for panel in Panel:
-        for count, size in _cells(results):
-            cell = _pairs(results, panel, count, size)
+        for count, size in _cells(run):
+            cell = _pairs(run, panel, count, size)
             medians = cell[["smt", "gateway"]].median() * _MS_PER_NS
-            speed_up = live_speed_up(results, panel, count, size)
-            bar = bars_of(results, panel, subscribers=count).set_index("message_bytes")["ratio"]
+            speed_up = live_speed_up(run, panel, count, size)
+            bar = bars_of(run, panel, subscribers=count).set_index("message_bytes")["ratio"]
             assert speed_up, "the cell was measured"
             lines.append(
                 {
@@ -182,33 +136,35 @@ def live_agreement(table: pd.DataFrame) -> tuple[int, int, int]:
     return len(table), len(decided), int(same.sum())
 
 
-def _cells(results: Results) -> list[tuple[int, int]]:
+def _cells(run: Run[Config]) -> list[tuple[int, int]]:
     """Return subscribers and sizes that were measured."""
     known = (
-        results.live[["subscribers", "message_bytes"]]
+        run["crossing"][["subscribers", "message_bytes"]]
         .drop_duplicates()
         .sort_values(["subscribers", "message_bytes"])
     )
     return [(int(count), int(size)) for count, size in known.to_numpy()]
 
 
-def live_note(results: Results) -> str:
+def live_note(run: Run[Config]) -> str:
     """Return under which conditions the live part ran."""
-    if results.live.empty:
+    if run["crossing"].empty:
         return "nothing ran live"
-    cores, most = results.machine["usable_cores"], results.live["subscribers"].max()
-    load, times = results.live["load"].median(), results.live["repeat"].nunique()
+    cores, most = run.metadata("run")["machine"]["usable_cores"], run["crossing"]["subscribers"].max()
+    load, times = run["crossing"]["load"].median(), run["crossing"]["repeat"].nunique()
     waits = f"; up to {most + 3} processes share them, so they wait for each other" if most + 3 > cores else ""
-    return f"{cores} cores of {results.machine['cpu']}{waits}; {times} repetitions, load {load:.1f}"
+    return (
+        f"{cores} cores of {run.metadata('run')['machine']['cpu']}{waits}; {times} repetitions, load {load:.1f}"
+    )
 
 
-def memory_speed_ups(results: Results) -> pd.DataFrame:
+def memory_speed_ups(run: Run[Config]) -> pd.DataFrame:
     """Return the speed-up of the memory part alone, for long messages, from the hardware's cycles of a chunk.
 
     Towards hardware: all readers' turns against one read and a broadcast; from hardware, with the write before.
     """
     lines = []
-    for count, group in results.laws.groupby("subscribers"):
+    for count, group in run["law"].groupby("subscribers"):
         chunk = group.set_index("path")["chunk_cycles"]
         reads, write = chunk["shared reads"], chunk["write"]
         lines.append(
@@ -221,9 +177,148 @@ def memory_speed_ups(results: Results) -> pd.DataFrame:
     return pd.DataFrame(lines)
 
 
-def rtl_residual(results: Results) -> float | None:
+def rtl_residual(run: Run[Config]) -> float | None:
     """Return the largest |model / hardware - 1| where the hardware was simulated; None: nowhere."""
-    if results.cycles.empty:
+    if run["cycles"].empty:
         return None
-    ran = results.cycles[results.cycles["simulated"]]
+    ran = run["cycles"][run["cycles"]["simulated"]]
     return float((ran["model_cycles"] / ran["rtl_cycles"] - 1).abs().max())
+
+
+def fit_meaning(run: Run[Config], model: str = MAIN) -> dict[str, str]:
+    """Return what the model's agreement with the stated numbers is worth, for the ledger.
+
+    Args:
+        run: The run.
+        model: Which set of constants.
+    """
+    numbers, constants, refits, tendencies, variants = (
+        table[table["model"] == model]
+        for table in (
+            stated(run),
+            run["constant"],
+            run["refit"],
+            run["tendency"],
+            run["variant"],
+        )
+    )
+    fitted = (constants["origin"] == Origin.FITTED.value).sum()
+    ended = refits["rms"].dropna()
+    best = (ended < ended.min() * 1.001).sum()
+    moved = refits.loc[ended.index, "shift"].min()
+    missed = tendencies[~tendencies["holds"]]["text"]
+    return {
+        "fit": f"{fitted} constants to {len(numbers)} stated numbers: that they agree shows that these numbers "
+        "are possible together, and little more",
+        "worst of the stated numbers": f"{numbers['residual'].abs().max():.1%} away",
+        "fitted anew": f"{best} of {len(refits)} drawn starts end at the committed constants (to {moved:.2%})"
+        + (", the others at worse ones" if best < len(refits) else ""),
+        "an assumed constant halved or doubled": "with all others fitted anew, the worst stated number is "
+        f"{variants['worst'].min():.1%} to {variants['worst'].max():.1%} away",
+        "sentences without a number, not fitted": f"{len(tendencies) - len(missed)} of {len(tendencies)} hold"
+        + "".join(f"; not: {text}" for text in missed),
+    }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Asked:
+    """What a claim asks of its panel."""
+
+    panel: Panel  #: From whom to whom.
+    #: Which of the panel's speed-ups it is about, by subscribers and size.
+    bar: Callable[[pd.Series[float]], tuple[int, int]]
+    slower: bool = False  #: The figure is how many times as slow; else how many times as fast.
+    other: Callable[[pd.Series[float]], str]  #: What else the paper states of the panel, beside ours.
+    unit: str  #: Of the figure.
+
+    def value(self, ratios: pd.Series[float]) -> float:
+        """Return the claim's figure."""
+        ratio = float(ratios[self.bar(ratios)])
+        return 1 / ratio if self.slower else ratio
+
+
+_SMALL, _LARGE, _MANY = MESSAGE_BYTES[0], MESSAGE_BYTES[-1], SUBSCRIBERS[-1]
+
+
+def _small(ratios: pd.Series[float]) -> str:
+    return ", ".join(f"{ratios[count, _SMALL]:.3f} with {count} nodes" for count in SUBSCRIBERS)
+
+
+def _largest(ratios: pd.Series[float]) -> tuple[int, int]:
+    cells = [(count, size) for count in SUBSCRIBERS for size in MESSAGE_BYTES]
+    return max(cells, key=lambda cell: float(ratios[cell]))
+
+
+_ASKED = {
+    "C-HWHW": _Asked(
+        panel=Panel.HARDWARE_TO_HARDWARE,
+        bar=lambda _: (_MANY, _LARGE),
+        other=lambda ratios: f"{ratios[_MANY, _SMALL]:.3f} at 10 kB, paper 1.94",
+        unit="times as fast at 10 MB",
+    ),
+    "C-HWSW": _Asked(
+        panel=Panel.HARDWARE_TO_SOFTWARE,
+        bar=lambda ratios: (min(SUBSCRIBERS, key=lambda count: ratios[count, _SMALL]), _SMALL),
+        slower=True,
+        other=lambda ratios: f"speed-up {ratios[_MANY, _LARGE]:.3f} at 10 MB, 8 nodes; paper: approaches 1",
+        unit="times as slow at 10 kB",
+    ),
+    "C-SWHW": _Asked(
+        panel=Panel.SOFTWARE_TO_HARDWARE,
+        bar=_largest,
+        other=lambda ratios: f"at 10 kB {_small(ratios)}; paper: below 1",
+        unit="times as fast at 10 MB",
+    ),
+    "C-SWSW": _Asked(
+        panel=Panel.SOFTWARE_TO_SOFTWARE,
+        bar=_largest,
+        other=lambda ratios: f"least {ratios.min():.3f}, paper 1.06",
+        unit="times as fast, largest",
+    ),
+}
+
+
+def _ratios(run: Run[Config], panel: Panel, model: str = MAIN) -> pd.Series[float]:
+    """Return a panel's speed-ups by subscribers and size."""
+    return bars_of(run, panel, model=model).set_index(["subscribers", "message_bytes"])["ratio"]
+
+
+def _measured(run: Run[Config], asked: _Asked) -> Finding:
+    ratios = _ratios(run, asked.panel)
+    value = asked.value(ratios)
+    details = {
+        "the other end": asked.other(ratios),
+        "if the core cut through": f"{asked.value(_ratios(run, asked.panel, 'cut-through')):.3f}",
+        **_hardware(run, asked),
+        **_live(run, asked, asked.bar(ratios)),
+        **fit_meaning(run),
+    }
+    # The model draws nothing: there is no interval.
+    return Finding(estimate=exactly(value, asked.unit), details=details)
+
+
+def _hardware(run: Run[Config], asked: _Asked) -> dict[str, str]:
+    worst, ratios = rtl_residual(run), _ratios(run, asked.panel, "rtl")
+    if worst is None:
+        return {"RTL": str(run.metadata("missing").get("rtl", "not simulated"))}
+    text = f"cycles of the model within {worst:.2%} of the simulated ones"
+    if len(ratios) == len(_ratios(run, asked.panel)):
+        text = f"{asked.value(ratios):.3f} with the hardware's cycles in the memory part; {text}"
+    alone = memory_speed_ups(run)
+    if asked.panel.value in alone:
+        most = alone.iloc[-1]
+        text += f"; memory part alone, {most['subscribers']:.0f} nodes: {most[asked.panel.value]:.2f}"
+    return {"RTL": text}
+
+
+def _live(run: Run[Config], asked: _Asked, bar: tuple[int, int]) -> dict[str, str]:
+    """Return the same bar across processes, and under which conditions."""
+    count, size = bar
+    found = live_speed_up(run, asked.panel, count, size)
+    if found is None:
+        return {"live": "this bar was not measured"}
+    return {"live": f"{found}, {count} readers, {size} B; {live_note(run)}"}
+
+
+for _claim, _asked in _ASKED.items():
+    exp.claim(_claim, how=How.SIMULATED)(partial(_measured, asked=_asked))

@@ -8,16 +8,14 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.experiments.transfer.modelled import bar_row
-from sfglab.lab.experiments.transfer.rows import AreaRow, CycleCheckRow, CycleLawRow, TransferBarRow
 from sfglab.soc.memory import MESSAGE_BYTES, STORED, speed_ups
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
-    from sfglab.lab.experiments.transfer.config import Config
     from sfglab.soc.memory import Costs, MemoryInterface
     from sfglab.soc.rtl import Delays
 
@@ -43,16 +41,17 @@ def what_is_missing() -> dict[str, str]:
     return missing
 
 
-def hardware_rows(config: Config) -> Iterator[tuple[str, CycleLawRow | CycleCheckRow | TransferBarRow]]:
+def hardware_rows(subscribers: Sequence[int], check_bytes: int) -> Iterator[tuple[str, dict[str, Any]]]:
     """Simulate the hardware and return laws, their checks, and bars with them; needs the extra ``rtl``.
 
     Args:
-        config: For how many subscribers, and how much is moved where laws are checked.
+        subscribers: For how many hardware subscribers.
+        check_bytes: How much is moved where laws are checked.
     """
-    for count in config.rtl_subscribers:
+    for count in subscribers:
         laws = {}
         for path in (OUT, IN, READS, WRITE):
-            law, checks = _path(path, count, config.rtl_check_bytes)
+            law, checks = _path(path, count, check_bytes)
             laws[path] = law
             yield "law", law
             for check in checks:
@@ -61,19 +60,19 @@ def hardware_rows(config: Config) -> Iterator[tuple[str, CycleLawRow | CycleChec
             yield "bar", bar
 
 
-def area_rows(config: Config) -> Iterator[AreaRow]:
+def area_rows(subscribers: Sequence[int]) -> Iterator[dict[str, Any]]:
     """Synthesise the gateway; takes some 15 s each, and minutes the first time on a machine.
 
     Args:
-        config: For how many subscribers.
+        subscribers: For how many hardware subscribers.
     """
     from sfglab.soc.rtl import gateway_area
 
-    for count in config.rtl_subscribers:
-        yield AreaRow(**asdict(gateway_area(count)))
+    for count in subscribers:
+        yield {**asdict(gateway_area(count))}
 
 
-def _path(path: str, count: int, check_bytes: int) -> tuple[CycleLawRow, list[CycleCheckRow]]:
+def _path(path: str, count: int, check_bytes: int) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Measure one path: its law, the law at the paper's sizes, and the hardware at a larger size."""
     from sfglab.soc.rtl import MemoryPath, check_law, path_cycles
 
@@ -82,34 +81,34 @@ def _path(path: str, count: int, check_bytes: int) -> tuple[CycleLawRow, list[Cy
     sizes = [few * chunk_bytes, many * chunk_bytes, *MESSAGE_BYTES]
     found = path_cycles(MemoryPath(path), count, sizes, delays)
     slope = (found[1].law_cycles - found[0].law_cycles) / (many - few)
-    law = CycleLawRow(
-        path=path,
-        subscribers=count,
-        fixed_cycles=found[0].law_cycles - few * slope,
-        chunk_cycles=slope,
-    )
+    law = {
+        "path": path,
+        "subscribers": count,
+        "fixed_cycles": found[0].law_cycles - few * slope,
+        "chunk_cycles": slope,
+    }
     # Readers together move the same bytes as one gateway, so that no check takes much longer than another.
     size = check_bytes // count if path == READS else check_bytes
     checked = check_law(MemoryPath(path), count, size, delays)
-    simulated = CycleCheckRow(
-        path=path,
-        subscribers=count,
-        message_bytes=size,
-        simulated=True,
-        rtl_cycles=float(checked.simulated_cycles),
-        law_cycles=checked.law_cycles,
-        model_cycles=checked.model_cycles,
-    )
+    simulated = {
+        "path": path,
+        "subscribers": count,
+        "message_bytes": size,
+        "simulated": True,
+        "rtl_cycles": float(checked.simulated_cycles),
+        "law_cycles": checked.law_cycles,
+        "model_cycles": checked.model_cycles,
+    }
     by_law = [
-        CycleCheckRow(
-            path=path,
-            subscribers=count,
-            message_bytes=item.message_bytes,
-            simulated=False,
-            rtl_cycles=item.law_cycles,
-            law_cycles=item.law_cycles,
-            model_cycles=item.model_cycles,
-        )
+        {
+            "path": path,
+            "subscribers": count,
+            "message_bytes": item.message_bytes,
+            "simulated": False,
+            "rtl_cycles": item.law_cycles,
+            "law_cycles": item.law_cycles,
+            "model_cycles": item.model_cycles,
+        }
         for item in found[2:]
     ]
     return law, [simulated, *by_law]
@@ -123,18 +122,18 @@ def _delays() -> Delays:
     return Delays(read=round(memory.read_latency_cycles), write=round(memory.write_latency_cycles))
 
 
-def bars_with_laws(laws: dict[str, CycleLawRow]) -> list[TransferBarRow]:
+def bars_with_laws(laws: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the bars of one number of subscribers with the hardware's cycles of a chunk in the model.
 
     Args:
         laws: By path, all for the same number.
     """
-    count = laws[READS].subscribers
-    smt = _with_cycles(laws[READS].chunk_cycles / count, laws[WRITE].chunk_cycles, buffered=False)
-    gateway = _with_cycles(laws[OUT].chunk_cycles, laws[IN].chunk_cycles, buffered=True)
+    count = laws[READS]["subscribers"]
+    smt = _with_cycles(laws[READS]["chunk_cycles"] / count, laws[WRITE]["chunk_cycles"], buffered=False)
+    gateway = _with_cycles(laws[OUT]["chunk_cycles"], laws[IN]["chunk_cycles"], buffered=True)
     pairs = zip(speed_ups(smt), speed_ups(gateway), strict=True)
     return [
-        replace(bar_row("rtl", shared), gateway_s=through.gateway_s)
+        {**bar_row("rtl", shared), "gateway_s": through.gateway_s}
         for shared, through in pairs
         if shared.subscribers == count
     ]

@@ -8,30 +8,26 @@ other in both cases.
 
 from __future__ import annotations
 
-import asyncio
 import os
+import signal
 import socket
-import sys
 import zlib
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from sfglab.lab.experiments.transfer.rows import CrossingRow
-from sfglab.lab.staging import Staged
 from sfglab.lab.workers.crossing import SPARE_BYTES, CrossingConfig, Round, message_of, random_bytes
-from sfglab.processes import LINE_LIMIT_BYTES, LineProcess, ProcessFailedError
+from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncGenerator, Coroutine
+    from collections.abc import AsyncGenerator
 
-    from sfglab.lab.experiments.transfer.config import Config
+    from sfglab.lab.experiments.transfer.experiment import Config
 
 
 TIMEOUT_S = 20.0
-NOTICE_S = 0.3
 _STEP_BYTES = 8
 _MODULE = "sfglab.lab.workers.crossing"
 
@@ -55,7 +51,7 @@ def cells_of(config: Config) -> list[Cell]:
     ]
 
 
-class Crossing(Staged):
+class Crossing:
     """The processes of Fig. 5, as an asynchronous context manager.
 
     They are joined by sockets without names and share memory without a name, so nothing outlives them.
@@ -70,36 +66,29 @@ class Crossing(Staged):
     """
 
     def __init__(self, readers: int, largest_bytes: int, seed: int) -> None:
-        super().__init__()
         self._readers = [f"reader{i}" for i in range(readers)]
         self._largest_bytes, self._seed = largest_bytes, seed
         self._data = random_bytes(largest_bytes, seed)
-        self._processes: dict[str, asyncio.subprocess.Process] = {}
-        self._lines: dict[str, LineProcess] = {}
+        self._group = ProcessGroup(lambda _host, command: command)
         self._rounds = 0
 
     @property
     def pids(self) -> dict[str, int]:
         """Process id by name."""
-        return {name: process.pid for name, process in self._processes.items()}
+        return {name: self._group[name].pid for name in self._group}
 
-    async def _start(self) -> None:
-        self._stack.push_async_callback(self._close)
+    async def __aenter__(self) -> Self:
         # What is passed on is closed here at once: a link ends when the process at its other end does.
         with ExitStack() as passed:
             shared, links = self._links(passed)
-            for name, ends in links.items():
-                await self._launch(name, ends, shared)
-        await self._all(dict.fromkeys(links, "ready"))
+            await self._group.start(*(self._member(name, ends, shared) for name, ends in links.items()))
+        return self
 
-    async def _close(self) -> None:
-        """End all processes."""
-        for process in self._processes.values():
+    async def __aexit__(self, *_: object) -> None:
+        for name in self._group:
             # A process that waits for a link does not look at its standard input.
-            if process.returncode is None:
-                process.terminate()
-        await asyncio.gather(*(line.close() for line in self._lines.values()))
-        self._lines.clear()
+            self._group[name].signal(signal.SIGTERM)
+        await self._group.close()
 
     async def carry(self, item: Round) -> dict[str, Any]:
         """Carry one message and check what arrived.
@@ -117,14 +106,11 @@ class Crossing(Staged):
         source = "publisher" if item.publisher == "hardware" else "software"
         involved = {*receivers, "software", source, *(["gateway"] if item.gateway else [])}
         wanted = zlib.crc32(message_of(self._data, item))
-        for name in involved:
-            self._lines[name].order(do="round", **asdict(item))
-        await self._all(dict.fromkeys(involved, "armed"))
-        self._lines[source].order(do="go")
-        done = await self._all(dict.fromkeys(involved, "done"))
-        for name in receivers:
-            self._lines[name].order(do="check")
-        contents = await self._all(dict.fromkeys(receivers, "content"))
+        limit = {"timeout_s": TIMEOUT_S}
+        await self._group.ask("armed", involved, **limit, do="round", **asdict(item))
+        self._group[source].order(do="go")
+        done = await self._group.expect("done", involved, **limit)
+        contents = await self._group.ask("content", receivers, **limit, do="check")
         wrong = [name for name in receivers if contents[name]["crc"] != wanted]
         if wrong:
             raise ProcessFailedError(f"crossing: {', '.join(wrong)} did not get what was published, in {item}")
@@ -173,7 +159,7 @@ class Crossing(Staged):
         os.ftruncate(shared, self._largest_bytes)
         return shared, links
 
-    async def _launch(self, name: str, ends: dict[str, int], shared: int) -> None:
+    def _member(self, name: str, ends: dict[str, int], shared: int) -> Member:
         inside = name not in {"software", "subscriber"}
         config = CrossingConfig(
             role="reader" if name in self._readers else name,
@@ -182,44 +168,8 @@ class Crossing(Staged):
             largest_bytes=self._largest_bytes,
             seed=self._seed,
         )
-        process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", _MODULE, config.to_json()),
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            limit=LINE_LIMIT_BYTES,
-            pass_fds=[*ends.values(), *([shared] if inside else [])],
-        )
-        self._processes[name] = process
-        self._lines[name] = LineProcess(name, process, lambda _: None)
-
-    async def _all(self, kinds: dict[str, str]) -> dict[str, dict[str, Any]]:
-        """Return a report of each process.
-
-        Raises:
-            ProcessFailedError: One failed; where a process was killed, it is named, not those that missed it.
-        """
-        waiting: list[Coroutine[Any, Any, dict[str, Any]]] = [
-            self._lines[name].expect(kind, timeout_s=TIMEOUT_S) for name, kind in kinds.items()
-        ]
-        try:
-            async with asyncio.TaskGroup() as group:
-                tasks = [group.create_task(item) for item in waiting]
-        except ExceptionGroup as failures:  # `except*` would wrap what is raised here, depending on the Python
-            missed = failures.subgroup(ProcessFailedError)
-            if missed is None:
-                raise
-            killed = await self._killed()
-            why = f"{', '.join(killed)} killed by a signal; " if killed else ""
-            raise ProcessFailedError(f"crossing: {why}{missed.exceptions[0]}") from None
-        return dict(zip(kinds, (task.result() for task in tasks), strict=True))
-
-    async def _killed(self) -> list[str]:
-        """Return who was killed; a peer may have missed it before we did."""
-        ends = [asyncio.create_task(process.wait()) for process in self._processes.values()]
-        await asyncio.wait(ends, timeout=NOTICE_S)
-        for end in ends:
-            end.cancel()
-        return [name for name, process in self._processes.items() if (process.returncode or 0) < 0]
+        passed = (*ends.values(), *([shared] if inside else []))
+        return Member(name=name, module=_MODULE, config=config, pass_fds=passed)
 
 
 def _readers_of(item: Round) -> int:
@@ -242,7 +192,7 @@ def _round(cell: Cell, readers: list[str], rng: np.random.Generator, *, gateway:
     )
 
 
-async def crossings(config: Config) -> AsyncGenerator[CrossingRow]:
+async def crossings(config: Config) -> AsyncGenerator[dict[str, Any]]:
     """Measure every cell in every repetition, both kinds of topic in drawn order right after each other.
 
     Args:
@@ -266,17 +216,17 @@ async def crossings(config: Config) -> AsyncGenerator[CrossingRow]:
 
 async def _row(
     crossing: Crossing, cell: Cell, rng: np.random.Generator, *, gateway: bool, repeat: int
-) -> CrossingRow:
+) -> dict[str, Any]:
     load = os.getloadavg()[0]
     item, hardware_ns, software_ns = await crossing.measure(cell, rng, gateway=gateway)
-    return CrossingRow(
-        repeat=repeat,
-        publisher=cell.publisher,
-        transport="gateway" if gateway else "smt",
-        message_bytes=cell.message_bytes,
-        subscribers=cell.subscribers,
-        place=item.order.index("subscriber"),
-        hardware_ns=hardware_ns,
-        software_ns=software_ns,
-        load=load,
-    )
+    return {
+        "repeat": repeat,
+        "publisher": cell.publisher,
+        "transport": "gateway" if gateway else "smt",
+        "message_bytes": cell.message_bytes,
+        "subscribers": cell.subscribers,
+        "place": item.order.index("subscriber"),
+        "hardware_ns": hardware_ns,
+        "software_ns": software_ns,
+        "load": load,
+    }

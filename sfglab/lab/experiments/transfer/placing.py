@@ -6,9 +6,8 @@ import math
 import time
 from dataclasses import replace
 from itertools import combinations, product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from sfglab.lab.experiments.transfer.rows import PlacedRow
 from sfglab.soc import (
     ZCU104,
     Graph,
@@ -38,7 +37,7 @@ AREA_SHARE = 0.5
 
 def placed_rows(
     kinds: dict[str, tuple[int, int]], rng: np.random.Generator, *, time_limit_s: float = 10.0
-) -> Iterator[PlacedRow]:
+) -> Iterator[dict[str, Any]]:
     """Return random graphs, placed.
 
     Args:
@@ -104,27 +103,27 @@ def _platform(graph: Graph) -> Platform:
     return replace(ZCU104, name="drawn", lut=int(AREA_SHARE * lut), bram=AREA_SHARE * bram)
 
 
-def _placed(kind: str, number: int, graph: Graph, platform: Platform, time_limit_s: float) -> PlacedRow:
+def _placed(kind: str, number: int, graph: Graph, platform: Platform, time_limit_s: float) -> dict[str, Any]:
     began = time.perf_counter()
     found = place_nodes(graph, platform, time_limit_s=time_limit_s)
     seconds = time.perf_counter() - began
     greedy = greedy_placement(graph, platform)
-    return PlacedRow(
-        kind=kind,
-        graph=number,
-        nodes=len(graph.nodes),
-        topics=len(graph.topics),
-        in_hardware=len(found.graph.in_hardware),
-        gateways=len(found.graph.mapped_to(TopicMapping.GATEWAY)),
-        optimal=found.optimal,
-        seconds=seconds,
-        placed=found.load.total_s,
-        brute_force=brute_force_s(graph, platform) if kind == "small" else math.nan,
-        same_without_gateways=_cost_s(graph, found.graph.in_hardware, (), platform),
-        greedy=_cost_s(graph, greedy, (), platform),
-        greedy_with_gateways=_cost_s(graph, greedy, _paying(graph, greedy, platform), platform),
-        software=_cost_s(graph, frozenset(), (), platform),
-    )
+    return {
+        "kind": kind,
+        "graph": number,
+        "nodes": len(graph.nodes),
+        "topics": len(graph.topics),
+        "in_hardware": len(found.graph.in_hardware),
+        "gateways": len(found.graph.mapped_to(TopicMapping.GATEWAY)),
+        "optimal": found.optimal,
+        "seconds": seconds,
+        "placed": found.load.total_s,
+        "brute_force": brute_force_s(graph, platform) if kind == "small" else math.nan,
+        "same_without_gateways": _cost_s(graph, found.graph.in_hardware, (), platform),
+        "greedy": _cost_s(graph, greedy, (), platform),
+        "greedy_with_gateways": _cost_s(graph, greedy, _paying(graph, greedy, platform), platform),
+        "software": _cost_s(graph, frozenset(), (), platform),
+    }
 
 
 def greedy_placement(graph: Graph, platform: Platform) -> frozenset[str]:

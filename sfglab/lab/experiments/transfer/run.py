@@ -1,86 +1,75 @@
-"""Run the transfer experiment into one log: model, break-even, mappings, hardware, and processes."""
+"""The run: model, break-even and mappings, node mapping, hardware, and processes."""
 
 from __future__ import annotations
 
 from contextlib import aclosing
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sfglab.lab.experiments.transfer.experiment import Config, exp
 from sfglab.lab.experiments.transfer.hardware import area_rows, hardware_rows, what_is_missing
 from sfglab.lab.experiments.transfer.live import cells_of, crossings
-from sfglab.lab.experiments.transfer.modelled import model_rows
+from sfglab.lab.experiments.transfer.modelled import break_even_rows, model_rows, sized_mapping_rows
 from sfglab.lab.experiments.transfer.placing import placed_rows
-from sfglab.lab.experiments.transfer.worth import break_even_rows, sized_mapping_rows
 from sfglab.lab.paths import find_project
-from sfglab.lab.progress import progress_bar
-from sfglab.record import LogWriter, run_context
 from sfglab.soc import load_graph
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from sfglab.lab.experiments.transfer.config import Config
-
+    from sfglab.lab.bench import Bench
 
 GRAPH_FILE = "graphs/figure_8.yaml"
 
 
-async def run(config: Config, path: Path) -> Path:
-    """Run every part.
-
-    Args:
-        config: How much.
-        path: The log.
-
-    Raises:
-        ProcessFailedError: A process of the live part failed; what came before is in the log.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    missing = what_is_missing()
-    with LogWriter(path) as log, progress_bar(_steps(config), "transfer") as advance:
-        log.write_metadata("run", run_context())
-        log.write_metadata("config", {"experiment": "transfer", **asdict(config)})
-        log.write_metadata("missing", missing)
-        place = 0
-        for table, row in _computed(config, missing):
-            log.write_row(table, row, log_time_ns=place)
-            place += 1
-            if table in {"cycles", "area", "placed"}:
-                advance(table)
-        if config.live_rounds:
-            async with aclosing(crossings(config)) as rows:
-                async for crossing in rows:
-                    log.write_row("crossing", crossing, log_time_ns=place)
-                    place += 1
-                    advance(f"{crossing.publisher}, {crossing.message_bytes} B")
-    return path
+def _generators(config: Config) -> tuple[np.random.Generator, np.random.Generator]:
+    """Return what draws fits, and what draws graphs."""
+    fits, graphs = np.random.SeedSequence(config.seed).spawn(2)
+    return np.random.default_rng(fits), np.random.default_rng(graphs)
 
 
-def _computed(config: Config, missing: dict[str, str]) -> Iterator[tuple[str, Any]]:
-    """Return the rows that need no processes; what is drawn depends on the seed alone."""
-    fits, graphs = (np.random.default_rng(seed) for seed in np.random.SeedSequence(config.seed).spawn(2))
-    yield from model_rows(config.refits, fits)
-    for even in break_even_rows(config.most_subscribers):
-        yield "break_even", even
-    for sized in sized_mapping_rows(load_graph(find_project().data / GRAPH_FILE), config.sizes):
-        yield "sized_mapping", sized
+@exp.part("model", timed=False)
+def model(bench: Bench[Config]) -> None:
+    """Write what the model says of Fig. 6 and 7, its fit run anew, and what follows for mapping."""
+    config = bench.config
+    for table, row in model_rows(config.refits, _generators(config)[0]):
+        bench.write(table, row)
+    bench.write_all("break_even", break_even_rows(config.most_subscribers))
+    graph = load_graph(find_project().data / GRAPH_FILE)
+    bench.write_all("sized_mapping", sized_mapping_rows(graph, config.sizes))
+
+
+@exp.part("node mapping", total=lambda config: config.small_graphs + config.large_graphs, timed=False)
+def node_mapping(bench: Bench[Config]) -> None:
+    """Place random graphs."""
+    config = bench.config
     kinds = {
         "small": (config.small_graphs, config.small_nodes),
         "large": (config.large_graphs, config.large_nodes),
     }
-    for placed in placed_rows(kinds, graphs):
-        yield "placed", placed
+    for row in placed_rows(kinds, _generators(config)[1]):
+        bench.write("placed", row)
+        bench.advance(f"{row['nodes']} nodes")
+
+
+@exp.part("hardware", total=lambda config: 20 * len(config.rtl_subscribers) + config.areas, timed=False)
+def hardware(bench: Bench[Config]) -> None:
+    """Simulate and synthesise the hardware, where that is installed; what is missing is written down."""
+    config, missing = bench.config, what_is_missing()
+    bench.metadata("missing", missing)
     if "rtl" not in missing:
-        yield from hardware_rows(config)
+        for table, row in hardware_rows(config.rtl_subscribers, config.rtl_check_bytes):
+            bench.write(table, row)
+            if table == "cycles":
+                bench.advance(row["path"])
     if config.areas and "synthesis" not in missing:
-        for area in area_rows(config):
-            yield "area", area
+        bench.write_all("area", area_rows(config.rtl_subscribers))
 
 
-def _steps(config: Config) -> int:
-    """Return about how many steps of progress there are."""
-    cells = 2 * config.live_rounds * len(cells_of(config))
-    return cells + config.small_graphs + config.large_graphs + 20 * len(config.rtl_subscribers)
+@exp.part("live", total=lambda config: 2 * config.live_rounds * len(cells_of(config)), timed=False)
+async def live(bench: Bench[Config]) -> None:
+    """Carry messages across processes."""
+    if bench.config.live_rounds:
+        async with aclosing(crossings(bench.config)) as rows:
+            async for row in rows:
+                bench.write("crossing", row)
+                bench.advance(f"{row['publisher']}, {row['message_bytes']} B")

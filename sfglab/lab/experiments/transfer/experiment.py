@@ -1,10 +1,88 @@
-"""The rows that the transfer experiment writes into its log, one class a table."""
+"""What is run, and the rows that it writes, one class a table."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sfglab.lab.experiment import Actor, Experiment, Link, Setup
+from sfglab.soc.memory import MESSAGE_BYTES, SUBSCRIBERS
 
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """The whole run."""
+
+    profile: str = "quick"  #: Name of the profile it came from.
+    refits: int = 20  #: Starts from which the model is fitted anew.
+    #: Numbers of hardware subscribers for which the hardware is simulated.
+    rtl_subscribers: tuple[int, ...] = SUBSCRIBERS
+    rtl_check_bytes: int = (
+        100_032  #: Bytes that the hardware moves where a law of cycles is checked; a multiple of 64.
+    )
+    areas: bool = True  #: Whether the gateway is synthesised.
+    live_bytes: tuple[int, ...] = MESSAGE_BYTES  #: Message sizes across processes; multiples of 8.
+    live_subscribers: tuple[int, ...] = SUBSCRIBERS  #: Numbers of subscribing processes on the hardware's side.
+    live_rounds: int = 40  #: How often every cell is repeated; 0: nothing is live.
+    most_subscribers: int = 16  #: Largest number of hardware subscribers in the break-even chart.
+    sizes: int = 26  #: How many sizes the topics of Fig. 8 take, from 100 B to 10 MB.
+    small_graphs: int = 12  #: Random graphs on which node mapping is compared with brute force.
+    small_nodes: int = 8  #: Their largest number of nodes.
+    large_graphs: int = 4  #: Random graphs on which node mapping is timed.
+    large_nodes: int = 50  #: Their number of nodes.
+    seed: int = 0  #: Seed of everything that is drawn.
+
+
+exp = Experiment(
+    "transfer",
+    Config,
+    where="C 4",
+    smoke={
+        "refits": 2,
+        "rtl_subscribers": (2,),
+        "rtl_check_bytes": 4096,
+        "areas": False,
+        "live_bytes": (10_000,),
+        "live_subscribers": (2,),
+        "live_rounds": 3,
+        "most_subscribers": 8,
+        "sizes": 6,
+        "small_graphs": 2,
+        "small_nodes": 5,
+        "large_graphs": 1,
+        "large_nodes": 12,
+    },
+    paper={
+        "refits": 30,
+        "rtl_check_bytes": 1_000_000,
+        "live_rounds": 500,
+        "small_graphs": 40,
+        "small_nodes": 8,
+        "large_graphs": 10,
+        "large_nodes": 50,
+    },
+    setup=Setup(
+        actors=(
+            Actor("software", "software's side", "holds the topic in software and publishes"),
+            Actor("subscriber", "software's side", "subscribes in software"),
+            Actor("publisher", "hardware's side", "publishes"),
+            Actor("gateway", "hardware's side", "carries each message across once"),
+            Actor("reader", "hardware's side", "subscribes", count="2, 4 or 8"),
+        ),
+        links=(
+            Link("software", "subscriber", "messages", "socket"),
+            Link("software", "reader", "a copy each", "socket", "software and hardware"),
+            Link("software", "gateway", "one copy", "socket", "software and hardware"),
+            Link("publisher", "reader", "messages", "shared memory"),
+            Link("publisher", "gateway", "messages", "shared memory"),
+            Link("gateway", "reader", "messages", "shared memory"),
+            Link("gateway", "software", "one copy", "socket", "software and hardware"),
+            Link("publisher", "software", "messages", "socket", "software and hardware"),
+        ),
+    ),
+)
+
+
+@exp.table("bar")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransferBarRow:
     """A bar of Fig. 6 or 7."""
@@ -17,6 +95,7 @@ class TransferBarRow:
     gateway_s: float  #: Transfer time through a gateway, seconds.
 
 
+@exp.table("stated")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StatedRow:
     """A number that the paper states, beside the model's."""
@@ -28,6 +107,7 @@ class StatedRow:
     found: float  #: The model's.
 
 
+@exp.table("tendency")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TendencyRow:
     """A sentence of the paper without a number."""
@@ -38,6 +118,7 @@ class TendencyRow:
     holds: bool  #: Whether the model has it.
 
 
+@exp.table("constant")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConstantRow:
     """A constant of the model."""
@@ -51,6 +132,7 @@ class ConstantRow:
     refitted: float  #: What the best of this run's fits says; the value itself where it is not fitted.
 
 
+@exp.table("refit")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefitRow:
     """A fit from a drawn start."""
@@ -63,6 +145,7 @@ class RefitRow:
     shift: float
 
 
+@exp.table("variant")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VariantRow:
     """A fit with one assumed constant changed."""
@@ -74,6 +157,7 @@ class VariantRow:
     worst: float  #: Largest residual, relative and without sign.
 
 
+@exp.table("law")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CycleLawRow:
     """Cycles of a message in the simulated hardware, as a straight line over its chunks."""
@@ -84,6 +168,7 @@ class CycleLawRow:
     chunk_cycles: float  #: Of each of its chunks, for all subscribers together.
 
 
+@exp.table("cycles")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CycleCheckRow:
     """A message in the simulated hardware beside the law and the model."""
@@ -97,6 +182,7 @@ class CycleCheckRow:
     model_cycles: float  #: Of the model of the memory interface.
 
 
+@exp.table("area")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AreaRow:
     """What a gateway takes of an UltraScale+ device, by synthesis without placement."""
@@ -109,6 +195,7 @@ class AreaRow:
     block_rams: int  #: Block memories.
 
 
+@exp.table("crossing")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrossingRow:
     """One message across the boundary between processes."""
@@ -124,6 +211,7 @@ class CrossingRow:
     load: float  #: The machine's load average over the last minute, before the message.
 
 
+@exp.table("break_even")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BreakEvenRow:
     """From which size on a gateway is faster in the model."""
@@ -138,6 +226,7 @@ class BreakEvenRow:
     changes: int
 
 
+@exp.table("sized_mapping")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SizedMappingRow:
     """The example of Fig. 8 mapped by one rule, all its messages of one size."""
@@ -151,6 +240,7 @@ class SizedMappingRow:
     carriages: float  #: How often these messages are carried across, together.
 
 
+@exp.table("placed")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedRow:
     """A random graph placed. Costs are seconds of work each second; NaN: not computed."""

@@ -8,19 +8,23 @@ import numpy as np
 
 from sfglab.lab.experiments.transfer.analysis import (
     MAIN,
-    Results,
+    bars,
     bars_of,
     live_agreement,
     live_note,
     live_table,
+    stated,
 )
-from sfglab.lab.figures import COLORS, PAPER_STYLE, house_style
+from sfglab.lab.experiments.transfer.experiment import Config, exp
+from sfglab.lab.figures import COLORS, PAPER_STYLE
 from sfglab.soc.memory import Panel
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from sfglab.lab.runs import Run
 
 
 TRANSPORT_COLORS = {"smt": COLORS["standard"], "gateway": COLORS["proxy"]}
@@ -32,65 +36,51 @@ _RATIO_TICKS = (0.25, 0.5, 1, 2, 4, 8, 16)
 _MS_PER_S = 1e3
 
 
-def figure_transfer(results: Results) -> tuple[Figure, dict[str, Any]]:
-    """Draw the model's transfer times (above) and speed-ups (below), with RTL markers and the stated ends.
-
-    Args:
-        results: The run.
-
-    Returns:
-        The figure and the numbers that it shows.
-    """
-    with house_style():
-        figure, grid = _grid()
-        for place, panel in enumerate(Panel):
-            times, ratios = grid[0, place], grid[1, place]
-            _draw_times(times, bars_of(results, panel))
-            _draw_ratios(ratios, bars_of(results, panel), line=True)
-            _draw_ratios(ratios, bars_of(results, panel, model="rtl"), line=False)
-            _draw_stated(ratios, results, panel)
-            times.set_title(panel.value)
-        _finish(grid)
-        _legend_of_times(grid[0, 3], "gateway, any number of subscribers")
-        _legend_of_ratios(grid[1, 1], results, "hollow: with RTL's cycles\ndashed: stated ends")
-        figure.suptitle(_title(results))
-    return figure, {
-        "bars": results.bars.to_dict(orient="list"),
-        "stated": results.stated.to_dict(orient="list"),
+@exp.figure("transfer", size=(13.5, 6.6))
+def draw_transfer(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw the model's transfer times (above) and speed-ups (below), with RTL markers and the stated ends."""
+    grid = figure.subplots(2, len(Panel), sharex=True, sharey="row")
+    for place, panel in enumerate(Panel):
+        times, ratios = grid[0, place], grid[1, place]
+        _draw_times(times, bars_of(run, panel))
+        _draw_ratios(ratios, bars_of(run, panel), line=True)
+        _draw_ratios(ratios, bars_of(run, panel, model="rtl"), line=False)
+        _draw_stated(ratios, run, panel)
+        times.set_title(panel.value)
+    _finish(grid)
+    _legend_of_times(grid[0, 3], "gateway, any number of subscribers")
+    _legend_of_ratios(grid[1, 1], run, "hollow: with RTL's cycles\ndashed: stated ends")
+    figure.suptitle(_title(run))
+    return {
+        "bars": bars(run).to_dict(orient="list"),
+        "stated": stated(run).to_dict(orient="list"),
     }
 
 
-def figure_live(results: Results) -> tuple[Figure, dict[str, Any]]:
-    """Draw medians across processes with their intervals, and the model's speed-ups as thin lines.
-
-    Args:
-        results: The run, with a live part.
-
-    Returns:
-        The figure and the numbers that it shows.
-    """
-    table = live_table(results)
-    with house_style():
-        figure, grid = _grid()
-        for place, panel in enumerate(Panel):
-            times, ratios = grid[0, place], grid[1, place]
-            chosen = table[table["panel"] == panel.value]
-            _draw_live(times, ratios, chosen)
-            times.set_title(panel.value)
-        _finish(grid)
-        _legend_of_times(grid[0, 3], "gateway")
-        _legend_of_ratios(grid[1, 1], results, "thin: the board's model")
-        figure.suptitle(f"{_live_title(table)}\n{live_note(results)}", fontsize="medium")
+@exp.figure("transfer_live", size=(13.5, 6.6), when=lambda run: not run["crossing"].empty)
+def draw_live_transfer(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw medians across processes with their intervals, and the model's speed-ups as thin lines."""
+    table = live_table(run)
+    grid = figure.subplots(2, len(Panel), sharex=True, sharey="row")
+    for place, panel in enumerate(Panel):
+        times, ratios = grid[0, place], grid[1, place]
+        chosen = table[table["panel"] == panel.value]
+        _draw_live(times, ratios, chosen)
+        times.set_title(panel.value)
+    _finish(grid)
+    _legend_of_times(grid[0, 3], "gateway")
+    _legend_of_ratios(grid[1, 1], run, "thin: the board's model")
+    figure.suptitle(f"{_live_title(table)}\n{live_note(run)}", fontsize="medium")
     agreement = dict(zip(("bars", "decided", "as the model"), live_agreement(table), strict=True))
-    return figure, {
+    return {
         "live": table.to_dict(orient="list"),
-        "conditions": live_note(results),
+        "conditions": live_note(run),
         "agreement": agreement,
     }
 
 
-def _title(results: Results) -> str:
-    worst = results.stated[results.stated["model"] == MAIN]["residual"].abs().max()
+def _title(run: Run[Config]) -> str:
+    worst = stated(run)[stated(run)["model"] == MAIN]["residual"].abs().max()
     return (
         "A gateway pays for large messages and many hardware subscribers, and costs time towards software "
         f"(model, all stated ends within {worst:.1%})"
@@ -100,13 +90,6 @@ def _title(results: Results) -> str:
 def _live_title(table: pd.DataFrame) -> str:
     bars, decided, same = live_agreement(table)
     return f"Across processes {decided} of {bars} bars say which is faster, {same} of them as the model does"
-
-
-def _grid() -> tuple[Figure, Any]:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(13.5, 6.6))
-    return figure, figure.subplots(2, len(Panel), sharex=True, sharey="row")
 
 
 def _counts(table: pd.DataFrame) -> list[int]:
@@ -147,10 +130,11 @@ def _place(count: int) -> int:
     return {2: 0, 4: 1}.get(count, 2)
 
 
-def _draw_stated(axes: Axes, results: Results, panel: Panel) -> None:
-    stated = results.stated[(results.stated["model"] == MAIN) & (results.stated["panel"] == panel.value)]
-    for value in stated["stated"]:
-        largest = value == stated["stated"].max()
+def _draw_stated(axes: Axes, run: Run[Config], panel: Panel) -> None:
+    table = stated(run)
+    numbers = table[(table["model"] == MAIN) & (table["panel"] == panel.value)]
+    for value in numbers["stated"]:
+        largest = value == numbers["stated"].max()
         axes.axhline(value, color="black", **PAPER_STYLE)
         # Where the lines are not: they all leave the upper left and the lower right corner free.
         axes.annotate(
@@ -214,7 +198,7 @@ def _legend_of_times(axes: Axes, gateway: str) -> None:
     axes.legend(handles=handles, loc="upper left")
 
 
-def _legend_of_ratios(axes: Axes, results: Results, more: str) -> None:
+def _legend_of_ratios(axes: Axes, run: Run[Config], more: str) -> None:
     from matplotlib.lines import Line2D
 
     handles = [
@@ -226,6 +210,6 @@ def _legend_of_ratios(axes: Axes, results: Results, more: str) -> None:
             linestyle=NODE_LINES[_place(count)],
             label=f"{count} hardware subscribers",
         )
-        for count in _counts(results.bars)
+        for count in _counts(bars(run))
     ]
     axes.legend(handles=handles, title=more, loc="upper left", fontsize="small", title_fontsize="small")
