@@ -25,12 +25,10 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 reproduce: setup ## Run every notebook headless (PROFILE=smoke|quick|paper), write logs and figures, print the claims
 	$(BIN)/sfglab reproduce --profile $(PROFILE)
 
-# What measures time or counts processes runs alone, afterwards.
 test: export SFGLAB_SKIPS = runs/skips
-test: setup ## Run the tests: in parallel what can be, then what is live; at the end what was skipped and why
+test: setup ## Run the tests, as many at once as there are cores; at the end what was skipped and why
 	@mkdir -p runs && rm -f $(SFGLAB_SKIPS) && touch $(SFGLAB_SKIPS)
-	$(BIN)/python -m pytest --quiet -m "not live" --numprocesses auto --dist worksteal
-	$(BIN)/python -m pytest --quiet -m live
+	$(BIN)/python -m pytest --quiet --numprocesses auto --dist worksteal
 	@echo "$$(wc -l < $(SFGLAB_SKIPS)) tests were skipped:"; sort $(SFGLAB_SKIPS) | uniq -c | sort -rn
 
 lab: setup ## Open JupyterLab on the notebooks

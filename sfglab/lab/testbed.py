@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import os
 import socket
+import time
 from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
@@ -72,6 +73,18 @@ def _hold(domain: int) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def _alone() -> Iterator[None]:
+    """Be the only run on this host, waiting for another that is on its way."""
+    with closing(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)) as lock:
+        while True:
+            with suppress(OSError):
+                lock.bind("\0sfglab-run-on-one-host")
+                break
+            time.sleep(0.2)
+        yield
+
+
 class CountsBytes(Protocol):
     """Something with an interface whose bytes are counted."""
 
@@ -87,6 +100,8 @@ class _Loopback:
 
 class Testbed:
     """Named hosts, as a context manager.
+
+    On one host the domains of two runs are the same, so the second waits until the first has ended.
 
     Args:
         names: The hosts.
@@ -116,6 +131,8 @@ class Testbed:
             self._network = self._stack.enter_context(Network())
             for name in self._names:
                 self._network.add_host(name)
+        else:
+            self._stack.enter_context(_alone())
         return self
 
     def __exit__(

@@ -26,7 +26,6 @@ def test_a_machine_without_tools_is_told_what_to_install(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 @pytest.mark.skipif(bool(why_not()), reason=why_not() or "can run")
 @pytest.mark.skipif(CACHE is None, reason="downloads 300 MB: name a folder to keep them in SFGLAB_TEST_CACHE")
 def test_every_promise_holds_in_a_real_image(tmp_path):

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import pytest
 
-pytestmark = [pytest.mark.live, pytest.mark.timeout(30)]
+pytestmark = [pytest.mark.live]
 
 DEADLINE_S = 60
 PREAMBLE = """

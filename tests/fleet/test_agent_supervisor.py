@@ -21,7 +21,7 @@ from sfglab.fleet.agent.plan import Component
 from sfglab.fleet.agent.supervision import State, Timing
 from sfglab.fleet.agent.supervisor import Agent, ComponentError
 
-pytestmark = [pytest.mark.live, pytest.mark.timeout(30)]
+pytestmark = [pytest.mark.live]
 
 TIMING = Timing(start_ns=10_000_000_000, stop_ns=300_000_000, backoff_ns=20_000_000, backoff_max_ns=80_000_000)
 DEADLINE_S = 60

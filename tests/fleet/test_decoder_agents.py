@@ -18,7 +18,7 @@ from sfglab.fleet.discovery.listener import (
 )
 from sfglab.messages import default_message
 
-pytestmark = [pytest.mark.live, pytest.mark.timeout(60)]
+pytestmark = [pytest.mark.live]
 
 TOPIC = discovery_topic("station")
 

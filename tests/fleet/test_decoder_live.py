@@ -17,7 +17,7 @@ from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS
 from sfglab.messages import default_message, ns_from_stamp, stamp_from_ns
 from sfglab.qos import SENSOR_DATA
 
-pytestmark = [pytest.mark.live, pytest.mark.timeout(60)]
+pytestmark = [pytest.mark.live]
 
 
 def run(coroutine):

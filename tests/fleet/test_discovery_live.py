@@ -26,7 +26,7 @@ from sfglab.fleet.status.schedule import Schedule
 from sfglab.messages import default_message, serialize, service_type
 from sfglab.qos import LATCHED
 
-pytestmark = [pytest.mark.live, pytest.mark.timeout(90)]
+pytestmark = [pytest.mark.live]
 
 AGENT_HEARTBEAT = "sfglab_interfaces/msg/AgentHeartbeat"
 FAST = Schedule(startup_period_s=0.1, steady_period_s=0.1, startup_s=0)

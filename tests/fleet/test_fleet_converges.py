@@ -29,7 +29,7 @@ from sfglab.lab.testbed import Testbed
 from sfglab.lab.workers.camera import CameraConfig
 from sfglab.names import Component, Resource, RosFqnBuilder, Scope, Stream
 
-pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.live, pytest.mark.slow]
 
 # What each runs: fewer decoders than a real fleet has, so that the test spares the machine.
 AGENTS = {

@@ -16,7 +16,7 @@ from sfglab.fleet.keeper.app import KeeperConfig
 from sfglab.fleet.keeper.node import KeeperSettings, StreamKeeper
 from sfglab.qos import SENSOR_DATA
 
-pytestmark = [pytest.mark.live, pytest.mark.timeout(60)]
+pytestmark = [pytest.mark.live]
 
 REPLAY = replay_topic(STREAM)
 

@@ -16,7 +16,7 @@ from sfglab.fleet.keeper.node import KeeperSettings, StreamKeeper
 from sfglab.messages import ns_from_stamp
 from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
 
-pytestmark = [pytest.mark.live, pytest.mark.timeout(60)]
+pytestmark = [pytest.mark.live]
 
 REPLAY = replay_topic(STREAM)
 ENDLESS = 200

@@ -34,7 +34,7 @@ from sfglab.messages import (
 from sfglab.messages.dds import opaque_idl_struct
 from sfglab.qos import LATCHED, SENSOR_DATA, SERVICES, Durability, QoSProfile, Reliability
 
-pytestmark = [pytest.mark.live, pytest.mark.timeout(60)]
+pytestmark = [pytest.mark.live]
 
 STRING, METADATA = "std_msgs/msg/String", "sfglab_interfaces/srv/GetMetadata"
 String = message_type(STRING)

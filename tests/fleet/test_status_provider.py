@@ -20,7 +20,7 @@ from sfglab.fleet.status.schedule import Schedule
 from sfglab.messages import ns_from_stamp, service_type
 from sfglab.qos import LATCHED
 
-pytestmark = [pytest.mark.live, pytest.mark.timeout(60)]
+pytestmark = [pytest.mark.live]
 
 AGENT_HEARTBEAT = "sfglab_interfaces/msg/AgentHeartbeat"
 SELDOM = Schedule(startup_s=0, steady_period_s=60)

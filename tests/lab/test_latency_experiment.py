@@ -128,15 +128,11 @@ def test_profiles_differ_in_length_only():
 
 @pytest.mark.live
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "separate",
-    [pytest.param(None, id="separate hosts", marks=pytest.mark.netns), pytest.param(False, id="loopback")],
-)
-def test_a_short_live_run_shows_present_pictures_and_leaves_nothing(tmp_path, separate):
+def test_a_short_live_run_shows_present_pictures_and_leaves_nothing(tmp_path):
     before = {p.pid for p in psutil.Process().children(recursive=True)}
     config = replace(Config.of_profile("smoke"), repeats=1, encoder="libx264", idle_s=0.5, skipped=0)
-    results = latency.load_results(asyncio.run(latency.run(config, tmp_path / "run.mcap", separate=separate)))
-    assert results.hosts["separate"] is (separate is None)
+    results = latency.load_results(asyncio.run(latency.run(config, tmp_path / "run.mcap", separate=False)))
+    assert results.hosts["separate"] is False
     checks = latency.checks(results).set_index("path")
     assert set(checks.index) == set(PATHS)
     assert (checks[["unreadable", "disordered", "broken", "unknown"]] == 0).all(axis=None)
@@ -144,4 +140,4 @@ def test_a_short_live_run_shows_present_pictures_and_leaves_nothing(tmp_path, se
     assert (checks.loc[["decoder", "agent"], "replay_packets"] > 0).all(), "keepers were asked"
     assert (checks.loc[["standard", "on_demand"], "replay_packets"] == 0).all()
     assert (results.sights["glass_ms"] > 0).all()
-    assert {p.pid for p in psutil.Process().children(recursive=True)} == before
+    assert {p.pid for p in psutil.Process().children(recursive=True)} <= before

