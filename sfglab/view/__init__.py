@@ -29,28 +29,18 @@ and an entry point in your ``pyproject.toml``:
 
 from __future__ import annotations
 
-from sfglab.view.app import Report, ViewOptions, report_of, session_for, view_live, view_log
-from sfglab.view.arrivals import Arrival, open_log
+from sfglab.view.app import Report, ViewOptions, report_of, view_live, view_log
+from sfglab.view.arrivals import Arrival
 from sfglab.view.bridge import Bridge
 from sfglab.view.errors import ContentError, SessionError, SettingError, SinkError, SourceError, ViewError
-from sfglab.view.registry import GROUP, available, find
-from sfglab.view.rerunning import Layout, RerunCanvas, blueprint, layout_of_fleet, layout_of_topics, open_canvas
+from sfglab.view.registry import available, find
+from sfglab.view.rerunning import RerunCanvas, blueprint, layout_of_fleet, open_canvas
 from sfglab.view.session import Display, Session
 from sfglab.view.stage import replay
 from sfglab.view.sync import Approximate, Exact, Independent, Latest
-from sfglab.view.visualizer import (
-    Canvas,
-    Input,
-    Parameter,
-    TopicHealth,
-    Update,
-    Visualizer,
-    agent_root,
-    entity_of_topic,
-)
+from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer, entity_of_topic
 
 __all__ = [
-    "GROUP",
     "Approximate",
     "Arrival",
     "Bridge",
@@ -61,7 +51,6 @@ __all__ = [
     "Independent",
     "Input",
     "Latest",
-    "Layout",
     "Parameter",
     "Report",
     "RerunCanvas",
@@ -70,23 +59,18 @@ __all__ = [
     "SettingError",
     "SinkError",
     "SourceError",
-    "TopicHealth",
     "Update",
     "ViewError",
     "ViewOptions",
     "Visualizer",
-    "agent_root",
     "available",
     "blueprint",
     "entity_of_topic",
     "find",
     "layout_of_fleet",
-    "layout_of_topics",
     "open_canvas",
-    "open_log",
     "replay",
     "report_of",
-    "session_for",
     "view_live",
     "view_log",
 ]

@@ -32,21 +32,13 @@ _STAMPS = ("header", "stamp", "timestamp")
 
 
 class Arrival(NamedTuple):
-    """One message.
+    """One message."""
 
-    Attributes:
-        topic: Its topic.
-        type_name: Its ROS type.
-        received_ns: When it arrived, on this host's or the log's clock.
-        cdr: Its bytes; empty where only the message is known.
-        message: Decoded, where that had to be done already.
-    """
-
-    topic: str
-    type_name: str
-    received_ns: int
-    cdr: bytes
-    message: Any = None
+    topic: str  #: Its topic.
+    type_name: str  #: Its ROS type.
+    received_ns: int  #: When it arrived, on this host's or the log's clock.
+    cdr: bytes  #: Its bytes; empty where only the message is known.
+    message: Any = None  #: Decoded, where that had to be done already.
 
 
 def capture_ns(arrival: Arrival) -> int:

@@ -229,7 +229,7 @@ class Bridge:
 
     async def _do(self, job: Job | None) -> None:
         if job is not None:
-            await asyncio.get_running_loop().run_in_executor(self._thread, job.draw, self._surface)
+            await asyncio.get_running_loop().run_in_executor(self._thread, job, self._surface)
 
 
 def _qos_of(endpoints: Iterable[EndpointInfo], type_name: str) -> tuple[QoSProfile, ...]:

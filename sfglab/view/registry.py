@@ -1,4 +1,4 @@
-"""Which visualizers there are: ours, and those of every installed package that offers some.
+"""Visualizers that there are: ours, and those of every installed package that offers some.
 
 A package offers a class under an entry point of the group ``sfglab.visualizers``. One that cannot be loaded is
 told and left out, so that somebody else's mistake costs nobody their view.
@@ -11,22 +11,52 @@ from typing import NamedTuple
 
 from sfglab.view.errors import SessionError
 from sfglab.view.visualizer import Visualizer
-from sfglab.view.visualizers import BUILT_IN
+from sfglab.view.visualizers.clouds import CompressedDepthCloud, DepthCloud, LaserScan, PointCloud
+from sfglab.view.visualizers.fleet import AgentStatus, Communication
+from sfglab.view.visualizers.images import (
+    CameraModel,
+    CompressedImage,
+    CompressedImageVideo,
+    FfmpegVideo,
+    FoxgloveVideo,
+    Image,
+)
+from sfglab.view.visualizers.markers import Marker, MarkerArray
+from sfglab.view.visualizers.poses import Imu, Odometry, Path, Pose, StaticTransforms, Transforms
 
 GROUP = "sfglab.visualizers"
 """The entry points' group."""
 
+BUILT_IN: tuple[type[Visualizer], ...] = (
+    Image,
+    CompressedImage,
+    CameraModel,
+    FfmpegVideo,
+    FoxgloveVideo,
+    CompressedImageVideo,
+    DepthCloud,
+    CompressedDepthCloud,
+    PointCloud,
+    LaserScan,
+    Transforms,
+    StaticTransforms,
+    Pose,
+    Path,
+    Odometry,
+    Imu,
+    Marker,
+    MarkerArray,
+    AgentStatus,
+    Communication,
+)
+"""All of them, in the order in which they offer themselves for a topic."""
+
 
 class Registry(NamedTuple):
-    """What was found.
+    """Visualizers that were found."""
 
-    Attributes:
-        kinds: Visualizers by name, ours first.
-        broken: What could not be loaded, one sentence each.
-    """
-
-    kinds: dict[str, type[Visualizer]]
-    broken: tuple[str, ...]
+    kinds: dict[str, type[Visualizer]]  #: Visualizers by name, ours first.
+    broken: tuple[str, ...]  #: What could not be loaded, one sentence each.
 
 
 def available() -> Registry:

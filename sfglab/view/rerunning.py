@@ -39,6 +39,16 @@ def rerun() -> Any:
     return rerun
 
 
+class _Rerun:
+    """Rerun, imported when something of it is first asked for."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(rerun(), name)
+
+
+rr: Any = _Rerun()
+
+
 NOTEBOOK = "notebook"
 """The place that is the running cell."""
 
@@ -60,50 +70,44 @@ class RerunCanvas:
     Args:
         recording: A Rerun recording with its sinks.
         where: Its sinks, for messages.
+
+    Attributes:
+        recording: For what only Rerun can do.
+        pending_bytes: What was drawn since the sinks last had everything: of messages, as they arrived; below a
+            window.
     """
 
     def __init__(self, recording: Any, where: str) -> None:
-        self._rerun = rerun()
-        self._recording = recording
+        self.recording = recording
         self._where = where
-        self._pending_bytes = 0
+        self.pending_bytes = 0
         self._now_ns = self._flushed_ns = 0
         self._frames: dict[str, str] = {}
         self._closed = False
-
-    @property
-    def recording(self) -> Any:
-        """The ``rerun.RecordingStream``, for what only Rerun can do."""
-        return self._recording
-
-    @property
-    def pending_bytes(self) -> int:
-        """What was drawn since the sinks last had everything: of messages, as they arrived; below a window."""
-        return self._pending_bytes
 
     def at(self, *, stamp_ns: int, received_ns: int) -> None:
         """Set the time of what is drawn next."""
         import numpy as np
 
         self._now_ns = received_ns
-        self._recording.set_time(CAPTURE, timestamp=np.datetime64(stamp_ns, "ns"))
-        self._recording.set_time(RECEIVED, timestamp=np.datetime64(received_ns, "ns"))
+        self.recording.set_time(CAPTURE, timestamp=np.datetime64(stamp_ns, "ns"))
+        self.recording.set_time(RECEIVED, timestamp=np.datetime64(received_ns, "ns"))
 
     def place(self, entity: str, frame: str) -> None:
         """Say in which coordinate frame an entity's geometry is given; said again only when it changes."""
         frame = frame.strip("/")  # a leading slash is what ROS 1 wrote
         if frame and self._frames.get(entity) != frame:
             self._frames[entity] = frame
-            self.log(entity, self._rerun.CoordinateFrame(frame), static=True)
+            self.log(entity, rr.CoordinateFrame(frame), static=True)
 
     def log(self, entity: str, *what: Any, static: bool = False) -> None:
         """Draw archetypes at an entity."""
         first, *more = what
-        self._recording.log(entity, first, *more, static=static, strict=True)
+        self.recording.log(entity, first, *more, static=static, strict=True)
 
     def show_blueprint(self, blueprint: Any) -> None:
         """Lay the viewer out."""
-        self._recording.send_blueprint(blueprint)
+        self.recording.send_blueprint(blueprint)
 
     def show_in_notebook(self, *, width: int = 950, height: int = 600) -> None:
         """Show the recording below the running cell, and keep it up to date while the notebook's kernel lives.
@@ -117,7 +121,7 @@ class RerunCanvas:
         """
         if find_spec("rerun_notebook") is None:
             raise MissingExtraError("rerun_notebook", extra="view", purpose="the view in a notebook")
-        self._recording.notebook_show(width=width, height=height)
+        self.recording.notebook_show(width=width, height=height)
 
     def settle(self, size_bytes: int) -> None:
         """Wait until the sinks have taken everything, if much is on its way or the last time was a second ago.
@@ -127,8 +131,8 @@ class RerunCanvas:
         Raises:
             SinkError: They do not take it.
         """
-        self._pending_bytes += size_bytes
-        if self._pending_bytes >= WINDOW_BYTES or abs(self._now_ns - self._flushed_ns) >= NS_PER_S:
+        self.pending_bytes += size_bytes
+        if self.pending_bytes >= WINDOW_BYTES or abs(self._now_ns - self._flushed_ns) >= NS_PER_S:
             self.flush()
 
     def flush(self) -> None:
@@ -138,10 +142,10 @@ class RerunCanvas:
             SinkError: They do not take it within ten seconds.
         """
         try:
-            self._recording.flush(timeout_sec=_TAKE_LIMIT_S)
+            self.recording.flush(timeout_sec=_TAKE_LIMIT_S)
         except (RuntimeError, ValueError, OSError) as error:
             raise SinkError(f"{self._where} does not take what is shown: {error}") from error
-        self._pending_bytes, self._flushed_ns = 0, self._now_ns
+        self.pending_bytes, self._flushed_ns = 0, self._now_ns
 
     def close(self) -> None:
         """Send what is left and disconnect; again is harmless."""
@@ -152,7 +156,7 @@ class RerunCanvas:
             self.flush()
         finally:
             with suppress(RuntimeError):
-                self._recording.disconnect()
+                self.recording.disconnect()
 
 
 def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%") -> RerunCanvas:
@@ -172,16 +176,15 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%"
         SettingError: There is no such kind of place, or no place at all.
         SinkError: It cannot be opened.
     """
-    sdk = rerun()
     if not to:
         raise SettingError("to", to, "at least one place")
     if NOTEBOOK in to and len(to) > 1:
         raise SettingError("to", to, "the notebook alone, or other places")
-    config = sdk.ChunkBatcherConfig.LOW_LATENCY()
+    config = rr.ChunkBatcherConfig.LOW_LATENCY()
     config.flush_num_bytes = _IMAGE_BYTES
-    recording = sdk.RecordingStream(title, batcher_config=config)
-    sdk.set_log_time_enabled(False, recording=recording)
-    sdk.set_log_tick_enabled(False, recording=recording)
+    recording = rr.RecordingStream(title, batcher_config=config)
+    rr.set_log_time_enabled(False, recording=recording)
+    rr.set_log_tick_enabled(False, recording=recording)
     where = " and ".join(to)
     try:
         sinks = [sink for place in to if (sink := _sink(place, recording, memory)) is not None]
@@ -196,17 +199,16 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%"
 
 def _sink(place: str, recording: Any, memory: str) -> Any:
     """Return a sink; None for the notebook, which takes the recording as it is."""
-    sdk = rerun()
     kind, _, rest = place.partition(":")
     if place.endswith(".rrd"):
         return _file_sink(Path(place))
     if place == "viewer":
         recording.spawn(connect=False, memory_limit=memory)
-        return sdk.GrpcSink()
+        return rr.GrpcSink()
     if kind.startswith("rerun"):
-        return sdk.GrpcSink(place)
+        return rr.GrpcSink(place)
     if kind == "serve":
-        return sdk.GrpcServerSink(*_bound(place, rest), server_memory_limit=memory)
+        return rr.GrpcServerSink(*_bound(place, rest), server_memory_limit=memory)
     if place == NOTEBOOK:
         return None
     raise SettingError("to", place, _PLACES)
@@ -227,7 +229,7 @@ def _bound(place: str, rest: str) -> tuple[str, int]:
 def _file_sink(path: Path) -> Any:
     if not path.parent.is_dir():
         raise SinkError(f"{path} cannot be opened: there is no directory {path.parent}")
-    return rerun().FileSink(path)
+    return rr.FileSink(path)
 
 
 _PICTURES = (

@@ -75,7 +75,12 @@ class Offer:
 
 
 class Session:
-    """The displays."""
+    """The displays.
+
+    Raises:
+        SessionError: By every method that takes an id or a role: there is none.
+        SettingError: By every method that takes a value: it is not allowed, or there is nothing of that name.
+    """
 
     def __init__(self) -> None:
         self._displays: dict[str, Display] = {}
@@ -88,11 +93,7 @@ class Session:
         return tuple(self._displays.values())
 
     def display(self, id_: str) -> Display:
-        """Return a display.
-
-        Raises:
-            SessionError: There is none with this id.
-        """
+        """Return a display."""
         if id_ not in self._displays:
             raise SessionError("display", id_, self._displays)
         return self._displays[id_]
@@ -133,43 +134,25 @@ class Session:
         return display
 
     def remove(self, id_: str) -> None:
-        """Remove a display; what it has drawn stays in the viewer's history.
-
-        Raises:
-            SessionError: There is none with this id.
-        """
+        """Remove a display; what it has drawn stays in the viewer's history."""
         display = self.display(id_)
         del self._displays[id_]
         self._tell(Changed.REMOVED, display)
 
     def tune(self, id_: str, name: str, value: object) -> None:
-        """Set one parameter of a display.
-
-        Raises:
-            SessionError: There is none with this id.
-            SettingError: There is no such parameter, or the value is not allowed.
-        """
+        """Set one parameter of a display."""
         display = self.display(id_)
         display.visualizer.tune(name, value)
         self._tell(Changed.TUNED, display)
 
     def limit(self, id_: str, max_hz: float | None) -> None:
-        """Set the rate budget of a display; None lifts it.
-
-        Raises:
-            SessionError: There is none with this id.
-            SettingError: The rate is not positive.
-        """
+        """Set the rate budget of a display; None lifts it."""
         display = self.display(id_)
         display.slot.budget.max_hz = max_hz
         self._tell(Changed.TUNED, display)
 
     def enable(self, id_: str, *, enabled: bool) -> None:
-        """Switch a display on or off; what is off costs nothing and keeps its settings.
-
-        Raises:
-            SessionError: There is none with this id.
-        """
+        """Switch a display on or off; what is off costs nothing and keeps its settings."""
         display = self.display(id_)
         if enabled and not display.enabled:
             display.slot.interrupt()
@@ -185,9 +168,6 @@ class Session:
             id_: Which display.
             qos: By role, in addition to what was given before.
             sync: None leaves it as it is.
-
-        Raises:
-            SessionError: There is none with this id, or no such role.
         """
         display = self.display(id_)
         for role, profile in (qos or {}).items():

@@ -41,17 +41,11 @@ class Counts:
 
 
 class Taken(NamedTuple, Generic[T]):
-    """A set whose turn has come.
+    """A set whose turn has come."""
 
-    Attributes:
-        items: By role.
-        stamp_ns: Of the leading item.
-        lost: Sets passed over since the one before.
-    """
-
-    items: dict[str, T]
-    stamp_ns: int
-    lost: int
+    items: dict[str, T]  #: By role.
+    stamp_ns: int  #: Of the leading item.
+    lost: int  #: Sets passed over since the one before.
 
 
 class Slot(Generic[T]):

@@ -9,6 +9,9 @@ another and take their time, as long as it is always the same one.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
+from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from sfglab.errors import SfglabError
@@ -20,7 +23,6 @@ from sfglab.view.visualizer import Canvas, TopicHealth, Update
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
-    from types import TracebackType
 
     from sfglab.bus import EndpointEvent
     from sfglab.view.session import Session
@@ -41,63 +43,51 @@ class Surface(Canvas, Protocol):
         """Send what is left and let go; again is harmless."""
 
 
-class Job(Protocol):
-    """Something to draw."""
-
-    def draw(self, surface: Surface) -> None:
-        """Draw it; what cannot be drawn is noted at its display.
-
-        Raises:
-            SinkError: It cannot be sent any more.
-        """
+Job = Callable[[Surface], None]
+"""Something to draw; what cannot be drawn is noted at its display. Raises SinkError when it cannot be sent."""
 
 
-class _Show:
-    """One update that a display has to draw."""
-
-    def __init__(self, display: Display, taken: Taken[Arrival]) -> None:
-        self._display = display
-        self._taken = taken
-
-    def draw(self, surface: Surface) -> None:
-        arrivals = self._taken.items.values()
-        received_ns = max(arrival.received_ns for arrival in arrivals)
-        surface.at(stamp_ns=self._taken.stamp_ns, received_ns=received_ns)
-        with _Noted(self._display):
-            update = Update(
-                messages={role: decoded(arrival) for role, arrival in self._taken.items.items()},
-                stamp_ns=self._taken.stamp_ns,
-                received_ns=received_ns,
-                lost=self._taken.lost,
-            )
-            self._display.visualizer.show(update, surface)
-        surface.settle(sum(len(arrival.cdr) for arrival in arrivals))
+def _show(display: Display, taken: Taken[Arrival], surface: Surface) -> None:
+    """Draw one update of a display."""
+    arrivals = taken.items.values()
+    received_ns = max(arrival.received_ns for arrival in arrivals)
+    surface.at(stamp_ns=taken.stamp_ns, received_ns=received_ns)
+    with _noted(display):
+        messages = {role: decoded(arrival) for role, arrival in taken.items.items()}
+        update = Update(messages=messages, stamp_ns=taken.stamp_ns, received_ns=received_ns, lost=taken.lost)
+        display.visualizer.show(update, surface)
+    surface.settle(sum(len(arrival.cdr) for arrival in arrivals))
 
 
-class _Tick:
-    """What changes with time: facts for every display, and a drawing of those whose turn it is."""
+def _tick(
+    displays: tuple[Display, ...],
+    due: tuple[Display, ...],
+    facts: tuple[EndpointEvent | TopicHealth, ...],
+    now_ns: int,
+    surface: Surface,
+) -> None:
+    """Tell every display the facts, and draw those whose turn it is."""
+    surface.at(stamp_ns=now_ns, received_ns=now_ns)
+    for display in displays:
+        with _noted(display):
+            for fact in facts:
+                display.visualizer.observe(fact)
+            if display in due:
+                display.visualizer.tick(now_ns, surface)
+    surface.settle(0)
 
-    def __init__(
-        self,
-        displays: tuple[Display, ...],
-        due: tuple[Display, ...],
-        facts: tuple[EndpointEvent | TopicHealth, ...],
-        now_ns: int,
-    ) -> None:
-        self._displays = displays
-        self._due = due
-        self._facts = facts
-        self._now_ns = now_ns
 
-    def draw(self, surface: Surface) -> None:
-        surface.at(stamp_ns=self._now_ns, received_ns=self._now_ns)
-        for display in self._displays:
-            with _Noted(display):
-                for fact in self._facts:
-                    display.visualizer.observe(fact)
-                if display in self._due:
-                    display.visualizer.tick(self._now_ns, surface)
-        surface.settle(0)
+@contextmanager
+def _noted(display: Display) -> Iterator[None]:
+    """Note what a visualizer raises at its display: one that fails keeps no other from being shown."""
+    try:
+        yield
+    except SinkError:
+        raise
+    except Exception as error:  # noqa: BLE001 - a visualizer may be anybody's
+        display.errors += 1
+        told = str(error) if isinstance(error, SfglabError) else f"{type(error).__name__}: {error}"
+        display.last_error = told
 
 
 class Stage:
@@ -141,7 +131,7 @@ class Stage:
             taken = displays[index].slot.take()
             if taken is not None:
                 self._turn = index + 1
-                return _Show(displays[index], taken)
+                return partial(_show, displays[index], taken)
         return None
 
     def tick(self, now_ns: int, facts: Iterable[EndpointEvent] = ()) -> Job | None:
@@ -155,7 +145,7 @@ class Stage:
         told = tuple(facts)
         if not due and not told:
             return None
-        return _Tick(self._session.displays, due, (*told, *self.health()), now_ns)
+        return partial(_tick, self._session.displays, due, (*told, *self.health()), now_ns)
 
     def _is_due(self, display: Display, now_ns: int) -> bool:
         """Return whether a display's tick is due, and plan its next one; a clock may jump back."""
@@ -197,26 +187,6 @@ class Stage:
                     del self._wanted[topic]
 
 
-class _Noted:
-    """What a visualizer raises is noted at its display: one that fails keeps no other from being shown."""
-
-    def __init__(self, display: Display) -> None:
-        self._display = display
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> bool:
-        if not isinstance(error, Exception) or isinstance(error, SinkError):
-            return False
-        self._display.errors += 1
-        told = str(error) if isinstance(error, SfglabError) else f"{type(error).__name__}: {error}"
-        self._display.last_error = told
-        return True
-
-
 _STEP_NS = 100_000_000
 _MOST_STEPS = 3000
 """Of a silence that is longer than five minutes the rest is passed over."""
@@ -246,11 +216,11 @@ def replay(arrivals: Iterable[Arrival], session: Session, surface: Surface) -> i
         for count, arrival in enumerate(arrivals, start=1):  # noqa: B007 - counts what was read
             for now_ns in _moments(last_ns, arrival.received_ns):
                 if (due := stage.tick(now_ns)) is not None:
-                    due.draw(surface)
+                    due(surface)
             last_ns = arrival.received_ns
             stage.deliver(arrival)
             while (job := stage.ready()) is not None:
-                job.draw(surface)
+                job(surface)
     finally:
         stage.close()
     return count

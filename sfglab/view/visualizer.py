@@ -113,20 +113,15 @@ class Visualizer(ABC):
         SettingError: A value is not allowed, or a role is missing or unknown.
     """
 
-    name: ClassVar[str]
-    """Under which it is added; unique among all that are installed."""
+    name: ClassVar[str]  #: Under which it is added; unique among all that are installed.
+    #: The first one leads: it gives the entity, and the time where that matters.
     inputs: ClassVar[tuple[Input, ...]]
-    """The first one leads: it gives the entity, and the time where that matters."""
-    sync: ClassVar[SyncPolicy] = Independent()
-    """Which messages of several inputs belong together."""
-    max_hz: ClassVar[float | None] = 30.0
-    """Its rate budget; None where each message counts."""
+    sync: ClassVar[SyncPolicy] = Independent()  #: Which messages of several inputs belong together.
+    max_hz: ClassVar[float | None] = 30.0  #: Its rate budget; None where each message counts.
+    #: How many updates may wait for their turn; the oldest goes when there are more. 1 shows the latest.
     queue: ClassVar[int] = 1
-    """How many updates may wait for their turn; the oldest goes when there are more. 1 shows the latest."""
-    tick_hz: ClassVar[float] = 0.0
-    """How often `tick` is called; 0 for never."""
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
-    """What can be tuned."""
+    tick_hz: ClassVar[float] = 0.0  #: How often `tick` is called; 0 for never.
+    parameters: ClassVar[tuple[Parameter, ...]] = ()  #: What can be tuned.
 
     def __init__(self, topics: Mapping[str, str], settings: Mapping[str, object] | None = None) -> None:
         self.topics = _checked_topics(type(self), topics)

@@ -29,8 +29,8 @@ from sfglab.lab.experiments.visualisation.recordings import Shown, read_recordin
 from sfglab.lab.experiments.visualisation.scene import make_parts
 from sfglab.lab.experiments.visualisation.showing import check_sources, check_visualizers
 from sfglab.view import Latest
+from sfglab.view.registry import BUILT_IN
 from sfglab.view.sync import synchronizer
-from sfglab.view.visualizers import BUILT_IN
 
 pytest.importorskip("rerun", reason="the extra 'view' is not installed")
 ROOT = Path(__file__).parents[2]

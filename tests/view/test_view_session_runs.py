@@ -36,15 +36,13 @@ from sfglab.view import (
     available,
     find,
     layout_of_fleet,
-    layout_of_topics,
     open_canvas,
-    open_log,
     replay,
     view_live,
     view_log,
 )
-from sfglab.view.arrivals import capture_ns
-from sfglab.view.rerunning import WINDOW_BYTES
+from sfglab.view.arrivals import capture_ns, open_log
+from sfglab.view.rerunning import WINDOW_BYTES, layout_of_topics
 from sfglab.view.stage import Stage
 
 S = 1_000_000_000
@@ -104,7 +102,7 @@ def test_displays_are_added_tuned_and_removed_while_messages_flow(paper):
     def say(text):
         stage.deliver(said(text))
         while (job := stage.ready()) is not None:
-            job.draw(paper)
+            job(paper)
 
     say("nobody listens")
     display = session.add(Word, "/words")
@@ -190,7 +188,7 @@ def test_a_type_that_only_the_log_knows_is_shown_by_the_logs_definition(tmp_path
     with LogWriter(path) as log:
         log.write_row("speed", row(speed_m_s=2.5), log_time_ns=7)
     code = f"""
-from sfglab.view import open_log
+from sfglab.view.arrivals import open_log
 with open_log({str(path)!r}) as log:
     (topic,) = log.topics
     (arrival,) = log.arrivals([topic])

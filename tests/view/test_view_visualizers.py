@@ -19,9 +19,10 @@ from sfglab.codecs import (
 from sfglab.codecs.h264 import H264Encoder
 from sfglab.messages import default_message, message_type, stamp_from_ns
 from sfglab.qos import DEFAULT
-from sfglab.view import Arrival, ContentError, Session, TopicHealth, find, open_canvas, replay
+from sfglab.view import Arrival, ContentError, Session, find, open_canvas, replay
+from sfglab.view.registry import BUILT_IN
 from sfglab.view.sync import PATIENCE
-from sfglab.view.visualizers import BUILT_IN
+from sfglab.view.visualizer import TopicHealth
 from sfglab.view.visualizers.images import has_key_frame, image_plane
 
 rr = pytest.importorskip("rerun", reason="the extra 'view' is not installed")

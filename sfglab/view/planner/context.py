@@ -10,12 +10,13 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections import deque
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.errors import MissingExtraError, SfglabError
 
@@ -135,9 +136,19 @@ class JobQueue:
             return self._jobs.popleft()[1]
 
 
-class Part(Protocol):
-    """A part of the window: it shows what the editor has, and leaves what people want at the jobs."""
+class Part(ABC):
+    """A part of the window: it shows what the editor has, and leaves what people want at the queue of jobs.
 
+    Args:
+        context: What it works with.
+        container: A context that its widgets are put into.
+    """
+
+    def __init__(self, context: Context, container: Any) -> None:
+        self._context = context
+        self._container = container
+
+    @abstractmethod
     def show(self, change: Change) -> None:
         """Show what changed."""
 

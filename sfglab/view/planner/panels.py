@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.scene import ROOT, ChangeKind, Retime, TrajectoryObject, WaypointObject
 from sfglab.units import NS_PER_S
+from sfglab.view.planner.context import Part
 from sfglab.view.planner.forms import Field, FieldKind, fields_of
 from sfglab.view.planner.looks import TreeRow, rows_of, title_of
 
@@ -42,17 +43,11 @@ div:has(> * > .sfg-rows) .mantine-Button-inner { justify-content: flex-start; }
 </style><span class="sfg-rows"></span>"""
 
 
-class Hierarchy:
-    """The rows, in the container that is open when it is made.
-
-    Args:
-        context: What it works with.
-        container: A context that widgets are put into.
-    """
+class Hierarchy(Part):
+    """The rows, in the container that is open when it is made."""
 
     def __init__(self, context: Context, container: Any) -> None:
-        self._context = context
-        self._container = container
+        super().__init__(context, container)
         self._rows: dict[int, tuple[int, TreeRow]] = {}
         self._buttons: dict[int, Any] = {}
         with container:
@@ -99,17 +94,11 @@ _TYPING_S = 0.5
 _STEP = 0.05
 
 
-class Inspector:
-    """The fields of one object.
-
-    Args:
-        context: What it works with.
-        container: A context that widgets are put into.
-    """
+class Inspector(Part):
+    """The fields of one object."""
 
     def __init__(self, context: Context, container: Any) -> None:
-        self._context = context
-        self._container = container
+        super().__init__(context, container)
         self._makers: dict[FieldKind, Callable[[Field], Any]] = {
             FieldKind.TEXT: lambda f: context.server.gui.add_text(f.label, f.value, hint=f.hint),
             FieldKind.NUMBER: lambda f: context.server.gui.add_number(
@@ -200,16 +189,11 @@ _STEP_S = 0.01
 _SHORTEST_S = 1.0
 
 
-class Timeline:
-    """The slider and the play button.
-
-    Args:
-        context: What it works with.
-        container: A context that widgets are put into.
-    """
+class Timeline(Part):
+    """The slider and the play button."""
 
     def __init__(self, context: Context, container: Any) -> None:
-        self._context = context
+        super().__init__(context, container)
         self._stop: threading.Event | None = None
         self._ticker: threading.Thread | None = None
         gui = context.server.gui
@@ -279,17 +263,11 @@ div:has(> * > .sfg-warnings) .mantine-Button-inner { justify-content: flex-start
 </style><span class="sfg-warnings"></span>"""
 
 
-class Warnings:
-    """The buttons.
-
-    Args:
-        context: What it works with.
-        container: A context that widgets are put into.
-    """
+class Warnings(Part):
+    """The buttons."""
 
     def __init__(self, context: Context, container: Any) -> None:
-        self._context = context
-        self._container = container
+        super().__init__(context, container)
         self._buttons: list[Any] = []
         self._shown: tuple[Conflict, ...] = ()
         with container:

@@ -11,6 +11,7 @@ import errno
 import logging
 import socket
 import threading
+from contextlib import nullcontext
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, TypeVar
@@ -25,7 +26,6 @@ from sfglab.view.planner.viewport import Viewport
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from types import TracebackType
 
     from sfglab.spatial.scene import Change, Conflict, Scene
 
@@ -185,9 +185,7 @@ class Planner:
         """Return itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close it."""
         self.close()
 
@@ -202,9 +200,9 @@ class Planner:
         gui, icon, context = self._server.gui, self._context.viser.Icon, self._context
         gui.configure_theme(show_logo=False, show_share_button=False)
         left, below, bottom = gui.add_panel(), gui.add_panel(), gui.add_panel()
-        self._toolbar = Toolbar(context, _Root())
-        self._viewport = Viewport(context, _Root())
-        self._inspector = Inspector(context, _Root())
+        self._toolbar = Toolbar(context, nullcontext())
+        self._viewport = Viewport(context, nullcontext())
+        self._inspector = Inspector(context, nullcontext())
         self._hierarchy = Hierarchy(context, left.add_tab("Scene", icon.HIERARCHY))
         self._warnings = Warnings(context, below.add_tab("Conflicts", icon.ALERT_TRIANGLE))
         self._timeline = Timeline(context, bottom.add_tab("Time", icon.CLOCK))
@@ -214,14 +212,8 @@ class Planner:
         left.set_width(_LEFT_PX)
         below.dock_below(left)
         bottom.float(x=20, y=-15, width=_TIME_PX)
-        self._parts = [
-            self._viewport,
-            self._toolbar,
-            self._inspector,
-            self._hierarchy,
-            self._timeline,
-            self._warnings,
-        ]
+        upper = [self._viewport, self._toolbar, self._inspector]
+        self._parts = [*upper, self._hierarchy, self._timeline, self._warnings]
         self._end_listening = context.editor.listen(self._changed)
         self._watch.look(context.editor.scene)
 
@@ -253,16 +245,6 @@ class Planner:
     def _stop(self) -> None:
         with quiet():
             self._server.stop()
-
-
-class _Root:
-    """The main panel as a context: what is added outside of all others."""
-
-    def __enter__(self) -> None:
-        """Do nothing."""
-
-    def __exit__(self, *_: object) -> None:
-        """Do nothing."""
 
 
 def show_planner(scene: Path | str | Editor, *, port: int = 0, height_px: int = 700) -> Planner:

@@ -21,6 +21,7 @@ from sfglab.spatial.scene import (
 )
 from sfglab.spatial.trajectory import Align, Box, Trajectory
 from sfglab.units import NS_PER_S
+from sfglab.view.planner.context import Part
 from sfglab.view.planner.looks import open_trajectory
 
 if TYPE_CHECKING:
@@ -130,16 +131,11 @@ div:has(> * > .sfg-tools) > * > button { padding-inline: 0.3em; }
 </style><span class="sfg-tools"></span>"""
 
 
-class Toolbar:
-    """The buttons.
-
-    Args:
-        context: What it works with.
-        container: A context that widgets are put into.
-    """
+class Toolbar(Part):
+    """The buttons."""
 
     def __init__(self, context: Context, container: Any) -> None:
-        self._context = context
+        super().__init__(context, container)
         gui, icon, editor = context.server.gui, context.viser.Icon, context.editor
         with container, gui.add_folder("Edit"):
             gui.add_html(_STYLE)

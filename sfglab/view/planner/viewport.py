@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene import AgentObject, ChangeKind, Group, TrajectoryObject, WaypointObject
 from sfglab.spatial.trajectory import Align
+from sfglab.view.planner.context import Part
 from sfglab.view.planner.drawing import Drawing
 from sfglab.view.planner.looks import camera_for, open_trajectory, wxyz
 
@@ -123,16 +124,11 @@ def concerned(scene: Scene, change: Change) -> set[int]:
     return {scene.get(i).parent if isinstance(scene.get(i), WaypointObject) else i for i in found}
 
 
-class Viewport:
-    """What is seen in 3D.
-
-    Args:
-        context: What it works with.
-        container: A context that widgets are put into.
-    """
+class Viewport(Part):
+    """What is seen in 3D."""
 
     def __init__(self, context: Context, container: Any) -> None:
-        self._context = context
+        super().__init__(context, container)
         self._drawing = Drawing(context.server.scene, self._clicked)
         self._gizmo = Gizmo(context)
         self._nodes: dict[int, list[Any]] = {}

@@ -17,7 +17,7 @@ from sfglab.view.geometry import (
     pixels,
     scan_points,
 )
-from sfglab.view.rerunning import rerun
+from sfglab.view.rerunning import rr
 from sfglab.view.sync import Approximate
 from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
 
@@ -160,7 +160,6 @@ class LaserScan(Visualizer):
 def _log_points(
     canvas: Canvas, entity: str, points: NDArray[Any], colors: NDArray[np.uint8], of: Visualizer
 ) -> None:
-    rr = rerun()
     canvas.log(entity, rr.Points3D(points, colors=colors, radii=of["radius_m"] or _SCREEN_RADIUS))
 
 

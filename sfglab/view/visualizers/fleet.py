@@ -15,7 +15,7 @@ from sfglab.qos import DEFAULT
 from sfglab.units import NS_PER_S
 from sfglab.view.communication import AgentLink, FleetLinks, Life, Services
 from sfglab.view.errors import ContentError
-from sfglab.view.rerunning import rerun
+from sfglab.view.rerunning import rr
 from sfglab.view.visualizer import (
     Canvas,
     Input,
@@ -82,7 +82,6 @@ class AgentStatus(Visualizer):
 
     def show(self, update: Update, canvas: Canvas) -> None:
         """Tell one event."""
-        rr = rerun()
         event = update.only
         names = {event.DISCOVERED: "discovered", event.UPDATED: "updated", event.LOST: "lost"}
         names |= {event.RETURNED: "returned", event.RESTARTED: "restarted"}
@@ -164,7 +163,6 @@ class Communication(Visualizer):
             self._draw(link, canvas)
 
     def _draw(self, link: AgentLink, canvas: Canvas) -> None:
-        rr = rerun()
         root = f"{agent_root(link.agent)}/communication"
         self._band(f"{root}/life", link.life.value, LIFE_COLORS, canvas)
         self._band(f"{root}/decoders", link.decoders.value, _DECODER_COLORS, canvas)
@@ -176,7 +174,6 @@ class Communication(Visualizer):
 
     def _band(self, entity: str, state: str, colors: dict[Any, Color], canvas: Canvas) -> None:
         """Say a state where it changed."""
-        rr = rerun()
         if entity not in self._said:
             bands = rr.StateConfiguration(values=[key.value for key in colors], colors=list(colors.values()))
             canvas.log(entity, bands, static=True)
@@ -185,7 +182,6 @@ class Communication(Visualizer):
             canvas.log(entity, rr.StateChange(state=[state]))
 
     def _draw_ring(self, link: AgentLink, entity: str, canvas: Canvas) -> None:
-        rr = rerun()
         color, radius_m = LIFE_COLORS[link.life], self["radius_m"]
         circle = np.column_stack([np.cos(_RING), np.sin(_RING), np.zeros(len(_RING))]) * radius_m
         frame = str(self["frame"]).replace("{agent}", link.agent)
@@ -196,7 +192,6 @@ class Communication(Visualizer):
         canvas.log(entity, ring)
 
     def _draw_border(self, canvas: Canvas) -> None:
-        rr = rerun()
         self._fleet_drawn = str(self["fleet"])
         if not self._fleet_drawn:
             return

@@ -18,16 +18,15 @@ from sfglab.codecs import (
     parse_depth_format,
     parse_ffmpeg_encoding,
 )
+from sfglab.codecs.libav import nal_unit_types
 from sfglab.fleet.keeper import FLAG_KEY
 from sfglab.qos import COMPRESSED_STREAM, LATCHED
 from sfglab.view.errors import ContentError
 from sfglab.view.geometry import DEPTH_ENCODINGS, pinhole_matrix, pixels
-from sfglab.view.rerunning import rerun
+from sfglab.view.rerunning import rr
 from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
 
@@ -72,7 +71,6 @@ class Image(Visualizer):
         if message.encoding in ("16UC1", "32FC1"):
             canvas.log(self.entity, _depth(array, message.encoding, self["depth_max_m"]))
             return
-        rr = rerun()
         model = _MODELS.get(message.encoding, "L")
         canvas.log(self.entity, rr.Image(array, model, opacity=self["opacity"]))
 
@@ -89,7 +87,6 @@ class CompressedImage(Visualizer):
 
     def show(self, update: Update, canvas: Canvas) -> None:
         """Draw one picture."""
-        rr = rerun()
         message = update.only
         text = message.format.lower()
         if "h264" in text or "h265" in text or "hevc" in text:
@@ -123,7 +120,6 @@ class CameraModel(Visualizer):
 
     def show(self, update: Update, canvas: Canvas) -> None:
         """Draw the camera."""
-        rr = rerun()
         info = update.only
         frame = info.header.frame_id
         frames = (
@@ -140,13 +136,12 @@ class CameraModel(Visualizer):
 
 
 def _depth(array: NDArray[Any], encoding: str, max_m: float) -> Any:
-    rr = rerun()
     per_metre = DEPTH_ENCODINGS.get(encoding, 1.0)
     return rr.DepthImage(array, meter=per_metre, depth_range=(0.0, max_m * per_metre), colormap="turbo")
 
 
 _CODECS = {"h264": "H264", "hevc": "H265", "h265": "H265", "av1": "AV1"}
-_IDR = {"h264": lambda first: first & 31 == 5, "h265": lambda first: 16 <= first >> 1 & 63 <= 21}
+_IDR = {"h264": {5}, "h265": set(range(16, 22))}
 """NAL unit types that a decoder can start with: ITU-T H.264, table 7-1; H.265, table 7-1."""
 
 
@@ -157,15 +152,7 @@ def has_key_frame(data: bytes, codec: str) -> bool:
         data: NAL units behind start codes.
         codec: ``h264`` or ``h265``.
     """
-    return any(_IDR[codec](first) for first in _nal_heads(data))
-
-
-def _nal_heads(data: bytes) -> Iterator[int]:
-    """Yield the first byte of every NAL unit."""
-    position = data.find(b"\0\0\1")
-    while 0 <= position < len(data) - 3:
-        yield data[position + 3]
-        position = data.find(b"\0\0\1", position + 3)
+    return not _IDR[codec].isdisjoint(nal_unit_types(data, codec=codec))
 
 
 class _Video(Visualizer):
@@ -187,7 +174,6 @@ class _Video(Visualizer):
 
     def _sample(self, update: Update, canvas: Canvas, codec: str, *, is_key: bool, frame: str) -> None:
         """Pass one access unit on, if what it refers to was passed on as well."""
-        rr = rerun()
         if codec not in _CODECS:
             raise ContentError("video codec", codec, f"{', '.join(_CODECS)}")
         if codec != self._codec:

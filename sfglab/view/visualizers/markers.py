@@ -13,7 +13,7 @@ import numpy as np
 from sfglab.messages import ns_from_stamp
 from sfglab.qos import DEFAULT
 from sfglab.view.errors import ContentError
-from sfglab.view.rerunning import rerun
+from sfglab.view.rerunning import rr
 from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
 from sfglab.view.visualizers.poses import pose_arrays
 
@@ -76,7 +76,6 @@ class _Markers(Visualizer):
         canvas.log(entity, shape)
 
     def _clear(self, entity: str, canvas: Canvas) -> None:
-        rr = rerun()
         if self._shown.pop(entity, None) is not None:
             canvas.log(entity, rr.Clear(recursive=False))
 
@@ -143,7 +142,6 @@ def _arrow(marker: Any) -> Any:
     """Along x of the pose with length ``scale.x``; or from the first point to the second."""
     from scipy.spatial.transform import Rotation
 
-    rr = rerun()
     if len(marker.points) >= 2:
         start, end = _points(marker)[:2]
         radius = marker.scale.x / 2
@@ -154,7 +152,6 @@ def _arrow(marker: Any) -> Any:
 
 
 def _boxes(marker: Any) -> Any:
-    rr = rerun()
     centers, quaternions, sizes = _instances(marker)
     return rr.Boxes3D(
         centers=centers, quaternions=quaternions, sizes=sizes, colors=_colors(marker), fill_mode="solid"
@@ -162,7 +159,6 @@ def _boxes(marker: Any) -> Any:
 
 
 def _spheres(marker: Any) -> Any:
-    rr = rerun()
     centers, quaternions, sizes = _instances(marker)
     return rr.Ellipsoids3D(
         centers=centers,
@@ -184,7 +180,6 @@ def _instances(marker: Any) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
 
 def _cylinder(marker: Any) -> Any:
     """Along z; a viewer's cylinder is round, so the mean of both diameters is its own."""
-    rr = rerun()
     position, quaternion = pose_arrays(marker.pose)
     return rr.Cylinders3D(
         lengths=[marker.scale.z],
@@ -197,14 +192,12 @@ def _cylinder(marker: Any) -> Any:
 
 
 def _line_strip(marker: Any) -> Any:
-    rr = rerun()
     points = _points(marker)
     strips = [points] if len(points) > 1 else []
     return rr.LineStrips3D(strips, radii=marker.scale.x / 2, colors=_colors(marker)[:1])
 
 
 def _line_list(marker: Any) -> Any:
-    rr = rerun()
     points, colors = _points(marker), _colors(marker)
     pairs = points[: len(points) // 2 * 2].reshape(-1, 2, 3)
     colors = colors[: len(pairs) * 2 : 2] if len(colors) == len(points) and len(pairs) else colors[:1]
@@ -212,12 +205,10 @@ def _line_list(marker: Any) -> Any:
 
 
 def _point_list(marker: Any) -> Any:
-    rr = rerun()
     return rr.Points3D(_points(marker), radii=marker.scale.x / 2, colors=_colors(marker))
 
 
 def _text(marker: Any) -> Any:
-    rr = rerun()
     position, _ = pose_arrays(marker.pose)
     return rr.Points3D(
         [position], labels=[marker.text], show_labels=True, colors=_color(marker.color), radii=0.001
@@ -226,7 +217,6 @@ def _text(marker: Any) -> Any:
 
 def _triangles(marker: Any) -> Any:
     """Every three points are a triangle, scaled by the marker's scale before they are moved."""
-    rr = rerun()
     points = _points(marker, _scale(marker))
     if len(points) % 3:
         raise ContentError("triangle list, points", len(points), "a multiple of 3")

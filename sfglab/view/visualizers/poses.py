@@ -11,7 +11,7 @@ from sfglab.messages import ns_from_stamp
 from sfglab.qos import DEFAULT, LATCHED, QoSProfile
 from sfglab.view.errors import ContentError
 from sfglab.view.geometry import covariance_ellipsoid
-from sfglab.view.rerunning import rerun
+from sfglab.view.rerunning import rr
 from sfglab.view.slot import RateBudget
 from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
 
@@ -56,7 +56,6 @@ def _log_axes(canvas: Canvas, entity: str, pose: Any, length_m: float, width_m: 
     """Draw a pose as three arrows; the columns of its rotation matrix are its axes."""
     from scipy.spatial.transform import Rotation
 
-    rr = rerun()
     position, quaternion = pose_arrays(pose)
     vectors = Rotation.from_quat(quaternion).as_matrix().T * length_m
     origins = np.tile(position, (3, 1))
@@ -104,7 +103,6 @@ class Transforms(Visualizer):
         return budget
 
     def _log(self, transform: Any, canvas: Canvas) -> None:
-        rr = rerun()
         child, moved = transform.child_frame_id.strip("/"), transform.transform
         position = np.array([moved.translation.x, moved.translation.y, moved.translation.z])
         placed = rr.Transform3D(
@@ -159,7 +157,6 @@ class Path(Visualizer):
 
     def show(self, update: Update, canvas: Canvas) -> None:
         """Draw the line."""
-        rr = rerun()
         points = [pose_arrays(stamped.pose)[0] for stamped in update.only.poses]
         canvas.place(self.entity, update.only.header.frame_id)
         strips = [np.array(points)] if points else []
@@ -194,7 +191,6 @@ class Odometry(Visualizer):
         self._log_covariance(message.pose, canvas)
 
     def _log_trail(self, pose: Any, canvas: Canvas) -> None:
-        rr = rerun()
         if self._trail.maxlen != self["trail"]:
             self._trail = deque(self._trail, maxlen=self["trail"])
         self._trail.append(pose_arrays(pose)[0])
@@ -203,7 +199,6 @@ class Odometry(Visualizer):
             canvas.log(f"{self.entity}/trail", rr.LineStrips3D(strip, radii=self["width_m"]))
 
     def _log_covariance(self, pose: Any, canvas: Canvas) -> None:
-        rr = rerun()
         ellipsoid = covariance_ellipsoid(np.asarray(pose.covariance).reshape(6, 6)[:3, :3])
         if ellipsoid is None or not self["sigmas"]:
             return
@@ -226,7 +221,6 @@ class Imu(Visualizer):
 
     def show(self, update: Update, canvas: Canvas) -> None:
         """Add one point to each curve."""
-        rr = rerun()
         for part in ("angular_velocity", "linear_acceleration"):
             vector = getattr(update.only, part)
             canvas.log(f"{self.entity}/{part}", rr.Scalars([vector.x, vector.y, vector.z]))
