@@ -1,4 +1,4 @@
-"""What ``sfglab view`` and a notebook call: from a log or the bus to a viewer, a file or a cell.
+"""Entry points of ``sfglab view`` and of notebooks: from a log or the bus to a viewer, a file or a cell.
 
 Ends cleanly when it is interrupted: what was drawn up to then is sent, and a file is whole.
 """

@@ -1,4 +1,4 @@
-"""How the agents of a fleet hear each other, folded from what a viewer can see: beats, endpoints, drops.
+"""Links between the agents of a fleet, folded from what a viewer can see: beats, endpoints, drops.
 
 Pure: facts and `now_ns` in, one value per agent out. Refuses to know messages, the bus and the viewer. What it
 holds is bounded by the agents (`max_agents`) and by the endpoints that there are.

@@ -1,4 +1,4 @@
-"""Which messages of several topics belong together: exact and approximate time, and latest.
+"""Synchronisation of messages of several topics: exact and approximate time, and latest.
 
 Pure: knows stamps and opaque items, no message and no clock. Every policy keeps the promises of ROS 2's
 message_filters: an item is handed out once at most, sets come out in the order of time, and what waits is

@@ -1,4 +1,4 @@
-"""Where things are: transforms, poses, paths, odometry and inertial measurements."""
+"""Places and motions: transforms, poses, paths, odometry and inertial measurements."""
 
 from __future__ import annotations
 
