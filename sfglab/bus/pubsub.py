@@ -17,7 +17,7 @@ from sfglab.bus.api import (
     MessageType,
     RawEndpoint,
 )
-from sfglab.bus.endpoints import Inbox, Reader, Sample
+from sfglab.bus.endpoints import Endpoint, Inbox, Reader, Sample
 from sfglab.bus.errors import ClosedError, DiscoveryTimeoutError, ReceiveTimeoutError, WrongTypeError
 from sfglab.bus.loop import Signal
 from sfglab.messages import message_type, type_name
@@ -51,18 +51,20 @@ def checked_type(message: Any, *, type_: str, where: str) -> None:
         raise WrongTypeError(where, type_, given=given or type(message).__name__)
 
 
-class Publisher:
-    """One topic's outgoing messages; made by `Node.create_publisher`."""
+class TopicEnd:
+    """One end of a topic, as users hold it.
+
+    Args:
+        node: Kept alive for as long as one of its endpoints is held; None where the node itself runs with it.
+        backend: Of the node.
+        endpoint: The resolved topic, its type and QoS.
+    """
 
     def __init__(self, node: Any, backend: Backend, endpoint: RawEndpoint) -> None:
-        self._node = node  # keeps the node alive for as long as one of its endpoints is held
+        self._node = node
         self._backend = backend
         self._topic, self._type = endpoint.name, endpoint.type
         self._changed = Signal(backend.loop)
-        self._writer = backend.open_writer(endpoint, self._changed.notify)
-        self._closed = False
-        self.gid = self._writer.gid  #: The 16-byte DDS GUID under which others know it.
-        backend.register(self._writer)
 
     @property
     def topic_name(self) -> str:
@@ -73,6 +75,23 @@ class Publisher:
     def type_name(self) -> str:
         """The ROS type, e.g. "std_msgs/msg/String"."""
         return self._type
+
+    async def _wait_for(self, end: Endpoint, count: int, peers: str, timeout_s: float) -> None:
+        if not await self._changed.wait_until(lambda: end.matched >= count, timeout_s):
+            raise DiscoveryTimeoutError(
+                f"topic {self._topic!r}: {count} matching {peers}(s), found {end.matched},", timeout_s=timeout_s
+            )
+
+
+class Publisher(TopicEnd):
+    """One topic's outgoing messages; made by `Node.create_publisher`."""
+
+    def __init__(self, node: Any, backend: Backend, endpoint: RawEndpoint) -> None:
+        super().__init__(node, backend, endpoint)
+        self._writer = backend.open_writer(endpoint, self._changed.notify)
+        self._closed = False
+        self.gid = self._writer.gid  #: The 16-byte DDS GUID under which others know it.
+        backend.register(self._writer)
 
     def publish(self, message: Any) -> None:
         """Serialize and send one message.
@@ -132,11 +151,7 @@ class Publisher:
         Raises:
             DiscoveryTimeoutError: Fewer matched within `timeout_s`.
         """
-        if not await self._changed.wait_until(lambda: self._writer.matched >= count, timeout_s):
-            raise DiscoveryTimeoutError(
-                f"topic {self._topic!r}: {count} matching subscription(s), found {self._writer.matched},",
-                timeout_s=timeout_s,
-            )
+        await self._wait_for(self._writer, count, "subscription", timeout_s)
 
     async def wait_for_all_acked(self, timeout_s: float = 5.0) -> bool:
         """Return True once all reliable subscriptions have acknowledged everything, False after `timeout_s`."""
@@ -158,7 +173,7 @@ class Publisher:
             raise ClosedError(f"publisher {self._topic!r}")
 
 
-class Subscription:
+class Subscription(TopicEnd):
     """One topic's incoming messages, in a queue of its own that its QoS bounds.
 
     Made by `Node.create_subscription`. Read it by `take`, by `async for` or by a callback.
@@ -173,10 +188,7 @@ class Subscription:
         *,
         raw: bool = False,
     ) -> None:
-        self._node = node  # keeps the node alive for as long as one of its endpoints is held
-        self._backend = backend
-        self._topic, self._type = endpoint.name, endpoint.type
-        self._changed = Signal(backend.loop)
+        super().__init__(node, backend, endpoint)
         self._decode = _raw if raw else _decoding(backend, endpoint.type)
         calls = backend.calls(self._what)
         self._inbox = Inbox(backend.bridge, endpoint.qos, decode=self._decode, callback=callback, calls=calls)
@@ -185,16 +197,6 @@ class Subscription:
         unwatch = backend.watch_publishers(self._reader, endpoint, partial(_warn, endpoint, set()))
         self._incoming = _Incoming(self._reader, self._inbox, unwatch)
         backend.register(self._incoming)
-
-    @property
-    def topic_name(self) -> str:
-        """The fully resolved ROS topic."""
-        return self._topic
-
-    @property
-    def type_name(self) -> str:
-        """The ROS type, e.g. "std_msgs/msg/String"."""
-        return self._type
 
     @property
     def dropped(self) -> int:
@@ -251,11 +253,7 @@ class Subscription:
         Raises:
             DiscoveryTimeoutError: Fewer matched within `timeout_s`.
         """
-        if not await self._changed.wait_until(lambda: self._reader.matched >= count, timeout_s):
-            raise DiscoveryTimeoutError(
-                f"topic {self._topic!r}: {count} matching publisher(s), found {self._reader.matched},",
-                timeout_s=timeout_s,
-            )
+        await self._wait_for(self._reader, count, "publisher", timeout_s)
 
     def close(self) -> None:
         """End the subscription; again is harmless."""

@@ -42,13 +42,15 @@ async def hear():
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pyfunc_call(pyfuncitem):
-    """Run tests that are coroutine functions; those that take `node` in their world, which makes the nodes."""
+    """Run tests that are coroutine functions: with `node` in their world, with `sim` in a simulated one."""
     test = pyfuncitem.obj
     if not inspect.iscoroutinefunction(test):
         return None
     arguments = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
     if "node" in arguments:
         arguments["node"].run(lambda node: test(**arguments | {"node": node}))
+    elif "sim" in arguments:
+        run_simulated(lambda world: test(**arguments | {"sim": world}))
     else:
         asyncio.run(test(**arguments))
     return True
@@ -155,3 +157,8 @@ def world(request):
 def node(world):
     """Make a node of the world: `async with node("name") as here`."""
     return world
+
+
+@pytest.fixture
+def sim():
+    """Stand for the simulated world that the test itself runs in."""

@@ -108,18 +108,15 @@ def test_the_same_seed_gives_the_same_trace_to_the_byte_in_every_process():
 # --- Virtual time.
 
 
-def test_waiting_takes_no_time_and_happens_in_order():
-    async def main(world):
-        order = []
+async def test_waiting_takes_no_time_and_happens_in_order(sim):
+    order = []
 
-        async def wait(seconds):
-            await asyncio.sleep(seconds)
-            order.append((seconds, world.now_ns))
+    async def wait(seconds):
+        await asyncio.sleep(seconds)
+        order.append((seconds, sim.now_ns))
 
-        await asyncio.gather(*(wait(seconds) for seconds in (1e6, 3600, 0.25, 1e-9)))
-        return order
-
-    assert run_simulated(main) == [(1e-9, 1), (0.25, 250 * MS), (3600, 3600 * 10**9), (1e6, 10**15)]
+    await asyncio.gather(*(wait(seconds) for seconds in (1e6, 3600, 0.25, 1e-9)))
+    assert order == [(1e-9, 1), (0.25, 250 * MS), (3600, 3600 * 10**9), (1e6, 10**15)]
 
 
 @given(st.lists(st.floats(0, 100), min_size=1, max_size=20))
@@ -198,25 +195,22 @@ def test_impossible_worlds_say_why(wrong, message):
 # --- Hosts, domains, processes.
 
 
-def test_nodes_meet_only_in_one_domain_and_a_loopback_domain_is_its_hosts_own():
-    async def main(world):
-        places = [
-            ("a", 0, "network"),
-            ("b", 0, "network"),
-            ("a", 0, "host"),
-            ("b", 0, "host"),
-            ("b", 1, "network"),
-        ]
-        nodes = [world.node("n", host=h, domain_id=d, reach=r) for h, d, r in places]
-        nodes.append(world.opener("a")("n", domain_id=0, interface="lo", multicast="default"))
-        nodes.append(world.opener("a")("n", domain_id=0, interface="eth0"))
-        publishers = [node.create_publisher(STRING, "/t") for node in nodes]
-        for node in nodes:
-            node.create_subscription(STRING, "/t")
-        await asyncio.sleep(1)
-        return [publisher.get_subscription_count() for publisher in publishers]
-
-    assert run_simulated(main) == [3, 3, 2, 1, 1, 2, 3]
+async def test_nodes_meet_only_in_one_domain_and_a_loopback_domain_is_its_hosts_own(sim):
+    places = [
+        ("a", 0, "network"),
+        ("b", 0, "network"),
+        ("a", 0, "host"),
+        ("b", 0, "host"),
+        ("b", 1, "network"),
+    ]
+    nodes = [sim.node("n", host=h, domain_id=d, reach=r) for h, d, r in places]
+    nodes.append(sim.opener("a")("n", domain_id=0, interface="lo", multicast="default"))
+    nodes.append(sim.opener("a")("n", domain_id=0, interface="eth0"))
+    publishers = [node.create_publisher(STRING, "/t") for node in nodes]
+    for node in nodes:
+        node.create_subscription(STRING, "/t")
+    await asyncio.sleep(1)
+    assert [publisher.get_subscription_count() for publisher in publishers] == [3, 3, 2, 1, 1, 2, 3]
 
 
 def test_a_sample_takes_the_latency_of_both_links_and_nothing_on_its_own_host():
@@ -321,121 +315,102 @@ def test_messages_wait_for_a_process_that_is_busy():
     assert alone == [10 * MS, 10 * MS]
 
 
-def test_receivers_of_the_same_bytes_share_one_message():
-    async def main(world):
-        publisher = world.node("a").create_publisher(STRING, "/t")
-        readers = [world.node(f"r{i}", host=f"h{i}").create_subscription(STRING, "/t") for i in range(3)]
-        await publisher.wait_for_subscriptions(3)
-        publisher.publish(text("same"))
-        first, *others = [await reader.take() for reader in readers]
-        assert all(other is first for other in others)
-        publisher.publish(text("new"))
-        assert (await readers[0].take()).data == "new"
-
-    run_simulated(main)
+async def test_receivers_of_the_same_bytes_share_one_message(sim):
+    publisher = sim.node("a").create_publisher(STRING, "/t")
+    readers = [sim.node(f"r{i}", host=f"h{i}").create_subscription(STRING, "/t") for i in range(3)]
+    await publisher.wait_for_subscriptions(3)
+    publisher.publish(text("same"))
+    first, *others = [await reader.take() for reader in readers]
+    assert all(other is first for other in others)
+    publisher.publish(text("new"))
+    assert (await readers[0].take()).data == "new"
 
 
-def test_a_sample_older_than_its_lifespan_does_not_reach_a_late_joiner():
-    async def main(world):
-        qos = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=5, lifespan_ns=10**9)
-        publisher = world.node("a").create_publisher(STRING, "/t", qos)
-        publisher.publish(text("old"))
-        await asyncio.sleep(2)
-        publisher.publish(text("new"))
-        late = world.node("b").create_subscription(STRING, "/t", qos=LATCHED)
-        return await take_all(late, 1)
-
-    assert run_simulated(main) == ["new"]
+async def test_a_sample_older_than_its_lifespan_does_not_reach_a_late_joiner(sim):
+    qos = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=5, lifespan_ns=10**9)
+    publisher = sim.node("a").create_publisher(STRING, "/t", qos)
+    publisher.publish(text("old"))
+    await asyncio.sleep(2)
+    publisher.publish(text("new"))
+    late = sim.node("b").create_subscription(STRING, "/t", qos=LATCHED)
+    assert await take_all(late, 1) == ["new"]
 
 
 # --- Faults.
 
 
-def test_a_short_partition_delays_and_a_long_one_is_a_loss_and_a_return():
-    async def main(world):
-        here, there = world.node("here", host="a", lease_s=4.0), world.node("there", host="b", lease_s=4.0)
-        publisher = here.create_publisher(
-            STRING, "/t", QoSProfile(depth=100, durability=Durability.TRANSIENT_LOCAL)
-        )
-        reader = there.create_subscription(STRING, "/t", qos=QoSProfile(depth=100))
-        latched = there.create_subscription(
-            STRING, "/t", qos=QoSProfile(depth=100, durability=LATCHED.durability)
-        )
-        events = []
-        there.graph.listen(
-            lambda e: events.append((world.now_ns / 1e9, type(e).__name__, e.endpoint.kind.value))
-        )
-        await asyncio.sleep(1)
-        before = len(events)
-        world.partition({"a"})
-        with pytest.raises(WorldError, match="cut already"):
-            world.partition({"a"})
-        publisher.publish(text("short"))
-        await asyncio.sleep(3)
-        assert len(events) == before
-        world.heal()
-        world.heal()
-        assert (await reader.take()).data == (await latched.take()).data == "short"
-        assert 4 <= world.now_ns / 1e9 <= 4.2
+async def test_a_short_partition_delays_and_a_long_one_is_a_loss_and_a_return(sim):
+    here, there = sim.node("here", host="a", lease_s=4.0), sim.node("there", host="b", lease_s=4.0)
+    publisher = here.create_publisher(
+        STRING, "/t", QoSProfile(depth=100, durability=Durability.TRANSIENT_LOCAL)
+    )
+    reader = there.create_subscription(STRING, "/t", qos=QoSProfile(depth=100))
+    latched = there.create_subscription(STRING, "/t", qos=QoSProfile(depth=100, durability=LATCHED.durability))
+    events = []
+    there.graph.listen(lambda e: events.append((sim.now_ns / 1e9, type(e).__name__, e.endpoint.kind.value)))
+    await asyncio.sleep(1)
+    before = len(events)
+    sim.partition({"a"})
+    with pytest.raises(WorldError, match="cut already"):
+        sim.partition({"a"})
+    publisher.publish(text("short"))
+    await asyncio.sleep(3)
+    assert len(events) == before
+    sim.heal()
+    sim.heal()
+    assert (await reader.take()).data == (await latched.take()).data == "short"
+    assert 4 <= sim.now_ns / 1e9 <= 4.2
 
-        world.partition({"a"})
-        cut_s = world.now_ns / 1e9
-        publisher.publish(text("long"))
-        await asyncio.sleep(10)
-        gone_s, *gone = events[-1]
-        assert gone == ["EndpointRemoved", "publisher"]
-        assert gone_s - cut_s == pytest.approx(4.0)
-        assert (publisher.get_subscription_count(), reader.get_publisher_count()) == (0, 0)
-        assert there.graph.publishers("/t") == here.graph.subscriptions("/t") == ()
-        world.heal()
-        await publisher.wait_for_subscriptions(2, 10)
-        await reader.wait_for_publishers(1, 10)
-        assert events[-1][1:] == ("EndpointAdded", "publisher")
-        assert await take_all(latched, 1) == ["short", "long"]  # a reader that was lost is a new one
-        assert await take_all(reader, 1) == []
-
-    run_simulated(main)
+    sim.partition({"a"})
+    cut_s = sim.now_ns / 1e9
+    publisher.publish(text("long"))
+    await asyncio.sleep(10)
+    gone_s, *gone = events[-1]
+    assert gone == ["EndpointRemoved", "publisher"]
+    assert gone_s - cut_s == pytest.approx(4.0)
+    assert (publisher.get_subscription_count(), reader.get_publisher_count()) == (0, 0)
+    assert there.graph.publishers("/t") == here.graph.subscriptions("/t") == ()
+    sim.heal()
+    await publisher.wait_for_subscriptions(2, 10)
+    await reader.wait_for_publishers(1, 10)
+    assert events[-1][1:] == ("EndpointAdded", "publisher")
+    assert await take_all(latched, 1) == ["short", "long"]  # a reader that was lost is a new one
+    assert await take_all(reader, 1) == []
 
 
-def test_what_is_made_during_a_partition_is_known_after_it():
-    async def main(world):
-        here, there = world.node("here", host="a"), world.node("there", host="b")
-        old = here.create_publisher(STRING, "/old")
-        await asyncio.sleep(1)
-        world.partition({"a"}, {"b"})
-        here.create_publisher(STRING, "/new")
-        old.close()
-        await asyncio.sleep(1)
-        assert (len(there.graph.publishers("/new")), len(there.graph.publishers("/old"))) == (0, 1)
-        world.heal()
-        await asyncio.sleep(1)
-        assert (len(there.graph.publishers("/new")), len(there.graph.publishers("/old"))) == (1, 0)
-
-    run_simulated(main)
+async def test_what_is_made_during_a_partition_is_known_after_it(sim):
+    here, there = sim.node("here", host="a"), sim.node("there", host="b")
+    old = here.create_publisher(STRING, "/old")
+    await asyncio.sleep(1)
+    sim.partition({"a"}, {"b"})
+    here.create_publisher(STRING, "/new")
+    old.close()
+    await asyncio.sleep(1)
+    assert (len(there.graph.publishers("/new")), len(there.graph.publishers("/old"))) == (0, 1)
+    sim.heal()
+    await asyncio.sleep(1)
+    assert (len(there.graph.publishers("/new")), len(there.graph.publishers("/old"))) == (1, 0)
 
 
-def test_a_node_that_dies_without_a_word_is_missed_after_its_lease():
-    async def main(world):
-        here, there = (world.node(name, host=name, lease_s=0.5) for name in ("here", "there"))
-        publisher = here.create_publisher(STRING, "/t")
-        subscription = there.create_subscription(STRING, "/t")
-        watched = []
-        there.graph.watch("rt/t", bus.EndpointKind.PUBLISHER, watched.append)
-        await publisher.wait_for_subscriptions()
-        await asyncio.sleep(1)
-        here.crash()
-        here.crash()
-        with pytest.raises(bus.ClosedError):
-            publisher.publish(text("from beyond"))
-        late = world.node("late", host="late")
-        await asyncio.sleep(0.05)
-        assert subscription.get_publisher_count() == len(there.graph.publishers("/t")) == len(watched) == 1
-        await asyncio.sleep(0.5)
-        assert subscription.get_publisher_count() == len(there.graph.publishers("/t")) == 0
-        assert [type(event) for event in watched] == [bus.EndpointAdded, bus.EndpointRemoved]
-        assert late.graph.publishers("/t") == ()
-
-    run_simulated(main)
+async def test_a_node_that_dies_without_a_word_is_missed_after_its_lease(sim):
+    here, there = (sim.node(name, host=name, lease_s=0.5) for name in ("here", "there"))
+    publisher = here.create_publisher(STRING, "/t")
+    subscription = there.create_subscription(STRING, "/t")
+    watched = []
+    there.graph.watch("rt/t", bus.EndpointKind.PUBLISHER, watched.append)
+    await publisher.wait_for_subscriptions()
+    await asyncio.sleep(1)
+    here.crash()
+    here.crash()
+    with pytest.raises(bus.ClosedError):
+        publisher.publish(text("from beyond"))
+    late = sim.node("late", host="late")
+    await asyncio.sleep(0.05)
+    assert subscription.get_publisher_count() == len(there.graph.publishers("/t")) == len(watched) == 1
+    await asyncio.sleep(0.5)
+    assert subscription.get_publisher_count() == len(there.graph.publishers("/t")) == 0
+    assert [type(event) for event in watched] == [bus.EndpointAdded, bus.EndpointRemoved]
+    assert late.graph.publishers("/t") == ()
 
 
 # --- Views: what listeners are told adds up to what the graph says.
@@ -528,32 +503,29 @@ def test_spans_of_knowledge_are_in_order_and_never_begin_in_a_gap(start, length,
 # --- Routers' raw ends, and services among many.
 
 
-def test_a_forward_hears_others_and_not_its_own_nodes_writer():
-    async def main(world):
-        here, there = world.node("here", host="a"), world.node("there", host="b")
-        end = RawEndpoint(dds_topic="rt/t", type=STRING, qos=LATCHED, user_data=b"sfglab.router=x;")
-        forwarder = here.open_forwarder(world.node("far", domain_id=1))
-        heard = world.node("listener", domain_id=1).create_subscription(STRING, "/t", qos=LATCHED)
-        writers = [node.open_forwarder(node).open_writer(end) for node in (here, there)]
-        for writer, word in zip(writers, ("own", "other"), strict=True):
-            writer.write(serialize(text(word)), 42)
-        forward, target = forwarder.open(end), forwarder.open_writer(end)
-        forward.admit(writers[0].gid, target)
-        forward.admit(writers[1].gid, target, lambda cdr: cdr)
-        await asyncio.sleep(1)
-        assert (forward.counts.forwarded, forward.counts.dropped) == (1, 0)
-        message, info = await heard.take_with_info()
-        assert (message.data, info.source_timestamp_ns, info.publisher_gid) == ("other", 42, target.gid)
-        shown = {e.gid: e.user_data for e in there.graph.endpoints()}
-        assert shown == dict.fromkeys([forward.gid, *(w.gid for w in writers)], b"sfglab.router=x;")
-        for thing in (forward, *writers) * 2:
-            thing.close()
-        writers[1].write(serialize(text("late")), 1)
-        await asyncio.sleep(1)
-        assert forward.counts.forwarded == 1
-        assert there.graph.endpoints() == ()
-
-    run_simulated(main)
+async def test_a_forward_hears_others_and_not_its_own_nodes_writer(sim):
+    here, there = sim.node("here", host="a"), sim.node("there", host="b")
+    end = RawEndpoint(dds_topic="rt/t", type=STRING, qos=LATCHED, user_data=b"sfglab.router=x;")
+    forwarder = here.open_forwarder(sim.node("far", domain_id=1))
+    heard = sim.node("listener", domain_id=1).create_subscription(STRING, "/t", qos=LATCHED)
+    writers = [node.open_forwarder(node).open_writer(end) for node in (here, there)]
+    for writer, word in zip(writers, ("own", "other"), strict=True):
+        writer.write(serialize(text(word)), 42)
+    forward, target = forwarder.open(end), forwarder.open_writer(end)
+    forward.admit(writers[0].gid, target)
+    forward.admit(writers[1].gid, target, lambda cdr: cdr)
+    await asyncio.sleep(1)
+    assert (forward.counts.forwarded, forward.counts.dropped) == (1, 0)
+    message, info = await heard.take_with_info()
+    assert (message.data, info.source_timestamp_ns, info.publisher_gid) == ("other", 42, target.gid)
+    shown = {e.gid: e.user_data for e in there.graph.endpoints()}
+    assert shown == dict.fromkeys([forward.gid, *(w.gid for w in writers)], b"sfglab.router=x;")
+    for thing in (forward, *writers) * 2:
+        thing.close()
+    writers[1].write(serialize(text("late")), 1)
+    await asyncio.sleep(1)
+    assert forward.counts.forwarded == 1
+    assert there.graph.endpoints() == ()
 
 
 def calls_of_a_fleet(*, lean):
@@ -582,24 +554,21 @@ def test_lean_services_change_neither_answers_nor_times_nor_bytes():
     assert fewer <= events
 
 
-def test_a_message_to_many_costs_little():
-    async def main(world):
-        heard = 0
+async def test_a_message_to_many_costs_little(sim):
+    heard = 0
 
-        def hear(_):
-            nonlocal heard
-            heard += 1
+    def hear(_):
+        nonlocal heard
+        heard += 1
 
-        nodes = [world.node(f"n{i}", host=f"h{i}") for i in range(100)]
-        publishers = [node.create_publisher(STRING, "/t") for node in nodes]
-        for node in nodes:
-            node.create_subscription(STRING, "/t", hear)
-        await asyncio.sleep(1)
-        start_s = time.process_time()
-        for publisher in publishers:
-            publisher.publish(text("x"))
-        await asyncio.sleep(1)
-        assert heard == 100 * 100
-        return (time.process_time() - start_s) / heard
-
-    assert run_simulated(main) < 150e-6
+    nodes = [sim.node(f"n{i}", host=f"h{i}") for i in range(100)]
+    publishers = [node.create_publisher(STRING, "/t") for node in nodes]
+    for node in nodes:
+        node.create_subscription(STRING, "/t", hear)
+    await asyncio.sleep(1)
+    start_s = time.process_time()
+    for publisher in publishers:
+        publisher.publish(text("x"))
+    await asyncio.sleep(1)
+    assert heard == 100 * 100
+    assert (time.process_time() - start_s) / heard < 150e-6

@@ -204,6 +204,35 @@ class DdsWriter:
         self._on_matched()
 
 
+class Publishers:
+    """The GUIDs of a reader's matching publishers, by the handles that samples carry.
+
+    Args:
+        reader: The C handle of the reader.
+    """
+
+    def __init__(self, reader: int) -> None:
+        self._reader = reader
+        self._gids: dict[int, bytes] = {}
+
+    def gid(self, publication: int) -> bytes:
+        """Return a publisher's GUID; zeros when it was gone before anybody could look."""
+        gid = self._gids.get(publication)
+        if gid is None:
+            gid = matched_gid(library().dds_get_matched_publication_data, self._reader, publication)
+            if gid != UNKNOWN_GID:
+                self._gids[publication] = gid
+        return gid
+
+    def matched(self) -> list[bytes]:
+        """Return those that match now, and learn them: a sample of one that left has no sender to ask for."""
+        handles = (ct.c_uint64 * _MAX_MATCHED)()
+        count = library().dds_get_matched_publications(self._reader, ct.byref(handles), _MAX_MATCHED)
+        if len(self._gids) > _MAX_MATCHED:
+            self._gids.clear()
+        return [self.gid(publication) for publication in handles[: max(count, 0)]]
+
+
 class DdsReader:
     """Takes CDR from a topic as it arrives.
 
@@ -230,7 +259,7 @@ class DdsReader:
         self._waiter = waiter
         self._on_samples = on_samples
         self._on_matched = on_matched
-        self._gids: dict[int, bytes] = {}
+        self._publishers = Publishers(handle)
         self._serdata: Any = (ct.c_void_p * _BATCH)()
         self._infos: Any = (SampleInfo * _BATCH)()
         library().dds_set_status_mask(handle, STATUS_SUBSCRIPTION_MATCHED | STATUS_SAMPLE_LOST)
@@ -251,30 +280,18 @@ class DdsReader:
         for i in range(count):
             serdata, info = self._serdata[i], self._infos[i]
             if info.valid_data:
-                gid = self._gid(info.publication_handle)
+                gid = self._publishers.gid(info.publication_handle)
                 samples.append((bytes_from_serdata(serdata), info.source_timestamp, now_ns, gid))
             lib.ddsi_serdata_unref(serdata)
         if samples:
             self._on_samples(samples)
-
-    def _gid(self, publication: int) -> bytes:
-        gid = self._gids.get(publication)
-        if gid is None:
-            gid = matched_gid(library().dds_get_matched_publication_data, self.handle, publication)
-            if gid != UNKNOWN_GID:
-                self._gids[publication] = gid
-        return gid
 
     def _update_status(self) -> None:
         lib = library()
         lost, matched = SampleLostStatus(), MatchedStatus()
         lib.dds_get_sample_lost_status(self.handle, ct.byref(lost))
         lib.dds_get_subscription_matched_status(self.handle, ct.byref(matched))
-        handles = (ct.c_uint64 * _MAX_MATCHED)()
-        count = max(lib.dds_get_matched_publications(self.handle, ct.byref(handles), _MAX_MATCHED), 0)
-        alive = set(handles[:count])
-        self._gids = {publication: gid for publication, gid in self._gids.items() if publication in alive}
-        self.matched_prefixes = frozenset(self._gid(handles[i])[:12] for i in range(count))
+        self.matched_prefixes = frozenset(gid[:12] for gid in self._publishers.matched())
         self.lost = lost.total_count
         self.matched = matched.current_count
         self._on_matched()

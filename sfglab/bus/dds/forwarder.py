@@ -28,9 +28,9 @@ from sfglab.bus.dds.clib import (
 )
 from sfglab.bus.dds.endpoints import (
     UNKNOWN_GID,
+    Publishers,
     bytes_from_serdata,
     delete_writer,
-    matched_gid,
     serdata_from_bytes,
     sertype_of,
     source_timestamp_ns,
@@ -156,7 +156,6 @@ class DdsRawWriter:
 
 
 _BATCH = 64
-_MAX_MATCHED = 4096
 # What a KEEP_ALL reader may hold before its senders have to wait: a target slower than its source would
 # otherwise fill the memory. Measured: 256 halve the rate of 64-byte messages, more than this gains nothing.
 _MAX_KEPT = 1024
@@ -240,7 +239,7 @@ class DdsForward(Forward[int, DdsRawWriter]):
         self._open = True
         self._unflushed: set[DdsRawWriter] = set()
         self._waiting: deque[tuple[DdsRawWriter, int]] = deque()
-        self._gids: dict[int, bytes] = {}
+        self._publishers = Publishers(handle)
         self._serdata: Any = (ct.c_void_p * _BATCH)()
         self._infos: Any = (SampleInfo * _BATCH)()
         self._each_info = list(self._infos)  # made once: views of the same memory
@@ -289,7 +288,7 @@ class DdsForward(Forward[int, DdsRawWriter]):
             if not info.valid_data:
                 lib.ddsi_serdata_unref(serdata)
                 continue
-            source = self._gids.get(info.publication_handle) or self._gid(info.publication_handle)
+            source = self._publishers.gid(info.publication_handle)
             if source == UNKNOWN_GID or not self._open:
                 self._drop(serdata)
             else:
@@ -342,23 +341,9 @@ class DdsForward(Forward[int, DdsRawWriter]):
         library().ddsi_serdata_unref(serdata)
         self.counts.dropped += 1
 
-    def _gid(self, publication: int) -> bytes:
-        gid = matched_gid(library().dds_get_matched_publication_data, self._handle, publication)
-        if gid != UNKNOWN_GID:
-            self._gids[publication] = gid
-        return gid
-
     def _note_publishers(self) -> None:
-        """Learn who publishes at once: a sample of one that left meanwhile has no sender to ask for."""
-        lib = library()
-        lib.dds_get_subscription_matched_status(self._handle, ct.byref(MatchedStatus()))
-        handles = (ct.c_uint64 * _MAX_MATCHED)()
-        count = max(lib.dds_get_matched_publications(self._handle, ct.byref(handles), _MAX_MATCHED), 0)
-        if len(self._gids) > _MAX_MATCHED:
-            self._gids.clear()
-        for publication in handles[:count]:
-            if publication not in self._gids:
-                self._gid(publication)
+        library().dds_get_subscription_matched_status(self._handle, ct.byref(MatchedStatus()))
+        self._publishers.matched()
 
 
 def _transformed(serdata: int, transform: Transform, sertype: int | None) -> int | None:

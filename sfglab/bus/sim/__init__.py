@@ -25,17 +25,15 @@ packets take on a link of limited rate; collisions and retries of a shared mediu
 
 from __future__ import annotations
 
-from sfglab.bus.sim.backend import SimClock, SimNode
+from sfglab.bus.sim.backend import SimNode
 from sfglab.bus.sim.loop import (
     START_NS,
     DeadlockError,
     NotSimulatedError,
-    SimulationError,
     TimeLimitError,
-    VirtualLoop,
     WorldError,
 )
-from sfglab.bus.sim.settings import Costs, LinkModel, Timing, TraceDigest, TraceEvent
+from sfglab.bus.sim.settings import Costs, LinkModel, Timing, TraceDigest
 from sfglab.bus.sim.wire import HostTraffic, KindBytes
 from sfglab.bus.sim.world import World, run_simulated
 
@@ -47,14 +45,10 @@ __all__ = [
     "KindBytes",
     "LinkModel",
     "NotSimulatedError",
-    "SimClock",
     "SimNode",
-    "SimulationError",
     "TimeLimitError",
     "Timing",
     "TraceDigest",
-    "TraceEvent",
-    "VirtualLoop",
     "World",
     "WorldError",
     "run_simulated",

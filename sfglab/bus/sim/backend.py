@@ -102,14 +102,6 @@ class SimGraph(Graph):
         self._domain = participant.domain
         self._users = 0
 
-    def publishers(self, topic: str) -> tuple[EndpointInfo, ...]:
-        """Return the publishers of a ROS topic, ordered by gid."""
-        return self._of_topic(topic, EndpointKind.PUBLISHER)
-
-    def subscriptions(self, topic: str) -> tuple[EndpointInfo, ...]:
-        """Return the subscriptions of a ROS topic, ordered by gid."""
-        return self._of_topic(topic, EndpointKind.SUBSCRIPTION)
-
     def endpoints(self) -> tuple[EndpointInfo, ...]:
         """Return all known endpoints, ordered by gid."""
         return self._known(self._domain.endpoints())
@@ -188,7 +180,7 @@ class SimGraph(Graph):
             self._domain.graphs.pop(self, None)
             self._endpoints.clear()
 
-    def _of_topic(self, topic: str, kind: EndpointKind) -> tuple[EndpointInfo, ...]:
+    def _select(self, topic: str, kind: EndpointKind) -> tuple[EndpointInfo, ...]:
         try:
             dds_topic = names.dds_topic(topic)
         except names.FqnError:
