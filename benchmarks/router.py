@@ -108,7 +108,7 @@ async def listen(load: str, domain_id: int) -> None:
                     taken.append((infos[i].source_timestamp, now_ns))
                 lib.ddsi_serdata_unref(serdata[i])
 
-        participant.waiter.attach_reader(reader, take)
+        participant.waitset.attach_reader(reader, take)
         if not await node.graph.wait_for(lambda: bool(node.graph.publishers(TOPIC)), 20.0):
             raise RuntimeError(f"no publisher of {TOPIC} in domain {domain_id}")
         _say(ready=True)

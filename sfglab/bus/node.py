@@ -84,7 +84,7 @@ class Node:
         on_error: Called with every exception of a callback and a text that names its place; None logs it.
         join: Joins the middleware; None is DDS, with shared memory, as the other arguments say.
         domain_id: The DDS domain, 0 to 232.
-        presence: False keeps the node off ROS 2's graph: its endpoints are seen, but not as a node's.
+        discovery_info: False keeps the node off ROS 2's graph: its endpoints are seen, but not as a node's.
         domain: `interface`, `multicast`, `lease_s` and `external_domain_id` of `DomainConfig`; nodes of one
             process and domain share them.
     """
@@ -97,14 +97,14 @@ class Node:
         on_error: OnError | None = None,
         join: Join | None = None,
         domain_id: int = 0,
-        presence: bool = True,
+        discovery_info: bool = True,
         **domain: Unpack[DomainOptions],
     ) -> None:
         self._name = name
         self._namespace = namespace
         self._on_error = on_error
         config = DomainConfig(domain_id=domain_id, **domain)
-        self._join = join or partial(DdsBackend, config, presence=presence)
+        self._join = join or partial(DdsBackend, config, discovery_info=discovery_info)
         self._live: Backend | None = None
         self._finalizer: Callable[[], object] | None = None
 

@@ -140,7 +140,7 @@ class World:
 @pytest.fixture
 def live(domain_id):
     """Nodes on the loopback interface, in real time."""
-    return World("live", partial(Node, domain_id=domain_id, interface="lo", presence=False))
+    return World("live", partial(Node, domain_id=domain_id, interface="lo", discovery_info=False))
 
 
 @pytest.fixture(

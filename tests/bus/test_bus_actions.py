@@ -361,7 +361,7 @@ async def test_dds_itself_announces_the_types_of_the_ros_2_design(domain_id):
     from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
     from cyclonedds.domain import DomainParticipant
 
-    async with bus.Node("server", domain_id=domain_id, interface="lo", presence=False) as there:
+    async with bus.Node("server", domain_id=domain_id, interface="lo", discovery_info=False) as there:
         there.create_action_server("sfglab_interfaces/action/FollowTrajectory", "/go", compute)
         participant = DomainParticipant(domain_id)
         reader = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
@@ -401,7 +401,7 @@ async def test_feedback_and_status_are_these_bytes(node):
 
 @pytest.mark.live
 async def test_a_forgotten_node_ends_its_action_server(domain_id):
-    here = await bus.Node.create("forgotten", domain_id=domain_id, interface="lo", presence=False)
+    here = await bus.Node.create("forgotten", domain_id=domain_id, interface="lo", discovery_info=False)
     here.create_action_server(ACTION, "/count", compute)
     here.create_action_client(ACTION, "/count")
     gone = weakref.ref(here)

@@ -67,22 +67,27 @@ async def test_every_subscription_gets_every_message_in_order(node):
         await until(lambda: got == numbers)
 
 
-async def test_an_async_callback_gets_the_next_message_when_it_is_done(node):
-    async with node("here") as here:
-        log = []
+async def test_an_async_callback_gets_the_next_message_when_it_is_done_and_only_it_misses_some(node):
+    async with node("here") as here, node("there") as there:
+        gate, log = asyncio.Event(), []
 
         async def slow(message):
             log.append(f"+{message.data}")
-            await asyncio.sleep(0.01)
+            await gate.wait()
             log.append(f"-{message.data}")
 
-        publisher = here.create_publisher(STRING, "/t")
-        here.create_subscription(STRING, "/t", slow)
-        await publisher.wait_for_subscriptions()
-        for number in range(3):
+        publisher = here.create_publisher(STRING, "/t", 5)
+        slowly = there.create_subscription(STRING, "/t", slow, 5)
+        fast = there.create_subscription(STRING, "/t", qos=5)
+        await publisher.wait_for_subscriptions(2)
+        for number in range(40):  # in lock step with the fast one, so only the slow one can drop
             publisher.publish(text(number))
-        await until(lambda: len(log) == 6)
-        assert log == ["+0", "-0", "+1", "-1", "+2", "-2"]
+            assert (await fast.take(60)).data == str(number)
+        await until(lambda: slowly.dropped == 40 - 5 - 1)
+        gate.set()
+        await until(lambda: len(log) == 12)
+        assert log == [f"{sign}{number}" for number in (0, 35, 36, 37, 38, 39) for sign in "+-"]
+        assert (slowly.dropped, fast.dropped) == (34, 0)
 
 
 @pytest.mark.parametrize("depth", [1, 3])

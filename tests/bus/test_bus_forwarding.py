@@ -193,12 +193,12 @@ def test_an_unknown_type_passes_between_endpoints_that_announce_none(pair_ids, c
                 sides[0].create_writer("rt/t", opaque_idl_struct(custom), DEEP),
                 "/t",
                 type_=custom,
-                waiter=sides[0].waiter,
+                waitset=sides[0].waitset,
                 on_matched=lambda: None,
             )
             reader = DdsReader(
                 sides[1].create_reader("rt/t", opaque_idl_struct(custom), DEEP),
-                waiter=sides[1].waiter,
+                waitset=sides[1].waitset,
                 on_samples=got.extend,
                 on_matched=lambda: None,
             )

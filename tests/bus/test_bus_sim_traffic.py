@@ -44,7 +44,7 @@ def test_an_announcement_is_as_large_as_captured(kind, dds_topic, type_, qos, us
 
 def test_other_packets_are_as_large_as_captured():
     assert wire.presentation_bytes(USER_DATA) == 514
-    assert wire.announcement_bytes(wire.PRESENCE_BYTES) == 454
+    assert wire.announcement_bytes(wire.DISCOVERY_INFO_BYTES) == 454
     assert (wire.HEARTBEAT_BYTES, wire.ACKNACK_BYTES, wire.MATCH_BYTES, wire.LIVELINESS_BYTES) == (
         94,
         106,

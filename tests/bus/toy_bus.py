@@ -142,7 +142,7 @@ class ToyWriter(ToyEndpoint):
     def greet(self, reader):
         if reader.asked.qos.durability is Durability.TRANSIENT_LOCAL:
             for cdr, stamp_ns in self.kept:
-                reader.take(cdr, stamp_ns, self.gid)
+                reader.backend.loop.call_soon(reader.take, cdr, stamp_ns, self.gid)
 
     def write(self, cdr, source_timestamp_ns=None):
         data, limit = bytes(cdr), self.asked.max_message_bytes
@@ -158,7 +158,7 @@ class ToyWriter(ToyEndpoint):
         stamp_ns = self.backend.clock.now_ns() if source_timestamp_ns is None else source_timestamp_ns
         self.kept.append((data, stamp_ns))
         for reader in self.peers:
-            reader.take(data, stamp_ns, self.gid)
+            reader.backend.loop.call_soon(reader.take, data, stamp_ns, self.gid)
 
     def write_message(self, message):
         self.write(serialize(message))

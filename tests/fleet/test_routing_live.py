@@ -217,7 +217,7 @@ def test_a_request_that_is_there_before_its_reply_reader_is_answered_when_that_i
                 side.create_writer(requests, wire_type(requests, f"{METADATA}_Request"), SERVICES),
                 requests,
                 type_=METADATA,
-                waiter=side.waiter,
+                waitset=side.waitset,
                 on_matched=lambda: None,
             )
             await until(lambda: writer.matched)
@@ -226,7 +226,7 @@ def test_a_request_that_is_there_before_its_reply_reader_is_answered_when_that_i
             assert asked == [], "nobody could hear the answer yet"
             DdsReader(
                 side.create_reader(replies, wire_type(replies, f"{METADATA}_Response"), SERVICES),
-                waiter=side.waiter,
+                waitset=side.waitset,
                 on_samples=got.extend,
                 on_matched=lambda: None,
             )
@@ -361,13 +361,13 @@ def test_an_unknown_type_crosses_two_routers(ids):
                 sides[0].create_writer("rt" + TOPIC, struct, LATCHED),
                 TOPIC,
                 type_=custom,
-                waiter=sides[0].waiter,
+                waitset=sides[0].waitset,
                 on_matched=lambda: None,
             )
             writer.write(cdr, 7)
             DdsReader(
                 sides[1].create_reader("rt" + TOPIC, struct, LATCHED),
-                waiter=sides[1].waiter,
+                waitset=sides[1].waitset,
                 on_samples=got.extend,
                 on_matched=lambda: None,
             )

@@ -39,7 +39,7 @@ S = 1_000_000_000
 
 class Live:
     def __init__(self, domain_id):
-        self.node = partial(bus.Node, domain_id=domain_id, interface="lo", presence=False)
+        self.node = partial(bus.Node, domain_id=domain_id, interface="lo", discovery_info=False)
 
     def run(self, scenario):
         return asyncio.run(scenario(self.node))

@@ -28,7 +28,7 @@ class DdsBackend(Backend):
         config: The DDS domain.
         name: The node's full name.
         on_error: Told about exceptions in callbacks; None logs them.
-        presence: Whether ROS 2's tools shall see the node as one.
+        discovery_info: Whether ROS 2's tools shall see the node as one.
 
     Raises:
         DomainError: The domain cannot be joined.
@@ -36,7 +36,9 @@ class DdsBackend(Backend):
 
     kind = "live"
 
-    def __init__(self, config: DomainConfig, name: str, on_error: OnError | None, *, presence: bool) -> None:
+    def __init__(
+        self, config: DomainConfig, name: str, on_error: OnError | None, *, discovery_info: bool
+    ) -> None:
         super().__init__(on_error)
         self.graph = Graph(self.loop, read_nodes=self._read_nodes)
         identity = user_data({"enclave": "/", NODE_KEY: name, HOST_KEY: host_id()})
@@ -45,7 +47,7 @@ class DdsBackend(Backend):
         )
         self.guid = self.participant.guid
         self._discovery = Discovery(self.participant, partial(self._post, self.graph.apply))
-        if presence:
+        if discovery_info:
             self.register(DiscoveryInfo(self.participant, self.graph, name, loop=self.loop))
 
     def open_writer(self, endpoint: RawEndpoint, notify: Callable[[], None]) -> Writer:
@@ -63,7 +65,7 @@ class DdsBackend(Backend):
             handle,
             endpoint.name,
             type_=endpoint.type,
-            waiter=self.participant.waiter,
+            waitset=self.participant.waitset,
             on_matched=partial(self._post, notify),
         )
 
@@ -81,7 +83,7 @@ class DdsBackend(Backend):
         )
         return DdsReader(
             handle,
-            waiter=self.participant.waiter,
+            waitset=self.participant.waitset,
             on_samples=inbox.push_from_thread,
             on_matched=partial(self._post, notify),
         )
@@ -97,7 +99,7 @@ class DdsBackend(Backend):
     def close(self) -> None:
         """End the thread that reads, and then everything; from any thread; again is harmless."""
         if not self.closed:
-            self.participant.waiter.stop()
+            self.participant.waitset.stop()
         super().close()
 
     def leave(self) -> None:

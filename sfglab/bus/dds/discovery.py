@@ -196,10 +196,10 @@ class DiscoveryInfo:
         self._size = gid_bytes()
         handle = participant.create_writer(INFO_TOPIC, info_type(self._size), _WRITER_QOS)
         self._writer = DdsWriter(
-            handle, INFO_TOPIC, type_="ParticipantEntitiesInfo", waiter=participant.waiter, on_matched=_ignore
+            handle, INFO_TOPIC, type_="ParticipantEntitiesInfo", waitset=participant.waitset, on_matched=_ignore
         )
         # Who reads it is nobody's business, and a large domain would ask for it again with every participant.
-        participant.waiter.detach(handle)
+        participant.waitset.detach(handle)
         self._publish()
         self._unlisten = graph.listen(self._heard)
 
@@ -257,25 +257,25 @@ class Discovery:
 
     Args:
         participant: Who looks; its end is the reports' end.
-        on_changes: Called with changes in their order, in the thread of the participant's waiter.
+        on_changes: Called with changes in their order, in the thread of the participant's waitset.
     """
 
     def __init__(self, participant: DdsParticipant, on_changes: Callable[[list[Change]], None]) -> None:
         self._participant = participant
         self._on_changes = on_changes
         self._origins: dict[bytes, _Origin] = {}
-        lib, waiter = library(), participant.waiter
+        lib, waitset = library(), participant.waitset
         self._participants: int = lib.dds_create_reader(participant.handle, BUILTIN_PARTICIPANT, None, None)
-        waiter.attach_reader(self._participants, self._read_participants)
+        waitset.attach_reader(self._participants, self._read_participants)
         for topic, kind in _KINDS.items():
             reader: int = lib.dds_create_reader(participant.handle, topic, None, None)
-            waiter.attach_reader(reader, self._endpoint_handler(reader, kind))
+            waitset.attach_reader(reader, self._endpoint_handler(reader, kind))
 
     def read_nodes(self, on_nodes: Callable[[bytes, tuple[NodeInfo, ...]], None]) -> None:
         """Report from now on which nodes every participant has, its complete list at every change.
 
         Args:
-            on_nodes: Called with a participant's GUID and its nodes, in the waiter's thread.
+            on_nodes: Called with a participant's GUID and its nodes, in the WaitSet thread.
         """
         size = gid_bytes()
 
@@ -289,8 +289,8 @@ class Discovery:
 
         reader = self._participant.create_reader(INFO_TOPIC, info_type(size), READER_QOS)
         DdsReader(
-            reader, waiter=self._participant.waiter, on_samples=handle, on_matched=lambda: None
-        )  # lives as long as the participant, kept by its waiter
+            reader, waitset=self._participant.waitset, on_samples=handle, on_matched=lambda: None
+        )  # lives as long as the participant, kept by its WaitSet
 
     def _endpoint_handler(self, reader: int, kind: EndpointKind) -> Callable[[], None]:
         def handle() -> None:

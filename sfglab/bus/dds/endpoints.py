@@ -118,12 +118,12 @@ class DdsWriter:
         handle: The C handle of the writer.
         topic: The ROS topic, for error messages.
         type_: The ROS type, for error messages.
-        waiter: The thread that waits for changes of the matching readers.
+        waitset: The thread that waits for changes of the matching readers.
         on_matched: Called, in that thread, after such a change.
     """
 
     def __init__(
-        self, handle: int, topic: str, *, type_: str, waiter: WaitSetThread, on_matched: Callable[[], None]
+        self, handle: int, topic: str, *, type_: str, waitset: WaitSetThread, on_matched: Callable[[], None]
     ) -> None:
         self.handle = handle
         self.gid = entity_guid(handle)
@@ -131,11 +131,11 @@ class DdsWriter:
         self.matched_prefixes: frozenset[bytes] = frozenset()
         self._topic = topic
         self._type = type_
-        self._waiter = waiter
+        self._waitset = waitset
         self._on_matched = on_matched
         self._sertype = sertype_of(handle)
         library().dds_set_status_mask(handle, STATUS_PUBLICATION_MATCHED)
-        waiter.attach(handle, self._update_matched)
+        waitset.attach(handle, self._update_matched)
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
         """Send one serialized message.
@@ -181,7 +181,7 @@ class DdsWriter:
 
     def close(self) -> None:
         """Delete the writer, without waiting for readers that have not acknowledged everything."""
-        self._waiter.detach(self.handle)
+        self._waitset.detach(self.handle)
         delete_writer(self.handle)
 
     def _raise(self, code: int) -> None:
@@ -238,7 +238,7 @@ class DdsReader:
 
     Args:
         handle: The C handle of the reader.
-        waiter: The thread that waits for samples and for changes of the matching writers.
+        waitset: The thread that waits for samples and for changes of the matching writers.
         on_samples: Called with what arrived, in that thread.
         on_matched: Called, in that thread, after the matching writers changed.
     """
@@ -247,7 +247,7 @@ class DdsReader:
         self,
         handle: int,
         *,
-        waiter: WaitSetThread,
+        waitset: WaitSetThread,
         on_samples: Callable[[list[Sample]], None],
         on_matched: Callable[[], None],
     ) -> None:
@@ -256,20 +256,20 @@ class DdsReader:
         self.matched = 0
         self.matched_prefixes: frozenset[bytes] = frozenset()
         self.lost = 0
-        self._waiter = waiter
+        self._waitset = waitset
         self._on_samples = on_samples
         self._on_matched = on_matched
         self._publishers = Publishers(handle)
         self._serdata: Any = (ct.c_void_p * _BATCH)()
         self._infos: Any = (SampleInfo * _BATCH)()
         library().dds_set_status_mask(handle, STATUS_SUBSCRIPTION_MATCHED | STATUS_SAMPLE_LOST)
-        waiter.attach(handle, self._update_status)
-        self._condition = waiter.attach_reader(handle, self._take)
+        waitset.attach(handle, self._update_status)
+        self._condition = waitset.attach_reader(handle, self._take)
 
     def close(self) -> None:
         """Delete the reader."""
-        self._waiter.detach(self._condition)
-        self._waiter.detach(self.handle)
+        self._waitset.detach(self._condition)
+        self._waitset.detach(self.handle)
         library().dds_delete(self.handle)
 
     def _take(self) -> None:

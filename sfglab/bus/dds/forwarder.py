@@ -175,7 +175,7 @@ class DdsForwarder:
         self._orders: deque[Callable[[], None]] = deque()
         self._forwards: set[DdsForward] = set()
         self._bell: int = library().dds_create_guardcondition(source.handle)
-        source.waiter.attach(self._bell, self._obey)
+        source.waitset.attach(self._bell, self._obey)
 
     def open(self, endpoint: RawEndpoint) -> DdsForward:
         """Read a topic in the source's domain; until its sources are judged their samples are held."""
@@ -189,7 +189,7 @@ class DdsForwarder:
         )
         forward = DdsForward(handle, self._order, on_closed=self._forwards.discard)
         self._forwards.add(forward)
-        forward.attach(self._source.waiter)
+        forward.attach(self._source.waitset)
         return forward
 
     def open_writer(self, endpoint: RawEndpoint) -> DdsRawWriter:
@@ -245,15 +245,15 @@ class DdsForward(Forward[int, DdsRawWriter]):
         self._each_info = list(self._infos)  # made once: views of the same memory
         self._detach: Callable[[], None] = lambda: None
 
-    def attach(self, waiter: WaitSetThread) -> None:
+    def attach(self, waitset: WaitSetThread) -> None:
         """Begin to read in a WaitSet thread."""
         library().dds_set_status_mask(self._handle, STATUS_SUBSCRIPTION_MATCHED)
-        waiter.attach(self._handle, self._note_publishers)
-        condition = waiter.attach_reader(self._handle, self._take)
+        waitset.attach(self._handle, self._note_publishers)
+        condition = waitset.attach_reader(self._handle, self._take)
 
         def detach() -> None:
-            waiter.detach(condition)
-            waiter.detach(self._handle)
+            waitset.detach(condition)
+            waitset.detach(self._handle)
 
         self._detach = detach
 

@@ -132,7 +132,7 @@ class DdsParticipant:
             leave(config.domain_id)
             raise
         self.guid = entity_guid(self.handle)
-        self.waiter = WaitSetThread(self.handle, after_round, name=name)
+        self.waitset = WaitSetThread(self.handle, after_round, name=name)
         self._topics: dict[tuple[str, type[Any]], int] = {}
         self._closed = False
 
@@ -157,7 +157,7 @@ class DdsParticipant:
         if self._closed:
             return
         self._closed = True
-        self.waiter.stop()
+        self.waitset.stop()
         library().dds_delete(self.handle)
         leave(self.config.domain_id)
 

@@ -85,7 +85,7 @@ def unpack_hello(datagram: bytes) -> Hello:
 
 
 def pack_welcome(gid: bytes) -> bytes:
-    """Return a WELCOME with the GUID of the publisher's presence writer."""
+    """Return a WELCOME with the GUID of the writer that announces the publisher."""
     return _WELCOME.pack(_MAGIC, _VERSION, 0, gid)
 
 

@@ -17,7 +17,7 @@ run_simulated(main, seed=1, link=LinkModel(latency_s=0.01, loss=0.05))
 
 A node belongs to a host and a domain: that of the network (`reach="network"`), or one on the host's loopback
 interface (`reach="host"`). Messages travel as real CDR, discovery takes its time, links lose and delay, leases
-run out, and every byte is booked as Cyclone DDS would send it (`wire`).
+run out, and every byte is accounted as Cyclone DDS would send it (`wire`).
 
 What is not modelled: the time that components compute, unless `Costs` says so; the time that discovery's own
 packets take on a link of limited rate; collisions and retries of a shared medium.

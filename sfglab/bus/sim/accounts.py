@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 from sfglab.bus.sim.wire import (
     ACKNACK_BYTES,
+    DISCOVERY_INFO_BYTES,
     HEARTBEAT_BYTES,
     HELLO_ROUND_ACKS_BYTES,
     HELLO_ROUND_BYTES,
     LIVELINESS_BYTES,
     MATCH_ACKS_BYTES,
     MATCH_BYTES,
-    PRESENCE_BYTES,
     RETRACTION_BYTES,
     Load,
     acquaintance_bytes,
@@ -83,7 +83,9 @@ class Accounts:
             if other.host is newcomer.host:
                 continue
             known += 1
-            told = to_newcomer + retold_bytes([*_presence(other), *map(self._submessage, other.endpoints)])
+            told = to_newcomer + retold_bytes(
+                [*_discovery_info(other), *map(self._submessage, other.endpoints)]
+            )
             other.host.tx[_DISCOVERY] += told
             newcomer.host.rx[_DISCOVERY] += told
             other.host.rx[_DISCOVERY] += from_newcomer
@@ -92,14 +94,14 @@ class Accounts:
             self._round()
         self._hosts[newcomer.host] += 1
         self._count += 1
-        for submessage in _presence(newcomer):
+        for submessage in _discovery_info(newcomer):
             self._spread(newcomer, announcement_bytes(submessage), writer=True)
 
     def left(self, participant: Participant) -> None:
         """Account a participant's good-bye; it is still a member."""
         if self._networked:
             if self.others(participant):
-                retractions = RETRACTION_BYTES * len(_presence(participant))
+                retractions = RETRACTION_BYTES * len(_discovery_info(participant))
                 self._to_all_hosts(participant.host, _DISCOVERY, retractions + departure_bytes())
             self.crashed(participant)
 
@@ -158,7 +160,7 @@ class Accounts:
         return sum(self._rx_host)
 
     def settle(self) -> None:
-        """Account on the hosts what was booked for all."""
+        """Account on the hosts what was accounted for all."""
         if not self._networked:
             return
         self._tick()
@@ -169,8 +171,8 @@ class Accounts:
         for host in self._network.values():
             for load in Load:
                 host.rx[load] += self._rx_host[load]
-        for booked in (self._tx_each, self._rx_host):
-            booked[:] = [0] * len(Load)
+        for sums in (self._tx_each, self._rx_host):
+            sums[:] = [0] * len(Load)
 
     def _submessage(self, endpoint: Endpoint) -> int:
         info = endpoint.info
@@ -253,9 +255,9 @@ class Accounts:
         return [m for m in self._members if m.host is not host and m.host.side == host.side]
 
 
-def _presence(participant: Participant) -> list[int]:
+def _discovery_info(participant: Participant) -> list[int]:
     """Return the submessages of what a node of the ROS 2 graph has besides its endpoints."""
-    return [PRESENCE_BYTES] if participant.presence else []
+    return [DISCOVERY_INFO_BYTES] if participant.discovery_info else []
 
 
 def _unicast(sender: Host, receiver: Host, load: Load, size: int) -> None:

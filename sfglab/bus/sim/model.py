@@ -114,7 +114,7 @@ class Participant:
     name: str  #: The node's full name.
     number: int  #: One that nothing else in the world has.
     user_data: bytes  #: Its USER_DATA.
-    presence: bool  #: Whether ROS 2's tools shall see its node, which takes one more writer.
+    discovery_info: bool  #: Whether ROS 2's tools shall see its node, which takes one more writer.
     lease_ns: int  #: How long the others believe that it lives without a sign of it.
     interval_ns: int  #: Of its periodic announcements.
     guid: bytes = b""  #: Its 16-byte GUID.
@@ -125,7 +125,7 @@ class Participant:
     left_ns: int | None = None  #: When it left; None otherwise.
     last_sent_ns: int = 0  #: When it last sent a sample, as a sign of life.
     crowd_ns: int = 0  #: What the domain's announcements had cost everybody when it joined.
-    ticked_ns: int = 0  #: Until when its periodic announcements are booked.
+    ticked_ns: int = 0  #: Until when its periodic announcements are accounted.
     #: Until when a heartbeat of its built-in writers covers what is new: of readers, of writers.
     heartbeat_until_ns: list[int] = field(default_factory=lambda: [0, 0])
     endpoints: dict[Endpoint, None] = field(default_factory=dict)  #: What it has.

@@ -69,7 +69,7 @@ class Costs:
     """
 
     start_s: float = 0.0  #: From its start until it hears anything, seconds.
-    message_s: float = 0.0  #: For each message that one of its subscriptions or inlets takes, seconds.
+    message_s: float = 0.0  #: For each message that one of its readers takes, seconds.
     endpoint_s: float = 0.0  #: For each endpoint that it makes or ends, seconds.
     announcement_s: float = 0.0  #: For each endpoint of its domains that is announced or retracted, seconds.
 

@@ -7,7 +7,8 @@ All sizes are bytes of Ethernet frames without their checksums, as an interface 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import operator
+from dataclasses import astuple, dataclass
 from enum import IntEnum
 from functools import cache
 from typing import TYPE_CHECKING, Any, Self
@@ -17,22 +18,18 @@ from sfglab.messages.store import type_store
 from sfglab.qos import Durability, History, QoSProfile, Reliability
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable
 
     from sfglab.bus.api import EndpointInfo
 
 
 class Load(IntEnum):
-    """What bytes are for."""
+    """What bytes are for: the fields of `KindBytes`."""
 
     DATA = 0
-    """Samples, with the heartbeats in their packets."""
     ACKS = 1
-    """Heartbeats and acknowledgements of samples."""
     DISCOVERY = 2
-    """Participants and endpoints that announce themselves, and liveliness."""
     DISCOVERY_ACKS = 3
-    """Heartbeats and acknowledgements of discovery."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,26 +44,16 @@ class KindBytes:
     @property
     def total(self) -> int:
         """All of them."""
-        return self.data + self.acks + self.discovery + self.discovery_acks
+        return sum(astuple(self))
 
     @classmethod
-    def of(cls, counts: Sequence[int]) -> Self:
+    def of(cls, counts: Iterable[int]) -> Self:
         """Return counts by `Load` as a value."""
-        return cls(
-            data=counts[Load.DATA],
-            acks=counts[Load.ACKS],
-            discovery=counts[Load.DISCOVERY],
-            discovery_acks=counts[Load.DISCOVERY_ACKS],
-        )
+        return cls(**{load.name.lower(): count for load, count in zip(Load, counts, strict=True)})
 
     def since(self, earlier: KindBytes) -> KindBytes:
         """Return what has come on top of an earlier count."""
-        return KindBytes(
-            data=self.data - earlier.data,
-            acks=self.acks - earlier.acks,
-            discovery=self.discovery - earlier.discovery,
-            discovery_acks=self.discovery_acks - earlier.discovery_acks,
-        )
+        return KindBytes.of(map(operator.sub, astuple(self), astuple(earlier)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,7 +98,7 @@ MATCH_BYTES = _frames(_RTPS + _INFO_DST + _HEARTBEAT)
 MATCH_ACKS_BYTES = 2 * ACKNACK_BYTES
 """What the reader says: once of its own accord, once to the heartbeat; captured were 1 to 2."""
 
-PRESENCE_BYTES = 380
+DISCOVERY_INFO_BYTES = 380
 """The DATA submessage that announces a node's writer of `ros_discovery_info` (`sfglab.bus.dds.discovery`)."""
 
 _SEDP_PACKET = 1456  # Cyclone's Internal/MaxRexmitMessageSize: how much repeated data shares a packet

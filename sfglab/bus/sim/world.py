@@ -36,11 +36,11 @@ Reach = Literal["network", "host"]
 class NodeOptions(TypedDict, total=False):
     """What else a node can be given; see `World.node`."""
 
-    namespace: str
-    lease_s: float
-    on_error: OnError | None
-    process: str
-    presence: bool
+    namespace: str  #: Where relative topic names live ("/").
+    lease_s: float  #: After how long a silence the others give it up (10.0).
+    on_error: OnError | None  #: Given every exception of a callback and a text that names its place.
+    process: str  #: Nodes of one process share its time (one of its own).
+    discovery_info: bool  #: Whether ROS 2's tools shall see it as a node, which takes one more writer (True).
 
 
 class WorldOptions(TypedDict, total=False):
@@ -64,7 +64,7 @@ class World(Environment):
         costs: How long processes take for what they hear.
         multicast: Whether announcements, and samples for more than one other host, go by multicast.
         lean_services: Hand a service's reply only to the participant that asked, not to all who have a client
-            of that service and would ignore it. Bytes are booked, and costs charged, as if all had got it:
+            of that service and would ignore it. Bytes are accounted, and costs charged, as if all had got it:
             without this, n clients of n services cost n**3 deliveries.
     """
 
@@ -126,10 +126,7 @@ class World(Environment):
             host: Where it runs; made if there is none of that name yet.
             domain_id: Its DDS domain, 0 to 232.
             reach: Whether the domain is that of the network, or one on the host's loopback interface only.
-            options: `namespace` ("/"), where relative topic names live; `lease_s` (10.0), after how long a
-                silence the others give it up; `on_error`, given every exception of a callback and a text that
-                names its place; `process` (one of its own): nodes of one process share its time; `presence`
-                (True), whether ROS 2's tools shall see it as a node, which takes one more writer on the wire.
+            options: See `NodeOptions`.
 
         Raises:
             DomainError: There can be no such domain.
@@ -218,9 +215,9 @@ class World(Environment):
 
     def received(self, host: str) -> int:
         """Return how many bytes a host's interface has received so far; cheaper than `traffic`."""
-        booked = self.host(host)
+        counted = self.host(host)
         domains = [d for (_, local), d in self._domains.items() if local is None]
-        return sum(booked.rx) + sum(discovery.accounts.pending_rx() for discovery in domains)
+        return sum(counted.rx) + sum(discovery.accounts.pending_rx() for discovery in domains)
 
     def census(self, domain_id: int = 0) -> tuple[int, int]:
         """Return how many endpoints a domain of the network has now, and how many it has had so far."""
@@ -266,7 +263,7 @@ class World(Environment):
             name=full_name,
             number=self.new_number(),
             user_data=user_data({"enclave": "/", NODE_KEY: full_name, HOST_KEY: host.id}),
-            presence=options.get("presence", True),
+            discovery_info=options.get("discovery_info", True),
             lease_ns=ns_from_s(lease_s),
             interval_ns=ns_from_s(lease_s * self.clockwork.announcement_share),
         )

@@ -293,8 +293,8 @@ async def _standard(fleet: Fleet, world: World) -> FleetOutcome:
 
 
 def _ros_node(world: World, host: str, role: str, number: int) -> SimNode:
-    """Return a node with the endpoints that one of demo_nodes_cpp has; presence is among them."""
-    node = world.node(f"{role}_{number}", host=host, presence=False)
+    """Return a node with the endpoints that one of demo_nodes_cpp has; discovery info is among them."""
+    node = world.node(f"{role}_{number}", host=host, discovery_info=False)
     ends = node.open_forwarder(node)  # bare endpoints, whose samples nobody looks at
     for plan in endpoints_of(role, f"/{host}/{role}_{number}", f"/{host}/chatter_{number}"):
         endpoint = RawEndpoint(dds_topic=plan.topic, type=plan.type, qos=plan.qos, user_data=plan.user_data)

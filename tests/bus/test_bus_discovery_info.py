@@ -160,7 +160,7 @@ async def test_another_process_sees_the_node_with_exactly_its_endpoints(
 
 @pytest.mark.live
 async def test_the_graph_names_nodes_while_they_live_and_hides_how_it_knows(domain_id):
-    async with node(domain_id) as here, node(domain_id, "quiet", presence=False) as quiet:
+    async with node(domain_id) as here, node(domain_id, "quiet", discovery_info=False) as quiet:
         assert here.graph.nodes() == ()
         quiet.create_publisher(STRING, "/t")
         async with node(domain_id, "there", namespace="/far") as there:
@@ -185,7 +185,7 @@ async def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_asked_
     with closing(ros):
         talker = entity_guid(ros.create_writer("rt/chatter", idl_struct(STRING), QoSProfile()))
         handle = ros.create_writer("ros_discovery_info", info_type(24), LATCHED)
-        info = DdsWriter(handle, "info", type_="info", waiter=ros.waiter, on_matched=lambda: None)
+        info = DdsWriter(handle, "info", type_="info", waitset=ros.waitset, on_matched=lambda: None)
         listed = NodeInfo(namespace="/demo", name="talker", participant=ros.guid, writers=(talker,))
         info.write(pack_nodes(ros.guid, [listed], 24))
         async with node(domain_id) as here:
