@@ -7,7 +7,6 @@ Beside the QoS problem that the paper prints stands our own (`programme.plan`), 
 from __future__ import annotations
 
 from sfglab.arp.balancing import (
-    Balance,
     BalanceInput,
     InfeasibleBalanceError,
     average_topics,
@@ -16,24 +15,19 @@ from sfglab.arp.balancing import (
 )
 from sfglab.arp.cache import (
     CacheControl,
-    CacheCounters,
     Decision,
-    Equality,
     LocalCache,
     exactly_equal,
     nearly_equal,
 )
-from sfglab.arp.plan import InfeasiblePlanError, Limits, Plan, TopicPlan, assess, plan_as_printed
+from sfglab.arp.plan import InfeasiblePlanError, Limits, Plan, assess, plan_as_printed
 from sfglab.arp.programme import pareto_front, plan_file
 from sfglab.arp.topics import Topic, TopicFile, load_topics, read_topics
 
 __all__ = [
-    "Balance",
     "BalanceInput",
     "CacheControl",
-    "CacheCounters",
     "Decision",
-    "Equality",
     "InfeasibleBalanceError",
     "InfeasiblePlanError",
     "Limits",
@@ -41,7 +35,6 @@ __all__ = [
     "Plan",
     "Topic",
     "TopicFile",
-    "TopicPlan",
     "assess",
     "average_topics",
     "balance",

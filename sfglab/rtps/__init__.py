@@ -7,14 +7,13 @@ comes to; between them, compiled: `world`, `medium`, `writer`, `reader` and `eng
 from __future__ import annotations
 
 from sfglab.rtps.model import CYCLONE_DDS, FAST_DDS, PRESETS, Flow, Medium, ModelError, Scenario, Vendor
-from sfglab.rtps.session import Delivery, FlowOutcome, Outcome, Session, run
+from sfglab.rtps.session import FlowOutcome, Outcome, Session, run
 from sfglab.rtps.state import Drop, Fate
 
 __all__ = [
     "CYCLONE_DDS",
     "FAST_DDS",
     "PRESETS",
-    "Delivery",
     "Drop",
     "Fate",
     "Flow",

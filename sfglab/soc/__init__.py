@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from sfglab.soc.build_cfg import build_cfg
 from sfglab.soc.graph import (
-    Edge,
     EdgeKind,
     Graph,
     GraphError,
@@ -24,8 +23,6 @@ from sfglab.soc.graph import (
 )
 from sfglab.soc.graph_drawing import draw_graph, draw_mapping
 from sfglab.soc.graph_import import (
-    ImportedGraph,
-    LeftOut,
     graph_from_endpoints,
     graph_from_log,
     graph_metadata,
@@ -33,7 +30,6 @@ from sfglab.soc.graph_import import (
 )
 from sfglab.soc.mapping import (
     CommunicationMapping,
-    Crossing,
     carriages_per_message,
     crossing_edges,
     faster_by_gateway,
@@ -42,29 +38,20 @@ from sfglab.soc.mapping import (
 )
 from sfglab.soc.placement import (
     ZCU104,
-    Load,
-    NodeMapping,
     PlacementError,
     Platform,
     assess,
     place_nodes,
-    platform_from_costs,
 )
 
 __all__ = [
     "ZCU104",
     "CommunicationMapping",
-    "Crossing",
-    "Edge",
     "EdgeKind",
     "Graph",
     "GraphError",
     "Implementation",
-    "ImportedGraph",
-    "LeftOut",
-    "Load",
     "Node",
-    "NodeMapping",
     "Placement",
     "PlacementError",
     "Platform",
@@ -84,7 +71,6 @@ __all__ = [
     "load_graph",
     "map_communication",
     "place_nodes",
-    "platform_from_costs",
     "read_graph",
     "save_graph",
     "transfer_s",

@@ -393,36 +393,11 @@ def _read_graph(top: Section) -> Graph:
 
 
 def _read_node(name: str, section: Section) -> Node:
-    node = Node(
-        name=name,
-        placement=section.choice("placement", Placement.SOFTWARE),
-        rate_hz=section.number("rate_hz", 0.0),
-        software_s=section.number("software_s", 0.0),
-        hardware=None if section.get("hardware", None) is None else _read_hardware(section.section("hardware")),
-    )
-    section.close()
-    return node
-
-
-def _read_hardware(section: Section) -> Implementation:
-    hardware = Implementation(
-        lut=section.whole("lut", 0, low=0),
-        bram=section.number("bram", 0.0),
-        time_s=section.number("time_s", 0.0),
-    )
-    section.close()
-    return hardware
+    if section.get("hardware", None) is None:
+        return section.read(Node, name=name, hardware=None)
+    return section.read(Node, name=name)
 
 
 def _read_topic(name: str, section: Section) -> Topic:
-    topic = Topic(
-        name=name,
-        type=section.text("type", ""),
-        size_bytes=section.whole("size_bytes", None, low=0),
-        rate_hz=section.number("rate_hz", None),
-        publishers=section.texts("publishers"),
-        subscribers=section.texts("subscribers"),
-        mapping=section.choice("mapping", TopicMapping.SOFTWARE),
-    )
-    section.close()
-    return topic
+    # A topic without publishers is the graph's to refuse.
+    return section.read(Topic, name=name, publishers=section.texts("publishers"))

@@ -7,7 +7,7 @@ is elsewhere.
 
 from __future__ import annotations
 
-from sfglab.arp.hallway.course import AREAS, HALF_WIDTH_M, HOME, WAYPOINTS, Area, Box, course_length_m
+from sfglab.arp.hallway.course import AREAS, HALF_WIDTH_M, HOME, WAYPOINTS, Area, course_length_m
 from sfglab.arp.hallway.nodes import (
     BEAMS_DEG,
     NO_ECHO,
@@ -19,11 +19,10 @@ from sfglab.arp.hallway.nodes import (
     Command,
     LocalisationNode,
     SensingNode,
-    View,
     range_from_step,
     step_from_range,
 )
-from sfglab.arp.hallway.station import LEADER, TRANSITIONS, Manoeuvre, PlanningNode, Sight, Station, command_for
+from sfglab.arp.hallway.station import TRANSITIONS, Manoeuvre, PlanningNode, Sight, Station, command_for
 from sfglab.arp.hallway.world import LIMIT_S, RADIUS_M, STEP_NS, End, Verdict, World, judge
 
 __all__ = [
@@ -31,7 +30,6 @@ __all__ = [
     "BEAMS_DEG",
     "HALF_WIDTH_M",
     "HOME",
-    "LEADER",
     "LIMIT_S",
     "NO_ECHO",
     "RADIUS_M",
@@ -44,7 +42,6 @@ __all__ = [
     "WAYPOINTS",
     "ActuationNode",
     "Area",
-    "Box",
     "Command",
     "End",
     "LocalisationNode",
@@ -54,7 +51,6 @@ __all__ = [
     "Sight",
     "Station",
     "Verdict",
-    "View",
     "World",
     "command_for",
     "course_length_m",

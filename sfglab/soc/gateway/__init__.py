@@ -19,16 +19,14 @@ from sfglab.soc.gateway.core import (
     Table,
     filtered,
 )
-from sfglab.soc.gateway.explore import Counterexample, Exploration, ExplorationLimitError, explore
+from sfglab.soc.gateway.explore import ExplorationLimitError, explore
 from sfglab.soc.gateway.world import Bound
 
 __all__ = [
     "TABLE",
     "Bound",
     "Core",
-    "Counterexample",
     "Drive",
-    "Exploration",
     "ExplorationLimitError",
     "IllegalInputError",
     "Input",

@@ -1,8 +1,7 @@
 """How long messages take between software and hardware that share one memory interface (paper C, section 4).
 
-Bottom up: `memif` (chunks and turns), `costs` (constants and where each comes from), `transfer` (paths over
-topics in software, in hardware and over gateways), `stated` (what the paper states, and residuals), `fit`,
-`break_even` (from which size on a gateway is worth it).
+Bottom up: `memif` (chunks, turns, and constants with their origin), `transfer` (paths over topics in software,
+in hardware and over gateways; break-even sizes), `paper` (paper values, residuals, and the fit).
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ from __future__ import annotations
 from sfglab.soc.memory.memif import (
     CUT_THROUGH,
     STORED,
-    Constant,
     Costs,
     Forwarding,
     MemoryInterface,
@@ -24,15 +22,10 @@ from sfglab.soc.memory.paper import (
     MESSAGE_BYTES,
     STATED,
     SUBSCRIBERS,
-    TENDENCIES,
     Fit,
     FitError,
     Panel,
-    Residual,
     SpeedUp,
-    Stated,
-    Tendency,
-    Variant,
     fit,
     residuals,
     sensitivity,
@@ -59,8 +52,6 @@ __all__ = [
     "STATED",
     "STORED",
     "SUBSCRIBERS",
-    "TENDENCIES",
-    "Constant",
     "Costs",
     "Fit",
     "FitError",
@@ -70,15 +61,11 @@ __all__ = [
     "MemoryInterfaceError",
     "Origin",
     "Panel",
-    "Residual",
     "Setup",
     "Side",
     "SpeedUp",
-    "Stated",
-    "Tendency",
     "Times",
     "Transport",
-    "Variant",
     "break_even_bytes",
     "constants",
     "faster_transport",

@@ -1,24 +1,20 @@
 """The gateway of paper C as hardware, in Amaranth (paper C, section 3; ReconROS' 64-bit template).
 
-Bottom up: `control` (generated from the core's table), `memif` (master of the memory interface), `topic` (turns
-and broadcast), `mover` (chunk buffer and data path), `core` (the gateway); around it `bench` (clocked
-surroundings), `law` (cycles of messages), `synthesis` (Verilog, LUT and FF), `proof` (properties). Beside it
-what it spares: `arbiter` (turns at the memory interface), `readers` (nodes that all read), `shared` (their
-cycles); `check` has the laws of both beside the memory model, as rows.
+Bottom up: `data_path` (memory interface's master, topic, mover), `core` (control generated from the core's
+table, and the gateway), `cycles` (its bench and cycle model), `readers` (what it spares: an arbiter and nodes
+that all read), `check` (both cycle models beside the memory model), `synthesis` (Verilog, area, proofs).
 Needs the extra `rtl`; nothing else of sfglab imports it.
 """
 
 from __future__ import annotations
 
-from sfglab.soc.rtl.check import LawCheck, MemoryPath, PathCycles, check_law, path_cycles, path_law
+from sfglab.soc.rtl.check import LawCheck, MemoryPath, PathCycles, check_law, path_cycles
 from sfglab.soc.rtl.core import Answer, Call, Control, Gateway, drive_code, input_code, state_code
 from sfglab.soc.rtl.cycles import (
-    Bench,
     CycleLaw,
     Delays,
     HardwareError,
     Transfer,
-    TransferCycles,
     measured_law,
     model_cycles,
     simulate_transfer,
@@ -34,26 +30,19 @@ from sfglab.soc.rtl.readers import (
     simulate_readers,
 )
 from sfglab.soc.rtl.synthesis import (
-    ARBITER_PROPERTIES,
-    PROPERTIES,
     ArbiterArea,
     GatewayArea,
-    YosysError,
     arbiter_area,
     arbiter_is_fair,
     control_is_safe,
     gateway_area,
     gateway_verilog,
-    yosys_is_there,
 )
 
 __all__ = [
-    "ARBITER_PROPERTIES",
-    "PROPERTIES",
     "Answer",
     "Arbiter",
     "ArbiterArea",
-    "Bench",
     "Call",
     "Control",
     "CycleLaw",
@@ -68,8 +57,6 @@ __all__ = [
     "Reading",
     "ReadingCycles",
     "Transfer",
-    "TransferCycles",
-    "YosysError",
     "arbiter_area",
     "arbiter_is_fair",
     "check_law",
@@ -84,9 +71,7 @@ __all__ = [
     "model_cycles",
     "model_reading_cycles",
     "path_cycles",
-    "path_law",
     "simulate_readers",
     "simulate_transfer",
     "state_code",
-    "yosys_is_there",
 ]
