@@ -8,8 +8,7 @@ import psutil
 import pytest
 
 from sfglab.arp.hallway import End
-from sfglab.lab.experiments.cooperation.live import drive_live
-from sfglab.lab.experiments.cooperation.run import LIVE_POINT
+from sfglab.lab.experiments.cooperation.stage import LIVE_POINT, drive_live
 
 pytestmark = [pytest.mark.live, pytest.mark.netns, pytest.mark.slow]
 

@@ -1,27 +1,23 @@
-"""From the log to figures: success rates by method and rate, how runs failed, and the claim.
-
-Everything here is computed from the log alone.
-"""
+"""Success rates by method and rate, how runs failed, and the claim, computed from a run."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
 from sfglab.arp.hallway import End
 from sfglab.arp.robots import METHODS
-from sfglab.lab.claims import How, Measured
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.cooperation.experiment import Config, exp
+from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import Estimate, bootstrap
-from sfglab.record import LogReader
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
-    import pandas as pd
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -31,43 +27,15 @@ AS_IS = "Fast DDS, 1 % loss"
 _Z = 1.959963984540054  # of 95 %
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Results:
-    """The tables of one run."""
-
-    courses: pd.DataFrame  #: One line a run, with ``success``.
-    contrasts: pd.DataFrame | None  #: The same of the contrasts; None without any.
-    tracks: pd.DataFrame | None  #: Where robots were, in the runs that are drawn; None without any.
-    examples: dict[str, Any]  #: The drawn runs' lines by name.
-    config: dict[str, Any]  #: The run's configuration.
-    live: dict[str, Any]  #: What is to be said of the live drive.
-
-
-def load_results(log: Path) -> Results:
-    """Read a run's tables.
+@derived
+def courses(run: Run[Config], table: str = "course") -> pd.DataFrame:
+    """Return one line a run with ``success``.
 
     Args:
-        log: The log.
+        run: The run.
+        table: ``course`` or ``contrast``.
     """
-    with LogReader(log) as reader:
-
-        def table(name: str) -> pd.DataFrame | None:
-            return reader.table(name).drop(columns="log_time_ns") if name in reader.tables else None
-
-        courses, contrasts = table("course"), table("contrast")
-        assert courses is not None, "a run has courses"
-        return Results(
-            courses=_judged(courses),
-            contrasts=None if contrasts is None else _judged(contrasts),
-            tracks=table("track"),
-            examples=reader.metadata("examples"),
-            config=reader.metadata("config"),
-            live=reader.metadata("live"),
-        )
-
-
-def _judged(rows: pd.DataFrame) -> pd.DataFrame:
-    return rows.assign(success=rows["end"] == End.SUCCESS.value)
+    return run[table].assign(success=run[table]["end"] == End.SUCCESS.value)
 
 
 def lines_of(table: pd.DataFrame) -> list[Any]:
@@ -129,25 +97,24 @@ def staleness(courses: pd.DataFrame) -> pd.DataFrame:
     return table.agg({**dict.fromkeys(columns, "median"), "success": "mean"}).reset_index()
 
 
-def contrasts(results: Results) -> pd.DataFrame | None:
+@derived
+def contrasts(run: Run[Config]) -> pd.DataFrame:
     """Return success rates by method, as they are and in each contrast, at the rates contrasted.
 
     Args:
-        results: The run.
+        run: The run.
 
     Returns:
-        A line a method, or None where nothing was contrasted.
+        A line a method; none where nothing was contrasted.
     """
-    import pandas as pd
-
-    if results.contrasts is None:
-        return None
-    more = results.contrasts
-    fast, courses = more["vendor"] == "fast_dds", results.courses
+    more, rows = courses(run, "contrast"), courses(run)
+    if more.empty:
+        return pd.DataFrame()
+    fast = more["vendor"] == "fast_dds"
     for column in ("method", "rate_max_hz"):
-        courses = courses[courses[column].isin(set(more[column]))]
+        rows = rows[rows[column].isin(set(more[column]))]
     kinds = {
-        AS_IS: courses,
+        AS_IS: rows,
         "no loss": more[fast & (more["loss"] == 0.0)],
         "Cyclone DDS": more[~fast],
         "rate of Eq. 6, depth 10": more[fast & (more["loss"] > 0.0)],
@@ -178,58 +145,46 @@ def difference(courses: pd.DataFrame, better: str = "OPT+LC", worse: str = "none
     return bootstrap(groups, exceeds, unit="success rate difference")
 
 
-def measure_claims(log: Path) -> dict[str, Measured]:
-    """Return our figure for the claim that this experiment answers, by claim id."""
-    results = load_results(log)
-    courses = results.courses
-    estimate = difference(courses)
-    return {
-        "B-COOP": Measured(
-            estimate=estimate, how=How.SIMULATED, details=_details(results), reason=_reason(results)
-        )
-    }
+@exp.claim("B-COOP", how=How.SIMULATED)
+def success_difference(run: Run[Config]) -> Finding:
+    """Return by how much the paper's winner succeeds more often than no method at all."""
+    estimate = difference(courses(run))
+    return Finding(estimate=estimate, details=_details(run), reason=_reason(run))
 
 
-def _details(results: Results) -> dict[str, str]:
-    courses = results.courses
-    by_method = rates(courses, "method")
+def _details(run: Run[Config]) -> dict[str, str]:
+    rows = courses(run)
     details = {
         f"success, {row.method}": f"{row.rate:.2f} [{row.low:.2f}, {row.high:.2f}] of {row.runs} runs"
-        for row in lines_of(by_method)
+        for row in lines_of(rates(rows, "method"))
     }
-    compared = courses[courses["method"].isin(("none", "OPT+LC"))]
+    compared = rows[rows["method"].isin(("none", "OPT+LC"))]
     for row in lines_of(rates(compared, "method", "rate_max_hz")):
         details[f"success, {row.method}, Rmax {row.rate_max_hz} Hz"] = f"{row.successes} of {row.runs}"
-    for method, counts in failures(courses).iterrows():
+    for method, counts in failures(rows).iterrows():
         said = [f"{how} {count}" for how, count in counts.items() if count and how != End.SUCCESS.value]
         if said:
             details[f"failures, {method}"] = "; ".join(said)
-    table = contrasts(results)
-    if table is not None:
-        for method, shares in table.iterrows():
-            said = [f"{kind} {share:.2f}" for kind, share in shares.dropna().items()]
-            details[f"contrasts, {method}"] = "; ".join(said)
-    details |= {f"live, {key}": str(value) for key, value in results.live.items()}
-    return details
+    for method, shares in contrasts(run).iterrows():
+        details[f"contrasts, {method}"] = "; ".join(_shares(shares))
+    return details | {f"live, {key}": str(value) for key, value in run.metadata("live").items()}
 
 
-def _reason(results: Results) -> str:
+def _shares(shares: Any) -> list[str]:
+    return [f"{kind} {share:.2f}" for kind, share in shares.dropna().items()]
+
+
+def _reason(run: Run[Config]) -> str:
     """Say why OPT+LC is not always successful, from the runs that were not, and when it would be."""
-    courses = results.courses
-    failed = courses[(courses["method"] == "OPT+LC") & ~courses["success"]]
+    rows, table = courses(run), contrasts(run)
+    failed = rows[(rows["method"] == "OPT+LC") & ~rows["success"]]
     if failed.empty:
         return ""
-    return (
+    reason = (
         f"in the runs that OPT+LC lost, something was out of date for up to {failed['stale_s'].median():.1f} s "
         f"(median): at a depth of {int(failed['depth_used'].median())} the history is seldom full, so a lost "
         "message is missed only with the next heartbeat, every 3 s, and RELIABLE holds back all that follow it"
-        + _were_it_else(results)
     )
-
-
-def _were_it_else(results: Results) -> str:
-    table = contrasts(results)
-    if table is None or "OPT+LC" not in table.index:
-        return ""
-    others = table.loc["OPT+LC"].drop(AS_IS).dropna()
-    return "; success of OPT+LC else: " + ", ".join(f"{kind} {share:.2f}" for kind, share in others.items())
+    if "OPT+LC" not in table.index:
+        return reason
+    return f"{reason}; success of OPT+LC else: {', '.join(_shares(table.loc['OPT+LC'].drop(AS_IS)))}"

@@ -12,8 +12,8 @@ import numpy as np
 
 from sfglab.arp.hallway import AREAS, BEAMS_DEG, RADIUS_M
 from sfglab.lab.experiments.cooperation.analysis import lines_of
-from sfglab.lab.experiments.cooperation.figure import RUN_COLORS, draw_area
-from sfglab.lab.experiments.cooperation.replay import scan_at
+from sfglab.lab.experiments.cooperation.figures import RUN_COLORS, draw_area
+from sfglab.lab.experiments.cooperation.stage import scan_at
 from sfglab.lab.figures import house_style
 
 if TYPE_CHECKING:
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from IPython.display import Video
     from numpy.typing import NDArray
 
-    from sfglab.lab.experiments.cooperation.analysis import Results
+    from sfglab.lab.experiments.cooperation.experiment import Config
+    from sfglab.lab.runs import Run
 
 
 _SPEED = 5  # times real time
@@ -32,23 +33,23 @@ _SIZE = (9.6, 3.2)  # inches, at 100 dots each
 _GREY = (170, 170, 170)
 
 
-def show_film(results: Results, name: str) -> Video:
+def show_film(run: Run[Config], name: str) -> Video:
     """Return a film for the notebook.
 
     Args:
-        results: The run.
+        run: The run.
         name: One of the drawn runs.
     """
     from IPython.display import Video
 
-    return Video(film(results, name), embed=True, mimetype="video/mp4", width=860)
+    return Video(film(run, name), embed=True, mimetype="video/mp4", width=860)
 
 
-def film(results: Results, name: str) -> bytes:
+def film(run: Run[Config], name: str) -> bytes:
     """Return a drawn run as an MP4 file, five times as fast as it was.
 
     Args:
-        results: The run.
+        run: The run.
         name: One of the drawn runs.
     """
     import av
@@ -59,22 +60,21 @@ def film(results: Results, name: str) -> bytes:
         stream = container.add_stream("libx264", rate=_FPS, options={"crf": "27", "threads": "1"})
         stream.width, stream.height = (int(100 * inches) for inches in _SIZE)
         stream.pix_fmt = "yuv420p"
-        for image in frames_of(results, name):
+        for image in frames_of(run, name):
             container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
         container.mux(stream.encode(None))
     return buffer.getvalue()
 
 
-def frames_of(results: Results, name: str) -> Iterator[NDArray[np.uint8]]:
+def frames_of(run: Run[Config], name: str) -> Iterator[NDArray[np.uint8]]:
     """Yield the film's pictures, RGB, shape (height, width, 3).
 
     Args:
-        results: The run.
+        run: The run.
         name: One of the drawn runs.
     """
-    assert results.tracks is not None, "drawn runs have tracks"
-    tracks = results.tracks[results.tracks["run"] == name]
-    background, places = _background(results, name)
+    tracks = run["track"][run["track"]["run"] == name]
+    background, places = _background(run, name)
     moments = sorted(tracks["t_s"].unique())
     step = max(1, round(_SPEED / _FPS / 0.1))
     by_moment = dict(iter(tracks.groupby("t_s")))
@@ -89,12 +89,12 @@ def _rgb(color: str) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def _background(results: Results, name: str) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+def _background(run: Run[Config], name: str) -> tuple[NDArray[np.uint8], dict[str, Any]]:
     """Return the empty areas as a picture, and for each robot what makes pixels of metres."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    example = results.examples[name]
+    example = run.metadata("examples")[name]
     with house_style():
         figure = Figure(figsize=_SIZE, dpi=100)
         canvas = FigureCanvasAgg(figure)

@@ -1,0 +1,231 @@
+"""Figures 16, 17 and 18 of paper B, redrawn from a run, and what was out of date when a run failed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.arp.hallway import AREAS, HALF_WIDTH_M, HOME, RADIUS_M, WAYPOINTS, course_length_m
+from sfglab.arp.robots import METHODS
+from sfglab.lab.experiments.cooperation.analysis import contrasts, courses, difference, lines_of, rates
+from sfglab.lab.experiments.cooperation.experiment import Config, exp
+from sfglab.lab.figures import COLORS, MARKERS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from sfglab.lab.runs import Run
+
+
+RUN_COLORS = {
+    "success": COLORS["third"],
+    "failure": COLORS["standard"],
+    "live": COLORS["proxy"],
+    "simulated": COLORS["fourth"],
+}
+_DEPTH_MARKERS = {1: MARKERS["third"], 10: MARKERS["standard"], 1000: MARKERS["fourth"]}
+_MARK_S = 10.0
+_FAILED = "o"
+
+
+@exp.figure("cooperation", size=(9.6, 6.1))
+def draw_success(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw the success rate of each method, a panel for each Rmax."""
+    rows = courses(run)
+    shown = sorted(rows["rate_max_hz"].unique())
+    lines = (len(shown) + 1) // 2
+    figure.set_size_inches(9.6, 2.7 * lines + 0.7)
+    panels = figure.subplots(lines, min(2, len(shown)), squeeze=False, sharey=True).flat
+    for axes, rate_hz in zip(panels, shown, strict=False):
+        _draw_rates(axes, rows[rows["rate_max_hz"] == rate_hz])
+        axes.set_title(f"Rmax = {rate_hz} Hz", fontsize=9)
+    home = rates(rows, "method").set_index("method")["rate"]
+    said = ", ".join(f"{name} {home[name]:.0%}" for name in ("none", "LC", "OPT", "OPT+LC") if name in home)
+    figure.suptitle(f"Cooperation: rounds that three robots complete: {said}")
+    more, names = difference(rows), ("successes", "runs", "low", "high")
+    return {
+        "rates": {
+            f"{row.method}, Rmax {row.rate_max_hz}, depth {row.depth}": {n: getattr(row, n) for n in names}
+            for row in lines_of(rates(rows, "method", "rate_max_hz", "depth"))
+        },
+        "difference": {"value": more.value, "low": more.low, "high": more.high, "unit": more.unit},
+        "course": {"length_m": course_length_m(), "width_m": 2 * HALF_WIDTH_M},
+    }
+
+
+def _draw_rates(axes: Axes, courses: pd.DataFrame) -> None:
+    """Draw the success rates of one Rmax: a bar and its interval a method, a mark each depth."""
+    table = rates(courses, "method")
+    deep = rates(courses[courses["depth"] > 0], "method", "depth")
+    for position, row in enumerate(lines_of(table)):
+        optimised = METHODS[row.method].optimised
+        color = COLORS["third" if optimised else "proxy"]
+        axes.bar(position, row.rate, color=color, width=0.6)
+        error = [[row.rate - row.low], [row.high - row.rate]]
+        axes.errorbar(position, row.rate, yerr=error, color="black", capsize=3)
+        for one in lines_of(deep[deep["method"] == row.method]):
+            place = position + {1: -0.2, 10: 0.0, 1000: 0.2}.get(one.depth, 0.0)
+            marker = _DEPTH_MARKERS.get(one.depth, "x")
+            axes.plot(place, one.rate, marker, color="white", markeredgecolor="black", markersize=5)
+    axes.set_xticks(range(len(table)), [name.replace("+", "\n+") for name in table["method"]], fontsize=8)
+    axes.set(ylabel="runs that succeeded", ylim=(0, 1.08))
+    axes.grid(visible=False, axis="x")
+    if not deep.empty:
+        _depth_legend(axes)
+
+
+def _depth_legend(axes: Axes) -> None:
+    for depth, marker in _DEPTH_MARKERS.items():
+        axes.plot([], [], marker, color="white", markeredgecolor="black", markersize=5, label=f"depth {depth}")
+    axes.legend(fontsize=7, loc="upper left", handletextpad=0.1)
+
+
+@exp.figure("cooperation_tracks", size=(10.2, 7.1))
+def draw_ways(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw the three robots' ways in a run that succeeded (Fig. 17) and in one that failed (Fig. 18)."""
+    examples = run.metadata("examples")
+    shown: dict[str, Any] = {name: examples[name] for name in ("success", "failure") if name in examples}
+    lines = max(1, len(shown))
+    figure.set_size_inches(10.2, 3.3 * lines + 0.5)
+    grid = figure.subplots(lines, len(AREAS), squeeze=False)
+    for row, (name, example) in zip(grid, shown.items(), strict=False):
+        _draw_run(row, run["track"][run["track"]["run"] == name], name, example)
+    figure.suptitle("The three robots' ways, a mark every 10 s, and where the failure was")
+    return shown
+
+
+def _draw_run(row: Sequence[Axes], tracks: pd.DataFrame, name: str, example: dict[str, Any]) -> None:
+    for axes, area in zip(row, AREAS, strict=True):
+        draw_area(axes, area.robot)
+        way = tracks[tracks["robot"] == area.robot]
+        _draw_track(axes, way, RUN_COLORS[name])
+        guilty = example["robot"] == area.robot
+        if guilty:
+            last = way.iloc[-1]
+            axes.plot(last["x_m"], last["y_m"], "o", markersize=15, markerfacecolor="none", color="black")
+        said = f"\n{example['end']} at {example['ended_s']:.1f} s" if guilty else ""
+        axes.set_title(f"{area.robot}{said}", fontsize=9)
+    label = "optimum" if example["depth"] == 0 else example["depth"]
+    title = f"{name}: {example['method']}, Rmax {example['rate_max_hz']} Hz, depth {label}"
+    row[0].set_ylabel(title, fontsize=8)
+
+
+def draw_area(axes: Axes, robot: str) -> None:
+    """Draw a robot's hallway and its home."""
+    [area] = [area for area in AREAS if area.robot == robot]
+    walls = 2 * len(WAYPOINTS)
+    for number, (ax, ay, bx, by) in enumerate(area.segments):
+        axes.plot([ax, bx], [ay, by], color="black" if number < walls else COLORS["network"], linewidth=1.3)
+    for box in area.boxes:
+        axes.fill(*box.corners().T, color=COLORS["network"], alpha=0.6)
+    axes.plot(*HOME[:2], "+", color="black", markersize=9)
+    axes.set_aspect("equal")
+    axes.set_xticks(())
+    axes.set_yticks(())
+    axes.grid(visible=False)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+
+
+def _draw_track(axes: Axes, way: pd.DataFrame, color: str, **style: Any) -> None:
+    """Draw a robot's way with a mark every ten seconds, and the robot where it ended."""
+    from matplotlib.patches import Circle
+
+    axes.plot(way["x_m"], way["y_m"], color=color, linewidth=1.2, **style)
+    every = way[np.isclose(way["t_s"] % _MARK_S, 0.0, atol=1e-6)]
+    axes.plot(every["x_m"], every["y_m"], _FAILED, color=color, markersize=2.5)
+    last = way.iloc[-1]
+    axes.add_patch(Circle((last["x_m"], last["y_m"]), RADIUS_M, color=color, alpha=0.7))
+
+
+@exp.figure("cooperation_staleness", size=(9.6, 3.8))
+def draw_staleness(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw for each run the longest time that something was out of date, successes beside failures."""
+    rows, axes = courses(run), figure.subplots()
+    names = [name for name in METHODS if name in set(rows["method"])]
+    kinds = ((True, "third", "success"), (False, "standard", "failure"))
+    for success, color, label in kinds:
+        for position, name in enumerate(names):
+            runs = rows[(rows["method"] == name) & (rows["success"] == success)]
+            # Beside each other in a fixed pattern, so that the picture is the same each time.
+            aside = (np.arange(len(runs)) * 0.6180339887 % 1.0 - 0.5) * 0.3 + (-0.18 if success else 0.18)
+            stale = runs["stale_s"].clip(lower=1e-3)
+            axes.plot(position + aside, stale, MARKERS[color], color=COLORS[color], markersize=3.5, alpha=0.7)
+        axes.plot([], [], MARKERS[color], color=COLORS[color], markersize=4, label=label)
+    axes.axhline(3.0, color="black", linestyle=(0, (4, 2)), linewidth=1.0)
+    axes.annotate("heartbeat:\n3 s", (-0.48, 3.0), va="center", fontsize=8, backgroundcolor="white")
+    axes.set_xlim(-0.52, len(names) - 0.5)
+    axes.set_yscale("log")
+    axes.set_xticks(range(len(names)), names)
+    axes.set_ylabel("longest time out of date (s)")
+    axes.grid(visible=False, axis="x")
+    axes.legend(fontsize=8, loc="lower left", ncols=2)
+    axes.set_title("What a run's readers missed at worst, and how it ended")
+    medians = rows.groupby(["method", "success"])["stale_s"].median().reset_index()
+    named = {True: "success", False: "failure"}
+    return {f"{row.method}, {named[row.success]}": row.stale_s for row in lines_of(medians)}
+
+
+@exp.figure("cooperation_contrasts", size=(8.6, 3.4), when=lambda run: not contrasts(run).empty)
+def draw_contrasts(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw the success rates as they are beside those of each contrast."""
+    table, axes = contrasts(run), figure.subplots()
+    width = 0.8 / len(table.columns)
+    for place, (kind, color) in enumerate(zip(table.columns, COLORS.values(), strict=False)):
+        spots = np.arange(len(table)) + (place - (len(table.columns) - 1) / 2) * width
+        axes.bar(spots, table[kind], width, color=color, label=kind)
+        for spot, rate in zip(spots, table[kind], strict=True):
+            _say_rate(axes, float(spot), float(rate))
+    axes.set_xticks(range(len(table)), list(table.index))
+    axes.set(ylabel="runs that succeeded", ylim=(0, 1.12))
+    axes.grid(visible=False, axis="x")
+    figure.legend(loc="outside lower center", ncols=len(table.columns))
+    figure.suptitle("What keeps OPT+LC from completing the round, asked from the other side")
+    return {str(kind): table[kind].dropna().to_dict() for kind in table.columns}
+
+
+def _say_rate(axes: Axes, spot: float, rate: float) -> None:
+    if np.isnan(rate):
+        axes.annotate("not run", (spot, 0), ha="center", va="bottom", fontsize=7, rotation=90)
+    else:
+        axes.annotate(f"{rate:.2f}", (spot, rate), ha="center", va="bottom", fontsize=7)
+
+
+@exp.figure("cooperation_live", size=(10.2, 3.6), when=lambda run: bool((run["track"]["run"] == "live").any()))
+def draw_live(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw the live drive beside the simulated one."""
+    tracks, live = run["track"], run.metadata("live")
+    for axes, area in zip(figure.subplots(1, len(AREAS)), AREAS, strict=True):
+        draw_area(axes, area.robot)
+        for name, style in (("simulated", "-"), ("live", (0, (4, 2)))):
+            way = tracks[(tracks["run"] == name) & (tracks["robot"] == area.robot)]
+            _draw_track(axes, way, RUN_COLORS[name], linestyle=style, label=name)
+        axes.set_title(area.robot, fontsize=9)
+    figure.axes[0].legend(loc="center", fontsize=8, bbox_to_anchor=(0.42, 0.5))
+    apart = apart_m(tracks)
+    figure.suptitle(
+        f"Live over DDS and simulated, the first {live['lasted_s']:.0f} s: apart by "
+        f"{100 * apart:.0f} cm at most across the way"
+    )
+    return {"apart_m": apart, **live}
+
+
+def apart_m(tracks: pd.DataFrame) -> float:
+    """Return how far the live ways are from the simulated ones at most: to the nearest point of the other."""
+    worst = 0.0
+    for area in AREAS:
+        both = [
+            tracks[(tracks["run"] == run) & (tracks["robot"] == area.robot)][["x_m", "y_m"]].to_numpy()
+            for run in ("live", "simulated")
+        ]
+        # The other way may have come further; its end alone does not count.
+        distances = np.linalg.norm(both[0][:, None] - both[1][None], axis=2)
+        nearest = distances.argmin(axis=1)
+        within = nearest < len(both[1]) - 1
+        worst = max(worst, float(distances.min(axis=1)[within].max(initial=0.0)))
+    return worst

@@ -1,0 +1,320 @@
+"""The runs that are drawn, and the live drive: the same nodes on four hosts, over DDS and a lossy radio.
+
+Drawn runs stand in the log as ROS messages too, which every MCAP viewer shows: topics are
+``/<run>/<robot>/pose`` and ``/scan``, and the walls are markers; areas lie beside each other, as in figures.
+Live, robots' physics runs in real time beside their nodes; the cores decide.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.arp.hallway import (
+    AREAS,
+    BEAMS_DEG,
+    End,
+    Manoeuvre,
+    Verdict,
+    judge,
+    range_from_step,
+    step_from_range,
+)
+from sfglab.arp.hallway.course import scan
+from sfglab.arp.robots import METHODS
+from sfglab.fleet.address import BusAddress
+from sfglab.lab.experiments.cooperation.experiment import (
+    OPTIMUM,
+    ROBOTS,
+    Config,
+    CourseRow,
+    Point,
+    SimulatedRun,
+    TrackRow,
+    exp,
+    setting_of,
+)
+from sfglab.lab.hosts import Network
+from sfglab.lab.workers.hallway import STATION, HallwayConfig
+from sfglab.messages import default_message, message_type, stamp_from_ns
+from sfglab.processes import Member, ProcessGroup
+from sfglab.rtps import Medium
+from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from sfglab.arp.hallway import Area
+    from sfglab.component import Report
+    from sfglab.lab.bench import Bench
+    from sfglab.lab.hosts import Host, RadioCounters
+    from sfglab.record import LogWriter
+
+
+# --- Runs that are drawn --------------------------------------------------------------------------------------
+
+
+def examples_of(rows: Sequence[CourseRow]) -> dict[str, CourseRow]:
+    """Return the runs that are drawn: the first in the sweep's order that the paper's Fig. 17 and 18 speak of.
+
+    A success with optimisation and local cache, else with any method; a failure without either, else of any.
+    """
+    successes = [row for row in rows if row.end == End.SUCCESS.value]
+    failures = [row for row in rows if row.end != End.SUCCESS.value]
+    wanted = {
+        "success": [row for row in successes if row.method == "OPT+LC"] + successes,
+        "failure": [row for row in failures if row.method == "none"] + failures,
+    }
+    return {name: found[0] for name, found in wanted.items() if found}
+
+
+@exp.part("drawn runs")
+def drive_again(bench: Bench[Config]) -> None:
+    """Drive the runs that are drawn again, and write their tracks and messages."""
+    examples = examples_of(bench.rows["course"])
+    bench.metadata("examples", {name: asdict(row) for name, row in examples.items()})
+    for name, row in examples.items():
+        point = Point(
+            method=row.method,
+            rate_max_hz=row.rate_max_hz,
+            depth=row.depth,
+            vendor=row.vendor,
+            medium=Medium(loss=row.loss),
+        )
+        tracked = SimulatedRun(point, row.seed, tracked=name)
+        # Written out, because a NaN is not equal to itself.
+        assert repr(tracked.run()) == repr(row), "the same point and seed are the same run"
+        _write_tracks(bench, tracked.tracks)
+        _write_messages(bench.log, tracked.tracks)
+
+
+def _write_tracks(bench: Bench[Config], tracks: Sequence[TrackRow]) -> None:
+    for track in tracks:
+        bench.write("track", track, at_ns=round(track.t_s * NS_PER_S))
+
+
+# --- Their messages -------------------------------------------------------------------------------------------
+
+AREA_SHIFT_M = 7.0
+"""How far apart areas are drawn, to the right."""
+_BY_ROBOT = {area.robot: (AREA_SHIFT_M * number, area) for number, area in enumerate(AREAS)}
+
+
+def scan_at(area: Area, x: float, y: float, heading: float) -> NDArray[np.float64]:
+    """Return what a robot's LIDAR measures at a pose, metres, infinity without an echo, shape (beams,)."""
+    ranges = np.empty(len(BEAMS_DEG))
+    scan(area.segments, np.array((x, y, heading)), np.radians(BEAMS_DEG), ranges)
+    return np.array([range_from_step(step_from_range(range_m)) for range_m in ranges])
+
+
+def _write_messages(log: LogWriter, tracks: Sequence[TrackRow]) -> None:
+    """Write a run's tracks as poses, scans and transforms, and its walls."""
+    for area in AREAS if tracks else ():
+        log.write(f"/{tracks[0].run}/{area.robot}/walls", _walls(area), log_time_ns=0)
+    for track in tracks:
+        now_ns, frame = round(track.t_s * NS_PER_S), f"{track.run}/{track.robot}"
+        log.write(f"/{frame}/pose", _pose(track, now_ns), log_time_ns=now_ns)
+        log.write(f"/{frame}/scan", _scan(track, frame, now_ns), log_time_ns=now_ns)
+        log.write("/tf", _transform(track, frame, now_ns), log_time_ns=now_ns)
+
+
+def _new(type_name: str, frame: str, now_ns: int) -> Any:
+    message = default_message(type_name)
+    message.header = message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(now_ns), frame_id=frame)
+    return message
+
+
+def _put(track: TrackRow, position: Any, orientation: Any) -> None:
+    position.x, position.y = track.x_m + _BY_ROBOT[track.robot][0], track.y_m
+    orientation.z, orientation.w = math.sin(track.heading_rad / 2), math.cos(track.heading_rad / 2)
+
+
+def _pose(track: TrackRow, now_ns: int) -> Any:
+    message = _new("geometry_msgs/msg/PoseStamped", "map", now_ns)
+    _put(track, message.pose.position, message.pose.orientation)
+    return message
+
+
+def _transform(track: TrackRow, frame: str, now_ns: int) -> Any:
+    transform = _new("geometry_msgs/msg/TransformStamped", "map", now_ns)
+    transform.child_frame_id = frame
+    _put(track, transform.transform.translation, transform.transform.rotation)
+    return message_type("tf2_msgs/msg/TFMessage")(transforms=[transform])
+
+
+def _scan(track: TrackRow, frame: str, now_ns: int) -> Any:
+    message = _new("sensor_msgs/msg/LaserScan", frame, now_ns)
+    message.angle_max = np.float32(math.radians(BEAMS_DEG[-1]))
+    message.angle_increment = np.float32(math.radians(BEAMS_DEG[1]))
+    message.scan_time = np.float32(0.1)
+    message.range_min, message.range_max = np.float32(0.15), np.float32(12.0)
+    ranges = scan_at(_BY_ROBOT[track.robot][1], track.x_m, track.y_m, track.heading_rad)
+    message.ranges = ranges.astype(np.float32)
+    return message
+
+
+def _walls(area: Area) -> Any:
+    """Return both ends of every wall, one after the other, where the area is drawn."""
+    message = _new("visualization_msgs/msg/Marker", "map", 0)
+    message.ns = area.robot
+    message.type = 5  # LINE_LIST
+    message.scale.x = 0.02
+    message.color.r = message.color.g = message.color.b = np.float32(0.6)
+    message.color.a = np.float32(1.0)
+    shift, point = _BY_ROBOT[area.robot][0], message_type("geometry_msgs/msg/Point")
+    ends = area.segments.reshape(-1, 2).tolist()
+    message.points = [point(x=x + shift, y=y, z=0.0) for x, y in ends]
+    return message
+
+
+# --- Live -----------------------------------------------------------------------------------------------------
+
+LIVE_POINT = Point(method="OPT+LC", rate_max_hz=100, depth=OPTIMUM, vendor="cyclone_dds")
+"""What is driven live, and simulated beside it: the live bus is Cyclone DDS."""
+DOMAIN = 47
+_POLL_S = 0.1
+_NO_END = "the time was over"
+
+
+@exp.part("live")
+async def drive(bench: Bench[Config]) -> None:
+    """Drive live and simulate the same; the metadata ``live`` says what came of it."""
+    config, capability = bench.config, Network.available()
+    if not config.live_s or bench.options.separate is False:
+        return bench.metadata("live", {"hosts": "no live drive was asked for"})
+    if not capability.ok:
+        return bench.metadata("live", {"hosts": f"no live drive: {capability.reason}"})
+    live = await drive_live(LIVE_POINT, config.seed, seconds=config.live_s)
+    twin = SimulatedRun(LIVE_POINT, config.seed, tracked="simulated")
+    row = twin.run(limit_s=config.live_s)
+    _write_tracks(bench, live.tracks)
+    _write_tracks(bench, twin.tracks)
+    assert live.radio is not None, "the live drive was on the radio"
+    said = {
+        "hosts": f"separate hosts: network namespaces ({capability.how})",
+        "end": live.verdict.end.value if live.verdict else _NO_END,
+        "lasted_s": live.lasted_s,
+        "held": live.held,
+        "radio": live.radio.said(),
+        "kept_up": live.radio.kept_up,
+        "simulated_end": _NO_END if row.end == End.TIMEOUT.value else row.end,
+        "simulated_held": row.held / (row.held + row.beams_sent),
+    }
+    return bench.metadata("live", said)
+
+
+class LiveDrive:
+    """What the processes of a live drive have said so far.
+
+    Attributes:
+        tracks: Where every robot was at each turn of its LIDAR.
+        verdict: How it ended; None: it did not, or the time was over.
+        radio: What the radio did; None before the end.
+    """
+
+    def __init__(self) -> None:
+        self.tracks: list[TrackRow] = []
+        self.verdict: Verdict | None = None
+        self.radio: RadioCounters | None = None
+        self._last: dict[str, Report] = {}
+        self._stopped_by: int | None = None
+        self._manoeuvre = Manoeuvre.STOP.value
+
+    def take(self, name: str, report: Report) -> None:
+        """Take a report."""
+        if report["is"] == "stopped":
+            self._stopped_by = report["robot"]
+        elif report["is"] == "released":
+            self._manoeuvre = report["manoeuvre"]
+        elif report["is"] == "pose":
+            self._last[name] = report
+            x, y, heading = report["pose"]
+            track = TrackRow(
+                run="live",
+                robot=name,
+                t_s=report["t_s"],
+                x_m=x,
+                y_m=y,
+                heading_rad=heading,
+                manoeuvre=self._manoeuvre,
+            )
+            self.tracks.append(track)
+
+    def ended(self) -> bool:
+        """Judge, and return whether it has ended."""
+        if len(self._last) == len(ROBOTS):
+            self.verdict = judge(
+                [self._last[robot]["clearance_m"] for robot in ROBOTS],
+                [self._last[robot]["wound_rad"] for robot in ROBOTS],
+                stopped_by=self._stopped_by,
+                now_s=0.0,
+            )
+        return self.verdict is not None
+
+    @property
+    def lasted_s(self) -> float:
+        """How long it was driven, seconds."""
+        return max((report["t_s"] for report in self._last.values()), default=0.0)
+
+    @property
+    def held(self) -> float:
+        """Share of values that the local caches held back."""
+        offered = sum(report["offered"] for report in self._last.values())
+        return sum(report["held"] for report in self._last.values()) / offered if offered else 0.0
+
+
+async def drive_live(point: Point, seed: int, *, seconds: float) -> LiveDrive:
+    """Drive live, on hosts of their own.
+
+    Args:
+        point: Method, rate and medium; the protocol is timed by the DDS that is there, not by its vendor.
+        seed: Of physics and medium.
+        seconds: How long at most.
+
+    Raises:
+        HostsUnavailableError: This machine has no network namespaces.
+        ProcessFailedError: A process failed.
+    """
+    live = LiveDrive()
+    with Network() as network:
+        hosts = [network.add_host(name) for name in (*ROBOTS, STATION)]
+        members = [_member(host, point, seed) for host in hosts]
+        argvs = {host.name: host.argv for host in hosts}
+        async with ProcessGroup(lambda host, c: argvs[host](c), members, on_report=live.take) as group:
+            # Discovery is not what is asked here: it has an Ethernet, and then all begin to move on the radio.
+            network.set_radio(point.medium, seed=seed)
+            group.order(do="start")
+            await _watch(group, live, seconds)
+            live.radio = network.radio_counters()
+    return live
+
+
+def _member(host: Host, point: Point, seed: int) -> Member:
+    method, setting = METHODS[point.method], setting_of(point)
+    config = HallwayConfig(
+        role=host.name,
+        address=BusAddress(domain_id=DOMAIN, interface=host.interface, multicast="spdp"),
+        rate_hz=setting.rate_hz,
+        depth=setting.depth,
+        local_cache=method.local_cache,
+        cache_control=method.cache_control,
+        seed=seed,
+    )
+    return Member(name=host.name, host=host.name, module="sfglab.lab.workers.hallway", config=config)
+
+
+async def _watch(group: ProcessGroup, live: LiveDrive, seconds: float) -> None:
+    """Wait until the drive has ended or the time is over."""
+    try:
+        async with asyncio.timeout(seconds):
+            while not live.ended():
+                group.check()
+                await asyncio.sleep(_POLL_S)
+    except TimeoutError:
+        return
