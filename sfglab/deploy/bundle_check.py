@@ -15,8 +15,7 @@ from sfglab.deploy.routers.dds_router_check import check_dds_router
 from sfglab.deploy.routers.targets import ROUTER_FILES
 from sfglab.deploy.routers.zenoh_check import check_zenoh
 from sfglab.deploy.text_check import check_dockerfiles, check_secrets, check_shell
-from sfglab.deploy.verdicts import SkippedError, State, Verdict, verdict_of
-from sfglab.errors import SfglabError
+from sfglab.deploy.verdicts import State, Verdict, verdict_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -94,13 +93,7 @@ def _own(own: OwnRules, files: Mapping[str, BundleFile]) -> Iterator[Verdict]:
 
 
 def _errors(find: Callable[..., Iterable[Finding]], *about: Any) -> Iterator[str]:
-    """Yield the errors among findings; what cannot be read at all is one."""
-    try:
-        yield from error_sentences(find(*about))
-    except SkippedError:
-        raise
-    except SfglabError as error:
-        yield str(error)
+    yield from error_sentences(find(*about))
 
 
 def _routers(files: Mapping[str, BundleFile], deployment: Deployment) -> Iterator[Verdict]:

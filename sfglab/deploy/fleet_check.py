@@ -12,7 +12,6 @@ from sfglab.deploy.bundle import render_bundle
 from sfglab.deploy.bundle_check import check_bundle
 from sfglab.deploy.preparing import describe
 from sfglab.deploy.verdicts import State, Verdict, verdict_of
-from sfglab.errors import SfglabError
 from sfglab.fleet.border import Finding, Severity, lint
 from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork, RosDistribution, RouterSoftware
 
@@ -211,12 +210,13 @@ def check_fleet(
     if fails(verdicts):
         return tuple(verdicts)
     rendered: dict[str, tuple[Deployment, dict[str, BundleFile]]] = {}
-    for name in names:
 
-        def made(name: str = name) -> Iterator[str]:
-            yield from _render(source, name, release, detect, rendered)
+    def make(name: str) -> tuple[str, ...]:
+        deployment = describe(source, name, release, detect)
+        rendered[name] = deployment, render_bundle(deployment)
+        return ()
 
-        verdicts.append(verdict_of("files are made", name, made))
+    verdicts += [verdict_of("files are made", name, make, name) for name in names]
     if not fails(verdicts):
         verdicts += (
             Verdict(check=v.check, subject=f"{name}/{v.subject}", state=v.state, says=v.says)
@@ -229,21 +229,6 @@ def check_fleet(
 def fails(verdicts: Iterable[Verdict]) -> bool:
     """Tell whether anything does not hold."""
     return any(verdict.state is State.FAILS for verdict in verdicts)
-
-
-def _render(
-    source: FleetSource,
-    name: str,
-    release: Release,
-    detect: Detect,
-    into: dict[str, tuple[Deployment, dict[str, BundleFile]]],
-) -> Iterator[str]:
-    """Make an agent's files; yield why that is not possible."""
-    try:
-        deployment = describe(source, name, release, detect)
-        into[name] = deployment, render_bundle(deployment)
-    except SfglabError as error:
-        yield str(error)
 
 
 def _errors(findings: Iterable[Finding]) -> Iterator[str]:

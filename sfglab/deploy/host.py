@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from importlib import resources
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile, render
@@ -151,36 +151,7 @@ CONTAINER_GID = 10001
 """The group that the containers run as."""
 
 
-class Hook(NamedTuple):
-    """A script of the folder ``hooks``.
-
-    Attributes:
-        name: Its path within that folder.
-        what: What it does, for tables.
-    """
-
-    name: str
-    what: str
-
-
-HOOKS = (
-    Hook("initialize.sh", "runs the hooks below in order, then custom.d; --dry-run shows, --undo takes back"),
-    Hook(
-        "10-time.sh", "NTP: chrony or systemd-timesyncd goes by the fleet's time servers, or serves their time"
-    ),
-    Hook(
-        "20-firewall.sh",
-        "nftables: the agent's own domain does not leave the machine, its bridge has no way out",
-    ),
-    Hook(
-        "30-service.sh",
-        "systemd: the agent's containers start with the machine; and .env has release and groups",
-    ),
-    Hook("custom.d/*.sh", "scripts of the user, after ours in the order of their names, never overwritten"),
-)
-"""The hooks, in the order in which they run."""
-
-_STATIC = {
+SCRIPTS = {
     "initialize.sh": PROGRAM,
     "lib.sh": PLAIN,
     "10-time.sh": PROGRAM,
@@ -188,6 +159,7 @@ _STATIC = {
     "30-service.sh": PROGRAM,
     "custom.d/README": PLAIN,
 }
+"""The hooks in the order in which they run, what they share, and the user's; with their permissions."""
 
 
 def host_files(deployment: Deployment) -> dict[str, BundleFile]:
@@ -199,7 +171,7 @@ def host_files(deployment: Deployment) -> dict[str, BundleFile]:
     scripts = resources.files(__package__) / "scripts"
     files = {
         f"hooks/{name}": BundleFile(text=scripts.joinpath(name).read_text(encoding="utf-8"), mode=mode)
-        for name, mode in _STATIC.items()
+        for name, mode in SCRIPTS.items()
     }
     rules = firewall_rules(deployment)
     files["hooks/settings.sh"] = BundleFile(text=_settings(deployment, firewall=bool(rules)))

