@@ -13,7 +13,7 @@ import re
 from collections import defaultdict
 from functools import cache
 from importlib import import_module, resources
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from sfglab.deploy.programs import MissingProgramError
 from sfglab.documents import suggestion
@@ -22,7 +22,7 @@ from sfglab.fleet.border import Finding, Severity
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from sfglab.documents import Document, KeyPath
+    from sfglab.documents import KeyPath, Place
 
 
 _TYPES = {
@@ -35,7 +35,16 @@ _TYPES = {
 }
 
 
-def check_shape(document: Document, shape: str) -> tuple[Finding, ...]:
+class Readable(Protocol):
+    """A file's values, and where each stands; a `Document` is one."""
+
+    value: Any
+
+    def place(self, path: KeyPath) -> Place:
+        """Return where a value stands; of what is missing, where its nearest holder does."""
+
+
+def check_shape(document: Readable, shape: str) -> tuple[Finding, ...]:
     """Return where a document has not the shape that it must have, each fault once.
 
     Args:
@@ -73,7 +82,7 @@ def _validator(shape: str) -> Any:
     )
 
 
-def _finding(document: Document, error: Any, schema: Any, inner: KeyPath, parts: dict[str, str]) -> Finding:
+def _finding(document: Readable, error: Any, schema: Any, inner: KeyPath, parts: dict[str, str]) -> Finding:
     path = (*error.absolute_path, *inner)
     own = dict(error.schema.get("x-finding", {})) if isinstance(error.schema, dict) else {}
     texts = _around(document.value, path) | {"given": error.instance, "cause": error.cause}

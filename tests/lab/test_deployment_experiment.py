@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import pytest
 
-from sfglab.deploy.bundle import meaning_of
 from sfglab.deploy.preparing import load_source, prepare
 from sfglab.deploy.release import SOURCE, make_release
+from sfglab.lab.bundle_meanings import meaning_of
 from sfglab.lab.experiments import deployment
 from sfglab.lab.experiments.deployment.containers import container_checks
 from sfglab.lab.experiments.deployment.run import run

@@ -9,11 +9,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.bases import base_of
-from sfglab.deploy.bundle import MANIFEST, bundle_of, meaning_of, render_bundle
+from sfglab.deploy.bundle import MANIFEST, bundle_of, render_bundle
 from sfglab.deploy.fleet_check import check_fleet
 from sfglab.deploy.preparing import load_source
 from sfglab.deploy.verdicts import State
 from sfglab.errors import SfglabError
+from sfglab.lab.bundle_meanings import meaning_of
 from sfglab.lab.experiments.deployment.broken import BROKEN, break_fleet
 from sfglab.lab.experiments.deployment.machines import held
 from sfglab.lab.experiments.deployment.rows import (
