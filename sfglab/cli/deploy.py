@@ -221,7 +221,7 @@ def _prospects(
     from functools import partial
 
     from sfglab.deploy.errors import DeployError
-    from sfglab.deploy.preparing import prepare_agent
+    from sfglab.deploy.preparing import prepare
     from sfglab.deploy.release import SOURCE, make_release
     from sfglab.deploy.rollout.apply import apply_plan, look_and_plan, released, steps
     from sfglab.deploy.rollout.plan import Prospect
@@ -233,7 +233,7 @@ def _prospects(
         machine = "?" if host is None else transport_to(host, root=root).name
         try:
             detect = partial(detect_over, root=root)
-            deployment, bundle = prepare_agent(source, name, release, wheel, detect=detect)
+            ((deployment, bundle),) = prepare(source, release, wheel, agents=(name,), detect=detect)
             transport = transport_to(deployment.host, root=root)
             if tag is not None:
                 bundle = released(transport, deployment, tag)

@@ -1,3 +1,1 @@
-"""Paper A, section 4.4: what a real fleet is given. Here so far: configurations for other people's routers."""
-
-__all__: list[str] = []
+"""Deployment of a real fleet (paper A, section 4.4): images, containers, hosts, routers, checks and rollout."""

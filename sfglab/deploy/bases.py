@@ -1,4 +1,4 @@
-"""Which image an agent's first layer starts from: one table, by accelerator, processor and distribution.
+"""Base images that agents' first layer starts from: one table, by accelerator, processor and distribution.
 
 Knows what makers publish and what ROS 2 asks of a distribution; refuses to know what stands on top.
 

@@ -8,6 +8,7 @@ from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.compose_check import check_compose
+from sfglab.deploy.dockerfile_check import check_dockerfile
 from sfglab.deploy.editor_check import SHAPES, check_editor
 from sfglab.deploy.findings import error_sentences
 from sfglab.deploy.programs import MissingProgramError, find_program
@@ -15,6 +16,7 @@ from sfglab.deploy.routers.dds_router_check import check_dds_router
 from sfglab.deploy.routers.targets import ROUTER_FILES
 from sfglab.deploy.routers.zenoh_check import check_zenoh
 from sfglab.deploy.text_check import check_dockerfiles, check_secrets, check_shell
+from sfglab.deploy.unit_check import check_unit
 from sfglab.deploy.verdicts import State, Verdict, verdict_of
 
 if TYPE_CHECKING:
@@ -42,32 +44,28 @@ class OwnRules:
     install: str = ""  #: The command that installs it.
 
 
-def own_rules() -> tuple[OwnRules, ...]:
-    """Return our rules for Dockerfiles and for units of systemd."""
-    from sfglab.deploy.dockerfile_check import check_dockerfile
-    from sfglab.deploy.unit_check import check_unit
-
-    return (
-        OwnRules(check="layers and provenance", pattern="Dockerfile", rules=check_dockerfile),
-        OwnRules(
-            check="service unit",
-            pattern="systemd/*.service",
-            rules=check_unit,
-            program="systemd-analyze",
-            install="apt install systemd",
-        ),
-    )
+OWN_RULES = (
+    OwnRules(check="layers and provenance", pattern="Dockerfile", rules=check_dockerfile),
+    OwnRules(
+        check="service unit",
+        pattern="systemd/*.service",
+        rules=check_unit,
+        program="systemd-analyze",
+        install="apt install systemd",
+    ),
+)
+"""Our rules for Dockerfiles and for units of systemd."""
 
 
 def check_bundle(
-    files: Mapping[str, BundleFile], deployment: Deployment, own: Iterable[OwnRules] | None = None
+    files: Mapping[str, BundleFile], deployment: Deployment, own: Iterable[OwnRules] = OWN_RULES
 ) -> tuple[Verdict, ...]:
     """Return every check's verdict about an agent's folder.
 
     Args:
         files: The folder: files by their paths relative to it.
         deployment: What it was made from.
-        own: Rules that stand elsewhere; None takes `own_rules`.
+        own: Rules that stand beside what renders their files.
     """
     return (
         *check_compose(files, deployment),
@@ -75,7 +73,7 @@ def check_bundle(
         *check_shell(files),
         *_routers(files, deployment),
         *_editor(files),
-        *(verdict for rules in (own_rules() if own is None else own) for verdict in _own(rules, files)),
+        *(verdict for rules in own for verdict in _own(rules, files)),
         *check_secrets(files),
     )
 

@@ -87,45 +87,26 @@ def _agent(deployment: Deployment) -> dict[str, Any]:
     return service | ({"networks": ["agent"]} if network.bridge else {"network_mode": "host"})
 
 
-def _router(deployment: Deployment) -> dict[str, Any]:
-    service = _ROUTERS[deployment.common.router](deployment)
-    return service | _hardening() | {"network_mode": "host", "depends_on": ["agent"]}
-
-
-def _our_router(deployment: Deployment) -> dict[str, Any]:
-    return {
-        "image": _image(deployment),
-        "command": [
-            *("router", "--fleet", FLEET_FILE, "--agent", deployment.agent.name),
-            *("--interface", deployment.network.router_interface),
-        ],
-    }
-
-
-def _dds_router(deployment: Deployment) -> dict[str, Any]:
-    return _other_router(deployment, ["ddsrouter", "--config-path"])
-
-
-def _zenoh_bridge(deployment: Deployment) -> dict[str, Any]:
-    service = _other_router(deployment, ["zenoh-bridge-ros2dds", "--config"])
-    return service | {"environment": {"CYCLONEDDS_URI": _cyclone(deployment.network.router_interface)}}
-
-
-def _other_router(deployment: Deployment, program: list[str]) -> dict[str, Any]:
-    own = ROUTER_FILES[deployment.common.router]
-    inside = f"/etc/{own}"
-    return {
-        "image": deployment.common.router_image,
-        "entrypoint": [*program, inside],
-        "volumes": [f"./{own}:{inside}:ro"],
-    }
-
-
-_ROUTERS = {
-    RouterSoftware.SFGLAB: _our_router,
-    RouterSoftware.DDS_ROUTER: _dds_router,
-    RouterSoftware.ZENOH_BRIDGE: _zenoh_bridge,
+_PROGRAMS = {
+    RouterSoftware.DDS_ROUTER: ["ddsrouter", "--config-path"],
+    RouterSoftware.ZENOH_BRIDGE: ["zenoh-bridge-ros2dds", "--config"],
 }
+"""How other people's routers are started, with their file."""
+
+
+def _router(deployment: Deployment) -> dict[str, Any]:
+    software, interface = deployment.common.router, deployment.network.router_interface
+    service: dict[str, Any] = {"image": deployment.common.router_image or _image(deployment)}
+    if software is RouterSoftware.SFGLAB:
+        own = ["router", "--fleet", FLEET_FILE, "--agent", deployment.agent.name, "--interface", interface]
+        service["command"] = own
+    else:
+        file = ROUTER_FILES[software]
+        service["entrypoint"] = [*_PROGRAMS[software], f"/etc/{file}"]
+        service["volumes"] = [f"./{file}:/etc/{file}:ro"]
+    if software is RouterSoftware.ZENOH_BRIDGE:
+        service["environment"] = {"CYCLONEDDS_URI": _cyclone(interface)}
+    return service | _hardening() | {"network_mode": "host", "depends_on": ["agent"]}
 
 
 def _image(deployment: Deployment) -> str:

@@ -1,4 +1,4 @@
-"""What can be wrong with a deployment."""
+"""Error of a deployment."""
 
 from __future__ import annotations
 

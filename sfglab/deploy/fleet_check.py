@@ -10,181 +10,150 @@ from typing import TYPE_CHECKING
 
 from sfglab.deploy.bundle import render_bundle
 from sfglab.deploy.bundle_check import check_bundle
-from sfglab.deploy.preparing import describe
+from sfglab.deploy.findings import Broken, Rules
+from sfglab.deploy.preparing import FleetSource, describe
 from sfglab.deploy.verdicts import State, Verdict, verdict_of
 from sfglab.fleet.border import Finding, Severity, lint
 from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork, RosDistribution, RouterSoftware
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-    from pathlib import Path
+    from collections.abc import Iterable, Iterator, Sequence
 
     from sfglab.deploy.deployment import Deployment, Release
     from sfglab.deploy.files import BundleFile
-    from sfglab.deploy.preparing import Detect, FleetSource
+    from sfglab.deploy.preparing import Detect
     from sfglab.documents import Place
-    from sfglab.fleet.fleet_file import AgentSpec, Fleet, HostSpec
+    from sfglab.fleet.fleet_file import AgentSpec, HostSpec
 
 
-_OWN_CONTROLLERS = "robots whose own controllers speak DDS"
+RULES: Rules[FleetSource, Place] = Rules()
+"""What a fleet file may say that makes no sense to deploy; a place is its own."""
 
 
-def check_rules(fleet: Fleet, folder: Path) -> tuple[Finding, ...]:
-    """Return what makes no sense to deploy.
-
-    Args:
-        fleet: The fleet.
-        folder: Where its file stands; workspaces are named relative to it.
-    """
-    return (
-        *(finding for rule in RULES for finding in rule(fleet)),
-        *_workspaces(fleet, folder),
-    )
+def _hosts(source: FleetSource) -> Iterator[tuple[AgentSpec, HostSpec]]:
+    yield from ((agent, agent.host) for agent in source.fleet.agents if agent.host is not None)
 
 
-def _hosts(fleet: Fleet) -> Iterator[tuple[AgentSpec, HostSpec]]:
-    yield from ((agent, agent.host) for agent in fleet.agents if agent.host is not None)
-
-
-def _error(code: str, place: Place, what: str, why: str, remedy: str) -> Finding:
-    return Finding(severity=Severity.ERROR, code=code, place=place, what=what, why=why, remedy=remedy)
-
-
-def _machines_named(fleet: Fleet) -> Iterator[Finding]:
-    """Find agents that run nowhere."""
-    for agent in fleet.agents:
+@RULES.add(
+    "no-host",
+    "its files depend on architecture, accelerator and network of the machine",
+    "give it a section host:, at least host: {accelerator: auto}",
+)
+def _no_machine(source: FleetSource) -> Iterator[Broken[Place]]:
+    for agent in source.fleet.agents:
         if agent.host is None:
-            yield _error(
-                "no-host",
-                agent.place,
-                f"nothing says which machine {agent.name} runs on",
-                "its files depend on architecture, accelerator and network of the machine",
-                "give it a section host:, at least host: {accelerator: auto}",
-            )
+            yield Broken(agent.place, f"nothing says which machine {agent.name} runs on")
 
 
-def _one_machine_one_kind(fleet: Fleet) -> Iterator[Finding]:
-    """Find machines that are said to be two things at once."""
+@RULES.add(
+    "machine-twice",
+    "one machine has one architecture, and images for one accelerator do not run on another",
+    "correct the address, or say the same of both",
+)
+def _one_machine_two_kinds(source: FleetSource) -> Iterator[Broken[Place]]:
     first: dict[str, tuple[AgentSpec, HostSpec]] = {}
-    for agent, host in _hosts(fleet):
+    for agent, host in _hosts(source):
         address = host.address.rpartition("@")[2]
         other, known = first.setdefault(address, (agent, host))
         kinds = [(h.architecture.value, h.accelerator) for h in (known, host)]
         if kinds[0] != kinds[1]:
-            yield _error(
-                "machine-twice",
-                host.place,
-                f"{agent.name} and {other.name} run on {address or 'this machine'}, with different hardware",
-                "one machine has one architecture, and images for one accelerator do not run on another",
-                "correct the address, or say the same of both",
-            )
+            where = f"{agent.name} and {other.name} run on {address or 'this machine'}"
+            yield Broken(host.place, f"{where}, with different hardware")
 
 
-def _interfaces_named(fleet: Fleet) -> Iterator[Finding]:
-    """Find routers that would choose among the interfaces of a machine full of bridges."""
-    for agent, host in _hosts(fleet):
+@RULES.add(
+    "interface-unnamed",
+    "its machine gets bridges for containers, which DDS may choose, and the firewall must know it",
+    "name it: global: {interface: wlan0} for all, or global_interface: of this agent",
+)
+def _no_interface(source: FleetSource) -> Iterator[Broken[Place]]:
+    for agent, _ in _hosts(source):
         if agent.global_interface is None:
-            yield _error(
-                "interface-unnamed",
-                agent.place,
-                f"nothing says by which interface {agent.name} meets the other agents",
-                "its machine gets bridges for containers, which DDS may choose, and the firewall must know it",
-                "name it: global: {interface: wlan0} for all, or global_interface: of this agent",
-            )
+            yield Broken(agent.place, f"nothing says by which interface {agent.name} meets the other agents")
+
+
+@RULES.add(
+    "domain-everywhere",
+    "on the host's network nothing but the interface keeps its domain inside (paper A, 4.1)",
+    "name local_interface: (lo, or the cable of robots that speak DDS themselves), or use network: bridge",
+)
+def _open_domain(source: FleetSource) -> Iterator[Broken[Place]]:
+    for agent, host in _hosts(source):
         if host.network is ContainerNetwork.HOST and agent.local_interface is None:
-            yield _error(
-                "domain-everywhere",
-                agent.place,
-                f"{agent.name} stands on its host's network and speaks its own domain on every interface",
-                "on the host's network nothing but the interface keeps its domain inside (paper A, 4.1)",
-                f"name local_interface: (lo, or the cable of {_OWN_CONTROLLERS}), or use network: bridge",
-            )
+            what = f"{agent.name} stands on its host's network and speaks its own domain on every interface"
+            yield Broken(agent.place, what)
 
 
-def _routers_complete(fleet: Fleet) -> Iterator[Finding]:
-    """Find routers without an image, and images without a meaning."""
-    common = fleet.deployment
-    ours = common.router is RouterSoftware.SFGLAB
-    if ours and common.router_image:
-        yield _error(
-            "router-image-unused",
-            common.place,
-            f"router_image {common.router_image} is given, but the router is sfglab's own",
-            "our router runs in the agent's image, so this one would be passed over",
-            "leave router_image out, or name the router that it holds",
-        )
-    if not ours and not common.router_image:
-        yield _error(
-            "router-image-missing",
-            common.place,
-            f"the router is {common.router.value}, but nothing says in which image",
-            "its makers publish several, and which one runs is part of the release",
-            "give router_image: with a tag, as in ubuntu-ddsrouter:v3.5.0",
-        )
-    if not ours and common.router_image and not _is_pinned(common.router_image):
-        yield _error(
-            "router-image-moves",
-            common.place,
-            f"router_image {common.router_image} has no fixed tag",
-            "what it means changes without a change here, so that going back is not possible",
-            "give a version as its tag, or a digest",
-        )
+@RULES.add(
+    "router-image-unused",
+    "our router runs in the agent's image, so this one would be passed over",
+    "leave router_image out, or name the router that it holds",
+)
+def _unused_router_image(source: FleetSource) -> Iterator[Broken[Place]]:
+    common = source.fleet.deployment
+    if common.router is RouterSoftware.SFGLAB and common.router_image:
+        what = f"router_image {common.router_image} is given, but the router is sfglab's own"
+        yield Broken(common.place, what)
 
 
-def _is_pinned(image: str) -> bool:
+@RULES.add(
+    "router-image-missing",
+    "its makers publish several, and which one runs is part of the release",
+    "give router_image: with a tag, as in ubuntu-ddsrouter:v3.5.0",
+)
+def _no_router_image(source: FleetSource) -> Iterator[Broken[Place]]:
+    common = source.fleet.deployment
+    if common.router is not RouterSoftware.SFGLAB and not common.router_image:
+        yield Broken(common.place, f"the router is {common.router.value}, but nothing says in which image")
+
+
+@RULES.add(
+    "router-image-moves",
+    "what it means changes without a change here, so that going back is not possible",
+    "give a version as its tag, or a digest",
+)
+def _moving_router_image(source: FleetSource) -> Iterator[Broken[Place]]:
+    image = source.fleet.deployment.router_image
     name = image.rpartition("/")[2]
-    return "@sha256:" in image or (":" in name and not name.endswith(":latest"))
+    pinned = "@sha256:" in image or (":" in name and not name.endswith(":latest"))
+    if source.fleet.deployment.router is not RouterSoftware.SFGLAB and image and not pinned:
+        yield Broken(source.fleet.deployment.place, f"router_image {image} has no fixed tag")
 
 
-def _workspaces_buildable(fleet: Fleet) -> Iterator[Finding]:
-    """Find workspaces that nothing could build."""
-    for agent, host in _hosts(fleet):
-        if host.workspace and fleet.deployment.ros is RosDistribution.NONE:
-            yield _error(
-                "workspace-without-ros",
-                host.place,
-                f"{agent.name} has the colcon workspace {host.workspace}, but the images have no ROS 2",
-                "colcon builds against a distribution",
-                "give deployment: {ros: humble}, or leave the workspace out",
-            )
+@RULES.add(
+    "workspace-without-ros",
+    "colcon builds against a distribution",
+    "give deployment: {ros: humble}, or leave the workspace out",
+)
+def _workspace_without_ros(source: FleetSource) -> Iterator[Broken[Place]]:
+    for agent, host in _hosts(source):
+        if host.workspace and source.fleet.deployment.ros is RosDistribution.NONE:
+            what = f"{agent.name} has the colcon workspace {host.workspace}, but the images have no ROS 2"
+            yield Broken(host.place, what)
 
 
-def _codecs_told(fleet: Fleet) -> Iterator[Finding]:
-    """Tell where H.264 is encoded by the processor whatever the accelerator's name lets one hope."""
-    for agent, host in _hosts(fleet):
+@RULES.add(
+    "encoder-in-software",
+    "h264_nvmpi is not part of FFmpeg, and a Raspberry Pi 5 has no encoder in hardware",
+    "publish the stream with the user's own nodes, as the paper does",
+    Severity.INFO,
+)
+def _encoded_by_processor(source: FleetSource) -> Iterator[Broken[Place]]:
+    for agent, host in _hosts(source):
         sends = any(stream.codec == "h264" for stream in agent.streams)
         if sends and host.accelerator in {Accelerator.JETSON, Accelerator.V4L2}:
-            yield Finding(
-                severity=Severity.INFO,
-                code="encoder-in-software",
-                place=host.place,
-                what=f"{agent.name} sends H.264, encoded by the processor on {host.accelerator.value}",
-                why="h264_nvmpi is not part of FFmpeg, and a Raspberry Pi 5 has no encoder in hardware",
-                remedy="publish the stream with the user's own nodes, as the paper does",
+            what = f"{agent.name} sends H.264, encoded by the processor on {host.accelerator.value}"
+            yield Broken(host.place, what)
+
+
+@RULES.add("workspace-missing", "its sources are built into the image", "put it beside the fleet file")
+def _no_workspace(source: FleetSource) -> Iterator[Broken[Place]]:
+    for agent, host in _hosts(source):
+        if host.workspace and not (source.folder / host.workspace / "src").is_dir():
+            what = (
+                f"{agent.name} has the colcon workspace {host.workspace}, but there is no {host.workspace}/src"
             )
-
-
-RULES: tuple[Callable[[Fleet], Iterator[Finding]], ...] = (
-    _machines_named,
-    _one_machine_one_kind,
-    _interfaces_named,
-    _routers_complete,
-    _workspaces_buildable,
-    _codecs_told,
-)
-"""Every rule, in the order of its findings."""
-
-
-def _workspaces(fleet: Fleet, folder: Path) -> Iterator[Finding]:
-    for agent, host in _hosts(fleet):
-        if host.workspace and not (folder / host.workspace / "src").is_dir():
-            yield _error(
-                "workspace-missing",
-                host.place,
-                f"{agent.name} has the colcon workspace {host.workspace}, but there is no {host.workspace}/src",
-                "its sources are built into the image",
-                "put it beside the fleet file",
-            )
+            yield Broken(host.place, what)
 
 
 def check_fleet(
@@ -202,7 +171,7 @@ def check_fleet(
         UnknownAgentError: The fleet has no such agent.
     """
     names = agents or tuple(agent.name for agent in source.fleet.agents)
-    border, machines = lint(source.fleet).findings, check_rules(source.fleet, source.folder)
+    border, machines = lint(source.fleet).findings, tuple(RULES.broken(source, lambda place: place))
     verdicts = [
         verdict_of("names, domains, QoS and frames", str(source.path), lambda: _errors(border)),
         verdict_of("machines and routers", str(source.path), lambda: _errors(machines)),

@@ -103,7 +103,12 @@ def prepare(
         UnknownAgentError: The fleet has no such agent.
     """
     names = agents or [agent.name for agent in source.fleet.agents]
-    return tuple(prepare_agent(source, name, release, wheel, detect=detect) for name in names)
+    pairs = []
+    for deployment in (describe(source, name, release, detect) for name in names):
+        folder = deployment.host.workspace
+        workspace = workspace_members(source.folder / folder) if folder else {}
+        pairs.append((deployment, bundle_of(deployment, wheel, workspace)))
+    return tuple(pairs)
 
 
 def describe(source: FleetSource, agent: str, release: Release, detect: Detect) -> Deployment:
@@ -116,19 +121,3 @@ def describe(source: FleetSource, agent: str, release: Release, detect: Detect) 
     host = source.fleet.agent(agent).host
     detected = detect(host) if host is not None and host.accelerator is None else None
     return deployment_of(source.fleet, agent, release, detected=detected)
-
-
-def prepare_agent(
-    source: FleetSource,
-    agent: str,
-    release: Release,
-    wheel: bytes,
-    *,
-    detect: Detect = lambda _: None,
-) -> tuple[Deployment, Bundle]:
-    """Return deployment and bundle of one agent; see `prepare`."""
-    deployment = describe(source, agent, release, detect)
-    workspace = (
-        workspace_members(source.folder / deployment.host.workspace) if deployment.host.workspace else {}
-    )
-    return deployment, bundle_of(deployment, wheel, workspace)

@@ -169,7 +169,8 @@ def run_program(
             raise DeployError(f"{command[0]}: it did not start: {error}") from error
     output = done.stdout.decode(errors="replace")
     if done.returncode and not output.strip():
-        raise DeployError(f"{command[0]}: status {done.returncode}: {_first(done.stderr)}")
+        words = done.stderr.decode(errors="replace").strip().splitlines() or ["it said nothing"]
+        raise DeployError(f"{command[0]}: status {done.returncode}: {words[0]}")
     return done.returncode, output
 
 
@@ -185,8 +186,3 @@ def answer_of(command: tuple[str, ...], texts: tuple[tuple[str, str], ...]) -> s
         DeployError: As for `run_program`.
     """
     return run_program(command, dict(texts))[1]
-
-
-def _first(said: bytes) -> str:
-    lines = said.decode(errors="replace").strip().splitlines()
-    return lines[0] if lines else "it said nothing"

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -91,10 +92,7 @@ def check_unit(text: str, name: str) -> tuple[Finding, ...]:
         raise DeployError(f"unit: given {name!r}, allowed: a file name that ends in .service")
     unit = Unit(text, name)
     what, why = "neither a [Section] nor Key=value", "systemd does not read it"
-    findings = [
-        Finding(severity=Severity.ERROR, code="syntax", place=Place(file=name, line=number), what=what, why=why)
-        for number in unit.odd
-    ]
+    findings = [_finding("syntax", Place(file=name, line=number), what, why) for number in unit.odd]
     findings += check_shape(unit, "systemd-unit")
     if shutil.which(ANALYZE):
         findings += _verify(text, name)
@@ -143,9 +141,13 @@ def _said(output: str, name: str) -> Iterator[Finding]:
         if missing := _MISSING.search(match["what"]):
             yield _remark("program", name, f"{missing[1]} is not on this machine", "it must be on the agent's")
         else:
-            place, why = Place(file=name, line=int(match["line"] or 0)), f"{ANALYZE} verify"
-            yield Finding(severity=Severity.ERROR, code="verify", place=place, what=match["what"], why=why)
+            place = Place(file=name, line=int(match["line"] or 0))
+            yield _finding("verify", place, match["what"], f"{ANALYZE} verify")
+
+
+def _finding(code: str, place: Place, what: str, why: str) -> Finding:
+    return Finding(severity=Severity.ERROR, code=code, place=place, what=what, why=why)
 
 
 def _remark(code: str, name: str, what: str, why: str) -> Finding:
-    return Finding(severity=Severity.INFO, code=code, place=Place(file=name), what=what, why=why)
+    return replace(_finding(code, Place(file=name), what, why), severity=Severity.INFO)

@@ -1,4 +1,4 @@
-"""What checks say: one verdict each about one subject, and all of them as a table for a terminal."""
+"""Verdicts of checks: one about one subject, and all of them as a table for a terminal."""
 
 from __future__ import annotations
 

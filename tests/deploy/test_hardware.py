@@ -21,7 +21,7 @@ from sfglab.deploy.hardware.machine import DeviceGroup
 from sfglab.fleet.fleet_file import Accelerator, Architecture
 from sfglab.lab.example_machines import EXAMPLES, write_example
 
-RANK = {row.accelerator: rank for rank, row in enumerate(PREFERENCE)}
+RANK = {accelerator: rank for rank, accelerator in enumerate(PREFERENCE)}
 names = pytest.mark.parametrize("name", EXAMPLES)
 
 
@@ -60,7 +60,7 @@ def check_honest(machine):
 def test_each_example_gets_the_accelerator_it_is_made_for(name, machine):
     found = machine(name)
     assert found.accelerator is EXAMPLES[name].expected
-    assert [item.accelerator for item in found.evidence] == [row.accelerator for row in PREFERENCE]
+    assert [item.accelerator for item in found.evidence] == list(PREFERENCE)
     check_honest(found)
 
 

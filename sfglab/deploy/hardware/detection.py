@@ -1,7 +1,8 @@
-"""Which H.264 codecs a machine lets one expect, and which of them PyAV really opens in this process.
+"""Detection: which accelerator a machine's images are made for, and which H.264 codecs to expect and to find.
 
-Expectation comes from the machine's files, which may be another machine's; what opens is found out here and
-now, by `sfglab.codecs.probe`, in whatever image or machine this process runs in.
+Reads files and looks for device nodes below a root, and nothing else: it opens no device and starts no program,
+so that it says the same of a copy of a machine's files as on the machine. Which codecs really open is found out
+here and now, by `sfglab.codecs.probe`, in whatever image or machine this process runs in.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from sfglab.deploy.hardware.board import (
 )
 from sfglab.deploy.hardware.files import MachineFiles
 from sfglab.deploy.hardware.graphics import find_rocm, find_v4l2, find_vaapi
-from sfglab.deploy.hardware.machine import CodecFound, CodecRole, Evidence, ExpectedCodec, Machine, Preference
+from sfglab.deploy.hardware.machine import CodecFound, CodecRole, Evidence, ExpectedCodec, Machine
 from sfglab.deploy.hardware.nvidia import find_cuda, find_jetpack, find_jetson
 from sfglab.fleet.fleet_file import Accelerator
 
@@ -27,19 +28,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-PREFERENCE = (
-    Preference(
-        accelerator=Accelerator.JETSON, why="its libraries fit one L4T release, no other base runs there"
-    ),
-    Preference(
-        accelerator=Accelerator.CUDA, why="computes, encodes and decodes, apart from the processor's graphics"
-    ),
-    Preference(accelerator=Accelerator.ROCM, why="computes, and its base also has VAAPI"),
-    Preference(accelerator=Accelerator.VAAPI, why="encodes and decodes H.264"),
-    Preference(accelerator=Accelerator.V4L2, why="a single codec of the board, on some without H.264"),
-    Preference(accelerator=Accelerator.NONE, why="nothing else is there, so the processor does it all"),
-)
-"""The order of choice: the first that is found."""
+PREFERENCE = {
+    Accelerator.JETSON: "its libraries fit one L4T release, no other base runs there",
+    Accelerator.CUDA: "computes, encodes and decodes, apart from the processor's graphics",
+    Accelerator.ROCM: "computes, and its base also has VAAPI",
+    Accelerator.VAAPI: "encodes and decodes H.264",
+    Accelerator.V4L2: "a single codec of the board, on some without H.264",
+    Accelerator.NONE: "nothing else is there, so the processor does it all",
+}
+"""The order of choice, the first that is found; and why each comes before those below it."""
 
 _RULES: dict[Accelerator, Callable[[MachineFiles], Evidence]] = {
     Accelerator.JETSON: find_jetson,
@@ -62,7 +59,7 @@ def detect(root: Path = Path("/")) -> Machine:
         DeployError: There is no such folder.
     """
     files = MachineFiles(root)
-    evidence = _judged([_evidence(files, row.accelerator) for row in PREFERENCE])
+    evidence = _judged([_evidence(files, accelerator) for accelerator in PREFERENCE])
     chosen = next(item for item in evidence if item.chosen)
     architecture, reason = find_architecture(files)
     return Machine(
@@ -93,9 +90,9 @@ def _judged(evidence: list[Evidence]) -> tuple[Evidence, ...]:
     """Return the evidence with the choice: the first that is found, and why each is or is not the one."""
     chosen = next(item for item in evidence if item.found)
     judged = []
-    for item, row in zip(evidence, PREFERENCE, strict=True):
+    for item in evidence:
         if item is chosen:
-            verdict = f"chosen: {row.why}"
+            verdict = f"chosen: {PREFERENCE[item.accelerator]}"
         elif item.found:
             verdict = f"not chosen: {chosen.accelerator.value} comes before it"
         else:
@@ -124,23 +121,20 @@ def codecs_found(machine: Machine | None = None) -> tuple[CodecFound, ...]:
     from sfglab.codecs.probe import available_decoders, available_encoders
 
     machine = machine or detect()
-    expected = {(item.name, item.role): item for item in expected_codecs(machine)}
+    expected = {(item.name, item.role): item.why for item in expected_codecs(machine)}
     probes = [(probe, CodecRole.ENCODER) for probe in available_encoders()]
     probes += [(probe, CodecRole.DECODER) for probe in available_decoders()]
-    rows = []
-    for probe, role in probes:
-        item = expected.get((probe.name, role))
-        why = item.why if item else _why_not(probe.name, machine.accelerator)
-        found = CodecFound(
+    return tuple(
+        CodecFound(
             name=probe.name,
             role=role,
-            expected=item is not None,
+            expected=(probe.name, role) in expected,
             works=probe.works,
             tried=probe.reason,
-            why=why,
+            why=expected.get((probe.name, role), "") or _why_not(probe.name, machine.accelerator),
         )
-        rows.append(found)
-    return tuple(rows)
+        for probe, role in probes
+    )
 
 
 def _why_not(name: str, accelerator: Accelerator) -> str:

@@ -1,4 +1,4 @@
-"""A machine as text for a terminal: what was found, from what, and why it was chosen or not."""
+"""A machine as values and as text for a terminal: its hardware, from what it is known, and why it was chosen."""
 
 from __future__ import annotations
 
@@ -53,14 +53,6 @@ class Evidence:
     codecs: tuple[ExpectedCodec, ...] = ()  #: What it lets one expect of FFmpeg.
     chosen: bool = False  #: Whether images are made for it.
     verdict: str = ""  #: Why it was chosen or not.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Preference:
-    """One row of the order in which accelerators are chosen."""
-
-    accelerator: Accelerator  #: Which.
-    why: str  #: Why it comes before those below it.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -148,18 +148,13 @@ def _differences(asked: tuple[Bridge, Policy]) -> Iterator[Broken[KeyPath]]:
 def _probes(bridge: Bridge, policy: Policy) -> tuple[str, ...]:
     entries = [e for kind in KINDS for e in _entries(bridge, kind)]
     globs = [f"rt{entry.strip('^$').replace('.*', '*')}" for entry in entries]
-    found = {_ros_name(name) for name in probe_names([*globs, *(rule.pattern for rule in policy.rules)])}
-    return tuple(sorted(name for name in found if name is not None))
+    wires = map(ros_name_from_dds, probe_names([*globs, *(rule.pattern for rule in policy.rules)]))
+    return tuple(sorted({wire.name for wire in wires if wire is not None}))
 
 
 def _entries(bridge: Bridge, kind: str) -> list[str]:
     given = [*(bridge.get(side, {}).get(kind) or [] for side in ("allow", "deny"))]
     return [entry for part in given for entry in ([part] if isinstance(part, str) else part)]
-
-
-def _ros_name(dds_name: str) -> str | None:
-    wire = ros_name_from_dds(dds_name)
-    return None if wire is None else wire.name
 
 
 def bridges(bridge: Bridge, kind: str, name: str) -> bool:
