@@ -35,8 +35,6 @@ MANIFEST = "manifest.json"
 ENVIRONMENT = "release.env"
 """The release that Compose starts; the hooks make ``.env`` of it, with what only the machine knows."""
 
-_DIGITS = 12
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Member:
@@ -91,7 +89,7 @@ def bundle_of(
     members |= {f"image/{release.wheel}": Member(data=wheel, mode=PLAIN), **workspace}
     digest = _sha256(json.dumps(_entries(members), sort_keys=True).encode())
     # A tag has no plus sign (OCI Distribution Specification 1.1).
-    tag = f"{release.version.replace('+', '-')}-{digest[:_DIGITS]}"
+    tag = f"{release.version.replace('+', '-')}-{digest[:12]}"
     image = f"{deployment.repository}:{tag}"
     members[ENVIRONMENT] = _member(
         BundleFile(text=f"# The release that runs; its image has this tag.\nSFGLAB_TAG={tag}\n")

@@ -89,7 +89,6 @@ def _hadolint(text: str) -> Iterator[str]:
 
 SHELLCHECK = "shellcheck"
 STARTS = "programs can be started"
-_ANY = 0o111
 
 
 def shell_scripts(files: Mapping[str, BundleFile]) -> dict[str, BundleFile]:
@@ -118,7 +117,7 @@ def _shebang(text: str) -> bool:
 
 
 def _startable(file: BundleFile) -> Iterator[str]:
-    if _shebang(file.text) and file.mode & _ANY != _ANY:
+    if _shebang(file.text) and file.mode & 0o111 != 0o111:
         yield f"its first line says it is a program, but its mode is {file.mode:o}: allowed is 755"
     if "\r" in file.text:
         yield "lines end with CR LF, which no shell on Linux takes: allowed is LF"

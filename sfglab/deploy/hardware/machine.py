@@ -1,4 +1,4 @@
-"""A machine as values and as text for a terminal: its hardware, from what it is known, and why it was chosen."""
+"""A machine as values and as text for a terminal: its hardware, from what it is known, and why."""
 
 from __future__ import annotations
 
