@@ -16,8 +16,7 @@ import pytest
 
 import sfglab
 from sfglab.lab.hosts import HostNameError, HostsError, HostsUnavailableError, Network, UnknownHostError
-from sfglab.lab.hosts.errors import LinkControlError
-from sfglab.lab.hosts.host import InterfaceBytes, interface_bytes
+from sfglab.lab.hosts.host import InterfaceBytes, LinkControlError, interface_bytes
 
 netns = pytest.mark.netns
 PYTHON = [sys.executable, "-I", "-S", "-c"]
@@ -301,7 +300,7 @@ def test_available_tells_how():
 def test_a_machine_without_namespaces_gets_one_clear_error(monkeypatch):
     # Stands for the refusing kernel: the script that makes namespaces fails as it does under seccomp.
     refusal = "import sys; sys.exit('unshare: Operation not permitted')"
-    monkeypatch.setattr("sfglab.lab.hosts.channel.ENTER", (*PYTHON, refusal))
+    monkeypatch.setattr("sfglab.lab.hosts.network.ENTER", (*PYTHON, refusal))
     with pytest.raises(HostsUnavailableError, match=r"unshare: Operation not permitted.*Try one of"), Network():
         pass
     capability = Network.available()

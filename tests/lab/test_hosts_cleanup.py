@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from sfglab.lab.hosts import Network
-from sfglab.lab.hosts.processes import end_members, members
+from sfglab.lab.hosts.host import end_members, members
 
 pytestmark = pytest.mark.netns
 TIMEOUT_S = 60

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.lab.hosts import Link, LinkCounters, LinkError, Network
-from sfglab.lab.hosts.link import FRAME_BYTES
+from sfglab.lab.hosts.network import FRAME_BYTES
 
 netns = pytest.mark.netns
 PYTHON = [sys.executable, "-I", "-S", "-c"]

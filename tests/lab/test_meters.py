@@ -13,9 +13,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.lab.cpu_ledger import CpuLedger, ProcessReading, tree
 from sfglab.lab.hosts import InterfaceBytes
-from sfglab.lab.meters import CpuMeter, InterfaceMeter, MeterError, Window, counted, measure, process_table
+from sfglab.lab.meters import (
+    CpuLedger,
+    CpuMeter,
+    InterfaceMeter,
+    MeterError,
+    ProcessReading,
+    Window,
+    counted,
+    measure,
+    process_table,
+    tree,
+)
 
 PYTHON = [sys.executable, "-I", "-S", "-c"]
 MS = 1_000_000

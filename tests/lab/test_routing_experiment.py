@@ -32,7 +32,7 @@ from sfglab.lab.experiments.routing.rows import (
     PartyRow,
 )
 from sfglab.lab.experiments.routing.stage import parties_of
-from sfglab.lab.workers.tally import Tally
+from sfglab.lab.workers.test_peer import ReceiveStatistics
 from sfglab.names import dds_topic
 from sfglab.record import LogWriter
 
@@ -225,14 +225,14 @@ def test_the_figure_shows_what_is_heard_what_leaks_and_what_is_missing(tmp_path)
 
 
 def test_a_tally_counts_repeated_late_restamped_and_missing_messages():
-    tally = Tally()
+    tally = ReceiveStatistics()
     for number, stamp_ns in ((3, 30), (4, 40), (7, 70), (5, 50), (7, 71)):
         info = MessageInfo(source_timestamp_ns=10 * number, received_timestamp_ns=100, publisher_gid=b"")
         tally.note(number, stamp_ns, info)
     report = tally.report()
     assert (report["received"], report["repeated"], report["disordered"]) == (5, 1, 1)
     assert (report["restamped"], report["missing"], report["age_ns"]) == (1, 1, 50)
-    assert Tally().report()["age_ns"] is None
+    assert ReceiveStatistics().report()["age_ns"] is None
 
 
 def test_table_1_in_words_is_the_policy_on_random_names():

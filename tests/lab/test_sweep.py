@@ -23,12 +23,15 @@ from hypothesis import strategies as st
 from sweep_tasks import OtherRow, SpotPoint, SpotRow, failing, obeying, quick, several, uneven, wrong
 
 from sfglab.lab.sweep import JournalError, SweepError, Workers, sweep
-from sfglab.lab.sweep.batch import Done
-from sfglab.lab.sweep.identity import code_digest, identity_of
-from sfglab.lab.sweep.journal import Finished, Journal
-from sfglab.lab.sweep.rows import result_from_text, text_from_result
-from sfglab.lab.sweep.run import _next_size
-from sfglab.lab.sweep.workers import connected
+from sfglab.lab.sweep.journal import (
+    Finished,
+    Journal,
+    code_digest,
+    identity_of,
+    result_from_text,
+    text_from_result,
+)
+from sfglab.lab.sweep.run import Done, _next_size, connected
 
 POINTS = [SpotPoint(number=number) for number in range(5)]
 SEEDS = range(6)
@@ -71,7 +74,7 @@ def foreign_scheduler(folder):
         try:
             yield process.stdout.readline().strip()
         finally:
-            process.communicate("\n", timeout=20)
+            process.communicate("\n", timeout=60)
 
 
 def nothing_is_left(folder):
@@ -178,7 +181,7 @@ def test_local_workers_listen_on_loopback_only_and_are_gone_afterwards(tmp_path,
 
 
 def test_an_address_where_nobody_answers_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("sfglab.lab.sweep.workers._CONNECT_S", 0.5)
+    monkeypatch.setattr("sfglab.lab.sweep.run._CONNECT_S", 0.5)
     workers = Workers(scheduler="tcp://127.0.0.1:9")
     with pytest.raises(SweepError, match=r"tcp://127\.0\.0\.1:9', where none answers"):
         sweep(quick, POINTS, SEEDS, journal=tmp_path / "journal", workers=workers)
@@ -347,7 +350,7 @@ def sweep_elsewhere(folder, order):
         env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)},
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=60,
         check=False,
         start_new_session=True,
     )
@@ -365,7 +368,7 @@ def test_a_killed_sweep_leaves_no_workers_and_is_continued(tmp_path):
     assert ended.returncode == -9, ended.stderr
     worker = int((tmp_path / "pid").read_text())
     with suppress(psutil.NoSuchProcess):
-        psutil.Process(worker).wait(timeout=10)
+        psutil.Process(worker).wait(timeout=60)
     assert not psutil.pid_exists(worker)
     with (tmp_path / "journal").open("a") as journal:
         journal.write('{"point": 5, "se')

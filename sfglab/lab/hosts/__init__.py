@@ -8,17 +8,17 @@
 Everything is gone at the end of the block, also after an exception or when the creating process is killed.
 """
 
-from sfglab.lab.hosts.errors import (
+from sfglab.lab.hosts.host import (
+    Host,
     HostNameError,
     HostsError,
     HostsUnavailableError,
+    InterfaceBytes,
     LinkControlError,
     LinkError,
     UnknownHostError,
 )
-from sfglab.lab.hosts.host import Host, InterfaceBytes
-from sfglab.lab.hosts.link import Link, LinkCounters
-from sfglab.lab.hosts.network import Capability, Network
+from sfglab.lab.hosts.network import Capability, Link, LinkCounters, Network
 from sfglab.lab.hosts.radio import RadioCounters, RadioHost
 
 __all__ = [

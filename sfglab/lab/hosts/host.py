@@ -1,20 +1,184 @@
-"""One test host: an address, and processes that see only its network."""
+"""One test host: its errors, an address, and processes that see only its network, with their orderly end.
+
+A namespace of ours holds only what was started inside, grandchildren and daemons too, so membership is the
+whole bookkeeping. Signals go through pidfds (pidfd_open(2)), whose membership is checked after opening:
+a pid that another process took over meanwhile is never hit.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import os
+import select
+import signal
 import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sfglab.lab.hosts.channel import ENTER
-from sfglab.lab.hosts.errors import HostsError
+from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Iterable, Iterator, Sequence
+
+
+_REMEDY = (
+    "Try one of: run as root; allow user namespaces (sysctl user.max_user_namespaces and max_net_namespaces "
+    "above 0, which 'No space left' is about, and on Debian and Ubuntu kernel.unprivileged_userns_clone=1 and "
+    "kernel.apparmor_restrict_unprivileged_userns=0); in a container, start it with --cap-add=SYS_ADMIN "
+    "--cap-add=NET_ADMIN and a seccomp profile that allows unshare"
+)
+
+
+class HostsUnavailableError(SfglabError, OSError):
+    """This machine does not let us make network namespaces.
+
+    Attributes:
+        reason: What the kernel or the starting process said.
+    """
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(f"test hosts need network namespaces, which failed here: {reason}. {_REMEDY}")
+
+
+class HostsError(SfglabError, RuntimeError):
+    """A network of test hosts is closed, lost its hub, or did not do what it was asked for."""
+
+
+class HostNameError(SfglabError, ValueError):
+    """A host's name is empty or taken.
+
+    Attributes:
+        name: The name that was given.
+    """
+
+    def __init__(self, name: str, taken: Iterable[str]) -> None:
+        self.name = name
+        super().__init__(
+            f"host name: given {name!r}, allowed is any text that is not empty nor in {sorted(taken)}"
+        )
+
+
+class UnknownHostError(SfglabError, LookupError):
+    """The network has no host of that name.
+
+    Attributes:
+        name: The name that was given.
+    """
+
+    def __init__(self, name: str, known: Iterable[str]) -> None:
+        self.name = name
+        super().__init__(f"host: given {name!r}, this network has {sorted(known)}")
+
+
+class LinkError(SfglabError, ValueError):
+    """A link's rate, loss or queue lies outside what can be emulated."""
+
+
+class LinkControlError(SfglabError, OSError):
+    """The kernel refuses to limit or to lose packets.
+
+    Attributes:
+        reason: What the kernel said.
+    """
+
+    def __init__(self, host: str, reason: str) -> None:
+        self.reason = reason
+        super().__init__(
+            f"link of host {host!r}: the kernel refused it: {reason}. Rates need the tbf queueing discipline "
+            "(module sch_tbf), loss needs nftables in bridges (modules nf_tables and nft_numgen)"
+        )
+
+
+# A killed process is gone within milliseconds, unless it is stuck in a device driver.
+_KILL_TIMEOUT_S = 5.0
+
+
+def _inode(pid: int) -> int:
+    """Return the inode of a process's network namespace, 0 when it ended or is not ours to see."""
+    try:
+        return os.stat(f"/proc/{pid}/ns/net").st_ino  # noqa: PTH116 - called for every process
+    except OSError:
+        return 0
+
+
+def members(inodes: Collection[int]) -> list[int]:
+    """Return the pids of all processes in some network namespaces, except the calling one.
+
+    Args:
+        inodes: The namespaces, by the inodes of their files below ``/proc/PID/ns``.
+    """
+    pids = (int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdigit())
+    return [pid for pid in pids if pid != os.getpid() and _inode(pid) in inodes]
+
+
+@contextlib.contextmanager
+def _handles(inodes: Collection[int], spare: Collection[int]) -> Iterator[dict[int, int]]:
+    """Open a pidfd for each member, with the pid as its value."""
+    handles: dict[int, int] = {}
+    try:
+        for pid in members(inodes):
+            if pid in spare:
+                continue
+            with contextlib.suppress(ProcessLookupError):
+                fd = os.pidfd_open(pid)
+                handles[fd] = pid
+                if _inode(pid) not in inodes:
+                    os.close(fd)
+                    del handles[fd]
+        yield handles
+    finally:
+        for fd in handles:
+            os.close(fd)
+
+
+def _wait(handles: Collection[int], deadline_s: float) -> None:
+    """Wait until all processes ended, or for the deadline."""
+    poll = select.poll()
+    for fd in handles:
+        poll.register(fd, select.POLLIN)
+    left = len(handles)
+    while left and (rest_s := deadline_s - time.monotonic()) > 0:
+        for fd, _ in poll.poll(rest_s * 1000):
+            poll.unregister(fd)
+            left -= 1
+
+
+def _signal_all(inodes: Collection[int], spare: Collection[int], number: int, deadline_s: float) -> list[int]:
+    """Signal all members, wait for their end, and return those that were there."""
+    with _handles(inodes, spare) as handles:
+        for fd in handles:
+            with contextlib.suppress(ProcessLookupError):
+                signal.pidfd_send_signal(fd, number)
+        _wait(handles, deadline_s)
+        return list(handles.values())
+
+
+def end_members(inodes: Collection[int], *, grace_s: float, spare: Collection[int] = ()) -> None:
+    """End all processes in some network namespaces: TERM, a grace, then KILL, until none is left.
+
+    Args:
+        inodes: The namespaces.
+        grace_s: How long a process may take to end by itself, in seconds; 0 kills at once.
+        spare: Pids to leave alone.
+
+    Raises:
+        HostsError: A killed process did not end.
+    """
+    if grace_s > 0:
+        _signal_all(inodes, spare, signal.SIGTERM, time.monotonic() + grace_s)
+    deadline_s = time.monotonic() + _KILL_TIMEOUT_S
+    while stubborn := _signal_all(inodes, spare, signal.SIGKILL, deadline_s):
+        if time.monotonic() > deadline_s:
+            raise HostsError(f"processes {stubborn} inside test hosts were killed but did not end")
 
 
 INTERFACE = "eth0"
+
+ENTER = (sys.executable, "-I", "-S", str(Path(__file__).with_name("enter.py")))
+"""Command line of the script that makes or joins namespaces; without site it starts in about 15 ms."""
 
 
 class InterfaceBytes(NamedTuple):

@@ -25,11 +25,10 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from pyroute2.netlink.exceptions import NetlinkError
 
 from sfglab.lab.hosts.enter import CLONE_NEWNET, unshare
-from sfglab.lab.hosts.link import Link
-from sfglab.lab.hosts.processes import end_members
+from sfglab.lab.hosts.host import end_members
+from sfglab.lab.hosts.network import Link
 from sfglab.lab.hosts.radio import Relay
-from sfglab.lab.hosts.shaping import Shaping
-from sfglab.lab.hosts.wiring import Port, Wiring
+from sfglab.lab.hosts.wiring import Port, Shaping, Wiring
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,31 +1,235 @@
 """Several hosts on one machine, joined by one Ethernet: network namespaces made through netlink.
 
-Needs root or a user namespace, no external program, and leaves nothing behind, whatever ends it.
+Needs root or a user namespace, no external program, and leaves nothing behind, whatever ends it. The hub that
+owns them is a process of its own, because only a process that has entered a namespace can work in it, and
+because cleaning up must outlive the creator.
 """
 
 from __future__ import annotations
 
+import contextlib
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from types import MappingProxyType, TracebackType
-from typing import TYPE_CHECKING, Literal, Self
+from typing import IO, TYPE_CHECKING, Any, Literal, Self
 
-from sfglab.lab.hosts.channel import Channel
-from sfglab.lab.hosts.errors import (
+from sfglab.lab.hosts.host import (
+    ENTER,
+    Host,
     HostNameError,
     HostsError,
     HostsUnavailableError,
     LinkControlError,
+    LinkError,
     UnknownHostError,
+    end_members,
 )
-from sfglab.lab.hosts.host import Host
-from sfglab.lab.hosts.link import Link, LinkCounters
-from sfglab.lab.hosts.processes import end_members
 from sfglab.lab.hosts.radio import RadioCounters
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sfglab.rtps import Medium
+
+
+FRAME_BYTES = 1514
+"""A full Ethernet frame without its checksum: 1500 B of payload and 14 B of header (IEEE 802.3, clause 3)."""
+
+# The kernel's struct tc_ratespec counts bytes per second in 32 bits (linux/pkt_sched.h).
+_MAX_RATE_BPS = 8 * (2**32 - 1)
+_MIN_RATE_BPS = 1000
+# Tokens for this long may be spent at once, so that a late timer does not lower the rate.
+_BURST_S = 0.001
+_DEFAULT_QUEUE_S = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Link:
+    """The emulated properties of one host's link, equal in both directions."""
+
+    rate_bps: float | None = None  #: Rate of Ethernet frames in bit/s; None is unlimited.
+    #: Probability in [0, 1] with which a frame is lost, drawn anew for each frame and direction.
+    loss: float = 0.0
+    #: Size of the drop-tail queue before a limited rate; None is 100 ms at that rate, but at least ten full
+    #: frames.
+    queue_bytes: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.rate_bps is not None and not _MIN_RATE_BPS <= self.rate_bps <= _MAX_RATE_BPS:
+            raise LinkError(
+                f"rate_bps: given {self.rate_bps}, allowed is {_MIN_RATE_BPS} to {_MAX_RATE_BPS} or None"
+            )
+        if not 0 <= self.loss <= 1:
+            raise LinkError(f"loss: given {self.loss}, allowed is a probability from 0 to 1, or None")
+        if self.queue_bytes is None:
+            return
+        if self.rate_bps is None:
+            raise LinkError("queue_bytes: only a link with rate_bps has a queue; give both or neither")
+        if self.queue_bytes < FRAME_BYTES:
+            raise LinkError(
+                f"queue_bytes: given {self.queue_bytes}, allowed is one frame ({FRAME_BYTES}) or more"
+            )
+
+    @property
+    def burst_bytes(self) -> int:
+        """Return the size of the token bucket: 1 ms at the rate, but at least two full frames."""
+        assert self.rate_bps is not None
+        return max(2 * FRAME_BYTES, round(self.rate_bps / 8 * _BURST_S))
+
+    @property
+    def limit_bytes(self) -> int:
+        """Return the size of the queue in bytes, given or by default."""
+        assert self.rate_bps is not None
+        if self.queue_bytes is not None:
+            return self.queue_bytes
+        return max(10 * FRAME_BYTES, round(self.rate_bps / 8 * _DEFAULT_QUEUE_S))
+
+    @property
+    def loss_per_million(self) -> int:
+        """Return how many of a million frames are lost."""
+        return round(self.loss * 1_000_000)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkCounters:
+    """What a link has lost since it was last set; up is from the host into the network, down the reverse."""
+
+    lost_up_packets: int = 0  #: Frames from the host dropped by `Link.loss`.
+    lost_up_bytes: int = 0  #: Their bytes, without the Ethernet header.
+    lost_down_packets: int = 0  #: Frames to the host dropped by `Link.loss`.
+    lost_down_bytes: int = 0  #: Their bytes, without the Ethernet header.
+    overflow_up_packets: int = 0  #: Frames from the host that found the queue full.
+    overflow_down_packets: int = 0  #: Frames to the host that found the queue full.
+
+
+_ANSWER_TIMEOUT_S = 20.0
+_END_TIMEOUT_S = 10.0
+_MAX_ANSWER_BYTES = 65536
+
+
+def _hub_environment() -> dict[str, str]:
+    """Let the hub find the same modules as this process, wherever it found them."""
+    return os.environ | {"PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)}
+
+
+def _start(control: socket.socket, *, how: str, log: IO[bytes]) -> subprocess.Popen[bytes]:
+    creator = os.pidfd_open(os.getpid())
+    try:
+        numbers = (control.fileno(), creator)
+        hub = (sys.executable, "-P", "-m", "sfglab.lab.hosts.hub", *map(str, numbers))
+        return subprocess.Popen(
+            [*ENTER, "new", how, *hub],
+            env=_hub_environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=log,
+            pass_fds=numbers,
+            # Ctrl-C in a terminal must reach the creator first, which then ends things in order.
+            start_new_session=True,
+        )
+    finally:
+        os.close(creator)
+
+
+class Channel:
+    """A running hub; safe to use from several threads.
+
+    Args:
+        how: ``auto``, ``root`` or ``rootless``.
+
+    Attributes:
+        how: How it obtained its namespaces, ``root`` or ``rootless``.
+
+    Raises:
+        HostsUnavailableError: The hub could not make its namespace.
+    """
+
+    def __init__(self, how: str) -> None:
+        self._lock = threading.Lock()
+        self._control, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
+        self._control.settimeout(_ANSWER_TIMEOUT_S)
+        self._process: subprocess.Popen[bytes] | None = None
+        try:
+            with other:
+                self._process = _start(other, how=how, log=self._log)
+            self.how = str(self._receive()["how"])
+        except HostsError as error:
+            self.close()
+            raise HostsUnavailableError(str(error)) from error
+        except BaseException:
+            self.close()
+            raise
+
+    def _said(self) -> str:
+        """Return the last line that the hub wrote before it ended."""
+        if self._process is not None:
+            # It closes its socket a moment before it has said why.
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(1.0)
+        # The offset is shared with the hub, so the file is read without moving it.
+        size = os.fstat(self._log.fileno()).st_size
+        lines = os.pread(self._log.fileno(), size, 0).decode(errors="replace").strip().splitlines()
+        return lines[-1] if lines else "it ended without a word"
+
+    def _receive(self) -> dict[str, Any]:
+        try:
+            data = self._control.recv(_MAX_ANSWER_BYTES)
+        except TimeoutError:
+            raise HostsError(
+                f"the hub of the test hosts gave no answer for {_ANSWER_TIMEOUT_S:.0f} s"
+            ) from None
+        except OSError:
+            data = b""
+        if not data:
+            raise HostsError(f"the hub of the test hosts has ended: {self._said()}")
+        answer: dict[str, Any] = json.loads(data)
+        if "failed" in answer:
+            raise HostsError(f"the hub of the test hosts failed:\n{answer['failed']}")
+        if "refused" in answer:
+            raise PermissionError(answer["refused"])
+        result: dict[str, Any] = answer["ok"]
+        return result
+
+    def request(self, operation: str, /, **arguments: Any) -> dict[str, Any]:
+        """Ask the hub and wait for its answer.
+
+        Args:
+            operation: One of the hub's operations.
+            arguments: What the operation takes.
+
+        Returns:
+            What the operation returns.
+
+        Raises:
+            HostsError: The hub is gone, late, or failed.
+            PermissionError: The kernel refused.
+        """
+        with self._lock:
+            with contextlib.suppress(OSError):  # a lost hub is reported by the answer
+                self._control.send(json.dumps({"op": operation, **arguments}).encode())
+            return self._receive()
+
+    def close(self) -> None:
+        """End the hub, which kills whatever is left inside the hosts; harmless when repeated."""
+        # Unlike closing, this also reaches the hub when a forked child still has a copy of the socket.
+        with contextlib.suppress(OSError):
+            self._control.shutdown(socket.SHUT_RDWR)
+        if self._process is not None:
+            try:
+                self._process.wait(_END_TIMEOUT_S)
+            finally:
+                self._process.kill()
+                self._process.wait()
+        self._control.close()
+        self._log.close()
 
 
 _HOW = {None: "auto", False: "root", True: "rootless"}

@@ -1,28 +1,193 @@
-"""What of a sweep is finished: an append-only file of JSON lines that survives the death of its writer.
+"""The journal of a sweep: what is finished, on disk, with the identity of its task, points and code.
 
-The first line says which sweep (`identity`), every other one is a finished point and seed with its result. It
-is not MCAP: an MCAP file ends with a summary and an index, so one that was cut off must be written again to be
-continued, while here a torn last line is cut away and the next is appended. The experiment writes its MCAP log
-from the ordered results. Lines are handed to the operating system as they are made: they survive the process,
-killed or not; they may not survive the machine, and what is missing then is run again.
+An append-only file of JSON lines that survives the death of its writer. The first line says which sweep it is,
+every other one is a finished point and seed with its result. It is not MCAP: an MCAP file ends with a summary
+and an index, so one that was cut off must be written again to be continued, while here a torn last line is cut
+away and the next is appended. Lines are handed to the operating system as they are made: they survive the
+process, killed or not; they may not survive the machine, and what is missing then is run again.
+
+A float is written as the shortest text that gives the same float again; NaN and infinities have names. Every
+result passes through that text, those that ran in this very process too, so that none of them differs. Two
+sweeps of one identity give the same rows; seeds are not part of it, as a sweep may be given more of them later.
 """
 
 from __future__ import annotations
 
 import fcntl
+import hashlib
+import inspect
 import json
 import logging
+import sys
+from collections.abc import Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from sfglab.lab.sweep.errors import JournalError
+import numpy as np
+
+import sfglab
+from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-    from pathlib import Path
+    from collections.abc import Callable, Iterator, Sequence
     from types import TracebackType
     from typing import Self
+
+
+class SweepError(SfglabError, RuntimeError):
+    """A sweep that cannot be run, or whose task failed.
+
+    Attributes:
+        point: Of the failed task; None when it was not a task that failed.
+        seed: Of the failed task; None as above.
+    """
+
+    def __init__(self, message: str, *, point: object = None, seed: int | None = None) -> None:
+        self.point = point
+        self.seed = seed
+        super().__init__(message)
+
+
+class JournalError(SfglabError, OSError):
+    """A file that cannot serve as a sweep's journal."""
+
+
+_PLAIN = (bool, int, float, str, type(None))
+
+
+def text_from_result(result: object) -> str:
+    """Return a result as one line of JSON.
+
+    Args:
+        result: A row, a mapping by column, or a tuple of them; NumPy's scalars become Python's.
+
+    Raises:
+        SweepError: It is something else.
+    """
+    if isinstance(result, tuple):
+        return json.dumps([_packed(row) for row in result])
+    return json.dumps(_packed(result))
+
+
+def result_from_text(text: str) -> Any:
+    """Return what `text_from_result` was given.
+
+    Args:
+        text: From `text_from_result`.
+    """
+    packed = json.loads(text)
+    return tuple(map(_unpacked, packed)) if isinstance(packed, list) else _unpacked(packed)
+
+
+def _packed(row: object) -> dict[str, object]:
+    if isinstance(row, Mapping):
+        return {"columns": {str(name): _plain(dict, str(name), value) for name, value in row.items()}}
+    if isinstance(row, type) or not is_dataclass(row):
+        raise SweepError(f"result: given {row!r}, needed is a row (a dataclass) or a tuple of rows")
+    kind = type(row)
+    values = [_plain(kind, field.name, getattr(row, field.name)) for field in fields(row)]
+    return {"row": f"{kind.__module__}:{kind.__qualname__}", "values": values}
+
+
+def _plain(kind: type, name: str, value: object) -> object:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if type(value) not in _PLAIN:
+        allowed = "bool, int, float, str and None"
+        raise SweepError(
+            f"row {kind.__qualname__}: {name}: given a {type(value).__name__}, allowed are {allowed}"
+        )
+    return value
+
+
+def _unpacked(packed: dict[str, Any]) -> Any:
+    if "columns" in packed:
+        return packed["columns"]
+    module, _, name = packed["row"].partition(":")
+    kind: Any = sys.modules[module] if module in sys.modules else import_module(module)
+    for part in name.split("."):
+        kind = getattr(kind, part)
+    names = [field.name for field in fields(kind)]
+    return kind(**dict(zip(names, packed["values"], strict=True)))
+
+
+# They have a part in the last bit of a float.
+_NUMERIC = ("llvmlite", "numba", "numpy", "scipy")
+
+
+def identity_of(task: Callable[..., object], points: Sequence[object]) -> dict[str, str]:
+    """Return what a journal is checked against: ``task``, ``points`` and ``code``.
+
+    Args:
+        task: A function of a module.
+        points: What it is given.
+
+    Raises:
+        SweepError: Points have no lasting text.
+    """
+    return {"task": name_of(task), "points": _points_digest(points), "code": code_digest(_source_of(task))}
+
+
+def name_of(task: Callable[..., object]) -> str:
+    """Return a function's full name.
+
+    Args:
+        task: A function of a module.
+
+    Raises:
+        SweepError: It is a lambda or inside another function, so that no other process finds it.
+    """
+    name = getattr(task, "__qualname__", "")
+    if not name or "<" in name:
+        raise SweepError(f"task: given {task!r}, needed is a function at the top of a module")
+    return f"{task.__module__}.{name}"
+
+
+def _points_digest(points: Sequence[object]) -> str:
+    texts = [repr(point) for point in points]
+    for text in texts:
+        if " at 0x" in text:
+            raise SweepError(
+                f"points: given {text}, needed are values whose repr says all (frozen dataclasses)"
+            )
+    return _digest("\n".join(texts).encode())
+
+
+def _source_of(task: Callable[..., object]) -> str:
+    """Return the source file of a task outside of sfglab, whose own files are looked at anyway."""
+    if task.__module__.partition(".")[0] == "sfglab":
+        return ""
+    try:
+        return inspect.getsourcefile(task) or ""
+    except TypeError:
+        return ""
+
+
+@cache
+def code_digest(source: str = "") -> str:
+    """Return the digest of sfglab's source files and of the numeric libraries' versions.
+
+    Args:
+        source: A file beside them.
+    """
+    root = Path(sfglab.__file__).parent
+    whole = hashlib.sha256()
+    for path in sorted(root.rglob("*.py"), key=lambda p: p.relative_to(root).as_posix()):
+        whole.update(f"{path.relative_to(root).as_posix()}\n{_digest(path.read_bytes())}\n".encode())
+    if source and Path(source).is_file():
+        whole.update(Path(source).read_bytes())
+    for library in _NUMERIC:
+        whole.update(f"{library} {version(library)}\n".encode())
+    return whole.hexdigest()[:16]
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:16]
 
 
 _log = logging.getLogger(__name__)

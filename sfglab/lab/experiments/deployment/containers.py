@@ -18,7 +18,7 @@ import yaml
 from sfglab.deploy.compose import FLEET_FILE
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.hosts import Network
-from sfglab.lab.workers.onlooker import OnlookerConfig
+from sfglab.lab.workers.graph_observer import ObserverConfig
 from sfglab.processes import ProcessFailedError
 
 if TYPE_CHECKING:
@@ -136,8 +136,8 @@ def _discovery(report: dict[str, Any]) -> set[str]:
 
 async def _look(outside: Host, pairs: Sequence[tuple[Deployment, Bundle]]) -> dict[int, list[str]]:
     domains = (pairs[0][0].network.global_domain, *(d.network.local_domain for d, _ in pairs))
-    config = OnlookerConfig(domains=domains, interface=outside.interface, seconds=LOOKING_S)
-    command = outside.argv([sys.executable, "-m", "sfglab.lab.workers.onlooker", config.to_json()])
+    config = ObserverConfig(domains=domains, interface=outside.interface, seconds=LOOKING_S)
+    command = outside.argv([sys.executable, "-m", "sfglab.lab.workers.graph_observer", config.to_json()])
     async with _running(command) as process:
         out, _ = await asyncio.wait_for(process.communicate(), LOOKING_S + MEETING_S)
     if not out:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sfglab.lab.workers.party import TRANSFORMS
+from sfglab.lab.workers.test_peer import TRANSFORMS
 from sfglab.names import TF, TF_STATIC, Resource, RosFqnBuilder, Scope, dds_topic
 
 if TYPE_CHECKING:

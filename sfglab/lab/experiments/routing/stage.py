@@ -14,7 +14,7 @@ from sfglab.fleet.routing.app import RouterConfig
 from sfglab.lab.experiments.routing.probes import in_table_1, service_names, topics
 from sfglab.lab.experiments.routing.rows import PartyRow
 from sfglab.lab.staging import Staged
-from sfglab.lab.workers.party import PartyConfig, TopicUse
+from sfglab.lab.workers.test_peer import PeerConfig, TopicUse
 from sfglab.names import dds_topic
 from sfglab.processes import LineProcess
 
@@ -93,7 +93,7 @@ class Stage(Staged):
 
     async def _start(self) -> None:
         routers = [self._launch(p, "sfglab.fleet.routing", self._router(p)) for p in self._agents]
-        talkers = [self._launch(p, "sfglab.lab.workers.party", self._party(p)) for p in self.parties]
+        talkers = [self._launch(p, "sfglab.lab.workers.test_peer", self._party(p)) for p in self.parties]
         started = await asyncio.gather(*routers, *talkers)
         for process in started[: len(routers)]:
             await process.expect("ready", timeout_s=START_S)
@@ -133,7 +133,7 @@ class Stage(Staged):
             for topic in self.topics
             if party.party in (*topic.publishers, *topic.subscribers)
         )
-        config = PartyConfig(
+        config = PeerConfig(
             party=party.party,
             address=self._local(party) if behind else self._global(party),
             behind_router=behind,

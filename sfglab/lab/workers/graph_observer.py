@@ -1,4 +1,4 @@
-"""Looks at DDS domains from outside: ``python -m sfglab.lab.workers.onlooker CONFIG``.
+"""Graph observer of DDS domains: ``python -m sfglab.lab.workers.graph_observer CONFIG``.
 
 Joins domains on one interface, collects every endpoint that anybody shows there for a while, and reports one
 JSON line, ``{"is": "seen", "domains": {"0": [...], ...}}``: names of topics, each as often as it has endpoints.
@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OnlookerConfig:
+class ObserverConfig:
     """Where to look, and how long."""
 
     domains: tuple[int, ...]  #: DDS domains.
@@ -26,7 +26,7 @@ class OnlookerConfig:
         return json.dumps(asdict(self))
 
 
-async def look(config: OnlookerConfig) -> dict[str, list[str]]:
+async def look(config: ObserverConfig) -> dict[str, list[str]]:
     """Return the topics of all endpoints that were ever shown, by domain."""
     from sfglab.bus import Node
 
@@ -49,7 +49,7 @@ async def look(config: OnlookerConfig) -> dict[str, list[str]]:
 def main(text: str) -> None:
     """Look and report."""
     values = json.loads(text)
-    seen = asyncio.run(look(OnlookerConfig(**(values | {"domains": tuple(values["domains"])}))))
+    seen = asyncio.run(look(ObserverConfig(**(values | {"domains": tuple(values["domains"])}))))
     sys.stdout.write(json.dumps({"is": "seen", "domains": seen}) + "\n")
 
 

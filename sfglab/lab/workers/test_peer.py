@@ -1,8 +1,8 @@
-"""Somebody who talks and listens: ``python -m sfglab.lab.workers.party CONFIG``.
+"""Test peer that publishes, subscribes, serves and calls: ``python -m sfglab.lab.workers.test_peer CONFIG``.
 
 Publishes on all topics that it is given, once or at a rate, and keeps count of what arrives from whom: how
 often, in which order, with which time stamp. Sees every endpoint of its domain. Orders and reports are JSON
-lines; see `Party.obey`.
+lines; see `TestPeer.obey`.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ import json
 import sys
 import time
 from collections import defaultdict
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import EndpointAdded
 from sfglab.bus.errors import BusError
 from sfglab.fleet.address import BusAddress
 from sfglab.fleet.component import run_component
-from sfglab.lab.workers.tally import Tally
 from sfglab.messages import default_message, message_type, ns_from_stamp, serialize, service_type, stamp_from_ns
 from sfglab.names import TF_STATIC
 from sfglab.qos import LATCHED, QoSProfile
@@ -29,8 +28,44 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus import Node, Service, Subscription
-    from sfglab.bus.api import EndpointInfo
+    from sfglab.bus.api import EndpointInfo, MessageInfo
     from sfglab.fleet.component import Report
+
+
+@dataclass(slots=True)
+class ReceiveStatistics:
+    """What arrived of one source under one name."""
+
+    numbers: set[int] = field(default_factory=set)  #: Numbers that arrived.
+    received: int = 0  #: Messages, repeated ones counted again.
+    repeated: int = 0  #: Messages whose number had arrived before.
+    disordered: int = 0  #: Messages that arrived after a later number.
+    restamped: int = 0  #: Messages whose source time stamp is not the publisher's.
+    misnamed: int = 0  #: Transforms without their source's prefix, or with one that they must not have.
+    ages_ns: list[int] = field(default_factory=list)  #: From publishing to receiving.
+
+    def note(self, number: int, stamp_ns: int, info: MessageInfo) -> None:
+        """Count one message."""
+        self.received += 1
+        self.repeated += number in self.numbers
+        self.disordered += bool(self.numbers) and number < max(self.numbers)
+        self.restamped += info.source_timestamp_ns != stamp_ns
+        self.numbers.add(number)
+        self.ages_ns.append(info.received_timestamp_ns - stamp_ns)
+
+    def report(self) -> dict[str, Any]:
+        """Return the counts as JSON values."""
+        span = max(self.numbers) - min(self.numbers) + 1 if self.numbers else 0
+        ages = sorted(self.ages_ns)
+        return {
+            "received": self.received,
+            "repeated": self.repeated,
+            "disordered": self.disordered,
+            "restamped": self.restamped,
+            "missing": span - len(self.numbers),
+            "misnamed": self.misnamed,
+            "age_ns": ages[len(ages) // 2] if ages else None,
+        }
 
 
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
@@ -45,7 +80,7 @@ LATE = QoSProfile(depth=100, durability=LATCHED.durability)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicUse:
-    """One topic and what the party does with it."""
+    """One topic and what the peer does with it."""
 
     name: str  #: ROS name.
     type: str  #: ROS type.
@@ -60,8 +95,8 @@ class TopicUse:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PartyConfig:
-    """What a party is told when it starts."""
+class PeerConfig:
+    """What a peer is told when it starts."""
 
     party: str  #: Its name.
     address: BusAddress  #: Where on the bus it stands.
@@ -75,7 +110,7 @@ class PartyConfig:
         return json.dumps(asdict(self))
 
     @classmethod
-    def from_json(cls, text: str) -> PartyConfig:
+    def from_json(cls, text: str) -> PeerConfig:
         """Read what `to_json` wrote."""
         values = json.loads(text)
         values["address"] = BusAddress(**values["address"])
@@ -83,8 +118,8 @@ class PartyConfig:
         return cls(**{**values, "serves": tuple(values["serves"])})
 
 
-class Party:
-    """A party on its node.
+class TestPeer:
+    """A test peer on its node.
 
     Args:
         node: Where it stands.
@@ -92,11 +127,11 @@ class Party:
         report: Takes reports.
     """
 
-    def __init__(self, node: Node, config: PartyConfig, report: Callable[[Report], None]) -> None:
+    def __init__(self, node: Node, config: PeerConfig, report: Callable[[Report], None]) -> None:
         self._node = node
         self._config = config
         self._report = report
-        self._heard: dict[tuple[str, str], Tally] = defaultdict(Tally)
+        self._heard: dict[tuple[str, str], ReceiveStatistics] = defaultdict(ReceiveStatistics)
         self._last_s = 0.0
         self._endpoints: set[tuple[str, str, str, str]] = set()
         self._sent = 0
@@ -270,12 +305,12 @@ def main() -> None:
     """Be the process: serve until standard input ends or until told to terminate."""
     from sfglab.bus import Node
 
-    config = PartyConfig.from_json(sys.argv[1])
+    config = PeerConfig.from_json(sys.argv[1])
     orders: asyncio.Queue[Report] = asyncio.Queue()
 
     async def body(report: Callable[[Report], None]) -> None:
         async with Node(config.party, **config.address.options()) as node:
-            await Party(node, config, report).serve(orders)
+            await TestPeer(node, config, report).serve(orders)
 
     run_component(body, on_order=orders.put_nowait)
 
