@@ -1,9 +1,11 @@
-"""The bridge: Eq. 4, both trees of Fig. 6, counts and times, and a live run over DDS."""
+"""The bridge: Eq. 4, both trees of Fig. 6, its status, its mapping of objects to frames, and a live run over DDS."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.bus import Node
-from sfglab.messages import message_type
+from sfglab.documents import DocumentError
+from sfglab.messages import deserialize, message_type, ns_from_stamp, serialize
 from sfglab.names import TF_STATIC
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames import (
@@ -29,18 +32,21 @@ from sfglab.spatial.mocap import (
     BridgeCore,
     Capture,
     Lapse,
+    Limits,
     MappedObject,
     MocapBridge,
     MocapMapping,
     SyntheticConfig,
     SyntheticMotion,
     SyntheticSource,
+    Verdict,
+    load_mapping,
     mocap_trees,
     read_mapping,
     status_topic,
     synthetic_captures,
 )
-from sfglab.spatial.mocap.bridge import STATUS, STATUS_QOS
+from sfglab.spatial.mocap.bridge import STATUS, STATUS_QOS, status_message
 from sfglab.spatial.mocap.mapping import PlacingError, direct_name, place_via_proxy
 from sfglab.spatial.mocap.tracking import TrackState
 
@@ -142,24 +148,6 @@ def test_the_direct_receiver_joins_subject_and_segment():
     assert direct_name("drone") == "drone_drone"
 
 
-def test_the_core_keeps_three_times_and_counts_everything():
-    core = BridgeCore(FIG_6, robot_tree())
-    published = [core.take(c, c.receipt_ns + 500_000) for c in (capture(0), capture(1), capture(4))]
-    assert [t.stamp_ns for (t,) in published] == [S, S + 10_000_000, S + 40_000_000]
-    lapses = (Lapse.OCCLUDED, Lapse.INVALID, Pose.at((50, 0, 0)))
-    for number, sight in enumerate(lapses, start=5):
-        assert core.take(capture(number, **{"agent_x/markers": sight}), 0) == ()
-    core.take(capture(8, stranger=Pose()), 0)
-    (status,) = core.statuses
-    assert (core.captures, core.dropped, core.unmapped) == (7, 2, {"stranger": 1})
-    assert status.verdicts == {"sound": 3, "occluded": 1, "invalid": 1, "jumped": 1}
-    assert (status.published, status.unplaced, status.absent) == (3, 0, 1)
-    assert (status.state, status.frame) == (TrackState.SUSPECT, "agent_x/base")
-    assert status.capture_ns == S + 40_000_000
-    assert (status.receipt_latency.median_ns, status.receipt_latency.largest_ns) == (6_000_000, 6_000_000)
-    assert status.publication_latency.median_ns == 500_000
-
-
 def test_a_server_that_begins_anew_has_dropped_nothing():
     core = BridgeCore(FIG_6, robot_tree())
     for number, stamp in ((100, 0), (0, 1), (1, 2)):
@@ -250,3 +238,123 @@ def test_whatever_the_robots_tree_the_proxy_stands_where_it_was_seen_and_the_tre
     buffer.insert(transform)
     assert buffer.look_up("map", via, S).same_as(seen, within_m=1e-9, within_rad=1e-6)
     assert lint_frames(buffer.edges, root="map", rule=FrameRule(agents=frozenset({"a"}))) == ()
+
+
+TWO = read_mapping("world: map\nobjects: {x: {via: a/markers}, y: {via: b/markers}}")
+
+
+def bridge():
+    buffer = FrameBuffer()
+    link = StampedTransform(parent="a/base", child="a/markers", stamp_ns=0, pose=Pose())
+    buffer.insert(link, static=True)
+    return BridgeCore(TWO, buffer)
+
+
+def test_every_object_of_the_mapping_is_told_with_its_counts_and_times():
+    core = bridge()
+    sights = (
+        {"x": Pose(), "z": Pose()},
+        {"x": Lapse.OCCLUDED},
+        {"x": Lapse.INVALID},
+        {"x": Pose.at((90, 0, 0)), "y": Pose()},
+    )
+    for number, seen in enumerate(sights):
+        time_ns = S + number * 10_000_000
+        capture = Capture(number=2 * number, capture_ns=time_ns, receipt_ns=time_ns + 6_000_000, sights=seen)
+        published = core.take(capture, time_ns + 7_000_000)
+        assert [t.stamp_ns for t in published] == ([S] if number == 0 else [])
+    assert core.statuses[0].receipt_latency.largest_ns == 6_000_000
+    told = deserialize(serialize(status_message(core, 5 * S)), STATUS)
+    assert (ns_from_stamp(told.stamp), told.world) == (5 * S, "map")
+    assert (told.captures, told.dropped, told.unmapped) == (4, 3, 1)
+    x, y = told.objects
+    assert (x.id, x.frame, x.state) == ("x", "a/base", x.SUSPECT)
+    assert (x.published, x.sound, x.occluded, x.invalid, x.jumped, x.absent) == (1, 1, 1, 1, 1, 0)
+    assert (ns_from_stamp(x.captured), x.receipt_latency_s, x.publication_latency_s) == (S, 0.006, 0.001)
+    assert (y.published, y.unplaced, y.absent) == (0, 1, 3)
+    assert "'b/markers' is unknown" in y.problem
+    assert math.isnan(y.receipt_latency_s)
+
+
+def test_states_and_verdicts_have_the_interface_s_names():
+    told = status_message(bridge(), 0).objects[0]
+    assert {getattr(told, state.name) for state in TrackState} == {0, 1, 2, 3}
+    assert all(hasattr(told, verdict.value) for verdict in Verdict)
+
+
+def test_the_status_is_global_so_that_routers_let_it_cross():
+    assert status_topic() == "/global/mocap_status"
+    assert status_topic("go2") == "/global/go2/mocap_status"
+
+
+EXAMPLE = Path(__file__).parents[2] / "data" / "mocap" / "two_agents.yaml"
+
+
+def test_the_example_says_what_it_says():
+    mapping = load_mapping(EXAMPLE)
+    assert mapping.world == "map"
+    assert mapping.objects["agent_x/markers"] == MappedObject(
+        id="agent_x/markers", via="agent_x/markers", frame="agent_x/base"
+    )
+    go2 = mapping.objects["Go2 Body"]
+    assert (go2.via, go2.frame, go2.offset) == ("go2/base", "", Pose.at((0.031, -0.002, -0.118)))
+    assert mapping.limits == Limits(speed_m_s=6.0, turn_rad_s=10.0)
+
+
+GOOD = "world: map\nobjects:\n  a:\n    via: a/markers\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", r"m\.yaml:1: nothing is given, allowed: a mapping of keys to values"),
+        ("[1]", r"m\.yaml:1: given \[1\], allowed: a mapping of keys to values"),
+        ("objects: {a: {via: b}}", r"m\.yaml:1: world: nothing is given, allowed: 'world' is needed here"),
+        ("world: map\nobjects: {}\n", r"m\.yaml:2: objects: given \{\}, allowed: .* at least one"),
+        ("world: map\nobjects: [a]\n", r"m\.yaml:2: objects: given \['a'\], allowed: a mapping"),
+        ("world: /map\nobjects: {a: {via: b}}", r"m\.yaml:1: world: given '/map', .* without leading slash"),
+        (GOOD + "    vai: b\n", r"m\.yaml:5: objects\.a\.vai: given 'vai', .*; did you mean 'via'\?"),
+        ("world: map\nobjects: {a: {frame: b}}", r"m\.yaml:2: objects\.a\.via: nothing is given"),
+        ("world: map\nobjects: {a: {via: 3}}", r"objects\.a\.via: given 3, allowed: the name of a frame"),
+        (
+            GOOD + "    frame:\n",
+            r"m\.yaml:5: objects\.a\.frame: nothing is given, allowed: the name of a frame",
+        ),
+        (GOOD + "  a:\n    via: c\n", r"m\.yaml:5: objects\.a: given 'a', allowed: each key once"),
+        (GOOD + "  b:\n    via: a/markers\n", r"m\.yaml:6: objects\.b\.via: .* objects\.a\.via has that one"),
+        (
+            GOOD + "    frame: x\n  b: {via: c, frame: x}\n",
+            r"m\.yaml:6: objects\.b\.frame: given 'x', .* objects\.a\.frame has",
+        ),
+        (GOOD + "  b: {via: map}\n", r"objects\.b\.via: given 'map', .* world has that one"),
+        (GOOD + "  3: {via: c}\n", r"objects\.3: given '3', allowed: a key that is text"),
+        (GOOD + "    offset:\n", r"m\.yaml:5: objects\.a\.offset: nothing is given, allowed: a mapping"),
+        (GOOD + "    offset: {}\n", r"m\.yaml:5: objects\.a\.offset\.position_m: nothing is given"),
+        (GOOD + "    offset: {position_m: [1, 2]}\n", r"offset\.position_m: .* 3 numbers, all finite"),
+        (GOOD + "    offset: {position_m: [1, 2, .nan]}\n", r"offset\.position_m: .* finite"),
+        (GOOD + "    offset: {position_m: [1, 2, x]}\n", r"position_m: given .* 3 numbers"),
+        (
+            GOOD + "    offset:\n      position_m: [0, 0, 0]\n      quat_xyzw: [0, 0, 0, 0]\n",
+            r"m\.yaml:7: objects\.a\.offset\.quat_xyzw: .* length",
+        ),
+        (GOOD + "limits: {speed: 3}\n", r"m\.yaml:5: limits\.speed: given 'speed', .*did you mean 'speed_m_s'"),
+        (GOOD + "limits: {speed_m_s: -1}\n", r"limits\.speed_m_s: given -1, allowed: a number above zero"),
+        (GOOD + "limits: {speed_m_s: .nan}\n", r"limits\.speed_m_s: given nan"),
+        (GOOD + "limits: {speed_m_s: yes}\n", r"limits\.speed_m_s: given True"),
+        ("world: [", r"m\.yaml:1: given .*, allowed: YAML"),
+    ],
+)
+def test_what_the_mapping_must_not_say_is_refused_with_its_place(text, says):
+    with pytest.raises(DocumentError, match=says):
+        read_mapping(text, file="m.yaml")
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(DocumentError, match=r"none\.yaml.*readable text file"):
+        load_mapping(tmp_path / "none.yaml")
+
+
+def test_a_mapping_that_is_built_is_checked_too():
+    objects = {id_: MappedObject(id=id_, via="a/markers") for id_ in ("a", "b")}
+    with pytest.raises(DocumentError, match="a frame of its own"):
+        MocapMapping(world="map", objects=objects)

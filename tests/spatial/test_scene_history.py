@@ -263,31 +263,12 @@ def test_undo_after_removing_a_subtree_restores_ids_order_and_references(planned
     assert editor.redo_label is None
 
 
-def test_an_edit_after_undo_drops_what_could_be_redone(planned):
-    editor, _, agent, _, _ = planned
-    editor.do(Rename(id=agent, name="spot"))
-    editor.undo()
-    assert editor.redo_label == "Rename"
-    editor.do(SetProperty(id=agent, key="radius_m", value=0.5))
-    assert editor.redo_label is None
-    assert not editor.redo()
-    assert editor.scene.get(agent).name == "go2"
-
-
 def test_an_edit_that_changes_nothing_leaves_no_step_and_keeps_redo(planned):
     editor, _, agent, _, _ = planned
     editor.do(Rename(id=agent, name="spot"))
     editor.undo()
     assert not editor.do(Rename(id=agent, name="go2"))
     assert editor.redo()
-
-
-def test_an_id_whose_addition_was_undone_is_not_given_again(planned):
-    editor = planned[0]
-    first = editor.add("agent", "a")
-    editor.undo()
-    second = editor.add("agent", "b")
-    assert second > first
 
 
 def test_a_drag_is_one_step_and_two_drags_are_two(planned):
@@ -328,14 +309,6 @@ def test_undo_in_the_middle_of_a_drag_takes_the_drag_back_and_ends_it(planned):
     editor.do(SetPose(id=points[1], pose=Pose.at((1.0, 3.0, 0.0))))
     editor.undo()
     assert editor.scene.get(points[1]).pose.position_m == (1.0, 2.0, 0.0)
-
-
-def test_several_edits_are_done_all_or_none(planned):
-    editor, _, agent, _, _ = planned
-    before = editor.scene
-    with pytest.raises(SceneError):
-        editor.do(Several(commands=(Rename(id=agent, name="a"), Rename(id=agent, name="")), label="Rename"))
-    assert editor.scene is before
 
 
 def test_the_oldest_steps_are_forgotten_first():
