@@ -1,4 +1,4 @@
-"""Frames: look-up along chains and times, the lint of trees and names, transforms from the bus and from logs."""
+"""Frames: look-up along chains and times, the lint of trees, transforms from the bus and from logs."""
 
 from __future__ import annotations
 

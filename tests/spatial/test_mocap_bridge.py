@@ -1,4 +1,4 @@
-"""The bridge: Eq. 4, both trees of Fig. 6, its status, its mapping of objects to frames, and a live run over DDS."""
+"""The bridge: Eq. 4, both trees of Fig. 6, its status, its mapping of objects to frames, and a live run."""
 
 from __future__ import annotations
 

@@ -329,10 +329,11 @@ def test_a_job_that_fails_is_told_and_the_next_one_is_done():
 
 
 def test_conflicts_are_found_of_the_newest_scene_while_older_ones_are_left_out():
-    checked, found, gate = [], threading.Event(), threading.Event()
+    checked, begun, found, gate = [], threading.Event(), threading.Event(), threading.Event()
 
     def check(scene):
         checked.append(scene.name)
+        begun.set()
         gate.wait(60.0)
         return ()
 
@@ -342,8 +343,7 @@ def test_conflicts_are_found_of_the_newest_scene_while_older_ones_are_left_out()
 
     watch = ConflictWatch(heard, print, quiet_s=0.01, check=check)
     watch.look(Scene(name="s0"))
-    while not checked:  # the first one is being checked now
-        pass
+    assert begun.wait(60.0)
     for i in range(1, 10):
         watch.look(Scene(name=f"s{i}"))
     gate.set()

@@ -43,6 +43,20 @@ def values(drawn, component):
     raise AssertionError(component)
 
 
+def coded(fields, type_name="sensor_msgs/msg/CompressedImage"):
+    message = default_message(type_name)
+    message.format, message.data = fields.format, np.frombuffer(fields.data, np.uint8)
+    return message
+
+
+def moved(parent, child, stamp_ns=0, x=0.0):
+    transform = default_message("geometry_msgs/msg/TransformStamped")
+    transform.header.frame_id, transform.child_frame_id = parent, child
+    transform.header.stamp = stamp_from_ns(stamp_ns)
+    transform.transform.translation.x = x
+    return transform  # its quaternion of all zeros is no rotation
+
+
 def posed(message, position=(1, 2, 3), quaternion=(0, 0, 0, 1)):
     for axis, value in zip("xyz", position, strict=True):
         setattr(message.position, axis, float(value))
@@ -82,8 +96,7 @@ def test_a_bgr_picture_keeps_its_order_of_channels(paper, update, make_image):
 @pytest.mark.parametrize("codec", ["jpeg", "png"])
 def test_a_still_picture_goes_to_the_viewer_as_it_is(paper, update, codec):
     fields = compressed_image_fields(np.full((4, 6, 3), 90, np.uint8), codec)
-    message = default_message("sensor_msgs/msg/CompressedImage")
-    message.format, message.data = fields.format, np.frombuffer(fields.data, np.uint8)
+    message = coded(fields)
     made("compressed_image").show(update(image=message), paper)
     assert values(paper.drawn[0], "media_type") == [f"image/{codec}"]
     assert bytes(values(paper.drawn[0], "blob")[0]) == fields.data
@@ -94,8 +107,7 @@ def test_a_still_picture_goes_to_the_viewer_as_it_is(paper, update, codec):
 def test_compressed_depth_is_decoded_to_metres(paper, update, codec, dtype):
     depth = np.full((8, 8), 2000 if dtype == np.uint16 else 2.0, dtype)
     fields = compressed_depth_fields(depth, codec)
-    message = default_message("sensor_msgs/msg/CompressedImage")
-    message.format, message.data = fields.format, np.frombuffer(fields.data, np.uint8)
+    message = coded(fields)
     made("compressed_image").show(update(image=message), paper)
     assert paper.kinds("/image") == ["DepthImage"]
     per_metre = values(paper.drawn[0], "meter")[0]
@@ -156,8 +168,7 @@ def test_foxglove_video_starts_with_a_key_frame_and_waits_for_one_after_a_drop(p
     visualizer = made("compressed_video")
     for frame in frames[1:]:  # begins in the middle of a group
         fields = compressed_video_fields(frame)
-        message = default_message("foxglove_msgs/msg/CompressedVideo")
-        message.format, message.data = fields.format, np.frombuffer(fields.data, np.uint8)
+        message = coded(fields, "foxglove_msgs/msg/CompressedVideo")
         visualizer.show(update(video=message, lost=1 if frame.pts == 6 else 0), paper)
     assert len([d for d in paper.drawn if not d.static]) == 2  # frames 4 and 5
     assert [has_key_frame(f.data, "h264") for f in frames] == [f.is_key for f in frames]
@@ -212,8 +223,7 @@ def test_depth_with_its_camera_info_becomes_points(paper, update, make_image, ki
     message = make_image(depth, "16UC1")
     if kind == "compressed_depth_cloud":
         fields = compressed_depth_fields(depth)
-        message = default_message("sensor_msgs/msg/CompressedImage")
-        message.format, message.data = fields.format, np.frombuffer(fields.data, np.uint8)
+        message = coded(fields)
         message.header.frame_id = "camera"
     made(kind, decimation=2).show(update(depth=message, info=camera_info()), paper)
     (drawn,) = paper.at_entity("/depth/cloud")
@@ -239,11 +249,7 @@ def test_points_take_the_colours_of_a_registered_picture(paper, update, make_ima
 def test_transforms_stand_at_their_frames_with_their_own_times(tmp_path, read_rrd, update):
     path, message = tmp_path / "tf.rrd", default_message("tf2_msgs/msg/TFMessage")
     for number, (parent, child) in enumerate([("map", "go2/base"), ("go2/base", "go2/camera")], start=1):
-        transform = default_message("geometry_msgs/msg/TransformStamped")
-        transform.header.frame_id, transform.child_frame_id = parent, child
-        transform.header.stamp = stamp_from_ns(number * S)
-        transform.transform.translation.x = float(number)
-        message.transforms.append(transform)  # a quaternion of all zeros is no rotation
+        message.transforms.append(moved(parent, child, number * S, float(number)))
     with closing(open_canvas([str(path)])) as canvas:
         canvas.at(stamp_ns=9, received_ns=9)
         made("tf").show(update(tf=message, received_ns=77), canvas)
@@ -260,10 +266,7 @@ def test_a_frame_that_is_sent_often_does_not_silence_another(paper, update):
     for step in range(100):
         message = default_message("tf2_msgs/msg/TFMessage")
         for child in ["often"] + ["seldom"] * (step == 50):
-            transform = default_message("geometry_msgs/msg/TransformStamped")
-            transform.header.frame_id, transform.child_frame_id = "map", child
-            transform.header.stamp = stamp_from_ns(S + step * S // 100)
-            message.transforms.append(transform)
+            message.transforms.append(moved("map", child, S + step * S // 100))
         visualizer.show(update(tf=message), paper)
     assert len(paper.at_entity("/tf/often")) in (10, 11)  # in one second, begun at once
     assert len(paper.at_entity("/tf/seldom")) == 1
@@ -271,8 +274,7 @@ def test_a_frame_that_is_sent_often_does_not_silence_another(paper, update):
 
 def test_a_static_transform_holds_for_all_times(paper, update):
     message = default_message("tf2_msgs/msg/TFMessage")
-    message.transforms = [default_message("geometry_msgs/msg/TransformStamped")]
-    message.transforms[0].child_frame_id = "imu"
+    message.transforms = [moved("", "imu")]
     made("tf_static").show(update(tf=message), paper)
     assert [d.static for d in paper.at_entity("/tf/imu")] == [True, True]
     assert paper.kinds("/tf/imu") == ["Transform3D", "TransformAxes3D"]
