@@ -25,6 +25,13 @@ if TYPE_CHECKING:
 NO_GOAL_ID = bytes(16)
 
 
+CANCEL_GOAL = "action_msgs/srv/CancelGoal"
+STATUS = "action_msgs/msg/GoalStatusArray"
+# rcl_action's rcl_action_qos_profile_status_default; feedback has rmw's default, services their own.
+STATUS_QOS = LATCHED
+FEEDBACK_QOS = DEFAULT
+
+
 class GoalStatus(IntEnum):
     """Where a goal is in its life; the numbers of `action_msgs/msg/GoalStatus`."""
 
@@ -191,13 +198,6 @@ class GoalBook:
 
     def _cancelable(self, goal_id: bytes) -> bool:
         return is_allowed(self.status(goal_id), GoalEvent.CANCEL_GOAL)
-
-
-CANCEL_GOAL = "action_msgs/srv/CancelGoal"
-STATUS = "action_msgs/msg/GoalStatusArray"
-# rcl_action's rcl_action_qos_profile_status_default; feedback has rmw's default, services their own.
-STATUS_QOS = LATCHED
-FEEDBACK_QOS = DEFAULT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

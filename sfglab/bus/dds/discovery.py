@@ -67,6 +67,13 @@ _ENCAPSULATION = b"\0\1\0\0"  # CDR, little endian (RTPS 2.5, clause 10.2.1.2)
 _DELAY_S = 0.01
 
 
+_BATCH = 128
+_BUILTIN_TYPES = b"org::eclipse::cyclonedds::builtin::"
+_KINDS = {BUILTIN_PUBLICATION: EndpointKind.PUBLISHER, BUILTIN_SUBSCRIPTION: EndpointKind.SUBSCRIPTION}
+Change = tuple[bytes, EndpointInfo | None]
+"""An endpoint's gid and what is known about it, None when it, or the participant of that gid, has gone."""
+
+
 def gid_bytes(distro: str | None = None) -> int:
     """Return the size of a GID in `ros_discovery_info`.
 
@@ -236,14 +243,6 @@ class DiscoveryInfo:
 
 def _ignore() -> None:
     """Take no notice of a change of the matching endpoints."""
-
-
-_BATCH = 128
-_BUILTIN_TYPES = b"org::eclipse::cyclonedds::builtin::"
-_KINDS = {BUILTIN_PUBLICATION: EndpointKind.PUBLISHER, BUILTIN_SUBSCRIPTION: EndpointKind.SUBSCRIPTION}
-
-Change = tuple[bytes, EndpointInfo | None]
-"""An endpoint's gid and what is known about it, None when it, or the participant of that gid, has gone."""
 
 
 @dataclass(frozen=True, slots=True)

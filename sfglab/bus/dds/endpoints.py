@@ -44,6 +44,12 @@ _PADDING = ct.create_string_buffer(4)
 _PADDING_ADDRESS = ct.addressof(_PADDING)
 
 
+_BATCH = 64
+_MAX_MATCHED = 4096
+UNKNOWN_GID = bytes(16)
+"""Stands for an endpoint that was gone before anybody could look."""
+
+
 def sertype_of(entity: int) -> int | None:
     """Return what the samples of a writer are made with."""
     sertype = ct.c_void_p()
@@ -93,12 +99,6 @@ def stamp(serdata: int, source_timestamp_ns: int) -> None:
     field = ct.c_int64.from_address(serdata + TIMESTAMP_OFFSET)
     assert field.value == TIMESTAMP_INVALID, "this Cyclone DDS has another serdata layout"
     field.value = source_timestamp_ns
-
-
-_BATCH = 64
-_MAX_MATCHED = 4096
-UNKNOWN_GID = bytes(16)
-"""Stands for an endpoint that was gone before anybody could look."""
 
 
 def delete_writer(handle: int) -> None:

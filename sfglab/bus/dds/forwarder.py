@@ -49,6 +49,17 @@ if TYPE_CHECKING:
 _log = logging.getLogger("sfglab.bus")
 
 
+MAX_BLOCKING_NS = 5_000_000
+"""How long a KEEP_ALL writer may block on slow readers, nanoseconds: meanwhile no other topic is served."""
+_log = logging.getLogger("sfglab.bus")
+# Measured for 64 bytes at full speed: sent together they cost the router a third less system time.
+_PACKET_BYTES = 1024
+_BATCH = 64
+# What a KEEP_ALL reader may hold before its senders have to wait: a target slower than its source would
+# otherwise fill the memory. Measured: 256 halve the rate of 64-byte messages, more than this gains nothing.
+_MAX_KEPT = 1024
+
+
 def wire_type(dds_topic: str, type_: str) -> type[Any]:
     """Return the Cyclone DDS type of a topic's samples.
 
@@ -77,14 +88,6 @@ def _opaque(type_: str) -> type[Any]:
         type_,
     )
     return opaque_idl_struct(type_)
-
-
-MAX_BLOCKING_NS = 5_000_000
-"""How long a KEEP_ALL writer may block on slow readers, nanoseconds: meanwhile no other topic is served."""
-
-_log = logging.getLogger("sfglab.bus")
-# Measured for 64 bytes at full speed: sent together they cost the router a third less system time.
-_PACKET_BYTES = 1024
 
 
 class DdsRawWriter:
@@ -153,12 +156,6 @@ class DdsRawWriter:
             self._failed = True
             _log.warning("forwarding: a sample was not sent on (%s); more are only counted", error_text(code))
         return RETCODE_ERROR
-
-
-_BATCH = 64
-# What a KEEP_ALL reader may hold before its senders have to wait: a target slower than its source would
-# otherwise fill the memory. Measured: 256 halve the rate of 64-byte messages, more than this gains nothing.
-_MAX_KEPT = 1024
 
 
 class DdsForwarder:

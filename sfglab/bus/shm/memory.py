@@ -16,6 +16,11 @@ from sfglab.bus.shm.wire import DATA_OFFSET_BYTES, HEADER_BYTES, PAGE_BYTES
 _STEPS_PER_OCTAVE = 4
 
 
+# linux/fcntl.h; the fcntl module lacks these in some builds.
+_F_ADD_SEALS, _F_GET_SEALS = 1033, 1034
+_F_SEAL_SEAL, _F_SEAL_SHRINK, _F_SEAL_GROW = 1, 2, 4
+
+
 class SlotPool:
     """Slots in an arena, each counted by its users.
 
@@ -97,11 +102,6 @@ def slot_capacity(size: int) -> int:
     pages = -(-(size + DATA_OFFSET_BYTES) // PAGE_BYTES)
     step = max(1, (1 << (pages.bit_length() - 1)) // _STEPS_PER_OCTAVE)
     return -(-pages // step) * step * PAGE_BYTES
-
-
-# linux/fcntl.h; the fcntl module lacks these in some builds.
-_F_ADD_SEALS, _F_GET_SEALS = 1033, 1034
-_F_SEAL_SEAL, _F_SEAL_SHRINK, _F_SEAL_GROW = 1, 2, 4
 
 
 class OwnArena:

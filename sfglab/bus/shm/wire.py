@@ -44,6 +44,10 @@ ANNOUNCE_BYTES = _ANNOUNCE.size
 RETURN_BYTES = _RETURNS[-1].size
 
 
+_UCRED = struct.Struct("3i")  # pid, uid, gid (unix(7), SO_PEERCRED)
+_BACKLOG = 128
+
+
 class ProtocolError(BusError, ValueError):
     """A peer sent what no peer of this version sends."""
 
@@ -141,10 +145,6 @@ def unpack_returns(datagram: bytes) -> tuple[int, ...]:
     if rest or not 1 <= count <= RETURN_MAX:
         raise ProtocolError(datagram, f"a return of 8 to {RETURN_BYTES} bytes")
     return _RETURNS[count].unpack(datagram)
-
-
-_UCRED = struct.Struct("3i")  # pid, uid, gid (unix(7), SO_PEERCRED)
-_BACKLOG = 128
 
 
 def listen(name: str) -> socket.socket:

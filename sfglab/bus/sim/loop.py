@@ -22,6 +22,13 @@ if TYPE_CHECKING:
 _SHOWN_TASKS = 5
 
 
+START_NS = 1_767_225_600_000_000_000
+"""Where virtual time begins: 2026-01-01, Unix time in nanoseconds, so that stamps look like stamps."""
+NEVER_NS = 2**62
+"""Later than every time of a simulation."""
+_Event = tuple[int, int, "Callable[..., None]", tuple[Any, ...]]
+
+
 class SimulationError(BusError, RuntimeError):
     """The root of what can go wrong only in a simulation."""
 
@@ -67,15 +74,6 @@ def _place(coroutine: Any) -> str:
         coroutine = inner
     frame = getattr(coroutine, "cr_frame", None)
     return "" if frame is None else f" in {frame.f_code.co_qualname}, line {frame.f_lineno}"
-
-
-START_NS = 1_767_225_600_000_000_000
-"""Where virtual time begins: 2026-01-01, Unix time in nanoseconds, so that stamps look like stamps."""
-
-NEVER_NS = 2**62
-"""Later than every time of a simulation."""
-
-_Event = tuple[int, int, "Callable[..., None]", tuple[Any, ...]]
 
 
 class VirtualLoop(asyncio.BaseEventLoop):

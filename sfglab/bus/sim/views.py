@@ -17,6 +17,11 @@ if TYPE_CHECKING:
     from sfglab.bus.sim.settings import Clockwork
 
 
+_CROSSINGS = 4
+"""Of the network, until two participants have met: SPDP, the answer with a heartbeat, a request, the data."""
+_MASK = 2**64 - 1
+
+
 @dataclass(frozen=True, slots=True)
 class Gap:
     """A time in which two participants do not hear each other."""
@@ -48,10 +53,6 @@ def known_spans(learnt_ns: int, forgotten_ns: int, gaps: list[Gap]) -> list[tupl
             spans.append((start, gap.lost_ns))
             start = gap.back_ns
     return [*spans, (start, end)] if start < end else spans
-
-
-_CROSSINGS = 4
-"""Of the network, until two participants have met: SPDP, the answer with a heartbeat, a request, the data."""
 
 
 class Views:
@@ -169,9 +170,6 @@ class Views:
             wait_ns = min(-(end_ns - p.born_ns) % p.interval_ns for p in (participant, silent))
             back_ns = end_ns + wait_ns + self._meeting_ns(participant, silent)
         return Gap(start_ns, end_ns, lost_ns, back_ns)
-
-
-_MASK = 2**64 - 1
 
 
 def _uniform(seed: int, one: int, other: int) -> float:
