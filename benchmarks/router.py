@@ -1,12 +1,11 @@
 """What the router costs: a talker and a listener in two domains, against the same two in one.
 
-Three processes on loopback: talker, router (``python -m sfglab.fleet.routing``), listener; for the direct arm
-the router stands idle and the listener is in the talker's domain. Talker and listener touch samples as little
-as possible, so the difference is the router. Measured are the latency of 64-byte messages at 200 Hz and of
-691 kB images at 30 Hz, from the source time stamp to the moment the listener takes the sample, and how many
-64-byte messages and bytes of images pass in a second when the talker sends as fast as RELIABLE and KEEP_ALL
-let it. Rounds of the arms alternate, so that other load on the machine falls on both; ratios are within a
-round.
+Three processes on loopback: talker, router (``python -m sfglab.fleet.router.node``), listener; for the direct
+arm the router stands idle and the listener is in the talker's domain. Talker and listener touch samples as
+little as possible, so the difference is the router. Measured are the latency of 64-byte messages at 200 Hz and
+of 691 kB images at 30 Hz, from the source time stamp to the moment the listener takes the sample, and how many
+64-byte messages and bytes of images pass in a second when the talker sends as fast as RELIABLE and KEEP_ALL let
+it. Rounds of the arms alternate, so that other load on the machine falls on both; ratios are within a round.
 
     python benchmarks/router.py --seconds 5 --rounds 5
 """
@@ -27,9 +26,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.bus import Node, PublishError
+from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.clib import ANY_STATE, SampleInfo, library
-from sfglab.fleet.address import BusAddress
-from sfglab.fleet.routing.app import RouterConfig
+from sfglab.component import argument_of
+from sfglab.fleet.router.node import RouterConfig
 from sfglab.messages import default_message, serialize
 from sfglab.messages.dds import idl_struct
 from sfglab.qos import History, QoSProfile
@@ -167,7 +167,7 @@ def measure(load: str, arm: str, domain_id: int, seconds: float) -> dict[str, An
         remote=BusAddress(domain_id=domain_id + 1, interface="lo"),
     )
     with children(
-        ("-m", "sfglab.fleet.routing", config.to_json()),
+        ("-m", "sfglab.fleet.router.node", argument_of(config)),
         (__file__, "listen", load, str(far)),
         (__file__, "talk", load, str(domain_id), str(seconds)),
     ) as (_, listener, talker):

@@ -18,7 +18,7 @@ import sys
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.errors import SfglabError
-from sfglab.fields import from_json
+from sfglab.fields import from_json, to_json
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
@@ -55,19 +55,24 @@ def run_component(
     report = claim_standard_output()
     orders: asyncio.Queue[Report] = asyncio.Queue()
     try:
-        run(_until_told(serve(config_from_argument(config_class), report, orders), orders))
+        run(_until_told(serve(config_from_argument(config_class, sys.argv[1]), report, orders), orders))
     except SfglabError as error:
         report({"is": "failed", "why": str(error)})
         sys.exit(1)
 
 
-def config_from_argument(config_class: type[C]) -> C:
-    """Return this process's configuration: its first argument.
+def argument_of(config: Any) -> str:
+    """Return a configuration as a process's argument: a text as it is, anything else as JSON."""
+    return config if isinstance(config, str) else json.dumps(to_json(config))
+
+
+def config_from_argument(config_class: type[C], argument: str) -> C:
+    """Return the configuration that an argument is of.
 
     Raises:
-        InvalidValueError: It is none.
+        SfglabError: It is none, or one that is not allowed.
     """
-    config: C = from_json(config_class, json.loads(sys.argv[1]))
+    config: C = from_json(config_class, json.loads(argument))
     return config
 
 

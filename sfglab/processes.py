@@ -14,6 +14,7 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
+from sfglab.component import argument_of
 from sfglab.errors import SfglabError
 from sfglab.fields import to_json
 
@@ -61,7 +62,10 @@ class LineProcess:
     Attributes:
         on_report: As given; may be replaced.
         readiness: What it reported when it was ready, in a group.
+        keeps: Whether reports are kept for `expect`; else only `on_report` hears them.
     """
+
+    keeps = True
 
     def __init__(
         self,
@@ -195,7 +199,8 @@ class LineProcess:
     def _take(self, report: Report) -> None:
         if report["is"] in ("failed", "ended"):
             self._over = self._over or report
-        self._backlog.put_nowait(report)
+        if self.keeps:
+            self._backlog.put_nowait(report)
         self.on_report(report)
 
 
@@ -236,11 +241,6 @@ class Member:
         modules = (self.through, self.module) if self.through else (self.module,)
         given = () if self.config is None else (argument_of(self.config),)
         return (sys.executable, "-m", *modules, *given)
-
-
-def argument_of(config: Any) -> str:
-    """Return a configuration as a process's argument: a text as it is, anything else as JSON."""
-    return config if isinstance(config, str) else json.dumps(to_json(config))
 
 
 class ProcessGroup:

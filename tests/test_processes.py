@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from toy_component import ToyConfig
 
-from sfglab.processes import LineProcess, Member, ProcessFailedError, ProcessGroup, argument_of
+from sfglab.component import argument_of
+from sfglab.processes import LineProcess, Member, ProcessFailedError, ProcessGroup
 
 S = 30.0
 
@@ -184,20 +187,43 @@ def test_an_error_of_who_listens_is_raised_when_the_process_is_closed():
         run(toy("a"), do=do, on_report=deafen)
 
 
+@contextmanager
+def component(**config: object):
+    argv = on_host("", toy("a", **config).command)
+    pipe = subprocess.PIPE
+    with subprocess.Popen(argv, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
 @pytest.mark.parametrize("told", ["signal", "input"])
-def test_a_component_ends_when_told_and_what_libraries_print_is_no_report(told):
-    argv = on_host("", toy("a").command)
-    with subprocess.Popen(
-        argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    ) as process:
-        ready = process.stdout.readline()
-        process.send_signal(signal.SIGINT)
+@pytest.mark.parametrize(("deaf", "status"), [(False, 0), (True, -signal.SIGALRM)])
+def test_a_component_cleans_up_when_told_but_not_for_ever(told, deaf, status, tmp_path):
+    with component(deaf=deaf, number=3, farewell=str(tmp_path / "farewell")) as process:
+        assert json.loads(process.stdout.readline())["is"] == "ready"
+        process.send_signal(signal.SIGINT)  # the terminal's interrupt is for whoever started it
         if told == "signal":
             process.terminate()
         out, err = process.communicate(timeout=S)
-    assert ready.startswith(b'{"is": "ready"')
-    assert (out, process.returncode) == (b"", 0)
-    assert b"noise of a library" in err
+        assert (out, process.returncode) == ("", status)
+        assert "noise of a library" in err, "what is printed is no report"
+    assert (tmp_path / "farewell").read_text() == "3\n"
+
+
+def test_a_refusal_is_one_sentence_and_status_1():
+    with component(begins="broken") as process:
+        out, err = process.communicate(timeout=S)
+        assert (json.loads(out), err, process.returncode) == ({"is": "failed", "why": "broken as told"}, "", 1)
+
+
+def test_an_order_that_is_none_is_said_aloud():
+    with component() as process:
+        process.stdout.readline()
+        _, err = process.communicate("not json\n", timeout=S)
+        assert "JSONDecodeError" in err
+        assert process.returncode == 1
 
 
 def test_a_member_is_data():

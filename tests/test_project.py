@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 FLOORS = (
-    ("names", "qos", "errors", "pipes", "component", "fields", "units", "processes", "documents", "tables"),
+    ("names", "qos", "errors", "machine", "component", "fields", "units", "processes", "documents", "tables"),
     ("messages", "rtps", "codecs"),
     ("bus", "record"),
     ("fleet", "arp", "soc", "spatial"),
@@ -30,7 +30,7 @@ MOST_LINES = 500
 MOST_BODY_LINES = 50
 NO_NOUN = re.compile(r"(?:What|Who|Whose|Whatever|How|Where|Which)\b")
 LONG_PENDING = {"sfglab.deploy.routers.dds_router_check"}
-NOUNS_PENDING = {"arp", "deploy", "fleet", "lab", "rtps", "soc"}
+NOUNS_PENDING = {"arp", "deploy", "lab", "rtps", "soc"}
 """Parts whose modules may still begin with another word."""
 
 

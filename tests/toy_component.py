@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sfglab import component
 from sfglab.component import Report, run_component
 from sfglab.errors import SfglabError
 
@@ -70,4 +71,5 @@ def obey(order: dict[str, Any], report: Callable[[Report], None]) -> None:
 
 
 if __name__ == "__main__":
+    component.END_LIMIT_S = 1
     run_component(ToyConfig, serve)

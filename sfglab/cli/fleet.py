@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sfglab.pipes import run
+from sfglab.component import run
 
 fleet_app = typer.Typer(
     help="A fleet file: what crosses its borders, and routers' configurations for it.", no_args_is_help=True
@@ -24,7 +24,7 @@ def lint(file: Annotated[Path, typer.Argument(help="A fleet file, e.g. data/flee
 
       sfglab fleet lint data/fleets/lab.yaml
     """
-    from sfglab.fleet.border import lint_file
+    from sfglab.fleet.lint import lint_file
 
     text, code = lint_file(file)
     typer.echo(text, nl=False)
@@ -74,8 +74,8 @@ def check(
       sfglab fleet check go2.yaml --fleet data/fleets/lab.yaml
     """
     from sfglab.deploy.routers.targets import check_file
-    from sfglab.fleet.border import Severity, render_findings
     from sfglab.fleet.fleet_file import load_fleet
+    from sfglab.fleet.lint import Severity, render_findings
 
     findings = check_file(file, policy=load_fleet(fleet).policy if fleet is not None else None)
     typer.echo(render_findings(findings))
@@ -127,7 +127,7 @@ def agent_up(
     """
     from sfglab.fleet.agent import plan
     from sfglab.fleet.agent.app import serve_agent
-    from sfglab.fleet.agent.options import SideOptions, config_from_options
+    from sfglab.fleet.agent.plan import SideOptions, config_from_options
     from sfglab.fleet.fleet_file import load_fleet
     from sfglab.names import default_agent
 
@@ -161,10 +161,9 @@ def router(
     """
     from dataclasses import replace
 
-    from sfglab.fleet.agent.options import SideOptions, config_from_options
-    from sfglab.fleet.agent.plan import router_config
+    from sfglab.fleet.agent.plan import SideOptions, config_from_options, router_config
     from sfglab.fleet.fleet_file import load_fleet
-    from sfglab.fleet.routing.app import serve_terminal
+    from sfglab.fleet.router.node import serve_terminal
     from sfglab.names import default_agent
 
     if domain is None and fleet is None:
@@ -204,8 +203,8 @@ def decoder(
 
     Without streams it offers what remote agents announce on /local/<agent>/agent_discovery_event.
     """
-    from sfglab.fleet.address import BusAddress
-    from sfglab.fleet.decoder.app import DecoderConfig, serve_terminal
+    from sfglab.bus.address import BusAddress
+    from sfglab.fleet.decoder.node import DecoderConfig, serve_terminal
     from sfglab.names import Resource, RosFqnBuilder, Scope
 
     local = BusAddress(domain_id=domain, interface=interface)
@@ -245,13 +244,11 @@ def camera(
 
       sfglab camera /global/go2/camera_front/color/ffmpeg --source drive.mp4
     """
+    from sfglab.bus.address import BusAddress
     from sfglab.lab.workers.camera import CameraConfig, run_camera
 
     config = CameraConfig(
-        domain_id=domain,
-        interface=interface,
-        multicast="default",
-        topic=topic,
+        places=((BusAddress(domain_id=domain, interface=interface), topic),),
         codec=codec,
         source=source,
         encoder=encoder,

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sfglab.component import run
 from sfglab.errors import SfglabError
-from sfglab.pipes import run
 
 if TYPE_CHECKING:
     from collections.abc import Callable

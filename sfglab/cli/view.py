@@ -121,7 +121,7 @@ def _live(options: ViewOptions, domain: int, interface: str | None) -> None:
     import asyncio
 
     from sfglab.bus import Node
-    from sfglab.pipes import run
+    from sfglab.component import run
     from sfglab.view import view_live
 
     sessions: list[Session] = []

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from sfglab.deploy.deployment import Deployment
     from sfglab.deploy.files import BundleFile
-    from sfglab.fleet.border import Finding
-    from sfglab.fleet.routing import Policy
+    from sfglab.fleet.lint import Finding
+    from sfglab.fleet.policy import Policy
 
 
 EDITOR = (".devcontainer/*", ".vscode/*")

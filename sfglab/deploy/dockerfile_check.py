@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from sfglab.deploy.dockerfile import STAGES
 from sfglab.deploy.errors import DeployError
 from sfglab.documents import Place
-from sfglab.fleet.border import Finding, Severity
+from sfglab.fleet.lint import Finding, Severity
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -17,7 +17,7 @@ from sfglab.deploy.findings import Broken, Rules
 from sfglab.deploy.json5 import read_json5
 from sfglab.deploy.shapes import check_shape
 from sfglab.documents import Document, DocumentError, KeyPath, Place, suggestion
-from sfglab.fleet.border import Finding, Severity
+from sfglab.fleet.lint import Finding, Severity
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

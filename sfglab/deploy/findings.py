@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
-from sfglab.fleet.border import Finding, Severity
+from sfglab.fleet.lint import Finding, Severity
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

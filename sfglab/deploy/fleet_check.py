@@ -13,8 +13,8 @@ from sfglab.deploy.bundle_check import check_bundle
 from sfglab.deploy.findings import Broken, Rules
 from sfglab.deploy.preparing import FleetSource, describe
 from sfglab.deploy.verdicts import State, Verdict, verdict_of
-from sfglab.fleet.border import Finding, Severity, lint
 from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork, RosDistribution, RouterSoftware
+from sfglab.fleet.lint import Finding, Severity, lint
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from sfglab.deploy.programs import MissingProgramError
 from sfglab.documents import suggestion
-from sfglab.fleet.border import Finding, Severity
+from sfglab.fleet.lint import Finding, Severity
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -15,7 +15,7 @@ from sfglab.deploy.errors import DeployError
 from sfglab.deploy.findings import worst_first
 from sfglab.deploy.shapes import check_shape
 from sfglab.documents import Place
-from sfglab.fleet.border import Finding, Severity
+from sfglab.fleet.lint import Finding, Severity
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

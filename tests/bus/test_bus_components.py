@@ -10,8 +10,8 @@ from toy_bus import ToyDomain
 
 from sfglab import bus
 from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
-from sfglab.fleet.routing.router import Router, RouterSettings
-from sfglab.fleet.status.provider import StatusProvider, StatusSettings
+from sfglab.fleet.router.node import Router, RouterSettings
+from sfglab.fleet.status.node import StatusProvider, StatusSettings
 
 
 async def test_a_discoverer_finds_an_agent_and_its_description_through_the_agents_router():

@@ -13,8 +13,8 @@ from sfglab.deploy.files import BundleFile
 from sfglab.deploy.routers.targets import render_router
 from sfglab.deploy.verdicts import State
 from sfglab.documents import Place
-from sfglab.fleet.border import Finding, Severity
 from sfglab.fleet.fleet_file import RouterSoftware, load_fleet
+from sfglab.fleet.lint import Finding, Severity
 
 FLEET = load_fleet(Path(__file__).parents[2] / "data" / "fleets" / "esslingen.yaml")
 RELEASE = Release(version="1.0", wheel="sfglab.whl", wheel_sha256="0" * 64, lock="", fleet_text="")

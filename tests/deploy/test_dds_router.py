@@ -17,9 +17,9 @@ from sfglab.deploy.routers.domain_bridge import check_domain_bridge
 from sfglab.deploy.routers.targets import check_file, render_router
 from sfglab.deploy.shapes import _validator, check_shape
 from sfglab.documents import Document, DocumentError
-from sfglab.fleet.border import Severity
 from sfglab.fleet.fleet_file import AgentSpec, Fleet, UnknownAgentError, load_fleet
-from sfglab.fleet.routing import TABLE_1, Direction, ForwardRule, Policy
+from sfglab.fleet.lint import Severity
+from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy
 
 LAB = load_fleet(Path(__file__).parents[2] / "data" / "fleets" / "lab.yaml")
 AGENTS = [agent.name for agent in LAB.agents]

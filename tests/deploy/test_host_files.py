@@ -14,8 +14,8 @@ from sfglab.deploy.deployment import Release, deployment_of
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.host import firewall_left_out, firewall_rules, host_files, plan_time, service_unit
 from sfglab.deploy.unit_check import ANALYZE, check_unit
-from sfglab.fleet.border import Severity
 from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork, load_fleet
+from sfglab.fleet.lint import Severity
 
 FLEET = load_fleet(Path(__file__).parents[2] / "data" / "fleets" / "esslingen.yaml")
 AGENTS = ["go2", "workstation", "pi1"]

@@ -17,9 +17,9 @@ from sfglab.deploy.routers.zenoh import KINDS, render_zenoh_acl, render_zenoh_br
 from sfglab.deploy.routers.zenoh_acl_check import includes, permits
 from sfglab.deploy.routers.zenoh_check import bridges, check_zenoh, policy_bridges
 from sfglab.documents import DocumentError
-from sfglab.fleet.border import Severity
 from sfglab.fleet.fleet_file import AgentSpec, Fleet, load_fleet
-from sfglab.fleet.routing import TABLE_1, Direction, ForwardRule, Policy
+from sfglab.fleet.lint import Severity
+from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy
 from sfglab.names import FqnError
 
 LAB = load_fleet(Path(__file__).parents[2] / "data" / "fleets" / "lab.yaml")

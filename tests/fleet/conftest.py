@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from sfglab.bus import Node
+from sfglab.bus.address import BusAddress
 from sfglab.codecs import H264Encoder, H264Settings, ffmpeg_packet_fields
-from sfglab.fleet.address import BusAddress
-from sfglab.fleet.decoder.app import DecoderConfig, run_decoder
+from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.qos import QoSProfile, Reliability
 

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from sfglab.fleet.address import BusAddress
+from sfglab.bus.address import BusAddress
 from sfglab.fleet.agent.app import serve_agent
 from sfglab.fleet.agent.plan import AgentConfig
 from sfglab.fleet.agent.supervisor import ComponentError
@@ -20,10 +20,10 @@ DEADLINE_S = 60
 
 TERMINAL = """
 import sys
-from sfglab.fleet.address import BusAddress
+from sfglab.bus.address import BusAddress
 from sfglab.fleet.agent.app import serve_agent
 from sfglab.fleet.agent.plan import AgentConfig
-from sfglab.pipes import run
+from sfglab.component import run
 local, remote = (BusAddress(domain_id=int(domain), interface="lo") for domain in sys.argv[1:])
 config = AgentConfig(agent="go2", local=local, remote=remote, components=("router",))
 run(serve_agent(config, lambda line: print(line, flush=True)))

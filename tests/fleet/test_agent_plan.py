@@ -7,20 +7,28 @@ from dataclasses import replace
 
 import pytest
 
+from sfglab.bus.address import BusAddress
+from sfglab.component import argument_of, config_from_argument
 from sfglab.errors import SfglabError
-from sfglab.fleet.address import BusAddress
-from sfglab.fleet.agent.app import SupervisorConfig
-from sfglab.fleet.agent.events import Changed, Complete, Said, Wrote, report_from_event
-from sfglab.fleet.agent.narrator import Narrator
-from sfglab.fleet.agent.options import SideOptions, config_from_options
-from sfglab.fleet.agent.plan import COMPONENTS, AgentConfig, PlanError, config_from_fleet, plan, without
+from sfglab.fleet.agent.app import Narrator, SupervisorConfig
+from sfglab.fleet.agent.plan import (
+    COMPONENTS,
+    AgentConfig,
+    PlanError,
+    SideOptions,
+    config_from_fleet,
+    config_from_options,
+    plan,
+    without,
+)
 from sfglab.fleet.agent.supervision import State, Timing
-from sfglab.fleet.decoder.app import DecoderConfig
-from sfglab.fleet.discovery.app import DiscoveryConfig
+from sfglab.fleet.agent.supervisor import Changed, Complete, Said, Wrote, report_from_event
+from sfglab.fleet.decoder.node import DecoderConfig
+from sfglab.fleet.discovery.node import DiscoveryConfig
 from sfglab.fleet.fleet_file import UnknownAgentError, read_fleet
-from sfglab.fleet.keeper.app import KeeperConfig
-from sfglab.fleet.routing.app import RouterConfig
-from sfglab.fleet.status.app import StatusConfig
+from sfglab.fleet.gop_cache import KeeperConfig
+from sfglab.fleet.router.node import RouterConfig
+from sfglab.fleet.status.node import StatusConfig
 
 CONFIG = AgentConfig(
     agent="go2",
@@ -58,16 +66,16 @@ def arguments(config: AgentConfig) -> dict[str, str]:
 def test_every_component_is_told_where_it_stands():
     given = arguments(CONFIG)
     assert tuple(given) == ("router", "status", "discoverer", "decoder")
-    router = RouterConfig.from_json(given["router"])
+    router = config_from_argument(RouterConfig, given["router"])
     assert (router.agent, router.local, router.remote) == ("go2", CONFIG.local, CONFIG.remote)
-    status = StatusConfig.from_json(given["status"])
+    status = config_from_argument(StatusConfig, given["status"])
     assert (status.settings.agent, status.address) == ("go2", CONFIG.local)
-    discoverer = DiscoveryConfig.from_json(given["discoverer"])
+    discoverer = config_from_argument(DiscoveryConfig, given["discoverer"])
     assert (discoverer.settings.agent, discoverer.address) == ("go2", CONFIG.local)
 
 
 def test_the_decoder_stays_inside_and_listens_to_its_own_agents_discoverer():
-    decoder = DecoderConfig.from_json(arguments(CONFIG)["decoder"])
+    decoder = config_from_argument(DecoderConfig, arguments(CONFIG)["decoder"])
     assert decoder.remote == decoder.local == CONFIG.local
     assert decoder.discovery_topic == "/local/go2/agent_discovery_event"
 
@@ -95,14 +103,14 @@ def test_a_fleet_file_says_everything():
     config = config_from_fleet(FLEET, "go2")
     assert config.local == BusAddress(domain_id=1, interface="lo")
     assert config.remote == BusAddress(domain_id=3, interface="wlan0")
-    router = RouterConfig.from_json(arguments(config)["router"])
+    router = config_from_argument(RouterConfig, arguments(config)["router"])
     assert router.rules == FLEET.policy.rules
     assert (router.prefix_frames, router.shared_frames, router.placed_by_others) == (
         False,
         ("hall",),
         ("base",),
     )
-    sensors = StatusConfig.from_json(arguments(config)["status"]).settings.description.sensors
+    sensors = config_from_argument(StatusConfig, arguments(config)["status"]).settings.description.sensors
     assert [s.name for s in sensors] == ["camera_front"]
     assert sensors[0].streams[0].topic == "/global/go2/camera_front/color/ffmpeg"
     assert sensors[0].streams[0].rate_hz == 30
@@ -111,7 +119,7 @@ def test_a_fleet_file_says_everything():
 def test_a_keeper_runs_where_there_is_video_to_keep():
     given = arguments(config_from_fleet(FLEET, "go2"))
     assert tuple(given) == COMPONENTS
-    keeper = KeeperConfig.from_json(given["keeper"])
+    keeper = config_from_argument(KeeperConfig, given["keeper"])
     assert keeper.streams == ("/global/go2/camera_front/color/ffmpeg",)
     assert keeper.address == BusAddress(domain_id=1, interface="lo")
 
@@ -140,7 +148,7 @@ def test_options_go_before_the_fleet_file():
 
 def test_a_supervisors_configuration_survives_the_way_to_its_process():
     config = SupervisorConfig.of_agent(replace(CONFIG, supervision=Timing(backoff_ns=1)))
-    assert SupervisorConfig.from_json(config.to_json()) == config
+    assert config_from_argument(SupervisorConfig, argument_of(config)) == config
 
 
 def path(topic: str, direction: str = "inward") -> dict[str, str]:

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.fleet.agent.supervision import REST, TRANSITIONS, Action, Input, State, Supervision, Timing
-from sfglab.fleet.machine import BackOff, IllegalInputError, Machine
+from sfglab.machine import BackOff, IllegalInputError, Machine
 
 TIMING = Timing(start_ns=100, stop_ns=50, backoff_ns=4, backoff_max_ns=20, stable_ns=1000)
 

@@ -15,11 +15,10 @@ from contextlib import asynccontextmanager, suppress
 import psutil
 import pytest
 
+from sfglab.component import argument_of
 from sfglab.fleet.agent.app import SupervisorConfig
-from sfglab.fleet.agent.events import Changed, Complete, Said, Wrote
-from sfglab.fleet.agent.plan import Component
-from sfglab.fleet.agent.supervision import State, Timing
-from sfglab.fleet.agent.supervisor import Agent, ComponentError
+from sfglab.fleet.agent.supervision import Component, State, Timing
+from sfglab.fleet.agent.supervisor import Agent, Changed, Complete, ComponentError, Said, Wrote
 
 pytestmark = [pytest.mark.live]
 
@@ -250,19 +249,27 @@ def test_a_listener_that_breaks_leaves_no_process():
 # As the real components are.
 COMPONENT = """
 import asyncio
-from sfglab.fleet.component import run_component
-async def body(report):
+from dataclasses import make_dataclass
+from sfglab.component import run_component
+async def serve(config, report, orders):
     report({"is": "ready"})
     await asyncio.Event().wait()
-run_component(body)
+run_component(make_dataclass("Config", ()), serve)
 """
 
 
 @pytest.fixture
 def supervisor():
     """A supervisor of two components in a process of its own, and pidfds of both."""
-    components = tuple(Component(name=n, argv=(sys.executable, "-c", COMPONENT)) for n in ("router", "status"))
-    argv = [sys.executable, "-m", "sfglab.fleet.agent", SupervisorConfig(components=components).to_json()]
+    components = tuple(
+        Component(name=n, argv=(sys.executable, "-c", COMPONENT, "{}")) for n in ("router", "status")
+    )
+    argv = [
+        sys.executable,
+        "-m",
+        "sfglab.fleet.agent.app",
+        argument_of(SupervisorConfig(components=components)),
+    ]
     pipe = subprocess.PIPE
     with subprocess.Popen(argv, stdin=pipe, stdout=pipe, text=True) as process:
         handles = {}

@@ -5,9 +5,9 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.fleet.border import Severity, lint
-from sfglab.fleet.border.frames import edges_of, roots_of
 from sfglab.fleet.fleet_file import AgentSpec, FrameSpec, FrameTree, read_fleet
+from sfglab.fleet.lint import Severity, lint
+from sfglab.fleet.lint.frames import edges_of, roots_of
 
 
 def tree(frames: str, *, prefix: bool = True, shared: str = "map") -> str:

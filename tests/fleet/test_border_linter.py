@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from sfglab.fleet.border import CHECKS, Severity, View, lint, lint_file, render
 from sfglab.fleet.fleet_file import load_fleet, read_fleet
+from sfglab.fleet.lint import CHECKS, Severity, View, lint, lint_file, render
 from sfglab.names import ResourceKind
 
 ROOT = Path(__file__).parents[2]

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.fleet.border import lint
-from sfglab.fleet.border.load import ENDPOINT_BYTES, PAIR_BYTES, ROS_ENDPOINTS, transform_bytes
 from sfglab.fleet.fleet_file import read_fleet
+from sfglab.fleet.lint import lint
+from sfglab.fleet.lint.load import ENDPOINT_BYTES, PAIR_BYTES, ROS_ENDPOINTS, transform_bytes
 from sfglab.messages import message_type, serialize
 
 

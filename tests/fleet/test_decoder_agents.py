@@ -7,13 +7,13 @@ import asyncio
 import pytest
 
 from sfglab.bus import Node
-from sfglab.fleet.decoder.agents import agent_changes
 from sfglab.fleet.discovery.listener import (
     DISCOVERY_EVENT,
     DISCOVERY_QOS,
     KnownAgents,
     Offered,
     Withdrawn,
+    agent_changes,
     discovery_topic,
 )
 from sfglab.messages import default_message

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.fleet.decoder.lifecycle import (
+from sfglab.fleet.decoder.demand import (
     TRANSITIONS,
     Action,
     Input,
@@ -14,7 +14,7 @@ from sfglab.fleet.decoder.lifecycle import (
     State,
     Timing,
 )
-from sfglab.fleet.machine import IllegalInputError
+from sfglab.machine import IllegalInputError
 
 TIMING = Timing(start_ns=100, linger_ns=10, backoff_ns=4, backoff_max_ns=20, stable_ns=1000)
 

@@ -13,6 +13,7 @@ import psutil
 import pytest
 from conftest import FFMPEG, IMAGE, INFO, LOCAL, LOCAL_INFO, STREAM, Camera
 
+from sfglab.component import argument_of
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS
 from sfglab.messages import default_message, ns_from_stamp, stamp_from_ns
 from sfglab.qos import SENSOR_DATA
@@ -201,7 +202,7 @@ def test_agents_come_and_go_by_discovery_events(serve):
 
 
 def test_a_stream_that_cannot_be_offered_is_refused_before_anything_starts(domains):
-    from sfglab.fleet.decoder.app import DecoderConfig, run_decoder
+    from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
     from sfglab.fleet.decoder.streams import StreamError
 
     config = DecoderConfig(remote=domains[0], local=domains[1], streams=("/local/go2/camera/color/ffmpeg",))
@@ -214,7 +215,7 @@ def test_an_interface_that_does_not_exist_is_one_clear_error_and_leaves_no_proce
     from dataclasses import replace
 
     from sfglab.errors import SfglabError
-    from sfglab.fleet.decoder.app import DecoderConfig, run_decoder
+    from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
 
     sides = dict(zip(("remote", "local"), domains, strict=True))
     sides[side] = replace(sides[side], interface="nowhere0")
@@ -230,11 +231,11 @@ def test_an_interface_that_does_not_exist_is_one_clear_error_and_leaves_no_proce
 def test_as_a_process_it_reports_its_processes_and_a_wrong_interface_in_one_sentence(domains):
     from dataclasses import replace
 
-    from sfglab.fleet.decoder.app import DecoderConfig
+    from sfglab.fleet.decoder.node import DecoderConfig
 
     async def process(config, orders: bytes):
         pipe = asyncio.subprocess.PIPE
-        module = ("-W", "error", "-m", "sfglab.fleet.decoder", config.to_json())
+        module = ("-W", "error", "-m", "sfglab.fleet.decoder.node", argument_of(config))
         child = await asyncio.create_subprocess_exec(
             sys.executable, *module, stdin=pipe, stdout=pipe, stderr=pipe
         )

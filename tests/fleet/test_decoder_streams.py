@@ -5,17 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sfglab.fleet.decoder.images import image_bytes, image_prefix, write_image
-from sfglab.fleet.decoder.protocol import (
-    RELAY,
-    Close,
-    Open,
-    ProtocolError,
-    Statistics,
-    decode_line,
-    encode_line,
-)
-from sfglab.fleet.decoder.streams import StreamError, routes_of_agent, routes_of_topic
+from sfglab.fleet.decoder.pipeline import image_bytes, image_prefix, write_image
+from sfglab.fleet.decoder.streams import RELAY, StreamError, routes_of_agent, routes_of_topic
 from sfglab.messages import default_message, deserialize, stamp_from_ns
 
 COLOR = "/global/go2/camera_front/color/ffmpeg"
@@ -91,30 +82,6 @@ def test_an_agent_cannot_offer_streams_in_anothers_name():
     routes, errors = routes_of_agent(metadata("/global/spot/camera_front/color/ffmpeg"))
     assert routes == ()
     assert "another agent's name" in str(errors[0])
-
-
-def test_lines_between_processes_come_back_as_they_went():
-    for line in (
-        Open(
-            source_topic="/a",
-            source_type="t",
-            codec="",
-            local_topic="/b",
-            replay_topic="/a_replay",
-            transports=("dds", "shm"),
-        ),
-        Close(),
-        Statistics(received=3, replayed=4, published=2, broken=1, last_error="x"),
-    ):
-        assert decode_line(encode_line(line)) == line
-
-
-@pytest.mark.parametrize(
-    "raw", [b"", b"{}", b"[]", b"nonsense", b'{"kind": "open"}', b'{"kind": "close", "x": 1}']
-)
-def test_a_line_outside_the_vocabulary_is_refused(raw):
-    with pytest.raises(ProtocolError, match="protocol"):
-        decode_line(raw)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.fleet.discovery.diagram import diagram
 from sfglab.fleet.discovery.lifecycle import (
     ANNOUNCEMENTS,
     TRANSITIONS,
@@ -16,8 +15,9 @@ from sfglab.fleet.discovery.lifecycle import (
     Lifecycle,
     State,
     Told,
+    diagram,
 )
-from sfglab.fleet.machine import IllegalInputError
+from sfglab.machine import IllegalInputError
 from sfglab.messages import message_type
 
 A, In, S = Action, Input, State

@@ -13,16 +13,14 @@ from dataclasses import replace
 import pytest
 
 from sfglab.bus import Node, ServiceTimeoutError
-from sfglab.fleet.address import BusAddress
-from sfglab.fleet.discovery.app import DiscoveryConfig
+from sfglab.bus.address import BusAddress
+from sfglab.component import argument_of, config_from_argument
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, KnownAgents, discovery_topic
-from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
-from sfglab.fleet.discovery.orders import Timing
+from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoveryConfig, DiscoverySettings
+from sfglab.fleet.discovery.registry import Timing
 from sfglab.fleet.discovery.screening import Limits, LimitsError
-from sfglab.fleet.status.app import StatusConfig
-from sfglab.fleet.status.heartbeat import GET_METADATA, Heartbeat, heartbeat_topic, metadata_service
-from sfglab.fleet.status.provider import StatusSettings
-from sfglab.fleet.status.schedule import Schedule
+from sfglab.fleet.status.heartbeat import GET_METADATA, Heartbeat, Schedule, heartbeat_topic, metadata_service
+from sfglab.fleet.status.node import StatusConfig, StatusSettings
 from sfglab.messages import default_message, serialize, service_type
 from sfglab.qos import LATCHED
 
@@ -80,7 +78,7 @@ async def discovering(node, **settings):
 async def process(module: str, config):
     pipe = asyncio.subprocess.PIPE
     child = await asyncio.create_subprocess_exec(
-        sys.executable, "-W", "error", "-m", module, config.to_json(), stdin=pipe, stdout=pipe
+        sys.executable, "-W", "error", "-m", module, argument_of(config), stdin=pipe, stdout=pipe
     )
     try:
         yield child
@@ -92,7 +90,7 @@ async def process(module: str, config):
 
 def status_process(address, schedule=FAST):
     settings = StatusSettings(agent="go2", schedule=schedule)
-    return process("sfglab.fleet.status", StatusConfig(address=address, settings=settings, detect=False))
+    return process("sfglab.fleet.status.node", StatusConfig(address=address, settings=settings, detect=False))
 
 
 class Fake:
@@ -311,10 +309,10 @@ def test_as_a_process_it_reports_events_moves_and_what_it_knows(address):
         config = DiscoveryConfig(
             address=address, settings=DiscoverySettings(agent="station", timing=TIMING), report_moves=True
         )
-        assert DiscoveryConfig.from_json(config.to_json()) == config
+        assert config_from_argument(DiscoveryConfig, argument_of(config)) == config
         async with Node("there", **address.options()) as there:
             Fake(there).say()
-            async with process("sfglab.fleet.discovery", config) as child:
+            async with process("sfglab.fleet.discovery.node", config) as child:
                 reports = []
                 async with asyncio.timeout(60):
                     while not reports or reports[-1]["is"] != "event":

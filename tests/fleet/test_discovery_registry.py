@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfglab.fleet.discovery.history import History
-from sfglab.fleet.discovery.lifecycle import State
-from sfglab.fleet.discovery.orders import Abandon, Announce, Answer, Ask, Timing, TimingError
-from sfglab.fleet.discovery.registry import Registry
+from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, Action, State
+from sfglab.fleet.discovery.node import History
+from sfglab.fleet.discovery.registry import Order, Registry, Timing, TimingError
 from sfglab.fleet.discovery.screening import Limits, LimitsError
 from sfglab.fleet.status.heartbeat import Heartbeat
 
@@ -32,11 +32,12 @@ class World:
     def hear(self, at_s=0.0, gid=GID, **fields):
         return self.registry.heard(replace(BEAT, **fields), gid, now_ns=round(at_s * S))
 
-    def answer(self, ask: Ask, at_s=0.0, **fields):
-        values = {"agent": ask.agent, "incarnation": 7, "revision": 0, "metadata": "what it is"} | fields
-        return self.registry.answered(ask.agent, ask.query, Answer(**values), now_ns=round(at_s * S))
+    def answer(self, ask: Order, at_s=0.0, **fields):
+        values = {"agent": ask.agent, "incarnation": 7, "revision": 0, "says": "what it is"} | fields
+        metadata = SimpleNamespace(**values)
+        return self.registry.answered(ask.agent, ask.query, metadata, now_ns=round(at_s * S))
 
-    def fail(self, ask: Ask, at_s=0.0):
+    def fail(self, ask: Order, at_s=0.0):
         return self.registry.failed(ask.agent, ask.query, now_ns=round(at_s * S))
 
     def due(self, at_s):
@@ -58,7 +59,7 @@ class World:
 
 
 def events(orders):
-    return [order.event for order in orders if isinstance(order, Announce)]
+    return [order.event for order in orders if order.action in ANNOUNCEMENTS]
 
 
 def test_the_first_heartbeat_asks_and_the_answer_is_announced_with_its_description():
@@ -66,7 +67,12 @@ def test_the_first_heartbeat_asks_and_the_answer_is_announced_with_its_descripti
     (ask,) = world.hear()
     assert world.hear(0.5) == []
     (news,) = world.answer(ask, 0.6)
-    assert news == Announce(agent="go2", event="DISCOVERED", incarnation=7, metadata="what it is")
+    assert (news.agent, news.event, news.incarnation, news.metadata.says) == (
+        "go2",
+        "DISCOVERED",
+        7,
+        "what it is",
+    )
     assert world.deadline_s == 4.0, "three periods of 1 s and the slack after the heartbeat at 0.5 s"
 
 
@@ -87,7 +93,7 @@ def test_a_lost_agent_that_beats_again_returns_with_what_was_known_of_it():
     world.discover()
     world.due(10)
     (news,) = world.hear(11)
-    assert (news.event, news.metadata, world.state) == ("RETURNED", "what it is", State.ACTIVE)
+    assert (news.event, news.metadata.says, world.state) == ("RETURNED", "what it is", State.ACTIVE)
 
 
 def test_a_failed_query_is_repeated_with_doubling_waits_up_to_the_limit_and_one_success_starts_over():
@@ -123,7 +129,7 @@ def test_another_start_gives_up_the_query_to_the_one_before():
     world = World()
     (first,) = world.hear()
     abandoned, second = world.hear(0.1, incarnation=8)
-    assert abandoned == Abandon(agent="go2", query=first.query)
+    assert abandoned == Order(action=Action.ABANDON, agent="go2", query=first.query)
     assert world.answer(first, 0.2) == []
     assert world.registry.counts["ignored_answers"] == 1
     assert events(world.answer(second, 0.3, incarnation=8)) == ["DISCOVERED"]
@@ -133,8 +139,8 @@ def test_a_start_that_is_heard_while_the_agent_is_there_is_restarted():
     world = World()
     world.discover()
     (ask,) = world.hear(1, incarnation=8)
-    (news,) = world.answer(ask, 2, incarnation=8, metadata="new")
-    assert (news.event, news.incarnation, news.metadata) == ("RESTARTED", 8, "new")
+    (news,) = world.answer(ask, 2, incarnation=8, says="new")
+    assert (news.event, news.incarnation, news.metadata.says) == ("RESTARTED", 8, "new")
 
 
 @pytest.mark.parametrize(
@@ -165,7 +171,7 @@ def test_what_a_restarted_agent_said_before_it_was_lost_again_does_not_count():
     world.due(10)
     world.hear(11, incarnation=8)
     (abandoned,) = world.due(20)
-    assert isinstance(abandoned, Abandon)
+    assert abandoned.action is Action.ABANDON
     (news,) = world.hear(21, incarnation=7)
     assert news.event == "RETURNED"
 
@@ -294,22 +300,22 @@ class Checker:
         self.registry = Registry("station", timing=TIMING, limits=Limits(max_agents=3))
         self.now_ns = 0
         self.outstanding: dict[str, int] = {}
-        self.asked: list[Ask] = []
+        self.asked: list[Order] = []
         self.told: dict[str, str] = {}
         self.incarnations: dict[str, int] = {}
 
     def take(self, orders) -> None:
         for order in orders:
-            if isinstance(order, Ask):
+            if order.action is Action.QUERY:
                 assert order.agent not in self.outstanding, "two queries outstanding"
                 self.outstanding[order.agent] = order.query
                 self.asked.append(order)
-            elif isinstance(order, Abandon):
+            elif order.action is Action.ABANDON:
                 assert self.outstanding.pop(order.agent) == order.query
             else:
                 self.announce(order)
 
-    def announce(self, news: Announce) -> None:
+    def announce(self, news: Order) -> None:
         before, known = self.told.get(news.agent), self.incarnations.get(news.agent)
         present = before not in (None, "LOST")
         if news.event == "DISCOVERED":
@@ -337,10 +343,10 @@ class Checker:
                 del self.outstanding[ask.agent]
             self.take(self.end(ask, kind, *rest[1:]))
 
-    def end(self, ask: Ask, kind: str, incarnation: int = 0, revision: int = 0):
+    def end(self, ask: Order, kind: str, incarnation: int = 0, revision: int = 0):
         if kind == "fail":
             return self.registry.failed(ask.agent, ask.query, now_ns=self.now_ns)
-        answer = Answer(agent=ask.agent, incarnation=incarnation, revision=revision, metadata=incarnation)
+        answer = SimpleNamespace(agent=ask.agent, incarnation=incarnation, revision=revision)
         return self.registry.answered(ask.agent, ask.query, answer, now_ns=self.now_ns)
 
 

@@ -25,7 +25,7 @@ from sfglab.fleet.status.heartbeat import (
     heartbeat_topic,
     metadata_service,
 )
-from sfglab.fleet.status.provider import StatusProvider, StatusSettings
+from sfglab.fleet.status.node import StatusProvider, StatusSettings
 from sfglab.messages import default_message, service_type
 from sfglab.qos import LATCHED
 

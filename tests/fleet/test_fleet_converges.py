@@ -17,14 +17,15 @@ from pathlib import Path
 import psutil
 import pytest
 
-from sfglab.fleet.address import BusAddress
+from sfglab.bus.address import BusAddress
+from sfglab.component import argument_of
 from sfglab.fleet.agent.app import SupervisorConfig
 from sfglab.fleet.agent.plan import AgentConfig
 from sfglab.fleet.agent.supervision import Timing
 from sfglab.fleet.decoder.streams import routes_of_topic
-from sfglab.fleet.discovery.orders import Timing as DiscoveryTiming
+from sfglab.fleet.discovery.registry import Timing as DiscoveryTiming
 from sfglab.fleet.status.description import SensorDescription, StreamDescription
-from sfglab.fleet.status.schedule import Schedule
+from sfglab.fleet.status.heartbeat import Schedule
 from sfglab.lab.testbed import Testbed
 from sfglab.lab.workers.camera import CameraConfig
 from sfglab.names import Component, Resource, RosFqnBuilder, Scope, Stream
@@ -50,17 +51,16 @@ VIEWER = """
 import asyncio, json, sys, time
 from sfglab.bus import Node
 from sfglab.messages import ns_from_stamp
-from sfglab.pipes import claim_standard_output, run, standard_input_lines
+from sfglab.component import claim_standard_output, run, standard_input_lines
 from sfglab.qos import SENSOR_DATA
 
 async def main():
-    write = claim_standard_output()
+    report = claim_standard_output()
     address, topic = json.loads(sys.argv[1])
     async with Node("viewer", **address) as node:
         def see(image):
             stamp_ns = ns_from_stamp(image.header.stamp)
-            report = {"is": "picture", "stamp_ns": stamp_ns, "seen_ns": time.time_ns()}
-            write(json.dumps(report).encode() + b"\\n")
+            report({"is": "picture", "stamp_ns": stamp_ns, "seen_ns": time.time_ns()})
         node.create_subscription("sensor_msgs/msg/Image", topic, see, qos=SENSOR_DATA, transport="shm")
         async for _ in standard_input_lines():
             pass
@@ -186,24 +186,20 @@ class Fleet:
         )
 
     async def start_agent(self, name: str) -> None:
-        config = SupervisorConfig.of_agent(self.config(name)).to_json()
-        argv = self.testbed.argv(name, [sys.executable, "-m", "sfglab.fleet.agent", config])
+        config = argument_of(SupervisorConfig.of_agent(self.config(name)))
+        argv = self.testbed.argv(name, [sys.executable, "-m", "sfglab.fleet.agent.app", config])
         self.agents[name] = await RunningAgent.start(argv)
 
     async def start(self) -> None:
         for name in AGENTS:
             await self.start_agent(name)
-        local = self.local("go2")
         camera = CameraConfig(
-            domain_id=local.domain_id,
-            interface="lo",
-            multicast="default",
-            topic=stream_of("go2"),
+            places=((self.local("go2"), stream_of("go2")),),
             fps=10,
             gop=10,
             encoder="libx264",
         )
-        argv = [sys.executable, "-m", "sfglab.lab.workers.camera", camera.to_json()]
+        argv = [sys.executable, "-m", "sfglab.lab.workers.camera", argument_of(camera)]
         self.camera = await Talker.start(self.testbed.argv("go2", argv))
         self.others.append(self.camera)
         image, _ = routes_of_topic(stream_of("go2"))

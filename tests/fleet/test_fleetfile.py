@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sfglab.bus.address import BusAddress
 from sfglab.documents import DocumentError
-from sfglab.fleet.address import BusAddress
 from sfglab.fleet.fleet_file import UnknownAgentError, load_fleet, read_fleet
 from sfglab.fleet.fleet_file.describing import description_of, router_config_of
-from sfglab.fleet.routing import TABLE_1, Direction
+from sfglab.fleet.policy import TABLE_1, Direction
 from sfglab.qos import LATCHED, Durability, QoSProfile, Reliability
 
 ROOT = Path(__file__).parents[2]

@@ -6,11 +6,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.fleet.keeper import GopCache, Limits, replay_topic
-from sfglab.fleet.keeper.cache import LimitsError
-from sfglab.fleet.keeper.node import KeeperError, KeeperSettings
-from sfglab.fleet.keeper.session import TRANSITIONS, Action, Input, State, session
-from sfglab.fleet.machine import IllegalInputError
+from sfglab.fleet.gop_cache import (
+    TRANSITIONS,
+    Action,
+    GopCache,
+    Input,
+    KeeperError,
+    KeeperSettings,
+    Limits,
+    LimitsError,
+    State,
+    replay_topic,
+    session,
+)
+from sfglab.machine import IllegalInputError
 
 COLOR = "/global/go2/camera_front/color/ffmpeg"
 

@@ -11,9 +11,17 @@ import pytest
 from conftest import FFMPEG, STREAM, Camera
 
 from sfglab.bus import Node
-from sfglab.fleet.keeper import FLAG_DISCARD, FLAG_KEY, REPLAY_QOS, Limits, replay_topic
-from sfglab.fleet.keeper.app import KeeperConfig
-from sfglab.fleet.keeper.node import KeeperSettings, StreamKeeper
+from sfglab.component import argument_of, config_from_argument
+from sfglab.fleet.gop_cache import (
+    FLAG_DISCARD,
+    FLAG_KEY,
+    REPLAY_QOS,
+    KeeperConfig,
+    KeeperSettings,
+    Limits,
+    StreamKeeper,
+    replay_topic,
+)
 from sfglab.qos import SENSOR_DATA
 
 pytestmark = [pytest.mark.live]
@@ -121,11 +129,11 @@ def test_a_best_effort_reader_is_served_too(domains):
 
 def test_the_process_reports_ready_and_ends_with_its_input(domains):
     config = KeeperConfig(address=domains[0], streams=(STREAM,), limits=Limits(packets=60), settle_s=0.02)
-    assert KeeperConfig.from_json(config.to_json()) == config
+    assert config_from_argument(KeeperConfig, argument_of(config)) == config
 
     async def scenario():
         process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "sfglab.fleet.keeper", config.to_json()),
+            *(sys.executable, "-m", "sfglab.fleet.gop_cache", argument_of(config)),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
         )

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from sfglab.codecs import FFMPEG_PACKET, H264Encoder, H264Settings, ffmpeg_packet_fields, image_decoder
-from sfglab.fleet.decoder.joiner import Joiner, Source
-from sfglab.fleet.keeper import FLAG_DISCARD, FLAG_KEY, GopCache
+from sfglab.fleet.decoder.splicer import Source, Splicer
+from sfglab.fleet.gop_cache import FLAG_DISCARD, FLAG_KEY, GopCache
 
 GOP = 12
 SETTINGS = H264Settings(width=320, height=192, fps=30, bitrate_bps=600_000, gop=GOP, encoder="libx264")
@@ -43,14 +43,14 @@ def replay(packets, joined: int) -> list:
 @pytest.mark.parametrize("lag", [0, 2], ids=["live at once", "live later"])
 def test_at_every_point_of_a_group_the_first_picture_and_all_after_it_are_exact(packets, pictures, lag):
     for joined in range(1, 2 * GOP):
-        decoder, joiner = image_decoder(FFMPEG_PACKET), Joiner(replay=True)
+        decoder, splicer = image_decoder(FFMPEG_PACKET), Splicer(replay=True)
         shown = {}
         arrivals = [(Source.REPLAY, p) for p in replay(packets, joined) + packets[joined : joined + lag]]
         arrivals += [(Source.LIVE, p) for p in packets[joined : joined + 5]]
         for source, packet in arrivals:
             is_key, wanted = bool(packet.flags & FLAG_KEY), not packet.flags & FLAG_DISCARD
-            joiner.take(packet, source, pts=packet.pts, is_key=is_key, shown=wanted)
-        while (step := joiner.next()) is not None:
+            splicer.take(packet, source, pts=packet.pts, is_key=is_key, shown=wanted)
+        while (step := splicer.next()) is not None:
             if step.show:
                 shown[step.packet.pts] = decoder.feed(step.packet)[0]
             else:

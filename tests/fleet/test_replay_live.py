@@ -10,9 +10,9 @@ import pytest
 from conftest import FFMPEG, IMAGE, LOCAL, STREAM, Camera, Decoder
 
 from sfglab.codecs import H264Decoder
-from sfglab.fleet.decoder.app import DecoderConfig
-from sfglab.fleet.keeper import replay_topic
-from sfglab.fleet.keeper.node import KeeperSettings, StreamKeeper
+from sfglab.component import argument_of, config_from_argument
+from sfglab.fleet.decoder.node import DecoderConfig
+from sfglab.fleet.gop_cache import KeeperSettings, StreamKeeper, replay_topic
 from sfglab.messages import ns_from_stamp
 from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
 
@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.live]
 
 REPLAY = replay_topic(STREAM)
 ENDLESS = 200
-"""A group of pictures that outlasts the test: without a replay a late joiner would see nothing."""
+"""A group of pictures that outlasts the test: without a replay a late splicer would see nothing."""
 
 
 class NoisyCamera(Camera):
@@ -57,7 +57,7 @@ def number(image) -> int:
     return ns_from_stamp(image.header.stamp) // 10**9
 
 
-def test_a_joiner_in_mid_group_sees_pictures_equal_to_continuous_decoding_and_the_replay_is_left(serve):
+def test_a_splicer_in_mid_group_sees_pictures_equal_to_continuous_decoding_and_the_replay_is_left(serve):
     async def scenario():
         async with serve() as (far, near, decoder), kept(far):
             camera = NoisyCamera(far)
@@ -109,11 +109,11 @@ def test_a_stream_without_a_keeper_begins_with_its_next_key_frame(serve):
 
 def test_the_papers_mode_neither_replays_nor_keeps_a_spare(domains):
     config = DecoderConfig(remote=domains[0], local=domains[1], streams=(STREAM,), replay=False, spare=False)
-    assert DecoderConfig.from_json(config.to_json()) == config
+    assert config_from_argument(DecoderConfig, argument_of(config)) == config
 
     async def scenario():
         from sfglab.bus import Node
-        from sfglab.fleet.decoder.app import run_decoder
+        from sfglab.fleet.decoder.node import run_decoder
 
         decoder = Decoder()
         async with (

@@ -11,11 +11,10 @@ import pytest
 
 from sfglab.bus.sim import LinkModel, run_simulated
 from sfglab.codecs import TABLE_2, H264Encoder, ffmpeg_packet_fields
-from sfglab.fleet.decoder.pipeline import PATIENCE_S, Counters, run_pipeline
-from sfglab.fleet.decoder.protocol import Open
-from sfglab.fleet.keeper import FFMPEG_PACKET, replay_topic
-from sfglab.fleet.keeper.node import KeeperSettings, StreamKeeper
-from sfglab.fleet.routing.router import Router, RouterSettings
+from sfglab.fleet.decoder.pipeline import PATIENCE_S, Statistics, run_pipeline
+from sfglab.fleet.decoder.streams import Route
+from sfglab.fleet.gop_cache import FFMPEG_PACKET, KeeperSettings, StreamKeeper, replay_topic
+from sfglab.fleet.router.node import Router, RouterSettings
 from sfglab.messages import default_message, message_type
 from sfglab.qos import COMPRESSED_STREAM
 
@@ -68,16 +67,16 @@ async def agent(world, name, *bodies):
 
 def first_picture(
     packets, link: LinkModel, *, keeper: bool, joined: int = JOINED, fps: float = FPS
-) -> tuple[float, Counters, Screen]:
+) -> tuple[float, Statistics, Screen]:
     """Return the time from joining, half a frame after the given one, to the first picture, in seconds."""
-    screen, counters = Screen(), Counters()
-    order = Open(
+    screen, counts = Screen(), Statistics()
+    route = Route(
+        agent="edge",
         source_topic=STREAM,
         source_type=FFMPEG_PACKET,
         codec="h264",
         local_topic="/local/edge/camera_front/color/image_raw",
         replay_topic=replay_topic(STREAM),
-        transports=(),
     )
 
     async def shoot(node):
@@ -95,36 +94,36 @@ def first_picture(
         async with agent(world, "edge", shoot, *([keep] if keeper else [])), agent(world, "station") as near:
             await asyncio.sleep(5 + (joined + 0.5) / fps)
             joined_s = asyncio.get_running_loop().time()
-            running = asyncio.create_task(run_pipeline(order, remote=near, outputs=screen, counters=counters))
+            running = asyncio.create_task(run_pipeline(route, (), remote=near, outputs=screen, counts=counts))
             await asyncio.sleep(FRAMES / fps)
             running.cancel()
             await asyncio.gather(running, return_exceptions=True)
             return joined_s
 
     joined_s = run_simulated(main, seed=1, link=link, limit_s=60)
-    return screen.times_s[0] - joined_s, counters, screen
+    return screen.times_s[0] - joined_s, counts, screen
 
 
 def test_with_a_keeper_the_first_picture_is_there_at_once_and_without_one_at_the_next_key_frame(packets):
     link = LinkModel(latency_s=0.001)
     waited_s, _, _ = first_picture(packets, link, keeper=False)
     assert waited_s == pytest.approx((60 - JOINED - 0.5) / FPS, abs=0.02)
-    replayed_s, counters, screen = first_picture(packets, link, keeper=True)
+    replayed_s, counts, screen = first_picture(packets, link, keeper=True)
     assert replayed_s < 0.1
-    assert counters.replayed > 0
+    assert counts.replayed > 0
     assert len(screen.times_s) >= FRAMES - JOINED - 4, "and every picture from then on"
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.02])
 def test_on_a_slow_and_lossy_link_the_group_still_comes_before_the_next_key_frame(packets, loss):
     link = LinkModel(latency_s=0.005, rate_bps=20e6, loss=loss)
-    replayed_s, counters, _ = first_picture(packets, link, keeper=True)
+    replayed_s, counts, _ = first_picture(packets, link, keeper=True)
     assert replayed_s < 0.5
-    assert counters.broken == 0
+    assert counts.broken == 0
 
 
 def test_a_replay_that_never_comes_is_given_up_and_the_next_key_frame_awaited(packets):
-    waited_s, counters, _ = first_picture(packets, LinkModel(), keeper=False, joined=2, fps=5)
+    waited_s, counts, _ = first_picture(packets, LinkModel(), keeper=False, joined=2, fps=5)
     assert waited_s == pytest.approx((TABLE_2.gop - 2.5) / 5, abs=0.05)
     assert waited_s > PATIENCE_S
-    assert (counters.replayed, counters.broken) == (0, 0)
+    assert (counts.replayed, counts.broken) == (0, 0)

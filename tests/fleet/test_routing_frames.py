@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.fleet.routing import Direction
-from sfglab.fleet.routing.frames import FrameClaims, FrameClashError, Frames
-from sfglab.fleet.routing.transforms import TF_TYPE, TransformGate
+from sfglab.fleet.policy import Direction
+from sfglab.fleet.router.frames import TF_TYPE, FrameClaims, FrameClashError, Frames, TransformGate
 from sfglab.messages import default_message, deserialize, message_type, serialize
 from sfglab.names import SHARED_FRAMES
 

@@ -16,13 +16,20 @@ import pytest
 from waiting import DEADLINE_S, until
 
 from sfglab.bus import Node, ReceiveTimeoutError
+from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
 from sfglab.bus.dds.forwarder import wire_type
-from sfglab.fleet.address import BusAddress
-from sfglab.fleet.routing import Direction, ForwardRule, Policy
-from sfglab.fleet.routing.app import RouterConfig, RouterConfigError, serve_terminal
-from sfglab.fleet.routing.lock import PairLock, RouterRunningError
-from sfglab.fleet.routing.router import Router, RouterSettings
+from sfglab.component import argument_of, config_from_argument
+from sfglab.fleet.policy import Direction, ForwardRule, Policy
+from sfglab.fleet.router.node import (
+    PairLock,
+    Router,
+    RouterConfig,
+    RouterConfigError,
+    RouterRunningError,
+    RouterSettings,
+    serve_terminal,
+)
 from sfglab.messages import (
     ServiceFrame,
     default_message,
@@ -203,7 +210,7 @@ def test_services_are_called_through_two_routers_both_ways_and_from_the_global_d
 
 
 def test_a_request_that_is_there_before_its_reply_reader_is_answered_when_that_is_known(ids, monkeypatch):
-    monkeypatch.setattr("sfglab.fleet.routing.replies.PATIENCE_NS", 60 * 10**9)
+    monkeypatch.setattr("sfglab.fleet.router.plan.PATIENCE_NS", 60 * 10**9)
     requests, replies = "rq/global/one/get_metadataRequest", "rr/global/one/get_metadataReply"
 
     async def scenario():
@@ -405,7 +412,7 @@ def test_routers_that_come_and_go_leave_nothing(ids):
 @asynccontextmanager
 async def process(config: RouterConfig):
     pipe = asyncio.subprocess.PIPE
-    command = [sys.executable, "-W", "error", "-m", "sfglab.fleet.routing", config.to_json()]
+    command = [sys.executable, "-W", "error", "-m", "sfglab.fleet.router.node", argument_of(config)]
     started = await asyncio.create_subprocess_exec(*command, stdin=pipe, stdout=pipe)
     try:
         yield started
@@ -499,7 +506,7 @@ def test_the_lock_names_its_holder_and_is_free_at_once_when_let_go():
 def test_a_configuration_survives_the_way_to_its_process_and_one_domain_is_refused(ids):
     rule = ForwardRule(pattern="rt/x", description="", directions=frozenset({Direction.INWARD}))
     for config in (config_of(ids), config_of(ids, rules=(rule,), shared_frames=("hall",), prefix_frames=False)):
-        assert RouterConfig.from_json(config.to_json()) == config
+        assert config_from_argument(RouterConfig, argument_of(config)) == config
     assert not Policy(rules=config.rules).crosses("rt/x", Direction.OUTWARD)
     with pytest.raises(RouterConfigError, match=r"given domain \d+ on both sides"):
         config_of([ids[0], ids[0]])

@@ -7,7 +7,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.fleet.routing.merge import READER_DEPTH, announced_qos, offered_qos, requested_qos
+from sfglab.fleet.policy import READER_DEPTH, announced_qos, offered_qos, requested_qos
 from sfglab.qos import (
     DEFAULT,
     LATCHED,

@@ -12,10 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved, user_data
-from sfglab.fleet.routing import Direction, Policy, Side
-from sfglab.fleet.routing.paths import ReaderSpec, WriterSpec
-from sfglab.fleet.routing.plan import ROUTER_KEY, Close, Forget, Judge, Open, Plan
-from sfglab.fleet.routing.replies import PATIENCE_NS
+from sfglab.fleet.policy import Direction, Policy, ReaderSpec, Side, WriterSpec
+from sfglab.fleet.router.plan import PATIENCE_NS, ROUTER_KEY, Close, Forget, Judge, Open, Plan
 from sfglab.qos import DEFAULT, LATCHED, SENSOR_DATA, Durability, incompatibilities
 
 SECOND = 10**9

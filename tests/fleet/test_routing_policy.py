@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.fleet.routing import TABLE_1, Crossing, Direction, ForwardRule, Policy, Side
+from sfglab.fleet.policy import TABLE_1, Crossing, Direction, ForwardRule, Policy, Side
 from sfglab.names import Resource, ResourceKind, RosFqnBuilder, Scope, all_standard_fqns, dds_names
 
 BOTH = frozenset(Side)

@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 
 from sfglab.bus.sim import LinkModel, run_simulated
-from sfglab.fleet.routing.router import Router, RouterSettings
+from sfglab.fleet.router.node import Router, RouterSettings
 from sfglab.messages import default_message, message_type
 from sfglab.qos import LATCHED, QoSProfile
 

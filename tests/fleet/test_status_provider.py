@@ -11,12 +11,11 @@ import pytest
 from waiting import until
 
 from sfglab.bus import Node
-from sfglab.fleet.address import BusAddress
-from sfglab.fleet.status.app import StatusConfig
+from sfglab.bus.address import BusAddress
+from sfglab.component import argument_of
 from sfglab.fleet.status.description import AgentDescription, DescriptionError, SensorDescription
-from sfglab.fleet.status.heartbeat import GET_METADATA, Heartbeat, heartbeat_topic, metadata_service
-from sfglab.fleet.status.provider import StatusProvider, StatusSettings
-from sfglab.fleet.status.schedule import Schedule
+from sfglab.fleet.status.heartbeat import GET_METADATA, Heartbeat, Schedule, heartbeat_topic, metadata_service
+from sfglab.fleet.status.node import StatusConfig, StatusProvider, StatusSettings
 from sfglab.messages import ns_from_stamp, service_type
 from sfglab.qos import LATCHED
 
@@ -113,7 +112,14 @@ def test_a_new_description_is_told_at_once_and_a_bad_one_changes_nothing(address
 async def process(config: StatusConfig):
     pipe = asyncio.subprocess.PIPE
     child = await asyncio.create_subprocess_exec(
-        sys.executable, "-W", "error", "-m", "sfglab.fleet.status", config.to_json(), stdin=pipe, stdout=pipe
+        sys.executable,
+        "-W",
+        "error",
+        "-m",
+        "sfglab.fleet.status.node",
+        argument_of(config),
+        stdin=pipe,
+        stdout=pipe,
     )
     try:
         yield child

@@ -8,17 +8,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.fleet.address import BusAddress
-from sfglab.fleet.status.app import StatusConfig
+from sfglab.bus.address import BusAddress
+from sfglab.component import argument_of, config_from_argument
 from sfglab.fleet.status.description import (
     AgentDescription,
     DescriptionError,
     SensorDescription,
     StreamDescription,
 )
-from sfglab.fleet.status.heartbeat import Heartbeat, Phase, heartbeat_topic, metadata_service
-from sfglab.fleet.status.provider import StatusSettings
-from sfglab.fleet.status.schedule import Schedule, ScheduleError
+from sfglab.fleet.status.heartbeat import (
+    Heartbeat,
+    Phase,
+    Schedule,
+    ScheduleError,
+    heartbeat_topic,
+    metadata_service,
+)
+from sfglab.fleet.status.node import StatusConfig, StatusSettings
 from sfglab.messages import deserialize, message_type, serialize
 from sfglab.names import FqnError
 
@@ -141,7 +147,7 @@ def test_the_configuration_survives_the_way_to_its_process():
         settings=StatusSettings(agent="go2", description=DESCRIPTION, schedule=Schedule(startup_s=2)),
         detect=False,
     )
-    assert StatusConfig.from_json(config.to_json()) == config
+    assert config_from_argument(StatusConfig, argument_of(config)) == config
 
 
 @pytest.mark.parametrize("values", [{"wheels": 4}, {"sensors": [{"wheels": 4}]}, {"sensors": ["camera"]}])

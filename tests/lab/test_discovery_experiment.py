@@ -13,6 +13,8 @@ import numpy as np
 import psutil
 import pytest
 
+from sfglab.bus.address import BusAddress
+from sfglab.component import argument_of
 from sfglab.lab.claims import How
 from sfglab.lab.experiments import discovery
 from sfglab.lab.experiments.discovery.config import ROUTED, STANDARD, Config, Scale, Stage
@@ -224,9 +226,13 @@ def test_ros_nodes_of_two_agents_find_each_other_completely():
     async def scenario():
         async def start(name):
             config = RosNodesConfig(
-                namespace=f"/{name}", domain_id=83, interface="lo", talkers=2, listeners=1, peers=1
+                namespace=f"/{name}",
+                address=BusAddress(domain_id=83, interface="lo"),
+                talkers=2,
+                listeners=1,
+                peers=1,
             )
-            argv = [sys.executable, "-m", "sfglab.lab.workers.rosnodes", config.to_json()]
+            argv = [sys.executable, "-m", "sfglab.lab.workers.rosnodes", argument_of(config)]
             return await LineProcess.start(name, argv)
 
         agents = [await start("a"), await start("b")]
@@ -247,12 +253,9 @@ def test_ros_nodes_of_two_agents_find_each_other_completely():
 
 
 def test_an_idle_component_is_loaded_before_it_starts_and_keeps_its_orders(tmp_path):
-    package = tmp_path / "toy"
-    package.mkdir()
-    (package / "__init__.py").touch()
-    (package / "app.py").write_text("import sys\nassert sys.argv[1:2] != ['told']\n")
-    (package / "__main__.py").write_text(
-        "import sys\nfrom toy import app\nprint(sys.argv[1], sys.stdin.readline().strip(), flush=True)\n"
+    (tmp_path / "toy.py").write_text(
+        "import sys\nassert sys.argv[1:2] != ['told']\n"
+        "def main():\n    print(sys.argv[1], sys.stdin.readline().strip(), flush=True)\n"
     )
     argv = [sys.executable, "-m", "sfglab.lab.workers.idle", "toy", "told"]
     options = {"text": True, "stdin": subprocess.PIPE, "stdout": subprocess.PIPE}

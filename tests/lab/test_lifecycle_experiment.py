@@ -9,7 +9,7 @@ import psutil
 import pytest
 
 from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Input, State
-from sfglab.fleet.status.schedule import Schedule
+from sfglab.fleet.status.heartbeat import Schedule
 from sfglab.lab.experiments import lifecycle
 from sfglab.lab.experiments.lifecycle.config import Config
 from sfglab.lab.experiments.lifecycle.rows import (

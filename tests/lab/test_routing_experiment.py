@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sfglab.bus.api import MessageInfo
-from sfglab.fleet.routing import Direction, Policy
+from sfglab.fleet.policy import Direction, Policy
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.experiments import routing
 from sfglab.lab.experiments.profiles import ConfigError

@@ -11,7 +11,7 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.errors import DeployError
-from sfglab.fleet.routing import Direction, Policy
+from sfglab.fleet.policy import Direction, Policy
 from sfglab.names import TF, TF_STATIC, dds_topic
 from sfglab.qos import COMPRESSED_STREAM
 

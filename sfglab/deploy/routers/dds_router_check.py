@@ -13,8 +13,8 @@ from sfglab.deploy.findings import Broken, Rules, worst_first
 from sfglab.deploy.routers.dds_router import VERSION, accepts, probe_names
 from sfglab.deploy.shapes import check_shape
 from sfglab.documents import Document, KeyPath
-from sfglab.fleet.border import Finding, Severity
-from sfglab.fleet.routing import Direction, Policy
+from sfglab.fleet.lint import Finding, Severity
+from sfglab.fleet.policy import Direction, Policy
 from sfglab.names import TF_STATIC, dds_topic
 
 if TYPE_CHECKING:

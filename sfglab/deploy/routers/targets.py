@@ -18,9 +18,9 @@ from sfglab.fleet.fleet_file import RouterSoftware
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.fleet.border import Finding
     from sfglab.fleet.fleet_file import Fleet
-    from sfglab.fleet.routing import Policy
+    from sfglab.fleet.lint import Finding
+    from sfglab.fleet.policy import Policy
 
 
 TARGETS: dict[str, Callable[[Fleet, str], str]] = {

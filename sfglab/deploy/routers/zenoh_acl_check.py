@@ -9,8 +9,8 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.findings import Broken, Rules
-from sfglab.fleet.border import Severity
-from sfglab.fleet.routing import Direction, Policy
+from sfglab.fleet.lint import Severity
+from sfglab.fleet.policy import Direction, Policy
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -17,8 +17,8 @@ from sfglab.deploy.routers.zenoh_acl_check import HERE
 from sfglab.deploy.routers.zenoh_acl_check import POLICY as CONTROL_POLICY
 from sfglab.deploy.routers.zenoh_acl_check import RULES as CONTROL_RULES
 from sfglab.deploy.shapes import check_shape
-from sfglab.fleet.border import Finding, Severity
-from sfglab.fleet.routing import Direction, Policy
+from sfglab.fleet.lint import Finding, Severity
+from sfglab.fleet.policy import Direction, Policy
 from sfglab.names import FqnError, ResourceKind, dds_names, ros_name_from_dds
 
 if TYPE_CHECKING:

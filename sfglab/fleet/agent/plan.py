@@ -1,4 +1,4 @@
-"""Which processes an agent consists of, and what each of them is told.
+"""Processes of an agent and what each of them is told, from the fleet file and the command line.
 
 Pure: knows the components' configurations; refuses to know processes. Everything that can be refused beforehand
 is refused here, before anything has been started.
@@ -8,27 +8,26 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
+from sfglab.bus.address import BusAddress
+from sfglab.component import argument_of
 from sfglab.errors import SfglabError
-from sfglab.fleet.agent.supervision import Timing
-from sfglab.fleet.decoder.app import DecoderConfig
-from sfglab.fleet.discovery.app import DiscoveryConfig
-from sfglab.fleet.discovery.node import DiscoverySettings
-from sfglab.fleet.discovery.orders import Timing as DiscoveryTiming
-from sfglab.fleet.keeper.app import KeeperConfig
-from sfglab.fleet.routing import TABLE_1, ForwardRule
-from sfglab.fleet.routing.app import RouterConfig
-from sfglab.fleet.status.app import StatusConfig
+from sfglab.fleet.agent.supervision import Component, Timing
+from sfglab.fleet.decoder.node import DecoderConfig
+from sfglab.fleet.discovery.node import DiscoveryConfig, DiscoverySettings
+from sfglab.fleet.discovery.registry import Timing as DiscoveryTiming
+from sfglab.fleet.gop_cache import KeeperConfig
+from sfglab.fleet.policy import TABLE_1, ForwardRule
+from sfglab.fleet.router.node import RouterConfig
 from sfglab.fleet.status.description import AgentDescription, SensorDescription, StreamDescription
-from sfglab.fleet.status.provider import StatusSettings
-from sfglab.fleet.status.schedule import Schedule
+from sfglab.fleet.status.heartbeat import Schedule
+from sfglab.fleet.status.node import StatusConfig, StatusSettings
 from sfglab.names import SHARED_FRAMES, Resource, RosFqnBuilder, Scope
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from sfglab.fleet.address import BusAddress
     from sfglab.fleet.fleet_file import Fleet, SensorSpec
 
 
@@ -40,14 +39,6 @@ MAX_DOMAIN = 232
 
 class PlanError(SfglabError, ValueError):
     """An agent that could not be run as it is described."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Component:
-    """One process of an agent."""
-
-    name: str  #: What it is called in messages.
-    argv: tuple[str, ...]  #: Program and arguments.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +78,7 @@ def plan(config: AgentConfig) -> tuple[Component, ...]:
                 f"agent {config.agent}: given domain {address.domain_id}, allowed are 0 to {MAX_DOMAIN}"
             )
     return tuple(
-        Component(name=name, argv=(sys.executable, "-m", module, configure(config).to_json()))
+        Component(name=name, argv=(sys.executable, "-m", module, argument_of(configure(config))))
         for name, (module, configure) in _MODULES.items()
         if name in config.components and (name != "keeper" or _videos(config))
     )
@@ -103,12 +94,6 @@ def without(config: AgentConfig, components: Iterable[str]) -> AgentConfig:
     for name in sorted(dropped - set(COMPONENTS)):
         raise PlanError(f"agent {config.agent}: given component {name!r}, allowed are {', '.join(COMPONENTS)}")
     return replace(config, components=tuple(name for name in config.components if name not in dropped))
-
-
-class _Argument(Protocol):
-    """What every component's configuration is: a process's argument."""
-
-    def to_json(self) -> str: ...
 
 
 def router_config(config: AgentConfig) -> RouterConfig:
@@ -161,12 +146,12 @@ def _decoder(config: AgentConfig) -> DecoderConfig:
     )
 
 
-_MODULES: dict[str, tuple[str, Callable[[AgentConfig], _Argument]]] = {
-    "router": ("sfglab.fleet.routing", router_config),
-    "status": ("sfglab.fleet.status", _status),
-    "discoverer": ("sfglab.fleet.discovery", _discoverer),
-    "keeper": ("sfglab.fleet.keeper", _keeper),
-    "decoder": ("sfglab.fleet.decoder", _decoder),
+_MODULES: dict[str, tuple[str, Callable[[AgentConfig], Any]]] = {
+    "router": ("sfglab.fleet.router.node", router_config),
+    "status": ("sfglab.fleet.status.node", _status),
+    "discoverer": ("sfglab.fleet.discovery.node", _discoverer),
+    "keeper": ("sfglab.fleet.gop_cache", _keeper),
+    "decoder": ("sfglab.fleet.decoder.node", _decoder),
 }
 
 
@@ -200,3 +185,45 @@ def _sensor(sensor: SensorSpec) -> SensorDescription:
         for stream in sensor.streams
     )
     return SensorDescription(name=sensor.name, model=sensor.model, streams=streams)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SideOptions:
+    """What is said of one side of the border; None: nothing."""
+
+    domain_id: int | None = None  #: DDS domain.
+    interface: str | None = None  #: Network interface by name.
+
+    def over(self, address: BusAddress) -> BusAddress:
+        """Return an address with what is said here in place of what it says."""
+        domain_id = address.domain_id if self.domain_id is None else self.domain_id
+        return replace(address, domain_id=domain_id, interface=self.interface or address.interface)
+
+
+def config_from_options(
+    agent: str, fleet: Fleet | None, *, local: SideOptions, remote: SideOptions
+) -> AgentConfig:
+    """Return the agent that the command line describes.
+
+    Args:
+        agent: Its name.
+        fleet: What the fleet file says; None: there is none.
+        local: Of its own domain; the domain is needed where there is no fleet file.
+        remote: Of the global domain, which is 0 unless something else is said.
+
+    Raises:
+        PlanError: Nothing says which domain is its own.
+        UnknownAgentError: The fleet has no such agent.
+    """
+    if fleet is not None:
+        base = config_from_fleet(fleet, agent)
+        return replace(base, local=local.over(base.local), remote=remote.over(base.remote))
+    if local.domain_id is None:
+        raise PlanError(
+            f"agent {agent}: its own domain: nothing is given, allowed are 1 to {MAX_DOMAIN} or a fleet file"
+        )
+    return AgentConfig(
+        agent=agent,
+        local=local.over(BusAddress(domain_id=local.domain_id)),
+        remote=remote.over(BusAddress(domain_id=0)),
+    )

@@ -1,31 +1,42 @@
-"""The agent's decoder: starts a pipeline when a local subscriber appears, ends it when the last one leaves.
+"""Agent's decoder: starts a pipeline when a local subscriber appears, ends it when the last one leaves.
 
-The thin shell around `lifecycle`, `demand` and `streams` (paper A, section 4.3, Fig. 4): it listens to the
-local graph, to discovery events and to its pipeline processes, feeds the tables, and carries out what they
-say. Everything happens in one task, one event after the other.
+The thin shell around `demand` and `streams` (paper A, section 4.3, Fig. 4): it listens to the local graph, to
+discovery events and to its pipeline processes, feeds the tables, and carries out what they say. Everything
+happens in one task, one event after the other.
+
+As a process (`sfglab decoder`, or ``python -m sfglab.fleet.decoder.node CONFIG``; see `sfglab.component`) it
+reports, beside ``ready``, every change of a stream, ``{"is": "status", ...}`` with a `PipelineStatus`. Any
+order, a JSON object, is answered with ``{"is": "processes", "pids", "warm"}``: what belongs to the decoder, and
+whether a spare pipeline process is warm.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
-from dataclasses import dataclass, field
+import signal
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from signal import SIGKILL
 from typing import TYPE_CHECKING
 
-from sfglab.fleet.decoder.agents import agent_changes
-from sfglab.fleet.decoder.demand import Demand
-from sfglab.fleet.decoder.lifecycle import TRANSITIONS, Action, Input, Lifecycle, State, Timing
-from sfglab.fleet.decoder.protocol import Close, Closed, Failed, Open, Opened, Serve, Statistics
-from sfglab.fleet.decoder.streams import Route, routes_of_agent
-from sfglab.fleet.discovery.listener import Withdrawn
+from sfglab.bus.address import BusAddress
+from sfglab.component import run_component
+from sfglab.fields import from_json
+from sfglab.fleet.decoder.demand import TRANSITIONS, Action, Demand, Input, Lifecycle, State, Timing
+from sfglab.fleet.decoder.pipeline import Statistics
+from sfglab.fleet.decoder.process import WorkerConfig, WorkerPool
+from sfglab.fleet.decoder.streams import Route, routes_of_agent, routes_of_topic
+from sfglab.fleet.discovery.listener import Withdrawn, agent_changes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Awaitable, Callable, Iterable
 
     from sfglab.bus import Node
     from sfglab.bus.api import EndpointEvent
-    from sfglab.fleet.decoder.pool import Worker, WorkerPool
-    from sfglab.fleet.decoder.protocol import Line
+    from sfglab.component import Report
+    from sfglab.fleet.decoder.process import Worker
     from sfglab.fleet.discovery.listener import Change
 
 
@@ -52,23 +63,6 @@ class _Pipeline:
     worker: Worker | None = None
     statistics: Statistics | None = None
     successor: Route | None = None  # the stream came back while its old pipeline was ending
-
-
-@dataclass(frozen=True, slots=True)
-class _Said:
-    """Something a worker said, or None when it is gone."""
-
-    topic: str
-    worker: Worker
-    line: Line | None
-
-
-@dataclass(frozen=True, slots=True)
-class _Known:
-    """What an agent offers from now on; empty when it is lost."""
-
-    agent: str
-    routes: tuple[Route, ...] = field(default=())
 
 
 class AgentDecoder:
@@ -98,7 +92,7 @@ class AgentDecoder:
         self._on_status = on_status or (lambda _: None)
         self._demand = Demand()
         self._pipelines: dict[str, _Pipeline] = {}
-        self._events: asyncio.Queue[EndpointEvent | _Said | _Known] = asyncio.Queue()
+        self._events: asyncio.Queue[Callable[[], Awaitable[None]]] = asyncio.Queue()
 
     def offer(self, agent: str, routes: Iterable[Route]) -> None:
         """Offer exactly these streams of an agent from now on; none withdraws the agent.
@@ -107,7 +101,7 @@ class AgentDecoder:
             agent: The remote agent.
             routes: Its streams.
         """
-        self._events.put_nowait(_Known(agent, tuple(routes)))
+        self._events.put_nowait(partial(self._know, agent, tuple(routes)))
 
     def hear(self, change: Change) -> None:
         """Take what a remote agent offers from now on, or that it is gone."""
@@ -144,12 +138,11 @@ class AgentDecoder:
             await asyncio.gather(*watchers, return_exceptions=True)
             for pipeline in self._pipelines.values():
                 if pipeline.worker is not None:
-                    pipeline.worker.owner = None
                     await pipeline.worker.end()
 
     async def _watch_graph(self) -> None:
         async for event in self._local.graph.events():
-            self._events.put_nowait(event)
+            self._events.put_nowait(partial(self._see, event))
 
     async def _watch_agents(self, topic: str) -> None:
         async for change in agent_changes(self._local, topic):
@@ -161,18 +154,15 @@ class AgentDecoder:
         deadlines = [p.life.deadline_ns for p in self._pipelines.values() if p.life.deadline_ns is not None]
         wait_s = max(0.0, (min(deadlines) - now_ns) / 1e9) if deadlines else None
         try:
-            event = await asyncio.wait_for(self._events.get(), wait_s)
+            handle = await asyncio.wait_for(self._events.get(), wait_s)
         except TimeoutError:
-            await self._run_timers()
-            return
-        if isinstance(event, _Said):
-            await self._heard(event)
-        elif isinstance(event, _Known):
-            await self._know(event)
-        else:
-            topic = self._demand.feed(event)
-            if topic in self._pipelines:
-                await self._follow_demand(self._pipelines[topic])
+            handle = self._run_timers
+        await handle()
+
+    async def _see(self, event: EndpointEvent) -> None:
+        topic = self._demand.feed(event)
+        if topic in self._pipelines:
+            await self._follow_demand(self._pipelines[topic])
 
     async def _run_timers(self) -> None:
         now_ns = self._local.get_clock().now_ns()
@@ -180,10 +170,10 @@ class AgentDecoder:
             if pipeline.life.due(now_ns):
                 await self._feed(pipeline, Input.TIMER)
 
-    async def _know(self, known: _Known) -> None:
-        offered = {route.local_topic: route for route in known.routes}
+    async def _know(self, agent: str, routes: tuple[Route, ...]) -> None:
+        offered = {route.local_topic: route for route in routes}
         for topic, pipeline in list(self._pipelines.items()):
-            if pipeline.route.agent == known.agent and offered.get(topic) != pipeline.route:
+            if pipeline.route.agent == agent and offered.get(topic) != pipeline.route:
                 pipeline.successor = offered.pop(topic, None)
                 await self._feed(pipeline, Input.WITHDRAWN)
         for topic, route in offered.items():
@@ -204,25 +194,26 @@ class AgentDecoder:
             pipeline.wanted = bool(transports)
             await self._feed(pipeline, Input.WANTED if transports else Input.UNWANTED)
         elif pipeline.worker is not None and transports:
-            pipeline.worker.send(Serve(transports=tuple(sorted(transports))))
+            pipeline.worker.order(do="serve", transports=sorted(transports))
 
-    async def _heard(self, said: _Said) -> None:
-        pipeline = self._pipelines.get(said.topic)
-        if pipeline is None or pipeline.worker is not said.worker:
+    async def _heard(self, topic: str, worker: Worker, report: Report) -> None:
+        pipeline = self._pipelines.get(topic)
+        if pipeline is None or pipeline.worker is not worker:
             return
-        if isinstance(said.line, Statistics):
-            pipeline.statistics = said.line
-            self._on_status(self._status(pipeline))
-        elif isinstance(said.line, Opened):
-            await self._feed(pipeline, Input.STARTED)
-        elif isinstance(said.line, Closed):
-            await self._ended(pipeline, reuse=True)
-        elif isinstance(said.line, Failed):
-            _LOG.warning("decoder: %s: %s", said.topic, said.line.why)
-            await self._ended(pipeline, reuse=False)
-        elif said.line is None:
-            _LOG.warning("decoder: %s: its pipeline process %d is gone", said.topic, said.worker.pid)
-            await self._ended(pipeline, reuse=False)
+        match report["is"]:
+            case "statistics":
+                pipeline.statistics = from_json(Statistics, report)
+                self._on_status(self._status(pipeline))
+            case "opened":
+                await self._feed(pipeline, Input.STARTED)
+            case "closed":
+                await self._ended(pipeline, reuse=True)
+            case "broken" | "failed":
+                _LOG.warning("decoder: %s: %s", topic, report["why"])
+                await self._ended(pipeline, reuse=False)
+            case "ended":
+                _LOG.warning("decoder: %s: its pipeline process %d is gone", topic, worker.pid)
+                await self._ended(pipeline, reuse=False)
 
     async def _ended(self, pipeline: _Pipeline, *, reuse: bool) -> None:
         worker, pipeline.worker = pipeline.worker, None
@@ -230,8 +221,7 @@ class AgentDecoder:
         if reuse:
             await self._pool.take_back(worker)
         else:
-            worker.owner = None
-            worker.kill()
+            worker.signal(SIGKILL)
         await self._feed(pipeline, Input.ENDED)
 
     async def _feed(self, pipeline: _Pipeline, given: Input) -> None:
@@ -249,29 +239,21 @@ class AgentDecoder:
         if action is Action.START:
             await self._start(pipeline)
         elif pipeline.worker is not None and action is Action.STOP:
-            pipeline.worker.send(Close())
+            pipeline.worker.order(do="close")
         elif pipeline.worker is not None and action is Action.KILL:
-            pipeline.worker.kill()
+            pipeline.worker.signal(SIGKILL)
 
     async def _start(self, pipeline: _Pipeline) -> None:
         route = pipeline.route
 
-        def pass_on(worker: Worker, line: Line | None) -> None:
-            self._events.put_nowait(_Said(route.local_topic, worker, line))
+        def pass_on(worker: Worker, report: Report) -> None:
+            self._events.put_nowait(partial(self._heard, route.local_topic, worker, report))
 
         pipeline.worker = await self._pool.lend(pass_on)
         pipeline.statistics = None
-        transports = self._demand.transports(route.local_topic)
-        pipeline.worker.send(
-            Open(
-                source_topic=route.source_topic,
-                source_type=route.source_type,
-                codec=route.codec,
-                local_topic=route.local_topic,
-                replay_topic=route.replay_topic if self._replay else "",
-                transports=tuple(sorted(transports)),
-            )
-        )
+        stream = route if self._replay else replace(route, replay_topic="")
+        transports = sorted(self._demand.transports(route.local_topic))
+        pipeline.worker.order(do="open", stream=stream, transports=transports)
 
     def _status(self, pipeline: _Pipeline) -> PipelineStatus:
         return PipelineStatus(
@@ -282,3 +264,113 @@ class AgentDecoder:
             crashes=pipeline.life.crashes,
             statistics=pipeline.statistics,
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DecoderConfig:
+    """What a decoder process is told."""
+
+    remote: BusAddress  #: Where remote streams arrive.
+    local: BusAddress  #: Where local subscribers are.
+    streams: tuple[str, ...] = ()  #: Remote topics to offer from the start, by their names in the schema.
+    discovery_topic: str = ""  #: Topic of discovery events; empty: none is listened to.
+    linger_s: float = 1.0  #: How long a pipeline outlives its last subscriber, seconds.
+    #: Whether streams are joined by their sender's replay, if it offers one; in paper A the decoder waits for
+    #: the next key frame.
+    replay: bool = True
+    #: Whether a pipeline process waits, warm, for the next stream; in paper A it is loaded on demand.
+    spare: bool = True
+
+
+async def run_decoder(
+    config: DecoderConfig,
+    *,
+    on_status: Callable[[PipelineStatus], None],
+    on_ready: Callable[[WorkerPool], None] = lambda _: None,
+) -> None:
+    """Run a decoder until cancelled; everything it started has ended when this returns.
+
+    Args:
+        config: Where and what.
+        on_status: Called whenever a stream's state or counts change.
+        on_ready: Called once when it serves.
+
+    Raises:
+        StreamError: One of the configured streams cannot be offered.
+        BusError: The local domain cannot be joined.
+        PoolError: No pipeline process can be started, as when the remote domain cannot be joined.
+    """
+    from sfglab.bus import Node
+
+    routes = [route for topic in config.streams for route in routes_of_topic(topic)]
+    workers = WorkerConfig(remote=config.remote, local=config.local)
+    pool = WorkerPool(workers, spares=int(config.spare))
+    # The node first: what is wrong with the domain or interface is said once, here, and not by processes.
+    async with Node("agent_decoder", **asdict(config.local)) as local:
+        try:
+            await pool.start()
+            timing = Timing(linger_ns=round(config.linger_s * 1e9))
+            decoder = AgentDecoder(local, pool, timing=timing, replay=config.replay, on_status=on_status)
+            for agent in sorted({route.agent for route in routes}):
+                decoder.offer(agent, [route for route in routes if route.agent == agent])
+            on_ready(pool)
+            await decoder.run(config.discovery_topic or None)
+        finally:
+            await pool.close()
+
+
+def main() -> None:
+    """Be the process: serve until told to end."""
+    run_component(DecoderConfig, _serve)
+
+
+async def _serve(
+    config: DecoderConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]
+) -> None:
+    """Run a decoder that reports, and answer orders once it serves."""
+    answering: list[asyncio.Task[None]] = []
+
+    async def answer(pool: WorkerPool) -> None:
+        while True:
+            await orders.get()
+            report({"is": "processes", "pids": pool.pids, "warm": pool.warm})
+
+    def ready(pool: WorkerPool) -> None:
+        answering.append(asyncio.create_task(answer(pool)))
+        report({"is": "ready"})
+
+    try:
+        await run_decoder(config, on_status=lambda s: report({"is": "status", **asdict(s)}), on_ready=ready)
+    finally:
+        for task in answering:
+            task.cancel()
+        await asyncio.gather(*answering, return_exceptions=True)
+
+
+async def serve_terminal(config: DecoderConfig, say: Callable[[str], None]) -> None:
+    """Run a decoder for a person at a terminal, until interrupted or terminated.
+
+    Args:
+        config: Where and what.
+        say: Takes a line for each change of a stream's state.
+    """
+    states: dict[str, str] = {}
+
+    def note(status: PipelineStatus) -> None:
+        if states.get(status.local_topic) != status.state:
+            states[status.local_topic] = status.state
+            who = f"{status.subscribers} subscriber{'' if status.subscribers == 1 else 's'}"
+            say(f"{status.local_topic}: {status.state.lower()}, {who}  (from {status.source_topic})")
+
+    running = asyncio.create_task(
+        run_decoder(config, on_status=note, on_ready=lambda _: say("decoder: ready, end it with Ctrl-C"))
+    )
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, running.cancel)
+    with contextlib.suppress(asyncio.CancelledError):
+        await running
+    say("decoder: everything is released")
+
+
+if __name__ == "__main__":
+    main()

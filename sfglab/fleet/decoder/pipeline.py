@@ -9,21 +9,68 @@ demand.
 from __future__ import annotations
 
 import asyncio
+import functools
+import struct
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from sfglab.codecs import CodecError, image_decoder
-from sfglab.fleet.decoder.images import image_bytes, image_prefix, write_image
-from sfglab.fleet.decoder.joiner import Joiner, Source
-from sfglab.fleet.decoder.protocol import RELAY, Open, Statistics
-from sfglab.fleet.keeper import FLAG_DISCARD, FLAG_KEY, REPLAY_QOS
+from sfglab.fleet.decoder.splicer import Source, Splicer
+from sfglab.fleet.decoder.streams import RELAY
+from sfglab.fleet.gop_cache import FLAG_DISCARD, FLAG_KEY, REPLAY_QOS
+from sfglab.messages import default_message, serialize
 from sfglab.qos import COMPRESSED_STREAM, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from numpy.typing import NDArray
+
     from sfglab.bus import Node, Publisher, Subscription
+    from sfglab.fleet.decoder.streams import Route
+
+
+def image_prefix(header: Any, pixels: NDArray[np.generic], encoding: str) -> bytes:
+    """Return the CDR of an Image up to its first pixel.
+
+    Args:
+        header: A ``std_msgs/msg/Header``.
+        pixels: Shape (H, W) or (H, W, channels), C route.
+        encoding: The ROS name of the pixel format, such as ``bgr8`` or ``16UC1``.
+    """
+    prefix = _prefix(header.frame_id, encoding, pixels.shape[:2], pixels.strides[0], pixels.nbytes)
+    # From picture to picture only the stamp changes, which stands behind the 4 bytes of the CDR header; to
+    # serialise all of it anew takes ten times as long as to write it into its place.
+    stamp = struct.pack("<iI", header.stamp.sec, header.stamp.nanosec)
+    return prefix[:4] + stamp + prefix[4 + len(stamp) :]
+
+
+@functools.lru_cache(maxsize=64)
+def _prefix(frame_id: str, encoding: str, shape: tuple[int, ...], step: int, size_bytes: int) -> bytes:
+    image = default_message("sensor_msgs/msg/Image")
+    image.header.frame_id = frame_id
+    image.height, image.width = shape
+    image.encoding = encoding
+    image.is_bigendian = 0
+    image.step = step
+    # An empty sequence ends in its length, a 4-byte aligned uint32: put the real one there.
+    return serialize(image)[:-4] + struct.pack("<I", size_bytes)
+
+
+def write_image(buffer: Any, prefix: bytes, pixels: NDArray[np.generic]) -> None:
+    """Write an Image into a buffer of exactly ``len(prefix) + pixels.nbytes`` bytes."""
+    view = np.frombuffer(buffer, dtype=np.uint8)
+    view[: len(prefix)] = np.frombuffer(prefix, dtype=np.uint8)
+    view[len(prefix) : len(prefix) + pixels.nbytes] = pixels.reshape(-1).view(np.uint8)
+
+
+def image_bytes(prefix: bytes, pixels: NDArray[np.generic]) -> bytes:
+    """Return a whole Image, padded to four bytes as the middleware needs it."""
+    body = prefix + pixels.tobytes()
+    return body + bytes(-len(body) % 4)
 
 
 LOCAL_QOS = QoSProfile(depth=5)
@@ -35,25 +82,15 @@ PATIENCE_S = 3.0
 """How long a replay may take to connect with the live stream; a key frame will have come by then."""
 
 
-@dataclass(slots=True)
-class Counters:
-    """What a pipeline has done since it was opened."""
+@dataclass(slots=True, kw_only=True)
+class Statistics:
+    """Counts of a pipeline since it was opened."""
 
-    received: int = 0
-    replayed: int = 0
-    published: int = 0
-    broken: int = 0
-    last_error: str = ""
-
-    def snapshot(self) -> Statistics:
-        """Return the counts as they are now."""
-        return Statistics(
-            received=self.received,
-            replayed=self.replayed,
-            published=self.published,
-            broken=self.broken,
-            last_error=self.last_error,
-        )
+    received: int = 0  #: Messages from the remote stream.
+    replayed: int = 0  #: Messages from its replay.
+    published: int = 0  #: Images handed to local subscribers.
+    broken: int = 0  #: Messages that could not be decoded.
+    last_error: str = ""  #: The latest decoding error; empty without one.
 
 
 class Outputs:
@@ -104,51 +141,58 @@ class Outputs:
         self.serve(())
 
 
-async def run_pipeline(order: Open, *, remote: Node, outputs: Outputs, counters: Counters) -> None:
+async def run_pipeline(
+    route: Route, transports: Iterable[str], *, remote: Node, outputs: Outputs, counts: Statistics
+) -> None:
     """Decode or relay one stream until cancelled.
 
     A message that cannot be decoded is counted and skipped: the next key frame heals the stream. A stream
     that pauses simply has no messages meanwhile.
 
     Args:
-        order: Which stream, and by which transports it is wanted.
+        route: Which stream.
+        transports: By which transports it is wanted.
         remote: The node on the domain where the remote topic is.
         outputs: Where pictures go; served from here on.
-        counters: Counts, updated in place.
+        counts: Updated in place.
 
     Raises:
         CodecError: There is no decoder for this type and codec.
     """
-    if order.codec == RELAY:
-        await _relay(order, remote, outputs, counters)
+    if route.codec == RELAY:
+        await _relay(route, transports, remote, outputs, counts)
     else:
-        await _decode(order, remote, outputs, counters)
+        await _decode(route, transports, remote, outputs, counts)
 
 
-async def _relay(order: Open, remote: Node, outputs: Outputs, counters: Counters) -> None:
+async def _relay(
+    route: Route, transports: Iterable[str], remote: Node, outputs: Outputs, counts: Statistics
+) -> None:
     with closing(
-        remote.create_subscription(order.source_type, order.source_topic, qos=COMPRESSED_STREAM, raw=True)
+        remote.create_subscription(route.source_type, route.source_topic, qos=COMPRESSED_STREAM, raw=True)
     ) as subscription:
-        outputs.serve(order.transports)
+        outputs.serve(transports)
         async for cdr in subscription:
-            counters.received += 1
+            counts.received += 1
             outputs.publish_raw(cdr)
-            counters.published += 1
+            counts.published += 1
 
 
-async def _decode(order: Open, remote: Node, outputs: Outputs, counters: Counters) -> None:
+async def _decode(
+    route: Route, transports: Iterable[str], remote: Node, outputs: Outputs, counts: Statistics
+) -> None:
     with ExitStack() as stack:
 
         def subscribe(topic: str, qos: QoSProfile) -> Subscription:
-            subscription = remote.create_subscription(order.source_type, topic, qos=qos)
+            subscription = remote.create_subscription(route.source_type, topic, qos=qos)
             stack.callback(subscription.close)
             return subscription
 
         # What is far away first, the replay before all: routers connect one topic after the other.
-        replay = subscribe(order.replay_topic, REPLAY_QOS) if order.replay_topic else None
-        live = subscribe(order.source_topic, COMPRESSED_STREAM)
-        outputs.serve(order.transports)
-        decoding = _Decoding(order, outputs, counters)
+        replay = subscribe(route.replay_topic, REPLAY_QOS) if route.replay_topic else None
+        live = subscribe(route.source_topic, COMPRESSED_STREAM)
+        outputs.serve(transports)
+        decoding = _Decoding(route, outputs, counts)
         if replay is not None:
             await decoding.join(live, replay)
             replay.close()
@@ -156,14 +200,14 @@ async def _decode(order: Open, remote: Node, outputs: Outputs, counters: Counter
 
 
 class _Decoding:
-    """One stream's packets on their way through the joiner and the decoder to the outputs."""
+    """One stream's packets on their way through the splicer and the decoder to the outputs."""
 
-    def __init__(self, order: Open, outputs: Outputs, counters: Counters) -> None:
-        self._decoder = image_decoder(order.source_type, order.codec)
-        self._numbered = bool(order.replay_topic)
-        self._joiner: Joiner[Any] = Joiner(replay=self._numbered)
+    def __init__(self, route: Route, outputs: Outputs, counts: Statistics) -> None:
+        self._decoder = image_decoder(route.source_type, route.codec)
+        self._numbered = bool(route.replay_topic)
+        self._splicer: Splicer[Any] = Splicer(replay=self._numbered)
         self._outputs = outputs
-        self._counters = counters
+        self._counts = counts
         self._arrived = asyncio.Event()
 
     async def join(self, live: Subscription, replay: Subscription) -> None:
@@ -172,13 +216,13 @@ class _Decoding:
         pumps = [asyncio.create_task(self._pump(s, source)) for source, s in sources.items()]
         try:
             async with asyncio.timeout(PATIENCE_S):
-                while self._joiner.needs_replay:
+                while self._splicer.needs_replay:
                     await self._step_or_wait()
                     for pump in pumps:
                         if pump.done():
                             pump.result()
         except TimeoutError:
-            self._joiner.give_up()
+            self._splicer.give_up()
         finally:
             for pump in pumps:
                 pump.cancel()
@@ -187,9 +231,13 @@ class _Decoding:
     async def follow(self, live: Subscription) -> None:
         """Decode what is left from joining, and then the live stream as it comes."""
         await self._drain()
-        async for message in live:
-            self._take(message, Source.LIVE)
+        messages = aiter(live)
+        while not self._splicer.done:
+            self._take(await anext(messages), Source.LIVE)
             await self._drain()
+        async for message in messages:
+            self._counts.received += 1
+            await self._decode(message, show=not (self._numbered and message.flags & FLAG_DISCARD))
 
     async def _pump(self, subscription: Subscription, source: Source) -> None:
         try:
@@ -201,11 +249,11 @@ class _Decoding:
 
     def _take(self, message: Any, source: Source) -> None:
         if source is Source.LIVE:
-            self._counters.received += 1
+            self._counts.received += 1
         else:
-            self._counters.replayed += 1
+            self._counts.replayed += 1
         pts, flags = (message.pts, message.flags) if self._numbered else (0, FLAG_KEY)
-        self._joiner.take(
+        self._splicer.take(
             message, source, pts=pts, is_key=bool(flags & FLAG_KEY), shown=not flags & FLAG_DISCARD
         )
 
@@ -220,22 +268,25 @@ class _Decoding:
 
     async def _step(self) -> bool:
         """Decode the next message; return False where there is none."""
-        step = self._joiner.next()
+        step = self._splicer.next()
         if step is None:
             return False
+        await self._decode(step.packet, show=step.show)
+        return True
+
+    async def _decode(self, message: Any, *, show: bool) -> None:
         try:
-            if step.show:
-                self._show(step.packet)
+            if show:
+                self._show(message)
             else:
-                self._decoder.skip(step.packet)
+                self._decoder.skip(message)
         except CodecError as error:
-            self._counters.broken += 1
-            self._counters.last_error = str(error)
+            self._counts.broken += 1
+            self._counts.last_error = str(error)
         # A burst of queued messages must not keep orders, and newer messages, from being heard.
         await asyncio.sleep(0)
-        return True
 
     def _show(self, message: Any) -> None:
         for image in self._decoder.feed(message):
             self._outputs.publish_image(message.header, image.array, image.encoding)
-            self._counters.published += 1
+            self._counts.published += 1

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
-from sfglab.fleet.decoder.protocol import RELAY
-from sfglab.fleet.keeper import FFMPEG_PACKET, replay_topic
+from sfglab.fleet.gop_cache import FFMPEG_PACKET, replay_topic
 from sfglab.names import FqnError, Resource, RosFqn, Scope, parse
 
 if TYPE_CHECKING:
@@ -20,6 +19,8 @@ if TYPE_CHECKING:
 
 
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+RELAY = "relay"
+"""Codec hint of a stream whose messages pass on as they are."""
 
 _TYPES = {
     Resource.FFMPEG: (FFMPEG_PACKET, "h264"),

@@ -1,17 +1,18 @@
-"""The life of one remote agent as a table: paper A, section 4.2, Fig. 3.
+"""Life of one remote agent as a table: paper A, section 4.2, Fig. 3.
 
 A state says two things: what local consumers have been told of the agent, and how its description is being
 asked for. So the states form a grid, and the table shows where a query is outstanding: there is never a second
 one. That, the timers and the events are the paper's; what happens when an agent is started again, changes, or
-does not answer is spelled out here. Knows states, inputs and actions; refuses to know messages, names, numbers
-and clocks.
+does not answer is spelled out here. Knows states, inputs and actions, and the figure that is drawn from them;
+refuses to know messages, names, numbers and clocks.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum, auto
 
-from sfglab.fleet.machine import IllegalInputError
+from sfglab.machine import step
 
 
 class Told(Enum):
@@ -197,8 +198,42 @@ class Lifecycle:
         Raises:
             IllegalInputError: The input cannot happen in this state.
         """
-        if (self.state, given) not in TRANSITIONS:
-            allowed = tuple(i for s, i in TRANSITIONS if s is self.state)
-            raise IllegalInputError(f"agent {self._agent!r}", self.state, given, allowed)
-        self.state, actions = TRANSITIONS[self.state, given]
+        self.state, actions = step(f"agent {self._agent!r}", TRANSITIONS, self.state, given)
         return actions
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Node:
+    """A state and its place in the grid."""
+
+    state: State  #: The state.
+    row: int  #: 0 for what local consumers have not heard of, 1 for what is there, 2 for what is lost.
+    column: int  #: 0 when nothing is asked, 1 while a query is outstanding, 2 while the next one waits.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Edge:
+    """A transition."""
+
+    source: State  #: Where it starts.
+    given: Input  #: What happened.
+    target: State  #: Where it ends.
+    actions: tuple[Action, ...]  #: What is done.
+
+    @property
+    def label(self) -> str:
+        """The edge in UML's syntax, "event / action; action", with spaces for underscores."""
+        done = "; ".join(action.name.lower() for action in self.actions)
+        return (self.given.name.lower() + (f" / {done}" if done else "")).replace("_", " ")
+
+
+def diagram() -> tuple[tuple[Node, ...], tuple[Edge, ...]]:
+    """Return the states and the transitions of the table, in its order."""
+    nodes = tuple(
+        Node(state=s, row=list(Told).index(s.told), column=list(Asking).index(s.asking)) for s in State
+    )
+    edges = tuple(
+        Edge(source=source, given=given, target=target, actions=actions)
+        for (source, given), (target, actions) in TRANSITIONS.items()
+    )
+    return nodes, edges

@@ -7,6 +7,7 @@ publisher's gid and `now_ns`. Refuses to know heartbeats, queries and what agent
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,9 @@ from sfglab.names import Resource, RosFqnBuilder, Scope
 from sfglab.qos import Durability, QoSProfile
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import AsyncIterator, Mapping
+
+    from sfglab.bus import Node
 
 
 DISCOVERY_EVENT = "sfglab_interfaces/msg/AgentDiscoveryEvent"
@@ -134,3 +137,28 @@ class KnownAgents:
     def _withdraw(self, agent: str) -> Withdrawn | None:
         known = self._metadata.pop(agent, None)
         return None if known is None else Withdrawn(agent=agent)
+
+
+async def agent_changes(node: Node, topic: str, known: KnownAgents | None = None) -> AsyncIterator[Change]:
+    """Yield every change of what remote agents offer, those first that the discoverer has announced before.
+
+    Args:
+        node: Node in the agent's own domain.
+        topic: Where its discoverer publishes.
+        known: What is known, updated in place; None: nothing, and the usual grace.
+    """
+    known, clock = known or KnownAgents(), node.get_clock()
+    with closing(node.create_subscription(DISCOVERY_EVENT, topic, qos=DISCOVERY_QOS)) as subscription:
+        while True:
+            due_ns = known.deadline_ns
+            wait_s = None if due_ns is None else max(0.0, (due_ns - clock.now_ns()) / 1e9)
+            try:
+                event, info = await subscription.take_with_info(wait_s)
+            except TimeoutError:
+                pass
+            else:
+                change = known.feed(event, info.publisher_gid, now_ns=clock.now_ns())
+                if change is not None:
+                    yield change
+            for withdrawn in known.expire(clock.now_ns()):
+                yield withdrawn

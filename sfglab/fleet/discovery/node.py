@@ -1,27 +1,34 @@
-"""The agent discoverer: one node per agent that knows the fleet. Paper A, section 4.2, Fig. 3.
+"""Agent discoverer: one node per agent that knows the fleet. Paper A, section 4.2, Fig. 3.
 
 The thin shell around `registry`: it hears heartbeats, asks agents what they are, watches the time, and
 publishes discovery events in the agent's own domain, so that no other node of the agent has to.
+
+As a process (``python -m sfglab.fleet.discovery.node CONFIG``; see `sfglab.component`) it reports, beside
+``ready``, every discovery event, ``{"is": "event", "agent", "event", "incarnation", "t_ns"}``, and where the
+configuration asks for it every transition, ``{"is": "move", "agent", "before", "given", "after", "actions",
+"t_ns"}``. The order ``{"report": true}`` is answered with what is known now: ``{"is": "status", "agents":
+[...], "counts": {...}}``.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from dataclasses import dataclass, field, replace
+from collections import deque
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from sfglab.bus.address import BusAddress
+from sfglab.component import run_component
 from sfglab.errors import SfglabError
-from sfglab.fleet.discovery.history import History
+from sfglab.fleet.discovery.lifecycle import Action
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, HISTORY, discovery_topic
-from sfglab.fleet.discovery.orders import Abandon, Announce, Answer, Ask, Timing
-from sfglab.fleet.discovery.registry import Registry
+from sfglab.fleet.discovery.registry import Registry, Timing
 from sfglab.fleet.discovery.screening import Limits, LimitsError, Refusal
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
     GET_METADATA,
-    Heartbeat,
     heartbeat_topic,
     metadata_service,
 )
@@ -33,7 +40,41 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from sfglab.bus import Node, Publisher, Subscription
-    from sfglab.fleet.discovery.orders import AgentStatus, Move, Order
+    from sfglab.component import Report
+    from sfglab.fleet.discovery.registry import AgentStatus, Move, Order
+
+
+class History:
+    """The agents of the last events.
+
+    Args:
+        depth: How many events are kept for consumers that come late. With more agents than that, what is
+            repeated pushes out what has to be repeated.
+    """
+
+    def __init__(self, depth: int) -> None:
+        self._window: deque[str] = deque(maxlen=depth)
+        self._events_of: dict[str, int] = {}
+
+    def published(self, agent: str) -> str | None:
+        """Take note of one more event.
+
+        Args:
+            agent: Whom it is about.
+
+        Returns:
+            The agent whose last event has just been pushed out, and has to be repeated if it is there.
+        """
+        pushed_out = self._window[0] if len(self._window) == self._window.maxlen else None
+        self._window.append(agent)
+        self._events_of[agent] = self._events_of.get(agent, 0) + 1
+        if pushed_out is None:
+            return None
+        self._events_of[pushed_out] -= 1
+        if self._events_of[pushed_out]:
+            return None
+        del self._events_of[pushed_out]
+        return pushed_out
 
 
 _LOG = logging.getLogger(__name__)
@@ -89,8 +130,8 @@ class AgentDiscoverer:
         node: Node,
         settings: DiscoverySettings,
         *,
-        on_event: Callable[[Announce], None] = lambda _: None,
-        on_move: Callable[[Move], None] = lambda _: None,
+        on_event: Callable[[Order], None] = lambda _: None,
+        on_move: Callable[[Move], None] | None = None,
     ) -> None:
         self._node = node
         self._settings = settings
@@ -135,8 +176,7 @@ class AgentDiscoverer:
     async def _hear(self, heartbeats: Subscription) -> None:
         while True:
             try:
-                message, info = await heartbeats.take_with_info()
-                heartbeat = Heartbeat.from_message(message)
+                heartbeat, info = await heartbeats.take_with_info()
             except CdrError:
                 self._registry.refuse(Refusal.MALFORMED)
                 continue
@@ -170,29 +210,30 @@ class AgentDiscoverer:
 
     def _carry_out(self, orders: Iterable[Order]) -> None:
         for order in orders:
-            if isinstance(order, Ask):
-                task = self._queries[order.query] = asyncio.create_task(self._ask(order))
-                task.add_done_callback(partial(self._query_ended, order.query))
-            elif isinstance(order, Abandon):
-                self._queries[order.query].cancel()
-            else:
+            if order.query is None:
                 self._announce(order)
+            elif order.action is Action.QUERY:
+                task = asyncio.create_task(self._ask(order.agent, order.query))
+                self._queries[order.query] = task
+                task.add_done_callback(partial(self._query_ended, order.query))
+            else:
+                self._queries[order.query].cancel()
 
     def _query_ended(self, query: int, task: asyncio.Task[None]) -> None:
         del self._queries[query]
         if not task.cancelled() and (error := task.exception()) is not None and not self._broken.done():
             self._broken.set_exception(error)
 
-    async def _ask(self, ask: Ask) -> None:
-        answer = await self._answer_of(ask.agent)
-        if answer is None:
-            orders = self._registry.failed(ask.agent, ask.query, now_ns=_now_ns())
+    async def _ask(self, agent: str, query: int) -> None:
+        metadata = await self._metadata_of(agent)
+        if metadata is None:
+            orders = self._registry.failed(agent, query, now_ns=_now_ns())
         else:
-            orders = self._registry.answered(ask.agent, ask.query, answer, now_ns=_now_ns())
+            orders = self._registry.answered(agent, query, metadata, now_ns=_now_ns())
         self._carry_out(orders)
         self._rearmed.set()  # the next try may be due before anything else
 
-    async def _answer_of(self, agent: str) -> Answer | None:
+    async def _metadata_of(self, agent: str) -> Any:
         """Ask an agent when it is its turn; None when there is no answer, or none of use."""
         async with self._slots:
             client = self._node.create_client(GET_METADATA, metadata_service(agent))
@@ -206,16 +247,10 @@ class AgentDiscoverer:
             finally:
                 client.close()
         metadata = response.metadata
-        if not response.success or serialized_size(metadata) > self._settings.limits.max_metadata_bytes:
-            return None
-        return Answer(
-            agent=metadata.agent,
-            incarnation=int(metadata.incarnation),
-            revision=int(metadata.revision),
-            metadata=metadata,
-        )
+        fits = serialized_size(metadata) <= self._settings.limits.max_metadata_bytes
+        return metadata if response.success and fits else None
 
-    def _announce(self, news: Announce | None) -> None:
+    def _announce(self, news: Order | None) -> None:
         """Publish an event, and again the last news of agents that late consumers would not hear otherwise."""
         while news is not None:
             self._publish(news)
@@ -224,7 +259,7 @@ class AgentDiscoverer:
             unheard = self._history.published(news.agent)
             news = None if unheard is None else self._registry.announcement(unheard)
 
-    def _publish(self, news: Announce) -> None:
+    def _publish(self, news: Order) -> None:
         type_ = message_type(DISCOVERY_EVENT)
         event: Any = type_(
             stamp=stamp_from_ns(self._node.get_clock().now_ns()),
@@ -245,3 +280,91 @@ async def _end(tasks: Sequence[asyncio.Task[None]]) -> None:
 def _now_ns() -> int:
     """Return the loop's time: it is the node's world's, and never set back."""
     return round(asyncio.get_running_loop().time() * 1e9)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiscoveryConfig:
+    """What a discoverer's process is told."""
+
+    address: BusAddress  #: The agent's local domain.
+    settings: DiscoverySettings  #: Whose discoverer it is, and how it works.
+    report_moves: bool = False  #: Whether every transition is reported.
+
+
+async def run_discoverer(
+    config: DiscoveryConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]
+) -> None:
+    """Run a discoverer until cancelled; everything it started has ended when this returns.
+
+    Args:
+        config: Where and how.
+        report: Takes its reports.
+        orders: Orders to it.
+
+    Raises:
+        BusError: The domain cannot be joined.
+    """
+    from sfglab.bus import Node
+
+    async with Node("agent_discoverer", **config.address.options()) as node:
+        now_ns = node.get_clock().now_ns
+
+        def moved(move: Move) -> None:
+            report(_move_report(move, now_ns()))
+
+        discoverer = AgentDiscoverer(
+            node,
+            config.settings,
+            on_event=lambda event: report(_event_report(event, now_ns())),
+            on_move=moved if config.report_moves else None,
+        )
+        obeying = asyncio.create_task(_obey(discoverer, report, orders))
+        try:
+            await discoverer.run(on_ready=lambda: report({"is": "ready"}))
+        finally:
+            obeying.cancel()
+            await asyncio.gather(obeying, return_exceptions=True)
+
+
+def main() -> None:
+    """Be the process: serve until told to end."""
+    run_component(DiscoveryConfig, run_discoverer)
+
+
+async def _obey(
+    discoverer: AgentDiscoverer, report: Callable[[Report], None], orders: asyncio.Queue[Report]
+) -> None:
+    while True:
+        await orders.get()
+        report(_status_report(discoverer.status()))
+
+
+def _event_report(event: Order, now_ns: int) -> Report:
+    return {
+        "is": "event",
+        "agent": event.agent,
+        "event": event.event,
+        "incarnation": event.incarnation,
+        "t_ns": now_ns,
+    }
+
+
+def _move_report(move: Move, now_ns: int) -> Report:
+    return {
+        "is": "move",
+        "agent": move.agent,
+        "before": move.before.name,
+        "given": move.given.name,
+        "after": move.after.name,
+        "actions": [action.name for action in move.actions],
+        "t_ns": now_ns,
+    }
+
+
+def _status_report(status: DiscoveryStatus) -> Report:
+    agents = [{**asdict(agent), "state": agent.state.name} for agent in status.agents]
+    return {"is": "status", "agents": agents, "counts": status.counts}
+
+
+if __name__ == "__main__":
+    main()

@@ -1,4 +1,4 @@
-"""All remote agents of one discoverer: which input a heartbeat or an answer is, and when time is one.
+"""Registry of all remote agents: which input a heartbeat or an answer is, and when time is one.
 
 Pure: the caller passes what was heard and `now_ns`, any clock that never goes back, and carries out what is
 returned. A start of an agent is told from another by its incarnation, which grows; while one start is there,
@@ -11,8 +11,9 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
+from sfglab.errors import SfglabError
 from sfglab.fleet.discovery.lifecycle import (
     ANNOUNCEMENTS,
     TRANSITIONS,
@@ -23,23 +24,90 @@ from sfglab.fleet.discovery.lifecycle import (
     State,
     Told,
 )
-from sfglab.fleet.discovery.orders import Abandon, AgentStatus, Announce, Ask, Move, Timing
 from sfglab.fleet.discovery.screening import Limits, Refusal, Screen
-from sfglab.fleet.machine import BackOff
+from sfglab.machine import BackOff
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.fleet.discovery.orders import Answer, Order
     from sfglab.fleet.status.heartbeat import Heartbeat
+
+
+class TimingError(SfglabError, ValueError):
+    """Waits with which a discoverer could not work.
+
+    Attributes:
+        name: The field in question.
+        given: Its value.
+    """
+
+    def __init__(self, name: str, given: float) -> None:
+        self.name = name
+        self.given = given
+        super().__init__(f"discovery, {name}: given {given}, allowed are positive numbers")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Timing:
+    """How long a discoverer waits for what."""
+
+    missed: float = 3.0  #: An agent is lost when this many of its announced periods pass without a heartbeat.
+    slack_ns: int = 500_000_000  #: Time on top of that, for the network.
+    backoff_ns: int = 250_000_000  #: Wait after the first failed query; it doubles with each further one.
+    backoff_max_ns: int = 10_000_000_000  #: The longest wait between queries.
+    forget_ns: int = 600_000_000_000  #: How long a lost agent is remembered.
+
+    def __post_init__(self) -> None:
+        for name in ("missed", "slack_ns", "backoff_ns", "backoff_max_ns", "forget_ns"):
+            if not getattr(self, name) > 0:
+                raise TimingError(name, getattr(self, name))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Order:
+    """What the caller has to do about an agent: ask it, give that up, or tell local consumers of it."""
+
+    action: Action  #: What; one that is an announcement names the event.
+    agent: str  #: Whom to ask, or of whom to tell.
+    #: Which query; no two are the same, and `Registry.answered` or `Registry.failed` is told of it.
+    query: int | None = None
+    incarnation: int = 0  #: Which start of the agent the description is from.
+    metadata: Any = None  #: Its last known description.
+
+    @property
+    def event(self) -> str:
+        """The event, by the name of a constant of ``AgentDiscoveryEvent``."""
+        return self.action.name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Move:
+    """A transition that was taken."""
+
+    agent: str  #: Whose.
+    before: State  #: State before.
+    given: Input  #: Input.
+    after: State  #: State after.
+    actions: tuple[Action, ...]  #: What was done.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AgentStatus:
+    """One remote agent as the registry sees it."""
+
+    agent: str  #: Its name.
+    state: State  #: Where it stands.
+    incarnation: int  #: Which start of it was heard last.
+    revision: int  #: Which revision of its description was heard last.
+    failures: int  #: Queries that failed since the last one that did not.
+    heard_ns: int  #: When it was heard last, on the caller's clock.
 
 
 _OF_NO_USE = tuple(state for state, given in TRANSITIONS if given is Input.EXPIRED)
 
 
-class _Version(NamedTuple):
-    incarnation: int
-    revision: int
+_Version = tuple[int, int]
+"""Incarnation and revision of an agent's description."""
 
 
 @dataclass(slots=True)
@@ -79,7 +147,7 @@ class Registry:
         *,
         timing: Timing | None = None,
         limits: Limits | None = None,
-        on_move: Callable[[Move], None] = lambda _: None,
+        on_move: Callable[[Move], None] | None = None,
     ) -> None:
         self.counts: Counter[str] = Counter()
         self._timing = timing or Timing()
@@ -93,7 +161,7 @@ class Registry:
         """Take a heartbeat and return what has to be done.
 
         Args:
-            heartbeat: What it says; it may say anything.
+            heartbeat: The heartbeat, as a value or as the message; it may say anything.
             publisher_gid: Who published it, from `MessageInfo`.
             now_ns: The caller's clock in nanoseconds.
         """
@@ -110,7 +178,7 @@ class Registry:
             return self.refuse(Refusal.STALE)
         self.counts["heard"] += 1
         if given is not Input.HEARD:
-            remote.wanted = _version(heartbeat)
+            remote.wanted = heartbeat.incarnation, heartbeat.revision
         if given is Input.RESTARTED:
             remote.backoff = self._fresh_backoff()
         remote.heard_ns = now_ns
@@ -122,24 +190,24 @@ class Registry:
         self.counts[f"dropped_{why.value}"] += 1
         return []
 
-    def answered(self, agent: str, query: int, answer: Answer, *, now_ns: int) -> list[Order]:
+    def answered(self, agent: str, query: int, metadata: Any, *, now_ns: int) -> list[Order]:
         """Take an answer and return what has to be done.
 
         Args:
             agent: Who was asked.
-            query: Which query, as `Ask` named it.
-            answer: What came.
+            query: Which query, as the order named it.
+            metadata: The ``AgentMetadata`` that came; it may say anything.
             now_ns: The caller's clock in nanoseconds.
         """
         remote = self._asked(agent, query)
         if remote is None:
             return []
-        if answer.agent != agent or not _is_wanted(answer, remote.wanted):
+        if metadata.agent != agent or not _is_wanted(metadata, remote.wanted):
             self.counts["mismatched"] += 1
             return self.failed(agent, query, now_ns=now_ns)
-        anew = remote.held is not None and remote.held.incarnation != answer.incarnation
-        remote.held = remote.wanted = _Version(answer.incarnation, answer.revision)
-        remote.metadata, remote.query = answer.metadata, None
+        anew = remote.held is not None and remote.held[0] != metadata.incarnation
+        remote.held = remote.wanted = metadata.incarnation, metadata.revision
+        remote.metadata, remote.query = metadata, None
         remote.backoff = self._fresh_backoff()
         self.counts["answered"] += 1
         return self._feed(agent, Input.ANSWERED_ANEW if anew else Input.ANSWERED, now_ns)
@@ -184,23 +252,25 @@ class Registry:
             AgentStatus(
                 agent=agent,
                 state=remote.life.state,
-                incarnation=remote.wanted.incarnation,
-                revision=remote.wanted.revision,
+                incarnation=remote.wanted[0],
+                revision=remote.wanted[1],
                 failures=remote.backoff.failures,
                 heard_ns=remote.heard_ns,
             )
             for agent, remote in sorted(self._remotes.items())
         )
 
-    def announcement(self, agent: str) -> Announce | None:
+    def announcement(self, agent: str) -> Order | None:
         """Return the news of an agent that is there, for those who have not heard of it; None if it is not."""
         remote = self._remotes.get(agent)
         if remote is None or remote.life.state.told is not Told.PRESENT:
             return None
-        return _announce(agent, Action.DISCOVERED, remote)
+        return _order(Action.DISCOVERED, agent, remote)
 
     def _add(self, heartbeat: Heartbeat) -> _Remote:
-        remote = _Remote(Lifecycle(heartbeat.agent), self._fresh_backoff(), _version(heartbeat))
+        remote = _Remote(
+            Lifecycle(heartbeat.agent), self._fresh_backoff(), (heartbeat.incarnation, heartbeat.revision)
+        )
         self._remotes[heartbeat.agent] = remote
         return remote
 
@@ -227,34 +297,32 @@ class Registry:
         remote = self._remotes[agent]
         before = remote.life.state
         actions = remote.life.feed(given)
-        self._on_move(Move(agent=agent, before=before, given=given, after=remote.life.state, actions=actions))
+        if self._on_move is not None:
+            move = Move(agent=agent, before=before, given=given, after=remote.life.state, actions=actions)
+            self._on_move(move)
         if remote.life.state is State.LOST and before is not State.LOST:
             # Whoever comes back is compared with what consumers know, not with what was being asked for.
             assert remote.held is not None
             remote.wanted, remote.expire_ns = remote.held, now_ns + self._timing.forget_ns
-        orders = (self._carry_out(agent, remote, action, now_ns) for action in actions)
+        orders = [self._order(action, agent, remote, now_ns) for action in actions]
         return [order for order in orders if order is not None]
 
-    def _carry_out(self, agent: str, remote: _Remote, action: Action, now_ns: int) -> Order | None:
-        if action in ANNOUNCEMENTS:
-            return _announce(agent, action, remote)
+    def _order(self, action: Action, agent: str, remote: _Remote, now_ns: int) -> Order | None:
+        """Return an action as an order to the caller; None for what is done here."""
+        if action is Action.BACK_OFF:
+            remote.retry_ns = now_ns + remote.backoff.next_ns(0)
+            return None
+        if action is Action.FORGET:
+            del self._remotes[agent]
+            return None
         if action is Action.QUERY:
             self.counts["asked"] += 1
             remote.query = next(self._queries)
-            return Ask(agent=agent, query=remote.query)
+        order = _order(action, agent, remote)
         if action is Action.ABANDON:
-            return self._abandon(agent, remote)
-        if action is Action.BACK_OFF:
-            remote.retry_ns = now_ns + remote.backoff.next_ns(0)
-        elif action is Action.FORGET:
-            del self._remotes[agent]
-        return None
-
-    def _abandon(self, agent: str, remote: _Remote) -> Abandon:
-        assert remote.query is not None
-        query, remote.query = remote.query, None
-        self.counts["abandoned"] += 1
-        return Abandon(agent=agent, query=query)
+            self.counts["abandoned"] += 1
+            remote.query = None
+        return order
 
     def _silence_ns(self, heartbeat: Heartbeat) -> int:
         return round(self._timing.missed * heartbeat.period_s * 1e9) + self._timing.slack_ns
@@ -264,21 +332,17 @@ class Registry:
         return BackOff(first_ns=timing.backoff_ns, limit_ns=timing.backoff_max_ns, stable_ns=1)
 
 
-def _version(heartbeat: Heartbeat) -> _Version:
-    return _Version(heartbeat.incarnation, heartbeat.revision)
-
-
-def _is_wanted(answer: Answer, wanted: _Version) -> bool:
+def _is_wanted(metadata: Any, wanted: _Version) -> bool:
     """Return whether an answer is from the start that was heard, and not older than what was heard of it."""
-    return answer.incarnation == wanted.incarnation and answer.revision >= wanted.revision
+    return bool(metadata.incarnation == wanted[0] and metadata.revision >= wanted[1])
 
 
 def _input_of(heartbeat: Heartbeat, remote: _Remote) -> Input | None:
     """Return which input a heartbeat is; None when it is from a start that has been followed by another."""
-    wanted = remote.wanted
-    if heartbeat.incarnation == wanted.incarnation:
-        return Input.CHANGED if heartbeat.revision > wanted.revision else Input.HEARD
-    older = heartbeat.incarnation < wanted.incarnation
+    incarnation, revision = remote.wanted
+    if heartbeat.incarnation == incarnation:
+        return Input.CHANGED if heartbeat.revision > revision else Input.HEARD
+    older = heartbeat.incarnation < incarnation
     return None if older and remote.life.state is not State.LOST else Input.RESTARTED
 
 
@@ -295,8 +359,8 @@ def _timer_of(remote: _Remote, now_ns: int) -> Input | None:
     return next((given for at_ns, given in _deadlines(remote) if now_ns >= at_ns), None)
 
 
-def _announce(agent: str, action: Action, remote: _Remote) -> Announce:
+def _order(action: Action, agent: str, remote: _Remote) -> Order:
+    if action not in ANNOUNCEMENTS:
+        return Order(action=action, agent=agent, query=remote.query)
     assert remote.held is not None
-    return Announce(
-        agent=agent, event=action.name, incarnation=remote.held.incarnation, metadata=remote.metadata
-    )
+    return Order(action=action, agent=agent, incarnation=remote.held[0], metadata=remote.metadata)

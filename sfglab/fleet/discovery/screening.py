@@ -1,4 +1,4 @@
-"""Which heartbeats count: the domain is shared, and anybody can publish anything there.
+"""Screening of heartbeats: the domain is shared, and anybody can publish anything there.
 
 Pure: knows rates, bounds and the naming schema; refuses to know which agents there are.
 """
@@ -13,8 +13,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
-from sfglab.fleet.status.heartbeat import Phase, metadata_service
-from sfglab.fleet.status.schedule import MAX_PERIOD_S, MIN_PERIOD_S
+from sfglab.fleet.status.heartbeat import MAX_PERIOD_S, MIN_PERIOD_S, Phase, metadata_service
 from sfglab.names import FqnError
 
 if TYPE_CHECKING:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from sfglab.fleet.fleet_file.deployment import (
+    AUTO,
     Accelerator,
     Architecture,
     ContainerNetwork,
@@ -11,7 +12,6 @@ from sfglab.fleet.fleet_file.deployment import (
     RosDistribution,
     RouterSoftware,
 )
-from sfglab.fleet.fleet_file.deployment_reading import AUTO
 from sfglab.fleet.fleet_file.model import (
     AgentSpec,
     Fleet,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sfglab.fleet.routing.app import RouterConfig
+from sfglab.fleet.router.node import RouterConfig
 from sfglab.fleet.status.description import AgentDescription, SensorDescription, StreamDescription
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """A fleet as values: its agents, what their nodes publish, subscribe, serve and call, and their frames.
 
-Knows what is true of a fleet, not where it is written nor whether it makes sense: `sfglab.fleet.border` finds
+Knows what is true of a fleet, not where it is written nor whether it makes sense: `sfglab.fleet.lint` finds
 what does not. Every part remembers its place in the file, which does not count when parts are compared.
 """
 
@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from sfglab.bus.address import BusAddress
 from sfglab.documents import NOWHERE, Place, suggestion
 from sfglab.errors import SfglabError
-from sfglab.fleet.address import BusAddress
 from sfglab.fleet.fleet_file.deployment import DeploymentSpec
-from sfglab.fleet.routing import Policy
+from sfglab.fleet.policy import Policy
 from sfglab.names import SHARED_FRAMES
 
 if TYPE_CHECKING:

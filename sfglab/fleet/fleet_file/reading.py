@@ -1,7 +1,7 @@
 """From a fleet file to a `Fleet`: every key that there is, its type, its range and its default.
 
 Refuses what is not a fleet at all: unknown keys, wrong types, names that ROS or the schema's agent segment
-forbid, domains that DDS does not have. Whether the fleet makes sense is for `sfglab.fleet.border`.
+forbid, domains that DDS does not have. Whether the fleet makes sense is for `sfglab.fleet.lint`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab.documents import Document, DocumentError, Place, Section, suggestion
-from sfglab.fleet.fleet_file.deployment_reading import read_deployment, read_host
+from sfglab.fleet.fleet_file.deployment import read_deployment, read_host
 from sfglab.fleet.fleet_file.model import (
     AgentSpec,
     Fleet,
@@ -21,7 +21,7 @@ from sfglab.fleet.fleet_file.model import (
     StreamSpec,
     TopicUse,
 )
-from sfglab.fleet.routing import TABLE_1, Direction, ForwardRule, Policy
+from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy
 from sfglab.names import SHARED_FRAMES, FqnError, ResourceKind, validate_agent, validate_ros_name
 from sfglab.qos import (
     COMPRESSED_STREAM,

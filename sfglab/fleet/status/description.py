@@ -1,13 +1,15 @@
-"""What an agent is: its sensors and their streams, accelerators and software, as frozen values.
+"""Description of an agent: its sensors and their streams, accelerators and software, as frozen values.
 
-Pure: knows the naming schema and the metadata messages; refuses to know how hardware is found (`hardware`).
+Knows the naming schema, the metadata messages, and how hardware that works on this machine is found.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
+from sfglab import __version__
 from sfglab.errors import SfglabError
 from sfglab.fleet.status.heartbeat import AGENT_METADATA
 from sfglab.messages import message_type, stamp_from_ns
@@ -154,3 +156,22 @@ def _check_topic(topic: str, agent: str) -> None:
         raise DescriptionError(
             f"topic {topic!r}", f"allowed are names of agent {agent!r} in the global scope: others stay inside"
         )
+
+
+_LIBRARIES = ("cyclonedds", "av", "numpy")
+
+
+def accelerators() -> tuple[str, ...]:
+    """Return FFmpeg's names of the H.264 codecs that work in hardware here.
+
+    Each candidate encodes or decodes a trial, which takes up to a second together.
+    """
+    from sfglab.codecs.probe import available_decoders, available_encoders
+
+    probes = (*available_encoders(), *available_decoders())
+    return tuple(dict.fromkeys(p.name for p in probes if p.hardware and p.works))
+
+
+def software() -> tuple[str, ...]:
+    """Return sfglab and the libraries that decide what it can do, each with its version."""
+    return (f"sfglab {__version__}", *(f"{name} {version(name)}" for name in _LIBRARIES))

@@ -1,15 +1,17 @@
-"""The heartbeat as a value, and the names on the wire that belong to an agent's status.
+"""Heartbeats: their names on the wire, as values, and their schedule. Paper A, section 4.2: 1 s and 5 s.
 
-Knows the interfaces and the naming schema; refuses to know when a heartbeat is sent and whether one that was
-heard can be believed.
+Pure: knows the interfaces and the grid of instants since the start; refuses to know any clock, and whether a
+heartbeat that was heard can be believed.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
+from sfglab.errors import SfglabError
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.names import Resource, RosFqnBuilder, Scope
 
@@ -75,3 +77,70 @@ class Heartbeat:
             period_s=float(message.period_s),
             version=message.version,
         )
+
+
+MIN_PERIOD_S = 0.05
+"""The shortest period that is believed; below it, heartbeats would be traffic."""
+
+MAX_PERIOD_S = 60.0
+"""The longest period that is believed; above it, an agent that is gone would be missed too late."""
+
+_MAX_STARTUP_S = 3600.0
+
+
+class ScheduleError(SfglabError, ValueError):
+    """A schedule that no agent should keep.
+
+    Attributes:
+        name: The field in question.
+        given: Its value.
+    """
+
+    def __init__(self, name: str, given: float, allowed: str) -> None:
+        self.name = name
+        self.given = given
+        super().__init__(f"heartbeat schedule, {name}: given {given}, allowed are {allowed}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Schedule:
+    """The instants of an agent's heartbeats; the first one is at its start.
+
+    The start-up phase lasts whole periods: it ends with the first of its instants at or after `startup_s`,
+    which is the first one of the steady state.
+    """
+
+    startup_period_s: float = 1.0  #: Period in the start-up phase, seconds.
+    steady_period_s: float = 5.0  #: Period afterwards, seconds.
+    startup_s: float = 10.0  #: How long the start-up phase lasts, seconds; 0: there is none.
+
+    def __post_init__(self) -> None:
+        for name in ("startup_period_s", "steady_period_s"):
+            given = getattr(self, name)
+            if not MIN_PERIOD_S <= given <= MAX_PERIOD_S:
+                raise ScheduleError(name, given, f"seconds from {MIN_PERIOD_S} to {MAX_PERIOD_S}")
+        if not 0 <= self.startup_s <= _MAX_STARTUP_S:
+            raise ScheduleError("startup_s", self.startup_s, f"seconds from 0 to {_MAX_STARTUP_S}")
+
+    def phase(self, elapsed_ns: int) -> Phase:
+        """Return the phase at a time since the start, nanoseconds."""
+        return Phase.STARTUP if elapsed_ns < self._steady_from_ns else Phase.STEADY
+
+    def next_ns(self, elapsed_ns: int) -> int:
+        """Return the first instant after `elapsed_ns`, both in nanoseconds since the start.
+
+        Whoever was late goes on at the next instant: what was missed is not made up for.
+        """
+        if elapsed_ns < self._steady_from_ns:
+            return (elapsed_ns // self._startup_ns + 1) * self._startup_ns
+        since_ns = elapsed_ns - self._steady_from_ns
+        steady_ns = round(self.steady_period_s * 1e9)
+        return self._steady_from_ns + (since_ns // steady_ns + 1) * steady_ns
+
+    @property
+    def _startup_ns(self) -> int:
+        return round(self.startup_period_s * 1e9)
+
+    @property
+    def _steady_from_ns(self) -> int:
+        return math.ceil(round(self.startup_s * 1e9) / self._startup_ns) * self._startup_ns

@@ -8,9 +8,7 @@ every second with the numbers and stamps of what it sent; ends when its standard
 from __future__ import annotations
 
 import asyncio
-import json
 import signal
-import sys
 import time
 from contextlib import AsyncExitStack, asynccontextmanager, closing, suppress
 from dataclasses import asdict, dataclass
@@ -18,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from sfglab.bus.address import BusAddress
 from sfglab.codecs import (
     COMPRESSED_IMAGE,
     FFMPEG_PACKET,
@@ -26,10 +25,10 @@ from sfglab.codecs import (
     compressed_depth_fields,
     ffmpeg_packet_fields,
 )
+from sfglab.component import run_component
 from sfglab.lab.framenumber import stamp_number
 from sfglab.lab.sources import DEPTH_STAMP_MM, Frame, SourceError, open_source
 from sfglab.messages import message_type, stamp_from_ns
-from sfglab.pipes import claim_standard_output, run, standard_input_lines
 from sfglab.qos import COMPRESSED_STREAM
 
 if TYPE_CHECKING:
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     from sfglab.bus import Publisher
+    from sfglab.component import Report
 
 
 _Sent = tuple[int, int, int]
@@ -53,10 +53,8 @@ class _Shooting(NamedTuple):
 class CameraConfig:
     """What the camera process is told."""
 
-    domain_id: int  #: DDS domain.
-    interface: str | None  #: Network interface.
-    multicast: str  #: How far DDS uses multicast.
-    topic: str  #: The compressed topic.
+    #: Where the same messages go: places on the bus, and the name of the compressed topic there.
+    places: tuple[tuple[BusAddress, str], ...]
     codec: str = "h264"  #: ``h264`` (colour) or ``rvl`` (depth).
     source: str = "photos"  #: Source of frames, as `open_source` takes it.
     seed: int = 0  #: Seed of the source.
@@ -67,12 +65,6 @@ class CameraConfig:
     gop: int = 30  #: Frames from key frame to key frame.
     encoder: str = "auto"  #: H.264 encoder by FFmpeg's name, or ``auto``.
     frame_id: str = "camera_front"  #: TF frame of the camera.
-    #: Where else the same messages go: mappings with ``domain_id``, ``interface``, ``multicast`` and ``topic``.
-    copies: tuple[dict[str, Any], ...] = ()
-
-    def to_json(self) -> str:
-        """Return the configuration as the process's argument."""
-        return json.dumps(asdict(self))
 
 
 class _ColourEncoder:
@@ -130,35 +122,22 @@ async def _camera(config: CameraConfig, sent: Callable[[list[_Sent]], None]) -> 
     )
     with closing(source):
         async with AsyncExitStack() as stack:
-            publishers = [await _publisher(stack, place, encoder.type) for place in _places(config)]
+            publishers = [await _publisher(stack, *place, encoder.type) for place in config.places]
             yield _Shooting(encoder, _shoot(config, source, encoder, publishers, sent))
 
 
-def _places(config: CameraConfig) -> list[dict[str, Any]]:
-    names = ("domain_id", "interface", "multicast", "topic")
-    return [{name: getattr(config, name) for name in names}, *config.copies]
-
-
-async def _publisher(stack: AsyncExitStack, place: dict[str, Any], type_: str) -> Publisher:
+async def _publisher(stack: AsyncExitStack, address: BusAddress, topic: str, type_: str) -> Publisher:
     from sfglab.bus import Node
 
-    topic, address = place["topic"], {name: value for name, value in place.items() if name != "topic"}
-    node = await stack.enter_async_context(Node("camera_front", **address))
+    node = await stack.enter_async_context(Node("camera_front", **address.options()))
     return node.create_publisher(type_, topic, COMPRESSED_STREAM)
 
 
-async def _serve(config: CameraConfig, report: Callable[[dict[str, Any]], None]) -> None:
-    """Shoot for an experiment, until its orders end."""
+async def serve(config: CameraConfig, report: Callable[[Report], None], _: asyncio.Queue[Report]) -> None:
+    """Shoot for an experiment, until told to end."""
     async with _camera(config, lambda frames: report({"is": "sent", "frames": frames})) as camera:
         report({"is": "running", "encoder": camera.encoder.name, "type": camera.encoder.type})
-        shoot = asyncio.create_task(camera.shoot)
-        hear = asyncio.create_task(_until_input_ends())
-        done, _ = await asyncio.wait({shoot, hear}, return_when=asyncio.FIRST_COMPLETED)
-        for task in done - {hear}:
-            task.result()
-        shoot.cancel()
-        with suppress(asyncio.CancelledError):
-            await shoot
+        await camera.shoot
 
 
 async def run_camera(config: CameraConfig, say: Callable[[str], None]) -> None:
@@ -168,16 +147,16 @@ async def run_camera(config: CameraConfig, say: Callable[[str], None]) -> None:
         config: What and where.
         say: Takes a line of progress.
     """
-    total = 0
+    total, (_, topic) = 0, config.places[0]
 
     def count(frames: list[_Sent]) -> None:
         nonlocal total
         total += len(frames)
         rate = sum(size for _, _, size in frames) * 8 * config.fps / len(frames) / 1e6
-        say(f"{config.topic}: {total} frames, {rate:.2f} Mbit/s")
+        say(f"{topic}: {total} frames, {rate:.2f} Mbit/s")
 
     async with _camera(config, count) as camera:
-        say(f"{config.topic}: {camera.encoder.name}, {camera.encoder.type}; end it with Ctrl-C")
+        say(f"{topic}: {camera.encoder.name}, {camera.encoder.type}; end it with Ctrl-C")
         shoot = asyncio.create_task(camera.shoot)
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, shoot.cancel)
@@ -217,17 +196,5 @@ async def _shoot(
             sent(second)
 
 
-async def _until_input_ends() -> None:
-    async for _ in standard_input_lines():
-        pass
-
-
-def main() -> None:
-    """Run the camera with the configuration given as its one argument."""
-    config = CameraConfig(**json.loads(sys.argv[1]))
-    write = claim_standard_output()
-    run(_serve(config, lambda report: write(json.dumps(report).encode() + b"\n")))
-
-
 if __name__ == "__main__":
-    main()
+    run_component(CameraConfig, serve)

@@ -16,13 +16,13 @@ import socket
 import sys
 import time
 import zlib
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from sfglab.component import claim_standard_output, config_from_argument
 from sfglab.errors import SfglabError
-from sfglab.pipes import claim_standard_output
 
 SPARE_BYTES = 1 << 16
 """How much more random data there is than the largest message: each round's message begins elsewhere in it."""
@@ -42,15 +42,6 @@ class CrossingConfig:
     shared: int  #: File descriptor of the hardware side's memory; -1: it stands on the software's side.
     largest_bytes: int  #: Size of the largest message.
     seed: int  #: Of the random data.
-
-    def to_json(self) -> str:
-        """Return the configuration as a process's argument."""
-        return json.dumps(asdict(self))
-
-    @classmethod
-    def from_json(cls, text: str) -> CrossingConfig:
-        """Read what `to_json` wrote."""
-        return cls(**json.loads(text))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,7 +103,7 @@ class End:
 
     def say(self, kind: str, **values: Any) -> None:
         """Report."""
-        self._report(json.dumps({"is": kind, **values}).encode() + b"\n")
+        self._report({"is": kind, **values})
 
     def _take_part(self, item: Round) -> None:
         self.say("armed")
@@ -194,7 +185,7 @@ def _touch(view: memoryview) -> int:
 
 def main() -> None:
     """Be one end."""
-    end = End(CrossingConfig.from_json(sys.argv[1]))
+    end = End(config_from_argument(CrossingConfig, sys.argv[1]))
     try:
         end.obey()
     except (CrossingError, OSError) as error:

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import asyncio
 import base64
-import json
-import sys
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from sfglab.fleet.address import BusAddress
-from sfglab.fleet.component import run_component
+from sfglab.bus.address import BusAddress
+from sfglab.component import run_component
 from sfglab.fleet.status.description import AgentDescription
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
@@ -31,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus import Node, Publisher
+    from sfglab.component import Report
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,16 +38,6 @@ class FakeConfig:
 
     address: BusAddress  #: Where its agents are.
     late_s: float  #: How long a late answer takes, seconds.
-
-    def to_json(self) -> str:
-        """Return the configuration as a process's argument."""
-        return json.dumps(asdict(self))
-
-    @classmethod
-    def from_json(cls, text: str) -> FakeConfig:
-        """Read what `to_json` wrote."""
-        values = json.loads(text)
-        return cls(address=BusAddress(**values["address"]), late_s=values["late_s"])
 
 
 @dataclass(slots=True)
@@ -69,13 +58,13 @@ class Fakes:
         report: Takes what is reported.
     """
 
-    def __init__(self, node: Node, late_s: float, report: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(self, node: Node, late_s: float, report: Callable[[Report], None]) -> None:
         self._node = node
         self._late_s = late_s
         self._report = report
         self._fakes: dict[str, _Fake] = {}
 
-    def obey(self, order: dict[str, Any]) -> None:
+    def obey(self, order: Report) -> None:
         """Carry out an order: ``mode``, ``beat`` or ``raw``, for an agent that is made when it is new."""
         fake = self._fakes.get(order["agent"]) or self._make(order["agent"])
         if order["do"] == "mode":
@@ -94,10 +83,10 @@ class Fakes:
         self._node.create_service(GET_METADATA, metadata_service(agent), lambda _: self._answer(agent, fake))
         return fake
 
-    def _beat(self, fake: _Fake, order: dict[str, Any]) -> None:
+    def _beat(self, fake: _Fake, order: Report) -> None:
         fake.incarnation, fake.revision = order["incarnation"], order["revision"]
         heartbeat = Heartbeat(
-            agent=order.get("bearing", order["agent"]),
+            agent=str(order.get("bearing", order["agent"])),
             incarnation=fake.incarnation,
             revision=fake.revision,
             phase=Phase.STARTUP,
@@ -121,22 +110,16 @@ class Fakes:
         return service_type(GET_METADATA).response(success=not refused, message=refused, metadata=metadata)
 
 
-def main(argument: str) -> None:
+async def serve(config: FakeConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
     """Be the process."""
-    config = FakeConfig.from_json(argument)
-    orders: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+    from sfglab.bus import Node
 
-    async def body(report: Callable[[dict[str, Any]], None]) -> None:
-        from sfglab.bus import Node
-
-        async with Node("false_agents", **config.address.options()) as node:
-            fakes = Fakes(node, config.late_s, report)
-            report({"is": "ready"})
-            while True:
-                fakes.obey(await orders.get())
-
-    run_component(body, on_order=orders.put_nowait)
+    async with Node("false_agents", **config.address.options()) as node:
+        fakes = Fakes(node, config.late_s, report)
+        report({"is": "ready"})
+        while True:
+            fakes.obey(await orders.get())
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    run_component(FakeConfig, serve)

@@ -7,36 +7,36 @@ JSON line, ``{"is": "seen", "domains": {"0": [...], ...}}``: names of topics, ea
 from __future__ import annotations
 
 import asyncio
-import json
-import sys
 from contextlib import AsyncExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sfglab.bus.address import BusAddress
+from sfglab.component import run_component
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.component import Report
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObserverConfig:
     """Where to look, and how long."""
 
-    domains: tuple[int, ...]  #: DDS domains.
-    interface: str  #: Network interface.
+    addresses: tuple[BusAddress, ...]  #: DDS domains.
     seconds: float  #: For how long.
-
-    def to_json(self) -> str:
-        """Return the configuration as a process's argument."""
-        return json.dumps(asdict(self))
 
 
 async def look(config: ObserverConfig) -> dict[str, list[str]]:
     """Return the topics of all endpoints that were ever shown, by domain."""
     from sfglab.bus import Node
 
-    seen: dict[str, dict[bytes, str]] = {str(domain): {} for domain in config.domains}
+    seen: dict[str, dict[bytes, str]] = {str(address.domain_id): {} for address in config.addresses}
     async with AsyncExitStack() as stack:
         nodes = {
-            str(domain): await stack.enter_async_context(
-                Node("onlooker", domain_id=domain, interface=config.interface)
-            )
-            for domain in config.domains
+            str(address.domain_id): await stack.enter_async_context(Node("onlooker", **address.options()))
+            for address in config.addresses
         }
         end_s = asyncio.get_running_loop().time() + config.seconds
         while asyncio.get_running_loop().time() < end_s:
@@ -46,12 +46,10 @@ async def look(config: ObserverConfig) -> dict[str, list[str]]:
     return {domain: sorted(topics.values()) for domain, topics in seen.items()}
 
 
-def main(text: str) -> None:
+async def serve(config: ObserverConfig, report: Callable[[Report], None], _: asyncio.Queue[Report]) -> None:
     """Look and report."""
-    values = json.loads(text)
-    seen = asyncio.run(look(ObserverConfig(**(values | {"domains": tuple(values["domains"])}))))
-    sys.stdout.write(json.dumps({"is": "seen", "domains": seen}) + "\n")
+    report({"is": "seen", "domains": await look(config)})
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    run_component(ObserverConfig, serve)

@@ -9,9 +9,7 @@ robot's process has its sensing and actuation nodes, the station's has localisat
 from __future__ import annotations
 
 import asyncio
-import json
-import sys
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -32,8 +30,8 @@ from sfglab.arp.hallway import (
     range_from_step,
     step_from_range,
 )
-from sfglab.fleet.address import BusAddress
-from sfglab.fleet.component import run_component
+from sfglab.bus.address import BusAddress
+from sfglab.component import run_component
 from sfglab.messages import message_type
 from sfglab.qos import QoSProfile
 
@@ -41,7 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus import Node
-    from sfglab.fleet.component import Report
+    from sfglab.component import Report
 
 
 STATION = "station"
@@ -66,16 +64,6 @@ class HallwayConfig:
     def qos(self) -> QoSProfile:
         """Of every topic: RELIABLE, KEEP_LAST, as Table 2 has it."""
         return QoSProfile(depth=self.depth)
-
-    def to_json(self) -> str:
-        """Return the configuration as the process's argument."""
-        return json.dumps(asdict(self))
-
-    @classmethod
-    def from_json(cls, text: str) -> HallwayConfig:
-        """Read what `to_json` wrote."""
-        values = json.loads(text)
-        return cls(**{**values, "address": BusAddress(**values["address"])})
 
 
 def beam_topic(robot: str, beam: int) -> str:
@@ -215,23 +203,17 @@ async def _matched(shell: Robot | StationShell) -> None:
         await asyncio.sleep(0.05)
 
 
-def main(argument: str) -> None:
+async def serve(config: HallwayConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
     """Be the process."""
-    config = HallwayConfig.from_json(argument)
-    orders: asyncio.Queue[Report] = asyncio.Queue()
+    from sfglab.bus import Node
 
-    async def body(report: Callable[[Report], None]) -> None:
-        from sfglab.bus import Node
-
-        async with Node(config.role, **config.address.options()) as node:
-            shell = (StationShell if config.role == STATION else Robot)(node, config, report)
-            await _matched(shell)
-            report({"is": "ready"})
-            await orders.get()  # to start
-            await shell.run()
-
-    run_component(body, on_order=orders.put_nowait)
+    async with Node(config.role, **config.address.options()) as node:
+        shell = (StationShell if config.role == STATION else Robot)(node, config, report)
+        await _matched(shell)
+        report({"is": "ready"})
+        await orders.get()  # to start
+        await shell.run()
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    run_component(HallwayConfig, serve)

@@ -1,7 +1,7 @@
 """A component that has everything loaded and waits: ``python -m sfglab.lab.workers.idle MODULE CONFIG``.
 
-Imports the component ``MODULE`` (its ``app``), the bus and the types of messages that a fleet exchanges,
-reports ``{"is": "idle"}``, and becomes ``python -m MODULE CONFIG`` when one line arrives. So a start signal
+Imports the component ``MODULE``, the bus and the types of messages that a fleet exchanges, reports ``{"is":
+"idle"}``, and goes on as ``python -m MODULE CONFIG`` when one line arrives. So a start signal
 starts components the way it starts compiled ones, and not Python. Nothing of it touches a network before.
 """
 
@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import importlib
 import os
-import runpy
 import sys
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from types import ModuleType
 
 _MESSAGES = (
     "sfglab_interfaces/msg/AgentHeartbeat",
@@ -21,7 +24,7 @@ _SERVICES = ("sfglab_interfaces/srv/GetMetadata",)
 _HALVES = ("Request", "Response")
 
 
-def _load(module: str) -> None:
+def _load(module: str) -> ModuleType:
     import cyclonedds._clayer  # noqa: F401 - what the bus would import at its first endpoint
     import uvloop  # noqa: F401 - the same, of the process's loop
 
@@ -31,7 +34,6 @@ def _load(module: str) -> None:
     from sfglab.messages import default_message, deserialize, serialize
     from sfglab.messages.dds import idl_struct, service_idl_struct
 
-    importlib.import_module(f"{module}.app")
     library()
     halves = [half for name in _SERVICES for half in service_idl_struct(name)]
     for type_ in (*map(idl_struct, _MESSAGES), *halves, info_type(gid_bytes())):
@@ -39,6 +41,7 @@ def _load(module: str) -> None:
         type_.__idl__.fill_type_data()
     for name in (*_MESSAGES, *(f"{service}_{half}" for service in _SERVICES for half in _HALVES)):
         deserialize(serialize(default_message(name)), name)
+    return importlib.import_module(module)
 
 
 def _wait_for_line() -> bool:
@@ -52,11 +55,11 @@ def _wait_for_line() -> bool:
 def main() -> None:
     """Load, wait, and become the component."""
     module, config = sys.argv[1:]
-    _load(module)
+    loaded = _load(module)
     os.write(1, b'{"is": "idle"}\n')
     if _wait_for_line():
         sys.argv = [module, config]
-        runpy.run_module(module, run_name="__main__", alter_sys=True)
+        loaded.main()
 
 
 if __name__ == "__main__":

@@ -10,19 +10,20 @@ from __future__ import annotations
 
 import asyncio
 import ctypes
-import json
 import resource
-import sys
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.fleet.component import run_component
+from sfglab.bus.address import BusAddress
+from sfglab.component import run_component
 from sfglab.lab.workers.flowplay import PartFlow, Player
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from sfglab.component import Report
 
 
 _LOOK_S = 0.02
@@ -34,17 +35,7 @@ class PartsConfig:
     """What the process is told."""
 
     host: str  #: Its name, for messages.
-    interface: str  #: Of the host, to the others.
-    domain_id: int  #: The DDS domain.
-
-    def to_json(self) -> str:
-        """Return the configuration as a process's argument."""
-        return json.dumps(asdict(self))
-
-    @classmethod
-    def from_json(cls, text: str) -> PartsConfig:
-        """Read what `to_json` wrote."""
-        return cls(**json.loads(text))
+    address: BusAddress  #: Where it stands, to the others.
 
 
 class Parts:
@@ -55,18 +46,17 @@ class Parts:
         report: Takes what is reported.
     """
 
-    def __init__(self, config: PartsConfig, report: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(self, config: PartsConfig, report: Callable[[Report], None]) -> None:
         self._config = config
         self._report = report
 
-    async def run(self, orders: asyncio.Queue[dict[str, Any]]) -> None:
+    async def run(self, orders: asyncio.Queue[Report]) -> None:
         """Obey until cancelled."""
         from sfglab.bus.dds.domain import DomainConfig
         from sfglab.bus.dds.participant import DdsParticipant
 
-        # Robots publish to the one reader there is, so nothing but finding each other needs a group.
         config = self._config
-        domain = DomainConfig(domain_id=config.domain_id, interface=config.interface, multicast="spdp")
+        domain = DomainConfig(**config.address.options())
         self._report({"is": "ready"})
         while True:
             order = await orders.get()
@@ -78,7 +68,7 @@ class Parts:
                 await asyncio.to_thread(participant.close)
             self._report({"is": "closed"})
 
-    async def _serve(self, player: Player, orders: asyncio.Queue[dict[str, Any]]) -> None:
+    async def _serve(self, player: Player, orders: asyncio.Queue[Report]) -> None:
         """Play one scenario."""
         while not player.matched():  # noqa: ASYNC110 - nobody tells: the status is Cyclone's
             await asyncio.sleep(_LOOK_S)
@@ -90,7 +80,7 @@ class Parts:
         await orders.get()  # to close: it stays matched until everybody is done
 
 
-def _play(player: Player, order: dict[str, Any]) -> float:
+def _play(player: Player, order: Report) -> float:
     """Play, and return the processor time that it took, seconds."""
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
     before_s = _cpu_s()
@@ -125,16 +115,10 @@ def _kept(player: Player) -> dict[str, Any]:
     }
 
 
-def main(argument: str) -> None:
+async def serve(config: PartsConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
     """Be the process."""
-    config = PartsConfig.from_json(argument)
-    orders: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
-
-    async def body(report: Callable[[dict[str, Any]], None]) -> None:
-        await Parts(config, report).run(orders)
-
-    run_component(body, on_order=orders.put_nowait)
+    await Parts(config, report).run(orders)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    run_component(PartsConfig, serve)

@@ -16,9 +16,10 @@ import select
 import sys
 import time
 from collections import deque
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.clib import (
     ALIVE,
     ANY_STATE,
@@ -29,9 +30,9 @@ from sfglab.bus.dds.clib import (
     library,
 )
 from sfglab.bus.dds.domain import DomainConfig
+from sfglab.component import claim_standard_output, config_from_argument
 from sfglab.errors import SfglabError
 from sfglab.lab.workers.rosstack import LISTENER, TALKER, RosStack, endpoints_of
-from sfglab.pipes import claim_standard_output
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -51,16 +52,10 @@ class RosNodesConfig:
     """What the process is told."""
 
     namespace: str  #: Namespace of the nodes and of their topics.
-    domain_id: int  #: The domain to join.
-    interface: str  #: Its network interface.
-    multicast: Any = "default"  #: How far DDS uses multicast there.
+    address: BusAddress  #: Where they stand.
     talkers: int = 10  #: Publishing nodes; the n-th talker and the n-th listener share a topic.
     listeners: int = 10  #: Subscribing nodes.
     peers: int = 0  #: How many other agents there are in the domain, each with as many nodes.
-
-    def to_json(self) -> str:
-        """Return the configuration as the process's argument."""
-        return json.dumps(asdict(self))
 
     def node_plans(self) -> list[tuple[str, tuple[EndpointPlan, ...]]]:
         """Return the name and the endpoints of every node."""
@@ -164,12 +159,8 @@ class _RosNodes:
         config = self._config
         self._say("started")
         for number, (name, endpoints) in enumerate(self._plans):
-            domain = DomainConfig(
-                domain_id=_FIRST_STACK_ID + number,
-                external_domain_id=config.domain_id,
-                interface=config.interface,
-                multicast=config.multicast,
-            )
+            stack = {"domain_id": _FIRST_STACK_ID + number, "external_domain_id": config.address.domain_id}
+            domain = DomainConfig(**config.address.options() | stack)
             self._stacks.append(RosStack(domain, config.namespace, name, endpoints))
         self._poller = _Poller(self._stacks[0], frozenset(stack.prefix for stack in self._stacks))
         self._waiting.extend((("resolved", self._is_resolved), ("settled", self._is_settled)))
@@ -237,14 +228,10 @@ def _serve(nodes: _RosNodes) -> None:
 
 def main() -> None:
     """Run the nodes with the configuration given as the one argument."""
-    write = claim_standard_output()
-
-    def report(values: dict[str, Any]) -> None:
-        write(json.dumps(values).encode() + b"\n")
-
+    report = claim_standard_output()
     try:
         library()
-        nodes = _RosNodes(RosNodesConfig(**json.loads(sys.argv[1])), report)
+        nodes = _RosNodes(config_from_argument(RosNodesConfig, sys.argv[1]), report)
         report({"is": "ready"})
         _serve(nodes)
     except SfglabError as error:

@@ -6,7 +6,6 @@ order; ``camera DOMAIN`` sends one picture at a fixed rate; ``sink PORT`` takes 
 
 from __future__ import annotations
 
-import json
 import sys
 from contextlib import suppress
 from itertools import groupby
@@ -15,13 +14,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.bus import Node
+from sfglab.component import claim_standard_output, run, standard_input_lines
 from sfglab.messages import default_message, serialize, stamp_from_ns
-from sfglab.pipes import claim_standard_output, run, standard_input_lines
 from sfglab.qos import Durability, QoSProfile
 from sfglab.record import LogReader
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from sfglab.component import Report
 
 
 CAMERA_TOPIC = "/global/go2/camera_front/color/image_rect"
@@ -40,11 +41,7 @@ def picture() -> Any:
     return np.random.default_rng(0).integers(0, 255, (height, width, 3), np.uint8)
 
 
-def _say(report: Callable[[bytes], None], kind: str, **values: Any) -> None:
-    report(json.dumps({"is": kind, **values}).encode() + b"\n")
-
-
-async def _scene(report: Callable[[bytes], None], domain_id: int, path: str) -> None:
+async def _scene(report: Callable[[Report], None], domain_id: int, path: str) -> None:
     with LogReader(path) as log:
         types = {topic: info.type_name for topic, info in log.topics.items()}
         moments = [list(group) for _, group in groupby(log.messages(), key=lambda m: m.log_time_ns)]
@@ -52,18 +49,18 @@ async def _scene(report: Callable[[bytes], None], domain_id: int, path: str) -> 
             publishers = {t: node.create_publisher(kind, t, _QOS) for t, kind in types.items()}
             for publisher in publishers.values():
                 await publisher.wait_for_subscriptions(1, timeout_s=_MATCH_S)
-            _say(report, "ready", moments=len(moments))
+            report({"is": "ready", "moments": len(moments)})
             orders = standard_input_lines()
             for moment in moments:
                 await anext(orders)
                 for message in moment:
                     publishers[message.topic].publish_raw(message.cdr)
-                _say(report, "sent", topics=[message.topic for message in moment])
+                report({"is": "sent", "topics": [message.topic for message in moment]})
             async for _ in orders:  # the last messages are repaired, if they have to be, until it is over
                 pass
 
 
-async def _camera(report: Callable[[bytes], None], domain_id: int) -> None:
+async def _camera(report: Callable[[Report], None], domain_id: int) -> None:
     image, array = default_message(_IMAGE), picture()
     (image.width, image.height), image.encoding, image.step = CAMERA_SIZE, "rgb8", array[0].nbytes
     image.data, image.header.stamp = array.reshape(-1), stamp_from_ns(1)
@@ -71,18 +68,18 @@ async def _camera(report: Callable[[bytes], None], domain_id: int) -> None:
     async with Node("camera", domain_id=domain_id, interface="lo") as node:
         publisher = node.create_publisher(_IMAGE, CAMERA_TOPIC)
         timer = node.create_timer(1 / CAMERA_HZ, lambda: publisher.publish_raw(cdr))
-        _say(report, "ready")
+        report({"is": "ready"})
         async for _ in standard_input_lines():
             pass
         timer.cancel()
 
 
-def _sink(report: Callable[[bytes], None], port: int) -> None:
+def _sink(report: Callable[[Report], None], port: int) -> None:
     from sfglab.view.rerunning import rerun
 
     recording = rerun().RecordingStream("sink")
     recording.serve_grpc(grpc_port=port, server_memory_limit="128MB")
-    _say(report, "ready")
+    report({"is": "ready"})
     sys.stdin.read()
 
 

@@ -9,17 +9,15 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
-import sys
 import time
 from collections import defaultdict
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from sfglab.bus.address import BusAddress
 from sfglab.bus.api import EndpointAdded
 from sfglab.bus.errors import BusError
-from sfglab.fleet.address import BusAddress
-from sfglab.fleet.component import run_component
+from sfglab.component import run_component
 from sfglab.messages import default_message, message_type, ns_from_stamp, serialize, service_type, stamp_from_ns
 from sfglab.names import TF_STATIC
 from sfglab.qos import LATCHED, QoSProfile
@@ -29,7 +27,7 @@ if TYPE_CHECKING:
 
     from sfglab.bus import Node, Service, Subscription
     from sfglab.bus.api import EndpointInfo, MessageInfo
-    from sfglab.fleet.component import Report
+    from sfglab.component import Report
 
 
 @dataclass(slots=True)
@@ -104,18 +102,6 @@ class PeerConfig:
     topics: tuple[TopicUse, ...]  #: What it does.
     serves: tuple[str, ...]  #: Services that it answers.
     rate_hz: float  #: Messages a second on every topic that is not latched.
-
-    def to_json(self) -> str:
-        """Return the configuration as the process's argument."""
-        return json.dumps(asdict(self))
-
-    @classmethod
-    def from_json(cls, text: str) -> PeerConfig:
-        """Read what `to_json` wrote."""
-        values = json.loads(text)
-        values["address"] = BusAddress(**values["address"])
-        values["topics"] = tuple(TopicUse(**topic) for topic in values["topics"])
-        return cls(**{**values, "serves": tuple(values["serves"])})
 
 
 class TestPeer:
@@ -301,19 +287,13 @@ class TestPeer:
         return {"is": "told", "heard": heard, "endpoints": sorted(self._endpoints), "participant": participant}
 
 
-def main() -> None:
-    """Be the process: serve until standard input ends or until told to terminate."""
+async def serve(config: PeerConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
+    """Be the process."""
     from sfglab.bus import Node
 
-    config = PeerConfig.from_json(sys.argv[1])
-    orders: asyncio.Queue[Report] = asyncio.Queue()
-
-    async def body(report: Callable[[Report], None]) -> None:
-        async with Node(config.party, **config.address.options()) as node:
-            await TestPeer(node, config, report).serve(orders)
-
-    run_component(body, on_order=orders.put_nowait)
+    async with Node(config.party, **config.address.options()) as node:
+        await TestPeer(node, config, report).serve(orders)
 
 
 if __name__ == "__main__":
-    main()
+    run_component(PeerConfig, serve)

@@ -10,26 +10,27 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
-import sys
 import time
 from collections import deque
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.bus.address import BusAddress
 from sfglab.codecs import CodecError, image_decoder
+from sfglab.component import run_component
 from sfglab.lab.framenumber import read_number_flat
 from sfglab.messages import ns_from_stamp
-from sfglab.pipes import claim_standard_output, run, standard_input_lines
 from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
 
     from numpy.typing import NDArray
+
+    from sfglab.component import Report
 
 
 MODES = ("standard", "proxy", "network")
@@ -41,8 +42,8 @@ IMAGE = "sensor_msgs/msg/Image"
 class ViewerConfig:
     """What a viewer is told when it starts."""
 
-    remote: dict[str, Any]  #: Keyword arguments of the node on the remote streams' domain.
-    local: dict[str, Any]  #: Keyword arguments of the node on the local domain.
+    remote: BusAddress  #: Where the remote streams are.
+    local: BusAddress  #: Where the decoded topics are.
     remote_topic: str  #: The compressed topic.
     remote_type: str  #: Its type.
     codec: str  #: Codec hint.
@@ -50,10 +51,6 @@ class ViewerConfig:
     #: Whether its nodes are in their domains all the time, as a display's are, and its codec is loaded; else
     #: they join with each order to look.
     joined: bool = False
-
-    def to_json(self) -> str:
-        """Return the configuration as the process's argument."""
-        return json.dumps(asdict(self))
 
 
 @dataclass(slots=True)
@@ -122,7 +119,7 @@ class Viewer:
         report: Takes a report.
     """
 
-    def __init__(self, config: ViewerConfig, report: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(self, config: ViewerConfig, report: Callable[[Report], None]) -> None:
         self._config = config
         self._report = report
         self._looking: asyncio.Task[None] | None = None
@@ -130,8 +127,8 @@ class Viewer:
         self._ordered_ns = 0
         self._nodes: dict[str, Any] = {}
 
-    async def run(self, orders: AsyncIterator[bytes]) -> None:
-        """Obey orders until they end.
+    async def run(self, orders: asyncio.Queue[Report]) -> None:
+        """Obey orders until cancelled.
 
         An order to look names the mode, and may name a topic in place of the configured one of that mode.
         """
@@ -140,12 +137,12 @@ class Viewer:
                 await self._join(stack)
             self._report({"is": "ready"})
             try:
-                async for line in orders:
-                    await self._obey(json.loads(line))
+                while True:
+                    await self._obey(await orders.get())
             finally:
                 await self._stop()
 
-    async def _obey(self, order: dict[str, Any]) -> None:
+    async def _obey(self, order: Report) -> None:
         if order["do"] == "look":
             self._ordered_ns = time.time_ns()
             self._seen = Seen()
@@ -162,7 +159,7 @@ class Viewer:
     def _new_node(self, name: str, side: str) -> Any:
         from sfglab.bus import Node
 
-        return Node(name, **getattr(self._config, side))
+        return Node(name, **getattr(self._config, side).options())
 
     @contextlib.asynccontextmanager
     async def _node(self, name: str, side: str) -> AsyncIterator[Any]:
@@ -179,7 +176,7 @@ class Viewer:
                 await self._looking
             self._looking = None
 
-    async def _look(self, order: dict[str, Any]) -> None:
+    async def _look(self, order: Report) -> None:
         ways = {"standard": self._decode, "proxy": self._share, "network": self._discard}
         mode, path = order["mode"], order.get("path")
         topic = order.get("topic") or (
@@ -267,13 +264,10 @@ class Viewer:
                     self._saw_one()
 
 
-def main() -> None:
-    """Run the viewer with the configuration given as its one argument."""
-    config = ViewerConfig(**json.loads(sys.argv[1]))
-    write = claim_standard_output()
-    viewer = Viewer(config, lambda report: write(json.dumps(report).encode() + b"\n"))
-    run(viewer.run(standard_input_lines()))
+async def serve(config: ViewerConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
+    """Be the process."""
+    await Viewer(config, report).run(orders)
 
 
 if __name__ == "__main__":
-    main()
+    run_component(ViewerConfig, serve)

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import asyncio
 import base64
-import json
-import sys
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+from sfglab.bus.address import BusAddress
+from sfglab.component import run_component
 from sfglab.errors import SfglabError
-from sfglab.fleet.address import BusAddress
-from sfglab.fleet.component import run_component
 from sfglab.fleet.status.heartbeat import GET_METADATA
 from sfglab.messages import service_type
 from sfglab.qos import Durability, QoSProfile
@@ -24,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus import Node, Subscription
+    from sfglab.component import Report
 
 
 QOS = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1000)
@@ -37,26 +36,16 @@ class WireConfig:
     address: BusAddress  #: Where it listens.
     topics: dict[str, str]  #: Type by topic.
 
-    def to_json(self) -> str:
-        """Return the configuration as a process's argument."""
-        return json.dumps(asdict(self))
-
-    @classmethod
-    def from_json(cls, text: str) -> WireConfig:
-        """Read what `to_json` wrote."""
-        values = json.loads(text)
-        return cls(address=BusAddress(**values["address"]), topics=values["topics"])
-
 
 class Wire:
     """The listener's side of its orders."""
 
-    def __init__(self, config: WireConfig, report: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(self, config: WireConfig, report: Callable[[Report], None]) -> None:
         self._config = config
         self._report = report
         self._listening: list[asyncio.Task[None]] = []
 
-    async def run(self, orders: asyncio.Queue[dict[str, Any]]) -> None:
+    async def run(self, orders: asyncio.Queue[Report]) -> None:
         """Obey until cancelled."""
         from sfglab.bus import Node
 
@@ -79,7 +68,7 @@ class Wire:
             self._listening.append(asyncio.create_task(self._listen(subscription)))
         self._report({"is": "joined", "t_ns": now_ns})
 
-    async def _obey(self, node: Node, order: dict[str, Any]) -> None:
+    async def _obey(self, node: Node, order: Report) -> None:
         if order["do"] == "ask":
             await self._ask(node, order["service"])
             return
@@ -125,15 +114,10 @@ class Wire:
         self._report({"is": "answer", "service": service, "took_s": took_s, **answer})
 
 
-def main(argument: str) -> None:
+async def serve(config: WireConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
     """Be the process."""
-    orders: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
-
-    async def body(report: Callable[[dict[str, Any]], None]) -> None:
-        await Wire(WireConfig.from_json(argument), report).run(orders)
-
-    run_component(body, on_order=orders.put_nowait)
+    await Wire(config, report).run(orders)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    run_component(WireConfig, serve)

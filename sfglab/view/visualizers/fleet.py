@@ -52,7 +52,7 @@ _RING = np.linspace(0, 2 * math.pi, 49)
 
 def border_edges(fleet: Any) -> tuple[tuple[str, str, str], ...]:
     """Return speaker, hearer and name for everything that crosses between two agents of a fleet."""
-    from sfglab.fleet.border import View
+    from sfglab.fleet.lint import View
 
     return tuple(
         (speaker, hearer, hearing.name)

@@ -19,7 +19,7 @@ from sfglab.codecs import (
     parse_ffmpeg_encoding,
 )
 from sfglab.codecs.libav import nal_unit_types
-from sfglab.fleet.keeper import FLAG_KEY
+from sfglab.fleet.gop_cache import FLAG_KEY
 from sfglab.qos import COMPRESSED_STREAM, LATCHED
 from sfglab.view.errors import ContentError
 from sfglab.view.geometry import DEPTH_ENCODINGS, pinhole_matrix, pixels

@@ -26,7 +26,7 @@ from sfglab.arp.hallway import (
 )
 from sfglab.arp.hallway.course import scan
 from sfglab.arp.robots import METHODS
-from sfglab.fleet.address import BusAddress
+from sfglab.bus.address import BusAddress
 from sfglab.lab.experiments.cooperation.experiment import (
     OPTIMUM,
     ROBOTS,

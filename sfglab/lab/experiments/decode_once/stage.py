@@ -11,8 +11,9 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sfglab.fleet.address import BusAddress
-from sfglab.fleet.decoder.app import DecoderConfig
+from sfglab.bus.address import BusAddress
+from sfglab.component import argument_of
+from sfglab.fleet.decoder.node import DecoderConfig
 from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.lab.staging import Staged
 from sfglab.lab.workers.camera import CameraConfig
@@ -130,36 +131,32 @@ class Running(Staged):
         return BusAddress(domain_id=LOCAL_DOMAIN, interface="lo")
 
     def _camera_argv(self) -> list[str]:
-        remote = self._remote("edge")
         config = CameraConfig(
-            domain_id=remote.domain_id,
-            interface=remote.interface,
-            multicast=remote.multicast,
-            topic=self.topic,
+            places=((self._remote("edge"), self.topic),),
             codec=self._stage.codec,
             source=self._stage.source,
             seed=self._config.seed,
             encoder=self._config.encoder,
         )
-        return [sys.executable, "-m", "sfglab.lab.workers.camera", config.to_json()]
+        return [sys.executable, "-m", "sfglab.lab.workers.camera", argument_of(config)]
 
     def _decoder_argv(self) -> list[str]:
         config = DecoderConfig(
             remote=self._remote("consumer"), local=self._local(), streams=(self.topic,), linger_s=LINGER_S
         )
-        return [sys.executable, "-m", "sfglab.fleet.decoder", config.to_json()]
+        return [sys.executable, "-m", "sfglab.fleet.decoder.node", argument_of(config)]
 
     def _viewer_argv(self) -> list[str]:
         image, _ = routes_of_topic(self.topic)
         config = ViewerConfig(
-            remote=_arguments(self._remote("consumer")),
-            local=_arguments(self._local()),
+            remote=self._remote("consumer"),
+            local=self._local(),
             remote_topic=image.source_topic,
             remote_type=image.source_type,
             codec=image.codec,
             local_topic=image.local_topic,
         )
-        return [sys.executable, "-m", "sfglab.lab.workers.viewer", config.to_json()]
+        return [sys.executable, "-m", "sfglab.lab.workers.viewer", argument_of(config)]
 
     async def look(self, mode: str, count: int) -> float:
         """Let the first viewers look, and return how long it took until each had a frame, in seconds."""
@@ -206,11 +203,3 @@ class Running(Staged):
                 return
             await asyncio.sleep(0.05)
         raise ProcessFailedError("decoder: its spare pipeline process did not become ready")
-
-
-def _arguments(address: BusAddress) -> dict[str, Any]:
-    return {
-        "domain_id": address.domain_id,
-        "interface": address.interface,
-        "multicast": address.multicast,
-    }

@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from sfglab.bus.address import BusAddress
 from sfglab.deploy.compose import FLEET_FILE
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.hosts import Network
 from sfglab.lab.workers.graph_observer import ObserverConfig
-from sfglab.processes import ProcessFailedError
+from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Sequence
@@ -136,13 +137,18 @@ def _discovery(report: dict[str, Any]) -> set[str]:
 
 async def _look(outside: Host, pairs: Sequence[tuple[Deployment, Bundle]]) -> dict[int, list[str]]:
     domains = (pairs[0][0].network.global_domain, *(d.network.local_domain for d, _ in pairs))
-    config = ObserverConfig(domains=domains, interface=outside.interface, seconds=LOOKING_S)
-    command = outside.argv([sys.executable, "-m", "sfglab.lab.workers.graph_observer", config.to_json()])
-    async with _running(command) as process:
-        out, _ = await asyncio.wait_for(process.communicate(), LOOKING_S + MEETING_S)
-    if not out:
-        raise ProcessFailedError(f"onlooker: it ended with status {process.returncode}")
-    return {int(domain): topics for domain, topics in json.loads(out)["domains"].items()}
+    addresses = tuple(BusAddress(domain_id=domain, interface=outside.interface) for domain in domains)
+    onlooker = Member(
+        name="onlooker",
+        module="sfglab.lab.workers.graph_observer",
+        config=ObserverConfig(addresses=addresses, seconds=LOOKING_S),
+        ready="seen",
+    )
+    async with ProcessGroup(
+        lambda _, command: outside.argv(command), [onlooker], start_s=LOOKING_S + MEETING_S
+    ) as group:
+        seen = group["onlooker"].readiness
+    return {int(domain): topics for domain, topics in seen["domains"].items()}
 
 
 def _meeting_row(names: Sequence[str], found: Sequence[set[str]]) -> CheckRow:

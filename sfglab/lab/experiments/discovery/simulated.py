@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any
 from sfglab.bus.api import EndpointAdded, RawEndpoint
 from sfglab.bus.sim import Costs, World, run_simulated
 from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
-from sfglab.fleet.routing.router import Router, RouterSettings, RouterStatus
-from sfglab.fleet.status.provider import StatusProvider, StatusSettings
+from sfglab.fleet.router.node import Router, RouterSettings, RouterStatus
+from sfglab.fleet.status.node import StatusProvider, StatusSettings
 from sfglab.lab.experiments.discovery.config import ROUTED, STANDARD
 from sfglab.lab.experiments.discovery.rows import SimulatedRow
 from sfglab.lab.workers.rosstack import LISTENER, TALKER, endpoints_of
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from sfglab.bus.api import EndpointEvent
     from sfglab.bus.sim import SimNode
     from sfglab.bus.sim.model import Host
-    from sfglab.fleet.discovery.orders import Announce
+    from sfglab.fleet.discovery.registry import Order
     from sfglab.lab.experiments.discovery.config import Config
 
 
@@ -264,7 +264,7 @@ def _components(world: World, name: str, arrivals: _Arrivals) -> list[Callable[[
     far = world.node("router", process="router", host=name)
     found: set[str] = set()
 
-    def hear(news: Announce) -> None:
+    def hear(news: Order) -> None:
         if news.event == "DISCOVERED":
             found.add(news.agent)
             if len(found) == len(world.hosts) - 1:

@@ -13,12 +13,11 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sfglab.fleet.address import BusAddress
-from sfglab.fleet.discovery.app import DiscoveryConfig
-from sfglab.fleet.discovery.node import DiscoverySettings
-from sfglab.fleet.routing.app import RouterConfig
-from sfglab.fleet.status.app import StatusConfig
-from sfglab.fleet.status.provider import StatusSettings
+from sfglab.bus.address import BusAddress
+from sfglab.component import argument_of
+from sfglab.fleet.discovery.node import DiscoveryConfig, DiscoverySettings
+from sfglab.fleet.router.node import RouterConfig
+from sfglab.fleet.status.node import StatusConfig, StatusSettings
 from sfglab.lab.experiments.discovery.config import ROUTED
 from sfglab.lab.staging import Staged
 from sfglab.lab.workers.rosnodes import RosNodesConfig
@@ -169,14 +168,12 @@ class Fleet(Staged):
         address = self._local(number) if routed else self._global(host)
         config = RosNodesConfig(
             namespace=f"/{host}",
-            domain_id=address.domain_id,
-            interface=address.interface or "lo",
-            multicast=address.multicast,
+            address=address,
             talkers=self._cell.talkers,
             listeners=self._cell.listeners,
             peers=0 if routed else len(self.hosts) - 1,
         )
-        return config.to_json()
+        return argument_of(config)
 
     def _component_configs(self, number: int) -> dict[str, str]:
         """Return what an agent's components are told, by module, the discoverer last."""
@@ -186,9 +183,9 @@ class Fleet(Staged):
         status = StatusConfig(address=local, settings=StatusSettings(agent=host), detect=False)
         discoverer = DiscoveryConfig(address=local, settings=DiscoverySettings(agent=host))
         return {
-            "sfglab.fleet.routing": router.to_json(),
-            "sfglab.fleet.status": status.to_json(),
-            "sfglab.fleet.discovery": discoverer.to_json(),
+            "sfglab.fleet.router.node": argument_of(router),
+            "sfglab.fleet.status.node": argument_of(status),
+            "sfglab.fleet.discovery.node": argument_of(discoverer),
         }
 
 

@@ -21,11 +21,12 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sfglab.fleet.address import BusAddress
-from sfglab.fleet.decoder.app import DecoderConfig
+from sfglab.bus.address import BusAddress
+from sfglab.component import argument_of
+from sfglab.fleet.decoder.node import DecoderConfig
 from sfglab.fleet.decoder.streams import routes_of_topic
-from sfglab.fleet.keeper.app import KeeperConfig
-from sfglab.fleet.routing.app import RouterConfig
+from sfglab.fleet.gop_cache import KeeperConfig
+from sfglab.fleet.router.node import RouterConfig
 from sfglab.lab.hosts.host import interface_bytes
 from sfglab.lab.staging import Staged
 from sfglab.lab.workers.camera import CameraConfig
@@ -94,14 +95,14 @@ class Running(Staged):
             self._keeper(self._shared("edge"), "decoder"),
         )
         return {
-            "camera": ("edge", "sfglab.lab.workers.camera", self._camera().to_json()),
-            "keeper": ("edge", "sfglab.fleet.keeper", keeper.to_json()),
-            "keeper 0": ("edge", "sfglab.fleet.keeper", keeper_0.to_json()),
-            "router": ("edge", "sfglab.fleet.routing", self._router("edge").to_json()),
-            "router 2": ("consumer", "sfglab.fleet.routing", self._router("consumer").to_json()),
-            "viewer": ("consumer", "sfglab.lab.workers.viewer", self._viewer().to_json()),
+            "camera": ("edge", "sfglab.lab.workers.camera", argument_of(self._camera())),
+            "keeper": ("edge", "sfglab.fleet.gop_cache", argument_of(keeper)),
+            "keeper 0": ("edge", "sfglab.fleet.gop_cache", argument_of(keeper_0)),
+            "router": ("edge", "sfglab.fleet.router.node", argument_of(self._router("edge"))),
+            "router 2": ("consumer", "sfglab.fleet.router.node", argument_of(self._router("consumer"))),
+            "viewer": ("consumer", "sfglab.lab.workers.viewer", argument_of(self._viewer())),
             **{
-                path: ("consumer", "sfglab.fleet.decoder", self._decoder(path).to_json())
+                path: ("consumer", "sfglab.fleet.decoder.node", argument_of(self._decoder(path)))
                 for path in ("decoder", "agent", "on_demand")
             },
         }
@@ -137,17 +138,15 @@ class Running(Staged):
         )
 
     def _camera(self) -> CameraConfig:
-        places = [
-            {**self._shared("edge").options(), "topic": stream_topic("standard")},
-            {**self._own("edge").options(), "topic": stream_topic("agent")},
-            {**self._own("edge").options(), "topic": stream_topic("on_demand")},
-        ]
         camera = CameraConfig(
-            **places[0],
+            places=(
+                (self._shared("edge"), stream_topic("standard")),
+                (self._own("edge"), stream_topic("agent")),
+                (self._own("edge"), stream_topic("on_demand")),
+            ),
             source=self._config.source,
             seed=self._config.seed,
             encoder=self._config.encoder,
-            copies=tuple(places[1:]),
         )
         self._gop = camera.gop
         self.gop_s = camera.gop / camera.fps
@@ -173,8 +172,8 @@ class Running(Staged):
     def _viewer(self) -> ViewerConfig:
         image, _ = routes_of_topic(stream_topic("standard"))
         return ViewerConfig(
-            remote=self._shared("consumer").options(),
-            local=self._own("consumer").options(),
+            remote=self._shared("consumer"),
+            local=self._own("consumer"),
             remote_topic=image.source_topic,
             remote_type=image.source_type,
             codec=image.codec,

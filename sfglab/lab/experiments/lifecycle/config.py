@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from sfglab.fleet.discovery.orders import Timing
-from sfglab.fleet.status.schedule import Schedule
+from sfglab.fleet.discovery.registry import Timing
+from sfglab.fleet.status.heartbeat import Schedule
 from sfglab.lab.experiments.profiles import of_profile
 
 

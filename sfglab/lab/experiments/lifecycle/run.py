@@ -7,15 +7,13 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from sfglab.fleet.discovery.app import DiscoveryConfig
+from sfglab.component import argument_of
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, discovery_topic
-from sfglab.fleet.discovery.node import DiscoverySettings
+from sfglab.fleet.discovery.node import DiscoveryConfig, DiscoverySettings
 from sfglab.fleet.discovery.screening import Limits
-from sfglab.fleet.routing.app import RouterConfig
-from sfglab.fleet.status.app import StatusConfig
-from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, heartbeat_topic, metadata_service
-from sfglab.fleet.status.provider import StatusSettings
-from sfglab.fleet.status.schedule import Schedule
+from sfglab.fleet.router.node import RouterConfig
+from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, Schedule, heartbeat_topic, metadata_service
+from sfglab.fleet.status.node import StatusConfig, StatusSettings
 from sfglab.lab.experiments.lifecycle.analysis import WALKER
 from sfglab.lab.experiments.lifecycle.rows import AnswerRow, CountRow, JoinRow, WireEndpointRow
 from sfglab.lab.experiments.lifecycle.script import crowd, puppet_show, walk
@@ -30,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from sfglab.fleet.address import BusAddress
+    from sfglab.bus.address import BusAddress
     from sfglab.lab.experiments.lifecycle.config import Config
     from sfglab.processes import LineProcess
 
@@ -162,7 +160,7 @@ async def _crowd_discoverer(run: _Run) -> None:
 async def _start_wire(run: _Run, listener: str, topics: dict[str, str], *, join: bool = True) -> LineProcess:
     config = WireConfig(address=run.crew.address(STATION), topics=topics)
     take = run.recorder.wire(listener, topics)
-    wire = await run.crew.start(STATION, "sfglab.lab.workers.wire", config.to_json(), take)
+    wire = await run.crew.start(STATION, "sfglab.lab.workers.wire", argument_of(config), take)
     if join:
         await _join(run, wire, listener)
     return wire
@@ -181,7 +179,7 @@ async def _border(run: _Run, number: int, agent: str) -> BusAddress:
         return run.crew.address(ROBOT)
     local = run.crew.local_address(number)
     config = RouterConfig(agent=agent, local=local, remote=run.crew.address(ROBOT))
-    await run.crew.start(ROBOT, "sfglab.fleet.routing", config.to_json(), lambda _: None)
+    await run.crew.start(ROBOT, "sfglab.fleet.router.node", argument_of(config), lambda _: None)
     return local
 
 
@@ -191,7 +189,7 @@ async def _start_status(run: _Run, agent: str, schedule: Schedule, address: BusA
         settings=StatusSettings(agent=agent, schedule=schedule),
         detect=False,
     )
-    return await run.crew.start(ROBOT, "sfglab.fleet.status", config.to_json(), lambda _: None)
+    return await run.crew.start(ROBOT, "sfglab.fleet.status.node", argument_of(config), lambda _: None)
 
 
 async def _start_discoverer(run: _Run, agent: str, limits: Limits) -> LineProcess:
@@ -204,12 +202,14 @@ async def _start_discoverer(run: _Run, agent: str, limits: Limits) -> LineProces
     )
     config = DiscoveryConfig(address=run.crew.address(STATION), settings=settings, report_moves=True)
     take = run.recorder.discoverer(agent)
-    return await run.crew.start(STATION, "sfglab.fleet.discovery", config.to_json(), take)
+    return await run.crew.start(STATION, "sfglab.fleet.discovery.node", argument_of(config), take)
 
 
 async def _start_fakes(run: _Run) -> LineProcess:
     config = FakeConfig(address=run.crew.address(ROBOT), late_s=1.5 * run.config.query_timeout_s)
-    return await run.crew.start(ROBOT, "sfglab.lab.workers.false_agents", config.to_json(), run.recorder.fakes)
+    return await run.crew.start(
+        ROBOT, "sfglab.lab.workers.false_agents", argument_of(config), run.recorder.fakes
+    )
 
 
 async def _count(run: _Run, discoverer: LineProcess, own: str, must_hold: str) -> None:

@@ -12,7 +12,7 @@ import signal
 from typing import TYPE_CHECKING
 
 from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Input, State, Told
-from sfglab.fleet.status.schedule import MIN_PERIOD_S
+from sfglab.fleet.status.heartbeat import MIN_PERIOD_S
 from sfglab.processes import ProcessFailedError
 
 if TYPE_CHECKING:

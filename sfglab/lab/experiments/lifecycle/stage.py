@@ -11,7 +11,7 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from sfglab.fleet.address import BusAddress
+from sfglab.bus.address import BusAddress
 from sfglab.lab.experiments.lifecycle.rows import BeatRow, FaultRow, MoveRow, QueryRow
 from sfglab.lab.staging import Staged
 from sfglab.processes import LineProcess, ProcessFailedError

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from sfglab.fleet.discovery.diagram import diagram
-from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, TRANSITIONS, State
+from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, TRANSITIONS, State, diagram
 from sfglab.lab.experiments.lifecycle.analysis import transitions
 from sfglab.lab.figures import COLORS, house_style
 
@@ -15,8 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from sfglab.fleet.discovery.diagram import Edge, Node
-    from sfglab.fleet.discovery.lifecycle import Input
+    from sfglab.fleet.discovery.lifecycle import Edge, Input, Node
     from sfglab.lab.experiments.lifecycle.results import Results
 
     Point = tuple[float, float]

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
+from sfglab.bus.address import BusAddress
 from sfglab.lab.experiments.profiles import of_profile
 from sfglab.spatial.mocap import SyntheticConfig
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
 
 FAULTY = SyntheticConfig(occlusions_hz=0.5, occlusion_s=0.15, flips_hz=0.5, flip_s=0.1, dropped=0.02)
 """Cameras with noise and every fault."""
@@ -57,13 +52,8 @@ class MocapWorkerConfig:
     """What a part does."""
 
     role: str  #: ``robot``, ``bridge`` or ``listener``.
-    domains: Mapping[str, int]  #: The domain of each of `WAYS`.
-    interface: str  #: Towards the others.
+    ways: dict[str, BusAddress]  #: Where each of `WAYS` leads along.
     seed: int  #: Of the cameras' noise and faults, and of the listener's times.
-
-    def to_json(self) -> str:
-        """Return it as a command line argument."""
-        return json.dumps(asdict(self))
 
 
 _PROFILES = {

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.bus.address import BusAddress
+from sfglab.component import argument_of
 from sfglab.lab.experiments.mocap.config import ROUNDS, TAIL_S, WAYS, MocapWorkerConfig
 from sfglab.lab.experiments.mocap.robot import MOTION, OBJECT
 from sfglab.lab.experiments.mocap.rows import MocapEdgeRow, MocapHeardRow, MocapLookRow, SpellRow, TryRow
@@ -80,9 +82,14 @@ class LiveStage(Staged):
 
     async def _launch(self, role: str, host: str) -> LineProcess:
         config = MocapWorkerConfig(
-            role=role, domains=_DOMAINS, interface=self._testbed.interface(host), seed=self._config.seed
+            role=role,
+            ways={
+                way: BusAddress(domain_id=domain, interface=self._testbed.interface(host))
+                for way, domain in _DOMAINS.items()
+            },
+            seed=self._config.seed,
         )
-        argv = self._testbed.argv(host, [sys.executable, "-m", _MODULE, config.to_json()])
+        argv = self._testbed.argv(host, [sys.executable, "-m", _MODULE, argument_of(config)])
         process = await LineProcess.start(f"mocap, {role}", argv)
         self._launched.append(process)
         return process

@@ -9,8 +9,6 @@ lines.
 from __future__ import annotations
 
 import asyncio
-import json
-import sys
 from collections import Counter
 from contextlib import AsyncExitStack, aclosing, asynccontextmanager
 from dataclasses import asdict, dataclass
@@ -18,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.fleet.component import run_component
+from sfglab.component import run_component
 from sfglab.lab.experiments.mocap.config import ROUNDS, TAIL_S, WAYS, MocapWorkerConfig
 from sfglab.lab.experiments.mocap.robot import (
     CAMERA,
@@ -48,7 +46,7 @@ if TYPE_CHECKING:
 
     from sfglab.bus import Node, Publisher
     from sfglab.bus.api import MessageInfo
-    from sfglab.fleet.component import Report
+    from sfglab.component import Report
     from sfglab.spatial.mocap import Capture, MocapSource
 
 
@@ -290,30 +288,24 @@ _ROLES: dict[str, Callable[[Mapping[str, Node], int], Any]] = {
 }
 
 
-def main() -> None:
-    """Be the process: play rounds until standard input ends or until told to terminate."""
+async def serve(
+    config: MocapWorkerConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]
+) -> None:
+    """Be the process: play rounds until it is told to end."""
     from sfglab.bus import Node
 
-    config = MocapWorkerConfig(**json.loads(sys.argv[1]))
-    orders: asyncio.Queue[Report] = asyncio.Queue()
-
-    async def body(report: Callable[[Report], None]) -> None:
-        async with AsyncExitStack() as stack:
-            nodes: dict[str, Node] = {
-                way: await stack.enter_async_context(
-                    Node(config.role, domain_id=domain, interface=config.interface)
-                )
-                for way, domain in config.domains.items()
-            }
-            part = _ROLES[config.role](nodes, config.seed)
-            FrameBuffer()  # what only the first one costs
-            report({"is": "ready"})
-            while True:
-                order = await orders.get()
-                report({"is": "played", **await part.play(_Round(**order))})
-
-    run_component(body, on_order=orders.put_nowait)
+    async with AsyncExitStack() as stack:
+        nodes: dict[str, Node] = {
+            way: await stack.enter_async_context(Node(config.role, **address.options()))
+            for way, address in config.ways.items()
+        }
+        part = _ROLES[config.role](nodes, config.seed)
+        FrameBuffer()  # what only the first one costs
+        report({"is": "ready"})
+        while True:
+            order = await orders.get()
+            report({"is": "played", **await part.play(_Round(**order))})
 
 
 if __name__ == "__main__":
-    main()
+    run_component(MocapWorkerConfig, serve)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from sfglab.fleet.routing import TABLE_1
+from sfglab.fleet.policy import TABLE_1
 from sfglab.lab.checks import share_of_checks
 from sfglab.lab.claims import How, Measured
 from sfglab.lab.experiments.routing.probes import in_table_1

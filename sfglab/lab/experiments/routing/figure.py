@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sfglab.fleet.routing import TABLE_1
+from sfglab.fleet.policy import TABLE_1
 from sfglab.lab.experiments.routing.analysis import GLOBAL, Results, checks, latencies
 from sfglab.lab.experiments.routing.probes import in_table_1
 from sfglab.lab.figures import COLORS, house_style

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from sfglab.bus.api import entries
-from sfglab.fleet.routing import Crossing, Direction, Policy, Side
-from sfglab.fleet.routing.plan import ROUTER_KEY
+from sfglab.fleet.policy import Crossing, Direction, Policy, Side
+from sfglab.fleet.router.plan import ROUTER_KEY
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.experiments.routing.probes import (
     in_table_1,

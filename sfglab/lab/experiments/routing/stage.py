@@ -9,8 +9,9 @@ import asyncio
 import sys
 from typing import TYPE_CHECKING, Any
 
-from sfglab.fleet.address import BusAddress
-from sfglab.fleet.routing.app import RouterConfig
+from sfglab.bus.address import BusAddress
+from sfglab.component import argument_of
+from sfglab.fleet.router.node import RouterConfig
 from sfglab.lab.experiments.routing.probes import in_table_1, service_names, topics
 from sfglab.lab.experiments.routing.rows import PartyRow
 from sfglab.lab.staging import Staged
@@ -92,7 +93,7 @@ class Stage(Staged):
         return dict(zip(self._talkers, await asyncio.gather(*waits), strict=True))
 
     async def _start(self) -> None:
-        routers = [self._launch(p, "sfglab.fleet.routing", self._router(p)) for p in self._agents]
+        routers = [self._launch(p, "sfglab.fleet.router.node", self._router(p)) for p in self._agents]
         talkers = [self._launch(p, "sfglab.lab.workers.test_peer", self._party(p)) for p in self.parties]
         started = await asyncio.gather(*routers, *talkers)
         for process in started[: len(routers)]:
@@ -118,7 +119,9 @@ class Stage(Staged):
         return BusAddress(domain_id=party.domain, interface="lo")
 
     def _router(self, party: PartyRow) -> str:
-        return RouterConfig(agent=party.party, local=self._local(party), remote=self._global(party)).to_json()
+        return argument_of(
+            RouterConfig(agent=party.party, local=self._local(party), remote=self._global(party))
+        )
 
     def _party(self, party: PartyRow) -> str:
         behind = party.domain != GLOBAL_DOMAIN
@@ -141,4 +144,4 @@ class Stage(Staged):
             serves=service_names(party.party),
             rate_hz=self._config.rate_hz,
         )
-        return config.to_json()
+        return argument_of(config)

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.arp.robots import METHODS
+from sfglab.bus.address import BusAddress
 from sfglab.lab.experiment import SkippedPartError, seeded
 from sfglab.lab.experiments.transmission.experiment import (
     HELLO_DOWN,
@@ -181,7 +182,9 @@ async def live_hosts(*names: str) -> AsyncIterator[LiveHosts]:
                 name=host.name,
                 host=host.name,
                 module="sfglab.lab.workers.robotparts",
-                config=PartsConfig(host=host.name, interface=host.interface, domain_id=0),
+                config=PartsConfig(
+                    host=host.name, address=BusAddress(domain_id=0, interface=host.interface, multicast="spdp")
+                ),
             )
             for host in hosts
         ]

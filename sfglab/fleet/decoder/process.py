@@ -1,0 +1,268 @@
+"""Pipeline processes: one for each running pipeline, and one warm spare.
+
+Each is ``python -m sfglab.fleet.decoder.process CONFIG``. A process's imports take about a second; a spare that
+has done them already lets a pipeline start in milliseconds. One process a pipeline: a bitstream that kills the
+codec kills one stream.
+
+Orders: ``{"do": "open", "stream": {...}}`` with a `Route`, ``{"do": "serve", "transports": [...]}`` when the
+local topic is wanted by other transports, ``{"do": "close"}``. Reports: ``ready`` (a pipeline can be opened),
+``opened``, ``closed`` (it holds nothing any more), ``broken`` with ``why`` (it could not be opened, or it
+broke), and now and then ``statistics`` with the `Statistics` of the pipeline.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+from sfglab.bus.address import BusAddress
+from sfglab.codecs import FFMPEG_PACKET, CodecError, image_decoder
+from sfglab.component import Report, run_component
+from sfglab.errors import SfglabError
+from sfglab.fields import from_json
+from sfglab.fleet.decoder.pipeline import IMAGE_TYPE, Outputs, Statistics, run_pipeline
+from sfglab.fleet.decoder.streams import RELAY, Route
+from sfglab.messages import default_message, deserialize, serialize
+from sfglab.processes import LineProcess, Member
+
+if TYPE_CHECKING:
+    from sfglab.bus import Node
+
+
+REPORT_PERIOD_S = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorkerConfig:
+    """A worker's two sides; equal addresses share one node."""
+
+    remote: BusAddress  #: Where the compressed streams are.
+    local: BusAddress  #: Where the decoded topics go.
+
+
+class PipelineWorker:
+    """Takes orders, runs one pipeline at a time, reports.
+
+    Args:
+        remote: Node on the remote streams' domain.
+        local: Node on the local domain.
+        report: Takes a report for the decoder.
+    """
+
+    def __init__(self, remote: Node, local: Node, report: Callable[[Report], None]) -> None:
+        self._remote = remote
+        self._local = local
+        self._report = report
+        self._pipeline: asyncio.Task[None] | None = None
+        self._outputs: Outputs | None = None
+
+    async def run(self, orders: asyncio.Queue[Report]) -> None:
+        """Obey until cancelled."""
+        self._report({"is": "ready"})
+        try:
+            while True:
+                await self._obey(await orders.get())
+        finally:
+            await self._end()
+
+    async def _obey(self, order: Report) -> None:
+        if order["do"] == "open":
+            await self._end()
+            self._pipeline = asyncio.create_task(
+                self._run_one(from_json(Route, order["stream"]), order["transports"])
+            )
+        elif order["do"] == "serve" and self._outputs is not None:
+            self._outputs.serve(order["transports"])
+        elif order["do"] == "close":
+            await self._end()
+            self._report({"is": "closed"})
+
+    async def _end(self) -> None:
+        if self._pipeline is not None:
+            self._pipeline.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._pipeline
+            self._pipeline = None
+
+    async def _run_one(self, route: Route, transports: list[str]) -> None:
+        type_ = route.source_type if route.codec == RELAY else IMAGE_TYPE
+        outputs = self._outputs = Outputs(self._local, type_, route.local_topic)
+        counts = Statistics()
+        reports: asyncio.Task[None] | None = None
+        try:
+            self._report({"is": "opened"})
+            reports = asyncio.create_task(self._report_counts(counts))
+            await run_pipeline(route, transports, remote=self._remote, outputs=outputs, counts=counts)
+        except Exception as error:  # noqa: BLE001  # whatever broke it, the decoder must hear of it
+            self._report({"is": "broken", "why": f"{type(error).__name__}: {error}"})
+        finally:
+            if reports is not None:
+                reports.cancel()
+            outputs.close()
+            self._outputs = None
+
+    async def _report_counts(self, counts: Statistics) -> None:
+        while True:
+            await asyncio.sleep(REPORT_PERIOD_S)
+            self._report({"is": "statistics", **asdict(counts)})
+
+
+def _warm_up() -> None:
+    """Do everything that takes long the first time: 0.3 s that a subscriber would wait for."""
+    from importlib import import_module
+
+    from sfglab.messages.dds import idl_struct
+
+    import_module("sfglab.bus.shm.writer")
+    with contextlib.suppress(CodecError):  # a stream that needs it will say so
+        image_decoder(FFMPEG_PACKET, "h264")
+    for type_ in (FFMPEG_PACKET, IMAGE_TYPE):
+        idl_struct(type_)
+        deserialize(serialize(default_message(type_)), type_)
+
+
+async def serve(config: WorkerConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
+    """Be the process."""
+    from sfglab.bus import Node
+
+    _warm_up()
+    async with contextlib.AsyncExitStack() as stack:
+        local = await stack.enter_async_context(Node("agent_decoder_pipeline", **config.local.options()))
+        remote = local
+        if config.remote != config.local:
+            remote = await stack.enter_async_context(Node("agent_decoder_pipeline", **config.remote.options()))
+        await PipelineWorker(remote, local, report).run(orders)
+
+
+if __name__ == "__main__":
+    run_component(WorkerConfig, serve)
+
+
+END_GRACE_S = 2.0
+_NAME = "pipeline process"
+REFILL_DELAY_S = 2.0
+"""A pipeline that starts needs the processor more than the spare for the next one, and whoever only has a
+glance gives its process back by then."""
+
+
+class PoolError(SfglabError, RuntimeError):
+    """No pipeline process can be started here."""
+
+
+Owner = Callable[["Worker", Report], None]
+
+
+class Worker(LineProcess):
+    """One pipeline process, as the decoder sees it.
+
+    Attributes:
+        is_ready: Whether it has reported that it is.
+    """
+
+    keeps = False
+    is_ready = False
+
+    def belong_to(self, owner: Owner) -> None:
+        """Let somebody hear what it reports from now on, its end included."""
+        self.on_report = partial(owner, self)
+
+    async def end(self) -> None:
+        """Tell it to end and wait; by force after a grace."""
+        await self.close(grace_s=END_GRACE_S)
+
+
+class WorkerPool:
+    """Starts, lends, takes back and ends workers.
+
+    Args:
+        config: What every worker is told.
+        spares: How many warm workers wait.
+    """
+
+    def __init__(self, config: WorkerConfig, *, spares: int = 1) -> None:
+        self._command = Member(name=_NAME, module="sfglab.fleet.decoder.process", config=config).command
+        self._spares_wanted = spares
+        self._spares: list[Worker] = []
+        self._workers: set[Worker] = set()
+        self._filling = asyncio.Lock()
+        self._refills: set[asyncio.Task[None]] = set()
+        self._closed = asyncio.Event()
+        self._last_words = ""
+
+    @property
+    def pids(self) -> tuple[int, ...]:
+        """Process ids of all workers, spares included."""
+        return tuple(sorted(w.pid for w in self._workers if w.status is None))
+
+    @property
+    def warm(self) -> bool:
+        """Whether all spares that should wait do, ready."""
+        return len(self._spares) >= self._spares_wanted and all(w.is_ready for w in self._spares)
+
+    async def start(self) -> None:
+        """Start the spares and return when they are ready.
+
+        Raises:
+            PoolError: They do not start.
+        """
+        await self._fill()
+        while not self.warm:
+            await asyncio.sleep(0.02)
+            if not self._spares:
+                raise PoolError(f"decoder: a pipeline process ended while it started: {self._last_words}")
+
+    async def lend(self, owner: Owner) -> Worker:
+        """Return a worker for one pipeline, and start another spare a while later.
+
+        Args:
+            owner: Called with the worker and every report of it; ``ended`` is the last.
+        """
+        worker = self._spares.pop(0) if self._spares else await self._spawn()
+        worker.belong_to(owner)
+        refill = asyncio.create_task(self._refill())
+        self._refills.add(refill)
+        refill.add_done_callback(self._refills.discard)
+        return worker
+
+    async def take_back(self, worker: Worker) -> None:
+        """Take a worker whose pipeline has ended; it becomes a spare, or ends if there are enough."""
+        worker.belong_to(self._spare_reports)
+        if worker.status is None and len(self._spares) < self._spares_wanted and not self._closed.is_set():
+            self._spares.append(worker)
+        else:
+            await worker.end()
+
+    async def close(self) -> None:
+        """End all workers and wait for them."""
+        self._closed.set()
+        await asyncio.gather(*self._refills)
+        await asyncio.gather(*(worker.end() for worker in tuple(self._workers)))
+
+    async def _refill(self) -> None:
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._closed.wait(), REFILL_DELAY_S)
+        await self._fill()
+
+    async def _fill(self) -> None:
+        async with self._filling:
+            while len(self._spares) < self._spares_wanted and not self._closed.is_set():
+                self._spares.append(await self._spawn())
+
+    async def _spawn(self) -> Worker:
+        worker = await Worker.start(_NAME, self._command)
+        worker.belong_to(self._spare_reports)
+        self._workers = {w for w in self._workers if w.status is None} | {worker}
+        return worker
+
+    def _spare_reports(self, worker: Worker, report: Report) -> None:
+        worker.is_ready |= report["is"] == "ready"
+        if report["is"] == "ended":
+            self._last_words = self._last_words or f"it ended with status {report['status']}"
+            if worker in self._spares:
+                self._spares.remove(worker)
+        elif report["is"] == "failed":
+            self._last_words = report["why"]

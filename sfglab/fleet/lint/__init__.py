@@ -1,0 +1,35 @@
+"""The border linter: what a fleet's routers will let through, checked before anything runs."""
+
+from __future__ import annotations
+
+from sfglab.fleet.lint.linter import CHECKS, lint, lint_file
+from sfglab.fleet.lint.report import (
+    AgentLoad,
+    Announcements,
+    Discovery,
+    Finding,
+    Hearing,
+    Report,
+    Severity,
+    render,
+    render_findings,
+)
+from sfglab.fleet.lint.uses import Meeting, Use, View
+
+__all__ = [
+    "CHECKS",
+    "AgentLoad",
+    "Announcements",
+    "Discovery",
+    "Finding",
+    "Hearing",
+    "Meeting",
+    "Report",
+    "Severity",
+    "Use",
+    "View",
+    "lint",
+    "lint_file",
+    "render",
+    "render_findings",
+]

@@ -1,0 +1,296 @@
+"""Checks of domains, names and endpoints that hear each other by name.
+
+What should cross and does not, what bears another name than it should, quality of service, types, and latched
+transforms.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sfglab.documents import suggestion
+from sfglab.fleet.fleet_file.describing import description_of
+from sfglab.fleet.lint.report import Finding, Severity
+from sfglab.fleet.policy import Crossing
+from sfglab.fleet.status.description import DescriptionError
+from sfglab.names import TF, TF_STATIC, FqnError, ResourceKind, Scope, parse
+from sfglab.qos import Durability, incompatibilities
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sfglab.fleet.fleet_file import AgentSpec
+    from sfglab.fleet.lint.uses import Meeting, Use, View
+
+
+def check_qos(view: View) -> Iterator[Finding]:
+    """Find subscribers that request more than a publisher in reach offers."""
+    for speaker, hearer in _pairs(view, ResourceKind.TOPIC):
+        if speaker.qos is None or hearer.qos is None or speaker.name == TF_STATIC:
+            continue
+        reasons = incompatibilities(offered=speaker.qos, requested=hearer.qos)
+        if reasons:
+            yield Finding(
+                severity=Severity.ERROR,
+                code="qos-mismatch",
+                place=hearer.place,
+                what=f"{hearer.agent} never hears {hearer.name} of {speaker.agent}: QoS does not match",
+                why="; ".join(reasons),
+                remedy="request what the publisher offers, or offer more",
+            )
+
+
+def check_types(view: View) -> Iterator[Finding]:
+    """Find endpoints of one name that hear each other but disagree on the type."""
+    for kind in ResourceKind:
+        for speaker, hearer in _pairs(view, kind):
+            if speaker.type and hearer.type and speaker.type != hearer.type:
+                yield Finding(
+                    severity=Severity.ERROR,
+                    code="type-mismatch",
+                    place=hearer.place,
+                    what=(
+                        f"{hearer.name}: {speaker.agent} has type {speaker.type}, "
+                        f"{hearer.agent} has {hearer.type}"
+                    ),
+                    why="endpoints of different types never match",
+                    remedy="use one type",
+                )
+
+
+def check_static_transforms(view: View) -> Iterator[Finding]:
+    """Find endpoints of /tf_static that are not transient local: static transforms are sent only once."""
+    meeting = view.meetings.get((ResourceKind.TOPIC, TF_STATIC))
+    if meeting is None:
+        return
+    for use in meeting.speakers + meeting.hearers:
+        if use.qos is None or use.qos.durability is Durability.TRANSIENT_LOCAL:
+            continue
+        doing = "publishes" if use.speaks else "subscribes"
+        who = "whoever starts later" if use.speaks else "it"
+        yield Finding(
+            severity=Severity.ERROR,
+            code="static-not-latched",
+            place=use.place,
+            what=f"{use.agent} {doing} {TF_STATIC} as VOLATILE",
+            why=f"static transforms are sent once: {who} misses them, across a router always",
+            remedy="use qos: latched (TRANSIENT_LOCAL)",
+        )
+    many = [use for use in meeting.speakers if use.count > 1]
+    for use in many:
+        yield Finding(
+            severity=Severity.INFO,
+            code="static-broadcasters",
+            place=use.place,
+            what=f"{use.agent} has {use.count} static broadcasters",
+            why=(
+                "a router that keeps one message a topic would lose all but the last; ours keeps a writer for "
+                "each, a DDS Router its history, a Zenoh bridge transient_local_cache_multiplier messages"
+            ),
+        )
+
+
+def _pairs(view: View, kind: ResourceKind) -> Iterator[tuple[Use, Use]]:
+    for (found, _), meeting in view.meetings.items():
+        if found is kind:
+            for speaker in meeting.speakers:
+                for hearer in meeting.hearers:
+                    if view.reaches(speaker, hearer):
+                        yield speaker, hearer
+
+
+LAST_SAFE_DOMAIN = 101
+"""Above it, ports fall into Linux' ephemeral range (ROS 2 documentation, "The ROS_DOMAIN_ID")."""
+
+ROS_OWN = frozenset({TF, TF_STATIC, "/rosout", "/parameter_events", "/clock", "/diagnostics"})
+"""Names that ROS 2 gives itself; they are outside the schema on purpose."""
+
+
+def check_domains(view: View) -> Iterator[Finding]:
+    """Find agents that share a domain, with each other or with the routers."""
+    taken: dict[int, AgentSpec] = {}
+    for agent in view.fleet.agents:
+        if agent.domain == view.fleet.global_domain:
+            yield Finding(
+                severity=Severity.ERROR,
+                code="domain-global",
+                place=agent.place,
+                what=f"{agent.name} uses domain {agent.domain}, the global one",
+                why="nothing separates it from the fleet: its names are everywhere (paper A, 4.1: D_i != 0)",
+                remedy=f"give it a domain of its own, 1 to {LAST_SAFE_DOMAIN}",
+            )
+        elif agent.domain in taken:
+            yield Finding(
+                severity=Severity.ERROR,
+                code="domain-shared",
+                place=agent.place,
+                what=f"{agent.name} and {taken[agent.domain].name} both use domain {agent.domain}",
+                why="where one network reaches both, their local names mix, and both routers serve both",
+                remedy="give every agent a domain of its own",
+            )
+        taken.setdefault(agent.domain, agent)
+        if agent.domain > LAST_SAFE_DOMAIN:
+            yield Finding(
+                severity=Severity.WARNING,
+                code="domain-high",
+                place=agent.place,
+                what=f"{agent.name} uses domain {agent.domain}, above {LAST_SAFE_DOMAIN}",
+                why="its ports lie where Linux takes ports for outgoing connections: some starts will fail",
+                remedy=f"use 1 to {LAST_SAFE_DOMAIN}",
+            )
+
+
+def check_topics_cross(view: View) -> Iterator[Finding]:
+    """Find topics whose subscriber waits for another agent that it cannot hear, or for nobody at all."""
+    for (kind, name), meeting in view.meetings.items():
+        if kind is not ResourceKind.TOPIC:
+            continue
+        crosses = view.crossing(name, kind) is Crossing.WHOLE
+        yield from _deaf(name, meeting, crosses=crosses)
+        if crosses and not meeting.hearers and not meeting.implied:
+            yield Finding(
+                severity=Severity.INFO,
+                code="unheard",
+                place=meeting.first.place,
+                what=f"{name} may cross, but nobody in this file subscribes it",
+                why="it costs nothing until somebody does: routers show a topic only when it is wanted",
+            )
+
+
+def _deaf(name: str, meeting: Meeting, *, crosses: bool) -> Iterator[Finding]:
+    speakers = {use.agent for use in meeting.speakers}
+    for use in meeting.hearers:
+        if use.agent in speakers or (crosses and speakers):
+            continue
+        if speakers:
+            yield Finding(
+                severity=Severity.ERROR,
+                code="does-not-cross",
+                place=use.place,
+                what=f"{use.agent} subscribes {name}, which {_listed(speakers)} publishes, and never hears it",
+                why="no forwarding rule lets it cross (paper A, Table 1)",
+                remedy=f"publish it below /global/, as {_global_form(name, min(speakers))}",
+            )
+        elif crosses and not use.implied and name not in ROS_OWN:
+            yield Finding(
+                severity=Severity.WARNING,
+                code="nobody-speaks",
+                place=use.place,
+                what=f"{use.agent} subscribes {name}, which nobody in this file publishes",
+                why="it may be a name that is spelled differently where it is published",
+                remedy="add the publisher to the file, or correct the name",
+            )
+
+
+def check_schema(view: View) -> Iterator[Finding]:
+    """Find names that the naming schema does not know, those that nearly begin with a scope first."""
+    for (kind, name), meeting in view.meetings.items():
+        if name in ROS_OWN or any(part.startswith("_") for part in name.split("/")):
+            continue
+        try:
+            parse(name, kind)
+        except FqnError as error:
+            crosses = view.crossing(name, kind) is not Crossing.NONE
+            yield _outside(name, meeting, error, crosses=crosses)
+
+
+def _outside(name: str, meeting: Meeting, error: FqnError, *, crosses: bool) -> Finding:
+    place, first = meeting.first.place, name.split("/")[1]
+    meant = first.startswith(Scope.GLOBAL.value) or suggestion(first, (Scope.GLOBAL.value,))
+    if crosses:
+        return Finding(
+            severity=Severity.WARNING,
+            code="not-in-schema",
+            place=place,
+            what=f"{name} crosses, but is not a name of the schema",
+            why=str(error),
+            remedy="build names with RosFqnBuilder; Custom(...) is for what the standard does not know",
+        )
+    if meant:
+        return Finding(
+            severity=Severity.WARNING,
+            code="nearly-global",
+            place=place,
+            what=f"{name} stays local, though it begins almost like /global/",
+            why="a rule such as rt/global/* asks for the slash: nothing else crosses (paper A, Table 1)",
+            remedy=f"if it shall cross, name it {_global_form(name, meeting.first.agent)}",
+        )
+    return Finding(
+        severity=Severity.INFO,
+        code="local-outside-schema",
+        place=place,
+        what=f"{name} is not a name of the schema; it stays in its agent's domain",
+        why=str(error),
+        remedy="begin it with /local/<agent>/ so that its reader knows that it does not cross",
+    )
+
+
+def check_descriptions(view: View) -> Iterator[Finding]:
+    """Find sensors that the agent's metadata could not announce."""
+    for agent in view.fleet.agents:
+        try:
+            description_of(agent).check(agent.name)
+        except DescriptionError as error:
+            yield Finding(
+                severity=Severity.ERROR,
+                code="description",
+                place=(agent.sensors[0] if agent.sensors else agent).place,
+                what=f"{agent.name} cannot announce its sensors: {error}",
+                why="its status provider refuses to start: nobody discovers the agent (paper A, section 4.2)",
+                remedy=f"name streams /global/{agent.name}/<component>/<stream>/<resource>",
+            )
+
+
+def check_agents_named(view: View) -> Iterator[Finding]:
+    """Find names that name an agent that the fleet does not have."""
+    known = tuple(agent.name for agent in view.fleet.agents)
+    for (kind, name), meeting in view.meetings.items():
+        try:
+            agent = parse(name, kind).agent
+        except FqnError:
+            continue
+        if agent is not None and agent not in known:
+            yield Finding(
+                severity=Severity.WARNING,
+                code="unknown-agent",
+                place=meeting.first.place,
+                what=f"{name} names agent {agent!r}, which is not in the fleet{suggestion(agent, known)}",
+                why="nobody will be found under that name",
+                remedy=f"use one of {', '.join(known)}, or add the agent",
+            )
+
+
+def check_publishers(view: View) -> Iterator[Finding]:
+    """Find crossing topics of one agent that several agents publish."""
+    for (kind, name), meeting in view.meetings.items():
+        agents = dict.fromkeys(use.agent for use in meeting.speakers)
+        if kind is not ResourceKind.TOPIC or len(agents) < 2 or view.crossing(name, kind) is Crossing.NONE:
+            continue
+        try:
+            owner = parse(name, kind).agent
+        except FqnError:
+            continue
+        if owner in agents:
+            others = _listed({agent for agent in agents if agent != owner})
+            yield Finding(
+                severity=Severity.WARNING,
+                code="two-publishers",
+                place=meeting.speakers[-1].place,
+                what=f"{others} publishes {name}, as {owner} itself does",
+                why="subscribers hear both and cannot tell them apart",
+                remedy="publish under the own agent's name, or remove one publisher",
+            )
+
+
+def _listed(agents: set[str]) -> str:
+    return ", ".join(sorted(agents))
+
+
+def _global_form(name: str, agent: str) -> str:
+    """Return how a name could look in the global scope; a hint, not a parsed name."""
+    first, *rest = name.split("/")[1:]
+    nearly = first.startswith(Scope.GLOBAL.value) or suggestion(first, (Scope.GLOBAL.value,))
+    tail = rest if (first == Scope.LOCAL.value or nearly) and rest else [agent, first, *rest]
+    if first == Scope.LOCAL.value and rest[:1] == [Scope.GLOBAL.value]:
+        tail = rest[1:]
+    return "/".join(["", Scope.GLOBAL.value, *tail])

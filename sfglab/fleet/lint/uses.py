@@ -1,0 +1,244 @@
+"""Uses of names in a fleet, also those that the file only implies, and what reaches whom.
+
+Implied are the topics of sensors and transforms, and what status provider and discoverer use (paper A,
+section 4.2). Pure: works on the fleet as values.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from sfglab.documents import NOWHERE, Place
+from sfglab.fleet.lint.report import Hearing
+from sfglab.fleet.policy import Crossing, Direction
+from sfglab.names import TF, TF_STATIC, Resource, ResourceKind, RosFqnBuilder, Scope, dds_names
+from sfglab.qos import COMPRESSED_STREAM, LATCHED, QoSProfile
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sfglab.fleet.fleet_file import AgentSpec, Fleet
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Use:
+    """One agent's use of one name."""
+
+    agent: str  #: Who.
+    name: str  #: ROS name.
+    kind: ResourceKind  #: Topic, service or action.
+    speaks: bool  #: Publishes or serves it; else subscribes or calls it.
+    type: str = ""  #: ROS type; empty where unknown.
+    qos: QoSProfile | None = None  #: Of a topic's endpoints; None where unknown.
+    count: int = 1  #: Endpoints, or servers and clients.
+    rate_hz: float | None = None  #: Messages a second; None where unknown.
+    size_bytes: int | None = None  #: Of a message; None where unknown.
+    implied: bool = False  #: Not written in the file as such.
+    place: Place = NOWHERE  #: Where it comes from.
+
+
+@dataclass(slots=True)
+class Meeting:
+    """Everybody who uses one name."""
+
+    speakers: list[Use] = field(default_factory=list)  #: Uses that publish or serve.
+    hearers: list[Use] = field(default_factory=list)  #: Uses that subscribe or call.
+
+    @property
+    def first(self) -> Use:
+        """Any of the uses, for the place."""
+        return (self.speakers + self.hearers)[0]
+
+    @property
+    def implied(self) -> bool:
+        """Whether nobody has written the name into the file."""
+        return all(use.implied for use in self.speakers + self.hearers)
+
+
+class View:
+    """A fleet seen by name.
+
+    Args:
+        fleet: The fleet.
+
+    Attributes:
+        fleet: The same.
+        uses: Who uses what, in the order of the file.
+    """
+
+    def __init__(self, fleet: Fleet) -> None:
+        self.fleet = fleet
+        self.uses = tuple(use for agent in fleet.agents for use in _uses_of(agent, fleet))
+
+    @cached_property
+    def meetings(self) -> dict[tuple[ResourceKind, str], Meeting]:
+        """Everybody who uses a name, by kind and name."""
+        found: dict[tuple[ResourceKind, str], Meeting] = defaultdict(Meeting)
+        for use in self.uses:
+            meeting = found[use.kind, use.name]
+            (meeting.speakers if use.speaks else meeting.hearers).append(use)
+        return dict(found)
+
+    def crossing(self, name: str, kind: ResourceKind) -> Crossing:
+        """Return how much of a name gets from one agent to another: out at one router, in at the next."""
+        ways = {self.fleet.policy.crossing(name, kind, way) for way in Direction}
+        if len(ways) == 1:
+            return ways.pop()
+        return Crossing.NONE if kind is ResourceKind.TOPIC else Crossing.HALF
+
+    def reaches(self, speaker: Use, hearer: Use) -> bool:
+        """Return whether what one use says is heard by the other."""
+        return speaker.agent == hearer.agent or self.crossing(speaker.name, speaker.kind) is Crossing.WHOLE
+
+    def hearings(self) -> tuple[Hearing, ...]:
+        """Return who hears what, for every name that more than one agent uses or that crosses."""
+        rows = []
+        for (kind, name), meeting in sorted(
+            self.meetings.items(), key=lambda item: (item[0][1], item[0][0].value)
+        ):
+            agents = {use.agent for use in meeting.speakers + meeting.hearers}
+            crosses = self.crossing(name, kind) is Crossing.WHOLE
+            if crosses or len(agents) > 1:
+                rows.append(self._hearing(name, kind, meeting, crosses=crosses))
+        return tuple(rows)
+
+    def _hearing(self, name: str, kind: ResourceKind, meeting: Meeting, *, crosses: bool) -> Hearing:
+        rules = self.fleet.policy.rules
+        matching = [r.pattern for r in rules if any(r.matches(dds) for dds in dds_names(name, kind))]
+        return Hearing(
+            name=name,
+            kind=kind,
+            speakers=tuple(dict.fromkeys(use.agent for use in meeting.speakers)),
+            hearers=tuple(dict.fromkeys(use.agent for use in meeting.hearers)),
+            crosses=crosses,
+            rules=tuple(matching),
+        )
+
+
+def heartbeat_name() -> str:
+    """Return the name of the topic of all agents' heartbeats (paper A, section 4.2)."""
+    builder = RosFqnBuilder().scope(Scope.GLOBAL).without_agent()
+    return str(builder.resource(Resource.AGENT_HEARTBEAT).build())
+
+
+def get_metadata_name(agent: str) -> str:
+    """Return the name of the service that describes an agent (paper A, section 4.2)."""
+    builder = RosFqnBuilder().scope(Scope.GLOBAL).agent(agent)
+    return str(builder.resource(Resource.GET_METADATA).build())
+
+
+def _discovery_event_name(agent: str) -> str:
+    builder = RosFqnBuilder().scope(Scope.LOCAL).agent(agent)
+    return str(builder.resource(Resource.AGENT_DISCOVERY_EVENT).build())
+
+
+def _uses_of(agent: AgentSpec, fleet: Fleet) -> Iterator[Use]:
+    yield from _written(agent)
+    yield from _streams(agent)
+    yield from _transforms(agent)
+    if agent.lifecycle:
+        yield from _lifecycle(agent, fleet)
+
+
+def _written(agent: AgentSpec) -> Iterator[Use]:
+    for speaks, topics in ((True, agent.publishes), (False, agent.subscribes)):
+        for topic in topics:
+            yield Use(
+                agent=agent.name,
+                name=topic.name,
+                kind=ResourceKind.TOPIC,
+                speaks=speaks,
+                type=topic.type,
+                qos=topic.qos,
+                count=topic.count,
+                rate_hz=topic.rate_hz,
+                size_bytes=topic.size_bytes,
+                place=topic.place,
+            )
+    names = (
+        (ResourceKind.SERVICE, True, agent.serves),
+        (ResourceKind.SERVICE, False, agent.calls),
+        (ResourceKind.ACTION, True, agent.action_servers),
+        (ResourceKind.ACTION, False, agent.action_clients),
+    )
+    for kind, speaks, uses in names:
+        for use in uses:
+            yield Use(agent=agent.name, name=use.name, kind=kind, speaks=speaks, type=use.type, place=use.place)
+
+
+def _streams(agent: AgentSpec) -> Iterator[Use]:
+    for stream in agent.streams:
+        yield Use(
+            agent=agent.name,
+            name=stream.topic,
+            kind=ResourceKind.TOPIC,
+            speaks=True,
+            type=stream.type,
+            qos=COMPRESSED_STREAM,
+            rate_hz=stream.rate_hz,
+            size_bytes=stream.size_bytes,
+            place=stream.place,
+        )
+        if stream.camera_info_topic:
+            yield _implied(agent, stream.camera_info_topic, speaks=True, type_="sensor_msgs/msg/CameraInfo")
+
+
+def _transforms(agent: AgentSpec) -> Iterator[Use]:
+    tf = agent.tf
+    for name, static in ((TF, False), (TF_STATIC, True)):
+        if any(frame.static is static for frame in tf.frames):
+            yield Use(
+                agent=agent.name,
+                name=name,
+                kind=ResourceKind.TOPIC,
+                speaks=True,
+                type="tf2_msgs/msg/TFMessage",
+                qos=LATCHED if static else None,
+                count=tf.static_broadcasters if static else 1,
+                implied=True,
+                place=tf.place,
+            )
+
+
+def _lifecycle(agent: AgentSpec, fleet: Fleet) -> Iterator[Use]:
+    for speaks in (True, False):
+        yield _implied(
+            agent,
+            heartbeat_name(),
+            speaks=speaks,
+            type_="sfglab_interfaces/msg/AgentHeartbeat",
+            qos=LATCHED,
+        )
+    yield _implied(
+        agent,
+        _discovery_event_name(agent.name),
+        speaks=True,
+        type_="sfglab_interfaces/msg/AgentDiscoveryEvent",
+    )
+    for other in fleet.agents:
+        if other.lifecycle:
+            yield Use(
+                agent=agent.name,
+                name=get_metadata_name(other.name),
+                kind=ResourceKind.SERVICE,
+                speaks=other.name == agent.name,
+                type="sfglab_interfaces/srv/GetMetadata",
+                implied=True,
+                place=agent.place,
+            )
+
+
+def _implied(agent: AgentSpec, name: str, *, speaks: bool, type_: str, qos: QoSProfile | None = None) -> Use:
+    return Use(
+        agent=agent.name,
+        name=name,
+        kind=ResourceKind.TOPIC,
+        speaks=speaks,
+        type=type_,
+        qos=qos,
+        implied=True,
+        place=agent.place,
+    )

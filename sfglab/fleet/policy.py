@@ -1,0 +1,310 @@
+"""Routing between an agent's domain and the global one: paper A, section 4.1, Eq. 1 and Table 1.
+
+What crosses, and what of a topic's way has to be open for it, as pure functions: the one place that decides it.
+The in-process router asks it for every endpoint; the configurations of other routers are generated from its
+rules. Refuses to know domain ids, samples, and what is open now (`sfglab.fleet.router.plan`).
+
+A reader is opened in the source's domain when somebody subscribes in the target's; outward only if there is a
+source too, so that nothing but what is in use is announced in the global domain. Inward the reader is opened at
+once: it is how another agent's router learns that somebody here wants the topic, and if all routers waited for
+each other nothing would ever flow. A writer is opened when there is a source as well, also for one whose
+samples have to wait. Nobody is to tell the router from a direct connection: what a source offers is offered
+across the border, and nothing stronger is requested than a direct connection would have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
+
+from sfglab.names import ResourceKind, dds_names
+from sfglab.qos import DEFAULT, Durability, History, QoSProfile, Reliability
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from sfglab.bus.api import EndpointInfo
+
+
+class Side(Enum):
+    """One of the two domains that a router joins."""
+
+    LOCAL = "local"
+    """The agent's own domain, D_i in the paper."""
+    GLOBAL = "global"
+    """The domain that all agents share, D_0 in the paper."""
+
+    @property
+    def other(self) -> Side:
+        """The side across the border."""
+        return Side.GLOBAL if self is Side.LOCAL else Side.LOCAL
+
+
+class Direction(Enum):
+    """Which way a sample crosses the border."""
+
+    OUTWARD = "outward"
+    """From the agent's domain into the global one."""
+    INWARD = "inward"
+    """From the global domain into the agent's."""
+
+    @property
+    def source(self) -> Side:
+        """The side that a sample comes from."""
+        return Side.LOCAL if self is Direction.OUTWARD else Side.GLOBAL
+
+    @property
+    def target(self) -> Side:
+        """The side that a sample goes to."""
+        return self.source.other
+
+
+class Crossing(Enum):
+    """How much of a ROS name, which may be several DDS topics, crosses."""
+
+    NONE = "none"
+    HALF = "half"
+    """Only some of its DDS topics: a service whose requests pass and whose replies do not."""
+    WHOLE = "whole"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForwardRule:
+    """One row of Table 1."""
+
+    pattern: str  #: DDS topic names; ``*`` stands for any characters, slashes included, as in the DDS Router.
+    description: str  #: For people.
+    directions: frozenset[Direction] = frozenset(Direction)  #: The ways it is open.
+
+    def matches(self, dds_name: str) -> bool:
+        """Return whether a DDS topic name falls under this rule."""
+        return fnmatchcase(dds_name, self.pattern)
+
+
+TABLE_1 = (
+    ForwardRule(pattern="rt/tf", description="Transform topic"),
+    ForwardRule(pattern="rt/tf_static", description="Static transform topic"),
+    ForwardRule(pattern="rt/global/*", description="Global topics"),
+    ForwardRule(pattern="rq/global/*", description="Global service requests"),
+    ForwardRule(pattern="rr/global/*", description="Global service responses"),
+)
+"""Paper A, Table 1: everything that crosses D_i <-> D_0."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Policy:
+    """The set F_forward of Eq. 1 as rules."""
+
+    rules: tuple[ForwardRule, ...] = TABLE_1  #: What may cross; everything else stays where it is.
+
+    def crosses(self, dds_name: str, direction: Direction) -> bool:
+        """Return whether samples of a DDS topic cross the border this way.
+
+        Args:
+            dds_name: The topic on the wire, as "rt/tf".
+            direction: Which way.
+        """
+        return any(direction in rule.directions and rule.matches(dds_name) for rule in self.rules)
+
+    def domains(self, dds_name: str, published_in: Side) -> frozenset[Side]:
+        """Return where a message is heard: Eq. 1, with both sides of "D_i <-> D_0" named.
+
+        Args:
+            dds_name: The topic on the wire.
+            published_in: The side that its publisher lives on.
+        """
+        way = Direction.OUTWARD if published_in is Side.LOCAL else Direction.INWARD
+        return frozenset(Side) if self.crosses(dds_name, way) else frozenset({published_in})
+
+    def crossing(self, name: str, kind: ResourceKind, direction: Direction) -> Crossing:
+        """Return how much of a ROS topic, service or action crosses; a half-open one hangs its callers.
+
+        Args:
+            name: Absolute ROS name.
+            kind: What the name denotes.
+            direction: The way of a topic's messages; a service needs its requests and replies in both.
+
+        Raises:
+            FqnError: The name is not valid for its kind.
+        """
+        if kind is ResourceKind.TOPIC:
+            passes = [self.crosses(dds, direction) for dds in dds_names(name, kind)]
+        else:
+            passes = [self.crosses(dds, way) for dds in dds_names(name, kind) for way in Direction]
+        if all(passes):
+            return Crossing.WHOLE
+        return Crossing.HALF if any(passes) else Crossing.NONE
+
+
+READER_DEPTH = 256
+"""A router that is late must not lose what its reader's cache cannot hold, so the cache is deep."""
+
+_SERVICE_PREFIXES = ("rq/", "rr/")
+
+
+def requested_qos(dds_topic: str, source: QoSProfile, sinks: Iterable[QoSProfile]) -> QoSProfile:
+    """Return what the router's reader of a source requests.
+
+    RELIABLE only where the source offers it and somebody wants it, so that a best-effort subscription
+    costs no retransmission on the source's side. A source's latched samples are always asked for: whoever joins
+    late across the border gets them from the router's writer, which must have them by then.
+
+    Args:
+        dds_topic: The topic on the wire.
+        source: What the source offers.
+        sinks: What the target side's subscriptions request.
+    """
+    latched = source.durability is Durability.TRANSIENT_LOCAL
+    repaired = latched or any(sink.reliability is Reliability.RELIABLE for sink in sinks)
+    everything = source.history is History.KEEP_ALL or dds_topic.startswith(_SERVICE_PREFIXES)
+    return QoSProfile(
+        reliability=source.reliability if repaired else Reliability.BEST_EFFORT,
+        durability=source.durability,
+        history=History.KEEP_ALL if everything else History.KEEP_LAST,
+        depth=max(READER_DEPTH, source.depth if latched and not everything else 1),
+    )
+
+
+def announced_qos(dds_topic: str, sinks: Iterable[QoSProfile]) -> QoSProfile:
+    """Return what the router's reader requests while no source is known: the strongest of the subscriptions.
+
+    Args:
+        dds_topic: The topic on the wire.
+        sinks: What the target side's subscriptions request.
+    """
+    requests = tuple(sinks)
+    reliable = any(sink.reliability is Reliability.RELIABLE for sink in requests)
+    latched = any(sink.durability is Durability.TRANSIENT_LOCAL for sink in requests)
+    strongest = QoSProfile(
+        reliability=Reliability.RELIABLE if reliable else Reliability.BEST_EFFORT,
+        durability=Durability.TRANSIENT_LOCAL if latched else Durability.VOLATILE,
+    )
+    return requested_qos(dds_topic, strongest, requests)
+
+
+def offered_qos(source: QoSProfile) -> QoSProfile:
+    """Return what the router's writer offers for a source: the same.
+
+    The depth of a volatile history is only the sender's own buffer, which no peer sees and vendors do not
+    announce: it is at least ROS 2's default, or two samples of such a source at once would be one too many.
+
+    Args:
+        source: What the source offers.
+    """
+    if source.durability is Durability.VOLATILE and source.history is History.KEEP_LAST:
+        return replace(source, depth=max(source.depth, DEFAULT.depth))
+    return source
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, order=True)
+class Path:
+    """The way of one topic across the border."""
+
+    dds_topic: str  #: The topic on the wire.
+    type: str  #: As `EndpointInfo.type` names it; endpoints of another type are another path.
+    outward: bool  #: Whether it leads from the local domain to the global one.
+
+    @property
+    def direction(self) -> Direction:
+        """Which way it leads."""
+        return Direction.OUTWARD if self.outward else Direction.INWARD
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReaderSpec:
+    """A reader of the router, in the source's domain."""
+
+    path: Path  #: What for.
+    qos: QoSProfile  #: What it requests.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WriterSpec:
+    """A writer of the router, in the target's domain."""
+
+    path: Path  #: What for.
+    qos: QoSProfile  #: What it offers.
+    #: The one source that it stands for, if that one's samples are latched: several in one writer would push
+    #: each other out of its history, and stay when their source has gone. Empty: all volatile sources that
+    #: offer the same.
+    source: bytes = b""
+
+
+class Held(Enum):
+    """What is said of a source whose samples must neither pass yet nor be lost."""
+
+    HELD = "held"
+
+
+Verdict = WriterSpec | Held | None
+"""Where a source's samples go; None: nowhere."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What of a path is to be open: readers, writers, and which source of a reader goes to which writer."""
+
+    readers: tuple[ReaderSpec, ...] = ()
+    writers: tuple[WriterSpec, ...] = ()
+    judged: Mapping[tuple[ReaderSpec, bytes], Verdict] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class PathState:
+    """What is known about one path."""
+
+    #: Publishers in the source's domain whose samples may cross, by gid.
+    sources: dict[bytes, EndpointInfo] = field(default_factory=dict)
+    #: Subscriptions in the target's domain that count, by gid.
+    sinks: dict[bytes, EndpointInfo] = field(default_factory=dict)
+    #: Publishers in the source's domain whose samples may not cross, by gid.
+    barred: dict[bytes, EndpointInfo] = field(default_factory=dict)
+    held: set[bytes] = field(default_factory=set)  #: Those of `sources` whose samples have to wait.
+    setup: Setup = field(default_factory=Setup)  #: What is open now.
+
+    def __contains__(self, gid: bytes) -> bool:
+        return any(gid in part for part in (self.sources, self.sinks, self.barred))
+
+    def __bool__(self) -> bool:
+        return bool(self.sources or self.sinks or self.barred)
+
+    def discard(self, gid: bytes) -> None:
+        """Forget an endpoint; harmless for one that is not known."""
+        for part in (self.sources, self.sinks, self.barred):
+            part.pop(gid, None)
+        self.held.discard(gid)
+
+
+def wanted(path: Path, state: PathState) -> Setup:
+    """Return what of a path has to be open: the rules of this module, as a function of what is known."""
+    sinks = [sink.qos for sink in state.sinks.values()]
+    if not sinks or (path.outward and not state.sources):
+        return Setup()
+    if not state.sources:
+        readers = {ReaderSpec(path=path, qos=announced_qos(path.dds_topic, sinks)): None}
+        return Setup(tuple(readers), (), _judged(readers, {}, state))
+    ways = {gid: _way(path, source, sinks) for gid, source in sorted(state.sources.items())}
+    readers = dict.fromkeys(reader for reader, _ in ways.values())
+    writers = dict.fromkeys(writer for _, writer in ways.values())
+    return Setup(tuple(readers), tuple(writers), _judged(readers, ways, state))
+
+
+def _way(path: Path, source: EndpointInfo, sinks: list[QoSProfile]) -> tuple[ReaderSpec, WriterSpec]:
+    reader = ReaderSpec(path=path, qos=requested_qos(path.dds_topic, source.qos, sinks))
+    own = source.gid if source.qos.durability is Durability.TRANSIENT_LOCAL else b""
+    return reader, WriterSpec(path=path, qos=offered_qos(source.qos), source=own)
+
+
+def _judged(
+    readers: Iterable[ReaderSpec], ways: Mapping[bytes, tuple[ReaderSpec, WriterSpec]], state: PathState
+) -> dict[tuple[ReaderSpec, bytes], Verdict]:
+    """Say for every reader where each publisher's samples go: each source is heard by one reader alone."""
+    judged: dict[tuple[ReaderSpec, bytes], Verdict] = {}
+    for reader in readers:
+        judged |= {(reader, gid): None for gid in state.barred}
+        for gid, (own, writer) in ways.items():
+            here = Held.HELD if gid in state.held else writer
+            judged[reader, gid] = here if own == reader else None
+    return judged

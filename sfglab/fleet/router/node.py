@@ -1,0 +1,349 @@
+"""Router between an agent's domain and the global one: paper A, section 4.1, Eq. 1 and Table 1.
+
+A thin shell around `plan`: it listens to both graphs, feeds the plan and has the actions carried out, all in
+one task. It runs on nodes of any backend.
+
+Services pass between nodes that frame them as rmw_cyclonedds does. rmw_fastrtps finds the call of a reply by
+RTPS sample identities, which a forwarded sample does not keep, so its services do not pass; its topics do.
+
+As a process (`sfglab router`, or ``python -m sfglab.fleet.router.node CONFIG``; see `sfglab.component`) it
+reports, beside ``ready``, ``{"is": "status", "paths": [...], "clashed": n}`` whenever paths change and every
+five seconds; a path is a `PathStatus`. It does nothing else: a busy thread beside it would cost milliseconds.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import signal
+import socket
+import struct
+from collections import deque
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Self
+
+from sfglab.bus.address import BusAddress
+from sfglab.component import run_component
+from sfglab.errors import SfglabError
+from sfglab.fleet.policy import TABLE_1, ForwardRule, Policy, Side
+from sfglab.fleet.router.carrier import Carrier, Interest
+from sfglab.fleet.router.frames import Frames, TransformGate
+from sfglab.fleet.router.plan import Plan
+from sfglab.names import SHARED_FRAMES, validate_agent
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.bus import Node
+    from sfglab.bus.api import EndpointEvent
+    from sfglab.component import Report
+    from sfglab.fleet.router.carrier import PathStatus
+
+
+_PEER = struct.Struct("3i")  # struct ucred: pid, uid, gid
+
+
+class RouterRunningError(SfglabError, RuntimeError):
+    """Another router serves the pair of domains on this host.
+
+    Attributes:
+        domains: The two domain ids, sorted.
+        pid: The other's process id; None when it cannot be seen from here.
+    """
+
+    def __init__(self, domains: tuple[int, int], pid: int | None) -> None:
+        self.domains = domains
+        self.pid = pid
+        who = "a process out of sight" if pid is None else f"process {pid}"
+        super().__init__(
+            f"router between the domains {domains[0]} and {domains[1]}: {who} on this host is one already, "
+            "allowed is one, because two would send everything twice; end the other first"
+        )
+
+
+class PairLock:
+    """Held while a router serves a pair of domains; a context manager.
+
+    Args:
+        one: A domain id.
+        other: The other one.
+    """
+
+    def __init__(self, one: int, other: int) -> None:
+        self._domains = (min(one, other), max(one, other))
+        self._socket: socket.socket | None = None
+
+    def __enter__(self) -> Self:
+        self._socket = _bound(self._domains)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+
+def _address(domains: tuple[int, int]) -> str:
+    return f"\0sfglab.router.{domains[0]}-{domains[1]}"
+
+
+def _bound(domains: tuple[int, int]) -> socket.socket:
+    lock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        lock.bind(_address(domains))
+        lock.listen()  # so that whoever comes second can ask who we are
+    except OSError as error:
+        lock.close()
+        if error.errno != errno.EADDRINUSE:
+            raise
+        raise RouterRunningError(domains, _holder(domains)) from error
+    return lock
+
+
+def _holder(domains: tuple[int, int]) -> int | None:
+    """Return who listens; None when that one just left, is asked by too many, or lives in another PID space."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
+        asking.setblocking(False)
+        try:
+            asking.connect(_address(domains))
+            credentials = asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
+        except OSError:
+            return None
+    pid: int = _PEER.unpack(credentials)[0]
+    return pid or None
+
+
+STATUS_PERIOD_S = 5.0
+"""How often the status is told when nothing changes, seconds."""
+
+# Loops keep time in floats of seconds, or in milliseconds: this much before a deadline it counts as reached.
+_RESOLUTION_NS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RouterSettings:
+    """What a router does."""
+
+    agent: str  #: Whose router it is.
+    rules: tuple[ForwardRule, ...] = TABLE_1  #: What crosses the border; by default Table 1 of paper A.
+    linger_s: float = 1.0  #: How long a path outlives its last publisher or subscription, seconds.
+    #: Whether transforms leave under the agent's prefix, and are dropped when they clash.
+    prefix_frames: bool = True
+    #: Frames that all agents mean by the same name and that are never prefixed.
+    shared_frames: tuple[str, ...] = SHARED_FRAMES
+    #: Frames of the agent, without prefix, that others may give a parent.
+    placed_by_others: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        validate_agent(self.agent)
+
+    @property
+    def frames(self) -> Frames:
+        """The names of the agent's frames."""
+        return Frames(
+            agent=self.agent,
+            shared=frozenset(self.shared_frames),
+            placed_by_others=frozenset(self.placed_by_others),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RouterStatus:
+    """What a router does now."""
+
+    paths: tuple[PathStatus, ...] = ()  #: All open paths.
+    clashed: int = 0  #: Transforms that were dropped because their frames clash.
+
+
+class Router:
+    """Forwards what the policy lets cross, on demand.
+
+    Args:
+        local: A node of its own on the agent's domain.
+        remote: A node of its own on the global domain.
+        settings: What it does.
+        pair: Names the pair of domains among all routers, so that two on one pair know each other; empty is
+            the agent's name.
+        on_status: Given the status whenever paths change, and every `STATUS_PERIOD_S`.
+    """
+
+    def __init__(
+        self,
+        local: Node,
+        remote: Node,
+        settings: RouterSettings,
+        *,
+        pair: str = "",
+        on_status: Callable[[RouterStatus], None] = lambda _: None,
+    ) -> None:
+        self._nodes = {Side.LOCAL: local, Side.GLOBAL: remote}
+        self._on_status = on_status
+        self._plan = Plan(
+            Policy(rules=settings.rules),
+            participants=frozenset(node.guid for node in self._nodes.values()),
+            pair=pair or settings.agent,
+            linger_ns=round(settings.linger_s * 1e9),
+        )
+        self._gate = TransformGate(settings.frames) if settings.prefix_frames else None
+        self._carrier = Carrier(self._nodes, pair=pair or settings.agent, gate=self._gate)
+        self._heard: deque[tuple[Side, EndpointEvent]] = deque()
+        self._woken = asyncio.Event()
+
+    @property
+    def status(self) -> RouterStatus:
+        """What it does now."""
+        clashed = 0 if self._gate is None else self._gate.counts.clashed
+        return RouterStatus(paths=self._carrier.paths, clashed=clashed)
+
+    async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
+        """Route until cancelled; everything it opened is closed when this returns.
+
+        Args:
+            on_ready: Called once when it listens.
+        """
+        local, remote = (self._nodes[side] for side in (Side.LOCAL, Side.GLOBAL))
+        interest = Interest(remote.graph, partial(self._hear, Side.GLOBAL))
+
+        def hear(event: EndpointEvent) -> None:
+            if event.endpoint.participant != local.guid:
+                interest.feed(event)
+                self._hear(Side.LOCAL, event)
+
+        end = local.graph.listen(hear)
+        on_ready()
+        try:
+            await self._route()
+        finally:
+            end()
+            interest.close()
+            self._carrier.close()
+
+    def _hear(self, side: Side, event: EndpointEvent) -> None:
+        self._heard.append((side, event))
+        self._woken.set()
+
+    async def _route(self) -> None:
+        report_ns = _now_ns()
+        while True:
+            self._woken.clear()
+            now_ns = _now_ns()
+            if self._catch_up(now_ns) or now_ns >= report_ns:
+                report_ns = now_ns + round(STATUS_PERIOD_S * 1e9)
+                self._on_status(self.status)
+            await self._wait(report_ns)
+
+    def _catch_up(self, now_ns: int) -> bool:
+        """Take in what was heard and what lingered long enough; return whether that changed anything."""
+        heard = list(self._heard)
+        self._heard.clear()
+        actions = self._plan.feed_all(heard, now_ns=now_ns)
+        self._carrier.carry_out(actions)
+        return bool(actions)
+
+    async def _wait(self, report_ns: int) -> None:
+        """Return when something was heard, when the plan's deadline is reached, or when a report is due."""
+        deadline_ns = self._plan.deadline_ns
+        due_ns = report_ns if deadline_ns is None else min(report_ns, deadline_ns)
+        try:
+            async with asyncio.timeout_at(due_ns / 1e9):
+                await self._woken.wait()
+        except TimeoutError:
+            return
+
+
+def _now_ns() -> int:
+    """Return the loop's time, which no correction of the host's clock moves."""
+    return round(asyncio.get_running_loop().time() * 1e9) + _RESOLUTION_NS
+
+
+class RouterConfigError(SfglabError, ValueError):
+    """A router's configuration that no router could follow."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RouterConfig(RouterSettings):
+    """What a router's process is told, beside what every router is."""
+
+    local: BusAddress  #: The agent's domain.
+    remote: BusAddress  #: The global domain.
+
+    def __post_init__(self) -> None:
+        RouterSettings.__post_init__(self)
+        if self.local.domain_id == self.remote.domain_id:
+            raise RouterConfigError(
+                f"router of {self.agent}: given domain {self.local.domain_id} on both sides, allowed are two"
+            )
+
+
+async def run_router(config: RouterConfig, report: Callable[[Report], None]) -> None:
+    """Run a router until cancelled; everything it started has ended when this returns.
+
+    Args:
+        config: Where and what.
+        report: Takes its reports.
+
+    Raises:
+        RouterRunningError: This host has a router for these domains.
+        BusError: A domain cannot be joined.
+    """
+    from sfglab.bus import Node
+    from sfglab.bus.api import host_id
+
+    def tell(status: RouterStatus) -> None:
+        report({"is": "status", **asdict(status)})
+
+    domains = config.local.domain_id, config.remote.domain_id
+    with PairLock(*domains):
+        async with (
+            Node("router", **config.local.options()) as local,
+            # Every agent has one, and in the global domain they meet.
+            Node("router", namespace=f"/{config.agent}", **config.remote.options()) as remote,
+        ):
+            pair = f"{host_id()}/{config.local.domain_id}"
+            router = Router(local, remote, config, pair=pair, on_status=tell)
+            await router.run(on_ready=lambda: report({"is": "ready"}))
+
+
+def main() -> None:
+    """Be the process: serve until told to end."""
+    run_component(RouterConfig, lambda config, report, _: run_router(config, report))
+
+
+async def serve_terminal(config: RouterConfig, say: Callable[[str], None]) -> None:
+    """Run a router for a person at a terminal, until interrupted or terminated.
+
+    Args:
+        config: Where and what.
+        say: Takes a line for each path that begins or ceases to carry samples.
+
+    Raises:
+        RouterRunningError: This host has a router for these domains.
+        BusError: A domain cannot be joined.
+    """
+    carrying: set[str] = set()
+
+    def note(report: Report) -> None:
+        if report["is"] == "ready":
+            say("router: ready, end it with Ctrl-C")
+            return
+        before = set(carrying)
+        complete = [path for path in report["paths"] if path["readers"] and path["writers"]]
+        carrying.clear()
+        carrying.update(f"{path['direction']} {path['topic']}" for path in complete)
+        for name in sorted(carrying - before):
+            say(f"{name}: open")
+        for name in sorted(before - carrying):
+            say(f"{name}: closed")
+
+    running = asyncio.ensure_future(run_router(config, note))
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, running.cancel)
+    with contextlib.suppress(asyncio.CancelledError):
+        await running
+    say("router: everything is released")
+
+
+if __name__ == "__main__":
+    main()

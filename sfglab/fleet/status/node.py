@@ -1,0 +1,244 @@
+"""Status provider: an agent's heartbeats and the answer to what it is. Paper A, section 4.2.
+
+The thin shell around `heartbeat` and `description`. Heartbeats are latched: whoever joins late hears the last
+one at once and need not wait for the next.
+
+As a process (``python -m sfglab.fleet.status.node CONFIG``; see `sfglab.component`) it reports, beside
+``ready``, every heartbeat, ``{"is": "beat", "revision", "phase", "period_s", "t_ns"}``, where the configuration
+asks for it. The order ``{"description": {...}}`` replaces the description; one that is of no use is answered
+with ``{"is": "refused", "why"}``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from sfglab import __version__
+from sfglab.bus.address import BusAddress
+from sfglab.component import run_component
+from sfglab.fleet.status.description import AgentDescription, DescriptionError, accelerators, software
+from sfglab.fleet.status.heartbeat import (
+    AGENT_HEARTBEAT,
+    GET_METADATA,
+    MIN_PERIOD_S,
+    Heartbeat,
+    Schedule,
+    heartbeat_topic,
+    metadata_service,
+)
+from sfglab.messages import service_type
+from sfglab.names import validate_agent
+from sfglab.qos import LATCHED
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.bus import Node, Publisher
+    from sfglab.component import Report
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatusSettings:
+    """What a status provider says, and when."""
+
+    agent: str  #: The agent's name.
+    description: AgentDescription = field(default_factory=AgentDescription)  #: What it is.
+    schedule: Schedule = field(default_factory=Schedule)  #: When it beats.
+
+    def __post_init__(self) -> None:
+        validate_agent(self.agent)
+        self.description.check(self.agent)
+
+
+class StatusProvider:
+    """The node that says that its agent is alive, and what it is.
+
+    Args:
+        node: Node on the agent's local domain.
+        settings: What is said, and when.
+        on_beat: Called with every heartbeat that was sent.
+    """
+
+    def __init__(
+        self, node: Node, settings: StatusSettings, *, on_beat: Callable[[Heartbeat], None] = lambda _: None
+    ) -> None:
+        self._node = node
+        self._settings = settings
+        self._on_beat = on_beat
+        self._description = settings.description
+        self._described_ns = 0
+        self._incarnation = 0
+        self._revision = 0
+        self._updated = asyncio.Event()
+
+    @property
+    def description(self) -> AgentDescription:
+        """What the agent is now."""
+        return self._description
+
+    def update(self, description: AgentDescription) -> None:
+        """Replace the description, and say at once that it has changed.
+
+        Args:
+            description: What the agent is from now on.
+
+        Raises:
+            DescriptionError: It would be of no use to others; the old one stays.
+        """
+        description.check(self._settings.agent)
+        self._description = description
+        self._described_ns = self._node.get_clock().now_ns()
+        self._revision += 1
+        self._updated.set()
+
+    async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
+        """Serve until cancelled; the first heartbeat is sent at once.
+
+        Args:
+            on_ready: Called when it serves and before the first heartbeat.
+        """
+        self._incarnation = self._described_ns = self._node.get_clock().now_ns()
+        # The service first: who hears the first heartbeat asks at once.
+        service = self._node.create_service(
+            GET_METADATA, metadata_service(self._settings.agent), lambda _: self._answer()
+        )
+        publisher = self._node.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), LATCHED)
+        try:
+            on_ready()
+            await self._beat(publisher)
+        finally:
+            publisher.close()
+            service.close()
+
+    async def _beat(self, publisher: Publisher) -> None:
+        start_s = asyncio.get_running_loop().time()
+        due_ns = elapsed_ns = 0
+        while True:
+            next_ns = self._settings.schedule.next_ns(elapsed_ns)
+            self._updated.clear()
+            self._publish(publisher, elapsed_ns, next_ns)
+            due_ns = next_ns
+            updated = await self._sleep_until(start_s + due_ns / 1e9)
+            elapsed_ns = _elapsed_ns(start_s)
+            if not updated:
+                elapsed_ns = max(elapsed_ns, due_ns)  # a timer may be early by its resolution
+
+    async def _sleep_until(self, time_s: float) -> bool:
+        """Wait until the loop's clock says so; return True at once when the description is updated."""
+        try:
+            async with asyncio.timeout_at(time_s):
+                await self._updated.wait()
+        except TimeoutError:
+            return False
+        return True
+
+    def _publish(self, publisher: Publisher, elapsed_ns: int, next_ns: int) -> None:
+        heartbeat = Heartbeat(
+            agent=self._settings.agent,
+            incarnation=self._incarnation,
+            revision=self._revision,
+            phase=self._settings.schedule.phase(elapsed_ns),
+            period_s=max((next_ns - elapsed_ns) / 1e9, MIN_PERIOD_S),
+            version=__version__,
+        )
+        publisher.publish(heartbeat.to_message(self._node.get_clock().now_ns()))
+        self._on_beat(heartbeat)
+
+    def _answer(self) -> Any:
+        metadata = self._description.to_message(
+            self._settings.agent,
+            incarnation=self._incarnation,
+            revision=self._revision,
+            stamp_ns=self._described_ns,
+        )
+        return service_type(GET_METADATA).response(success=True, message="", metadata=metadata)
+
+
+def _elapsed_ns(start_s: float) -> int:
+    return round((asyncio.get_running_loop().time() - start_s) * 1e9)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatusConfig:
+    """What a status provider's process is told."""
+
+    address: BusAddress  #: The agent's local domain.
+    settings: StatusSettings  #: What is said, and when.
+    #: Whether software and accelerators are found out, in place of those described. Trying the accelerators
+    #: takes a while; heartbeats do not wait for it, the description is updated.
+    detect: bool = True
+    report_beats: bool = False  #: Whether every heartbeat is reported.
+
+
+async def run_status(
+    config: StatusConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]
+) -> None:
+    """Run a status provider until cancelled; everything it started has ended when this returns.
+
+    Args:
+        config: Where and what.
+        report: Takes its reports.
+        orders: Orders to it.
+
+    Raises:
+        BusError: The domain cannot be joined.
+    """
+    from sfglab.bus import Node
+
+    settings = config.settings
+    if config.detect:
+        settings = replace(settings, description=replace(settings.description, software=software()))
+    async with Node("agent_status_provider", **config.address.options()) as node:
+
+        def beat(heartbeat: Heartbeat) -> None:
+            if config.report_beats:
+                report(_beat_report(heartbeat, node.get_clock().now_ns()))
+
+        provider = StatusProvider(node, settings, on_beat=beat)
+        others = [asyncio.create_task(_obey(provider, report, orders))]
+        if config.detect:
+            others.append(asyncio.create_task(_detect(provider)))
+        try:
+            await provider.run(on_ready=lambda: report({"is": "ready"}))
+        finally:
+            for task in others:
+                task.cancel()
+            await asyncio.gather(*others, return_exceptions=True)
+
+
+def main() -> None:
+    """Be the process: serve until told to end."""
+    run_component(StatusConfig, run_status)
+
+
+async def _obey(
+    provider: StatusProvider, report: Callable[[Report], None], orders: asyncio.Queue[Report]
+) -> None:
+    while True:
+        order = await orders.get()
+        try:
+            provider.update(AgentDescription.from_values(order.get("description", {})))
+        except DescriptionError as error:
+            report({"is": "refused", "why": str(error)})
+
+
+async def _detect(provider: StatusProvider) -> None:
+    found = await asyncio.to_thread(accelerators)
+    if found != provider.description.accelerators:
+        provider.update(replace(provider.description, accelerators=found))
+
+
+def _beat_report(heartbeat: Heartbeat, now_ns: int) -> dict[str, Any]:
+    return {
+        "is": "beat",
+        "revision": heartbeat.revision,
+        "phase": int(heartbeat.phase),
+        "period_s": heartbeat.period_s,
+        "t_ns": now_ns,
+    }
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,136 @@
+"""State machines that are tables, the one timer that their moves arm, and the waits between tries.
+
+Knows how a table is walked; refuses to know what its states mean, and every clock: the caller passes `now_ns`,
+feeds the timer when it is due, and carries the actions out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from sfglab.errors import SfglabError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+
+S = TypeVar("S", bound=Enum)
+I = TypeVar("I", bound=Enum)  # noqa: E741 - stands beside S and A, for inputs
+A = TypeVar("A", bound=Enum)
+T = TypeVar("T")
+
+
+class IllegalInputError(SfglabError, RuntimeError):
+    """An input that cannot happen in this state; the state stays as it was.
+
+    Attributes:
+        machine: What the machine stands for.
+        state: The state, unchanged.
+        given: The input that does not fit.
+        allowed: The inputs that do.
+    """
+
+    def __init__(self, machine: str, state: Enum, given: Enum, allowed: tuple[Enum, ...]) -> None:
+        self.machine = machine
+        self.state = state
+        self.given = given
+        self.allowed = allowed
+        names = ", ".join(sorted(i.name for i in allowed)) or "none"
+        super().__init__(f"{machine} in {state.name}: given {given.name}, allowed are {names}")
+
+
+def step(name: str, table: Mapping[tuple[S, I], T], state: S, given: I) -> T:
+    """Return what a table says of an input in a state.
+
+    Args:
+        name: What the machine stands for, in messages.
+        table: What follows by state and input, such as the next state and what has to be done.
+        state: The present state.
+        given: The input.
+
+    Raises:
+        IllegalInputError: The table does not list it.
+    """
+    if (state, given) not in table:
+        raise IllegalInputError(name, state, given, tuple(i for s, i in table if s is state))
+    return table[state, given]
+
+
+class Machine(Generic[S, I, A]):
+    """A state that moves along a table.
+
+    Args:
+        name: What it stands for, in messages.
+        table: (state, input) -> (next state, action); what is not listed is illegal.
+        start: The first state.
+        wait_ns: How long the timer runs that an action arms, given the action and `now_ns`; None: that action
+            ends the waiting. A move without an action leaves the timer as it is.
+
+    Attributes:
+        state: Where it stands.
+        deadline_ns: When the timer is due, on the caller's clock; None while nothing is waited for.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        table: Mapping[tuple[S, I], tuple[S, A | None]],
+        start: S,
+        *,
+        wait_ns: Callable[[A, int], int | None],
+    ) -> None:
+        self.state = start
+        self.deadline_ns: int | None = None
+        self._name = name
+        self._table = table
+        self._wait_ns = wait_ns
+
+    def allows(self, given: I) -> bool:
+        """Return whether an input can happen in the present state."""
+        return (self.state, given) in self._table
+
+    def feed(self, given: I, *, now_ns: int) -> A | None:
+        """Take one input and return what the caller has to do.
+
+        Args:
+            given: What happened.
+            now_ns: The caller's clock in nanoseconds.
+
+        Raises:
+            IllegalInputError: The input cannot happen in this state.
+        """
+        self.state, action = step(self._name, self._table, self.state, given)
+        if action is not None:
+            wait_ns = self._wait_ns(action, now_ns)
+            self.deadline_ns = None if wait_ns is None else now_ns + wait_ns
+        return action
+
+    def due(self, now_ns: int) -> bool:
+        """Return whether the timer has run out: the caller then feeds the input that stands for it."""
+        return self.deadline_ns is not None and now_ns >= self.deadline_ns
+
+
+@dataclass(slots=True, kw_only=True)
+class BackOff:
+    """Waits between tries that double up to a limit, and start over after a try that lasted."""
+
+    first_ns: int  #: The first wait.
+    limit_ns: int  #: The longest wait.
+    stable_ns: int  #: A try that lasted this long has proved itself: the next wait is the first one again.
+    failures: int = 0  #: How many tries have failed.
+    _doublings: int = 0
+
+    def next_ns(self, lasted_ns: int) -> int:
+        """Count one more failure and return the wait before the next try.
+
+        Args:
+            lasted_ns: How long the failed try had served; 0 when it never did.
+        """
+        self.failures += 1
+        if lasted_ns >= self.stable_ns:
+            self._doublings = 0
+        wait_ns = min(self.first_ns << self._doublings, self.limit_ns)
+        self._doublings += wait_ns < self.limit_ns
+        return wait_ns
