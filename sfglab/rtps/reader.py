@@ -139,10 +139,10 @@ def _hear_sample(world: Any, flow: int, sample: int) -> None:
             world.reader[flow, R_NEXT] = sample + 1
         else:
             world.reader[flow, R_WAITING] += 1
-            # A repair may be older than what was pushed out before.
-            world.reader[flow, R_OLDEST] = min(world.reader[flow, R_OLDEST], sample)
             if sample == world.reader[flow, R_NEXT]:
                 _advance(world, flow)
+            elif sample < world.reader[flow, R_OLDEST]:  # a repair, older than what was pushed out before
+                world.reader[flow, R_OLDEST] = sample
         if not apart:
             _make_room(world, flow)
 
