@@ -72,10 +72,7 @@ _CUDA = {
     _NOBLE: "docker.io/nvidia/cuda:12.6.3-runtime-ubuntu24.04",
     _JAMMY: "docker.io/nvidia/cuda:12.6.3-runtime-ubuntu22.04",
 }
-_ROCM = {
-    _NOBLE: "docker.io/rocm/dev-ubuntu-24.04:6.4.1",
-    _JAMMY: "docker.io/rocm/dev-ubuntu-22.04:6.4.1",
-}
+_ROCM = {_NOBLE: "docker.io/rocm/dev-ubuntu-24.04:6.4.1", _JAMMY: "docker.io/rocm/dev-ubuntu-22.04:6.4.1"}
 
 _IMAGES: dict[tuple[Accelerator, Architecture], dict[Distribution, str]] = {
     (Accelerator.JETSON, _ARM64): _JETPACK,

@@ -208,12 +208,7 @@ def _labels(deployment: Deployment, base: BaseImage, locks: dict[str, str]) -> d
 def _entrypoint(deployment: Deployment) -> str:
     ros = _ros(deployment)
     scripts = [f"/opt/ros/{ros.distribution}/setup.sh", f"{OVERLAY}/setup.sh"] if ros else []
-    return render(
-        "entrypoint.sh.j2",
-        launch=deployment.host.launch,
-        setup_scripts=scripts,
-        venv=VENV,
-    )
+    return render("entrypoint.sh.j2", launch=deployment.host.launch, setup_scripts=scripts, venv=VENV)
 
 
 def _dockerignore(deployment: Deployment, paths: tuple[str, ...]) -> str:

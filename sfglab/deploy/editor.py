@@ -119,10 +119,7 @@ def build_tasks(ros: RosDistribution) -> dict[str, Any]:
         "args": ["deploy", "check", FLEET_FILE],
         "problemMatcher": [],
     }
-    return {
-        "version": "2.0.0",
-        "tasks": [*(() if ros is RosDistribution.NONE else _colcon_tasks(ros)), check],
-    }
+    return {"version": "2.0.0", "tasks": [*(() if ros is RosDistribution.NONE else _colcon_tasks(ros)), check]}
 
 
 def _colcon_tasks(ros: RosDistribution) -> tuple[dict[str, Any], ...]:

@@ -36,9 +36,7 @@ _SHAPES = {
     "a password in an address": r"\b[a-z][a-z0-9+.-]*://[^\s/:@'\"${}]+:[^\s/@'\"${}]+@",
 }
 _KNOWN = {kind: re.compile(shape) for kind, shape in _SHAPES.items()}
-_ASSIGNED = re.compile(
-    r"""(?P<name>[A-Za-z_][\w-]*)["']?\s*(?:=|:(?=\s))\s*["']?(?P<value>[^\s"'#,;]{6,})""",
-)
+_ASSIGNED = re.compile(r"""(?P<name>[A-Za-z_][\w-]*)["']?\s*(?:=|:(?=\s))\s*["']?(?P<value>[^\s"'#,;]{6,})""")
 _NO_SECRET = re.compile(
     r"[=$<%*/~.{\[(]|.*[({]|(?:true|false|null|none)$|sha(?:256|384|512)[:-]", re.IGNORECASE
 )

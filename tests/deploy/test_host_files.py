@@ -124,10 +124,7 @@ def test_ports_of_the_own_domain_are_dropped_and_those_of_the_global_one_accepte
     ("changes", "reason"),
     [
         ({"global_interface": None}, "names no global interface"),
-        (
-            {"network": ContainerNetwork.HOST, "local_interface": "wlan0"},
-            "own domain is on wlan0 as well",
-        ),
+        ({"network": ContainerNetwork.HOST, "local_interface": "wlan0"}, "own domain is on wlan0 as well"),
         ({"domain": 0}, "own domain is the global one"),
     ],
 )

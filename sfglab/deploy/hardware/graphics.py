@@ -147,10 +147,7 @@ def _vaapi_codecs(vendors: frozenset[str]) -> tuple[ExpectedCodec, ...]:
     return tuple(both)
 
 
-_H264 = {
-    "bcm2835-codec-decode": CodecRole.DECODER,
-    "bcm2835-codec-encode": CodecRole.ENCODER,
-}
+_H264 = {"bcm2835-codec-decode": CodecRole.DECODER, "bcm2835-codec-encode": CodecRole.ENCODER}
 """H.264 codecs of Raspberry Pi 4 and before (Raspberry Pi's kernel, bcm2835-v4l2-codec.c)."""
 
 _HEVC = frozenset({"rpivid", "rpi-hevc-dec"})

@@ -150,14 +150,7 @@ def _smallest(patterns: Iterable[NamePattern]) -> tuple[NamePattern, ...]:
     return tuple(p for p in every if not any(o != p and o.open and o.matches(p.start) for o in every))
 
 
-KINDS = (
-    "publishers",
-    "subscribers",
-    "service_servers",
-    "service_clients",
-    "action_servers",
-    "action_clients",
-)
+KINDS = ("publishers", "subscribers", "service_servers", "service_clients", "action_servers", "action_clients")
 """What a bridge filters, each seen from inside the agent."""
 
 _IN, _OUT = Direction.INWARD, Direction.OUTWARD
