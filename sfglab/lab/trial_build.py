@@ -11,7 +11,6 @@ import hashlib
 import json
 import os
 import platform
-import re
 import shutil
 import subprocess
 import sys
@@ -23,6 +22,7 @@ from typing import TYPE_CHECKING
 
 from sfglab import __version__
 from sfglab.deploy.bases import base_of
+from sfglab.deploy.bundle import bundle_of
 from sfglab.deploy.dockerfile import USER_ID, VENV, image_files
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.programs import run_heard
@@ -34,58 +34,6 @@ if TYPE_CHECKING:
 
     from sfglab.deploy.deployment import Deployment
     from sfglab.fleet.fleet_file import Architecture
-
-
-BUILDERS: dict[str, tuple[str, ...]] = {
-    "docker": ("docker", "build"),
-    "podman": ("podman", "build"),
-    "buildah": ("buildah", "build"),
-}
-"""How each builder is called, the preferred one first."""
-
-
-def build_command(  # noqa: PLR0913 - each is a word of the command line
-    folder: Path,
-    deployment: Deployment,
-    tag: str,
-    *,
-    tool: str,
-    target: str = "application",
-    base_image: str | None = None,
-    offline: bool = False,
-) -> list[str]:
-    """Return the command that builds an agent's image.
-
-    Args:
-        folder: The agent's files.
-        deployment: The agent on its machine.
-        tag: Of the image.
-        tool: One of `BUILDERS`.
-        target: The stage.
-        base_image: An image at hand in place of the pinned one; None takes that.
-        offline: Take Python packages from ``image/wheels`` alone.
-
-    Raises:
-        DeployError: There is no such builder.
-    """
-    if tool not in BUILDERS:
-        raise DeployError(f"builder: given {tool!r}, allowed: {', '.join(BUILDERS)}")
-    arguments = [f"BASE_IMAGE={base_image}"] * (base_image is not None) + ["OFFLINE=1"] * offline
-    return [
-        *BUILDERS[tool],
-        *(("--layers",) if tool != "docker" else ()),  # docker keeps layers without being asked
-        f"--platform=linux/{deployment.host.architecture.value}",
-        f"--target={target}",
-        f"--tag={deployment.repository}:{tag}",
-        *(f"--build-arg={argument}" for argument in arguments),
-        f"--file={folder / 'Dockerfile'}",
-        str(folder),
-    ]
-
-
-def find_builder() -> str | None:
-    """Return the first builder that this machine has; None if it has none."""
-    return next((tool for tool in BUILDERS if shutil.which(tool)), None)
 
 
 _GLIBC_MINORS = (17, 24, 26, 27, 28, 31, 34, 35)
@@ -375,12 +323,26 @@ def _ask_image(shop: _Workshop, image: str, deployment: Deployment) -> Iterator[
     yield _check("no downloads are left in it", (status, words) == (0, ""), words)
 
 
+def build_command(folder: Path, deployment: Deployment, image: str) -> list[str]:
+    """Return the command that builds an agent's application image on the trial's base, without a package index.
+
+    Args:
+        folder: The agent's files.
+        deployment: The agent on its machine.
+        image: Repository and tag.
+    """
+    return [
+        *("buildah", "build", "--layers", f"--platform=linux/{deployment.host.architecture.value}"),
+        *("--target=application", f"--tag={image}", f"--build-arg=BASE_IMAGE={BASE}", "--build-arg=OFFLINE=1"),
+        *(f"--file={folder / 'Dockerfile'}", str(folder)),
+    ]
+
+
 def _built(shop: _Workshop, folder: Path, deployment: Deployment) -> tuple[str, list[str]]:
     """Build an agent's application image; return its name with its identity, and what the builder said."""
-    tag = release_tag(deployment)
-    command = build_command(folder, deployment, tag, tool="buildah", base_image=BASE, offline=True)
-    said = shop.build(command)
-    return f"{deployment.repository}:{tag}", said
+    wheel = folder / "image" / deployment.release.wheel
+    image = bundle_of(deployment, wheel.read_bytes()).image
+    return image, shop.build(build_command(folder, deployment, image))
 
 
 def _write(folder: Path, deployment: Deployment, wheel: Path, kept: Path) -> Path:
@@ -415,18 +377,3 @@ def _check(check: str, holds: bool, seen: str) -> TrialCheck:  # noqa: FBT001 - 
 
 def _first(words: str) -> str:
     return words.partition("\n")[0]
-
-
-def release_tag(deployment: Deployment) -> str:
-    """Return the name of what goes into an agent's image: the version and 12 digits of a digest of it all.
-
-    Raises:
-        DeployError: There is no image for the agent.
-    """
-    digest = hashlib.sha256(deployment.release.wheel_sha256.encode())
-    for path, file in sorted(image_files(deployment).items()):
-        for part in (path, file.text, str(file.mode)):
-            digest.update(hashlib.sha256(part.encode()).digest())
-    # What a tag may not have (OCI Distribution Specification 1.1, "Pulling manifests"), such as a plus sign.
-    version = re.sub(r"[^\w.-]", "-", deployment.release.version, flags=re.ASCII)
-    return f"{version}-{digest.hexdigest()[:12]}"

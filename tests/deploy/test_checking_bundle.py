@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
+
+from esslingen import FLEET, RELEASE
 
 from sfglab.deploy.bundle_check import OwnRules, check_bundle
-from sfglab.deploy.deployment import Release, deployment_of
+from sfglab.deploy.deployment import deployment_of
 from sfglab.deploy.editor import editor_files
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import BundleFile
 from sfglab.deploy.routers.targets import render_router
 from sfglab.deploy.verdicts import State
 from sfglab.documents import Place
-from sfglab.fleet.fleet_file import RouterSoftware, load_fleet
+from sfglab.fleet.fleet_file import RouterSoftware
 from sfglab.fleet.lint import Finding, Severity
 
-FLEET = load_fleet(Path(__file__).parents[2] / "data" / "fleets" / "esslingen.yaml")
-RELEASE = Release(version="1.0", wheel="sfglab.whl", wheel_sha256="0" * 64, lock="", fleet_text="")
 ROUTER = "router/dds-router.yaml"
 
 

@@ -5,22 +5,20 @@ from __future__ import annotations
 import copy
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import yaml
+from esslingen import FLEET, RELEASE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.deploy.compose_check import RULES, check_compose
 from sfglab.deploy.compose_values import mounts, variables
-from sfglab.deploy.deployment import Release, deployment_of
+from sfglab.deploy.deployment import deployment_of
 from sfglab.deploy.files import BundleFile
 from sfglab.deploy.verdicts import State
-from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork, load_fleet
+from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork
 
-FLEET = load_fleet(Path(__file__).parents[2] / "data" / "fleets" / "esslingen.yaml")
-RELEASE = Release(version="1.0", wheel="sfglab.whl", wheel_sha256="0" * 64, lock="", fleet_text="")
 GO2 = deployment_of(FLEET, "go2", RELEASE)
 SCHEMA = "Compose Specification"
 

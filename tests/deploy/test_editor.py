@@ -6,22 +6,20 @@ import json
 import shlex
 import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import yaml
+from esslingen import FLEET, RELEASE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfglab.deploy.deployment import Release, deployment_of
+from sfglab.deploy.deployment import deployment_of
 from sfglab.deploy.dockerfile import VENV
 from sfglab.deploy.editor import build_command, editor_files, environment_command
 from sfglab.deploy.editor_check import check_editor
 from sfglab.deploy.files import PROGRAM, BundleFile
-from sfglab.fleet.fleet_file import RosDistribution, load_fleet
+from sfglab.fleet.fleet_file import RosDistribution
 
-FLEET = load_fleet(Path(__file__).parents[2] / "data" / "fleets" / "esslingen.yaml")
-RELEASE = Release(version="1.0", wheel="sfglab.whl", wheel_sha256="0" * 64, lock="", fleet_text="")
 AGENTS = [agent.name for agent in FLEET.agents]
 CONTAINER, LAUNCH, TASKS = ".devcontainer/devcontainer.json", ".vscode/launch.json", ".vscode/tasks.json"
 EXTENSIONS, SETTINGS = ".vscode/extensions.json", ".vscode/settings.json"

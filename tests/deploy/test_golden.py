@@ -7,23 +7,12 @@ import re
 from pathlib import Path
 
 import pytest
+from esslingen import FLEET, RELEASE
 
 from sfglab.deploy.bundle import render_bundle
-from sfglab.deploy.deployment import Release, deployment_of
-from sfglab.fleet.fleet_file import load_fleet
+from sfglab.deploy.deployment import deployment_of
 
-PROJECT = Path(__file__).parents[2]
 GOLDEN = Path(__file__).parent / "golden"
-FLEET = load_fleet(PROJECT / "data" / "fleets" / "esslingen.yaml")
-RELEASE = Release(
-    version="1.2.3",
-    wheel="sfglab-1.2.3-py3-none-any.whl",
-    wheel_sha256="ab" * 32,
-    lock=(PROJECT / "requirements.lock").read_text(),
-    fleet_text="fleet: esslingen\n",
-    revision="c0ffee" * 6 + "c0ff",
-    created="2026-01-02T03:04:05+00:00",
-)
 REVIEWED = {
     "go2": (
         "Dockerfile",

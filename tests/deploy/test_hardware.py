@@ -177,13 +177,6 @@ def test_l4t_releases_give_the_jetpack_that_nvidia_s_archive_names(machine, rele
     assert says in found.evidence_of(Accelerator.JETSON).reason
 
 
-def test_a_jetson_s_files_without_its_nodes_are_no_jetson(machine):
-    gone = {path: None for path in EXAMPLES["jetson_orin_nx"].files if path.startswith("dev/nv")}
-    found = machine("jetson_orin_nx", **gone)
-    assert found.accelerator is Accelerator.NONE
-    assert "container without NVIDIA's runtime" in found.evidence_of(Accelerator.JETSON).reason
-
-
 def test_a_workstation_with_two_graphics_takes_the_card_and_says_what_else_is_there(machine):
     found = machine("workstation_rtx")
     assert "driver 565.57.01 with 1 card" in found.evidence_of(Accelerator.CUDA).reason
@@ -191,25 +184,6 @@ def test_a_workstation_with_two_graphics_takes_the_card_and_says_what_else_is_th
     assert found.evidence_of(Accelerator.VAAPI).devices == ("/dev/dri/renderD129",)
     assert found.evidence_of(Accelerator.VAAPI).verdict == "not chosen: cuda comes before it"
     assert found.groups == ()
-
-
-@pytest.mark.parametrize(
-    ("name", "says"),
-    [
-        ("nvidia_without_driver", "NVIDIA's driver does not run; install it"),
-        ("container", "without /dev/nvidiactl, /dev/nvidia0: a container without the card"),
-        ("laptop_intel", "no driver of NVIDIA and no card"),
-    ],
-)
-def test_where_cuda_is_not_usable_the_reason_says_what_is_missing(machine, name, says):
-    assert says in machine(name).evidence_of(Accelerator.CUDA).reason
-
-
-@pytest.mark.parametrize("missing", ["dev/nvidia0", "dev/nvidiactl", "proc/driver/nvidia/version"])
-def test_cuda_needs_driver_control_node_and_card_and_names_the_one_that_is_missing(machine, missing):
-    found = machine("workstation_rtx", **{missing: None})
-    assert found.accelerator is Accelerator.VAAPI
-    assert f"without /{missing}" in found.evidence_of(Accelerator.CUDA).reason
 
 
 def test_a_card_s_sound_is_no_card(machine):
@@ -225,6 +199,65 @@ def test_a_device_tree_is_read_from_sys_where_proc_has_no_link_to_it(machine, tm
     assert found.model.startswith("NVIDIA Jetson Orin NX")
     source = found.evidence_of(Accelerator.JETSON).sources[0]
     assert str(source) == "/sys/firmware/devicetree/base/compatible (nvidia,tegra234)"
+
+
+CUDA, ROCM, VAAPI, V4L2, NONE = (Accelerator(name) for name in ("cuda", "rocm", "vaapi", "v4l2", "none"))
+QCOM = {"dev/video1": "", "sys/class/video4linux/video1/name": "qcom-venus-encoder\n"}
+NO_TEGRA_NODES = {path: None for path in EXAMPLES["jetson_orin_nx"].files if path.startswith("dev/nv")}
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "asked", "says", "chosen"),
+    [
+        ("jetson_orin_nx", NO_TEGRA_NODES, Accelerator.JETSON, "container without NVIDIA's runtime", NONE),
+        ("nvidia_without_driver", {}, CUDA, "NVIDIA's driver does not run; install it", NONE),
+        ("container", {}, CUDA, "without /dev/nvidiactl, /dev/nvidia0: a container without the card", NONE),
+        ("laptop_intel", {}, CUDA, "no driver of NVIDIA and no card", VAAPI),
+        *(
+            ("workstation_rtx", {path: None}, CUDA, f"without /{path}", VAAPI)
+            for path in ("dev/nvidia0", "dev/nvidiactl", "proc/driver/nvidia/version")
+        ),
+        ("steam_deck", {}, ROCM, "gfx1033 is not on AMD's list", VAAPI),
+        ("desktop_rocm", {"dev/dri/renderD128": None}, ROCM, "its render node is missing", NONE),
+        (
+            "raspberry_pi_5",
+            {},
+            V4L2,
+            "an HEVC decoder only: H.264 is encoded and decoded by the processor",
+            V4L2,
+        ),
+        ("raspberry_pi_4", {}, V4L2, "H.264 encoder and decoder in hardware", V4L2),
+        ("riscv_board", QCOM, V4L2, "not known without opening them (qcom-venus-encoder)", V4L2),
+        ("container", {}, NONE, "container", NONE),
+    ],
+)
+def test_the_reason_says_what_is_there_and_what_is_missing(machine, name, changes, asked, says, chosen):
+    found = machine(name, **changes)
+    assert says in found.evidence_of(asked).reason
+    assert found.accelerator is chosen
+    assert not found.evidence_of(V4L2).codecs or name == "raspberry_pi_4"
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "devices", "groups"),
+    [
+        ("steam_deck", {}, "/dev/dri/renderD128", {"render": 992}),
+        ("desktop_rocm", {}, "/dev/kfd /dev/dri/renderD128", {"render": 992}),
+        ("raspberry_pi_5", {}, "/dev/video19", {"video": 44}),
+        ("raspberry_pi_4", {}, "/dev/video10 /dev/video11 /dev/video19", {"video": 44}),
+        ("laptop_intel", {"etc/group": "render:x:junk:\n"}, "/dev/dri/renderD128", {"render": None}),
+    ],
+)
+def test_a_container_is_given_the_chosen_ones_nodes_and_groups_alone(machine, name, changes, devices, groups):
+    found = machine(name, **changes)
+    assert found.devices == tuple(devices.split())
+    assert {group.name: group.gid for group in found.groups} == groups
+
+
+def test_a_steam_deck_says_that_it_has_kfd_and_what_it_is(machine):
+    found = machine("steam_deck")
+    assert "/dev/kfd" in [source.path for source in found.evidence_of(ROCM).sources]
+    assert found.model == "Valve Galileo"
 
 
 @pytest.mark.parametrize(
@@ -249,62 +282,12 @@ def test_under_wsl_another_maker_s_card_is_not_cuda(machine, tmp_path):
     assert "not NVIDIA's" in found.evidence_of(Accelerator.CUDA).reason
 
 
-def test_a_steam_deck_is_vaapi_because_amd_does_not_list_its_chip(machine):
-    found = machine("steam_deck")
-    rocm = found.evidence_of(Accelerator.ROCM)
-    assert rocm.reason.startswith("gfx1033 is not on AMD's list")
-    assert "/dev/kfd" in [source.path for source in rocm.sources]
-    assert found.devices == ("/dev/dri/renderD128",)
-    assert found.model == "Valve Galileo"
-
-
-def test_a_supported_amd_chip_needs_its_own_render_node(machine):
-    assert machine("desktop_rocm").devices == ("/dev/kfd", "/dev/dri/renderD128")
-
-
-def test_a_supported_amd_chip_without_its_render_node_is_not_rocm(machine):
-    found = machine("desktop_rocm", **{"dev/dri/renderD128": None})
-    assert found.accelerator is Accelerator.NONE
-    assert "its render node is missing" in found.evidence_of(Accelerator.ROCM).reason
-
-
 @pytest.mark.parametrize(
     ("version", "name"),
     [(90010, "gfx90a"), (90402, "gfx942"), (100303, "gfx1033"), (110000, "gfx1100"), (120001, "gfx1201")],
 )
 def test_kernel_s_gfx_target_versions_become_llvm_s_names(version, name):
     assert gfx_name(version) == name
-
-
-def test_a_raspberry_pi_5_is_v4l2_and_says_that_it_has_no_h264(machine):
-    found = machine("raspberry_pi_5")
-    evidence = found.evidence_of(Accelerator.V4L2)
-    assert evidence.reason == "an HEVC decoder only: H.264 is encoded and decoded by the processor"
-    assert (evidence.devices, evidence.codecs) == (("/dev/video19",), ())
-    assert found.groups == (DeviceGroup(name="video", gid=44),)
-
-
-def test_a_raspberry_pi_4_is_v4l2_by_its_codecs_alone(machine):
-    evidence = machine("raspberry_pi_4").evidence_of(Accelerator.V4L2)
-    assert evidence.reason == "H.264 encoder and decoder in hardware"
-    assert evidence.devices == ("/dev/video10", "/dev/video11", "/dev/video19")
-
-
-def test_an_unknown_codec_counts_and_its_formats_are_not_guessed(machine):
-    changes = {"dev/video1": "", "sys/class/video4linux/video1/name": "qcom-venus-encoder\n"}
-    evidence = machine("riscv_board", **changes).evidence_of(Accelerator.V4L2)
-    assert evidence.found
-    assert "not known without opening them (qcom-venus-encoder)" in evidence.reason
-    assert evidence.codecs == ()
-
-
-def test_a_container_s_root_says_why_it_has_no_devices(machine):
-    assert "container" in machine("container").evidence_of(Accelerator.NONE).reason
-
-
-def test_a_group_that_the_machine_does_not_have_has_no_number(machine):
-    found = machine("laptop_intel", **{"etc/group": "render:x:junk:\n"})
-    assert found.groups == (DeviceGroup(name="render", gid=None),)
 
 
 @pytest.mark.parametrize("place", ["missing", "file", "x" * 300])

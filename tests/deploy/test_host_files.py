@@ -9,17 +9,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from esslingen import FLEET, RELEASE
 
-from sfglab.deploy.deployment import Release, deployment_of
+from sfglab.deploy.deployment import deployment_of
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.host import firewall_left_out, firewall_rules, host_files, plan_time, service_unit
 from sfglab.deploy.unit_check import ANALYZE, check_unit
-from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork, load_fleet
+from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork
 from sfglab.fleet.lint import Severity
 
-FLEET = load_fleet(Path(__file__).parents[2] / "data" / "fleets" / "esslingen.yaml")
 AGENTS = ["go2", "workstation", "pi1"]
-RELEASE = Release(version="0.7.0", wheel="sfglab.whl", wheel_sha256="0" * 64, lock="", fleet_text="")
 SHELLCHECK = shutil.which("shellcheck", path=f"{Path(sys.executable).parent}:/usr/local/bin:/usr/bin")
 needs_nft = pytest.mark.skipif(not shutil.which("nft"), reason="nft is missing: install nftables")
 

@@ -8,13 +8,12 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
+from esslingen import FLEET, RELEASE
 
-from sfglab.deploy.deployment import Release, deployment_of
+from sfglab.deploy.deployment import deployment_of
 from sfglab.deploy.host import firewall_rules
-from sfglab.fleet.fleet_file import load_fleet
 
 MISSING = [tool for tool in ("nft", "ip", "unshare", "nsenter") if not shutil.which(tool)]
 pytestmark = [
@@ -23,8 +22,6 @@ pytestmark = [
     pytest.mark.skipif(os.geteuid() != 0, reason="network namespaces and nft need root"),
 ]
 
-FLEET = load_fleet(Path(__file__).parents[2] / "data" / "fleets" / "esslingen.yaml")
-RELEASE = Release(version="0.7.0", wheel="sfglab.whl", wheel_sha256="0" * 64, lock="", fleet_text="")
 GO2 = deployment_of(FLEET, "go2", RELEASE)
 GLOBAL_PORT, OWN_PORT, FREE_PORT = 7410, 7660, 9000
 HOST, OTHER, CONTAINER, HOST_IN_BRIDGE = "10.1.0.1", "10.1.0.2", "10.2.0.2", "10.2.0.1"

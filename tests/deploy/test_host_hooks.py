@@ -12,13 +12,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from esslingen import FLEET, RELEASE
 
-from sfglab.deploy.deployment import Release, deployment_of
+from sfglab.deploy.deployment import deployment_of
 from sfglab.deploy.host import host_files
-from sfglab.fleet.fleet_file import load_fleet
 
-FLEET = load_fleet(Path(__file__).parents[2] / "data" / "fleets" / "esslingen.yaml")
-RELEASE = Release(version="0.7.0", wheel="sfglab.whl", wheel_sha256="0" * 64, lock="", fleet_text="")
 UNIT = "etc/systemd/system/sfglab-go2.service"
 WANTED = "etc/systemd/system/multi-user.target.wants/sfglab-go2.service"
 CHRONY = "etc/chrony/conf.d/sfglab.conf"

@@ -14,31 +14,19 @@ from pathlib import Path
 
 import psutil
 import pytest
+from esslingen import FLEET, LOCK, RELEASE
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.deploy.bases import base_of
-from sfglab.deploy.deployment import Deployment, Release, deployment_of
+from sfglab.deploy.bundle import bundle_of
+from sfglab.deploy.deployment import Deployment, deployment_of
 from sfglab.deploy.dockerfile import _quoted, image_files
 from sfglab.deploy.dockerfile_check import check_dockerfile, parse_dockerfile
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PROGRAM
-from sfglab.fleet.fleet_file import Accelerator, Architecture, RosDistribution, load_fleet
-from sfglab.lab.trial_build import release_tag
+from sfglab.fleet.fleet_file import Accelerator, Architecture, RosDistribution
 
-PROJECT = Path(__file__).parents[2]
-FILE = PROJECT / "data" / "fleets" / "esslingen.yaml"
-FLEET = load_fleet(FILE)
-LOCK = (PROJECT / "requirements.lock").read_text()
-RELEASE = Release(
-    version="1.2.3",
-    wheel="sfglab-1.2.3-py3-none-any.whl",
-    wheel_sha256="ab" * 32,
-    lock=LOCK,
-    fleet_text="fleet: esslingen\n",
-    revision="c0ffee" * 6 + "c0ff",
-    created="2026-01-02T03:04:05+00:00",
-)
 HADOLINT = Path(sys.executable).parent / "hadolint"
 SHELLCHECK = Path(sys.executable).parent / "shellcheck"
 
@@ -199,10 +187,14 @@ def test_any_text_can_be_a_label(text):
     assert quoted.count("$") == quoted.count("\\$")
 
 
+def tag_of(made: Deployment) -> str:
+    return bundle_of(made, b"").tag
+
+
 def test_equal_contents_have_equal_tags_and_any_change_another():
     made = deployment()
-    tag = release_tag(made)
-    assert tag == release_tag(deployment())
+    tag = tag_of(made)
+    assert tag == tag_of(deployment())
     assert tag.startswith("1.2.3-")
     others = [
         replace(made, release=replace(RELEASE, wheel_sha256="cd" * 32)),
@@ -211,11 +203,11 @@ def test_equal_contents_have_equal_tags_and_any_change_another():
         deployment(launch=("true",)),
         deployment(packages=("vim-tiny",)),
     ]
-    assert len({tag, *(release_tag(other) for other in others)}) == len(others) + 1
+    assert len({tag, *map(tag_of, others)}) == len(others) + 1
 
 
 def test_a_tag_has_no_character_that_tags_may_not_have():
-    assert release_tag(replace(deployment(), release=replace(RELEASE, version="1.2+x"))).startswith("1.2-x-")
+    assert tag_of(replace(deployment(), release=replace(RELEASE, version="1.2+x"))).startswith("1.2-x-")
 
 
 class Container:

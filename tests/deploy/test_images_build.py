@@ -6,14 +6,13 @@ import os
 from pathlib import Path
 
 import pytest
+from esslingen import FILE, PROJECT
 
 from sfglab.deploy.deployment import deployment_of
 from sfglab.deploy.release import make_release
 from sfglab.fleet.fleet_file import load_fleet
 from sfglab.lab.trial_build import trial_build, why_not
 
-PROJECT = Path(__file__).parents[2]
-FILE = PROJECT / "data" / "fleets" / "esslingen.yaml"
 CACHE = os.environ.get("SFGLAB_TEST_CACHE")
 
 
