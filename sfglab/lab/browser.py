@@ -64,7 +64,7 @@ class Browser:
         client = _library("websockets.sync.client")
         _library("PySide6.QtWebEngineCore")
         self._ids = itertools.count(1)
-        port = _free_port()
+        port = free_port()
         self._engine = _start(port, width, height)
         try:
             self._socket = client.connect(_address(self._engine, port), max_size=None, open_timeout=_START_S)
@@ -190,7 +190,8 @@ def _library(name: str) -> Any:
         raise BrowserError(f"browser: the engine needs a system library: {error}") from error
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """Return a TCP port of this host that nobody listens at."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.bind((_HOST, 0))
         return int(probe.getsockname()[1])

@@ -23,28 +23,31 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.codecs import COMPRESSED_IMAGE, compressed_depth_fields, compressed_image_fields
+from sfglab.codecs import compressed_depth_fields, compressed_image_fields
 from sfglab.errors import SfglabError
 from sfglab.fleet.fleet_file import load_fleet
-from sfglab.lab.experiments.visualisation.moments import (
+from sfglab.lab.browser import free_port
+from sfglab.lab.checks.fleet_scene import (
     CAMERA,
     PERIOD_NS,
     SIZE,
     START_NS,
     camera_info,
+    compressed_message,
     image_message,
     scene_moments,
+    transforms_message,
 )
-from sfglab.lab.experiments.visualisation.timing import free_port
 from sfglab.lab.paths import find_project
-from sfglab.messages import default_message, message_type, serialize
+from sfglab.messages import default_message, serialize
+from sfglab.spatial import Pose
 from sfglab.view import Arrival, Session, blueprint, layout_of_fleet, open_canvas, replay
 from sfglab.view.rerunning import Camera
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sfglab.lab.experiments.visualisation.moments import Moment
+    from sfglab.lab.checks.fleet_scene import Moment
 
 
 _MOMENTS = 40
@@ -139,50 +142,32 @@ def _arrivals() -> Iterator[Arrival]:
 def _messages(moment: Moment) -> Iterator[tuple[str, Any]]:
     header = moment.header(CAMERA)
     if moment.number == 0:
-        yield "/tf_static", _transforms(moment, [("go2/base", CAMERA, (0.3, 0.0, 0.4), _OPTICAL)])
+        yield (
+            "/tf_static",
+            transforms_message(moment, [("go2/base", CAMERA, Pose.at((0.3, 0.0, 0.4), _OPTICAL))]),
+        )
     angle = 0.3 * math.sin(moment.number / 10) - 0.15
-    base = ("map", "go2/base", _way(moment), (0.0, 0.0, math.sin(angle / 2), math.cos(angle / 2)))
-    others = [("map", f"{name}/base", (*place, 0.0), (0.0, 0.0, 0.0, 1.0)) for name, place in _PLACES.items()]
-    yield "/tf", _transforms(moment, [base, *others])
+    base = ("map", "go2/base", Pose.from_yaw(_way(moment), angle))
+    others = [("map", f"{name}/base", Pose.at((*place, 0.0))) for name, place in _PLACES.items()]
+    yield "/tf", transforms_message(moment, [base, *others])
     yield "/global/go2/localization/odometry", _odometry(moment)
     yield from _heartbeats(moment)
     yield _PICTURE, image_message(moment.rgb, "rgb8", header)
-    jpeg = compressed_image_fields(np.ascontiguousarray(moment.rgb[..., ::-1]), "jpeg")
-    yield f"{_FRONT}/color/compressed", _compressed(jpeg, header)
+    jpeg = compressed_image_fields(moment.bgr, "jpeg")
+    yield f"{_FRONT}/color/compressed", compressed_message(jpeg, header)
     for stream in ("color", "aligned_depth"):
         yield f"{_FRONT}/{stream}/camera_info", camera_info(header, SIZE)
     depth = compressed_depth_fields(moment.depth_mm)
-    yield f"{_FRONT}/aligned_depth/compressed_depth", _compressed(depth, header)
+    yield f"{_FRONT}/aligned_depth/compressed_depth", compressed_message(depth, header)
 
 
 def _way(moment: Moment) -> tuple[float, float, float]:
     return (-1.0 + moment.number / 40, 0.3 * math.sin(moment.number / 8), 0.0)
 
 
-def _compressed(fields: Any, header: Any) -> Any:
-    data = np.frombuffer(fields.data, np.uint8)
-    return message_type(COMPRESSED_IMAGE)(header=header, format=fields.format, data=data)
-
-
-def _transforms(moment: Moment, edges: list[tuple[str, str, Any, Any]]) -> Any:
-    found = []
-    for parent, child, place, turn in edges:
-        transform = default_message("geometry_msgs/msg/TransformStamped")
-        transform.header, transform.child_frame_id = moment.header(parent), child
-        moved = transform.transform
-        for axis, value in zip("xyz", place, strict=True):
-            setattr(moved.translation, axis, float(value))
-        for axis, value in zip("xyzw", turn, strict=True):
-            setattr(moved.rotation, axis, float(value))
-        found.append(transform)
-    return message_type("tf2_msgs/msg/TFMessage")(transforms=found)
-
-
 def _odometry(moment: Moment) -> Any:
     message = default_message("nav_msgs/msg/Odometry")
-    message.header, pose = moment.header("map"), message.pose.pose
-    pose.position.x, pose.position.y, pose.position.z = _way(moment)
-    pose.orientation.w = 1.0
+    message.header, message.pose.pose = moment.header("map"), Pose.at(_way(moment)).to_pose_msg()
     return message
 
 

@@ -13,29 +13,29 @@ import pytest
 
 from sfglab.errors import MissingExtraError
 from sfglab.lab import screenshots_viewer
-from sfglab.lab.experiments import visualisation
-from sfglab.lab.experiments.visualisation import analysis, matching
-from sfglab.lab.experiments.visualisation.analysis import BOUND_BYTES, Results, checks
-from sfglab.lab.experiments.visualisation.matching import Cloud, check_clouds, check_matching
-from sfglab.lab.experiments.visualisation.moments import (
+from sfglab.lab.checks import synchronisation
+from sfglab.lab.checks.fleet_scene import (
     PERIOD_NS,
     RECEIVED_AFTER_NS,
     START_NS,
     back_projected,
     camera_info,
+    make_parts,
     scene_moments,
 )
-from sfglab.lab.experiments.visualisation.recordings import Shown, read_recording
-from sfglab.lab.experiments.visualisation.scene import make_parts
-from sfglab.lab.experiments.visualisation.showing import check_sources, check_visualizers
+from sfglab.lab.checks.recordings import Shown, check_sources, check_visualizers, read_recording
+from sfglab.lab.checks.synchronisation import Cloud, check_clouds
+from sfglab.lab.experiments.visualisation import checks, exp, latency_table
+from sfglab.lab.experiments.visualisation.analysis import check_memory
+from sfglab.lab.experiments.visualisation.stage import BOUND_BYTES
 from sfglab.view import Latest
 from sfglab.view.registry import BUILT_IN
 from sfglab.view.sync import synchronizer
 
 pytest.importorskip("rerun", reason="the extra 'view' is not installed")
 ROOT = Path(__file__).parents[2]
-SMOKE = visualisation.Config.of_profile("smoke")
-TINY = replace(SMOKE, streams=2, pictures=5, stopped_s=0.4)
+REFERENCE = ROOT / "data" / "reference" / "visualisation.mcap"
+TINY = {"streams": 2, "pictures": 5, "stopped_s": 0.4}
 
 
 @pytest.fixture(autouse=True)
@@ -50,7 +50,7 @@ def moments():
 
 @pytest.fixture(scope="module")
 def parts(moments):
-    return [part for part in make_parts(moments) if part.place is not None]
+    return [part for part in make_parts(moments) if part.expected]
 
 
 def recorded(parts):
@@ -61,9 +61,9 @@ def recorded(parts):
         for number, values in enumerate(part.expected):
             stamp_ns = START_NS + number * PERIOD_NS
             captured_ns = stamp_ns + RECEIVED_AFTER_NS * part.type.endswith("MarkerArray")
-            times = (None, None) if part.place.is_timeless else (captured_ns, stamp_ns + RECEIVED_AFTER_NS)
+            times = (None, None) if part.is_timeless else (captured_ns, stamp_ns + RECEIVED_AFTER_NS)
             rows.append(Shown(capture_ns=times[0], received_ns=times[1], content=values))
-        found[part.place.entity, part.place.component] = rows
+        found[part.place] = rows
     return found
 
 
@@ -72,21 +72,18 @@ def wrong(rows):
 
 
 def changed(recording, part, **changes):
-    key = part.place.entity, part.place.component
-    first, *others = recording[key]
-    return {**recording, key: [replace(first, **changes), *others]}
+    first, *others = recording[part.place]
+    return {**recording, part.place: [replace(first, **changes), *others]}
 
 
 @pytest.mark.live
 def test_a_live_run_fills_the_claim_and_draws_its_figures(tmp_path):
-    log = asyncio.run(visualisation.run(TINY, tmp_path / "a.mcap"))
-    measured = visualisation.measure_claims(log)["A-VIZ"]
-    assert (measured.estimate.value, measured.reason) == (1, "")
-    assert measured.how.value == "live"
-    results = visualisation.load_results(log)
-    assert set(visualisation.latency_table(results).index) == {"bare", "bridge"}
-    assert set(visualisation.figures(log)) == {"visualisation_latency", "visualisation_points"}
-    assert log.stat().st_size < 500_000
+    run = asyncio.run(exp.run("smoke", path=tmp_path / "a.mcap", **TINY))
+    measured = exp.measure(run)["A-VIZ"]
+    assert (measured.estimate.value, measured.reason, measured.how.value) == (1, "", "live")
+    assert set(latency_table(run).index) == {"bare", "bridge"}
+    assert set(exp.figures(run)) == {"visualisation_latency", "visualisation_points"}
+    assert run.log.stat().st_size < 500_000
 
 
 def test_every_visualizer_that_there_is_has_its_part_in_the_scene(moments):
@@ -102,7 +99,7 @@ def test_a_perfect_recording_passes_and_whatever_is_changed_in_it_is_found(parts
         assert wrong(check_visualizers(tuple(parts), changed(perfect, part, content=values))) == [part.kind]
         late = changed(perfect, part, capture_ns=7)
         assert wrong(check_visualizers(tuple(parts), late)) == [part.kind]
-        missing = {**perfect, (part.place.entity, part.place.component): []}
+        missing = {**perfect, part.place: []}
         assert wrong(check_visualizers(tuple(parts), missing)) == [part.kind]
         twice = {key: rows * 2 for key, rows in perfect.items()}
         assert len(wrong(check_visualizers(tuple(parts), twice))) == len(parts)
@@ -113,14 +110,13 @@ def test_what_the_bus_shows_otherwise_than_the_log_is_found(parts):
     assert wrong(check_sources(tuple(parts), logged, logged)) == []
     other = changed(logged, image, content=np.asarray(image.expected[1]))
     assert wrong(check_sources(tuple(parts), logged, other)) == ["image"]
-    less = {**logged, (image.place.entity, image.place.component): []}
+    less = {**logged, image.place: []}
     assert wrong(check_sources(tuple(parts), logged, less)) == ["image"]
 
 
 def test_streams_that_are_not_synchronised_are_found(monkeypatch):
-    assert wrong(check_matching(3, seed=1)) == []
-    monkeypatch.setattr(matching, "synchronizer", lambda _, topics: synchronizer(Latest(), topics))
-    assert wrong(check_matching(3, seed=1)) == ["exact time", "approximate time"]
+    monkeypatch.setattr(synchronisation, "synchronizer", lambda _, topics: synchronizer(Latest(), topics))
+    assert wrong(synchronisation.checks.rows(3, seed=1)) == ["exact time", "approximate time"]
 
 
 def test_the_reference_inverts_the_projection_by_hand():
@@ -141,7 +137,7 @@ def test_points_or_colours_that_are_off_are_found(moments):
         replace(good, shown=expected[:2], colors=colors[:2]),
         replace(good, colors=colors + np.uint8(1)),
     ]
-    check = check_clouds([cloud.row for cloud in (good, *bad)])
+    check = check_clouds([good, *bad])
     assert (check.checked, check.held) == (4, 1)
 
 
@@ -168,35 +164,27 @@ def memory(**changes):
     ],
 )
 def test_unbounded_waiting_or_pictures_that_vanish_fail_the_check(changes, held):
-    done = pd.DataFrame([{"group": "a", "check": "b", "checked": 100, "held": 100, "example": ""}])
-    table = checks(
-        Results(checks=done, clouds=done, times=done, memory=memory(**changes), config={}),
-    )
-    assert list(table["held"]) == [100, held]
-    assert table["group"].iloc[-1] == "memory"
+    row = check_memory(memory(**changes))
+    assert (row.checked, row.held) == (3, held)
 
 
-def test_the_claim_is_the_group_that_is_worst(monkeypatch):
-    done = pd.DataFrame(
-        [
-            {"group": "a", "check": "b", "checked": 1000, "held": 1000, "example": ""},
-            {"group": "c", "check": "d", "checked": 2, "held": 1, "example": "what was seen"},
-        ]
-    )
-    times = pd.DataFrame({"arm": ["bare", "bridge"] * 5, "taken_ms": [1.0, 2.0] * 5})
-    made = Results(checks=done, clouds=done, times=times, memory=memory(), config={})
-    monkeypatch.setattr(analysis, "load_results", lambda _: made)
-    measured = analysis.measure_claims(Path("a.mcap"))["A-VIZ"]
+def test_the_claim_is_the_group_that_is_worst():
+    run = exp.load(REFERENCE)
+    assert exp.measure(run)["A-VIZ"].estimate.value == 1.0
+    run = exp.load(REFERENCE)
+    table = run.table("check")
+    table.loc[table["group"] == "plugins", ["checked", "held", "example"]] = [2, 1, "what was seen"]
+    measured = exp.measure(run)["A-VIZ"]
     assert measured.estimate.value == 0.5
-    assert measured.reason == "d: 1 of 2: what was seen"
-    assert measured.details["added by the bridge"].startswith("1 ms")
+    assert measured.reason == "a package's visualizers through entry points: 1 of 2: what was seen"
+    assert list(checks(run)["group"])[-1] == "memory"
 
 
 def test_without_rerun_the_run_says_so_and_leaves_no_log(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(MissingExtraError, match="the view needs 'rerun'"):
-        asyncio.run(visualisation.run(TINY, tmp_path / "a.mcap"))
-    assert not list(tmp_path.iterdir())
+        asyncio.run(exp.run("smoke", path=tmp_path / "a.mcap", **TINY))
+    assert not list(tmp_path.glob("*.mcap"))
 
 
 def test_without_a_driver_there_is_no_screenshot_but_one_sentence(tmp_path, monkeypatch):

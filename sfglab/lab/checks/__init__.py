@@ -16,11 +16,11 @@ import numpy as np
 from sfglab.lab.stats import Estimate, exactly
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     import pandas as pd
 
-GROUPS = ("naming", "trajectories", "exchange", "editing")
+GROUPS = ("naming", "trajectories", "exchange", "editing", "synchronisation")
 """Modules of this package, each a group."""
 
 Case = tuple[str, bool]
@@ -139,6 +139,13 @@ def check_row(check: str, cases: Iterable[Case]) -> CheckRow:
     example = failed[0] if failed else next((text for text, _ in tried), "nothing to check")
     # Without anything to look at a check has not held.
     return CheckRow(check=check, checked=max(1, len(tried)), held=len(tried) - len(failed), example=example)
+
+
+def facts_row(check: str, facts: Mapping[str, bool]) -> CheckRow:
+    """Return what came of one property's facts; the example names those that do not hold, else all."""
+    wrong = [fact for fact, held in facts.items() if not held]
+    example = ", ".join(wrong or facts)
+    return CheckRow(check=check, checked=len(facts), held=len(facts) - len(wrong), example=example)
 
 
 def group(name: str) -> Checks:

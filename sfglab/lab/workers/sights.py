@@ -1,11 +1,13 @@
-"""What there is to see, and who takes it: ``python -m sfglab.lab.workers.sights ROLE ...``.
+"""Sights, and a sink that takes them: ``python -m sfglab.lab.workers.sights CONFIG``.
 
-Three roles, each ends with its standard input: ``scene DOMAIN LOG`` sends a log's messages, one moment an
-order; ``camera DOMAIN`` sends one picture at a fixed rate; ``sink PORT`` takes what is shown, as a viewer does.
+The configuration names one of three roles, each ends with its standard input: ``scene`` sends a log's messages
+(``path``), one moment an order; ``camera`` sends one picture at a fixed rate; both in ``domain_id``. ``sink``
+takes what is shown at a ``port``, as a viewer does.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 from contextlib import suppress
 from itertools import groupby
@@ -84,17 +86,17 @@ def _sink(report: Callable[[Report], None], port: int) -> None:
 
 
 def main() -> None:
-    """Play the role that the command line names."""
-    role, *arguments = sys.argv[1:]
-    report = claim_standard_output()
+    """Play the role that the configuration names."""
+    config = json.loads(sys.argv[1])
+    role, report = config.pop("role"), claim_standard_output()
     with suppress(StopAsyncIteration):
         match role:
             case "scene":
-                run(_scene(report, int(arguments[0]), arguments[1]))
+                run(_scene(report, **config))
             case "camera":
-                run(_camera(report, int(arguments[0])))
+                run(_camera(report, **config))
             case "sink":
-                _sink(report, int(arguments[0]))
+                _sink(report, **config)
 
 
 if __name__ == "__main__":

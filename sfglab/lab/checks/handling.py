@@ -1,4 +1,4 @@
-"""Displays added, tuned, rewired and removed while another process sends pictures: what changes, and when."""
+"""Checks of handling: displays added, tuned, rewired and removed while pictures come, and what changes."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus import Node
-from sfglab.lab.experiments.visualisation.rows import VisualisationCheckRow
+from sfglab.lab.checks import CheckRow, facts_row
 from sfglab.lab.workers.sights import CAMERA_TOPIC
 from sfglab.qos import DEFAULT, Reliability
 from sfglab.view import Bridge, Session, SettingError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from sfglab.view import Display
 
@@ -81,7 +81,7 @@ class _Handled:
         return [endpoint.qos.reliability for endpoint in self._observer.graph.subscriptions(CAMERA_TOPIC)]
 
 
-async def check_handling(domain_id: int, *, observed_s: float) -> list[VisualisationCheckRow]:
+async def check_handling(domain_id: int, *, observed_s: float) -> list[CheckRow]:
     """Change a session at work in every way, while a camera sends pictures.
 
     Args:
@@ -106,7 +106,7 @@ async def check_handling(domain_id: int, *, observed_s: float) -> list[Visualisa
             "a QoS profile is requested anew": await _rewired(handled, display),
             "switched off and on again, and removed": await _removed(handled, display),
         }
-    return list(_rows(groups))
+    return [facts_row(check, facts) for check, facts in groups.items()]
 
 
 async def _tuned(handled: _Handled, display: Display) -> dict[str, bool]:
@@ -156,15 +156,3 @@ async def _removed(handled: _Handled, display: Display) -> dict[str, bool]:
         "removed: unsubscribed": gone,
         "removed: nothing is drawn": await handled.count(0.3) == 0,
     }
-
-
-def _rows(groups: dict[str, dict[str, bool]]) -> Iterator[VisualisationCheckRow]:
-    for check, facts in groups.items():
-        wrong = [fact for fact, held in facts.items() if not held]
-        yield VisualisationCheckRow(
-            group="run time",
-            check=check,
-            checked=len(facts),
-            held=len(facts) - len(wrong),
-            example=", ".join(wrong or facts),
-        )

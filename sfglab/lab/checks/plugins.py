@@ -1,13 +1,16 @@
-"""Somebody else's package with visualizers, there for the length of a block, and what the view makes of it."""
+"""Checks of plugins: somebody else's package with visualizers, and what the view makes of it."""
 
 from __future__ import annotations
 
 import importlib
 import sys
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
-from sfglab.lab.experiments.visualisation.rows import VisualisationCheckRow
+from sfglab.lab.checks import CheckRow, facts_row
+from sfglab.lab.checks.recordings import read_recording
+from sfglab.messages import default_message, serialize
+from sfglab.view import Arrival, Session, available, open_canvas, replay
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -71,7 +74,7 @@ def installed(folder: Path) -> Iterator[None]:
         importlib.invalidate_caches()
 
 
-def check_plugins(folder: Path) -> VisualisationCheckRow:
+def check_plugins(folder: Path) -> CheckRow:
     """Check that a package's visualizers are found, shown and tuned, and that its mistakes hurt nobody else.
 
     Args:
@@ -79,22 +82,11 @@ def check_plugins(folder: Path) -> VisualisationCheckRow:
     """
     with installed(folder):
         facts = _facts(folder)
-    from sfglab.view import available
-
     facts["gone with its package"] = "battery" not in available().kinds
-    wrong = [fact for fact, held in facts.items() if not held]
-    return VisualisationCheckRow(
-        group="plugins",
-        check="a package's visualizers through entry points",
-        checked=len(facts),
-        held=len(facts) - len(wrong),
-        example=", ".join(wrong or facts),
-    )
+    return facts_row("a package's visualizers through entry points", facts)
 
 
 def _facts(folder: Path) -> dict[str, bool]:
-    from sfglab.view import Session, available
-
     kinds, broken = available()
     topic = "/global/go2/battery_state"
     offers = [offer.kind for offer in Session().offers({topic: BATTERY})]
@@ -112,12 +104,6 @@ def _facts(folder: Path) -> dict[str, bool]:
 
 def _charges(path: Path, topic: str) -> tuple[list[float], int]:
     """Show two half full batteries with a parameter tuned in between; return the curve, and what failed."""
-    from contextlib import closing
-
-    from sfglab.lab.experiments.visualisation.recordings import read_recording
-    from sfglab.messages import default_message, serialize
-    from sfglab.view import Arrival, Session, open_canvas, replay
-
     message = default_message(BATTERY)
     message.percentage = 0.5
     session = Session()

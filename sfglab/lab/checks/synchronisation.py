@@ -1,4 +1,4 @@
-"""Synchronisation against the truth: streams whose partners are known, and points against a back-projection."""
+"""Checks of synchronisation: streams whose partners are known, and points against a back-projection."""
 
 from __future__ import annotations
 
@@ -8,15 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.lab.experiments.visualisation.moments import (
-    CAMERA,
-    SIZE,
-    back_projected,
-    camera_info,
-    image_message,
-)
-from sfglab.lab.experiments.visualisation.recordings import read_recording
-from sfglab.lab.experiments.visualisation.rows import VisualisationCheckRow, VisualisationCloudRow
+from sfglab.lab.checks import CheckRow, Checks
+from sfglab.lab.checks.fleet_scene import CAMERA, SIZE, back_projected, camera_info, image_message
+from sfglab.lab.checks.recordings import read_recording
 from sfglab.messages import serialize
 from sfglab.view import Approximate, Arrival, Exact, Session, open_canvas, replay
 from sfglab.view.sync import synchronizer
@@ -27,8 +21,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sfglab.lab.experiments.visualisation.moments import Moment
+    from sfglab.lab.checks import Case, Sample
+    from sfglab.lab.checks.fleet_scene import Moment
 
+
+checks = Checks("synchronisation")
 
 _TOPICS = ("image", "info", "depth")
 _PERIOD_NS = 33_333_333
@@ -39,31 +36,28 @@ _STEP, _MAX_M = 4, 10.0
 _TOLERANCE_M = 1e-5
 
 
-def check_matching(streams: int, seed: int) -> Iterator[VisualisationCheckRow]:
-    """Synchronise random streams of three topics, some messages lost, and compare with the sets that there are.
-
-    Args:
-        streams: How many of each policy.
-        seed: Of the losses, of what arrives when, and of the stamps' jitter.
-    """
-    for name, policy, jitter_ns in (
-        ("exact time", Exact(depth=30), 0),
-        ("approximate time", Approximate(slop_ns=2 * _JITTER_NS, depth=30), _JITTER_NS),
-    ):
-        rng = np.random.default_rng(seed)
-        outcomes = [_matched_as_sent(policy, jitter_ns, rng) for _ in range(streams)]
-        checked, held = map(sum, zip(*outcomes, strict=True))
-        yield VisualisationCheckRow(
-            group="synchronisation",
-            check=f"{name}: the sets of three topics are those that were sent, each once, in order",
-            checked=checked,
-            held=held,
-            example=f"{streams} streams",
-        )
+@checks.cases("exact time: the sets of three topics are those that were sent, each once, in order")
+def _exact(sample: Sample) -> Iterator[Case]:
+    return _matched(sample, Exact(depth=30), 0)
 
 
-def _matched_as_sent(policy: Any, jitter_ns: int, rng: Any) -> tuple[int, int]:
-    """Return how many sets were sent whole, or came out, and how many of these are the same."""
+@checks.cases("approximate time: the sets of three topics are those that were sent, each once, in order")
+def _approximate(sample: Sample) -> Iterator[Case]:
+    return _matched(sample, Approximate(slop_ns=2 * _JITTER_NS, depth=30), _JITTER_NS)
+
+
+def _matched(sample: Sample, policy: Any, jitter_ns: int) -> Iterator[Case]:
+    """Synchronise random streams of three topics, some messages lost; a case is a set, sent whole or found."""
+    rng = np.random.default_rng(sample.seed)  # the same streams for both, but for their jitter
+    for _ in range(sample.count):
+        found, whole = _streams(policy, jitter_ns, rng)
+        same = sum(a == b for a, b in zip(found, whole, strict=False))
+        for number in range(max(len(found), len(whole))):
+            yield f"{sample.count} streams", number < same
+
+
+def _streams(policy: Any, jitter_ns: int, rng: np.random.Generator) -> tuple[list[Any], list[Any]]:
+    """Return the sets that come out, and those that were sent whole."""
     kept = rng.random((40, 3)) > 0.2
     kept[-1] = True  # a last whole set, so that what waits before it is decided
     jitter = rng.integers(-jitter_ns, jitter_ns + 1, (40, 3))
@@ -79,8 +73,7 @@ def _matched_as_sent(policy: Any, jitter_ns: int, rng: Any) -> tuple[int, int]:
     whole = [(n,) * 3 for n in range(40) if kept[n].all()]
     if jitter_ns:  # the last one may have to wait for a message that says it gets no better
         whole, sets = whole[:-1], [s for s in sets if s != (39,) * 3]
-    same = sum(a == b for a, b in zip(sets, whole, strict=False))
-    return max(len(sets), len(whole)), same
+    return sets, whole
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,17 +93,18 @@ class Cloud:
         return np.linalg.norm(self.shown - self.expected, axis=1) if same else np.zeros(0)
 
     @property
-    def row(self) -> VisualisationCloudRow:
-        """The cloud in numbers."""
+    def row(self) -> dict[str, Any]:
+        """The cloud in numbers: what the experiment's table says of an image."""
         same = self.colors.shape == self.expected_colors.shape
-        wrong = int((self.colors != self.expected_colors).any(axis=1).sum()) if same else len(self.expected)
-        return VisualisationCloudRow(
-            stamp_ns=self.moment.stamp_ns,
-            points=len(self.shown),
-            expected=len(self.expected),
-            largest_error_m=float(self.errors_m.max(initial=0.0)) if len(self.errors_m) else float("inf"),
-            wrong_colors=wrong,
-        )
+        return {
+            "stamp_ns": self.moment.stamp_ns,
+            "points": len(self.shown),
+            "expected": len(self.expected),
+            "largest_error_m": float(self.errors_m.max()) if len(self.errors_m) else float("inf"),
+            "wrong_colors": int((self.colors != self.expected_colors).any(axis=1).sum())
+            if same
+            else len(self.expected),
+        }
 
 
 def show_clouds(moments: Sequence[Moment], path: Path) -> list[Cloud]:
@@ -163,16 +157,17 @@ def _arrivals(moment: Moment) -> Iterator[Arrival]:
         yield Arrival(topic, message.__msgtype__, moment.stamp_ns + place, serialize(message))
 
 
-def check_clouds(rows: list[VisualisationCloudRow]) -> VisualisationCheckRow:
+def check_clouds(clouds: Sequence[Cloud]) -> CheckRow:
     """Check that points and colours are those of the reference, to a hundredth of a millimetre."""
+    rows = [cloud.row for cloud in clouds]
     good = [
-        r.points == r.expected > 0 and r.largest_error_m <= _TOLERANCE_M and not r.wrong_colors for r in rows
+        r["points"] == r["expected"] > 0 and r["largest_error_m"] <= _TOLERANCE_M and not r["wrong_colors"]
+        for r in rows
     ]
-    largest = max(row.largest_error_m for row in rows)
-    return VisualisationCheckRow(
-        group="synchronisation",
+    largest = max(row["largest_error_m"] for row in rows)
+    return CheckRow(
         check="depth, camera info and picture of one time become the points of an independent back-projection",
         checked=len(rows),
         held=sum(good),
-        example=f"{sum(row.points for row in rows)} points, largest error {1e6 * largest:.2f} um",
+        example=f"{sum(row['points'] for row in rows)} points, largest error {1e6 * largest:.2f} um",
     )

@@ -1,0 +1,256 @@
+"""The stage: a scene shown from a log and from the bus; a camera, a sink, and the bridge between them.
+
+A picture of 640 x 360 (691 kB) comes 30 times a second from another process over DDS; the sink is a server in a
+third process. The baseline is Rerun's own call with the same array, to the same sink, in the same run. A
+picture has been taken when a flush after it returns.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import time
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.bus import Node
+from sfglab.lab.checks.fleet_scene import PERIOD_NS, RECEIVED_AFTER_NS, START_NS
+from sfglab.lab.checks.recordings import read_recording
+from sfglab.lab.workers.sights import CAMERA_HZ, CAMERA_TOPIC, picture
+from sfglab.processes import Member, ProcessFailedError, ProcessGroup
+from sfglab.qos import DEFAULT
+from sfglab.record import LogWriter
+from sfglab.view import Bridge, Session, ViewOptions, view_live, view_log
+from sfglab.view.app import session_for
+from sfglab.view.rerunning import WINDOW_BYTES, rerun
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sfglab.lab.checks.fleet_scene import Part
+    from sfglab.lab.checks.recordings import Recording
+    from sfglab.view import Display, RerunCanvas
+
+
+ADDED_MS = 5.0
+"""Median time that the bridge may add to a picture of 640 x 360, ms; ours, the paper states none."""
+PICTURE_BYTES = 640 * 360 * 3
+BOUND_BYTES = WINDOW_BYTES + 2 * PICTURE_BYTES
+"""What may wait at most: a window of drawn pictures, the one that fills it, and one that waits for its turn."""
+
+_REACH_S = 10.0
+_LATCHED = ("tf_static", "agent_status", "communication")
+"""Reliable by themselves, and they ask for the past, too."""
+_SAMPLE_S = 0.05
+_RUNS_S = 0.8
+_READY_S = 15.0
+
+
+def member(role: str, **values: Any) -> Member:
+    """Return a process of a role of `sfglab.lab.workers.sights`."""
+    return Member(name=role, module="sfglab.lab.workers.sights", config={"role": role, **values})
+
+
+def processes(*members: Member) -> ProcessGroup:
+    """Return processes on this host that end with a block."""
+    return ProcessGroup(lambda _host, command: command, members)
+
+
+def write_scene(parts: tuple[Part, ...], path: Path) -> None:
+    """Write the scene's messages as a log, in the order of their stamps."""
+    moments = max(len(part.messages) for part in parts)
+    with LogWriter(path) as log:
+        for number in range(moments):
+            at_ns = START_NS + number * PERIOD_NS + RECEIVED_AFTER_NS
+            for part in parts:
+                if part.messages[number] is not None:
+                    log.write(part.topic, part.messages[number], log_time_ns=at_ns)
+
+
+def show_log(scene: Path, to: Path, fleet: Path) -> Recording:
+    """Show the scene from its log, into a file, and read that."""
+    view_log(scene, ViewOptions(to=(str(to),), fleet=fleet))
+    return read_recording(to)
+
+
+async def show_live(parts: tuple[Part, ...], scene: Path, to: Path, domain_id: int) -> Recording:
+    """Show the scene while another process sends it over DDS, into a file, and read that.
+
+    The next moment is sent when the last one has been drawn, and everything is reliable: whether all arrives in
+    time on a busy machine is another question.
+    """
+    session = _reliable_session(parts)
+    async with Node("view", domain_id=domain_id, interface="lo") as node, processes() as group:
+        viewing = asyncio.create_task(view_live(node, ViewOptions(to=(str(to),)), session=session))
+        try:
+            await group.start(member("scene", domain_id=domain_id, path=str(scene)))
+            sent: Counter[str] = Counter()
+            for _ in range(group["scene"].readiness["moments"]):
+                said = await group.ask("sent", timeout_s=_REACH_S, do="next")
+                sent.update(said["scene"]["topics"])
+                await _drawn(session, sent)
+        finally:
+            viewing.cancel()
+            await asyncio.gather(viewing, return_exceptions=True)
+    return read_recording(to)
+
+
+def _reliable_session(parts: tuple[Part, ...]) -> Session:
+    session = session_for({part.topic: part.type for part in parts}, ViewOptions())
+    for display in session.displays:
+        session.limit(display.id, None)
+        if display.visualizer.name not in _LATCHED:
+            session.rewire(display.id, qos=dict.fromkeys(display.visualizer.topics, DEFAULT))
+    return session
+
+
+async def _drawn(session: Session, sent: Counter[str]) -> None:
+    """Wait until every display has what was sent of its topics.
+
+    Raises:
+        ProcessFailedError: It did not arrive.
+    """
+    missing = "nothing"
+    for _ in range(round(_REACH_S / 0.01)):
+        counts = [(d, d.slot.counts) for d in session.displays]
+        late = [d for d, c in counts if c.received < sum(sent[t] for t in d.visualizer.topics.values())]
+        if not late and not any(len(d.slot) for d, _ in counts):
+            return
+        missing = ", ".join(d.id for d in late) or "drawing"
+        await asyncio.sleep(0.01)
+    raise ProcessFailedError(f"scene: within {_REACH_S:g} s there is still missing: {missing}")
+
+
+class _Timed:
+    """A canvas that waits for the sink after each picture, and notes how long it took since its arrival."""
+
+    def __init__(self, canvas: RerunCanvas) -> None:
+        self._canvas = canvas
+        self._received_ns = 0
+        self.taken_ms: list[float] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._canvas, name)
+
+    def at(self, *, stamp_ns: int, received_ns: int) -> None:
+        self._received_ns = received_ns
+        self._canvas.at(stamp_ns=stamp_ns, received_ns=received_ns)
+
+    def settle(self, size_bytes: int) -> None:
+        if size_bytes:
+            self._canvas.flush()
+            self.taken_ms.append((time.time_ns() - self._received_ns) / 1e6)
+
+    def close(self) -> None:
+        """Leave the canvas open for the next round."""
+
+
+async def time_pictures(
+    canvas: RerunCanvas, domain_id: int, *, rounds: int, pictures: int
+) -> list[dict[str, Any]]:
+    """Time both arms in turn, so that other load on the machine falls on both.
+
+    Args:
+        canvas: Goes to the sink.
+        domain_id: The camera's DDS domain.
+        rounds: How often.
+        pictures: Of an arm, in a round.
+    """
+    rows: list[dict[str, Any]] = []
+    for number in range(rounds):
+        bare = await asyncio.to_thread(_bare, canvas, pictures)
+        bridge = await _through_bridge(canvas, domain_id, pictures)
+        for arm, taken in (("bare", bare), ("bridge", bridge)):
+            rows += [{"arm": arm, "round": number, "number": i, "taken_ms": ms} for i, ms in enumerate(taken)]
+    return rows
+
+
+def _bare(canvas: RerunCanvas, pictures: int) -> list[float]:
+    rr, array, taken = rerun(), picture(), []
+    next_s = time.monotonic()
+    for _ in range(pictures):
+        start_ns = time.time_ns()
+        canvas.recording.set_time("received", timestamp=np.datetime64(start_ns, "ns"))
+        canvas.recording.log("/bare", rr.Image(array, "RGB"))
+        canvas.recording.flush()
+        taken.append((time.time_ns() - start_ns) / 1e6)
+        next_s += 1 / CAMERA_HZ
+        time.sleep(max(0.0, next_s - time.monotonic()))
+    return taken
+
+
+def _look(session: Session) -> Display:
+    display = session.add("image", CAMERA_TOPIC)
+    session.limit(display.id, None)
+    return display
+
+
+async def _through_bridge(canvas: RerunCanvas, domain_id: int, pictures: int) -> list[float]:
+    timed, session = _Timed(canvas), Session()
+    _look(session)
+    async with (
+        Node("view", domain_id=domain_id, interface="lo") as node,
+        Bridge(node, session, timed),
+        asyncio.timeout(_READY_S + 10 * pictures / CAMERA_HZ),
+    ):
+        while len(timed.taken_ms) < pictures:  # noqa: ASYNC110 - drawn in another thread
+            await asyncio.sleep(_SAMPLE_S)
+    return timed.taken_ms[:pictures]
+
+
+async def watch_memory(
+    canvas: RerunCanvas, sink_pid: int, domain_id: int, *, stopped_s: float
+) -> list[dict[str, Any]]:
+    """Show pictures to a sink that is stopped for a while, and note what waits.
+
+    Args:
+        canvas: Goes to the sink; closed afterwards.
+        sink_pid: The sink's process.
+        domain_id: The camera's DDS domain.
+        stopped_s: How long it is stopped; it runs for a second before and after.
+    """
+    session = Session()
+    display = _look(session)
+    async with Node("view", domain_id=domain_id, interface="lo") as node, Bridge(node, session, canvas):
+        return await _watched(display, canvas, sink_pid, stopped_s)
+
+
+async def _watched(
+    display: Display, canvas: RerunCanvas, sink_pid: int, stopped_s: float
+) -> list[dict[str, Any]]:
+    import psutil
+
+    me, rows = psutil.Process(), list[dict[str, Any]]()
+    start_s = time.monotonic()
+    while not display.slot.counts.shown and time.monotonic() - start_s < _READY_S:  # noqa: ASYNC110 - no event
+        await asyncio.sleep(_SAMPLE_S)
+    start_s, is_stopped = time.monotonic(), False
+    try:
+        while (at_s := time.monotonic() - start_s) < 2 * _RUNS_S + stopped_s:
+            due = _RUNS_S <= at_s < _RUNS_S + stopped_s
+            if due != is_stopped:
+                is_stopped = due
+                os.kill(sink_pid, signal.SIGSTOP if due else signal.SIGCONT)
+            rows.append(_memory_row(display, canvas, me.memory_info().rss, at_s, stopped=is_stopped))
+            await asyncio.sleep(_SAMPLE_S)
+    finally:
+        os.kill(sink_pid, signal.SIGCONT)
+    return rows
+
+
+def _memory_row(
+    display: Display, canvas: RerunCanvas, resident_bytes: int, at_s: float, *, stopped: bool
+) -> dict[str, Any]:
+    counts = display.slot.counts
+    return {
+        "at_s": at_s,
+        "stopped": stopped,
+        "queued_bytes": canvas.pending_bytes + counts.waiting * PICTURE_BYTES,
+        "resident_bytes": resident_bytes,
+        "received": counts.received,
+        "shown": counts.shown,
+        "dropped": counts.dropped,
+    }
