@@ -8,17 +8,23 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 
 import numpy as np
 import psutil
 import pytest
 
-from sfglab.lab.experiments import decode_once
-from sfglab.lab.experiments.decode_once.config import Config, Stage
-from sfglab.lab.experiments.decode_once.rows import CameraRow, CellRow, LoadRow, PairRow, ViewRow
-from sfglab.lab.experiments.decode_once.run import cells_of
-from sfglab.lab.experiments.profiles import ConfigError
+from sfglab.fields import to_json
+from sfglab.lab.bench import Options
+from sfglab.lab.experiments.decode_once import cost_model, exp, frame_checks, slopes, stream_facts
+from sfglab.lab.experiments.decode_once.experiment import (
+    CameraRow,
+    CellRow,
+    LoadRow,
+    PairRow,
+    Stage,
+    ViewRow,
+    cells_of,
+)
 from sfglab.record import LogWriter
 
 NET, DEC, IPC = 1.5, 5.0, 0.5
@@ -30,15 +36,15 @@ def cost(mode: str, count: int) -> float:
 
 
 @pytest.fixture
-def made_log(tmp_path):
+def made(tmp_path):
     """A log as a run writes it, with costs that are exactly Eq. 2 and 3."""
     path = tmp_path / "made.mcap"
-    cells = [(m, n) for n in range(1, 11) for m in ("standard", "proxy")] + [("network", 5)]
+    made = [(m, n) for n in range(1, 11) for m in ("standard", "proxy")] + [("network", 5)]
     with LogWriter(path) as log:
-        log.write_metadata("config", {"experiment": "decode_once", "multicast": "spdp"})
+        log.write_metadata("config", {"experiment": "decode_once", **to_json(exp.config())})
         log.write_metadata("hosts", {"description": "made", "separate": True})
         log.write_metadata("stream_h264", {"topic": "/t", "type": "x", "encoder": "none", "source": "photos"})
-        for cell, (mode, count) in enumerate(cells):
+        for cell, (mode, count) in enumerate(made):
             for label in ("consumer", "edge"):
                 row = LoadRow(
                     cell=cell,
@@ -74,27 +80,27 @@ def made_log(tmp_path):
                 log.write_row("pair", pair, log_time_ns=cell * 10)
             row = CellRow(cell=cell, codec="h264", mode=mode, subscribers=count, repeat=0, first_frame_s=0.1)
             log.write_row("cell", row, log_time_ns=cell * 10)
-    return path
+    return exp.load(path)
 
 
-def test_slopes_and_reduction_of_known_costs_are_found(made_log):
-    slopes = decode_once.slopes(decode_once.load_results(made_log))
-    assert slopes.cpu_standard.value == pytest.approx(NET + DEC)
-    assert slopes.cpu_proxy.value == pytest.approx(IPC)
-    assert slopes.reduction.value == pytest.approx(100 * (1 - IPC / (NET + DEC)))
-    assert slopes.net_standard.value == pytest.approx(4)
-    assert slopes.net_proxy.value == pytest.approx(0, abs=1e-9)
+def test_slopes_and_reduction_of_known_costs_are_found(made):
+    found = slopes(made)
+    assert found.cpu_standard.value == pytest.approx(NET + DEC)
+    assert found.cpu_proxy.value == pytest.approx(IPC)
+    assert found.reduction.value == pytest.approx(100 * (1 - IPC / (NET + DEC)))
+    assert found.net_standard.value == pytest.approx(4)
+    assert found.net_proxy.value == pytest.approx(0, abs=1e-9)
 
 
-def test_the_cost_model_finds_its_terms_and_explains_everything(made_log):
-    model = decode_once.cost_model(decode_once.load_results(made_log))
+def test_the_cost_model_finds_its_terms_and_explains_everything(made):
+    model = cost_model(made)
     assert [e.value for e in (model.net, model.dec, model.ipc)] == pytest.approx([NET, DEC, IPC])
     assert model.residual.value == pytest.approx(0, abs=1e-9)
     assert model.explained.value == pytest.approx(1)
 
 
-def test_a_frame_that_the_camera_never_sent_so_is_not_verified(made_log):
-    checks = decode_once.frame_checks(decode_once.load_results(made_log)).set_index("mode")
+def test_a_frame_that_the_camera_never_sent_so_is_not_verified(made):
+    checks = frame_checks(made).set_index("mode")
     assert (checks.loc["standard", "pairs"], checks.loc["standard", "verified"]) == (10, 9)
     assert (checks.loc["proxy", "pairs"], checks.loc["proxy", "verified"]) == (10, 10)
     assert (checks.loc["network", "pairs"], checks.loc["network", "verified"]) == (0, 0)
@@ -102,48 +108,49 @@ def test_a_frame_that_the_camera_never_sent_so_is_not_verified(made_log):
 
 def test_every_pair_of_cells_is_measured_side_by_side():
     stage = Stage(codec="h264", source="photos", counts=(1, 2, 5), network_counts=(5,), repeats=2)
-    cells = cells_of(stage, rng=np.random.default_rng(3))
-    assert len(cells) == len(set(cells)) == 2 * 3 * 2 + 1
-    paired = [c for c in cells if c[0] != "network"]
+    order = cells_of(stage, rng=np.random.default_rng(3))
+    assert len(order) == len(set(order)) == 2 * 3 * 2 + 1
+    paired = [c for c in order if c[0] != "network"]
     for first, second in zip(paired[::2], paired[1::2], strict=True):
         assert {first[0], second[0]} == {"standard", "proxy"}
         assert first[1:] == second[1:]
 
 
 def test_profiles_differ_in_length_only_and_the_source_is_the_colour_streams():
-    with pytest.raises(ConfigError, match="allowed are smoke, quick, paper"):
-        Config.of_profile("fast")
-    config = Config.of_profile("quick", source="drive.mp4", seed=4)
+    config = exp.config("quick", source="drive.mp4", seed=4)
     assert [s.source for s in config.stages] == ["drive.mp4", "stereo"]
     assert config.stages[0].counts == tuple(range(1, 11))
     assert config.seed == 4
 
 
-def test_the_figure_draws_from_the_log_alone(made_log):
-    figure, shown = decode_once.figure_8(decode_once.load_results(made_log))
+def test_the_figure_draws_from_the_log_alone(made):
+    figure, shown = exp.figures(made)["decode_once_h264"]
     assert len(figure.axes) == 3
     assert shown["reduction"]["value"] == pytest.approx(100 * (1 - IPC / (NET + DEC)))
 
 
-def short() -> Config:
-    config = Config.of_profile("smoke")
-    stage = replace(config.stages[0], counts=(1, 2), network_counts=())
-    return replace(config, stages=(stage,), encoder="libx264", period_s=0.3, settle_s=0.1, raw_s=1.2)
+SHORT = {
+    "stages": (Stage(codec="h264", counts=(1, 2)),),
+    "encoder": "libx264",
+    "period_s": 0.3,
+    "settle_s": 0.1,
+    "raw_s": 1.2,
+}
 
 
 @pytest.mark.live
 @pytest.mark.slow
 def test_a_short_live_run_shows_the_right_frames_and_leaves_nothing(tmp_path):
     before = {p.pid for p in psutil.Process().children(recursive=True)}
-    log = asyncio.run(decode_once.run(short(), tmp_path / "run.mcap", separate=False))
-    results = decode_once.load_results(log)
-    assert results.hosts["separate"] is False
-    checks = decode_once.frame_checks(results)
+    options = Options(separate=False)
+    run = asyncio.run(exp.run("smoke", path=tmp_path / "run.mcap", options=options, **SHORT))
+    assert run.metadata("hosts")["separate"] is False
+    checks = frame_checks(run)
     assert (checks["frames"] > 10).all()
     assert (checks[["unreadable", "disordered", "broken"]] == 0).all(axis=None)
     assert (checks["pairs"] == checks["verified"]).all()
     assert (checks["pairs"] > 0).all()
-    facts = decode_once.stream_facts(log, results)
+    facts = stream_facts(run)
     assert (facts.width, facts.height) == (640, 360)
     assert facts.bitrate.value > 0
     assert {p.pid for p in psutil.Process().children(recursive=True)} <= before
@@ -153,17 +160,19 @@ def test_a_short_live_run_shows_the_right_frames_and_leaves_nothing(tmp_path):
 @pytest.mark.slow
 def test_an_interrupted_run_ends_its_processes_and_keeps_what_was_measured(tmp_path):
     log = tmp_path / "run.mcap"
+    part = tmp_path / "run.mcap.part"
     code = (
-        "import asyncio, sys; from pathlib import Path; from dataclasses import replace\n"
-        "from sfglab.lab.experiments import decode_once as d\n"
-        "c = d.Config.of_profile('smoke')\n"
-        "c = replace(c, stages=(replace(c.stages[0], repeats=50),), encoder='libx264', raw_s=0.5)\n"
-        f"asyncio.run(d.run(c, Path({str(log)!r}), separate=False))\n"
+        "import asyncio; from pathlib import Path; from dataclasses import replace\n"
+        "from sfglab.lab.bench import Options\n"
+        "from sfglab.lab.experiments.decode_once import exp\n"
+        "s = (replace(exp.config('smoke').stages[0], repeats=50),)\n"
+        f"asyncio.run(exp.run('smoke', path=Path({str(log)!r}), options=Options(separate=False), stages=s,"
+        " encoder='libx264', raw_s=0.5))\n"
     )
     process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, start_new_session=True)
     running = psutil.Process(process.pid)
     deadline = time.monotonic() + 120
-    while not (log.exists() and len(running.children(recursive=True)) >= 5) and time.monotonic() < deadline:
+    while not (part.exists() and len(running.children(recursive=True)) >= 5) and time.monotonic() < deadline:
         time.sleep(0.1)
     children = running.children(recursive=True)
     assert len(children) >= 5, "viewers, decoder and camera run"
@@ -174,5 +183,6 @@ def test_an_interrupted_run_ends_its_processes_and_keeps_what_was_measured(tmp_p
     assert not alive
     from sfglab.record import LogReader
 
-    with LogReader(log) as reader:
+    assert not log.exists(), "it is not finished"
+    with LogReader(part) as reader:
         assert not reader.truncated

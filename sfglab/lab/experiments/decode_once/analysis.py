@@ -1,75 +1,45 @@
-"""From the log to figures: loads per cell, slopes, the cost model of Eq. 2 and 3, and the claims.
-
-Everything here is computed from the log alone.
-"""
+"""Loads per cell, slopes, the cost model of Eq. 2 and 3, and the claims."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from sfglab.lab.claims import How, Measured
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.decode_once.experiment import Config, exp
+from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import Estimate, bootstrap, line_fit, median_of
-from sfglab.record import LogReader
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Results:
-    """The tables of one run."""
-
-    #: One line a cell: codec, mode, subscribers, repeat and the medians and deviations of its readings at the
-    #: consumer (``cpu``, ``cpu_sd``, ``rx``, ``rx_sd``) and at the edge (``edge_cpu``).
-    cells: pd.DataFrame
-    readings: pd.DataFrame  #: One line a reading at the consumer, with its cell's columns.
-    views: pd.DataFrame  #: One line a subscriber and cell.
-    pairs: pd.DataFrame  #: Numbers and stamps that subscribers held.
-    camera: pd.DataFrame  #: Numbers, stamps and sizes that the camera sent.
-    config: dict[str, Any]  #: The run's configuration.
-    hosts: dict[str, Any]  #: What the hosts were.
-    streams: dict[str, dict[str, Any]]  #: Metadata of each stream by codec.
-
-    @property
-    def codecs(self) -> tuple[str, ...]:
-        """Codecs that were measured, in the order of the run."""
-        return tuple(dict.fromkeys(self.cells["codec"]))
+@derived
+def readings(run: Run[Config]) -> pd.DataFrame:
+    """Return one line a reading, with its host's label and its cell's columns."""
+    return run["load"].merge(run["cell"], on="cell")
 
 
-def load_results(log: Path) -> Results:
-    """Read a run's tables.
+def codecs(run: Run[Config]) -> tuple[str, ...]:
+    """Return the codecs that were measured, in the order of the run."""
+    return tuple(run["cell"]["codec"].unique())
 
-    Args:
-        log: The log; one that was cut off gives its finished cells.
+
+@derived
+def cells(run: Run[Config]) -> pd.DataFrame:
+    """Return one line a cell, with the medians and deviations of its readings.
+
+    At the consumer ``cpu``, ``cpu_sd``, ``rx``, ``rx_sd``, and ``other`` for the rest of the machine; at the
+    edge ``edge_cpu``.
     """
-    with LogReader(log) as reader:
-        cells, load = reader.table("cell"), reader.table("load")
-        readings = load.drop(columns="log_time_ns").merge(cells.drop(columns="log_time_ns"), on="cell")
-        consumer = readings[readings["label"] == "consumer"]
-        codecs = cells["codec"].unique()
-        return Results(
-            cells=_cell_table(cells, readings),
-            readings=consumer,
-            views=reader.table("view"),
-            pairs=reader.table("pair"),
-            camera=reader.table("camera") if "camera" in reader.tables else pd.DataFrame(),
-            config=reader.metadata("config"),
-            hosts=reader.metadata("hosts"),
-            streams={codec: reader.metadata(f"stream_{codec}") for codec in codecs},
-        )
-
-
-def _cell_table(cells: pd.DataFrame, readings: pd.DataFrame) -> pd.DataFrame:
-    at = {label: group.groupby("cell") for label, group in readings.groupby("label")}
+    at = {label: group.groupby("cell") for label, group in readings(run).groupby("label")}
     columns = pd.DataFrame(
         {
             "cpu": at["consumer"]["cpu_percent"].median(),
@@ -80,12 +50,12 @@ def _cell_table(cells: pd.DataFrame, readings: pd.DataFrame) -> pd.DataFrame:
             "other": at["consumer"]["machine_percent"].median(),
         }
     )
-    return cells.drop(columns="log_time_ns").merge(columns, left_on="cell", right_index=True)
+    return run["cell"].merge(columns, left_on="cell", right_index=True)
 
 
-def _points(results: Results, codec: str, mode: str, column: str) -> Floats:
+def _points(run: Run[Config], codec: str, mode: str, column: str) -> Floats:
     """Return (subscribers, figure) of every cell of a mode, shape (cells, 2)."""
-    chosen = results.cells[(results.cells["codec"] == codec) & (results.cells["mode"] == mode)]
+    chosen = cells(run)[(cells(run)["codec"] == codec) & (cells(run)["mode"] == mode)]
     return chosen[["subscribers", column]].to_numpy(dtype=np.float64)
 
 
@@ -104,15 +74,16 @@ class Slopes:
     net_proxy: Estimate  #: The same through the decoder.
 
 
-def slopes(results: Results, codec: str = "h264") -> Slopes:
+@derived
+def slopes(run: Run[Config], codec: str = "h264") -> Slopes:
     """Fit the slopes of one stream; intervals resample cells.
 
     Args:
-        results: The run.
+        run: The run.
         codec: Which stream.
     """
-    standard, proxy = (_points(results, codec, mode, "cpu") for mode in ("standard", "proxy"))
-    net_standard, net_proxy = (_points(results, codec, mode, "rx") for mode in ("standard", "proxy"))
+    standard, proxy = (_points(run, codec, mode, "cpu") for mode in ("standard", "proxy"))
+    net_standard, net_proxy = (_points(run, codec, mode, "rx") for mode in ("standard", "proxy"))
     per_core, per_net = "% of one core per subscriber", "Mbit/s per subscriber"
 
     def reduction(groups: Sequence[Floats]) -> float:
@@ -154,14 +125,15 @@ def _errors(rows: Floats) -> Floats:
     return np.asarray(rows[:, 3] - rows[:, :3] @ _fit_costs(rows))
 
 
-def cost_model(results: Results, codec: str = "h264") -> CostModel:
+@derived
+def cost_model(run: Run[Config], codec: str = "h264") -> CostModel:
     """Fit Eq. 2 and 3 to one stream's cells, without any term that the paper does not have.
 
     Args:
-        results: The run.
+        run: The run.
         codec: Which stream.
     """
-    chosen = results.cells[results.cells["codec"] == codec]
+    chosen = cells(run)[cells(run)["codec"] == codec]
     rows = np.array([(*_design(m, n), c) for m, n, c in chosen[["mode", "subscribers", "cpu"]].to_numpy()])
 
     def relative_residual(groups: Sequence[Floats]) -> float:
@@ -186,19 +158,19 @@ def cost_model(results: Results, codec: str = "h264") -> CostModel:
     )
 
 
-def frame_checks(results: Results) -> pd.DataFrame:
+def frame_checks(run: Run[Config]) -> pd.DataFrame:
     """Return, per stream and mode, what proves that subscribers saw the right frames.
 
     A pair of number (from the pixels) and stamp (from the header) is verified when the camera sent that
     number with that stamp.
     """
-    cells = results.cells[["cell", "codec", "mode"]]
-    views = results.views.merge(cells, on="cell")
+    of = cells(run)[["cell", "codec", "mode"]]
+    views = run["view"].merge(of, on="cell")
     sums = ["frames", "unreadable", "missed", "disordered", "broken"]
     table = views.groupby(["codec", "mode"], sort=False)[sums].sum()
     table["age_ms"] = views.groupby(["codec", "mode"], sort=False)["age_ms"].median()
-    pairs = results.pairs.merge(cells, on="cell")
-    sent = set(map(tuple, results.camera[["codec", "number", "stamp_ns"]].to_numpy().tolist()))
+    pairs = run["pair"].merge(of, on="cell")
+    sent = set(map(tuple, run["camera"][["codec", "number", "stamp_ns"]].to_numpy().tolist()))
     known = [tuple(p) in sent for p in pairs[["codec", "number", "stamp_ns"]].to_numpy().tolist()]
     by_mode = pairs.assign(verified=known).groupby(["codec", "mode"], sort=False)["verified"]
     table["pairs"], table["verified"] = by_mode.size(), by_mode.sum()
@@ -223,13 +195,12 @@ class StreamFacts:
         )
 
 
-def stream_facts(log: Path, results: Results) -> StreamFacts:
+def stream_facts(run: Run[Config]) -> StreamFacts:
     """Measure the stream from the raw messages in the log."""
     from sfglab.messages import ns_from_stamp
 
-    topic = results.streams["h264"]["topic"]
-    with LogReader(log) as reader:
-        packets = [entry.message for entry in reader.decoded(topic)]
+    topic = run.metadata("stream_h264")["topic"]
+    packets = [entry.message for entry in run.messages(topic)]
     stamps = np.array([ns_from_stamp(p.header.stamp) for p in packets])
     fps = float((len(stamps) - 1) * 1e9 / (stamps[-1] - stamps[0]))
     keys = [p.pts for p in packets if p.flags & 1]
@@ -242,41 +213,45 @@ def stream_facts(log: Path, results: Results) -> StreamFacts:
         height=packets[0].height,
         fps=fps,
         gop=int(gaps.pop()) if len(gaps) == 1 else 0,
-        encoder=str(results.streams["h264"]["encoder"]),
+        encoder=str(run.metadata("stream_h264")["encoder"]),
     )
 
 
-def measure_claims(log: Path) -> dict[str, Measured]:
-    """Return our figures for the claims that this experiment answers, by claim id."""
-    results = load_results(log)
-    found, fit = slopes(results), cost_model(results)
-    most = int(results.cells.loc[results.cells["codec"] == "h264", "subscribers"].max())
-    hosts = {"hosts": str(results.hosts["description"])}
-    return {
-        "A-CPU-BASE": Measured(estimate=found.cpu_standard, how=How.LIVE, details=hosts),
-        "A-CPU-SFG": Measured(
-            estimate=found.reduction,
-            how=How.LIVE,
-            details={**hosts, "slope through the decoder": str(found.cpu_proxy)},
-        ),
-        "A-BW": Measured(
-            estimate=_rate_at(results, "proxy", most),
-            how=How.LIVE,
-            details={
-                **hosts,
-                "slope standard": str(found.net_standard),
-                "slope through the decoder": str(found.net_proxy),
-                "subscribers": str(most),
-                "multicast": str(results.config["multicast"]),
-            },
-        ),
-        "A-COST": _cost_claim(fit),
-        "A-H264": _h264_claim(stream_facts(log, results)),
+def _hosts(run: Run[Config]) -> dict[str, str]:
+    return {"hosts": str(run.metadata("hosts")["description"])}
+
+
+@exp.claim("A-CPU-BASE", how=How.LIVE)
+def base_cost(run: Run[Config]) -> Finding:
+    """Return the CPU of each subscriber that decodes for itself."""
+    return Finding(estimate=slopes(run).cpu_standard, details=_hosts(run))
+
+
+@exp.claim("A-CPU-SFG", how=How.LIVE)
+def reduction(run: Run[Config]) -> Finding:
+    """Return how much less CPU a subscriber of the decoder costs."""
+    details = {**_hosts(run), "slope through the decoder": str(slopes(run).cpu_proxy)}
+    return Finding(estimate=slopes(run).reduction, details=details)
+
+
+@exp.claim("A-BW", how=How.LIVE)
+def bandwidth(run: Run[Config]) -> Finding:
+    """Return what the consumer receives through the decoder with the most subscribers."""
+    most = int(cells(run).loc[cells(run)["codec"] == "h264", "subscribers"].max())
+    details = {
+        **_hosts(run),
+        "slope standard": str(slopes(run).net_standard),
+        "slope through the decoder": str(slopes(run).net_proxy),
+        "subscribers": str(most),
+        "multicast": run.config.multicast,
     }
+    return Finding(estimate=_rate_at(run, "proxy", most), details=details)
 
 
-def _cost_claim(fit: CostModel) -> Measured:
+@exp.claim("A-COST", how=How.LIVE)
+def fit_residual(run: Run[Config]) -> Finding:
     """Return the fit's residual; what it is made of is the reason where it is large."""
+    fit = cost_model(run)
     means = fit.residuals.assign(error=fit.residuals["measured"] - fit.residuals["fitted"])
     by_mode = means.groupby("mode")["error"].agg(["mean", "std"])
     spread = ", ".join(f"{mode} {row['mean']:+.2f} +- {row['std']:.2f}" for mode, row in by_mode.iterrows())
@@ -290,16 +265,21 @@ def _cost_claim(fit: CostModel) -> Measured:
         f"the equations explain {100 * fit.explained.value:.1f} % of the variance and have no term for how "
         f"cells differ at the same count; errors by mode, in % of one core: {spread}"
     )
-    return Measured(estimate=fit.residual, how=How.LIVE, details=details, reason=reason)
+    return Finding(estimate=fit.residual, details=details, reason=reason)
 
 
-def _rate_at(results: Results, mode: str, count: int) -> Estimate:
-    r = results.readings
-    chosen = r[(r["codec"] == "h264") & (r["mode"] == mode) & (r["subscribers"] == count)]
+def _rate_at(run: Run[Config], mode: str, count: int) -> Estimate:
+    r = readings(run)
+    chosen = r[
+        (r["label"] == "consumer") & (r["codec"] == "h264") & (r["mode"] == mode) & (r["subscribers"] == count)
+    ]
     return median_of(chosen["rx_mbit_s"].to_numpy(dtype=np.float64), unit="Mbit/s")
 
 
-def _h264_claim(facts: StreamFacts) -> Measured:
+@exp.claim("A-H264", how=How.LIVE)
+def stream_of_table_two(run: Run[Config]) -> Finding:
+    """Return the stream's bit rate; its other figures are those of Table 2, or that is the reason."""
+    facts = stream_facts(run)
     expected = (facts.width, facts.height, facts.gop) == (640, 360, 30) and abs(facts.fps - 30) < 0.3
     details = {
         "size": f"{facts.width} x {facts.height}",
@@ -308,4 +288,4 @@ def _h264_claim(facts: StreamFacts) -> Measured:
         "encoder": facts.encoder,
     }
     reason = "" if expected else "the stream is not the one of Table 2"
-    return Measured(estimate=facts.bitrate, how=How.LIVE, details=details, reason=reason)
+    return Finding(estimate=facts.bitrate, details=details, reason=reason)

@@ -1,4 +1,4 @@
-"""Figure 8 of paper A, redrawn from a log with the paper's slopes in the same axes."""
+"""Figure 8 of paper A, redrawn with the paper's slopes in the same axes."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.lab.experiments.decode_once.analysis import CostModel, Results, Slopes, cost_model, slopes
-from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE, house_style
+from sfglab.lab.experiments.decode_once.analysis import CostModel, Slopes, codecs, cost_model, readings, slopes
+from sfglab.lab.experiments.decode_once.experiment import Config, exp
+from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from sfglab.lab.runs import Run
 
 
 PAPER_CPU = {"standard": 6.5, "proxy": 1.8}
@@ -22,45 +25,47 @@ LABELS = {"standard": "standard: each decodes", "proxy": "decode once, share"}
 NAMES = {"h264": "colour, H.264", "rvl": "depth, RVL"}
 
 
-def figure_8(results: Results, codec: str = "h264") -> tuple[Figure, dict[str, Any]]:
-    """Draw CPU, network and cost model of one stream over the number of subscribers.
-
-    Args:
-        results: The run.
-        codec: Which stream.
-
-    Returns:
-        The figure and the numbers that it shows.
-    """
-    from matplotlib.figure import Figure
-
-    found, fit = slopes(results, codec), cost_model(results, codec)
-    with house_style():
-        figure = Figure(figsize=(11.5, 3.9))
-        cpu, net, cost = figure.subplots(1, 3, width_ratios=(1.15, 1.15, 1))
-        draw_cpu(cpu, results, found, codec)
-        draw_network(net, results, codec)
-        draw_cost_model(cost, fit)
-        figure.suptitle(
-            f"Decode once per device ({NAMES.get(codec, codec)}): "
-            f"{found.reduction.value:.1f} % less CPU per added subscriber "
-            f"[{found.reduction.low:.1f}, {found.reduction.high:.1f}]"
-        )
-    return figure, _twin(found, fit)
+@exp.figure("decode_once_h264", size=(11.5, 3.9))
+def draw_colour(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw CPU, network and cost model of the colour stream over the number of subscribers."""
+    return draw_stream(figure, run, "h264")
 
 
-def _spread(results: Results, codec: str, mode: str, column: str) -> tuple[Any, Any, Any]:
-    r = results.readings
-    chosen = r[(r["codec"] == codec) & (r["mode"] == mode)].groupby("subscribers")[column]
+@exp.figure("decode_once_rvl", size=(11.5, 3.9), when=lambda run: "rvl" in codecs(run))
+def draw_depth(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw the same of the depth stream."""
+    return draw_stream(figure, run, "rvl")
+
+
+def draw_stream(figure: Figure, run: Run[Config], codec: str) -> dict[str, Any]:
+    """Draw CPU, network and cost model of one stream, and return the numbers that it shows."""
+    found, fit = slopes(run, codec), cost_model(run, codec)
+    cpu, net, cost = figure.subplots(1, 3, width_ratios=(1.15, 1.15, 1))
+    draw_cpu(cpu, run, found, codec)
+    draw_network(net, run, codec)
+    draw_cost_model(cost, fit)
+    figure.suptitle(
+        f"Decode once per device ({NAMES.get(codec, codec)}): "
+        f"{found.reduction.value:.1f} % less CPU per added subscriber "
+        f"[{found.reduction.low:.1f}, {found.reduction.high:.1f}]"
+    )
+    return _twin(found, fit)
+
+
+def _spread(run: Run[Config], codec: str, mode: str, column: str) -> tuple[Any, Any, Any]:
+    r = readings(run)
+    chosen = r[(r["label"] == "consumer") & (r["codec"] == codec) & (r["mode"] == mode)].groupby("subscribers")[
+        column
+    ]
     mean, deviation = chosen.mean(), chosen.std().fillna(0)
     return mean.index.to_numpy(), mean.to_numpy(), deviation.to_numpy()
 
 
-def _draw_modes(axes: Axes, results: Results, codec: str, column: str) -> dict[str, float]:
+def _draw_modes(axes: Axes, run: Run[Config], codec: str, column: str) -> dict[str, float]:
     """Draw both modes with one standard deviation, and return each mode's first mean."""
     first = {}
     for mode in ("standard", "proxy"):
-        counts, mean, deviation = _spread(results, codec, mode, column)
+        counts, mean, deviation = _spread(run, codec, mode, column)
         color = COLORS[mode]
         axes.plot(counts, mean, marker=MARKERS[mode], markersize=4.5, color=color, label=LABELS[mode])
         axes.fill_between(counts, mean - deviation, mean + deviation, color=color, alpha=0.18, linewidth=0)
@@ -71,11 +76,11 @@ def _draw_modes(axes: Axes, results: Results, codec: str, column: str) -> dict[s
     return first
 
 
-def draw_cpu(axes: Axes, results: Results, found: Slopes, codec: str) -> None:
+def draw_cpu(axes: Axes, run: Run[Config], found: Slopes, codec: str) -> None:
     """Draw the consumer's CPU over subscribers, with the paper's slopes for the colour stream."""
-    first = _draw_modes(axes, results, codec, "cpu_percent")
+    first = _draw_modes(axes, run, codec, "cpu_percent")
     for mode, estimate in (("standard", found.cpu_standard), ("proxy", found.cpu_proxy)):
-        counts, mean, _ = _spread(results, codec, mode, "cpu_percent")
+        counts, mean, _ = _spread(run, codec, mode, "cpu_percent")
         axes.annotate(
             f"{estimate.value:+.2f} %",
             (counts[-1], mean[-1]),
@@ -93,9 +98,9 @@ def draw_cpu(axes: Axes, results: Results, found: Slopes, codec: str) -> None:
     axes.legend(fontsize=8)
 
 
-def draw_network(axes: Axes, results: Results, codec: str) -> None:
+def draw_network(axes: Axes, run: Run[Config], codec: str) -> None:
     """Draw what the consumer's interface receives over subscribers, with the paper's lines."""
-    _draw_modes(axes, results, codec, "rx_mbit_s")
+    _draw_modes(axes, run, codec, "rx_mbit_s")
     if codec == "h264":
         counts = np.array(axes.get_xticks())
         axes.plot(
