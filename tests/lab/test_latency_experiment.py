@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import replace
 
 import numpy as np
 import psutil
 import pytest
 
-from sfglab.lab.experiments import latency
-from sfglab.lab.experiments.latency.analysis import added, first_mean, first_ratio, glass_median, idle_cost
-from sfglab.lab.experiments.latency.config import PATHS, Config
-from sfglab.lab.experiments.latency.rows import IdleRow, LookRow, ShotRow, SightRow
-from sfglab.lab.experiments.latency.run import looks_of
-from sfglab.lab.experiments.profiles import ConfigError
+from sfglab.fields import to_json
+from sfglab.lab.bench import Options
+from sfglab.lab.experiments.latency import checks, exp
+from sfglab.lab.experiments.latency.analysis import (
+    added,
+    first_mean,
+    first_ratio,
+    glass_median,
+    idle_cost,
+    sights,
+)
+from sfglab.lab.experiments.latency.experiment import IdleRow, LookRow, ShotRow, SightRow, looks_of
+from sfglab.lab.experiments.latency.stage import PATHS
 from sfglab.record import LogWriter
 
 MS = 10**6
@@ -42,11 +48,11 @@ def look_row(look: int, repeat: int, path: str, ordered_ns: int) -> LookRow:
 
 
 @pytest.fixture
-def made_log(tmp_path):
+def made(tmp_path):
     """A log as a run writes it, with known delays, and a slow beginning of every look."""
     path = tmp_path / "made.mcap"
     with LogWriter(path) as log:
-        log.write_metadata("config", {"experiment": "latency", "skipped": 3})
+        log.write_metadata("config", {"experiment": "latency", **to_json(exp.config())})
         log.write_metadata("hosts", {"description": "made", "separate": True})
         log.write_metadata("stream", {"encoder": "none", "gop_s": 1.0})
         for label in ("camera", "keeper", "router"):
@@ -70,43 +76,41 @@ def made_log(tmp_path):
         stray = SightRow(look=REPEATS * len(PATHS), number=STRANGER, seen_ns=1)
         log.write_row("sight", stray, log_time_ns=1)
         log.write_row("look", look_row(stray.look, REPEATS, "agent", 0), log_time_ns=1)
-    return path
+    return exp.load(path)
 
 
-def test_what_a_path_adds_is_found_between_looks_of_one_repetition(made_log):
-    results = latency.load_results(made_log)
-    assert glass_median(results, "standard").value == pytest.approx(8 + 1.5)
-    assert added(results, "decoder").value == pytest.approx(1)
-    assert added(results, "agent").value == pytest.approx(3)
-    assert "on_demand" not in set(results.sights["path"])
+def test_what_a_path_adds_is_found_between_looks_of_one_repetition(made):
+    assert glass_median(made, "standard").value == pytest.approx(8 + 1.5)
+    assert added(made, "decoder").value == pytest.approx(1)
+    assert added(made, "agent").value == pytest.approx(3)
+    assert "on_demand" not in set(sights(made)["path"])
 
 
-def test_times_to_the_first_picture_are_compared_by_their_means(made_log):
-    results = latency.load_results(made_log)
-    assert first_mean(results, "standard").value == pytest.approx(515)
-    assert first_ratio(results, "agent").value == pytest.approx(90 / 515)
-    assert first_ratio(results, "on_demand").value == pytest.approx(1015 / 515)
-    assert idle_cost(results, "keeper") == pytest.approx(1.5)
+def test_times_to_the_first_picture_are_compared_by_their_means(made):
+    assert first_mean(made, "standard").value == pytest.approx(515)
+    assert first_ratio(made, "agent").value == pytest.approx(90 / 515)
+    assert first_ratio(made, "on_demand").value == pytest.approx(1015 / 515)
+    assert idle_cost(made, "keeper") == pytest.approx(1.5)
 
 
-def test_a_picture_that_the_camera_did_not_send_is_noticed(made_log):
-    checks = latency.checks(latency.load_results(made_log)).set_index("path")
-    assert checks["unknown"].to_dict() == {"standard": 0, "decoder": 0, "agent": 1, "on_demand": 0}
-    assert checks.loc["standard", "oldest_ms"] == pytest.approx(8 + 3 + 100)
+def test_a_picture_that_the_camera_did_not_send_is_noticed(made):
+    table = checks(made).set_index("path")
+    assert table["unknown"].to_dict() == {"standard": 0, "decoder": 0, "agent": 1, "on_demand": 0}
+    assert table.loc["standard", "oldest_ms"] == pytest.approx(8 + 3 + 100)
 
 
-def test_claims_and_figure_come_from_the_log_alone(made_log):
-    claims = latency.measure_claims(made_log)
+def test_claims_and_figure_come_from_the_log_alone(made):
+    claims = exp.measure(made)
     assert claims["A-G2G"].estimate.value == pytest.approx(1)
     assert claims["A-FIRST"].estimate.value == pytest.approx(90 / 515)
-    ((name, (figure, shown)),) = latency.figures(made_log).items()
-    assert name == latency.NAME == "latency"
+    ((name, (figure, shown)),) = exp.figures(made).items()
+    assert name == "latency"
     assert len(figure.axes) == 2
     assert shown["first_ratio_agent"]["value"] == pytest.approx(90 / 515)
 
 
 def test_every_repetition_asks_all_paths_at_one_phase_and_phases_cover_the_group():
-    config = replace(Config.of_profile("quick"), repeats=10)
+    config = exp.config(repeats=10)
     looks = looks_of(config, rng=np.random.default_rng(1))
     assert len(looks) == 10 * len(PATHS)
     orders = set()
@@ -119,25 +123,19 @@ def test_every_repetition_asks_all_paths_at_one_phase_and_phases_cover_the_group
     assert sorted({int(10 * look.phase) for look in looks}) == list(range(10))
 
 
-def test_profiles_differ_in_length_only():
-    with pytest.raises(ConfigError, match="allowed are smoke, quick, paper"):
-        Config.of_profile("fast")
-    config = Config.of_profile("paper", source="drive.mp4", seed=4)
-    assert (config.repeats, config.source, config.seed) == (120, "drive.mp4", 4)
-
-
 @pytest.mark.live
 @pytest.mark.slow
 def test_a_short_live_run_shows_present_pictures_and_leaves_nothing(tmp_path):
     before = {p.pid for p in psutil.Process().children(recursive=True)}
-    config = replace(Config.of_profile("smoke"), repeats=1, encoder="libx264", idle_s=0.5, skipped=0)
-    results = latency.load_results(asyncio.run(latency.run(config, tmp_path / "run.mcap", separate=False)))
-    assert results.hosts["separate"] is False
-    checks = latency.checks(results).set_index("path")
-    assert set(checks.index) == set(PATHS)
-    assert (checks[["unreadable", "disordered", "broken", "unknown"]] == 0).all(axis=None)
-    assert (checks["pictures"] > 0).all()
-    assert (checks.loc[["decoder", "agent"], "replay_packets"] > 0).all(), "keepers were asked"
-    assert (checks.loc[["standard", "on_demand"], "replay_packets"] == 0).all()
-    assert (results.sights["glass_ms"] > 0).all()
+    short = {"repeats": 1, "encoder": "libx264", "idle_s": 0.5, "skipped": 0}
+    options = Options(separate=False)
+    run = asyncio.run(exp.run("smoke", path=tmp_path / "run.mcap", options=options, **short))
+    assert run.metadata("hosts")["separate"] is False
+    table = checks(run).set_index("path")
+    assert set(table.index) == set(PATHS)
+    assert (table[["unreadable", "disordered", "broken", "unknown"]] == 0).all(axis=None)
+    assert (table["pictures"] > 0).all()
+    assert (table.loc[["decoder", "agent"], "replay_packets"] > 0).all(), "keepers were asked"
+    assert (table.loc[["standard", "on_demand"], "replay_packets"] == 0).all()
+    assert (sights(run)["glass_ms"] > 0).all()
     assert {p.pid for p in psutil.Process().children(recursive=True)} <= before

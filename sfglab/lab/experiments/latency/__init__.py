@@ -8,41 +8,8 @@ replay.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from sfglab.lab.experiments.latency import figures
+from sfglab.lab.experiments.latency.analysis import checks
+from sfglab.lab.experiments.latency.experiment import exp
 
-from sfglab.lab.experiments.latency.analysis import checks, load_results, measure_claims
-from sfglab.lab.experiments.latency.config import Config
-from sfglab.lab.experiments.latency.figure import figure_10
-from sfglab.lab.experiments.latency.run import run
-from sfglab.lab.experiments.profiles import ConfigError
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from matplotlib.figure import Figure
-
-__all__ = [
-    "NAME",
-    "Config",
-    "ConfigError",
-    "checks",
-    "figure_10",
-    "figures",
-    "load_results",
-    "measure_claims",
-    "run",
-]
-
-NAME = "latency"
-
-
-def figures(log: Path) -> dict[str, tuple[Figure, dict[str, Any]]]:
-    """Draw every figure of a run.
-
-    Args:
-        log: The run's log.
-
-    Returns:
-        Figure and the numbers that it shows, by the figure's name.
-    """
-    return {"latency": figure_10(load_results(log))}
+__all__ = ["checks", "exp", "figures"]

@@ -1,24 +1,23 @@
-"""From the log to figures: glass-to-glass and first-picture times by path, and the claims.
+"""Glass-to-glass and first-picture times by path, and the claims.
 
-Everything here is computed from the log alone. A picture is known by the number in its pixels; its capture
-stamp is what the camera's own log says of that number, never what a header says.
+A picture is known by the number in its pixels; its capture stamp is what the camera's own log says of that
+number, never what a header says.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.lab.claims import How, Measured
-from sfglab.lab.experiments.latency.config import GLASS_PATHS
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.latency.experiment import GLASS_PATHS, Config, exp
+from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import Estimate, bootstrap, median_of
-from sfglab.record import LogReader
+from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     import pandas as pd
     from numpy.typing import NDArray
@@ -26,108 +25,84 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Results:
-    """The tables of one run."""
+@derived
+def looks(run: Run[Config]) -> pd.DataFrame:
+    """Return one line a look: its row, and two times in milliseconds.
 
-    #: One line a look: its row, ``first_ms`` from the order to the first picture in hand, and ``first_age_ms``
-    #: from that picture's capture; NaN for a picture that the camera did not send.
-    looks: pd.DataFrame
-    #: One line a picture in a steady look: look, repeat, path, number, ``glass_ms`` from its capture.
-    sights: pd.DataFrame
-    idle: pd.DataFrame  #: What the edge paid while nobody looked.
-    config: dict[str, Any]  #: The run's configuration.
-    hosts: dict[str, Any]  #: What the hosts were.
-    stream: dict[str, Any]  #: What the stream was.
-
-
-def load_results(log: Path) -> Results:
-    """Read a run's tables.
-
-    Args:
-        log: The log.
+    ``first_ms`` from the order to the first picture in hand, and ``first_age_ms`` from that picture's capture;
+    NaN for a picture that the camera did not send.
     """
-    with LogReader(log) as reader:
-        config = reader.metadata("config")
-        looks = reader.table("look").drop(columns="log_time_ns")
-        looks["first_ms"] = (looks["first_ns"] - looks["ordered_ns"]) / 1e6
-        camera = reader.table("camera")[["number", "stamp_ns"]]
-        sights = reader.table("sight").drop(columns="log_time_ns")
-        return Results(
-            looks=_with_ages(looks, sights, camera),
-            sights=_steady(sights, looks, camera, skipped=int(config["skipped"])),
-            idle=reader.table("idle").drop(columns="log_time_ns"),
-            config=config,
-            hosts=reader.metadata("hosts"),
-            stream=reader.metadata("stream"),
-        )
+    table = run["look"]
+    table = table.assign(first_ms=(table["first_ns"] - table["ordered_ns"]) / NS_PER_MS)
+    first = run["sight"].drop_duplicates("look").merge(run["camera"][["number", "stamp_ns"]], on="number")
+    first = first.assign(first_age_ms=(first["seen_ns"] - first["stamp_ns"]) / NS_PER_MS)
+    return table.merge(first[["look", "first_age_ms"]], on="look", how="left")
 
 
-def _with_ages(looks: pd.DataFrame, sights: pd.DataFrame, camera: pd.DataFrame) -> pd.DataFrame:
-    first = sights.drop_duplicates("look").merge(camera, on="number")
-    first = first.assign(first_age_ms=(first["seen_ns"] - first["stamp_ns"]) / 1e6)
-    return looks.merge(first[["look", "first_age_ms"]], on="look", how="left")
+@derived
+def sights(run: Run[Config]) -> pd.DataFrame:
+    """Return one line a picture in a steady look, those at its beginning left out.
+
+    Look, repeat, path, number, and ``glass_ms`` from its capture.
+    """
+    seen = run["sight"]
+    steady = seen[seen.groupby("look").cumcount() >= run.config.skipped]
+    steady = steady.merge(run["look"][["look", "repeat", "path"]], on="look")
+    steady = steady[steady["path"].isin(GLASS_PATHS)].merge(run["camera"][["number", "stamp_ns"]], on="number")
+    return steady.assign(glass_ms=(steady["seen_ns"] - steady["stamp_ns"]) / NS_PER_MS)
 
 
-def _steady(sights: pd.DataFrame, looks: pd.DataFrame, camera: pd.DataFrame, *, skipped: int) -> pd.DataFrame:
-    """Return the pictures of steady looks with their age, those at the beginning left out."""
-    order = sights.groupby("look").cumcount()
-    steady = sights[order >= skipped].merge(looks[["look", "repeat", "path"]], on="look")
-    steady = steady[steady["path"].isin(GLASS_PATHS)].merge(camera, on="number")
-    return steady.assign(glass_ms=(steady["seen_ns"] - steady["stamp_ns"]) / 1e6)
-
-
-def glass_median(results: Results, path: str) -> Estimate:
+def glass_median(run: Run[Config], path: str) -> Estimate:
     """Return the median time from capture to the viewer's hands, over the medians of looks.
 
     Args:
-        results: The run.
+        run: The run.
         path: One of `GLASS_PATHS`.
     """
-    return median_of(look_medians(results)[path].dropna().to_numpy(), unit="ms")
+    return median_of(look_medians(run)[path].dropna().to_numpy(), unit="ms")
 
 
-def added(results: Results, path: str) -> Estimate:
+def added(run: Run[Config], path: str) -> Estimate:
     """Return what a path adds to the standard one: the median difference between looks of one repetition.
 
     Args:
-        results: The run.
+        run: The run.
         path: ``decoder`` or ``agent``.
     """
-    medians = look_medians(results)
+    medians = look_medians(run)
     return median_of((medians[path] - medians["standard"]).dropna().to_numpy(), unit="ms added")
 
 
-def look_medians(results: Results) -> pd.DataFrame:
+def look_medians(run: Run[Config]) -> pd.DataFrame:
     """Return the median glass-to-glass time of each look, a line a repetition and a column a path."""
-    return results.sights.pivot_table(index="repeat", columns="path", values="glass_ms", aggfunc="median")
+    return sights(run).pivot_table(index="repeat", columns="path", values="glass_ms", aggfunc="median")
 
 
-def _firsts(results: Results) -> pd.DataFrame:
+def _firsts(run: Run[Config]) -> pd.DataFrame:
     """Return the time to the first picture, a line a repetition and a column a path."""
-    return results.looks.pivot_table(index="repeat", columns="path", values="first_ms").dropna()
+    return looks(run).pivot_table(index="repeat", columns="path", values="first_ms").dropna()
 
 
-def first_mean(results: Results, path: str) -> Estimate:
+def first_mean(run: Run[Config], path: str) -> Estimate:
     """Return the mean time from the order to subscribe to the first picture in hand.
 
     Args:
-        results: The run.
+        run: The run.
         path: One of `PATHS`.
     """
-    return bootstrap([_firsts(results)[path].to_numpy()], lambda g: float(np.mean(g[0])), unit="ms")
+    return bootstrap([_firsts(run)[path].to_numpy()], lambda g: float(np.mean(g[0])), unit="ms")
 
 
-def first_ratio(results: Results, path: str) -> Estimate:
+def first_ratio(run: Run[Config], path: str) -> Estimate:
     """Return how a path's mean time to the first picture compares with the standard one's.
 
     The paths of one repetition were asked at one phase of the group of pictures, so repetitions are resampled.
 
     Args:
-        results: The run.
+        run: The run.
         path: One of `PATHS`.
     """
-    pairs = _firsts(results)[[path, "standard"]].to_numpy()
+    pairs = _firsts(run)[[path, "standard"]].to_numpy()
 
     def ratio(groups: Sequence[Floats]) -> float:
         mean, standard = groups[0].mean(axis=0)
@@ -136,58 +111,62 @@ def first_ratio(results: Results, path: str) -> Estimate:
     return bootstrap([pairs], ratio, unit="times standard")
 
 
-def idle_cost(results: Results, label: str) -> float:
+def idle_cost(run: Run[Config], label: str) -> float:
     """Return what a process at the edge takes while nobody looks, in per cent of one core."""
-    return float(results.idle.loc[results.idle["label"] == label, "cpu_percent"].mean())
+    return float(run["idle"].loc[run["idle"]["label"] == label, "cpu_percent"].mean())
 
 
-def checks(results: Results) -> pd.DataFrame:
+def checks(run: Run[Config]) -> pd.DataFrame:
     """Return, per path, what proves that the viewer saw the right pictures, and present ones at first.
 
     ``unknown`` counts first pictures that the camera did not send, ``oldest_ms`` is the largest age of a first
     picture.
     """
-    looks = results.looks.groupby("path", sort=False)
+    by_path = looks(run).groupby("path", sort=False)
     sums = ["pictures", "unreadable", "missed", "disordered", "broken", "replay_packets", "replay_bytes"]
-    table = looks[sums].sum()
-    table["looks"] = looks.size()
-    table["unknown"] = table["looks"] - looks["first_age_ms"].count()
-    table["oldest_ms"] = looks["first_age_ms"].max()
+    table = by_path[sums].sum()
+    table["looks"] = by_path.size()
+    table["unknown"] = table["looks"] - by_path["first_age_ms"].count()
+    table["oldest_ms"] = by_path["first_age_ms"].max()
     return table.reset_index()
 
 
-def measure_claims(log: Path) -> dict[str, Measured]:
-    """Return our figures for the claims that this experiment answers, by claim id."""
-    results = load_results(log)
-    hosts = {"hosts": str(results.hosts["description"]), "encoder": str(results.stream["encoder"])}
-    return {"A-G2G": _glass_claim(results, hosts), "A-FIRST": _first_claim(results, hosts)}
+def _hosts(run: Run[Config]) -> dict[str, str]:
+    return {
+        "hosts": str(run.metadata("hosts")["description"]),
+        "encoder": str(run.metadata("stream")["encoder"]),
+    }
 
 
-def _glass_claim(results: Results, hosts: dict[str, str]) -> Measured:
+@exp.claim("A-G2G", how=How.LIVE)
+def glass_to_glass(run: Run[Config]) -> Finding:
+    """Return what the decoder adds from capture to the viewer's hands."""
     details = {
-        **hosts,
-        "standard": str(glass_median(results, "standard")),
-        "through the decoder": str(glass_median(results, "decoder")),
-        "through routers and decoder": str(added(results, "agent")),
-        "pictures": str(len(results.sights)),
+        **_hosts(run),
+        "standard": str(glass_median(run, "standard")),
+        "through the decoder": str(glass_median(run, "decoder")),
+        "through routers and decoder": str(added(run, "agent")),
+        "pictures": str(len(sights(run))),
         "what is measured": "capture stamp to decoded pixels in the viewer's hands; no lens, no display",
     }
-    return Measured(estimate=added(results, "decoder"), how=How.LIVE, details=details)
+    return Finding(estimate=added(run, "decoder"), details=details)
 
 
-def _first_claim(results: Results, hosts: dict[str, str]) -> Measured:
-    air = results.idle["tx_mbit_s"].mean()
-    agent = results.looks[results.looks["path"] == "agent"]
+@exp.claim("A-FIRST", how=How.LIVE)
+def first_picture(run: Run[Config]) -> Finding:
+    """Return how the time to the first picture compares with standard, with spare and replay."""
+    air = run["idle"]["tx_mbit_s"].mean()
+    agent = looks(run)[looks(run)["path"] == "agent"]
     details = {
-        **hosts,
-        "standard": str(first_mean(results, "standard")),
-        "on demand, the paper's way": str(first_mean(results, "on_demand")),
-        "on demand, times standard": str(first_ratio(results, "on_demand")),
-        "with replay, through routers": str(first_mean(results, "agent")),
-        "with replay, decoder in the global domain": str(first_mean(results, "decoder")),
+        **_hosts(run),
+        "standard": str(first_mean(run, "standard")),
+        "on demand, the paper's way": str(first_mean(run, "on_demand")),
+        "on demand, times standard": str(first_ratio(run, "on_demand")),
+        "with replay, through routers": str(first_mean(run, "agent")),
+        "with replay, decoder in the global domain": str(first_mean(run, "decoder")),
         "packets replayed": f"{agent['replay_packets'].mean():.1f} on average",
-        "keeper, nobody looking": f"{idle_cost(results, 'keeper'):.2f} % of one core",
+        "keeper, nobody looking": f"{idle_cost(run, 'keeper'):.2f} % of one core",
         "sent by the edge, nobody looking": f"{air:.3f} Mbit/s",
-        "subscriptions a path": str(len(_firsts(results))),
+        "subscriptions a path": str(len(_firsts(run))),
     }
-    return Measured(estimate=first_ratio(results, "agent"), how=How.LIVE, details=details)
+    return Finding(estimate=first_ratio(run, "agent"), details=details)

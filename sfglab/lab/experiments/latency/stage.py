@@ -16,31 +16,32 @@ processes; refuses to know what is measured.
 from __future__ import annotations
 
 import asyncio
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import argument_of
 from sfglab.fleet.decoder.node import DecoderConfig
 from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.fleet.gop_cache import KeeperConfig
 from sfglab.fleet.router.node import RouterConfig
 from sfglab.lab.hosts.host import interface_bytes
-from sfglab.lab.staging import Staged
 from sfglab.lab.workers.camera import CameraConfig
 from sfglab.lab.workers.viewer import ViewerConfig
 from sfglab.names import Component, Resource, RosFqnBuilder, Scope, Stream
-from sfglab.processes import LineProcess, ProcessFailedError
+from sfglab.processes import LineProcess, Member, ProcessFailedError, ProcessGroup
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from sfglab.lab.experiments.latency.config import Config
+    from typing import Self
+
+    from sfglab.component import Report
     from sfglab.lab.testbed import Testbed
 
+PATHS = ("standard", "decoder", "agent", "on_demand")
+"""The ways from camera to viewer."""
 
 GLOBAL_DOMAIN, EDGE_DOMAIN, CONSUMER_DOMAIN = 0, 41, 42
-START_S = 60.0
 FIRST_PICTURE_S = 15.0
 LINGER_S = 0.1
 
@@ -54,68 +55,77 @@ def stream_topic(path: str) -> str:
     return str(builder.stream(Stream.COLOR).resource(Resource.FFMPEG).build())
 
 
-class Running(Staged):
+def _member(name: str, host: str, module: str, config: Any, *, ready: str = "ready") -> Member:
+    return Member(name=name, host=host, module=module, config=config, ready=ready)
+
+
+class Running:
     """The experiment's processes; an async context manager that ends them.
 
     Args:
-        config: The experiment.
+        config: The experiment's configuration.
         testbed: Hosts.
 
     Attributes:
-        encoder: The encoder that the camera opened.
         gop_s: Time from key frame to key frame, seconds.
         sent: Number, stamp and size of every frame that the camera has reported.
         replays: Packets and bytes of every burst that a keeper has reported.
     """
 
-    def __init__(self, config: Config, testbed: Testbed) -> None:
-        super().__init__()
-        self._config = config
-        self._testbed = testbed
-        self._processes: dict[str, LineProcess] = {}
+    def __init__(self, config: Any, testbed: Testbed) -> None:
+        self._config, self._testbed = config, testbed
         self._open_paths: dict[str, int] = {}
-        self.encoder = ""
-        self.gop_s = 0.0
-        self._gop = 0
+        self._camera = self._camera_config()
+        self.gop_s = self._camera.gop / self._camera.fps
         self.sent: list[tuple[int, int, int]] = []
         self.replays: list[tuple[int, int]] = []
+        self._group = ProcessGroup(testbed.argv, self._members(), on_report=self._note)
 
-    async def _start(self) -> None:
-        for name, (host, module, config) in self._modules().items():
-            await self._launch(name, host, [sys.executable, "-m", module, config])
-        for name, process in self._processes.items():
-            ready = await process.expect("running" if name == "camera" else "ready", timeout_s=START_S)
-            self.encoder = ready.get("encoder", self.encoder)
-        await self._processes["camera"].expect("sent", timeout_s=START_S)
+    async def __aenter__(self) -> Self:
+        await self._group.__aenter__()
+        try:
+            await self._group["camera"].expect("sent", timeout_s=FIRST_PICTURE_S)
+            for path in ("decoder", "agent", "on_demand"):
+                await self._warm(self._group[path])
+        except BaseException:
+            await self._group.close()
+            raise
+        return self
 
-    def _modules(self) -> dict[str, tuple[str, str, str]]:
-        """Return host, module and configuration of every process."""
-        keeper, keeper_0 = (
-            self._keeper(self._own("edge"), "agent"),
-            self._keeper(self._shared("edge"), "decoder"),
-        )
-        return {
-            "camera": ("edge", "sfglab.lab.workers.camera", argument_of(self._camera())),
-            "keeper": ("edge", "sfglab.fleet.gop_cache", argument_of(keeper)),
-            "keeper 0": ("edge", "sfglab.fleet.gop_cache", argument_of(keeper_0)),
-            "router": ("edge", "sfglab.fleet.router.node", argument_of(self._router("edge"))),
-            "router 2": ("consumer", "sfglab.fleet.router.node", argument_of(self._router("consumer"))),
-            "viewer": ("consumer", "sfglab.lab.workers.viewer", argument_of(self._viewer())),
-            **{
-                path: ("consumer", "sfglab.fleet.decoder.node", argument_of(self._decoder(path)))
+    async def __aexit__(self, *_: object) -> None:
+        await self._group.close()
+
+    @property
+    def encoder(self) -> str:
+        """The encoder that the camera opened."""
+        return str(self._group["camera"].readiness["encoder"])
+
+    def _members(self) -> list[Member]:
+        keepers = {"keeper": (self._own("edge"), "agent"), "keeper 0": (self._shared("edge"), "decoder")}
+        routers = {"router": "edge", "router 2": "consumer"}
+        return [
+            _member("camera", "edge", "sfglab.lab.workers.camera", self._camera, ready="running"),
+            *(
+                _member(
+                    name,
+                    "edge",
+                    "sfglab.fleet.gop_cache",
+                    KeeperConfig(address=where, streams=(stream_topic(path),)),
+                )
+                for name, (where, path) in keepers.items()
+            ),
+            *(
+                _member(name, host, "sfglab.fleet.router.node", self._router(host))
+                for name, host in routers.items()
+            ),
+            _member("viewer", "consumer", "sfglab.lab.workers.viewer", self._viewer()),
+            *(
+                _member(path, "consumer", "sfglab.fleet.decoder.node", self._decoder(path))
                 for path in ("decoder", "agent", "on_demand")
-            },
-        }
+            ),
+        ]
 
-    async def _launch(self, name: str, host: str, command: list[str]) -> None:
-        def note(report: dict[str, Any]) -> None:
-            self._note(name, report)
-
-        process = await LineProcess.start(name, self._testbed.argv(host, command), on_report=note)
-        self._stack.push_async_callback(process.close)
-        self._processes[name] = process
-
-    def _note(self, name: str, report: dict[str, Any]) -> None:
+    def _note(self, name: str, report: Report) -> None:
         if report["is"] == "sent":
             self.sent += [(n, s, b) for n, s, b in report["frames"]]
         elif report["is"] == "replayed":
@@ -137,8 +147,8 @@ class Running(Staged):
             multicast=self._config.multicast,
         )
 
-    def _camera(self) -> CameraConfig:
-        camera = CameraConfig(
+    def _camera_config(self) -> CameraConfig:
+        return CameraConfig(
             places=(
                 (self._shared("edge"), stream_topic("standard")),
                 (self._own("edge"), stream_topic("agent")),
@@ -148,12 +158,6 @@ class Running(Staged):
             seed=self._config.seed,
             encoder=self._config.encoder,
         )
-        self._gop = camera.gop
-        self.gop_s = camera.gop / camera.fps
-        return camera
-
-    def _keeper(self, address: BusAddress, path: str) -> KeeperConfig:
-        return KeeperConfig(address=address, streams=(stream_topic(path),))
 
     def _router(self, host: str) -> RouterConfig:
         return RouterConfig(agent=host, local=self._own(host), remote=self._shared(host), linger_s=LINGER_S)
@@ -184,11 +188,11 @@ class Running(Staged):
     @property
     def pids(self) -> dict[str, tuple[int, ...]]:
         """Process ids of what runs at the edge for an agent, by label."""
-        return {name: (self._processes[name].pid,) for name in ("camera", "keeper", "router")}
+        return {name: (self._group[name].pid,) for name in ("camera", "keeper", "router")}
 
     def loopback_bytes(self) -> int:
         """Return what the edge's loopback has carried so far."""
-        table = Path(f"/proc/{self._processes['camera'].pid}/net/dev").read_text(encoding="ascii")
+        table = Path(f"/proc/{self._group['camera'].pid}/net/dev").read_text(encoding="ascii")
         return interface_bytes(table, "lo").rx_bytes
 
     async def wait_for_phase(self, phase: float) -> None:
@@ -197,8 +201,8 @@ class Running(Staged):
         The camera keeps its rate by an absolute schedule, so that any of its frames tells all key frames.
         """
         number, stamp_ns, _ = self.sent[0]
-        gop_ns = self.gop_s * 1e9
-        key_ns = stamp_ns - number * gop_ns / self._gop
+        gop_ns = self.gop_s * NS_PER_S
+        key_ns = stamp_ns - number * gop_ns / self._camera.gop
         now = (time.time_ns() - key_ns) / gop_ns % 1.0
         await asyncio.sleep((phase - now) % 1.0 * self.gop_s)
 
@@ -211,27 +215,22 @@ class Running(Staged):
         mode = "standard" if path == "standard" else "proxy"
         image, _ = routes_of_topic(stream_topic(path))
         topic = image.source_topic if mode == "standard" else image.local_topic
-        self._processes["viewer"].order(do="look", mode=mode, topic=topic)
-        return await self._processes["viewer"].expect("first", timeout_s=FIRST_PICTURE_S)
+        self._group["viewer"].order(do="look", mode=mode, topic=topic)
+        return await self._group["viewer"].expect("first", timeout_s=FIRST_PICTURE_S)
 
     async def stop(self, path: str) -> dict[str, Any]:
         """Let the viewer stop, wait until nothing of the path is left open, and return what it has seen."""
-        self._processes["viewer"].order(do="stop")
-        seen = await self._processes["viewer"].expect("seen", timeout_s=FIRST_PICTURE_S)
+        self._group["viewer"].order(do="stop")
+        seen = await self._group["viewer"].expect("seen", timeout_s=FIRST_PICTURE_S)
         if path != "standard":
-            await self._released(self._processes[path])
+            await self._released(self._group[path])
         await self._closed()
         return seen
-
-    async def settle(self) -> None:
-        """Return when all decoders have said what they had to say, and their spares are warm."""
-        for path in ("decoder", "agent", "on_demand"):
-            await self._warm(self._processes[path])
 
     async def _warm(self, decoder: LineProcess) -> None:
         for _ in range(500):
             decoder.order(do="list")
-            if (await decoder.expect("processes", timeout_s=START_S))["warm"]:
+            if (await decoder.expect("processes", timeout_s=FIRST_PICTURE_S))["warm"]:
                 return
             await asyncio.sleep(0.02)
         raise ProcessFailedError(f"{decoder.name}: its spare pipeline process did not become ready")
@@ -243,8 +242,7 @@ class Running(Staged):
 
     async def _closed(self) -> None:
         for _ in range(round(FIRST_PICTURE_S / 0.01)):
-            for process in self._processes.values():
-                process.check()
+            self._group.check()
             if not any(self._open_paths.values()):
                 return
             await asyncio.sleep(0.01)

@@ -1,4 +1,4 @@
-"""Figure 10 of paper A, redrawn from a log with the paper's values in the same axes."""
+"""Figure 10 of paper A, redrawn with the paper's values in the same axes."""
 
 from __future__ import annotations
 
@@ -7,20 +7,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.lab.experiments.latency.analysis import (
-    Results,
     added,
     first_mean,
     first_ratio,
     glass_median,
     look_medians,
+    looks,
 )
-from sfglab.lab.figures import COLORS, PAPER_STYLE, house_style
+from sfglab.lab.experiments.latency.experiment import Config, exp
+from sfglab.lab.figures import COLORS, PAPER_STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from sfglab.lab.runs import Run
     from sfglab.lab.stats import Estimate
 
 
@@ -46,35 +48,25 @@ BAR_COLORS = {
 }
 
 
-def figure_10(results: Results) -> tuple[Figure, dict[str, Any]]:
-    """Draw glass-to-glass times (left) and times to the first picture (right).
-
-    Args:
-        results: The run.
-
-    Returns:
-        The figure and the numbers that it shows.
-    """
-    from matplotlib.figure import Figure
-
-    with house_style():
-        figure = Figure(figsize=(9.6, 4.2))
-        glass, first = figure.subplots(1, 2)
-        draw_glass(glass, results)
-        draw_first(first, results)
-        ratio, more = first_ratio(results, "agent"), added(results, "decoder")
-        figure.suptitle(
-            f"Latency: the decoder adds {more.value:.1f} ms; with replay the first picture takes "
-            f"{ratio.value:.2f} times standard [{ratio.low:.2f}, {ratio.high:.2f}]"
-        )
-    return figure, _twin(results)
+@exp.figure("latency", size=(9.6, 4.2))
+def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw glass-to-glass times (left) and times to the first picture (right)."""
+    glass, first = figure.subplots(1, 2)
+    draw_glass(glass, run)
+    draw_first(first, run)
+    ratio, more = first_ratio(run, "agent"), added(run, "decoder")
+    figure.suptitle(
+        f"Latency: the decoder adds {more.value:.1f} ms; with replay the first picture takes "
+        f"{ratio.value:.2f} times standard [{ratio.low:.2f}, {ratio.high:.2f}]"
+    )
+    return _twin(run)
 
 
-def draw_glass(axes: Axes, results: Results) -> None:
+def draw_glass(axes: Axes, run: Run[Config]) -> None:
     """Draw the time from capture to the viewer's hands, a dot a look, and the paper's addition."""
-    medians = look_medians(results)
+    medians = look_medians(run)
     groups = {path: medians[path].dropna().to_numpy() for path in GLASS_LABELS}
-    heights = {path: glass_median(results, path).value for path in groups}
+    heights = {path: glass_median(run, path).value for path in groups}
     paper = heights["standard"] + PAPER_ADDED_MS
     _bars(axes, GLASS_LABELS, heights, groups)
     _paper_line(axes, 1, paper, f"paper:\n+{PAPER_ADDED_MS} ms")
@@ -83,10 +75,10 @@ def draw_glass(axes: Axes, results: Results) -> None:
     axes.set_title("glass to glass, without lens and display (paper, with both: 118.3 ms)", fontsize=9)
 
 
-def draw_first(axes: Axes, results: Results) -> None:
+def draw_first(axes: Axes, run: Run[Config]) -> None:
     """Draw the time from the order to subscribe to the first picture, a dot a subscription."""
-    looks = results.looks
-    groups = {path: looks.loc[looks["path"] == path, "first_ms"].to_numpy() for path in FIRST_LABELS}
+    table = looks(run)
+    groups = {path: table.loc[table["path"] == path, "first_ms"].to_numpy() for path in FIRST_LABELS}
     _bars(axes, FIRST_LABELS, {path: float(group.mean()) for path, group in groups.items()}, groups)
     for position, path in enumerate(FIRST_LABELS):
         if path in PAPER_FIRST_MS:
@@ -134,11 +126,11 @@ def _paper_line(axes: Axes, position: int, height: float, text: str) -> None:
     axes.annotate(text, (position + 0.42, height), va="center", fontsize=8)
 
 
-def _twin(results: Results) -> dict[str, Any]:
+def _twin(run: Run[Config]) -> dict[str, Any]:
     shown: dict[str, Estimate] = {
-        **{f"glass_{path}": glass_median(results, path) for path in GLASS_LABELS},
-        **{f"added_{path}": added(results, path) for path in ("decoder", "agent")},
-        **{f"first_{path}": first_mean(results, path) for path in (*FIRST_LABELS, "decoder")},
-        **{f"first_ratio_{path}": first_ratio(results, path) for path in ("on_demand", "agent", "decoder")},
+        **{f"glass_{path}": glass_median(run, path) for path in GLASS_LABELS},
+        **{f"added_{path}": added(run, path) for path in ("decoder", "agent")},
+        **{f"first_{path}": first_mean(run, path) for path in (*FIRST_LABELS, "decoder")},
+        **{f"first_ratio_{path}": first_ratio(run, path) for path in ("on_demand", "agent", "decoder")},
     }
     return {name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit} for name, e in shown.items()}

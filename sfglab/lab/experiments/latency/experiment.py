@@ -1,0 +1,214 @@
+"""What is run: looks at all paths, interleaved, at phases drawn over the group of pictures."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.lab.experiment import Actor, Experiment, Link, Setup
+from sfglab.lab.experiments.latency.stage import PATHS, Running
+from sfglab.lab.meters import measure
+from sfglab.units import BITS_PER_BYTE, BITS_PER_MBIT
+
+if TYPE_CHECKING:
+    from sfglab.lab.bench import Bench
+
+GLASS_PATHS = ("standard", "decoder", "agent")
+"""Those whose steady state is measured as well; the fourth differs from the third in its beginning only."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """The whole run."""
+
+    profile: str = "quick"  #: Name of the profile it came from.
+    repeats: int = 20  #: How often every path is subscribed to.
+    look_s: float = 0.5  #: How long the viewer looks on after its first picture, seconds.
+    skipped: int = 3  #: Pictures at the beginning of a look that do not count for glass-to-glass.
+    idle_s: float = 3.0  #: How long the idle load is measured, seconds.
+    source: str = "photos"  #: Where frames come from, as `open_source` takes it.
+    encoder: str = "auto"  #: H.264 encoder by FFmpeg's name, or ``auto``.
+    #: How far DDS uses multicast between hosts: ``spdp`` (discovery only, as Cyclone DDS does on Wi-Fi, the
+    #: paper's network) or ``default`` (data too, on a wired link).
+    multicast: str = "spdp"
+    seed: int = 0  #: Seed of the frames' path, the phases and the order of paths.
+
+
+exp = Experiment(
+    "latency",
+    Config,
+    where="A 5.4",
+    smoke={"repeats": 2, "look_s": 0.4, "idle_s": 1.0},
+    paper={"repeats": 120, "look_s": 1.0, "idle_s": 30.0},
+    hosts=("edge", "consumer"),
+    setup=Setup(
+        actors=(
+            Actor("camera", "edge", "encodes once, publishes on three topics"),
+            Actor("keeper", "edge", "keeps the last group of pictures", count="2: own domain, global domain"),
+            Actor("router", "edge", "own domain to the global one"),
+            Actor("router 2", "consumer", "global domain to the own one"),
+            Actor("decoder", "consumer", "decodes once", count="3: decoder, agent, on_demand"),
+            Actor("viewer", "consumer", "looks along one path at a time"),
+        ),
+        links=(
+            Link("camera", "viewer", "compressed (standard)", boundary="network"),
+            Link("camera", "decoder", "compressed (decoder)", boundary="network"),
+            Link("camera", "keeper", "compressed"),
+            Link("keeper", "decoder", "replay (decoder)", boundary="network"),
+            Link("camera", "router", "compressed (agent, on_demand)"),
+            Link("keeper", "router", "replay (agent)"),
+            Link("router", "router 2", "compressed, replay", boundary="network"),
+            Link("router 2", "decoder", "compressed, replay"),
+            Link("decoder", "viewer", "pictures", over="shared memory"),
+        ),
+    ),
+)
+
+
+@exp.table("look")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LookRow:
+    """One subscription: from the order to subscribe to the order to stop."""
+
+    look: int  #: Counter from 0.
+    repeat: int  #: Which repetition.
+    path: str  #: One of `PATHS`.
+    phase: float  #: When the order was to be given, as a share of the group of pictures, 0 at its key frame.
+    ordered_ns: int  #: When the viewer had the order to subscribe (Unix time).
+    first_ns: int  #: When it had its first picture in hand (Unix time).
+    pictures: int  #: Pictures it saw.
+    unreadable: int  #: Pictures whose visible number could not be read.
+    missed: int  #: Numbers skipped between two pictures.
+    disordered: int  #: Pictures that were not newer than the one before.
+    broken: int  #: Messages that the viewer could not decode.
+    replay_packets: int  #: Packets in the keepers' bursts for this look; 0 without a replay.
+    replay_bytes: int  #: Their size.
+
+
+@exp.table("sight")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SightRow:
+    """A picture in the viewer's hands."""
+
+    look: int  #: The look.
+    number: int  #: Read from its pixels.
+    seen_ns: int  #: When it was in hand (Unix time).
+
+
+@exp.table("camera")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShotRow:
+    """A frame that the camera sent."""
+
+    number: int  #: Drawn into its pixels.
+    stamp_ns: int  #: Capture stamp (Unix time).
+    size_bytes: int  #: Compressed size.
+
+
+@exp.table("idle")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdleRow:
+    """What something costs on the camera's host while nobody looks, in one window."""
+
+    label: str  #: ``camera``, ``keeper`` or ``router``; ``keeper`` is the one in the agent's own domain.
+    cpu_percent: float  #: CPU of its process, per cent of one core.
+    tx_mbit_s: float  #: Sent at the host's interface by everybody, Mbit/s.
+    loopback_mbit_s: float  #: Carried by the host's loopback for everybody, Mbit/s.
+    window_s: float  #: Length of the window, seconds.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """One subscription to be made."""
+
+    repeat: int  #: Which repetition.
+    path: str  #: One of `PATHS`.
+    phase: float  #: When in the group of pictures, 0 to 1.
+
+
+def looks_of(config: Config, *, rng: np.random.Generator) -> list[Look]:
+    """Return all looks in the order in which they are made.
+
+    Every repetition subscribes to all paths in random order at one phase of the group of pictures; the phases
+    are drawn from equal shares of the group (stratified), so that there is little chance in the mean wait for a
+    key frame.
+    """
+    shares = (rng.permutation(config.repeats) + rng.uniform(size=config.repeats)) / config.repeats
+    return [
+        Look(repeat=repeat, path=str(path), phase=float(phase))
+        for repeat, phase in enumerate(shares)
+        for path in rng.permutation(PATHS)
+    ]
+
+
+@exp.part("looks", total=lambda config: config.repeats * len(PATHS))
+async def measure_looks(bench: Bench[Config]) -> None:
+    """Measure the idle load, then all looks."""
+    looks = looks_of(bench.config, rng=np.random.default_rng(bench.config.seed))
+    async with Running(bench.config, bench.testbed) as running:
+        bench.metadata("stream", {"encoder": running.encoder, "gop_s": running.gop_s})
+        for path in PATHS:
+            # Unmeasured: what only the first time of a process costs is not asked here.
+            await running.look(path)
+            await running.stop(path)
+        await _measure_idle(running, bench)
+        for number, look in enumerate(looks):
+            await _measure_look(number, look, running, bench)
+            bench.advance(look.path)
+    for number, stamp_ns, size_bytes in running.sent:
+        row = {"number": number, "stamp_ns": stamp_ns, "size_bytes": size_bytes}
+        bench.write("camera", row, at_ns=stamp_ns)
+
+
+async def _measure_idle(running: Running, bench: Bench[Config]) -> None:
+    """Measure what the edge pays while nobody looks."""
+    before, started = running.loopback_bytes(), time.monotonic()
+    readings = await measure(
+        bench.config.idle_s,
+        bench.config.idle_s,
+        cpu=running.pids,
+        interfaces=dict.fromkeys(running.pids, bench.testbed.meter("edge")),
+        clock_ns=time.time_ns,
+    )
+    carried_bps = (running.loopback_bytes() - before) * BITS_PER_BYTE / (time.monotonic() - started)
+    for reading in readings:
+        assert reading.cpu_percent is not None, "every label has a process"
+        assert reading.tx_bps is not None, "every label has an interface"
+        row = {
+            "label": reading.label,
+            "cpu_percent": reading.cpu_percent,
+            "tx_mbit_s": reading.tx_bps / BITS_PER_MBIT,
+            "loopback_mbit_s": carried_bps / BITS_PER_MBIT,
+            "window_s": reading.window_s,
+        }
+        bench.write("idle", row, at_ns=reading.t_ns)
+
+
+async def _measure_look(number: int, look: Look, running: Running, bench: Bench[Config]) -> None:
+    await running.wait_for_phase(look.phase)
+    running.replays.clear()
+    first = await running.look(look.path)
+    if look.path in GLASS_PATHS:
+        await asyncio.sleep(bench.config.look_s)
+    seen = await running.stop(look.path)
+    now_ns = time.time_ns()
+    for picture, seen_ns in seen["sightings"]:
+        bench.write("sight", {"look": number, "number": picture, "seen_ns": seen_ns}, at_ns=seen_ns)
+    row: dict[str, Any] = {
+        "look": number,
+        "repeat": look.repeat,
+        "path": look.path,
+        "phase": look.phase,
+        "ordered_ns": first["ordered_ns"],
+        "first_ns": first["seen_ns"],
+        "pictures": seen["frames"],
+        **{name: seen[name] for name in ("unreadable", "missed", "disordered", "broken")},
+        "replay_packets": sum(packets for packets, _ in running.replays),
+        "replay_bytes": sum(size for _, size in running.replays),
+    }
+    # Last, so that a look that is in the log is complete.
+    bench.write("look", row, at_ns=now_ns)
