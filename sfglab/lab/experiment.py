@@ -132,7 +132,7 @@ class Experiment(Generic[C]):
         where: Paper and section.
         smoke: Fields that the profile ``smoke`` changes.
         paper: Fields that the profile ``paper`` changes.
-        hosts: Names of test hosts that the run is on; empty: none.
+        hosts: Names of test hosts that the run is on, or a function of the configuration; empty: none.
         setup: What runs and who sends what to whom.
     """
 
@@ -144,11 +144,11 @@ class Experiment(Generic[C]):
         where: str,
         smoke: Mapping[str, Any],
         paper: Mapping[str, Any],
-        hosts: Sequence[str] = (),
+        hosts: Sequence[str] | Callable[[C], Sequence[str]] = (),
         setup: Setup | None = None,
     ) -> None:
         self.name, self.where, self.config_class = name, where, config
-        self.hosts, self.setup = tuple(hosts), setup or Setup()
+        self._hosts, self.setup = hosts, setup or Setup()
         self._profiles: dict[str, Mapping[str, Any]] = {SMOKE: smoke, QUICK: {}, PAPER: paper}
         self.tables: dict[str, type[Any]] = {}
         self._sweeps: list[_Sweep] = []
@@ -366,7 +366,8 @@ class Experiment(Generic[C]):
         self, config: C, path: Path, rows: Mapping[str, list[Any]], options: Options, done: Mapping[str, Any]
     ) -> None:
         with ExitStack() as stack:
-            hosts = stack.enter_context(Testbed(*self.hosts, separate=options.separate)) if self.hosts else None
+            names = self._hosts(config) if callable(self._hosts) else self._hosts
+            hosts = stack.enter_context(Testbed(*names, separate=options.separate)) if names else None
             log = stack.enter_context(LogWriter(path, overwrite=True))
             log.write_metadata("run", run_context())
             log.write_metadata("config", {"experiment": self.name, **to_json(config)})

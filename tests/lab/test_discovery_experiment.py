@@ -7,26 +7,24 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import replace
 
-import numpy as np
 import psutil
 import pytest
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import argument_of
+from sfglab.errors import InvalidValueError
+from sfglab.lab.bench import Options
 from sfglab.lab.claims import How
-from sfglab.lab.experiments import discovery
-from sfglab.lab.experiments.discovery.config import ROUTED, STANDARD, Config, Scale, Stage
-from sfglab.lab.experiments.discovery.ingress import Ingress
-from sfglab.lab.experiments.discovery.rows import FleetRow, HostRow, SimulatedRow
-from sfglab.lab.experiments.discovery.run import cells_of
-from sfglab.lab.experiments.profiles import ConfigError
+from sfglab.lab.experiments.discovery import exp
+from sfglab.lab.experiments.discovery.experiment import ROUTED, STANDARD, Scale, Stage, cells_of
+from sfglab.lab.experiments.discovery.stage import Ingress
 from sfglab.lab.hosts.host import InterfaceBytes
 from sfglab.lab.workers.rosnodes import RosNodesConfig
 from sfglab.lab.workers.rosstack import LISTENER, TALKER, endpoints_of
-from sfglab.processes import LineProcess
-from sfglab.record import LogReader, LogWriter
+from sfglab.processes import Member, ProcessGroup
+from sfglab.record import LogWriter
+
+NODES = {"talkers": 10, "listeners": 10}
 
 
 def known(mode: str, agents: int, host: int) -> tuple[float, float]:
@@ -34,117 +32,105 @@ def known(mode: str, agents: int, host: int) -> tuple[float, float]:
     return (10.0 * agents + host, 1e6 * agents**2) if mode == STANDARD else (0.1 * agents, 1e3 * agents**2)
 
 
-def write_fleet(log: LogWriter, cell: int, mode: str, agents: int, nodes: tuple[int, int] = (10, 10), **more):
+def write(log: LogWriter, table: str, **row):
+    log.write_row(table, exp.tables[table](**row), log_time_ns=0)
+
+
+def write_fleet(log: LogWriter, cell: int, mode: str, agents: int, *, censored: bool = False, **nodes: int):
     for host in range(agents):
         seconds, received = known(mode, agents, host)
-        row = HostRow(
-            cell=cell,
-            host=host,
-            resolved_s=seconds,
-            censored=more.get("censored", False),
-            own_bytes=received,
-            fleet_bytes=2 * received,
-            own_packets=received / 1e3,
-        )
-        log.write_row("host", row, log_time_ns=cell * 100 + host)
-    row = FleetRow(
-        cell=cell,
-        mode=mode,
-        agents=agents,
-        talkers=nodes[0],
-        listeners=nodes[1],
-        repeat=cell,
-        resolved_s=known(mode, agents, agents - 1)[0],
-        censored=more.get("censored", False),
-        signal_s=0.001,
-        window_s=10.0,
-        nodes_cpu_s=5.0,
-        components_cpu_s=1.0,
-        machine_percent=3.0,
-        steal_percent=0.0,
-    )
-    log.write_row("cell", row, log_time_ns=cell * 100 + 99)
+        own = {"own_bytes": received, "fleet_bytes": 2 * received, "own_packets": received / 1e3}
+        write(log, "host", cell=cell, host=host, resolved_s=seconds, censored=censored, **own)
+    seconds, _ = known(mode, agents, agents - 1)
+    times = {
+        "resolved_s": seconds,
+        "signal_s": 0.001,
+        "window_s": 10.0,
+        "nodes_cpu_s": 5.0,
+        "components_cpu_s": 1.0,
+    }
+    kind = {
+        "cell": cell,
+        "mode": mode,
+        "agents": agents,
+        "repeat": cell,
+        "censored": censored,
+        **NODES,
+        **nodes,
+    }
+    write(log, "cell", **kind, **times, machine_percent=3.0, steal_percent=0.0)
+
+
+def write_simulated(log: LogWriter, mode: str, agents: int, seed: int):
+    for host in range(agents):
+        seconds, received = known(mode, agents, host)
+        row = {"mode": mode, "agents": agents, "seed": seed, "host": host, "censored": False, **NODES}
+        write(log, "simulated", **row, resolved_s=seconds, rx_bytes=received)
 
 
 @pytest.fixture
-def made_log(tmp_path):
-    """A log as a run writes it, with known figures; fleets of few nodes beside it must not be mixed in."""
-    path = tmp_path / "made.mcap"
-    with LogWriter(path) as log:
-        log.write_metadata("config", {"experiment": "discovery"})
-        log.write_metadata("hosts", {"description": "made", "separate": True})
+def made(tmp_path):
+    """Give a function that returns the run of what another one wrote into its log."""
+
+    def make(fill):
+        path = tmp_path / "made.mcap"
+        with LogWriter(path) as log:
+            log.write_metadata("config", {"experiment": "discovery"})
+            fill(log)
+        return exp.load(path)
+
+    return make
+
+
+@pytest.fixture
+def run(made):
+    """A run with known figures; fleets of few nodes beside it must not be mixed in."""
+
+    def fill(log):
         fleets = [(STANDARD, 2), (STANDARD, 6), *[(ROUTED, n) for n in (2, 4, 6) for _ in range(2)]]
         for cell, (mode, agents) in enumerate(fleets):
             write_fleet(log, cell, mode, agents)
-        write_fleet(log, len(fleets), ROUTED, 12, nodes=(1, 1))
-        for host in range(100):
-            row = SimulatedRow(
-                mode=ROUTED,
-                agents=100,
-                talkers=10,
-                listeners=10,
-                seed=0,
-                host=host,
-                resolved_s=1.0,
-                rx_bytes=1e6,
-                censored=False,
-            )
-            log.write_row("simulated", row, log_time_ns=0)
-    return path
+        write_fleet(log, len(fleets), ROUTED, 12, talkers=1, listeners=1)
+        write_simulated(log, ROUTED, 100, 0)
+
+    return made(fill)
 
 
-def test_the_claims_are_those_of_the_largest_fleets_with_the_papers_nodes(made_log):
-    claims = discovery.measure_claims(made_log)
+def test_the_claims_are_those_of_the_largest_fleets_with_the_papers_nodes(run):
+    claims = exp.measure(run)
     time, received = claims["A-DISC-TIME"], claims["A-DISC-BYTES"]
     assert (time.how, received.how) == (How.LIVE, How.LIVE)
     assert time.estimate.value == pytest.approx(0.6)
     assert received.estimate.value == pytest.approx(3.0)
     assert time.details["agents"] == received.details["agents"] == "6"
     assert time.details["standard, 6 agents"] == "62.50 s (60.00 to 65.00)"
-    assert "12" not in time.details["agents"]
 
 
-def test_an_agent_that_was_given_up_is_named(tmp_path):
-    path = tmp_path / "given_up.mcap"
-    with LogWriter(path) as log:
-        log.write_metadata("config", {})
-        log.write_metadata("hosts", {})
+def test_an_agent_that_was_given_up_is_named(made):
+    def fill(log):
         write_fleet(log, 0, STANDARD, 6, censored=True)
         write_fleet(log, 1, ROUTED, 6)
-    details = discovery.measure_claims(path)["A-DISC-TIME"].details
+
+    details = exp.measure(made(fill))["A-DISC-TIME"].details
     assert details["standard, 6 agents"].endswith("6 agents given up")
     assert "given up" not in details["routed, 6 agents"]
 
 
-def test_without_live_fleets_the_figures_are_simulated_and_say_so(tmp_path):
-    path = tmp_path / "simulated.mcap"
-    with LogWriter(path) as log:
-        log.write_metadata("config", {})
-        log.write_metadata("hosts", {"separate": False})
+def test_without_live_fleets_the_figures_are_simulated_and_say_so(made):
+    def fill(log):
         for seed in range(2):
             for mode in (STANDARD, ROUTED):
-                for host in range(6):
-                    seconds, received = known(mode, 6, host)
-                    row = SimulatedRow(
-                        mode=mode,
-                        agents=6,
-                        talkers=10,
-                        listeners=10,
-                        seed=seed,
-                        host=host,
-                        resolved_s=seconds,
-                        rx_bytes=received,
-                        censored=False,
-                    )
-                    log.write_row("simulated", row, log_time_ns=0)
-    claims = discovery.measure_claims(path)
+                write_simulated(log, mode, 6, seed)
+
+    simulated = made(fill)
+    claims = exp.measure(simulated)
     assert {m.how for m in claims.values()} == {How.SIMULATED}
     assert claims["A-DISC-BYTES"].estimate.value == pytest.approx(3.0)
-    assert set(discovery.figures(path)) == {"discovery_scale"}
+    assert set(exp.figures(simulated)) == {"discovery_scale"}
 
 
-def test_the_figures_draw_from_the_log_alone(made_log):
-    drawn = discovery.figures(made_log)
+def test_the_figures_draw_from_the_log_alone(run):
+    drawn = exp.figures(run)
     assert set(drawn) == {"discovery_fleet", "discovery_scale"}
     for figure, twin in drawn.values():
         figure.canvas.draw()
@@ -156,31 +142,25 @@ def test_the_figures_draw_from_the_log_alone(made_log):
 
 
 def test_standard_and_routed_fleets_of_one_size_are_run_side_by_side():
-    config = Config(
-        profile="x",
-        stages=(
-            Stage(mode=STANDARD, agents=(2, 3)),
-            Stage(mode=ROUTED, agents=(2, 3, 5), repeats=2),
-            Stage(mode=ROUTED, agents=(2,), talkers=1, listeners=1),
-        ),
+    stages = (
+        Stage(mode=STANDARD, agents=(2, 3)),
+        Stage(mode=ROUTED, agents=(2, 3, 5), repeats=2),
+        Stage(mode=ROUTED, agents=(2,), talkers=1, listeners=1),
     )
-    cells = cells_of(config, rng=np.random.default_rng(1))
+    cells = cells_of(exp.config(stages=stages, seed=1))
     assert len(cells) == len(set(cells)) == 2 + 6 + 1
     kinds = [(c.agents, c.talkers) for c in cells]
     runs = [kind for i, kind in enumerate(kinds) if i == 0 or kinds[i - 1] != kind]
     assert sorted(runs) == [(2, 1), (2, 10), (3, 10), (5, 10)]
 
 
-def test_profiles_are_known_by_name_and_stages_make_sense():
-    with pytest.raises(ConfigError, match="allowed are smoke, quick, paper"):
-        Config.of_profile("fast")
-    with pytest.raises(ConfigError, match="allowed are standard and routed"):
+def test_profiles_reach_their_sizes_and_stages_make_sense():
+    with pytest.raises(InvalidValueError, match="mode: given 'proxy', allowed: standard and routed"):
         Stage(mode="proxy", agents=(2,))
-    with pytest.raises(ConfigError, match="from 2 agents"):
+    with pytest.raises(InvalidValueError, match="from 2 agents"):
         Stage(mode=ROUTED, agents=(2, 1))
-    assert Config.of_profile("paper", seed=3).seed == 3
-    assert max(Config.of_profile("quick").simulated.agents) == 100
-    assert max(Config.of_profile("paper").simulated.agents) == 1000
+    assert max(exp.config("quick").simulated.agents) == 100
+    assert max(exp.config("paper").simulated.agents) == 1000
 
 
 def test_ingress_is_interpolated_between_readings(monkeypatch):
@@ -192,7 +172,7 @@ def test_ingress_is_interpolated_between_readings(monkeypatch):
             return InterfaceBytes(self.received, 0, self.received // 100, 0)
 
     stamps = iter((0, 10, 20))
-    monkeypatch.setattr("sfglab.lab.experiments.discovery.ingress.time.time_ns", lambda: next(stamps))
+    monkeypatch.setattr("sfglab.lab.experiments.discovery.stage.time.time_ns", lambda: next(stamps))
     ingress = Ingress([Meter()])
     for _ in range(3):
         ingress.read()
@@ -223,31 +203,17 @@ def test_a_demo_node_has_the_eighteen_endpoints_of_humble():
 
 @pytest.mark.live
 def test_ros_nodes_of_two_agents_find_each_other_completely():
-    async def scenario():
-        async def start(name):
-            config = RosNodesConfig(
-                namespace=f"/{name}",
-                address=BusAddress(domain_id=83, interface="lo"),
-                talkers=2,
-                listeners=1,
-                peers=1,
-            )
-            argv = [sys.executable, "-m", "sfglab.lab.workers.rosnodes", argument_of(config)]
-            return await LineProcess.start(name, argv)
+    def member(name):
+        address = BusAddress(domain_id=83, interface="lo")
+        config = RosNodesConfig(namespace=f"/{name}", address=address, talkers=2, listeners=1, peers=1)
+        return Member(name=name, module="sfglab.lab.workers.rosnodes", config=config)
 
-        agents = [await start("a"), await start("b")]
-        try:
-            for agent in agents:
-                await agent.expect("ready", timeout_s=60)
-            for agent in agents:
-                agent.order(do="start")
-            for agent in agents:
-                found = await agent.expect("resolved", timeout_s=60)
+    async def scenario():
+        async with ProcessGroup(lambda _, command: command, map(member, "ab")) as group:
+            for found in (await group.ask("resolved", timeout_s=60, do="start")).values():
                 assert found["endpoints"] == found["expected"] == 3 * 18
                 assert (found["participants"], found["announcements"]) == (3, 6)
-                await agent.expect("settled", timeout_s=60)
-        finally:
-            await asyncio.gather(*(agent.close() for agent in agents))
+            await group.expect("settled", timeout_s=60)
 
     asyncio.run(scenario())
 
@@ -268,9 +234,10 @@ def test_an_idle_component_is_loaded_before_it_starts_and_keeps_its_orders(tmp_p
     assert done.stdout == '{"is": "idle"}\n', "whoever is gone starts nothing"
 
 
-def short(*modes: str) -> Config:
+def short(path, *modes, separate=None, **changes):
     stages = tuple(Stage(mode=mode, agents=(2,), talkers=1, listeners=1) for mode in modes)
-    return replace(Config.of_profile("smoke"), stages=stages, simulated=Scale())
+    changes = {"stages": stages, "simulated": Scale(), **changes}
+    return asyncio.run(exp.run("smoke", path=path / "run.mcap", options=Options(separate=separate), **changes))
 
 
 @pytest.mark.live
@@ -278,36 +245,33 @@ def short(*modes: str) -> Config:
 @pytest.mark.slow
 def test_a_short_live_run_finds_all_peers_and_leaves_nothing(tmp_path):
     before = {p.pid for p in psutil.Process().children(recursive=True)}
-    log = asyncio.run(discovery.run(short(STANDARD, ROUTED), tmp_path / "run.mcap"))
-    results = discovery.load_results(log)
-    assert results.setting["separate"] is True
-    assert len(results.cells) == 2
-    assert not results.cells["censored"].any()
-    assert not results.hosts["censored"].any()
-    assert results.hosts["resolved_s"].between(0.001, 15).all()
-    assert (results.hosts["own_bytes"] > 500).all()
-    assert (results.hosts["fleet_bytes"] >= results.hosts["own_bytes"]).all()
-    cpu_s = results.cells.set_index("mode")["components_cpu_s"]
+    run = short(tmp_path, STANDARD, ROUTED)
+    assert run.metadata("hosts")["separate"] is True
+    cells, hosts = run["cell"], run["host"]
+    assert len(cells) == 2
+    assert not cells["censored"].any()
+    assert not hosts["censored"].any()
+    assert hosts["resolved_s"].between(0.001, 15).all()
+    assert (hosts["own_bytes"] > 500).all()
+    assert (hosts["fleet_bytes"] >= hosts["own_bytes"]).all()
+    cpu_s = cells.set_index("mode")["components_cpu_s"]
     assert cpu_s[ROUTED] > 0
     assert cpu_s[STANDARD] == 0
-    assert discovery.measure_claims(log) == {}, "two agents do not answer claims about six"
+    assert exp.measure(run) == {}, "two agents do not answer claims about six"
     assert {p.pid for p in psutil.Process().children(recursive=True)} <= before
 
 
 @pytest.mark.live
 @pytest.mark.netns
 def test_a_fleet_that_takes_too_long_is_given_up_and_marked(tmp_path):
-    config = replace(short(STANDARD), timeout_s=0.001)
-    log = asyncio.run(discovery.run(config, tmp_path / "run.mcap"))
-    results = discovery.load_results(log)
-    assert results.cells["censored"].all()
-    assert results.hosts["censored"].all()
-    assert (results.hosts["resolved_s"] < 5).all()
+    run = short(tmp_path, STANDARD, timeout_s=0.001)
+    assert run["cell"]["censored"].all()
+    assert run["host"]["censored"].all()
+    assert (run["host"]["resolved_s"] < 5).all()
 
 
 def test_without_separate_hosts_nothing_is_passed_off_as_live(tmp_path):
-    log = asyncio.run(discovery.run(short(STANDARD), tmp_path / "run.mcap", separate=False))
-    with LogReader(log) as reader:
-        assert "cell" not in reader.tables
-        assert reader.metadata("hosts")["separate"] is False
-    assert discovery.measure_claims(log) == {}
+    run = short(tmp_path, STANDARD, separate=False)
+    assert run["cell"].empty
+    assert run.metadata("hosts")["separate"] is False
+    assert exp.measure(run) == {}

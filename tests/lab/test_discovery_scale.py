@@ -6,8 +6,9 @@ from statistics import mean
 
 import pytest
 
-from sfglab.lab.experiments.discovery.config import ROUTED, STANDARD, Config, Scale
-from sfglab.lab.experiments.discovery.simulated import Fleet, fleets_of, run_fleet, simulate_fleet
+from sfglab.lab.experiments.discovery import exp
+from sfglab.lab.experiments.discovery.experiment import ROUTED, STANDARD, Fleet, Scale
+from sfglab.lab.experiments.discovery.simulated import fleets_of, run_fleet, simulate_fleet
 
 
 def received(fleet):
@@ -16,11 +17,11 @@ def received(fleet):
 
 def test_every_routed_agent_finds_all_others_and_a_seed_repeats():
     fleet = Fleet(mode=ROUTED, agents=5, talkers=1, listeners=1)
-    rows = simulate_fleet(fleet)
-    assert [row.host for row in rows] == list(range(5))
-    assert not any(row.censored for row in rows)
-    assert all(0.03 < row.resolved_s < 5 and row.rx_bytes > 1000 for row in rows)
-    assert simulate_fleet(fleet) == rows
+    rows = simulate_fleet(fleet, 0)
+    assert [row["host"] for row in rows] == list(range(5))
+    assert not any(row["censored"] for row in rows)
+    assert all(0.03 < row["resolved_s"] < 5 and row["rx_bytes"] > 1000 for row in rows)
+    assert simulate_fleet(fleet, 0) == rows
 
 
 def test_the_global_domain_gets_two_endpoints_for_each_ordered_pair_of_routed_agents():
@@ -40,8 +41,7 @@ def test_standard_traffic_is_proportional_to_the_number_of_other_agents():
 
 
 def test_a_configuration_names_its_fleets_the_largest_last():
-    scale = Scale(agents=(10, 2), talkers=2, listeners=1, repeats=2)
-    fleets = fleets_of(Config(profile="x", stages=(), simulated=scale, seed=5))
-    assert [(fleet.mode, fleet.agents, fleet.seed) for fleet in fleets] == [
-        (mode, agents, seed) for agents in (2, 10) for mode in (STANDARD, ROUTED) for seed in (5, 6)
+    fleets = fleets_of(exp.config(simulated=Scale(agents=(10, 2), talkers=2, listeners=1)))
+    assert [(fleet.mode, fleet.agents) for fleet in fleets] == [
+        (mode, agents) for agents in (2, 10) for mode in (STANDARD, ROUTED)
     ]

@@ -127,7 +127,7 @@ def test_profiles_and_changes_are_checked():
     for profile, changes, message in [
         ("long", {}, "profile: given 'long', allowed: smoke, quick, paper"),
         ("smoke", {"sede": 1}, "kit: field: given 'sede', allowed: .*did you mean 'seed'"),
-        ("smoke", {"loss": 0.4}, "loss: given 0.4, allowed: 0 to 0.3"),
+        ("smoke", {"loss": 0.4}, "loss: given 0.4, allowed: from 0 to 0.3"),
         ("smoke", {"seeds": "many"}, "given 'many', allowed: int"),
     ]:
         with pytest.raises(InvalidValueError, match=message):

@@ -8,47 +8,8 @@ receives until then. Larger fleets are routed only, and beyond what one machine 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from sfglab.lab.experiments.discovery import figures, simulated, stage
+from sfglab.lab.experiments.discovery.analysis import live, summary
+from sfglab.lab.experiments.discovery.experiment import exp
 
-from sfglab.lab.experiments.discovery.analysis import load_results, measure_claims, samples, summary
-from sfglab.lab.experiments.discovery.config import Config, Scale, Stage
-from sfglab.lab.experiments.discovery.figure import figure_9, figure_scale
-from sfglab.lab.experiments.discovery.run import run
-from sfglab.lab.experiments.profiles import ConfigError
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from matplotlib.figure import Figure
-
-__all__ = [
-    "NAME",
-    "Config",
-    "ConfigError",
-    "Scale",
-    "Stage",
-    "figure_9",
-    "figure_scale",
-    "figures",
-    "load_results",
-    "measure_claims",
-    "run",
-    "samples",
-    "summary",
-]
-
-NAME = "discovery"
-
-
-def figures(log: Path) -> dict[str, tuple[Figure, dict[str, Any]]]:
-    """Draw every figure of a run.
-
-    Args:
-        log: The run's log.
-
-    Returns:
-        Figure and the numbers that it shows, by the figure's name.
-    """
-    results = load_results(log)
-    drawn = {"discovery_scale": figure_scale(results)}
-    return drawn if results.cells.empty else {"discovery_fleet": figure_9(results), **drawn}
+__all__ = ["exp", "figures", "live", "simulated", "stage", "summary"]

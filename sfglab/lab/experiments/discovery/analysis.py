@@ -1,25 +1,24 @@
-"""From the log to figures: what each agent of each fleet took to know its peers, and the claims.
+"""Times until each agent of each fleet knew its peers, what was received until then, and the claims.
 
-Everything here is computed from the log alone. An agent that was given up counts with the time that was waited
-for it, which makes the standard's figures lower bounds; the claims' details say how many there were.
+An agent that was given up counts with the time that was waited for it, which makes the standard's figures lower
+bounds; the claims' details say how many there were.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from sfglab.lab.claims import How, Measured
-from sfglab.lab.experiments.discovery.config import ROUTED, STANDARD
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.discovery.experiment import ROUTED, STANDARD, Config, exp
+from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import Estimate, bootstrap
-from sfglab.record import LogReader
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -29,20 +28,17 @@ if TYPE_CHECKING:
 PAPERS_LARGEST = 6
 """Agents of the fleet that the claims are about; a run with smaller ones only does not answer them."""
 
-_KEYS = ["mode", "agents", "talkers", "listeners"]
+KEYS = ["mode", "agents", "talkers", "listeners"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Results:
-    """The tables of one run."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fleets:
+    """Fleets of a run, live or simulated."""
 
-    #: One line an agent of a live fleet: its fleet's columns (``mode``, ``agents``, ``repeat`` ...) with its
-    #: own ``resolved_s``, ``own_bytes``, ``fleet_bytes`` and ``censored``.
+    cells: pd.DataFrame  #: One line a fleet.
+    #: One line an agent: its fleet's columns (``mode``, ``agents``, ``repeat`` ...) with its own
+    #: ``resolved_s``, ``own_bytes``, ``fleet_bytes`` and ``censored``.
     hosts: pd.DataFrame
-    cells: pd.DataFrame  #: One line a live fleet.
-    simulated: pd.DataFrame  #: One line an agent of a simulated fleet.
-    config: dict[str, Any]  #: The run's configuration.
-    setting: dict[str, Any]  #: What the hosts were.
 
     def main_nodes(self) -> tuple[int, int]:
         """Return the numbers of talkers and listeners of the agents that both modes were measured with.
@@ -59,49 +55,54 @@ class Results:
         talkers, listeners = max(found)
         return int(talkers), int(listeners)
 
+    def of_main_nodes(self, table: pd.DataFrame, mode: str) -> pd.DataFrame:
+        """Return the rows of one mode whose agents have the nodes that both modes were measured with."""
+        talkers, listeners = self.main_nodes()
+        kind = (table["mode"] == mode) & (table["talkers"] == talkers) & (table["listeners"] == listeners)
+        return table[kind]
 
-def load_results(log: Path) -> Results:
-    """Read a run's tables.
+    def sizes(self, mode: str) -> set[int]:
+        """Return the sizes of one mode's main fleets."""
+        return {int(agents) for agents in self.of_main_nodes(self.cells, mode)["agents"]}
 
-    Args:
-        log: The log; one that was cut off gives its finished cells.
-    """
-    with LogReader(log) as reader:
-        tables = {name: _table(reader, name) for name in ("cell", "host", "simulated")}
-        fleet = tables["cell"].drop(columns=["resolved_s", "censored"], errors="ignore")
-        return Results(
-            hosts=tables["host"].merge(fleet, on="cell") if len(fleet) else tables["host"],
-            cells=tables["cell"],
-            simulated=tables["simulated"],
-            config=reader.metadata("config"),
-            setting=reader.metadata("hosts"),
-        )
-
-
-def _table(reader: LogReader, name: str) -> pd.DataFrame:
-    if name not in reader.tables:
-        return pd.DataFrame()
-    return reader.table(name).drop(columns="log_time_ns")
+    def samples(self, mode: str, agents: int, column: str) -> Floats:
+        """Return one figure of every agent of the main fleets of one size, shape (fleets, agents)."""
+        hosts = self.of_main_nodes(self.hosts, mode)
+        chosen = hosts[hosts["agents"] == agents]
+        if chosen.empty:
+            return np.empty((0, agents))
+        return chosen.pivot_table(index="cell", columns="host", values=column).to_numpy(dtype=np.float64)
 
 
-def samples(results: Results, mode: str, agents: int, column: str) -> Floats:
-    """Return one figure of every agent of the main fleets of one size, shape (fleets, agents)."""
-    hosts = _of_main_nodes(results, results.hosts, mode)
-    chosen = hosts[hosts["agents"] == agents]
-    if chosen.empty:
-        return np.empty((0, agents))
-    return chosen.pivot_table(index="cell", columns="host", values=column).to_numpy(dtype=np.float64)
+@derived
+def live(run: Run[Config]) -> Fleets:
+    """Return the live fleets; of a log that was cut off, the finished ones."""
+    cells, hosts = run["cell"], run["host"]
+    fleet = cells.drop(columns=["resolved_s", "censored"])
+    return Fleets(cells=cells, hosts=hosts.merge(fleet, on="cell") if len(cells) else hosts)
 
 
-def _of_main_nodes(results: Results, table: pd.DataFrame, mode: str) -> pd.DataFrame:
-    """Return the rows of one mode whose agents have the nodes that both modes were measured with."""
-    talkers, listeners = results.main_nodes()
-    kind = (table["mode"] == mode) & (table["talkers"] == talkers) & (table["listeners"] == listeners)
-    return table[kind]
+@derived
+def simulated(run: Run[Config]) -> Fleets:
+    """Return the simulated fleets in the form of live ones."""
+    rows = run["simulated"]
+    cell = rows.groupby([*KEYS, "seed"], sort=False).ngroup()
+    hosts = rows.assign(cell=cell, own_bytes=rows["rx_bytes"], fleet_bytes=rows["rx_bytes"])
+    cells = hosts.drop_duplicates("cell")[["cell", *KEYS]].assign(
+        resolved_s=hosts.groupby("cell")["resolved_s"].max().to_numpy(),
+        censored=hosts.groupby("cell")["censored"].any().to_numpy(),
+    )
+    return Fleets(cells=cells, hosts=hosts)
 
 
-def _sizes(results: Results, mode: str) -> set[int]:
-    return {int(agents) for agents in _of_main_nodes(results, results.cells, mode)["agents"]}
+def _how(run: Run[Config]) -> How:
+    return How.SIMULATED if run["cell"].empty else How.LIVE
+
+
+def _measured(run: Run[Config]) -> Fleets | None:
+    """Return what the claims are about: the live fleets, else the simulated ones, else nothing."""
+    fleets = live(run) if _how(run) is How.LIVE else simulated(run)
+    return None if fleets.cells.empty else fleets
 
 
 def _draws(table: Floats) -> Floats:
@@ -124,11 +125,13 @@ def _orders_of_magnitude(standard: Floats, routed: Floats) -> Estimate:
     return bootstrap([_draws(standard), _draws(routed)], ratio, unit="orders of magnitude fewer bytes")
 
 
-def summary(results: Results) -> pd.DataFrame:
+@derived
+def summary(run: Run[Config]) -> pd.DataFrame:
     """Return medians over agents and fleets, and how busy the machine was, by kind and size of fleet."""
-    hosts = results.hosts.groupby(_KEYS)
-    cells = results.cells.groupby(_KEYS)
-    cpu_s = cells["nodes_cpu_s"].median() + cells["components_cpu_s"].median()
+    if run["cell"].empty:
+        return pd.DataFrame()
+    hosts, cells = live(run).hosts.groupby(KEYS), live(run).cells.groupby(KEYS)
+    busy_s = cells["nodes_cpu_s"].sum() + cells["components_cpu_s"].sum()
     table = pd.DataFrame(
         {
             "fleets": cells.size(),
@@ -137,111 +140,83 @@ def summary(results: Results) -> pd.DataFrame:
             "fleet_s": cells["resolved_s"].median(),
             "own_bytes": hosts["own_bytes"].median(),
             "fleet_bytes": hosts["fleet_bytes"].median(),
-            "cpu_s": cpu_s,
-            "cores_busy": (cells["nodes_cpu_s"].sum() + cells["components_cpu_s"].sum())
-            / cells["window_s"].sum(),
+            "cpu_s": cells["nodes_cpu_s"].median() + cells["components_cpu_s"].median(),
+            "cores_busy": busy_s / cells["window_s"].sum(),
         }
     )
     return table.reset_index()
 
 
-def measure_claims(log: Path) -> dict[str, Measured]:
-    """Compute our figures of the discovery claims.
-
-    Args:
-        log: The run's log. One without live fleets gives what is simulated, and says so.
-
-    Returns:
-        Figures by the claims' ids; those that the run cannot give are left out.
-    """
-    results = load_results(log)
-    how = How.LIVE
-    if results.cells.empty:
-        results, how = _as_live(results), How.SIMULATED
-    if results.cells.empty:
-        return {}
-    found = {}
-    if (routed := _sizes(results, ROUTED)) and max(routed) >= PAPERS_LARGEST:
-        found["A-DISC-TIME"] = _time_claim(results, max(routed), how)
-    common = _sizes(results, ROUTED) & _sizes(results, STANDARD)
-    if common and max(common) >= PAPERS_LARGEST:
-        found["A-DISC-BYTES"] = _bytes_claim(results, max(common), how)
-    return found
-
-
-def _as_live(results: Results) -> Results:
-    """Return simulated fleets in the form of live ones."""
-    simulated = results.simulated
-    if simulated.empty:
-        return results
-    cell = simulated.groupby([*_KEYS, "seed"], sort=False).ngroup()
-    hosts = simulated.assign(cell=cell, own_bytes=simulated["rx_bytes"], fleet_bytes=simulated["rx_bytes"])
-    cells = hosts.drop_duplicates("cell")[["cell", *_KEYS]].assign(
-        resolved_s=hosts.groupby("cell")["resolved_s"].max().to_numpy(),
-        censored=hosts.groupby("cell")["censored"].any().to_numpy(),
-    )
-    return Results(
-        hosts=hosts,
-        cells=cells,
-        simulated=simulated,
-        config=results.config,
-        setting=results.setting,
-    )
-
-
-def _time_claim(results: Results, agents: int, how: How) -> Measured:
-    times_s = samples(results, ROUTED, agents, "resolved_s")
-    estimate = _median(times_s, f"s at {agents} agents, routed")
+@exp.claim("A-DISC-TIME", how=_how)
+def discovery_time(run: Run[Config]) -> Finding | None:
+    """Return how long an agent of the largest routed fleet takes; None of a run with smaller fleets only."""
+    fleets = _measured(run)
+    agents = max(fleets.sizes(ROUTED), default=0) if fleets else 0
+    if fleets is None or agents < PAPERS_LARGEST:
+        return None
+    times_s = fleets.samples(ROUTED, agents, "resolved_s")
     details = {
         "agents": str(agents),
         "fleets": str(len(times_s)),
         "slowest agent": f"{times_s.max():.2f} s",
-        **_by_size(results, ROUTED, "routed"),
-        **_by_size(results, STANDARD, "standard"),
+        **_by_size(fleets, ROUTED),
+        **_by_size(fleets, STANDARD),
     }
-    reasons = [] if agents == 6 else [f"the run has {agents} agents at most"]
-    if how is How.LIVE:
-        busy, share = _cores_busy(results, agents)
-        details |= {"cores busy, routed": f"{busy:.2f}", **_fewer_nodes(results, agents)}
+    reasons = _too_many(agents)
+    if _how(run) is How.LIVE:
+        busy, share = _cores_busy(fleets, agents)
+        details |= {"cores busy, routed": f"{busy:.2f}", **_fewer_nodes(fleets, agents)}
         reasons.append(
             f"all agents share one machine, where they kept {busy:.1f} cores busy until then, "
             f"{100 * share:.0f} % of that with finding the nodes inside each agent"
         )
-    return Measured(estimate=estimate, how=how, details=details, reason="; ".join(reasons))
+    estimate = _median(times_s, f"s at {agents} agents, routed")
+    return Finding(estimate=estimate, details=details, reason="; ".join(reasons))
 
 
-def _cores_busy(results: Results, agents: int) -> tuple[float, float]:
+def _too_many(agents: int) -> list[str]:
+    return [] if agents == PAPERS_LARGEST else [f"the run has {agents} agents at most"]
+
+
+def _cores_busy(fleets: Fleets, agents: int) -> tuple[float, float]:
     """Return how many cores routed fleets of one size kept busy, and the share of the agents' own nodes."""
-    cells = _of_main_nodes(results, results.cells, ROUTED)
+    cells = fleets.of_main_nodes(fleets.cells, ROUTED)
     sums = cells[cells["agents"] == agents][["nodes_cpu_s", "components_cpu_s", "window_s"]].sum()
     busy_s = sums["nodes_cpu_s"] + sums["components_cpu_s"]
     return float(busy_s / sums["window_s"]), float(sums["nodes_cpu_s"] / busy_s)
 
 
-def _fewer_nodes(results: Results, agents: int) -> dict[str, str]:
+def _fewer_nodes(fleets: Fleets, agents: int) -> dict[str, str]:
     """Return the times of routed fleets of the same size whose agents have other nodes, by their nodes."""
-    hosts = results.hosts[(results.hosts["mode"] == ROUTED) & (results.hosts["agents"] == agents)]
-    texts = {}
-    for kind in sorted(set(hosts[["talkers", "listeners"]].itertuples(index=False, name=None))):
-        if kind != results.main_nodes():
-            chosen = hosts[(hosts["talkers"] == kind[0]) & (hosts["listeners"] == kind[1])]
-            texts[f"with {kind[0]} + {kind[1]} nodes an agent"] = f"{chosen['resolved_s'].median():.2f} s"
-    return texts
+    hosts = fleets.hosts[(fleets.hosts["mode"] == ROUTED) & (fleets.hosts["agents"] == agents)]
+    return {
+        f"with {talkers} + {listeners} nodes an agent": f"{rows['resolved_s'].median():.2f} s"
+        for (talkers, listeners), rows in hosts.groupby(["talkers", "listeners"])
+        if (talkers, listeners) != fleets.main_nodes()
+    }
 
 
-def _by_size(results: Results, mode: str, label: str) -> dict[str, str]:
+def _by_size(fleets: Fleets, mode: str) -> dict[str, str]:
     texts = {}
-    for agents in sorted(_sizes(results, mode)):
-        times_s = samples(results, mode, agents, "resolved_s")
-        given_up = int(samples(results, mode, agents, "censored").sum())
+    for agents in sorted(fleets.sizes(mode)):
+        times_s = fleets.samples(mode, agents, "resolved_s")
+        given_up = int(fleets.samples(mode, agents, "censored").sum())
         text = f"{np.median(times_s):.2f} s ({times_s.min():.2f} to {times_s.max():.2f})"
-        texts[f"{label}, {agents} agents"] = text + (f", {given_up} agents given up" if given_up else "")
+        texts[f"{mode}, {agents} agents"] = text + (f", {given_up} agents given up" if given_up else "")
     return texts
 
 
-def _bytes_claim(results: Results, agents: int, how: How) -> Measured:
-    own = [samples(results, mode, agents, "own_bytes") for mode in (STANDARD, ROUTED)]
-    fleet = [samples(results, mode, agents, "fleet_bytes") for mode in (STANDARD, ROUTED)]
+@exp.claim("A-DISC-BYTES", how=_how)
+def discovery_bytes(run: Run[Config]) -> Finding | None:
+    """Return how much less a routed agent receives; None of a run without two fleets of the paper's size."""
+    fleets = _measured(run)
+    agents = max(fleets.sizes(ROUTED) & fleets.sizes(STANDARD), default=0) if fleets else 0
+    if fleets is None or agents < PAPERS_LARGEST:
+        return None
+    own, fleet = (
+        [fleets.samples(mode, agents, column) for mode in (STANDARD, ROUTED)]
+        for column in ("own_bytes", "fleet_bytes")
+    )
     details = {
         "agents": str(agents),
         "standard": f"{_median(own[0] / 1e6, 'MB')}",
@@ -249,5 +224,5 @@ def _bytes_claim(results: Results, agents: int, how: How) -> Measured:
         "until the whole fleet is complete": str(_orders_of_magnitude(*fleet)),
         "fleets": f"{len(own[0])} standard, {len(own[1])} routed",
     }
-    reason = "" if agents == 6 else f"the run has {agents} agents at most"
-    return Measured(estimate=_orders_of_magnitude(*own), how=how, details=details, reason=reason)
+    estimate = _orders_of_magnitude(*own)
+    return Finding(estimate=estimate, details=details, reason="; ".join(_too_many(agents)))

@@ -13,10 +13,8 @@ from __future__ import annotations
 
 import asyncio
 import gc
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -25,9 +23,10 @@ from sfglab.bus.sim import Costs, World, run_simulated
 from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
 from sfglab.fleet.router.node import Router, RouterSettings, RouterStatus
 from sfglab.fleet.status.node import StatusProvider, StatusSettings
-from sfglab.lab.experiments.discovery.config import ROUTED, STANDARD
-from sfglab.lab.experiments.discovery.rows import SimulatedRow
+from sfglab.lab.experiment import seeded
+from sfglab.lab.experiments.discovery.experiment import ROUTED, STANDARD, Config, Fleet, exp
 from sfglab.lab.workers.rosstack import LISTENER, TALKER, endpoints_of
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
     from sfglab.bus.sim import SimNode
     from sfglab.bus.sim.model import Host
     from sfglab.fleet.discovery.registry import Order
-    from sfglab.lab.experiments.discovery.config import Config
 
 
 CORES = 4
@@ -57,29 +55,12 @@ _LOCAL_DOMAIN = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fleet:
-    """One simulated fleet."""
-
-    mode: str  #: ``standard`` or ``routed``.
-    agents: int  #: How many.
-    talkers: int = 10  #: Publishing nodes of each agent.
-    listeners: int = 10  #: Subscribing nodes of each agent.
-    seed: int = 0  #: Of the world.
-
-    @property
-    def nodes(self) -> int:
-        """ROS 2 nodes of each agent."""
-        return self.talkers + self.listeners
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class HostOutcome:
     """What came of one agent."""
 
     resolved_s: float  #: When it had resolved all its peers, seconds since the start; `LIMIT_S` if it had not.
-    rx_bytes: int  #: Received at its interface until then.
+    rx_bytes: float  #: Received at its interface until then.
     censored: bool  #: Whether it was given up.
-    spent_s: float  #: What its processes had spent by then, seconds of one core.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,83 +68,44 @@ class FleetOutcome:
     """What came of a fleet."""
 
     hosts: tuple[HostOutcome, ...]  #: One for each agent.
-    endpoints: int  #: How many endpoints the global domain had when the last agent was complete.
-    announced: int  #: How many it had had in all by then.
+    announced: int  #: How many endpoints the global domain had had when the last agent was complete.
 
 
 def fleets_of(config: Config) -> list[Fleet]:
     """Return the fleets to simulate, the largest last."""
     scale = config.simulated
     return [
-        Fleet(
-            mode=mode,
-            agents=agents,
-            talkers=scale.talkers,
-            listeners=scale.listeners,
-            seed=config.seed + repeat,
-        )
+        Fleet(mode=mode, agents=agents, talkers=scale.talkers, listeners=scale.listeners)
         for agents in sorted(scale.agents)
         for mode in (STANDARD, ROUTED)
-        for repeat in range(scale.repeats)
     ]
 
 
-def simulated_rows(
-    config: Config, *, progress: Callable[[Fleet], None] = lambda _: None, workers: int = 2
-) -> Iterator[SimulatedRow]:
-    """Yield one row an agent of every simulated fleet; fleets run side by side, each in its own process.
-
-    Args:
-        config: The experiment.
-        progress: Called with every fleet that is done.
-        workers: How many fleets at once.
-    """
-    fleets = fleets_of(config)
-    if not fleets:
-        return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(max_workers=workers, mp_context=context, max_tasks_per_child=1) as pool:
-        for fleet, rows in zip(fleets, pool.map(simulate_fleet, fleets), strict=True):
-            yield from rows
-            progress(fleet)
-
-
-def simulate_fleet(fleet: Fleet) -> list[SimulatedRow]:
+@exp.sweep("simulated", over=fleets_of, seeds=lambda config: seeded(config, config.simulated.repeats))
+def simulate_fleet(fleet: Fleet, seed: int) -> tuple[dict[str, Any], ...]:
     """Run one fleet until every agent knows its peers, and return one row an agent."""
-    return [
-        SimulatedRow(
-            mode=fleet.mode,
-            agents=fleet.agents,
-            talkers=fleet.talkers,
-            listeners=fleet.listeners,
-            seed=fleet.seed,
-            host=number,
-            resolved_s=host.resolved_s,
-            rx_bytes=float(host.rx_bytes),
-            censored=host.censored,
-        )
-        for number, host in enumerate(run_fleet(fleet).hosts)
-    ]
+    outcome = run_fleet(fleet, seed)
+    return tuple({"host": number, **asdict(host)} for number, host in enumerate(outcome.hosts))
 
 
-def run_fleet(fleet: Fleet) -> FleetOutcome:
+def run_fleet(fleet: Fleet, seed: int = 0) -> FleetOutcome:
     """Run one fleet until every agent knows its peers."""
     if fleet.mode == STANDARD:
-        return _standard_fleet(fleet)
-    ours = fleet.nodes * len(endpoints_of(TALKER, "/a/b", "/c"))
+        return _standard_fleet(fleet, seed)
+    ours = (fleet.talkers + fleet.listeners) * len(endpoints_of(TALKER, "/a/b", "/c"))
     costs = replace(ROUTED_COSTS, start_s=ROUTED_COSTS.start_s + ours * ROUTED_COSTS.announcement_s)
     with _rare_collections():
-        return run_simulated(partial(_routed, fleet), seed=fleet.seed, costs=costs, lean_services=True)
+        return run_simulated(partial(_routed, fleet), seed=seed, costs=costs, lean_services=True)
 
 
-def _standard_fleet(fleet: Fleet) -> FleetOutcome:
+def _standard_fleet(fleet: Fleet, seed: int) -> FleetOutcome:
     """Simulate a small fleet, or follow the line through two smaller ones."""
     if fleet.agents > _STANDARD_MOST:
-        few, more = (_standard_fleet(replace(fleet, agents=agents)) for agents in (2, 3))
+        few, more = (_standard_fleet(replace(fleet, agents=agents), seed) for agents in (2, 3))
         return _extrapolated(few, more, fleet.agents)
-    share = fleet.nodes / CORES
+    share = (fleet.talkers + fleet.listeners) / CORES
     costs = replace(STANDARD_COSTS, announcement_s=STANDARD_COSTS.announcement_s * max(1.0, share))
-    return run_simulated(partial(_standard, fleet), seed=fleet.seed, costs=costs)
+    return run_simulated(partial(_standard, fleet), seed=seed, costs=costs)
 
 
 def _extrapolated(two: FleetOutcome, three: FleetOutcome, agents: int) -> FleetOutcome:
@@ -175,13 +117,13 @@ def _extrapolated(two: FleetOutcome, three: FleetOutcome, agents: int) -> FleetO
         )
         return float(first + (agents - 2) * (second - first))
 
+    resolved_s = at("resolved_s")
     host = HostOutcome(
-        resolved_s=at("resolved_s"), rx_bytes=round(at("rx_bytes")), spent_s=at("spent_s"), censored=False
+        resolved_s=min(LIMIT_S, resolved_s),
+        rx_bytes=float(round(at("rx_bytes"))),
+        censored=resolved_s > LIMIT_S,
     )
-    if host.resolved_s > LIMIT_S:
-        host = replace(host, resolved_s=LIMIT_S, censored=True)
-    each = two.endpoints // len(two.hosts)
-    return FleetOutcome(hosts=(host,) * agents, endpoints=each * agents, announced=each * agents)
+    return FleetOutcome(hosts=(host,) * agents, announced=two.announced // len(two.hosts) * agents)
 
 
 @contextmanager
@@ -227,10 +169,7 @@ class _Arrivals:
     def _note(self, host: str, *, censored: bool) -> None:
         world = self._world
         self._outcomes[host] = HostOutcome(
-            resolved_s=world.now_ns / 1e9,
-            rx_bytes=world.received(host),
-            censored=censored,
-            spent_s=world.spent_s(host),
+            resolved_s=world.now_ns / NS_PER_S, rx_bytes=float(world.received(host)), censored=censored
         )
 
 
@@ -250,11 +189,11 @@ async def _routed(fleet: Fleet, world: World) -> FleetOutcome:
     runs = [run for name in names for run in _components(world, name, arrivals)]
     tasks = [asyncio.create_task(run()) for run in runs]
     hosts = await arrivals.wait()
-    endpoints, announced = world.census()
+    _, announced = world.census()
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)
-    return FleetOutcome(hosts=hosts, endpoints=endpoints, announced=announced)
+    return FleetOutcome(hosts=hosts, announced=announced)
 
 
 def _components(world: World, name: str, arrivals: _Arrivals) -> list[Callable[[], Coroutine[Any, Any, None]]]:
@@ -288,8 +227,8 @@ async def _standard(fleet: Fleet, world: World) -> FleetOutcome:
         nodes = [_ros_node(world, name, role, number) for number, role in enumerate(roles)]
         _watch(nodes[0], world.host(name), each * (fleet.agents - 1), arrivals)
     hosts = await arrivals.wait()
-    endpoints, announced = world.census()
-    return FleetOutcome(hosts=hosts, endpoints=endpoints, announced=announced)
+    _, announced = world.census()
+    return FleetOutcome(hosts=hosts, announced=announced)
 
 
 def _ros_node(world: World, host: str, role: str, number: int) -> SimNode:

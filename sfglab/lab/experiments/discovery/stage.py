@@ -1,60 +1,155 @@
-"""One fleet of a cell: its processes on their hosts, idle, and the one signal that starts them.
+"""Live fleets: their processes on their hosts, idle, the one signal that starts them, and what is measured.
 
 *Standard*: every agent's ROS 2 nodes are in the global domain. *Routed*: they are in the agent's own domain,
-with its status provider and discoverer; its router joins the two. Knows how to start, order and end them;
-refuses to know what is measured.
+with its status provider and discoverer; its router joins the two. Fleets are live only on separate hosts; where
+the machine has none, only what is simulated is run, and the log says so.
 """
 
 from __future__ import annotations
 
 import asyncio
-import sys
+import math
 import time
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sfglab.bus.address import BusAddress
-from sfglab.component import argument_of
 from sfglab.fleet.discovery.node import DiscoveryConfig, DiscoverySettings
 from sfglab.fleet.router.node import RouterConfig
 from sfglab.fleet.status.node import StatusConfig, StatusSettings
-from sfglab.lab.experiments.discovery.config import ROUTED
-from sfglab.lab.staging import Staged
+from sfglab.lab.experiments.discovery.experiment import (
+    ROUTED,
+    Cell,
+    Config,
+    FleetRow,
+    HostRow,
+    cells_of,
+    exp,
+    host_names,
+)
+from sfglab.lab.meters import Window
 from sfglab.lab.workers.rosnodes import RosNodesConfig
-from sfglab.processes import LineProcess
+from sfglab.processes import Member, ProcessGroup
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable
+    from collections.abc import Awaitable, Iterator, Sequence
 
-    from sfglab.lab.experiments.discovery.config import Config
-    from sfglab.lab.testbed import Testbed
+    from sfglab.lab.bench import Bench
+    from sfglab.lab.meters import MeterRow
+    from sfglab.lab.testbed import CountsBytes, Testbed
 
 
 GLOBAL_DOMAIN = 0
-_LOAD_S = 60.0
-# Whoever waits decides how long; this only bounds a wait that was forgotten.
-_FOREVER_S = 86400.0
+_LOAD_S = 300.0
 _DISCOVERED = "DISCOVERED"  # sfglab_interfaces/msg/AgentDiscoveryEvent
+_COMPONENTS = ("sfglab.fleet.router.node", "sfglab.fleet.status.node", "sfglab.fleet.discovery.node")
+"""What an agent runs beside its nodes, routed; the discoverer last."""
 
 
-def host_names(count: int) -> list[str]:
-    """Return the names of the hosts, which are their agents' too."""
-    return [f"agent_{number}" for number in range(1, count + 1)]
+# --- The part of the experiment -------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cell:
-    """A fleet to be started once."""
+@exp.part("fleets", total=lambda config: len(cells_of(config)))
+async def start_fleets(bench: Bench[Config]) -> None:
+    """Start the fleets one after the other, standard beside routed."""
+    for number, cell in enumerate(cells_of(bench.config) if bench.hosts and bench.hosts.separate else ()):
+        fleet = LiveFleet(cell, bench.config, bench.testbed)
+        async with fleet.group:
+            outcome = await _start(fleet, bench)
+        for host in range(cell.agents):
+            bench.write("host", _host_row(number, host, outcome), at_ns=outcome.ends_ns[host])
+        # Last, so that a cell that is in the log is complete.
+        bench.write("cell", _cell_row(number, cell, outcome), at_ns=max(outcome.ends_ns))
+        bench.advance(f"{cell.mode} {cell.agents}")
 
-    mode: str  #: ``standard`` or ``routed``.
-    agents: int  #: How many.
-    talkers: int  #: Publishing nodes of each.
-    listeners: int  #: Subscribing nodes of each.
-    repeat: int  #: Which repetition.
+
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    """What came of one start; times are Unix time in nanoseconds."""
+
+    begin_ns: int
+    signalled_ns: int
+    resolved_ns: list[int | None]
+    given_up_ns: int
+    ingress: Ingress
+    meters: dict[str, MeterRow]
+
+    @property
+    def ends_ns(self) -> list[int]:
+        """When each agent was complete or given up."""
+        return [self.given_up_ns if at_ns is None else at_ns for at_ns in self.resolved_ns]
+
+    def seconds(self, at_ns: int) -> float:
+        """Return an instant as seconds since the signal."""
+        return (at_ns - self.begin_ns) / NS_PER_S
 
 
-class Fleet(Staged):
-    """A fleet whose processes are loaded and idle; an async context manager that ends them.
+async def _start(fleet: LiveFleet, bench: Bench[Config]) -> _Outcome:
+    ingress = Ingress([bench.testbed.meter(host) for host in fleet.hosts])
+    nodes, components = fleet.pids()
+    window = Window(cpu={"nodes": nodes, "components": components}, interfaces={})
+    ingress.read()
+    window.sample(time.time_ns())
+    begin_ns = time.time_ns()
+    fleet.group.order(do="start")
+    signalled_ns = time.time_ns()
+    reading = asyncio.create_task(ingress.run())
+    try:
+        resolved_ns = await fleet.resolved(bench.config.timeout_s)
+    finally:
+        reading.cancel()
+        with suppress(asyncio.CancelledError):
+            await reading
+    ingress.read()
+    end_ns = time.time_ns()
+    meters = {row.label: row for row in window.sample(end_ns)}
+    return _Outcome(begin_ns, signalled_ns, resolved_ns, end_ns, ingress, meters)
+
+
+def _host_row(number: int, host: int, outcome: _Outcome) -> HostRow:
+    end_ns = outcome.ends_ns[host]
+    own_bytes, own_packets = outcome.ingress.between(host, outcome.begin_ns, end_ns)
+    fleet_bytes, _ = outcome.ingress.between(host, outcome.begin_ns, max(outcome.ends_ns))
+    return HostRow(
+        cell=number,
+        host=host,
+        resolved_s=outcome.seconds(end_ns),
+        censored=outcome.resolved_ns[host] is None,
+        own_bytes=own_bytes,
+        fleet_bytes=fleet_bytes,
+        own_packets=own_packets,
+    )
+
+
+def _cell_row(number: int, cell: Cell, outcome: _Outcome) -> FleetRow:
+    meter = outcome.meters["nodes"]
+    return FleetRow(
+        cell=number,
+        **asdict(cell),
+        resolved_s=outcome.seconds(max(outcome.ends_ns)),
+        censored=None in outcome.resolved_ns,
+        signal_s=outcome.seconds(outcome.signalled_ns),
+        window_s=meter.window_s,
+        nodes_cpu_s=_cpu_s(meter),
+        components_cpu_s=_cpu_s(outcome.meters["components"]),
+        machine_percent=meter.machine_cpu_percent,
+        steal_percent=meter.steal_percent,
+    )
+
+
+def _cpu_s(meter: MeterRow) -> float:
+    return math.nan if meter.cpu_percent is None else meter.cpu_percent / 100 * meter.window_s
+
+
+# --- A fleet --------------------------------------------------------------------------------------------------
+
+
+class LiveFleet:
+    """A fleet whose processes are loaded and idle once its group is entered.
 
     Args:
         cell: Which fleet.
@@ -63,36 +158,20 @@ class Fleet(Staged):
 
     Attributes:
         hosts: The hosts that take part.
+        group: Its processes, named by host and what they are.
     """
 
     def __init__(self, cell: Cell, config: Config, testbed: Testbed) -> None:
-        super().__init__()
         self.hosts = host_names(cell.agents)
-        self._cell = cell
-        self._config = config
-        self._testbed = testbed
-        self._started: list[LineProcess] = []
-        self._nodes: list[LineProcess] = []
-        self._components: list[list[LineProcess]] = []
+        self._cell, self._config, self._testbed = cell, config, testbed
+        members = [member for i, host in enumerate(self.hosts, start=1) for member in self._members(i, host)]
+        self.group = ProcessGroup(testbed.argv, members, start_s=_LOAD_S)
 
-    @property
-    def node_pids(self) -> tuple[int, ...]:
-        """Process ids of the ROS 2 nodes."""
-        return tuple(process.pid for process in self._nodes)
-
-    @property
-    def component_pids(self) -> tuple[int, ...]:
-        """Process ids of routers, status providers and discoverers."""
-        return tuple(process.pid for processes in self._components for process in processes)
-
-    def signal(self) -> tuple[int, int]:
-        """Start everything; return when the signal began and when all had been given it (Unix time, ns)."""
-        begin_ns = time.time_ns()
-        for nodes, components in zip(self._nodes, self._components, strict=True):
-            nodes.order(do="start")
-            for component in components:
-                component.order(do="start")
-        return begin_ns, time.time_ns()
+    def pids(self) -> tuple[list[int], list[int]]:
+        """Return the process ids of the ROS 2 nodes, and of routers, status providers and discoverers."""
+        nodes = [_nodes_of(host) for host in self.hosts]
+        others = [name for name in self.group if name not in nodes]
+        return [self.group[name].pid for name in nodes], [self.group[name].pid for name in others]
 
     async def resolved(self, timeout_s: float) -> list[int | None]:
         """Return when each agent had resolved all its peers (Unix time, ns), None where it did not in time.
@@ -101,92 +180,65 @@ class Fleet(Staged):
             ProcessFailedError: A process failed.
         """
         wait = self._wait_routed if self._cell.mode == ROUTED else self._wait_standard
-        return list(await asyncio.gather(*(_within(timeout_s, wait(i)) for i in range(len(self.hosts)))))
+        return list(await asyncio.gather(*(_within(timeout_s, wait(host)) for host in self.hosts)))
 
-    async def _wait_standard(self, host: int) -> int:
-        report = await self._nodes[host].expect("resolved", timeout_s=_FOREVER_S)
+    async def _wait_standard(self, host: str) -> int:
+        report = await self.group[_nodes_of(host)].expect("resolved", timeout_s=None)
         return int(report["t_ns"])
 
-    async def _wait_routed(self, host: int) -> int:
+    async def _wait_routed(self, host: str) -> int:
         """Return when the discoverer had announced every peer, and complain about components that fail."""
-        *others, discoverer = self._components[host]
-        ready = [component.expect("ready", timeout_s=_FOREVER_S) for component in others]
-        announced = asyncio.ensure_future(self._peers_announced(discoverer))
-        await asyncio.gather(announced, *ready)
-        return announced.result()
+        *others, discoverer = (f"{host}, {module}" for module in _COMPONENTS)
+        announced, _ = await asyncio.gather(
+            self._peers_announced(discoverer), self.group.expect("ready", others, timeout_s=None)
+        )
+        return announced
 
-    async def _peers_announced(self, discoverer: LineProcess) -> int:
+    async def _peers_announced(self, discoverer: str) -> int:
         found: set[str] = set()
         while True:
-            event = await discoverer.expect("event", timeout_s=_FOREVER_S)
+            event = await self.group[discoverer].expect("event", timeout_s=None)
             if event["event"] == _DISCOVERED:
                 found.add(event["agent"])
             if len(found) == len(self.hosts) - 1:
                 return int(event["t_ns"])
 
-    async def _start(self) -> None:
-        self._stack.push_async_callback(self._close)
-        for number, host in enumerate(self.hosts, start=1):
-            nodes, components = await self._launch_host(number, host)
-            self._nodes.append(nodes)
-            self._components.append(components)
-        for nodes, components in zip(self._nodes, self._components, strict=True):
-            await nodes.expect("ready", timeout_s=_LOAD_S)
-            for component in components:
-                await component.expect("idle", timeout_s=_LOAD_S)
-
-    async def _close(self) -> None:
-        await asyncio.gather(*(process.close() for process in self._started))
-
-    async def _launch_host(self, number: int, host: str) -> tuple[LineProcess, list[LineProcess]]:
-        nodes = await self._launch(host, "nodes", ["sfglab.lab.workers.rosnodes", self._nodes_config(number)])
-        components = self._component_configs(number) if self._cell.mode == ROUTED else {}
-        return nodes, [
-            await self._launch(host, module, ["sfglab.lab.workers.idle", module, config])
-            for module, config in components.items()
-        ]
-
-    async def _launch(self, host: str, what: str, module: list[str]) -> LineProcess:
-        argv = self._testbed.argv(host, [sys.executable, "-m", *module])
-        process = await LineProcess.start(f"{host}, {what}", argv)
-        self._started.append(process)
-        return process
-
-    def _global(self, host: str) -> BusAddress:
-        return BusAddress(
-            domain_id=GLOBAL_DOMAIN,
-            interface=self._testbed.interface(host),
-            multicast=self._config.multicast,
-        )
-
-    def _local(self, number: int) -> BusAddress:
-        return BusAddress(domain_id=GLOBAL_DOMAIN + number, interface="lo")
-
-    def _nodes_config(self, number: int) -> str:
-        host = self.hosts[number - 1]
+    def _members(self, number: int, host: str) -> Iterator[Member]:
+        """Yield what runs on an agent, its nodes first."""
         routed = self._cell.mode == ROUTED
-        address = self._local(number) if routed else self._global(host)
-        config = RosNodesConfig(
+        remote = BusAddress(
+            domain_id=GLOBAL_DOMAIN, interface=self._testbed.interface(host), multicast=self._config.multicast
+        )
+        local = BusAddress(domain_id=GLOBAL_DOMAIN + number, interface="lo")
+        nodes = RosNodesConfig(
             namespace=f"/{host}",
-            address=address,
+            address=local if routed else remote,
             talkers=self._cell.talkers,
             listeners=self._cell.listeners,
             peers=0 if routed else len(self.hosts) - 1,
         )
-        return argument_of(config)
+        yield Member(name=_nodes_of(host), host=host, module="sfglab.lab.workers.rosnodes", config=nodes)
+        if not routed:
+            return
+        configs = (
+            RouterConfig(agent=host, local=local, remote=remote),
+            # Trying accelerators belongs to another experiment, and its result does not cross here.
+            StatusConfig(address=local, settings=StatusSettings(agent=host), detect=False),
+            DiscoveryConfig(address=local, settings=DiscoverySettings(agent=host)),
+        )
+        for module, config in zip(_COMPONENTS, configs, strict=True):
+            yield Member(
+                name=f"{host}, {module}",
+                host=host,
+                module=module,
+                config=config,
+                ready="idle",
+                through="sfglab.lab.workers.idle",
+            )
 
-    def _component_configs(self, number: int) -> dict[str, str]:
-        """Return what an agent's components are told, by module, the discoverer last."""
-        host, local = self.hosts[number - 1], self._local(number)
-        router = RouterConfig(agent=host, local=local, remote=self._global(host))
-        # Trying accelerators belongs to another experiment, and its result does not cross here.
-        status = StatusConfig(address=local, settings=StatusSettings(agent=host), detect=False)
-        discoverer = DiscoveryConfig(address=local, settings=DiscoverySettings(agent=host))
-        return {
-            "sfglab.fleet.router.node": argument_of(router),
-            "sfglab.fleet.status.node": argument_of(status),
-            "sfglab.fleet.discovery.node": argument_of(discoverer),
-        }
+
+def _nodes_of(host: str) -> str:
+    return f"{host}, nodes"
 
 
 async def _within(timeout_s: float, result: Awaitable[int]) -> int | None:
@@ -195,3 +247,49 @@ async def _within(timeout_s: float, result: Awaitable[int]) -> int | None:
             return await result
     except TimeoutError:
         return None
+
+
+# --- Received bytes -------------------------------------------------------------------------------------------
+
+_PERIOD_S = 0.02
+
+
+class Ingress:
+    """Bytes that every host's interface has received, as a curve that can be asked for any instant.
+
+    Counters are read again and again. On a machine that is busy readings come late; each has its own stamp, so
+    only the curve gets coarser.
+
+    Args:
+        meters: Whose interfaces.
+    """
+
+    def __init__(self, meters: Sequence[CountsBytes]) -> None:
+        self._meters = meters
+        self._readings: list[list[tuple[int, int, int]]] = [[] for _ in meters]
+
+    def read(self) -> None:
+        """Read all counters once."""
+        for meter, readings in zip(self._meters, self._readings, strict=True):
+            counted = meter.interface_bytes()
+            readings.append((time.time_ns(), counted.rx_bytes, counted.rx_packets))
+
+    async def run(self) -> None:
+        """Read until cancelled."""
+        while True:
+            self.read()
+            await asyncio.sleep(_PERIOD_S)
+
+    def between(self, host: int, start_ns: int, end_ns: int) -> tuple[float, float]:
+        """Return the bytes and frames that a host received, interpolated between readings.
+
+        Args:
+            host: Its place among the meters.
+            start_ns: Unix time, nanoseconds.
+            end_ns: The same.
+        """
+        table = np.array(self._readings[host], dtype=np.int64)
+        times_s = (table[:, 0] - start_ns) / NS_PER_S
+        ends_s = (0.0, (end_ns - start_ns) / NS_PER_S)
+        received, packets = (np.diff(np.interp(ends_s, times_s, table[:, i] - table[0, i])) for i in (1, 2))
+        return float(received[0]), float(packets[0])

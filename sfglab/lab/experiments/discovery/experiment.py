@@ -1,0 +1,202 @@
+"""The fleets of paper A, section 5.3: which are started live, and which are simulated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sfglab.errors import InvalidValueError
+from sfglab.lab.experiment import Actor, Experiment, Link, Setup
+
+STANDARD, ROUTED = "standard", "routed"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stage:
+    """Live fleets of one kind.
+
+    Raises:
+        InvalidValueError: There is no such mode, or an agent would have no peer or no node.
+    """
+
+    mode: str  #: ``standard`` or ``routed``.
+    agents: tuple[int, ...]  #: Sizes of the fleet.
+    talkers: int = 10  #: Publishing nodes of each agent.
+    listeners: int = 10  #: Subscribing nodes of each agent.
+    repeats: int = 1  #: How often each fleet is started.
+
+    def __post_init__(self) -> None:
+        if self.mode not in (STANDARD, ROUTED):
+            raise InvalidValueError("mode", self.mode, f"{STANDARD} and {ROUTED}")
+        if min(self.agents) < 2 or self.talkers + self.listeners < 1:
+            given = f"{min(self.agents)} agents with {self.talkers} + {self.listeners} nodes"
+            raise InvalidValueError("stage", given, "fleets from 2 agents with at least one node each")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scale:
+    """Simulated fleets, see `simulated`."""
+
+    agents: tuple[int, ...] = ()  #: Sizes of the fleet.
+    talkers: int = 10  #: Publishing nodes of each agent.
+    listeners: int = 10  #: Subscribing nodes of each agent.
+    repeats: int = 1  #: How many seeds each.
+
+
+_FLEETS = (2, 3, 4, 5, 6)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """The whole run."""
+
+    profile: str = "quick"  #: Name of the profile it came from.
+    #: Live fleets; cells of one size and kind of agents are run side by side.
+    stages: tuple[Stage, ...] = (
+        Stage(mode=STANDARD, agents=(2, 3, 4, 6)),
+        Stage(mode=ROUTED, agents=(2, 3, 4, 5), repeats=2),
+        Stage(mode=ROUTED, agents=(6,), repeats=3),
+        Stage(mode=ROUTED, agents=(2, 6, 12), talkers=1, listeners=1),
+    )
+    simulated: Scale = Scale(agents=(2, 4, 6, 12, 25, 50, 100))  #: Simulated fleets.
+    timeout_s: float = 120.0  #: When a fleet that is not complete is given up, seconds after its start.
+    multicast: str = "default"  #: How far DDS uses multicast between agents: ``default`` is ROS 2's.
+    seed: int = 0  #: Seed of the order of cells, and of what is simulated.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fleet:
+    """A fleet and its agents' nodes."""
+
+    mode: str  #: ``standard`` or ``routed``.
+    agents: int  #: How many.
+    talkers: int = 10  #: Publishing nodes of each agent.
+    listeners: int = 10  #: Subscribing nodes of each agent.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell(Fleet):
+    """A live fleet to be started once."""
+
+    repeat: int  #: Which repetition.
+
+
+def host_names(count: int) -> list[str]:
+    """Return the names of the hosts, which are their agents' too."""
+    return [f"agent_{number}" for number in range(1, count + 1)]
+
+
+def _hosts_of(config: Config) -> list[str]:
+    return host_names(max((agents for stage in config.stages for agents in stage.agents), default=0))
+
+
+def cells_of(config: Config) -> list[Cell]:
+    """Return the cells in the order they are run.
+
+    Fleets of one size with the same nodes follow each other in random order, standard among routed, so that a
+    machine that slows down slows both; sizes are shuffled too.
+    """
+    groups: dict[tuple[int, int, int], list[Cell]] = {}
+    for stage in config.stages:
+        nodes = {"talkers": stage.talkers, "listeners": stage.listeners}
+        for agents in stage.agents:
+            group = groups.setdefault((agents, stage.talkers, stage.listeners), [])
+            group += [
+                Cell(mode=stage.mode, agents=agents, repeat=repeat, **nodes) for repeat in range(stage.repeats)
+            ]
+    rng = np.random.default_rng(config.seed)
+    shuffled = [list(groups.values())[i] for i in rng.permutation(len(groups))]
+    return [group[i] for group in shuffled for i in rng.permutation(len(group))]
+
+
+exp = Experiment(
+    "discovery",
+    Config,
+    where="A 4.1, 4.2, 5.3",
+    smoke={
+        "stages": (
+            Stage(mode=STANDARD, agents=(2,), talkers=2, listeners=1),
+            Stage(mode=ROUTED, agents=(2,), talkers=2, listeners=1),
+        ),
+        "simulated": Scale(agents=(2, 10), talkers=2, listeners=1),
+        "timeout_s": 20.0,
+    },
+    paper={
+        "stages": (
+            Stage(mode=STANDARD, agents=_FLEETS, repeats=120),
+            Stage(mode=ROUTED, agents=_FLEETS, repeats=120),
+            Stage(mode=ROUTED, agents=(2, 4, 6, 8, 12, 16), talkers=1, listeners=1, repeats=10),
+        ),
+        "simulated": Scale(agents=(2, 3, 4, 5, 6, 10, 20, 50, 100, 200, 500, 1000), repeats=5),
+        "timeout_s": 300.0,
+    },
+    hosts=_hosts_of,
+    setup=Setup(
+        actors=(
+            Actor("nodes", host="each agent", does="as many ROS 2 nodes of demo_nodes_cpp", count="2 or 20"),
+            Actor("router", host="each agent", does="joins the agent's domain with the global one"),
+            Actor("status provider", host="each agent", does="announces the agent"),
+            Actor("discoverer", host="each agent", does="finds the peers"),
+            Actor("peers", host="other agents", does="the same"),
+        ),
+        links=(
+            Link("nodes", "peers", "standard: DDS discovery of all nodes", boundary="the network"),
+            Link("nodes", "router", "routed: DDS discovery, which ends here"),
+            Link("status provider", "router", "heartbeats, metadata"),
+            Link("router", "discoverer", "peers' heartbeats, metadata"),
+            Link("router", "peers", "heartbeats, metadata", boundary="the network"),
+        ),
+    ),
+)
+
+
+@exp.table("cell")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetRow:
+    """One fleet, started once."""
+
+    cell: int  #: Counter from 0.
+    mode: str  #: ``standard`` or ``routed``.
+    agents: int  #: Size of the fleet.
+    talkers: int  #: Publishing nodes of each agent.
+    listeners: int  #: Subscribing nodes of each agent.
+    repeat: int  #: Which repetition.
+    resolved_s: float  #: From the start signal until the last agent had resolved all its peers, seconds.
+    censored: bool  #: Whether it was given up instead; `resolved_s` is then how long it was waited for.
+    signal_s: float  #: How long it took to give the start signal to all processes, seconds.
+    window_s: float  #: From the start signal to the last reading of the meters, seconds.
+    nodes_cpu_s: float  #: CPU time of the ROS 2 nodes in that window, seconds.
+    components_cpu_s: float  #: CPU time of routers, status providers and discoverers, seconds.
+    machine_percent: float  #: Everything else that ran on the machine, per cent of one core.
+    steal_percent: float  #: Time the hypervisor took, per cent of one core.
+
+
+@exp.table("host")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HostRow:
+    """One agent of a fleet."""
+
+    cell: int  #: The cell.
+    host: int  #: Which agent, from 0.
+    resolved_s: float  #: From the start signal until it had resolved all its peers, seconds.
+    censored: bool  #: Whether it was given up instead; `resolved_s` is then how long it was waited for.
+    own_bytes: float  #: Received at its interface until then.
+    fleet_bytes: float  #: Received at its interface until the whole fleet had resolved.
+    own_packets: float  #: Frames received until then.
+
+
+@exp.table("simulated")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedRow:
+    """One agent of a simulated fleet."""
+
+    mode: str  #: ``standard`` or ``routed``.
+    agents: int  #: Size of the fleet.
+    talkers: int  #: Publishing nodes of each agent.
+    listeners: int  #: Subscribing nodes of each agent.
+    seed: int  #: Seed of the run.
+    host: int  #: Which agent, from 0.
+    resolved_s: float  #: From the start until it had resolved all its peers, simulated seconds.
+    rx_bytes: float  #: Received at its interface until then.
+    censored: bool  #: Whether it was given up instead.
