@@ -50,15 +50,37 @@ def write_example(example: ExampleMachine, folder: Path) -> Path:
     number = next(machine for machine, name in MACHINES.items() if name == example.elf_name)
     contents = {"usr/bin/sh": elf_header(number)}
     contents |= {path: text.encode() for path, text in example.files.items()}
-    for path, data in contents.items():
+    links = {"bin": "usr/bin", **example.links}
+    for path in (*contents, *links):
         place = folder / path
         place.parent.mkdir(parents=True, exist_ok=True)
-        place.write_bytes(data)
-    for path, target in {"bin": "usr/bin", **example.links}.items():
-        place = folder / path
-        place.parent.mkdir(parents=True, exist_ok=True)
-        place.symlink_to(target)
+        if path in links:
+            place.symlink_to(links[path])
+        else:
+            place.write_bytes(contents[path])
     return folder
+
+
+def _made(
+    expected: Accelerator,
+    description: str,
+    system: str,
+    *parts: Mapping[str, str],
+    links: Mapping[str, str] | None = None,
+    elf: Architecture | str | None = None,
+) -> ExampleMachine:
+    """Return a machine; one with a device tree has an ARM processor, any other AMD64, unless it is given."""
+    files = _system(system)
+    for part in parts:
+        files |= part
+    is_board = f"{_TREE}/model" in files
+    return ExampleMachine(
+        description=description,
+        files=files,
+        links=links or (_TREE_LINK if is_board else {}),
+        elf=elf or (Architecture.ARM64 if is_board else Architecture.AMD64),
+        expected=expected,
+    )
 
 
 _TREE = "sys/firmware/devicetree/base"
@@ -74,6 +96,10 @@ def _system(name: str) -> dict[str, str]:
 def _board(model: str, *compatible: str) -> dict[str, str]:
     names = "".join(f"{name}\0" for name in compatible)
     return {f"{_TREE}/model": f"{model}\0", f"{_TREE}/compatible": names}
+
+
+def _tegra(release: str) -> dict[str, str]:
+    return {"etc/nv_tegra_release": release}
 
 
 def _pc(vendor: str, product: str) -> dict[str, str]:
@@ -101,8 +127,9 @@ def _kfd(node: int, version: int, minor: int) -> dict[str, str]:
     return {f"{_KFD}/0/properties": processor, f"{_KFD}/{node}/properties": graphics, "dev/kfd": ""}
 
 
-def _video(number: int, name: str) -> dict[str, str]:
-    return {f"dev/video{number}": "", f"sys/class/video4linux/video{number}/name": f"{name}\n"}
+def _videos(names: Mapping[int, str]) -> dict[str, str]:
+    classes = {f"sys/class/video4linux/video{number}/name": f"{name}\n" for number, name in names.items()}
+    return {**_nodes(*(f"video{number}" for number in names)), **classes}
 
 
 _NVIDIA_NODES = _nodes("nvidia0", "nvidiactl", "nvidia-modeset", "nvidia-uvm", "nvidia-uvm-tools")
@@ -112,187 +139,140 @@ _NVIDIA_DRIVER = {
         "GCC version:  gcc version 13.3.0 (Ubuntu 13.3.0-6ubuntu2~24.04)\n"
     ),
 }
-_AMD64, _ARM64 = Architecture.AMD64, Architecture.ARM64
 
 EXAMPLES: dict[str, ExampleMachine] = {
-    "jetson_orin_nx": ExampleMachine(
-        description="Jetson Orin NX, JetPack 6.2: Linux' device tree bindings (tegra.yaml), L4T R36's files",
-        files={
-            **_system("Ubuntu 22.04.5 LTS"),
-            **_board(
-                "NVIDIA Jetson Orin NX Engineering Reference Developer Kit",
-                *("nvidia,p3768-0000+p3767-0000", "nvidia,p3767-0000", "nvidia,tegra234"),
-            ),
-            "etc/nv_tegra_release": (
-                "# R36 (release), REVISION: 4.3, GCID: 38968081, BOARD: generic, EABI: aarch64, "
-                "DATE: Wed Jan  8 01:49:37 UTC 2025\n# KERNEL_VARIANT: oot\n"
-            ),
-            **_nodes("nvmap", "nvhost-ctrl-gpu", "nvhost-gpu", "nvhost-nvdec", "nvgpu/igpu0/ctrl"),
-            **_nodes("nvidia0", "nvidiactl", "nvidia-modeset", "v4l2-nvdec", "v4l2-nvenc"),
-            **_nodes("dri/card0", "dri/renderD128"),
-            **_video(0, "vi-output, imx219 9-0010"),
-        },
-        links=_TREE_LINK,
-        elf=_ARM64,
-        expected=Accelerator.JETSON,
+    "jetson_orin_nx": _made(
+        Accelerator.JETSON,
+        "Jetson Orin NX, JetPack 6.2: Linux' device tree bindings (tegra.yaml), L4T R36's files",
+        "Ubuntu 22.04.5 LTS",
+        _board(
+            "NVIDIA Jetson Orin NX Engineering Reference Developer Kit",
+            *("nvidia,p3768-0000+p3767-0000", "nvidia,p3767-0000", "nvidia,tegra234"),
+        ),
+        _tegra(
+            "# R36 (release), REVISION: 4.3, GCID: 38968081, BOARD: generic, EABI: aarch64, "
+            "DATE: Wed Jan  8 01:49:37 UTC 2025\n# KERNEL_VARIANT: oot\n"
+        ),
+        _nodes("nvmap", "nvhost-ctrl-gpu", "nvhost-gpu", "nvhost-nvdec", "nvgpu/igpu0/ctrl"),
+        _nodes("nvidia0", "nvidiactl", "nvidia-modeset", "v4l2-nvdec", "v4l2-nvenc"),
+        _nodes("dri/card0", "dri/renderD128"),
+        _videos({0: "vi-output, imx219 9-0010"}),
     ),
-    "jetson_xavier_nx": ExampleMachine(
-        description="Jetson Xavier NX, JetPack 4.6: L4T R32's files",
-        files={
-            **_system("Ubuntu 18.04.6 LTS"),
-            **_board(
-                "NVIDIA Jetson Xavier NX Developer Kit", "nvidia,p3449-0000+p3668-0000", "nvidia,tegra194"
-            ),
-            "etc/nv_tegra_release": (
-                "# R32 (release), REVISION: 7.1, GCID: 29818004, BOARD: t186ref, EABI: aarch64, "
-                "DATE: Sat Feb 19 17:07:00 UTC 2022\n"
-            ),
-            **_nodes("nvmap", "nvhost-ctrl", "nvhost-gpu", "nvhost-msenc", "nvhost-nvdec", "nvidiactl"),
-        },
-        links=_TREE_LINK,
-        elf=_ARM64,
-        expected=Accelerator.JETSON,
+    "jetson_xavier_nx": _made(
+        Accelerator.JETSON,
+        "Jetson Xavier NX, JetPack 4.6: L4T R32's files",
+        "Ubuntu 18.04.6 LTS",
+        _board("NVIDIA Jetson Xavier NX Developer Kit", "nvidia,p3449-0000+p3668-0000", "nvidia,tegra194"),
+        _tegra(
+            "# R32 (release), REVISION: 7.1, GCID: 29818004, BOARD: t186ref, EABI: aarch64, "
+            "DATE: Sat Feb 19 17:07:00 UTC 2022\n"
+        ),
+        _nodes("nvmap", "nvhost-ctrl", "nvhost-gpu", "nvhost-msenc", "nvhost-nvdec", "nvidiactl"),
     ),
-    "workstation_rtx": ExampleMachine(
-        description="Workstation with an RTX card beside an AMD processor's graphics: NVIDIA's README, amdgpu",
-        files={
-            **_system("Ubuntu 24.04.1 LTS"),
-            **_pc("ASUS", "System Product Name"),
-            **_NVIDIA_NODES,
-            **_NVIDIA_DRIVER,
-            **_pci("0000:01:00.0", "0x10de", "nvidia"),
-            **_pci("0000:0b:00.0", "0x1002", "amdgpu"),
-            **_graphics(128, "0x10de"),
-            **_graphics(129, "0x1002"),
-            **_kfd(1, 100306, 129),
-        },
-        links={},
-        elf=_AMD64,
-        expected=Accelerator.CUDA,
+    "workstation_rtx": _made(
+        Accelerator.CUDA,
+        "Workstation with an RTX card beside an AMD processor's graphics: NVIDIA's README, amdgpu",
+        "Ubuntu 24.04.1 LTS",
+        _pc("ASUS", "System Product Name"),
+        _NVIDIA_NODES,
+        _NVIDIA_DRIVER,
+        _pci("0000:01:00.0", "0x10de", "nvidia"),
+        _pci("0000:0b:00.0", "0x1002", "amdgpu"),
+        _graphics(128, "0x10de"),
+        _graphics(129, "0x1002"),
+        _kfd(1, 100306, 129),
     ),
-    "nvidia_without_driver": ExampleMachine(
-        description="PC with an NVIDIA card that nouveau drives: Linux, sysfs-bus-pci",
-        files={
-            **_system("Debian GNU/Linux 12 (bookworm)"),
-            **_pc("Dell Inc.", "Precision 3660"),
-            **_pci("0000:01:00.0", "0x10de", "nouveau"),
-            **_graphics(128, "0x10de"),
-        },
-        links={},
-        elf=_AMD64,
-        expected=Accelerator.NONE,
+    "nvidia_without_driver": _made(
+        Accelerator.NONE,
+        "PC with an NVIDIA card that nouveau drives: Linux, sysfs-bus-pci",
+        "Debian GNU/Linux 12 (bookworm)",
+        _pc("Dell Inc.", "Precision 3660"),
+        _pci("0000:01:00.0", "0x10de", "nouveau"),
+        _graphics(128, "0x10de"),
     ),
-    "desktop_rocm": ExampleMachine(
-        description="Desktop with a Radeon RX 7900 XTX, gfx1100: AMD's list of supported GPUs, amdkfd's sysfs",
-        files={
-            **_system("Ubuntu 24.04.1 LTS"),
-            **_pc("Gigabyte Technology Co., Ltd.", "X670 AORUS ELITE AX"),
-            **_pci("0000:03:00.0", "0x1002", "amdgpu"),
-            **_graphics(128, "0x1002"),
-            **_kfd(1, 110000, 128),
-        },
-        links={},
-        elf=_AMD64,
-        expected=Accelerator.ROCM,
+    "desktop_rocm": _made(
+        Accelerator.ROCM,
+        "Desktop with a Radeon RX 7900 XTX, gfx1100: AMD's list of supported GPUs, amdkfd's sysfs",
+        "Ubuntu 24.04.1 LTS",
+        _pc("Gigabyte Technology Co., Ltd.", "X670 AORUS ELITE AX"),
+        _pci("0000:03:00.0", "0x1002", "amdgpu"),
+        _graphics(128, "0x1002"),
+        _kfd(1, 110000, 128),
     ),
-    "steam_deck": ExampleMachine(
-        description="Steam Deck OLED, whose gfx1033 has /dev/kfd but is not on AMD's list: amdkfd, DMI",
-        files={
-            **_system("SteamOS"),
-            **_pc("Valve", "Galileo"),
-            **_pci("0000:04:00.0", "0x1002", "amdgpu"),
-            **_graphics(128, "0x1002"),
-            **_kfd(1, 100303, 128),
-        },
-        links={},
-        elf=_AMD64,
-        expected=Accelerator.VAAPI,
+    "steam_deck": _made(
+        Accelerator.VAAPI,
+        "Steam Deck OLED, whose gfx1033 has /dev/kfd but is not on AMD's list: amdkfd, DMI",
+        "SteamOS",
+        _pc("Valve", "Galileo"),
+        _pci("0000:04:00.0", "0x1002", "amdgpu"),
+        _graphics(128, "0x1002"),
+        _kfd(1, 100303, 128),
     ),
-    "laptop_intel": ExampleMachine(
-        description="Laptop with Intel's graphics and a camera: i915, uvcvideo",
-        files={
-            **_system("Fedora Linux 41 (Workstation Edition)"),
-            **_pc("LENOVO", "21CB000GGE"),
-            **_pci("0000:00:02.0", "0x8086", "i915"),
-            **_graphics(128, "0x8086"),
-            **_video(0, "Integrated Camera: Integrated C"),
-        },
-        links={},
-        elf=_AMD64,
-        expected=Accelerator.VAAPI,
+    "laptop_intel": _made(
+        Accelerator.VAAPI,
+        "Laptop with Intel's graphics and a camera: i915, uvcvideo",
+        "Fedora Linux 41 (Workstation Edition)",
+        _pc("LENOVO", "21CB000GGE"),
+        _pci("0000:00:02.0", "0x8086", "i915"),
+        _graphics(128, "0x8086"),
+        _videos({0: "Integrated Camera: Integrated C"}),
     ),
-    "raspberry_pi_5": ExampleMachine(
-        description="Raspberry Pi 5: its kernel's drivers rpi-hevc-dec and pispbe; v3d is no PCI device",
-        files={
-            **_system("Debian GNU/Linux 12 (bookworm)"),
-            **_board("Raspberry Pi 5 Model B Rev 1.0", "raspberrypi,5-model-b", "brcm,bcm2712"),
-            **_nodes("dri/card0", "dri/card1", "dri/renderD128"),
-            **_video(19, "rpi-hevc-dec"),
-            **_video(20, "pispbe-input"),
-            **_video(21, "pispbe-tdn_input"),
-        },
-        links=_TREE_LINK,
-        elf=_ARM64,
-        expected=Accelerator.V4L2,
+    "raspberry_pi_5": _made(
+        Accelerator.V4L2,
+        "Raspberry Pi 5: its kernel's drivers rpi-hevc-dec and pispbe; v3d is no PCI device",
+        "Debian GNU/Linux 12 (bookworm)",
+        _board("Raspberry Pi 5 Model B Rev 1.0", "raspberrypi,5-model-b", "brcm,bcm2712"),
+        _nodes("dri/card0", "dri/card1", "dri/renderD128"),
+        _videos({19: "rpi-hevc-dec", 20: "pispbe-input", 21: "pispbe-tdn_input"}),
     ),
-    "raspberry_pi_4": ExampleMachine(
-        description="Raspberry Pi 4: its kernel's driver bcm2835-codec, one node for each role",
-        files={
-            **_system("Debian GNU/Linux 12 (bookworm)"),
-            **_board("Raspberry Pi 4 Model B Rev 1.4", "raspberrypi,4-model-b", "brcm,bcm2711"),
-            **_nodes("dri/card0", "dri/renderD128"),
-            **_video(10, "bcm2835-codec-decode"),
-            **_video(11, "bcm2835-codec-encode"),
-            **_video(12, "bcm2835-codec-isp"),
-            **_video(13, "bcm2835-isp0-output0"),
-            **_video(18, "bcm2835-codec-image_fx"),
-            **_video(19, "rpivid"),
-        },
-        links=_TREE_LINK,
-        elf=_ARM64,
-        expected=Accelerator.V4L2,
+    "raspberry_pi_4": _made(
+        Accelerator.V4L2,
+        "Raspberry Pi 4: its kernel's driver bcm2835-codec, one node for each role",
+        "Debian GNU/Linux 12 (bookworm)",
+        _board("Raspberry Pi 4 Model B Rev 1.4", "raspberrypi,4-model-b", "brcm,bcm2711"),
+        _nodes("dri/card0", "dri/renderD128"),
+        _videos(
+            {
+                10: "bcm2835-codec-decode",
+                11: "bcm2835-codec-encode",
+                12: "bcm2835-codec-isp",
+                13: "bcm2835-isp0-output0",
+                18: "bcm2835-codec-image_fx",
+                19: "rpivid",
+            }
+        ),
     ),
-    "virtual_machine": ExampleMachine(
-        description="Virtual machine with virtio's graphics: OASIS virtio 1.2, vendor 0x1af4",
-        files={
-            **_system("Debian GNU/Linux 12 (bookworm)"),
-            **_pc("QEMU", "Standard PC (Q35 + ICH9, 2009)"),
-            **_pci("0000:00:01.0", "0x1af4", "virtio-pci"),
-            **_graphics(128, "0x1af4"),
-        },
-        links={},
-        elf=_AMD64,
-        expected=Accelerator.NONE,
+    "virtual_machine": _made(
+        Accelerator.NONE,
+        "Virtual machine with virtio's graphics: OASIS virtio 1.2, vendor 0x1af4",
+        "Debian GNU/Linux 12 (bookworm)",
+        _pc("QEMU", "Standard PC (Q35 + ICH9, 2009)"),
+        _pci("0000:00:01.0", "0x1af4", "virtio-pci"),
+        _graphics(128, "0x1af4"),
     ),
-    "wsl2": ExampleMachine(
-        description="WSL 2 on Windows with NVIDIA's driver: NVIDIA, CUDA on WSL User Guide",
-        files={**_system("Ubuntu 22.04.5 LTS"), **_nodes("dxg"), "usr/lib/wsl/lib/libcuda.so.1.1": ""},
+    "wsl2": _made(
+        Accelerator.CUDA,
+        "WSL 2 on Windows with NVIDIA's driver: NVIDIA, CUDA on WSL User Guide",
+        "Ubuntu 22.04.5 LTS",
+        _nodes("dxg"),
+        {"usr/lib/wsl/lib/libcuda.so.1.1": ""},
         links={"usr/lib/wsl/lib/libcuda.so.1": "libcuda.so.1.1"},
-        elf=_AMD64,
-        expected=Accelerator.CUDA,
     ),
-    "container": ExampleMachine(
-        description="Container without devices on an RTX workstation: Docker's mark, the host's /proc and /sys",
-        files={
-            **_system("Ubuntu 24.04.1 LTS"),
-            ".dockerenv": "",
-            **_NVIDIA_DRIVER,
-            **_pci("0000:01:00.0", "0x10de", "nvidia"),
-            "sys/class/drm/renderD128/device/vendor": "0x10de\n",
-        },
-        links={},
-        elf=_AMD64,
-        expected=Accelerator.NONE,
+    "container": _made(
+        Accelerator.NONE,
+        "Container without devices on an RTX workstation: Docker's mark, the host's /proc and /sys",
+        "Ubuntu 24.04.1 LTS",
+        {".dockerenv": ""},
+        _NVIDIA_DRIVER,
+        _pci("0000:01:00.0", "0x10de", "nvidia"),
+        {"sys/class/drm/renderD128/device/vendor": "0x10de\n"},
     ),
-    "riscv_board": ExampleMachine(
-        description="VisionFive 2, a RISC-V board that there are no images for: Linux, jh7110 device tree",
-        files={
-            **_system("Debian GNU/Linux trixie/sid"),
-            **_board("StarFive VisionFive 2 v1.3B", "starfive,visionfive-2-v1.3b", "starfive,jh7110"),
-        },
-        links=_TREE_LINK,
+    "riscv_board": _made(
+        Accelerator.NONE,
+        "VisionFive 2, a RISC-V board that there are no images for: Linux, jh7110 device tree",
+        "Debian GNU/Linux trixie/sid",
+        _board("StarFive VisionFive 2 v1.3B", "starfive,visionfive-2-v1.3b", "starfive,jh7110"),
         elf="riscv64",
-        expected=Accelerator.NONE,
     ),
 }
 """Machines by name; the paper's test bed has the first, a workstation, a Steam Deck and Raspberry Pi 5."""
