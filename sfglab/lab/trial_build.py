@@ -28,12 +28,14 @@ from sfglab.deploy.errors import DeployError
 from sfglab.deploy.programs import run_heard
 from sfglab.deploy.release import MACHINES
 from sfglab.fleet.fleet_file import Accelerator, RosDistribution
+from sfglab.lab.checks.machines import Unasked, held
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from sfglab.deploy.deployment import Deployment
     from sfglab.fleet.fleet_file import Architecture
+    from sfglab.lab.checks import CheckRow
 
 
 _GLIBC_MINORS = (17, 24, 26, 27, 28, 31, 34, 35)
@@ -124,15 +126,6 @@ _CACHED = "--> Using cache"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TrialCheck:
-    """What one question to a real image gave."""
-
-    check: str  #: What should hold.
-    holds: bool | None  #: Whether it does; None if nobody could ask.
-    seen: str  #: What was seen, or why nobody could ask.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class _Workshop:
     """A builder with its own store, apart from the machine's."""
 
@@ -198,7 +191,7 @@ def why_not() -> str:
 
 def trial_build(
     deployment: Deployment, wheel: Path, folder: Path, say: Callable[[str], None], *, cache: Path | None = None
-) -> tuple[TrialCheck, ...]:
+) -> tuple[CheckRow | Unasked, ...]:
     """Build an agent's images twice, ask them what a robot would, and take all of it away again.
 
     Args:
@@ -213,7 +206,7 @@ def trial_build(
     """
     reason = why_not()
     if reason:
-        return (TrialCheck(check="the images build", holds=None, seen=reason),)
+        return (Unasked(check="the images build", why=reason),)
     shop = _open_workshop(folder / "trial", say)
     kept = cache or shop.folder / "kept"
     first = _reachable(deployment)
@@ -256,11 +249,7 @@ def _make_base(shop: _Workshop, kept: Path, deployment: Deployment) -> None:
     archive = kept / _ARCHIVE
     if not archive.is_file():
         base = base_of(deployment)
-        packages = (
-            "ca-certificates",
-            "ffmpeg",
-            *base.python_packages,
-        )  # the adapter's, so that it needs no apt
+        packages = ("ca-certificates", "ffmpeg", *base.python_packages)  # so that the adapter needs no apt
         root = shop.folder / "root"
         wanted = f"--include={','.join(packages)}"
         run_heard(["debootstrap", "--variant=minbase", wanted, base.distribution.value, str(root)], shop.say)
@@ -274,7 +263,7 @@ def _make_base(shop: _Workshop, kept: Path, deployment: Deployment) -> None:
     shutil.rmtree(context)
 
 
-def _checks(shop: _Workshop, kept: Path, first: Deployment, wheel: Path) -> Iterator[TrialCheck]:
+def _checks(shop: _Workshop, kept: Path, first: Deployment, wheel: Path) -> Iterator[CheckRow]:
     folder = _write(shop.folder / "first", first, wheel, kept)
     image, said = _built(shop, folder, first)
     yield _check("the images build without a package index", True, f"{len(said)} lines said")
@@ -302,14 +291,14 @@ def _next_release(deployment: Deployment, wheel: Path, folder: Path) -> tuple[De
     return replace(deployment, release=release), newer
 
 
-def _ask_image(shop: _Workshop, image: str, deployment: Deployment) -> Iterator[TrialCheck]:
+def _ask_image(shop: _Workshop, image: str, deployment: Deployment) -> Iterator[CheckRow]:
     inspected = json.loads(shop.ask("inspect", "--type", "image", image).stdout)
     labels = inspected["OCIv1"]["config"].get("Labels") or {}
     mine = {
-        f"io.sfglab.{name}": value
-        for name, value in (("agent", deployment.agent.name), ("wheel.sha256", deployment.release.wheel_sha256))
+        "io.sfglab.agent": deployment.agent.name,
+        "io.sfglab.wheel.sha256": deployment.release.wheel_sha256,
+        "org.opencontainers.image.version": deployment.release.version,
     }
-    mine["org.opencontainers.image.version"] = deployment.release.version
     yield _check("it says what it is made of", mine.items() <= labels.items(), f"{len(labels)} labels")
     status, words = shop.run(image, "id", "-u")
     yield _check("it runs as nobody special", (status, words) == (0, str(USER_ID)), words)
@@ -371,8 +360,8 @@ def _fresh_steps(said: list[str]) -> list[str]:
     return fresh
 
 
-def _check(check: str, holds: bool, seen: str) -> TrialCheck:  # noqa: FBT001 - it is the answer
-    return TrialCheck(check=check, holds=holds, seen=seen)
+def _check(check: str, holds: bool, seen: str) -> CheckRow:  # noqa: FBT001 - it is the answer
+    return held(check, [(seen, holds)])
 
 
 def _first(words: str) -> str:

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from sfglab.cli import app
 from sfglab.errors import SfglabError
+from sfglab.lab.checks.broken_fleets import BROKEN, break_fleet
 from sfglab.lab.example_machines import EXAMPLES, write_example
-from sfglab.lab.experiments.deployment.broken import BROKEN, break_fleet
 
 ROOT = Path(__file__).parents[2]
 FLEET = ROOT / "data" / "fleets" / "esslingen.yaml"

@@ -3,31 +3,39 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import replace
 
 import pytest
 
 from sfglab.deploy.preparing import load_source, prepare
 from sfglab.deploy.release import SOURCE, make_release
 from sfglab.lab.bundle_meanings import meaning_of
-from sfglab.lab.experiments import deployment
+from sfglab.lab.experiments.deployment import exp
 from sfglab.lab.experiments.deployment.containers import container_checks
-from sfglab.lab.experiments.deployment.run import run
 
+REFERENCE = SOURCE / "data" / "reference" / "deployment.mcap"
 ESSLINGEN = SOURCE / "data" / "fleets" / "esslingen.yaml"
 
 
 def test_a_run_fills_its_claim_draws_its_figures_and_keeps_what_machines_are_given(tmp_path):
-    config = replace(deployment.Config.of_profile("smoke"), agents=("steamdeck",))
-    log = asyncio.run(run(config, tmp_path / "run.mcap"))
-    measured = deployment.measure_claims(log)["A-DEPLOY"]
+    run = asyncio.run(exp.run("smoke", path=tmp_path / "run.mcap", agents=["steamdeck"]))
+    measured = exp.measure(run)["A-DEPLOY"]
     assert measured.estimate.value == 1.0, measured.reason
-    assert set(deployment.figures(log)) == {"deployment_layers", "deployment_checks"}
-    results = deployment.load_results(log)
-    assert [path for path in results.files["path"] if not meaning_of(path)] == []
-    assert results.refused[~results.refused["refused"]].to_dict("records") == []
-    assert len(results.refused) >= 10
-    assert deployment.text_of(log, "steamdeck/compose.yaml").startswith("# Agent steamdeck")
+    assert measured.how.value == "exact"
+    assert set(exp.figures(run)) == {"deployment_layers", "deployment_checks"}
+    assert [path for path in run["file"]["path"] if not meaning_of(path)] == []
+    assert run["refused"]["refused"].all()
+    assert len(run["refused"]) >= 10
+    assert run.attachment("steamdeck/compose.yaml").startswith(b"# Agent steamdeck")
+
+
+def test_the_reference_run_fills_the_claim_and_one_fault_would_show():
+    run = exp.load(REFERENCE)
+    measured = exp.measure(run)["A-DEPLOY"]
+    assert (measured.estimate.value, measured.how.value) == (1.0, "live")
+    table = run.table("check")
+    table.loc[table["group"] == "hooks", "held"] = 0
+    measured = exp.measure(run)["A-DEPLOY"]
+    assert (measured.estimate.value, "a dry run changes nothing" in measured.reason) == (0.0, True)
 
 
 @pytest.mark.live

@@ -153,23 +153,20 @@ async def _look(outside: Host, pairs: Sequence[tuple[Deployment, Bundle]]) -> di
 
 def _meeting_row(names: Sequence[str], found: Sequence[set[str]]) -> CheckRow:
     alone = [name for name, met in zip(names, found, strict=True) if met != {*names} - {name}]
-    return CheckRow(
-        check="agents in containers discover each other through their routers",
-        checked=len(names),
-        held=len(names) - len(alone),
-        example=f"{', '.join(alone)} met nobody" if alone else f"{names[0]} met {', '.join(sorted(found[0]))}",
-    )
+    met = f"{names[0]} met {', '.join(sorted(found[0]))}"
+    example = f"{', '.join(alone)} met nobody" if alone else met
+    return _row("agents in containers discover each other through their routers", len(names), alone, example)
 
 
 def _inside_row(pairs: Sequence[tuple[Deployment, Bundle]], seen: dict[int, list[str]]) -> CheckRow:
     shown = {d.agent.name: seen[d.network.local_domain] for d, _ in pairs}
-    leaking = {name: topics for name, topics in shown.items() if topics}
-    return CheckRow(
-        check="an agent's own domain shows nothing outside its machine",
-        checked=len(shown),
-        held=len(shown) - len(leaking),
-        example=str(next(iter(leaking.items()))) if leaking else "no endpoint in any agent's own domain",
-    )
+    leaking = [str(entry) for entry in shown.items() if entry[1]]
+    example = leaking[0] if leaking else "no endpoint in any agent's own domain"
+    return _row("an agent's own domain shows nothing outside its machine", len(shown), leaking, example)
+
+
+def _row(check: str, checked: int, wrong: Sequence[str], example: str) -> CheckRow:
+    return CheckRow(check=check, checked=checked, held=checked - len(wrong), example=example)
 
 
 def _global_row(pairs: Sequence[tuple[Deployment, Bundle]], seen: dict[int, list[str]]) -> CheckRow:

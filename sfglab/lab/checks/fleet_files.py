@@ -1,37 +1,27 @@
-"""What is made of a fleet: its files and layers, what checkers say of them, and broken fleets."""
+"""Checks of a fleet's files: a release, its files and layers, and what checkers say of them."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 from collections import defaultdict
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.bases import base_of
 from sfglab.deploy.bundle import MANIFEST, bundle_of, render_bundle
-from sfglab.deploy.fleet_check import check_fleet
-from sfglab.deploy.preparing import load_source
 from sfglab.deploy.verdicts import State
-from sfglab.errors import SfglabError
 from sfglab.lab.bundle_meanings import meaning_of
-from sfglab.lab.experiments.deployment.broken import BROKEN, break_fleet
-from sfglab.lab.experiments.deployment.machines import held
-from sfglab.lab.experiments.deployment.rows import (
-    BundleFileRow,
-    DeployCheckRow,
-    LayerRow,
-    RefusedFleetRow,
-    UncheckedRow,
-)
+from sfglab.lab.checks.machines import Unasked, held
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
-    from pathlib import Path
 
     from sfglab.deploy.bundle import Bundle
-    from sfglab.deploy.deployment import Deployment, Release
+    from sfglab.deploy.deployment import Deployment
     from sfglab.deploy.verdicts import Verdict
+    from sfglab.lab.checks import CheckRow
 
 
 LAYERS = ("base", "adapter", "application")
@@ -40,22 +30,22 @@ LAYERS = ("base", "adapter", "application")
 _STAGE = re.compile(r"^FROM\s+(?P<base>\S+)\s+AS\s+(?P<name>\S+)", re.MULTILINE | re.IGNORECASE)
 
 
-def file_rows(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[BundleFileRow]:
+def file_rows(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[dict[str, Any]]:
     """Yield every file of every machine."""
     for _, bundle in pairs:
         for path, member in bundle.members.items():
             text = b"\0" not in member.data
-            yield BundleFileRow(
-                agent=bundle.agent,
-                path=path,
-                meaning=meaning_of(path),
-                size_bytes=len(member.data),
-                lines=member.data.count(b"\n") if text else 0,
-                sha256=hashlib.sha256(member.data).hexdigest(),
-            )
+            yield {
+                "agent": bundle.agent,
+                "path": path,
+                "meaning": meaning_of(path),
+                "size_bytes": len(member.data),
+                "lines": member.data.count(b"\n") if text else 0,
+                "sha256": hashlib.sha256(member.data).hexdigest(),
+            }
 
 
-def layer_rows(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[LayerRow]:
+def layer_rows(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[dict[str, Any]]:
     """Yield the three layers of each agent's image, told apart by all that they are made from."""
     for deployment, bundle in pairs:
         lines = bundle.members["Dockerfile"].data.decode().splitlines(keepends=True)
@@ -71,10 +61,10 @@ def layer_rows(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[LayerRow]
         }
         for layer in LAYERS:
             digest.update(stages[layer].encode())
-            yield LayerRow(agent=bundle.agent, layer=layer, says=says[layer], digest=digest.hexdigest())
+            yield {"agent": bundle.agent, "layer": layer, "says": says[layer], "digest": digest.hexdigest()}
 
 
-def release_checks(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[DeployCheckRow]:
+def release_checks(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[CheckRow]:
     """Check that a release's name means its contents."""
     equal, other = [], []
     for deployment, bundle in pairs:
@@ -89,14 +79,12 @@ def release_checks(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[Deplo
         changed = (bundle_of(replace(deployment, release=change), wheel) for change in changes)
         other += [(name, one.tag != bundle.tag) for one in changed]
         other.append((f"{name}, wheel", bundle_of(deployment, wheel + b"x").tag != bundle.tag))
-    yield held("release", "equal contents are equal bytes and have one name", equal)
-    yield held("release", "any change of lock, fleet file or wheel is another release", other)
-    yield held("release", "the manifest is complete", (_complete(bundle) for _, bundle in pairs))
+    yield held("equal contents are equal bytes and have one name", equal)
+    yield held("any change of lock, fleet file or wheel is another release", other)
+    yield held("the manifest is complete", (_complete(bundle) for _, bundle in pairs))
 
 
 def _complete(bundle: Bundle) -> tuple[str, bool]:
-    import json
-
     files = json.loads(bundle.members[MANIFEST].data)["files"]
     digests = {
         path: hashlib.sha256(m.data).hexdigest() for path, m in bundle.members.items() if path != MANIFEST
@@ -104,9 +92,7 @@ def _complete(bundle: Bundle) -> tuple[str, bool]:
     return bundle.agent, {path: entry["sha256"] for path, entry in files.items()} == digests
 
 
-def verdict_rows(
-    verdicts: Iterable[Verdict], names: Mapping[str, str]
-) -> Iterator[DeployCheckRow | UncheckedRow]:
+def verdict_rows(verdicts: Iterable[Verdict], names: Mapping[str, str]) -> Iterator[CheckRow | Unasked]:
     """Yield one row for each kind of check that was asked of the fleet and its files.
 
     Args:
@@ -119,36 +105,10 @@ def verdict_rows(
     for check, found in by_check.items():
         skipped = [verdict for verdict in found if verdict.state is State.SKIPPED]
         if skipped:
-            yield UncheckedRow(group="files", check=check, why=skipped[0].says)
+            yield Unasked(check=check, why=skipped[0].says)
         asked = [v for v in found if v.state is not State.SKIPPED]
         if asked:
             cases = (
                 (f"{names.get(v.subject, v.subject)} {v.says}".strip(), v.state is State.HOLDS) for v in asked
             )
-            yield held("files", check, cases)
-
-
-def refused_rows(text: str, release: Release, folder: Path) -> Iterator[RefusedFleetRow]:
-    """Yield what is said of each broken fleet.
-
-    Args:
-        text: The paper's fleet file.
-        release: What would be deployed.
-        folder: For the broken files.
-    """
-    for number, broken in enumerate(BROKEN):
-        path = folder / f"broken{number}.yaml"
-        path.write_text(break_fleet(text, broken), encoding="utf-8")
-        said = _refusal(path, release).replace(f"{path}", "fleet.yaml")
-        yield RefusedFleetRow(
-            fault=broken.fault, refused=bool(said) and all(word in said for word in broken.words), said=said
-        )
-
-
-def _refusal(path: Path, release: Release) -> str:
-    """Return why a fleet is refused, or nothing."""
-    try:
-        verdicts = check_fleet(load_source(path), release)
-    except SfglabError as error:
-        return str(error)
-    return "; ".join(dict.fromkeys(v.says for v in verdicts if v.state is State.FAILS))
+            yield held(check, cases)

@@ -1,12 +1,12 @@
-"""What machines do with their files: detection, hooks and rollouts, on folders in place of machines."""
+"""Checks of machines: detection, hooks and rollouts, on folders in place of machines."""
 
 from __future__ import annotations
 
 import os
 import subprocess
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.bundle import bundle_of, write_bundle
 from sfglab.deploy.hardware.detection import detect
@@ -14,8 +14,8 @@ from sfglab.deploy.rollout.apply import apply_plan, look_and_plan, released
 from sfglab.deploy.rollout.plan import Change
 from sfglab.deploy.rollout.transport import Local, copy_facts
 from sfglab.fleet.fleet_file import Accelerator
+from sfglab.lab.checks import CheckRow
 from sfglab.lab.example_machines import EXAMPLES, write_example
-from sfglab.lab.experiments.deployment.rows import DeployCheckRow, DetectedRow
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -28,23 +28,28 @@ _HOOKS_S = 60.0
 _EXTENSION = "50-mine.sh"
 
 
-def held(group: str, check: str, cases: Iterable[tuple[str, bool]]) -> DeployCheckRow:
-    """Return how often a property held.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unasked:
+    """A property that nobody could ask about here."""
+
+    check: str  #: The property.
+    why: str  #: What is missing.
+
+
+def held(check: str, cases: Iterable[tuple[str, bool]]) -> CheckRow:
+    """Return how often a property held; the example is the first case that does not, else the last.
 
     Args:
-        group: Which part of the deployment it is of.
         check: The property.
         cases: What each case was, and whether it held.
     """
     seen = list(cases)
     wrong = [case for case, ok in seen if not ok]
     example = wrong[0] if wrong else seen[-1][0] if seen else ""
-    return DeployCheckRow(
-        group=group, check=check, checked=len(seen), held=len(seen) - len(wrong), example=example
-    )
+    return CheckRow(check=check, checked=len(seen), held=len(seen) - len(wrong), example=example)
 
 
-def detection_checks(folder: Path) -> Iterator[DeployCheckRow]:
+def detection_checks(folder: Path) -> Iterator[CheckRow]:
     """Check detection on machines made up from documentation, and from here as if over SSH.
 
     Args:
@@ -62,12 +67,12 @@ def detection_checks(folder: Path) -> Iterator[DeployCheckRow]:
         copy_facts(Local(folder=here), copy)
         far = detect(copy).accelerator
         remote.append((f"{name}: {far.value}", far is machine.accelerator))
-    yield held("detection", "the accelerator is found", right)
-    yield held("detection", "every accelerator has a verdict with its reason", told)
-    yield held("detection", "from another machine the same is found", remote)
+    yield held("the accelerator is found", right)
+    yield held("every accelerator has a verdict with its reason", told)
+    yield held("from another machine the same is found", remote)
 
 
-def detected_rows(folder: Path) -> Iterator[DetectedRow]:
+def detected_rows(folder: Path) -> Iterator[dict[str, Any]]:
     """Yield what detection says of this machine and of those made up from documentation.
 
     Args:
@@ -81,15 +86,15 @@ def detected_rows(folder: Path) -> Iterator[DetectedRow]:
             for evidence in machine.evidence
             if evidence.sources and not evidence.chosen
         ]
-        yield DetectedRow(
-            machine=name,
-            accelerator=machine.accelerator.value,
-            why=machine.evidence_of(machine.accelerator).reason,
-            instead="; ".join(others),
-        )
+        yield {
+            "machine": name,
+            "accelerator": machine.accelerator.value,
+            "why": machine.evidence_of(machine.accelerator).reason,
+            "instead": "; ".join(others),
+        }
 
 
-def hook_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> Iterator[DeployCheckRow]:
+def hook_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> Iterator[CheckRow]:
     """Run every agent's hooks on a folder in place of its machine.
 
     Args:
@@ -102,23 +107,23 @@ def hook_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> Ite
         home = root / deployment.folder.lstrip("/")
         write_bundle(bundle, home)
         before = _snapshot(root)
-        done = _initialize(home, root, "--dry-run")
-        dry.append((f"{name} {done}".strip(), done == "" and _snapshot(root) == before))
-        done = _initialize(home, root)
+        wrong = _initialize(home, root, "--dry-run")
+        dry.append((f"{name} {wrong}".strip(), not wrong and _snapshot(root) == before))
+        wrong = _initialize(home, root)
         after = _snapshot(root)
-        first.append((f"{name} {done}".strip(), done == "" and after != before))
-        done = _initialize(home, root)
-        again.append((f"{name} {done}".strip(), done == "" and _snapshot(root) == after))
+        first.append((f"{name} {wrong}".strip(), not wrong and after != before))
+        wrong = _initialize(home, root)
+        again.append((f"{name} {wrong}".strip(), not wrong and _snapshot(root) == after))
         (home / "hooks" / "custom.d" / _EXTENSION).write_text('touch "$SFGLAB_ROOT/mine"\n')
-        done = _initialize(home, root)
-        own.append((f"{name} {done}".strip(), done == "" and (root / "mine").exists()))
-    yield held("hooks", "a dry run changes nothing", dry)
-    yield held("hooks", "they prepare the machine", first)
-    yield held("hooks", "the second time nothing changes, not even a time stamp", again)
-    yield held("hooks", "the user's own run after them", own)
+        wrong = _initialize(home, root)
+        own.append((f"{name} {wrong}".strip(), not wrong and (root / "mine").exists()))
+    yield held("a dry run changes nothing", dry)
+    yield held("they prepare the machine", first)
+    yield held("the second time nothing changes, not even a time stamp", again)
+    yield held("the user's own run after them", own)
 
 
-def rollout_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> Iterator[DeployCheckRow]:
+def rollout_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> Iterator[CheckRow]:
     """Bring every agent's files to a folder in place of its machine, change them, and go back.
 
     Args:
@@ -144,10 +149,10 @@ def rollout_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> 
         old = released(machine, deployment, bundle.tag)
         apply_plan(look_and_plan(machine, deployment.folder, old), old, deployment, machine, _ignore)
         back.append((f"{name}: {old.tag}", look_and_plan(machine, deployment.folder, bundle).nothing))
-    yield held("rollout", "an empty machine is planned to get every file", planned)
-    yield held("rollout", "applied once, nothing is left to do", settled)
-    yield held("rollout", "a change is planned as exactly the files that differ", changed)
-    yield held("rollout", "going back by a release's name brings every file back", back)
+    yield held("an empty machine is planned to get every file", planned)
+    yield held("applied once, nothing is left to do", settled)
+    yield held("a change is planned as exactly the files that differ", changed)
+    yield held("going back by a release's name brings every file back", back)
 
 
 def _changed(deployment: Deployment, bundle: Bundle) -> tuple[Deployment, Bundle]:
