@@ -1,48 +1,108 @@
-"""The fleet of the routing experiment: agents behind routers, two parties in the global domain.
+"""The fleet of the experiment: agents behind routers, two parties in the global domain, and what all use.
 
-Knows how to start, order and end processes; refuses to know what is measured.
+Every party publishes and subscribes all names, so that a router that asked only whether somebody wants a topic
+would let everything cross. Knows how to start, order and end processes; refuses to know what is measured.
 """
 
 from __future__ import annotations
 
 import asyncio
-import sys
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import argument_of
 from sfglab.fleet.router.node import RouterConfig
-from sfglab.lab.experiments.routing.probes import in_table_1, service_names, topics
-from sfglab.lab.experiments.routing.rows import PartyRow
-from sfglab.lab.staging import Staged
-from sfglab.lab.workers.test_peer import PeerConfig, TopicUse
-from sfglab.names import dds_topic
-from sfglab.processes import LineProcess
+from sfglab.lab.checks.routing import NEAR_MISSES, in_table_1
+from sfglab.lab.workers.test_peer import TRANSFORMS, PeerConfig, TopicUse
+from sfglab.names import TF, TF_STATIC, Resource, RosFqnBuilder, Scope, dds_topic
+from sfglab.processes import Member, ProcessGroup
 
 if TYPE_CHECKING:
-    from sfglab.lab.experiments.routing.config import Config
-    from sfglab.lab.experiments.routing.probes import Topic
+    from collections.abc import Iterator, Sequence
+    from typing import Self
+
+    from sfglab.component import Report
     from sfglab.lab.testbed import Testbed
+
+STRING = "std_msgs/msg/String"
+DEEP = "/global/deeper/than/the/schema/goes/x"
+"""Crosses by ``rt/global/*``, whose ``*`` stands for slashes too."""
 
 
 GLOBAL_DOMAIN = 0
 OTHERS = ("ground_1", "ground_2")
-START_S = 40.0
 ANSWER_S = 30.0
 PATIENCE_S, POLL_S = 15.0, 0.5
 
 
-def parties_of(config: Config) -> tuple[PartyRow, ...]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PartyRow:
+    """A test peer that publishes and subscribes."""
+
+    party: str  #: Its name.
+    domain: int  #: Its DDS domain; 0 is the global one.
+    host: str  #: Where it runs.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Topic:
+    """A topic of the experiment."""
+
+    name: str  #: ROS name.
+    type: str  #: ROS type.
+    publishers: tuple[str, ...]  #: Parties that publish it.
+    subscribers: tuple[str, ...]  #: Parties that subscribe it.
+    latched: bool = False  #: Published once, transient local.
+
+
+def topics(agents: Sequence[str], others: Sequence[str], *, busy: int) -> Iterator[Topic]:
+    """Yield every topic of a run.
+
+    Args:
+        agents: Parties behind routers.
+        others: Parties in the global domain.
+        busy: Further local topics of each agent.
+    """
+    everybody = (*agents, *others)
+    yield Topic(name=TF, type=TRANSFORMS, publishers=everybody, subscribers=everybody)
+    yield Topic(name=TF_STATIC, type=TRANSFORMS, publishers=everybody, subscribers=everybody, latched=True)
+    for name in (_name(Scope.GLOBAL, None, Resource.MAP), DEEP, *NEAR_MISSES):
+        yield Topic(name=name, type=STRING, publishers=everybody, subscribers=everybody)
+    for party in everybody:
+        for scope in Scope:
+            name = _name(scope, party, Resource.STATE)
+            yield Topic(name=name, type=STRING, publishers=(party,), subscribers=everybody)
+    for agent in agents:
+        for number in range(busy):
+            name = f"{_name(Scope.LOCAL, agent, Resource.STATUS)}{number}"
+            yield Topic(name=name, type=STRING, publishers=(agent,), subscribers=(agent, *others))
+
+
+def service_names(party: str) -> tuple[str, str, str]:
+    """Return the services that a party serves: one that crosses, a local one, and a near miss."""
+    crossing, local = (_name(scope, party, Resource.GET_METADATA) for scope in (Scope.GLOBAL, Scope.LOCAL))
+    return crossing, local, f"/globally/{party}/{Resource.GET_METADATA.value}"
+
+
+def _name(scope: Scope, party: str | None, resource: Resource) -> str:
+    builder = RosFqnBuilder().scope(scope)
+    builder = builder.without_agent() if party is None else builder.agent(party)
+    return str(builder.resource(resource).build())
+
+
+def parties_of(agents: int) -> tuple[PartyRow, ...]:
     """Return who takes part: agents in domains of their own, then the others in the global one."""
-    agents = [PartyRow(party=f"agent_{i}", domain=i, host=f"agent_{i}") for i in range(1, config.agents + 1)]
-    return (*agents, *(PartyRow(party=name, domain=GLOBAL_DOMAIN, host=name) for name in OTHERS))
+    behind = [PartyRow(party=f"agent_{i}", domain=i, host=f"agent_{i}") for i in range(1, agents + 1)]
+    return (*behind, *(PartyRow(party=name, domain=GLOBAL_DOMAIN, host=name) for name in OTHERS))
 
 
-class Stage(Staged):
+class Stage:
     """Everybody's processes; an async context manager that starts and ends them.
 
     Args:
-        config: The experiment.
+        agents: Number of agents.
+        busy: Further local topics of each.
+        rate_hz: Messages a second of every party on every topic.
         testbed: A host for every party.
 
     Attributes:
@@ -50,14 +110,29 @@ class Stage(Staged):
         topics: What they use.
     """
 
-    def __init__(self, config: Config, testbed: Testbed) -> None:
-        super().__init__()
-        self.parties = parties_of(config)
-        agents = [p.party for p in self.parties if p.domain != GLOBAL_DOMAIN]
-        self.topics: tuple[Topic, ...] = tuple(topics(agents, OTHERS, busy=config.busy))
-        self._config = config
-        self._testbed = testbed
-        self._talkers: dict[str, LineProcess] = {}
+    def __init__(self, agents: int, busy: int, rate_hz: float, testbed: Testbed) -> None:
+        self.parties = parties_of(agents)
+        self._agents = tuple(p for p in self.parties if p.domain != GLOBAL_DOMAIN)
+        self.topics: tuple[Topic, ...] = tuple(topics([p.party for p in self._agents], OTHERS, busy=busy))
+        self._rate_hz, self._testbed = rate_hz, testbed
+        self._group = ProcessGroup(testbed.argv, self._members())
+
+    async def __aenter__(self) -> Self:
+        await self._group.__aenter__()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self._group.close()
+
+    def _members(self) -> list[Member]:
+        router, peer = "sfglab.fleet.router.node", "sfglab.lab.workers.test_peer"
+        return [
+            *(
+                Member(name=f"router of {p.party}", host=p.host, module=router, config=self._router(p))
+                for p in self._agents
+            ),
+            *(Member(name=p.party, host=p.host, module=peer, config=self._peer(p)) for p in self.parties),
+        ]
 
     async def talk(self, seconds: float) -> dict[str, int]:
         """Let everybody talk, and return how many rounds of messages each has sent when all is quiet.
@@ -65,8 +140,7 @@ class Stage(Staged):
         Goes on beyond the seconds, within limits, until whoever should hear somebody does: on a busy machine
         paths form slowly, and that is not what is asked here.
         """
-        for talker in self._talkers.values():
-            talker.order(do="talk")
+        self._group.order([p.party for p in self.parties], do="talk")
         await asyncio.sleep(seconds)
         for _ in range(round(PATIENCE_S / POLL_S)):
             if self._all_heard(await self.ask("told", do="tell")):
@@ -85,32 +159,11 @@ class Stage(Staged):
             for hearer in topic.subscribers
         )
 
-    async def ask(self, answer: str, **order: Any) -> dict[str, dict[str, Any]]:
+    async def ask(self, answer: str, **order: Any) -> dict[str, Report]:
         """Give everybody the same order and return their reports by party."""
-        for talker in self._talkers.values():
-            talker.order(**order)
-        waits = [talker.expect(answer, timeout_s=ANSWER_S) for talker in self._talkers.values()]
-        return dict(zip(self._talkers, await asyncio.gather(*waits), strict=True))
-
-    async def _start(self) -> None:
-        routers = [self._launch(p, "sfglab.fleet.router.node", self._router(p)) for p in self._agents]
-        talkers = [self._launch(p, "sfglab.lab.workers.test_peer", self._party(p)) for p in self.parties]
-        started = await asyncio.gather(*routers, *talkers)
-        for process in started[: len(routers)]:
-            await process.expect("ready", timeout_s=START_S)
-        self._talkers = dict(zip((p.party for p in self.parties), started[len(routers) :], strict=True))
-        for talker in self._talkers.values():
-            await talker.expect("ready", timeout_s=START_S)
-
-    @property
-    def _agents(self) -> tuple[PartyRow, ...]:
-        return tuple(p for p in self.parties if p.domain != GLOBAL_DOMAIN)
-
-    async def _launch(self, party: PartyRow, module: str, config: str) -> LineProcess:
-        argv = self._testbed.argv(party.host, [sys.executable, "-m", module, config])
-        process = await LineProcess.start(f"{party.party}, {module}", argv)
-        self._stack.push_async_callback(process.close)
-        return process
+        names = [p.party for p in self.parties]
+        self._group.order(names, **order)
+        return await self._group.expect(answer, names, timeout_s=ANSWER_S)
 
     def _global(self, party: PartyRow) -> BusAddress:
         return BusAddress(domain_id=GLOBAL_DOMAIN, interface=self._testbed.interface(party.host))
@@ -118,12 +171,10 @@ class Stage(Staged):
     def _local(self, party: PartyRow) -> BusAddress:
         return BusAddress(domain_id=party.domain, interface="lo")
 
-    def _router(self, party: PartyRow) -> str:
-        return argument_of(
-            RouterConfig(agent=party.party, local=self._local(party), remote=self._global(party))
-        )
+    def _router(self, party: PartyRow) -> RouterConfig:
+        return RouterConfig(agent=party.party, local=self._local(party), remote=self._global(party))
 
-    def _party(self, party: PartyRow) -> str:
+    def _peer(self, party: PartyRow) -> PeerConfig:
         behind = party.domain != GLOBAL_DOMAIN
         uses = tuple(
             TopicUse(
@@ -136,12 +187,11 @@ class Stage(Staged):
             for topic in self.topics
             if party.party in (*topic.publishers, *topic.subscribers)
         )
-        config = PeerConfig(
+        return PeerConfig(
             party=party.party,
             address=self._local(party) if behind else self._global(party),
             behind_router=behind,
             topics=uses,
             serves=service_names(party.party),
-            rate_hz=self._config.rate_hz,
+            rate_hz=self._rate_hz,
         )
-        return argument_of(config)

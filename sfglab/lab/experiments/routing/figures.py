@@ -6,14 +6,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sfglab.fleet.policy import TABLE_1
-from sfglab.lab.experiments.routing.analysis import GLOBAL, Results, checks, latencies
-from sfglab.lab.experiments.routing.probes import in_table_1
-from sfglab.lab.figures import COLORS, house_style
+from sfglab.lab.checks.routing import in_table_1
+from sfglab.lab.experiments.routing.analysis import GLOBAL, calls, checks, heard, latencies
+from sfglab.lab.experiments.routing.experiment import Config, exp
+from sfglab.lab.figures import COLORS
 from sfglab.names import ResourceKind, dds_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from sfglab.lab.runs import Run
 
 
 AGENT, GROUND = "agent_1", "ground_1"
@@ -38,14 +41,14 @@ class Cell:
         return MISSING if self.allowed else SILENT
 
 
-def cells_of(results: Results, source: str) -> list[Cell]:
+def cells_of(run: Run[Config], source: str) -> list[Cell]:
     """Return what one party's messages, requests and replies reached, one cell a name and domain."""
-    return [*_topic_cells(results, source), *_service_cells(results, source)]
+    return [*_topic_cells(run, source), *_service_cells(run, source)]
 
 
-def _topic_cells(results: Results, source: str) -> list[Cell]:
-    heard = results.heard[results.heard["source"] == source]
-    rows = heard[~heard["dds_topic"].str.contains(r"status\d+$")]
+def _topic_cells(run: Run[Config], source: str) -> list[Cell]:
+    every = heard(run)[heard(run)["source"] == source]
+    rows = every[~every["dds_topic"].str.contains(r"status\d+$")]
     found: dict[tuple[str, int], list[Any]] = {}
     for row in rows.itertuples():
         found.setdefault((str(row.dds_topic), int(str(row.hearer_domain))), []).append(row)
@@ -60,11 +63,11 @@ def _topic_cells(results: Results, source: str) -> list[Cell]:
     ]
 
 
-def _service_cells(results: Results, source: str) -> list[Cell]:
+def _service_cells(run: Run[Config], source: str) -> list[Cell]:
     """Return requests of a caller and replies of a server: a call that was answered crossed with both."""
-    calls = results.calls
+    called = calls(run)
     found: dict[tuple[str, int], list[Any]] = {}
-    for row in calls[(calls["caller"] == source) | (calls["server"] == source)].itertuples():
+    for row in called[(called["caller"] == source) | (called["server"] == source)].itertuples():
         request, reply = dds_names(str(row.name), ResourceKind.SERVICE)
         asks = row.caller == source
         name = _shown(request if asks else reply, str(row.server))
@@ -85,37 +88,31 @@ def _shown(dds_name: str, party: str) -> str:
     return dds_name.replace(party, "<agent>")
 
 
-def routing_border(results: Results) -> tuple[Figure, dict[str, Any]]:
-    """Draw who hears what: one panel for an agent's messages, one for those of the global domain.
-
-    Returns:
-        The figure and the numbers that it shows.
-    """
-    from matplotlib.figure import Figure
-
-    table, times = checks(results), latencies(results)
-    panels = {source: cells_of(results, source) for source in (AGENT, GROUND)}
-    domains = sorted({int(str(p.domain)) for p in results.parties.itertuples()})
+@exp.figure("routing_border", size=(12, 8))
+def draw_border(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw who hears what: one panel for an agent's messages, one for those of the global domain."""
+    table, times = checks(run), latencies(run)
+    panels = {source: cells_of(run, source) for source in (AGENT, GROUND)}
+    domains = sorted({int(str(p.domain)) for p in run["party"].itertuples()})
     names = sorted({c.name for cells in panels.values() for c in cells}, key=_order)
-    with house_style():
-        figure = Figure(figsize=(12, 1.9 + 0.235 * len(names)))
-        axes = figure.subplot_mosaic(
-            [["agent", "ground", "time"], ["agent", "ground", "key"]],
-            width_ratios=(1, 1, 0.75),
-            height_ratios=(1, 1.2),
-        )
-        draw_matrix(axes["agent"], panels[AGENT], names, [1, GLOBAL, *(d for d in domains if d > 1)])
-        draw_matrix(axes["ground"], panels[GROUND], names, domains)
-        axes["agent"].set_title("published in an agent's domain, $D_1$", fontsize=9.5)
-        axes["ground"].set_title("published in the global domain, $D_0$", fontsize=9.5)
-        axes["ground"].set_yticklabels([])
-        _draw_groups(axes["ground"], names, len(domains) - 0.4)
-        draw_latencies(axes["time"], times)
-        _draw_key(axes["key"])
-        sums = table.groupby("how")[["held", "checked"]].sum()
-        share = ", ".join(f"{row.held} of {row.checked} {row.Index}" for row in sums.itertuples())
-        figure.suptitle(f"What crosses the border (paper A, Table 1 and Eq. 1): {share} checks hold")
-    return figure, _twin(panels, table, times)
+    figure.set_size_inches(12, 1.9 + 0.235 * len(names))
+    axes = figure.subplot_mosaic(
+        [["agent", "ground", "time"], ["agent", "ground", "key"]],
+        width_ratios=(1, 1, 0.75),
+        height_ratios=(1, 1.2),
+    )
+    draw_matrix(axes["agent"], panels[AGENT], names, [1, GLOBAL, *(d for d in domains if d > 1)])
+    draw_matrix(axes["ground"], panels[GROUND], names, domains)
+    axes["agent"].set_title("published in an agent's domain, $D_1$", fontsize=9.5)
+    axes["ground"].set_title("published in the global domain, $D_0$", fontsize=9.5)
+    axes["ground"].set_yticklabels([])
+    _draw_groups(axes["ground"], names, len(domains) - 0.4)
+    draw_latencies(axes["time"], times)
+    _draw_key(axes["key"])
+    sums = table.groupby("how")[["held", "checked"]].sum()
+    share = ", ".join(f"{row.held} of {row.checked} {row.Index}" for row in sums.itertuples())
+    figure.suptitle(f"What crosses the border (paper A, Table 1 and Eq. 1): {share} checks hold")
+    return _twin(panels, table, times)
 
 
 def _order(name: str) -> tuple[bool, int, str]:

@@ -1,0 +1,101 @@
+"""Checks of the routing policy: paper A, section 4.1, Eq. 1 and Table 1; exact, without anything running."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sfglab.fleet.policy import Crossing, Direction, Policy, Side
+from sfglab.lab.checks import Case, Checks, Sample
+from sfglab.names import all_standard_fqns, dds_topic
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+AGENT = "go2"
+
+NEAR_MISSES = (
+    "/chatter",
+    "/global",
+    "/global_x/y",
+    "/globally/x",
+    "/Global/x",
+    "/local/global/x",
+    "/robot/global/x",
+    "/rt/global/x",
+    "/tf2",
+    "/tf/x",
+    "/robot/tf",
+    "/robot/tf_static",
+)
+"""Topics that Table 1 does not name, though they nearly look so."""
+
+checks = Checks("routing")
+
+
+def in_table_1(dds_name: str) -> bool:
+    """Return whether Table 1 of paper A names a DDS topic, said without its patterns."""
+    prefix, _, rest = dds_name.partition("/")
+    if prefix == "rt" and rest in {"tf", "tf_static"}:
+        return True
+    return prefix in {"rt", "rq", "rr"} and rest.startswith("global/")
+
+
+def random_dds_names(count: int, *, rng: np.random.Generator) -> Iterator[str]:
+    """Yield names that are made of the parts of Table 1 and of others, in any order."""
+    heads = ("rt", "rq", "rr", "rs", "RT", "")
+    parts = ("tf", "tf_static", "global", "local", "globally", "global_x", "a", "camera_front", "*", "")
+    tails = ("", "Request", "Reply")
+    for _ in range(count):
+        middle = [parts[i] for i in rng.integers(len(parts), size=rng.integers(1, 5))]
+        head, tail = heads[rng.integers(len(heads))], tails[rng.integers(len(tails))]
+        yield "/".join((head, *middle)) + tail
+
+
+@cache
+def _names(count: int, seed: int) -> tuple[str, ...]:
+    """Return all standard names on the wire, the near misses, and so many random ones."""
+    standard = (name for fqn in all_standard_fqns(AGENT) for name in fqn.dds_names)
+    drawn = random_dds_names(count, rng=np.random.default_rng(seed))
+    return (*standard, *map(dds_topic, NEAR_MISSES), *drawn)
+
+
+def _of_names(holds: Callable[[str], bool]) -> Callable[[Sample], Iterator[Case]]:
+    def cases(sample: Sample) -> Iterator[Case]:
+        return ((name, holds(name)) for name in _names(sample.count, sample.seed))
+
+    return cases
+
+
+@checks.cases("a name crosses exactly if Table 1 names it, both ways")
+@_of_names
+def as_table_1(name: str) -> bool:
+    """Ask the policy of a name."""
+    return all(Policy().crosses(name, way) is in_table_1(name) for way in Direction)
+
+
+@checks.cases("a message is heard in the domains that Eq. 1 says")
+@_of_names
+def as_eq_1(name: str) -> bool:
+    """Ask the policy for a name's domains."""
+    both = frozenset(Side)
+    return all(
+        Policy().domains(name, side) == (both if in_table_1(name) else frozenset({side})) for side in Side
+    )
+
+
+@checks.cases("near misses of Table 1 stay")
+def near_misses_stay(_: Sample) -> Iterator[Case]:
+    """Ask for names that nearly look as if they crossed."""
+    for name in map(dds_topic, NEAR_MISSES):
+        yield name, not any(Policy().crosses(name, way) for way in Direction)
+
+
+@checks.cases("a standard name crosses whole if it is global, else not at all")
+def crosses_by_scope(_: Sample) -> Iterator[Case]:
+    """Ask for topics, services and actions as wholes."""
+    for fqn in all_standard_fqns(AGENT):
+        expected = Crossing.WHOLE if fqn.is_global else Crossing.NONE
+        yield str(fqn), all(Policy().crossing(str(fqn), fqn.kind, way) is expected for way in Direction)
