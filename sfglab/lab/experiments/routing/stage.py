@@ -162,7 +162,8 @@ class Stage:
     async def ask(self, answer: str, **order: Any) -> dict[str, Report]:
         """Give everybody the same order and return their reports by party."""
         names = [p.party for p in self.parties]
-        self._group.order(names, **order)
+        for name in names:
+            self._group[name].order(**order)
         return await self._group.expect(answer, names, timeout_s=ANSWER_S)
 
     def _global(self, party: PartyRow) -> BusAddress:
