@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-GROUPS = ("naming", "trajectories", "exchange", "editing", "synchronisation", "routing")
+GROUPS = ("naming", "trajectories", "exchange", "editing", "synchronisation", "routing", "trees")
 """Modules of this package, each a group."""
 
 Case = tuple[str, bool]

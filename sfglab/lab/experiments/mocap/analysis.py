@@ -1,220 +1,140 @@
-"""From the log to checks, errors and the claim A-VICON.
+"""Every check of a run, errors of looks and offsets, and the claim A-VICON: the share of checks that hold.
 
-Everything here is computed from the log alone. A check is one thing that section 4.5 of paper A says of the
-direct receiver or of the bridge, and one case of it; the claim is the share of checks that hold.
+A live check is one thing that section 4.5 of paper A says of the direct receiver or of the bridge.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from sfglab.lab.checks import CheckRow, share_of_checks
-from sfglab.lab.claims import How, Measured
-from sfglab.lab.experiments.mocap.config import WAYS
-from sfglab.lab.experiments.mocap.robot import AGENT, WORLD
-from sfglab.lab.experiments.mocap.rows import (
-    ConfusionRow,
-    MocapEdgeRow,
-    MocapHeardRow,
-    MocapLookRow,
-    OffsetRow,
-    SpellRow,
-    TryRow,
-)
-from sfglab.lab.experiments.mocap.trees import RULE
+from sfglab.lab.checks import CheckRow, check_row, share_of_checks
+from sfglab.lab.checks.trees import AGENT, RULE, WAYS, WORLD
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.mocap.experiment import Config, exp
+from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import median_of
-from sfglab.record import LogReader
 from sfglab.spatial.frames import Edge, FrameFinding, lint_frames
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
+    from collections.abc import Iterable, Iterator
 
 RIGHT_MM = 20.0
 """A tenth of how far the markers are from the base: whoever takes one frame for the other is further off."""
-_TABLES = {
-    "edge": MocapEdgeRow,
-    "look": MocapLookRow,
-    "try": TryRow,
-    "heard": MocapHeardRow,
-    "spell": SpellRow,
-    "confusion": ConfusionRow,
-    "check": CheckRow,
-    "offset": OffsetRow,
-}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Results:
-    """The tables of one run."""
-
-    edges: pd.DataFrame  #: All edges of all trees, by ``where`` (figure 6, or a live round) and ``way``.
-    looks: pd.DataFrame  #: One line a live look through the bridge's tree.
-    tries: pd.DataFrame  #: How live looks ended, by round and way.
-    heard: pd.DataFrame  #: Times of the bridge's transforms.
-    spells: pd.DataFrame  #: When the cameras of a live round were wrong.
-    confusion: pd.DataFrame  #: What was really there, and the bridge's verdict.
-    checks: pd.DataFrame  #: The checks without network: trees, and faults.
-    offsets: pd.DataFrame  #: One line an estimate of the offset.
-    config: dict[str, Any]  #: The run's configuration.
-    hosts: dict[str, Any]  #: What the hosts were.
-
-
-def load_results(log: Path) -> Results:
-    """Read a run's tables.
-
-    Args:
-        log: The log.
-    """
-    with LogReader(log) as reader:
-        edges, looks, tries, heard, spells, confusion, held, offset = (_table(reader, name) for name in _TABLES)
-        return Results(
-            edges=edges,
-            looks=looks,
-            tries=tries,
-            heard=heard,
-            spells=spells,
-            confusion=confusion,
-            checks=held,
-            offsets=offset,
-            config=reader.metadata("config"),
-            hosts=reader.metadata("hosts"),
-        )
-
-
-def _table(reader: LogReader, name: str) -> pd.DataFrame:
-    """Return a table; one without rows is not in the log."""
-    if name in reader.tables:
-        return reader.table(name).drop(columns="log_time_ns")
-    return pd.DataFrame(columns=[field.name for field in fields(_TABLES[name])])
-
-
-def tree_of(results: Results, where: str, way: str) -> tuple[Edge, ...]:
+def tree_of(run: Run[Config], where: str, way: str) -> tuple[Edge, ...]:
     """Return the edges of one tree.
 
     Args:
-        results: The run.
+        run: The run.
         where: ``figure 6``, or a live round.
         way: ``direct``, ``renamed`` or ``proxy``.
     """
-    edges = results.edges
+    edges = run["edge"]
     chosen = edges[(edges["where"] == where) & (edges["way"] == way)].drop(columns=["where", "way"])
     return tuple(Edge(**{str(key): value for key, value in row.items()}) for row in chosen.to_dict("records"))
 
 
-def findings_of(results: Results, where: str, way: str) -> tuple[FrameFinding, ...]:
+def findings_of(run: Run[Config], where: str, way: str) -> tuple[FrameFinding, ...]:
     """Return what the lint finds wrong with one tree; names and root are demanded."""
-    return lint_frames(tree_of(results, where, way), rule=RULE, root=WORLD)
+    return lint_frames(tree_of(run, where, way), rule=RULE, root=WORLD)
 
 
-def checks(results: Results) -> pd.DataFrame:
+@derived
+def checks(run: Run[Config]) -> pd.DataFrame:
     """Return every check: ``how`` (exact, faults or live), ``check``, ``checked``, ``held`` and ``example``."""
-    exact = results.checks.copy()
-    exact.insert(0, "how", ["faults" if c.startswith("faults") else "exact" for c in exact["check"]])
-    live = pd.DataFrame([row for name in results.config["rounds"] for row in _live_checks(results, str(name))])
-    return pd.concat([exact, live], ignore_index=True)
+    exact = run["check"].assign(
+        how=["faults" if c.startswith("faults") else "exact" for c in run["check"]["check"]]
+    )
+    live = pd.DataFrame([asdict(row) for name in run.config.rounds for row in _live_checks(run, name)])
+    columns = ["how", "check", "checked", "held", "example"]
+    return pd.concat([exact, live.assign(how="live")], ignore_index=True)[columns]
 
 
-def _live_checks(results: Results, name: str) -> Iterator[dict[str, Any]]:
-    found = {way: findings_of(results, name, way) for way in WAYS}
+def _live_checks(run: Run[Config], name: str) -> Iterator[CheckRow]:
+    """Yield the checks of one round."""
+    found = {way: findings_of(run, name, way) for way in WAYS}
     own = {
-        way: {(e.child, e.parent, e.static) for e in tree_of(results, name, way) if e.parent != WORLD}
+        way: {(e.child, e.parent, e.static) for e in tree_of(run, name, way) if e.parent != WORLD}
         for way in WAYS
     }
-    tries = {
-        way: results.tries[(results.tries["round"] == name) & (results.tries["way"] == way)] for way in WAYS
+    looks = run["look"][run["look"]["round"] == name]
+    near = looks["error_mm"] < RIGHT_MM
+    cases: dict[str, Iterable[tuple[object, object]]] = {
+        "proxy: the tree as heard is whole": [(found["proxy"], own["proxy"] and not found["proxy"])],
+        "proxy: the robot's own edges are as without": [(own["proxy"], own["proxy"] == own["direct"])],
+        "proxy: every look is answered": _numbered(looks["wait_ms"].notna()),
+        f"proxy: the camera is within {RIGHT_MM:g} mm of the truth": _numbered(near),
+        "direct: the tree as heard has two roots": [("", _has(found["direct"], "second-root"))],
+        "direct: what is published is no frame of the robot": [("", _has(found["direct"], "name"))],
+        "renamed: the markers have two parents": [("", _has(found["renamed"], "two-parents"))],
     }
-    looks = results.looks[results.looks["round"] == name]
-    yield _one(name, "proxy: the tree as heard is whole", own["proxy"] and not found["proxy"], found["proxy"])
-    yield _one(name, "proxy: the robot's own edges are as without", own["proxy"] == own["direct"], own["proxy"])
-    yield _many(name, "proxy: every look is answered", looks["wait_ms"].notna())
-    yield _many(name, f"proxy: the camera is within {RIGHT_MM:g} mm of the truth", looks["error_mm"] < RIGHT_MM)
-    yield _one(name, "direct: the tree as heard has two roots", _has(found["direct"], "second-root"), "")
-    yield _one(name, "direct: what is published is no frame of the robot", _has(found["direct"], "name"), "")
-    yield _one(name, "renamed: the markers have two parents", _has(found["renamed"], "two-parents"), "")
+    for check, tried in cases.items():
+        yield check_row(f"live, {name}, {check}", [(str(text), bool(held)) for text, held in tried])
     for way in ("direct", "renamed"):
-        failed = tries[way][tries[way]["outcome"] != "found"]["count"].sum()
-        yield {
-            "how": "live",
-            "check": f"live, {name}, {way}: no look from the world to the camera is answered",
-            "checked": max(1, int(tries[way]["count"].sum())),
-            "held": int(failed),
-            "example": ", ".join(tries[way]["outcome"]),
-        }
+        tries = run["try"][(run["try"]["round"] == name) & (run["try"]["way"] == way)]
+        yield CheckRow(
+            check=f"live, {name}, {way}: no look from the world to the camera is answered",
+            checked=max(1, int(tries["count"].sum())),
+            held=int(tries[tries["outcome"] != "found"]["count"].sum()),
+            example=", ".join(tries["outcome"]),
+        )
 
 
 def _has(findings: tuple[FrameFinding, ...], code: str) -> bool:
     return any(finding.code == code and AGENT in str(finding) for finding in findings)
 
 
-def _one(name: str, check: str, holds: object, example: object) -> dict[str, Any]:
-    return {
-        "how": "live",
-        "check": f"live, {name}, {check}",
-        "checked": 1,
-        "held": int(bool(holds)),
-        "example": str(example),
-    }
+def _numbered(held: pd.Series[bool]) -> list[tuple[object, object]]:
+    return [(f"look {number}", holds) for number, holds in enumerate(held)]
 
 
-def _many(name: str, check: str, holds: pd.Series[bool]) -> dict[str, Any]:
-    # Without anything to look at a check has not held.
-    return {
-        "how": "live",
-        "check": f"live, {name}, {check}",
-        "checked": max(1, len(holds)),
-        "held": int(holds.sum()),
-        "example": f"look {int(holds.argmin())}" if len(holds) else "nothing to check",
-    }
-
-
-def errors(results: Results) -> pd.DataFrame:
+@derived
+def errors(run: Run[Config]) -> pd.DataFrame:
     """Return medians by live round: what is wrong with a look at its own time, and with the newest used as now.
 
     The ideal round has what the bridge and the tree add (continued odometry, interpolation), the faulty one
     the cameras' noise besides; the newest pose used as now adds the latency of all.
     """
     columns = ["error_mm", "error_mrad", "latest_mm", "latest_mrad", "age_ms", "wait_ms"]
-    return results.looks.groupby("round", sort=False)[columns].median()
+    return run["look"].groupby("round", sort=False)[columns].median()
 
 
-def offsets(results: Results) -> pd.DataFrame:
+@derived
+def offsets(run: Run[Config]) -> pd.DataFrame:
     """Return medians by case and length, with the share of numbers that the 95 % intervals hold."""
-    table = results.offsets
+    table = run["offset"]
     by = ["drifts", "modelled", "length_s"]
     medians = table.groupby(by)[["error_mm", "error_mrad", "sigma_mm", "before_mm", "after_mm"]].median()
     return medians.assign(covered=table.groupby(by)["covered"].mean() / 6).reset_index()
 
 
-def measure_claims(log: Path) -> dict[str, Measured]:
-    """Return our figure for A-VICON: the share of checks that hold.
+@exp.claim("A-VICON", how=lambda run: How.LIVE if len(run["look"]) else How.EXACT)
+def share_that_holds(run: Run[Config]) -> Finding:
+    """Return the share of checks that hold.
 
     Of live, fault and exact checks, whichever share is lowest: there are so many exact ones that they would
     hide the others.
     """
-    results = load_results(log)
-    table = checks(results)
-    share = share_of_checks(table, "how")
+    share = share_of_checks(checks(run), "how")
     details = {
-        "hosts": str(results.hosts["description"]),
+        "hosts": str(run.metadata("hosts")["description"]),
         **{f"{group} checks": held for group, held in share.groups.items()},
-        **_live_details(results),
-        **_fault_details(results),
-        **_offset_details(results),
+        **_live_details(run),
+        **_fault_details(run),
+        **_offset_details(run),
     }
-    how = How.LIVE if len(results.looks) else How.EXACT
-    return {"A-VICON": Measured(estimate=share.estimate, how=how, details=details, reason=share.reason)}
+    return Finding(estimate=share.estimate, details=details, reason=share.reason)
 
 
-def _live_details(results: Results) -> dict[str, str]:
+def _live_details(run: Run[Config]) -> dict[str, str]:
     details: dict[str, str] = {}
-    for name in results.config["rounds"]:
-        looks = results.looks[results.looks["round"] == name].dropna()
-        heard = results.heard[results.heard["round"] == name]
+    for name in run.config.rounds:
+        looks = run["look"][run["look"]["round"] == name].dropna()
+        heard = run["heard"][run["heard"]["round"] == name]
         if looks.empty or heard.empty:
             continue
         of = {
@@ -228,8 +148,8 @@ def _live_details(results: Results) -> dict[str, str]:
     return details
 
 
-def _fault_details(results: Results) -> dict[str, str]:
-    table = results.confusion
+def _fault_details(run: Run[Config]) -> dict[str, str]:
+    table = run["confusion"]
     flipped = table[table["truth"] == "flipped"]
     believed = int(flipped[flipped["verdict"].isin(["sound", "confirmed"])]["count"].sum())
     seen = table[table["truth"] == "seen"]
@@ -240,8 +160,8 @@ def _fault_details(results: Results) -> dict[str, str]:
     }
 
 
-def _offset_details(results: Results) -> dict[str, str]:
-    table = offsets(results)
+def _offset_details(run: Run[Config]) -> dict[str, str]:
+    table = offsets(run)
     details = {}
     for (drifts, modelled), rows in table.groupby(["drifts", "modelled"]):
         how = f"odometry {'drifts' if drifts else 'is steady'}, {'' if modelled else 'not '}allowed for"

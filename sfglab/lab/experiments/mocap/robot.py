@@ -1,24 +1,40 @@
-"""The robot of the experiment: its tree of frames, where it really is, and what its odometry says.
-
-Pure: takes times and returns poses.
-"""
+"""The live rounds' robot and cameras: its tree of frames, where it really is, what its odometry says; pure."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
+from sfglab.bus.address import BusAddress
+from sfglab.lab.checks.trees import AGENT, OBJECT, WORLD
 from sfglab.spatial import Pose, StampedTransform
-from sfglab.spatial.mocap import MappedObject, MocapMapping, SyntheticMotion
+from sfglab.spatial.mocap import MappedObject, MocapMapping, SyntheticConfig, SyntheticMotion
 
-AGENT, WORLD, OBJECT = "agent_x", "map", "agent_x/markers"
 CAMERA = f"{AGENT}/camera"
 MOTION = SyntheticMotion()
 """Of the markers, in the world."""
+FAULTY = SyntheticConfig(occlusions_hz=0.5, occlusion_s=0.15, flips_hz=0.5, flip_s=0.1, dropped=0.02)
+"""Cameras with noise and every fault."""
+IDEAL = SyntheticConfig(noise_m=0.0, noise_rad=0.0)
+"""Cameras that see without noise and fault, and as late: what is left is the bridge's and the tree's."""
+ROUNDS = {"faulty": FAULTY, "ideal": IDEAL}
+"""The cameras of each live round."""
+TAIL_S = 0.6
+"""How long robot and cameras go on behind a round, so that its last looks are answered."""
 _BASE_FROM_MARKERS = Pose.at((0.1, 0.0, 0.2), (0.0, 0.05, 0.0, 1.0))
 _HEAD_FROM_CAMERA = Pose.at((0.08, 0.0, 0.03), (0.5, -0.5, 0.5, -0.5))
 _WORLD_FROM_ODOM = Pose.from_yaw((1.5, -0.7, 0.1), 0.6)
 _DRIFT_M_S, _DRIFT_RAD_S = 0.02, 0.01
 """How fast the odometry walks and turns away: as much as wheels and legs do."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MocapWorkerConfig:
+    """What a process of the live rounds does."""
+
+    role: str  #: ``robot``, ``bridge`` or ``listener``.
+    ways: dict[str, BusAddress]  #: Where each of `WAYS` leads along.
+    seed: int  #: Of the cameras' noise and faults, and of the listener's times.
 
 
 def description() -> tuple[StampedTransform, ...]:

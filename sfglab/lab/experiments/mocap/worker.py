@@ -1,28 +1,30 @@
-"""A part of the live round: ``python -m sfglab.lab.experiments.mocap.worker CONFIG``.
+"""A process of the live rounds: ``python -m sfglab.lab.experiments.mocap.worker CONFIG``.
 
 Roles: ``robot`` publishes its tree with odometry of its own, ``bridge`` runs the mocap bridge and, from the
 same captures, the direct receiver under both names, ``listener`` builds the trees and looks into them. Each way
-of joining has a domain of its own, so that each tree is heard as it would be. Orders and reports are JSON
-lines.
+of joining has a domain of its own, so that each tree is heard as it would be.
 """
 
 from __future__ import annotations
 
 import asyncio
+import math
 from collections import Counter
-from contextlib import AsyncExitStack, aclosing, asynccontextmanager
-from dataclasses import asdict, dataclass
+from contextlib import AsyncExitStack, aclosing, asynccontextmanager, suppress
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfglab.component import run_component
-from sfglab.lab.experiments.mocap.config import ROUNDS, TAIL_S, WAYS, MocapWorkerConfig
+from sfglab.fields import to_json
+from sfglab.lab.checks.trees import OBJECT, WAYS, WORLD
 from sfglab.lab.experiments.mocap.robot import (
     CAMERA,
     MOTION,
-    OBJECT,
-    WORLD,
+    ROUNDS,
+    TAIL_S,
+    MocapWorkerConfig,
     description,
     mapping,
     motions,
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
     from sfglab.bus import Node, Publisher
     from sfglab.bus.api import MessageInfo
     from sfglab.component import Report
+    from sfglab.spatial import Pose
     from sfglab.spatial.mocap import Capture, MocapSource
 
 
@@ -110,10 +113,7 @@ class _Tee:
             yield capture
             for transform in direct_transforms(capture, world=WORLD):
                 _send([self._publishers["direct"]], [transform])
-                named = StampedTransform(
-                    parent=WORLD, child=OBJECT, stamp_ns=transform.stamp_ns, pose=transform.pose
-                )
-                _send([self._publishers["renamed"]], [named])
+                _send([self._publishers["renamed"]], [replace(transform, child=OBJECT)])
 
 
 class _Bridge:
@@ -141,15 +141,7 @@ class _Bridge:
         await bridge.run()
         for publisher in publishers.values():
             publisher.close()
-        (status,) = bridge.statuses
-        return {
-            "receipts": tee.receipts,
-            "captures": bridge.core.captures,
-            "dropped": bridge.core.dropped,
-            "published": status.published,
-            "unplaced": status.unplaced,
-            "verdicts": dict(status.verdicts),
-        }
+        return {"receipts": tee.receipts}
 
 
 class _Listener:
@@ -185,12 +177,12 @@ class _Listener:
                 timing.cancel()
                 await asyncio.gather(timing, return_exceptions=True)
         edges = [{"way": way, **asdict(edge)} for way in WAYS for edge in buffers[way].edges]
-        tree = {"still": _still(buffers["proxy"]), "moving": _thinned(moving)}
+        tree = to_json({"still": _still(buffers["proxy"]), "moving": _thinned(moving)})
         return {"looks": looks, "tries": tries, "heard": heard, "edges": edges, "tree": tree}
 
     async def _look(
         self, round_: _Round, listener: FramesListener, buffers: Mapping[str, FrameBuffer]
-    ) -> tuple[list[list[float]], dict[str, dict[str, int]]]:
+    ) -> tuple[list[dict[str, float]], dict[str, dict[str, int]]]:
         clock = self._nodes["proxy"].get_clock()
         rng = np.random.default_rng(self._seed)
         tries: dict[str, Counter[str]] = {way: Counter() for way in WAYS}
@@ -206,37 +198,26 @@ class _Listener:
         return list(await asyncio.gather(*waiting)), {way: dict(counts) for way, counts in tries.items()}
 
 
-def _still(buffer: FrameBuffer) -> list[list[Any]]:
-    """Return the static transforms that were heard, as `_plain`, with no time of arrival."""
+def _still(buffer: FrameBuffer) -> list[tuple[int, StampedTransform]]:
+    """Return the static transforms that were heard, with no time of arrival."""
+    edges = [(e.parent, e.child) for e in buffer.edges if e.static]
     return [
-        _plain(
-            0,
-            StampedTransform(
-                parent=e.parent, child=e.child, stamp_ns=0, pose=buffer.look_up(e.parent, e.child)
-            ),
-        )
-        for e in buffer.edges
-        if e.static
+        (0, StampedTransform(parent=parent, child=child, stamp_ns=0, pose=buffer.look_up(parent, child)))
+        for parent, child in edges
     ]
 
 
-def _thinned(moving: list[tuple[int, StampedTransform]]) -> list[list[Any]]:
+def _thinned(moving: list[tuple[int, StampedTransform]]) -> list[tuple[int, StampedTransform]]:
     """Return the same share of every frame's transforms, at most so many of each."""
+    counts = Counter(transform.child for _, transform in moving)
+    every = max(1, -(-max(counts.values(), default=0) // _MOST_KEPT))
     seen: Counter[str] = Counter()
-    most = max(Counter(t.child for _, t in moving).values(), default=0)
-    every = max(1, -(-most // _MOST_KEPT))
     kept = []
     for received_ns, transform in moving:
         if seen[transform.child] % every == 0:
-            kept.append(_plain(received_ns, transform))
+            kept.append((received_ns, transform))
         seen[transform.child] += 1
     return kept
-
-
-def _plain(received_ns: int, transform: StampedTransform) -> list[Any]:
-    pose = transform.pose
-    numbers = [list(pose.position_m), list(pose.quat_xyzw)]
-    return [received_ns, transform.parent, transform.child, transform.stamp_ns, *numbers]
 
 
 async def _each(subscription: Any, hear: Callable[[Any, MessageInfo], None]) -> None:
@@ -254,26 +235,22 @@ def _outcome(buffer: FrameBuffer) -> str:
 
 async def _asked(
     listener: FramesListener, buffer: FrameBuffer, round_: _Round, now_ns: int, clock: Any
-) -> list[float]:
-    """Return a look's numbers in the order of `MocapLookRow`."""
-    nan = float("nan")
+) -> dict[str, float]:
+    """Return a look's numbers by the columns of `MocapLookRow`."""
     true = world_from_camera(round_.start_ns, now_ns)
-    age_ms = latest_mm = latest_mrad = wait_ms = error_mm = error_mrad = nan
-    try:
+    look = dict.fromkeys(("wait_ms", "error_mm", "error_mrad", "age_ms", "latest_mm", "latest_mrad"), math.nan)
+    with suppress(FrameError):
         latest, known = buffer.look_up(WORLD, CAMERA), buffer.interval(WORLD, CAMERA)
         assert known is not None
-        age_ms = (now_ns - known[1]) / 1e6
-        latest_mm, latest_mrad = 1e3 * latest.distance_m(true), 1e3 * latest.angle_rad(true)
-    except FrameError:
-        pass
-    try:
+        look |= {"age_ms": (now_ns - known[1]) / 1e6, **_off("latest", latest, true)}
+    with suppress(FrameError):
         pose = await listener.wait_for(WORLD, CAMERA, now_ns, timeout_s=_PATIENCE_S)
-        wait_ms = (clock.now_ns() - now_ns) / 1e6
-        error_mm, error_mrad = 1e3 * pose.distance_m(true), 1e3 * pose.angle_rad(true)
-    except FrameError:
-        pass
-    at_s = (now_ns - round_.start_ns) / 1e9
-    return [at_s, wait_ms, error_mm, error_mrad, age_ms, latest_mm, latest_mrad]
+        look |= {"wait_ms": (clock.now_ns() - now_ns) / 1e6, **_off("error", pose, true)}
+    return {"at_s": (now_ns - round_.start_ns) / 1e9, **look}
+
+
+def _off(name: str, pose: Pose, true: Pose) -> dict[str, float]:
+    return {f"{name}_mm": 1e3 * pose.distance_m(true), f"{name}_mrad": 1e3 * pose.angle_rad(true)}
 
 
 def _send(publishers: Sequence[Publisher], transforms: Sequence[StampedTransform]) -> None:

@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.lab.experiments.mocap.analysis import errors, findings_of, offsets, tree_of
-from sfglab.lab.figures import COLORS, MARKERS, house_style
+from sfglab.lab.experiments.mocap.experiment import Config, exp
+from sfglab.lab.figures import COLORS, MARKERS
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from sfglab.lab.experiments.mocap.analysis import Results
+    from sfglab.lab.runs import Run
 
 
 _TITLES = {
@@ -31,66 +32,57 @@ _CASES = {
 }
 
 
-def mocap_trees(results: Results) -> tuple[Figure, dict[str, Any]]:
+@exp.figure("mocap_trees", size=(13, 4.6))
+def draw_trees(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw both trees of Fig. 6, and the one between, with what is wrong."""
-    from matplotlib.figure import Figure
-
     from sfglab.spatial.frames import draw_tree
 
     twin: dict[str, Any] = {}
-    with house_style():
-        figure = Figure(figsize=(13, 4.6))
-        for ax, (way, title) in zip(figure.subplots(1, 3), _TITLES.items(), strict=True):
-            found = findings_of(results, "figure 6", way)
-            draw_tree(ax, tree_of(results, "figure 6", way), findings=found, outside="mocap")
-            ax.set_title(title)
-            text = "\n".join(f"{f.code}: {', '.join(f.frames)}" for f in found) or "nothing is found wrong"
-            colour = COLORS["standard"] if found else COLORS["third"]
-            ax.text(0.5, -0.02, text, transform=ax.transAxes, ha="center", va="top", color=colour, fontsize=8.5)
-            twin[way] = [str(finding) for finding in found]
-        figure.suptitle("What motion capture does to a robot's tree of frames (blue: what the cameras add)")
-    return figure, twin
+    for ax, (way, title) in zip(figure.subplots(1, 3), _TITLES.items(), strict=True):
+        found = findings_of(run, "figure 6", way)
+        draw_tree(ax, tree_of(run, "figure 6", way), findings=found, outside="mocap")
+        ax.set_title(title)
+        text = "\n".join(f"{f.code}: {', '.join(f.frames)}" for f in found) or "nothing is found wrong"
+        colour = COLORS["standard"] if found else COLORS["third"]
+        ax.text(0.5, -0.02, text, transform=ax.transAxes, ha="center", va="top", color=colour, fontsize=8.5)
+        twin[way] = [str(finding) for finding in found]
+    figure.suptitle("What motion capture does to a robot's tree of frames (blue: what the cameras add)")
+    return twin
 
 
-def mocap_error(results: Results) -> tuple[Figure, dict[str, Any]]:
+@exp.figure("mocap_error", size=(12, 6.6))
+def draw_error(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the live rounds: error and waiting time over time, latencies, and what the error is made of."""
-    from matplotlib.figure import Figure
-
-    with house_style():
-        figure = Figure(figsize=(12, 6.6))
-        axes = figure.subplots(2, 2, width_ratios=[2, 1])
-        _draw_errors(axes[0, 0], results)
-        _draw_waits(axes[1, 0], results)
-        _draw_latencies(axes[0, 1], results)
-        _draw_parts(axes[1, 1], results)
-        figure.suptitle(f"World to camera while the robot moves, live on {results.hosts['description']}")
-    return figure, {"medians": errors(results).round(4).to_dict(orient="index")}
+    axes = figure.subplots(2, 2, width_ratios=[2, 1])
+    _draw_errors(axes[0, 0], run)
+    _draw_waits(axes[1, 0], run)
+    _draw_latencies(axes[0, 1], run)
+    _draw_parts(axes[1, 1], run)
+    figure.suptitle(f"World to camera while the robot moves, live on {run.metadata('hosts')['description']}")
+    return {"medians": errors(run).round(4).to_dict(orient="index")}
 
 
-def mocap_offset(results: Results) -> tuple[Figure, dict[str, Any]]:
+@exp.figure("mocap_offset", size=(12, 3.8))
+def draw_offset(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw what an estimate of the offset is worth, by the length of the motion."""
-    from matplotlib.figure import Figure
-
-    table = offsets(results)
-    with house_style():
-        figure = Figure(figsize=(12, 3.8))
-        error, cover, worth = figure.subplots(1, 3)
-        for (drifts, modelled), (key, name) in _CASES.items():
-            rows = table[(table["drifts"] == drifts) & (table["modelled"] == modelled)]
-            style = {"color": COLORS[key], "marker": MARKERS[key]}
-            error.plot(rows["length_s"], rows["error_mm"], label=name, **style)
-            error.plot(rows["length_s"], rows["sigma_mm"], linestyle=":", **style)
-            cover.plot(rows["length_s"], rows["covered"], label=name, **style)
-            worth.plot(rows["length_s"], rows["after_mm"], label=name, **style)
-        worth.axhline(table["before_mm"].median(), color=COLORS["network"], label="no offset")
-        cover.axhline(0.95, color=COLORS["network"], linestyle=":", label="stated: 95 %")
-        _label(error, "error of the offset, mm (dotted: stated)", log=True)
-        error.set_ylim(top=5 * table["error_mm"].max())  # room for the legend
-        _label(cover, "share of numbers within their interval")
-        cover.set_ylim(0, 1.05)
-        _label(worth, "base through the bridge, other motion, mm", log=True)
-        figure.suptitle("Beyond the paper: where the base is in the tracked object, from a recorded motion")
-    return figure, {"by_length": table.round(4).to_dict(orient="list")}
+    table = offsets(run)
+    error, cover, worth = figure.subplots(1, 3)
+    for (drifts, modelled), (key, name) in _CASES.items():
+        rows = table[(table["drifts"] == drifts) & (table["modelled"] == modelled)]
+        style = {"color": COLORS[key], "marker": MARKERS[key]}
+        error.plot(rows["length_s"], rows["error_mm"], label=name, **style)
+        error.plot(rows["length_s"], rows["sigma_mm"], linestyle=":", **style)
+        cover.plot(rows["length_s"], rows["covered"], label=name, **style)
+        worth.plot(rows["length_s"], rows["after_mm"], label=name, **style)
+    worth.axhline(table["before_mm"].median(), color=COLORS["network"], label="no offset")
+    cover.axhline(0.95, color=COLORS["network"], linestyle=":", label="stated: 95 %")
+    _label(error, "error of the offset, mm (dotted: stated)", log=True)
+    error.set_ylim(top=5 * table["error_mm"].max())  # room for the legend
+    _label(cover, "share of numbers within their interval")
+    cover.set_ylim(0, 1.05)
+    _label(worth, "base through the bridge, other motion, mm", log=True)
+    figure.suptitle("Beyond the paper: where the base is in the tracked object, from a recorded motion")
+    return {"by_length": table.round(4).to_dict(orient="list")}
 
 
 def _label(ax: Axes, what: str, *, log: bool = False) -> None:
@@ -101,12 +93,12 @@ def _label(ax: Axes, what: str, *, log: bool = False) -> None:
     ax.legend(fontsize=8)
 
 
-def _draw_errors(ax: Axes, results: Results) -> None:
-    _mark_faults(ax, results)
+def _draw_errors(ax: Axes, run: Run[Config]) -> None:
+    _mark_faults(ax, run)
     for name, colour in _ROUNDS.items():
-        looks = _of(results.looks, name)
+        looks = _of(run["look"], name)
         ax.plot(looks["at_s"], looks["error_mm"], ".", color=colour, markersize=4, label=f"{name}: at its time")
-    looks = _of(results.looks, "faulty")
+    looks = _of(run["look"], "faulty")
     ax.plot(
         looks["at_s"],
         looks["latest_mm"],
@@ -121,9 +113,9 @@ def _draw_errors(ax: Axes, results: Results) -> None:
     ax.set_title("How far the camera is from where it really is")
 
 
-def _draw_waits(ax: Axes, results: Results) -> None:
-    _mark_faults(ax, results, named=True)
-    looks = _of(results.looks, "faulty")
+def _draw_waits(ax: Axes, run: Run[Config]) -> None:
+    _mark_faults(ax, run, named=True)
+    looks = _of(run["look"], "faulty")
     ax.plot(looks["at_s"], looks["wait_ms"], ".", color=COLORS["proxy"], markersize=4)
     ax.set_yscale("log")
     ax.set_xlabel("time, s")
@@ -132,8 +124,8 @@ def _draw_waits(ax: Axes, results: Results) -> None:
     ax.set_title("How long a look at the present waits (faulty round)")
 
 
-def _draw_latencies(ax: Axes, results: Results) -> None:
-    heard = _of(results.heard, "faulty")
+def _draw_latencies(ax: Axes, run: Run[Config]) -> None:
+    heard = _of(run["heard"], "faulty")
     parts = (("receipt_ms", "third", "received"), ("publication_ms", "proxy", "published"))
     for column, key, name in (*parts, ("heard_ms", "standard", "heard")):
         values = np.sort(heard[column].to_numpy())
@@ -147,8 +139,8 @@ def _draw_latencies(ax: Axes, results: Results) -> None:
     ax.set_title("Latency")
 
 
-def _draw_parts(ax: Axes, results: Results) -> None:
-    medians = errors(results).to_dict(orient="index")
+def _draw_parts(ax: Axes, run: Run[Config]) -> None:
+    medians = errors(run).to_dict(orient="index")
     parts = (
         ("bridge and\ntree", "ideal", "error_mm", _ROUNDS["ideal"]),
         ("with the\ncameras' noise", "faulty", "error_mm", _ROUNDS["faulty"]),
@@ -165,8 +157,8 @@ def _draw_parts(ax: Axes, results: Results) -> None:
     ax.set_title("What the error is made of")
 
 
-def _mark_faults(ax: Axes, results: Results, *, named: bool = False) -> None:
-    spells = _of(results.spells, "faulty")
+def _mark_faults(ax: Axes, run: Run[Config], *, named: bool = False) -> None:
+    spells = _of(run["spell"], "faulty")
     for kind, colour in _FAULTS.items():
         times = spells[spells["kind"] == kind][["begin_s", "end_s"]].to_numpy(dtype=float).tolist()
         for place, (begin_s, end_s) in enumerate(times):

@@ -1,0 +1,224 @@
+"""What is run: trees and their checks, faults of cameras, estimates of the offset, and the live rounds."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from sfglab.lab.checks import CheckRow, trees
+from sfglab.lab.experiment import Actor, Experiment, Link, Setup
+from sfglab.lab.experiments.mocap.recordings import confusion_of, fault_checks, offset_row
+from sfglab.lab.experiments.mocap.stage import HOSTS, live_rows, live_tree, members, play
+from sfglab.processes import ProcessGroup
+from sfglab.spatial import Pose
+from sfglab.spatial.mocap import mocap_trees
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sfglab.lab.bench import Bench
+
+CASES = ((False, True), (True, True), (True, False))
+"""Whether the odometry drifts, and whether the estimate of the offset allows for it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """The whole run."""
+
+    profile: str = "quick"  #: Name of the profile it came from.
+    trees: int = 200  #: Random robots whose trees motion capture joins, beside the paper's example.
+    rounds: tuple[str, ...] = ("faulty", "ideal")  #: The live rounds: names in `ROUNDS`.
+    live_s: float = 8.0  #: How long a live round lasts, seconds.
+    fault_s: float = 60.0  #: How long every recording with faults lasts, seconds.
+    fault_recordings: int = 4  #: How many of those there are.
+    #: Lengths of the motions from which the offset is estimated, seconds.
+    lengths_s: tuple[float, ...] = (2.0, 5.0, 10.0, 20.0)
+    recordings: int = 8  #: How many motions there are of each length.
+    seed: int = 0  #: Seed of everything that is drawn.
+
+
+exp = Experiment(
+    "mocap",
+    Config,
+    where="A 4.5, Eq. 4, Fig. 6",
+    smoke={
+        "trees": 20,
+        "rounds": ("faulty",),
+        "live_s": 1.2,
+        "fault_s": 20.0,
+        "fault_recordings": 2,
+        "lengths_s": (5.0,),
+        "recordings": 3,
+    },
+    paper={
+        "trees": 2000,
+        "live_s": 30.0,
+        "fault_recordings": 30,
+        "lengths_s": (2.0, 5.0, 10.0, 20.0, 40.0),
+        "recordings": 60,
+    },
+    hosts=tuple(HOSTS.values()),
+    setup=Setup(
+        actors=(
+            Actor("robot", HOSTS["robot"], "publishes its frames, with odometry that drifts"),
+            Actor("bridge", HOSTS["bridge"], "publishes what synthetic cameras see, in all three ways"),
+            Actor("listener", HOSTS["listener"], "builds the three trees and looks from world to camera"),
+        ),
+        links=(
+            Link("robot", "bridge", "the robot's frames", boundary="network"),
+            Link("robot", "listener", "the robot's frames", boundary="network"),
+            Link("bridge", "listener", "the robot's root, or its markers (direct)", boundary="network"),
+        ),
+    ),
+)
+exp.table("check")(CheckRow)
+
+
+@exp.table("edge")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MocapEdgeRow:
+    """One edge of a tree; the fields are those of `sfglab.spatial.frames.Edge`."""
+
+    where: str  #: ``figure 6`` or the live round.
+    way: str  #: ``direct``, ``renamed`` or ``proxy``.
+    child: str  #: The frame that is placed.
+    parent: str  #: The frame in which it is placed.
+    static: bool  #: Whether it is static.
+    authority: str  #: Who published it.
+    count: int  #: How many transforms came.
+    first_ns: int  #: The stamp of the first one.
+    last_ns: int  #: The stamp of the last one.
+    backwards: int  #: How often a stamp was older than the one before.
+    back_ns: int  #: The largest step back.
+
+
+@exp.table("look")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MocapLookRow:
+    """One live look from the world to the robot's camera, in the bridge's tree."""
+
+    round: str  #: The live round.
+    at_s: float  #: When it was asked and for which time, from the round's start.
+    wait_ms: float  #: How long until the tree knew that time; NaN: it never did.
+    error_mm: float  #: How far the answer for that time is from the truth.
+    error_mrad: float  #: By how much it is turned.
+    age_ms: float  #: How old the newest known time was when it was asked; NaN: there was none.
+    latest_mm: float  #: How far the pose at the newest time is from where the camera was when it was asked.
+    latest_mrad: float  #: By how much it is turned.
+
+
+@exp.table("try")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TryRow:
+    """How live looks from the world to the robot's camera ended in one tree."""
+
+    round: str  #: The live round.
+    way: str  #: ``direct``, ``renamed`` or ``proxy``.
+    outcome: str  #: ``found``, or the error's name.
+    count: int  #: How many ended so.
+
+
+@exp.table("heard")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MocapHeardRow:
+    """One transform of the bridge as a listener got it; times since its capture."""
+
+    round: str  #: The live round.
+    at_s: float  #: Its capture, from the round's start.
+    receipt_ms: float  #: Until the bridge had the capture.
+    publication_ms: float  #: Until the bridge published, by the sample's source time stamp.
+    heard_ms: float  #: Until the listener had it.
+
+
+@exp.table("spell")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpellRow:
+    """A time in which the cameras of a live round were wrong."""
+
+    round: str  #: The live round.
+    kind: str  #: ``occluded``, ``flipped`` or ``dropped``.
+    begin_s: float  #: From the first capture of that kind.
+    end_s: float  #: To the last one.
+
+
+@exp.table("confusion")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConfusionRow:
+    """How often sights of one kind got one verdict."""
+
+    truth: str  #: ``seen``, ``flipped`` or ``occluded``.
+    verdict: str  #: `Verdict.value`.
+    count: int  #: How often.
+
+
+@exp.table("offset")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OffsetRow:
+    """One estimate of the offset from a recorded motion, and what it is worth."""
+
+    length_s: float  #: Length of the motion.
+    drifts: bool  #: Whether the odometry drifted.
+    modelled: bool  #: Whether the estimate allowed for that.
+    pairs: int  #: Moments that were used.
+    error_mm: float  #: How far the estimated position is from the true one.
+    error_mrad: float  #: By how much the orientation is turned.
+    sigma_mm: float  #: The stated standard deviation of the position, root of the sum of squares.
+    sigma_mrad: float  #: The same of the orientation.
+    covered: int  #: How many of the six numbers the 95 % intervals hold.
+    before_mm: float  #: Median error of the base in another motion through the bridge, with no offset.
+    after_mm: float  #: The same with the estimate.
+    before_mrad: float  #: Median error of its orientation, with no offset.
+    after_mrad: float  #: The same with the estimate.
+
+
+@exp.part("trees")
+def join_trees(bench: Bench[Config]) -> None:
+    """Write the trees of Fig. 6, and check them and those of random robots."""
+    config, seen = bench.config, trees.captures_of((Pose(), Pose()))
+    joined = mocap_trees(*trees.figure_6(), seen)
+    for way in trees.WAYS:
+        for edge in getattr(joined, way).edges:
+            bench.write("edge", {"where": "figure 6", "way": way, **asdict(edge)})
+    for row in trees.checks.rows(config.trees, config.seed):
+        if row.check != trees.AT_THE_ROOT or row.held:
+            bench.write("check", row)
+
+
+@exp.part("faults")
+def send_faults(bench: Bench[Config]) -> None:
+    """Send recordings with known faults through the bridge and compare."""
+    tally = confusion_of(bench.config.fault_recordings, bench.config.fault_s, bench.config.seed)
+    for (truth, verdict), count in sorted(tally.confusion.items()):
+        bench.write("confusion", {"truth": truth, "verdict": verdict, "count": count})
+    bench.write_all("check", fault_checks(tally))
+
+
+@exp.part("offsets")
+def estimate_offsets(bench: Bench[Config]) -> None:
+    """Estimate the offset for every length and motion, of all `CASES`."""
+    bench.write_all("offset", offset_rows(bench.config))
+
+
+def offset_rows(config: Config) -> Iterator[dict[str, Any]]:
+    """Yield an estimate for every length and motion, of all `CASES`."""
+    for drifts, modelled in CASES:
+        for place, length_s in enumerate(config.lengths_s):
+            for number in range(config.recordings):
+                drawn = (config.seed, 2, place, number)
+                yield offset_row(length_s, drawn, drifts=drifts, modelled=modelled)
+
+
+@exp.part("live rounds", total=lambda config: len(config.rounds))
+async def run_live(bench: Bench[Config]) -> None:
+    """Play the live rounds; of the first, the bridge's tree as it was heard goes into the log as messages."""
+    config = bench.config
+    async with ProcessGroup(bench.testbed.argv, members(bench.testbed, config.seed)) as group:
+        for name in config.rounds:
+            start_ns, reports = await play(group, name, config.live_s)
+            for table, row in live_rows(name, config.live_s, config.seed, start_ns, reports):
+                bench.write(table, row)
+            if name == config.rounds[0]:
+                for topic, message, time_ns in live_tree(start_ns, reports):
+                    bench.log.write(topic, message, log_time_ns=time_ns)
+            bench.advance(name)
