@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import importlib
 import socket
 import subprocess
 import sys
@@ -16,6 +15,7 @@ import pytest
 
 from sfglab.bus import Node
 from sfglab.errors import MissingExtraError
+from sfglab.lab.checks.plugins import installed
 from sfglab.messages import default_message, message_type, serialize, stamp_from_ns
 from sfglab.qos import SENSOR_DATA
 from sfglab.record import LogError, LogWriter
@@ -237,36 +237,16 @@ def entry(value, name="x"):
     return EntryPoint(name=name, value=value, group="sfglab.visualizers")
 
 
-def test_a_package_ships_its_own_visualizer_and_a_broken_one_is_told(tmp_path, monkeypatch):
+def test_a_package_ships_its_own_visualizer_and_a_broken_one_is_told(tmp_path):
     """A distribution on the path is all that it takes: a module, and metadata with the entry point."""
-    (tmp_path / "their_view.py").write_text(
-        "from sfglab.view import Input, Visualizer\n"
-        "class Battery(Visualizer):\n"
-        "    name = 'battery'\n"
-        "    inputs = (Input(role='state', type='sensor_msgs/msg/BatteryState'),)\n"
-        "    def show(self, update, canvas):\n"
-        "        canvas.log(self.entity, update.only.percentage)\n"
-        "class Image(Battery):\n"
-        "    name = 'image'\n"
-    )
-    info = tmp_path / "their_view-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: their-view\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(
-        "[sfglab.visualizers]\nbattery = their_view:Battery\ngone = their_view:Gone\n"
-        "image = their_view:Image\nnumber = math:pi\n"
-    )
-    monkeypatch.syspath_prepend(str(tmp_path))
-    importlib.invalidate_caches()
-    kinds, broken = available()
-    assert find("battery").__module__ == "their_view"
-    assert kinds["image"].__module__.startswith("sfglab.")
-    assert len(broken) == 3
-    assert any("their_view:Gone" in b and "cannot be loaded" in b for b in broken)
-    assert any("math:pi" in b and "derived from Visualizer" in b for b in broken)
-    assert any("their_view:Image" in b and "'image' is taken" in b for b in broken)
-    topic = "/global/go2/battery_state"
-    assert [o.kind for o in Session().offers({topic: "sensor_msgs/msg/BatteryState"})] == ["battery"]
+    with installed(tmp_path):
+        kinds, broken = available()
+        assert find("battery").__module__ == "visualisation_plugin"
+        assert kinds["image"].__module__.startswith("sfglab.")
+        assert len(broken) == 3
+        assert any("plugin:Gone" in b and "cannot be loaded" in b for b in broken)
+        assert any("math:pi" in b and "derived from Visualizer" in b for b in broken)
+        assert any("plugin:Image" in b and "'image' is taken" in b for b in broken)
 
 
 def test_without_rerun_there_is_one_sentence_and_the_model_still_works(monkeypatch):

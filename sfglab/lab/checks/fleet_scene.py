@@ -261,10 +261,8 @@ def _videos(moments: Sequence[Moment]) -> Iterator[_Speaker]:
         return message_type(FFMPEG_PACKET)(header=moment.header(CAMERA), **fields)
 
     def foxglove(moment: Moment) -> Any:
-        stamp = stamp_from_ns(moment.stamp_ns)
-        return message_type(COMPRESSED_VIDEO)(
-            timestamp=stamp, frame_id=CAMERA, format="h264", data=data(moment)
-        )
+        fields = {"frame_id": CAMERA, "format": "h264", "data": data(moment)}
+        return message_type(COMPRESSED_VIDEO)(timestamp=stamp_from_ns(moment.stamp_ns), **fields)
 
     def still(moment: Moment) -> Any:
         return message_type(COMPRESSED_IMAGE)(header=moment.header(CAMERA), format="h264", data=data(moment))

@@ -17,20 +17,23 @@ if TYPE_CHECKING:
 
     from sfglab.view import Display
 
+    Requested = Callable[[], list[Reliability]]
+
 
 _SOON_S = 5.0
 _LIMIT_HZ = 5.0
 
 
-class Sheet:
-    """A surface that keeps what is drawn on it: time and archetype."""
+class _Handled:
+    """A session that is looked at while it changes, and a surface that keeps what is drawn on it."""
 
-    def __init__(self) -> None:
-        self.drawn: list[tuple[float, Any]] = []
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.drawn: list[Any] = []
 
     def log(self, entity: str, *what: Any, static: bool = False) -> None:  # noqa: ARG002 - a canvas's signature
         """Keep it."""
-        self.drawn += [(time.monotonic(), archetype) for archetype in what]
+        self.drawn += what
 
     def place(self, entity: str, frame: str) -> None:
         """Nothing is placed."""
@@ -44,19 +47,9 @@ class Sheet:
     def close(self) -> None:
         """Nothing is open."""
 
-    def opacities(self) -> list[float]:
-        """Return the opacity of each picture."""
-        values = [archetype.opacity.as_arrow_array().to_pylist()[0] for _, archetype in self.drawn]
-        return [round(value, 3) for value in values]
-
-
-class _Handled:
-    """A session that is looked at while it changes."""
-
-    def __init__(self, session: Session, sheet: Sheet, observer: Node) -> None:
-        self.session = session
-        self.sheet = sheet
-        self._observer = observer
+    def opacity(self) -> float:
+        """Return the opacity of the last picture."""
+        return round(float(self.drawn[-1].opacity.as_arrow_array().to_pylist()[0]), 3)
 
     async def until(self, holds: Callable[[], bool]) -> bool:
         """Wait until something holds; return whether it did."""
@@ -67,18 +60,14 @@ class _Handled:
 
     async def drawn_again(self) -> bool:
         """Wait for the next picture."""
-        self.sheet.drawn.clear()
-        return await self.until(lambda: bool(self.sheet.drawn))
+        self.drawn.clear()
+        return await self.until(lambda: bool(self.drawn))
 
     async def count(self, seconds: float) -> int:
         """Return how many pictures are drawn in a time."""
-        self.sheet.drawn.clear()
+        self.drawn.clear()
         await asyncio.sleep(seconds)
-        return len(self.sheet.drawn)
-
-    def requests(self) -> list[Reliability]:
-        """Return the reliability of each subscription that another node sees on the topic."""
-        return [endpoint.qos.reliability for endpoint in self._observer.graph.subscriptions(CAMERA_TOPIC)]
+        return len(self.drawn)
 
 
 async def check_handling(domain_id: int, *, observed_s: float) -> list[CheckRow]:
@@ -88,31 +77,36 @@ async def check_handling(domain_id: int, *, observed_s: float) -> list[CheckRow]
         domain_id: The camera's DDS domain.
         observed_s: How long pictures are counted.
     """
-    session, sheet = Session(), Sheet()
+    session = Session()
+    handled = _Handled(session)
     async with (
         Node("view", domain_id=domain_id, interface="lo") as node,
         Node("observer", domain_id=domain_id, interface="lo") as observer,
-        Bridge(node, session, sheet),
+        Bridge(node, session, handled),
     ):
-        handled = _Handled(session, sheet, observer)
+
+        def requested() -> list[Reliability]:
+            """Return the reliability of each subscription that another node sees on the topic."""
+            return [endpoint.qos.reliability for endpoint in observer.graph.subscriptions(CAMERA_TOPIC)]
+
         display = session.add("image", CAMERA_TOPIC)
         groups = {
             "added: its topic is subscribed to, and pictures come": {
                 "drawn": await handled.drawn_again(),
-                "subscribed": await handled.until(lambda: handled.requests() == [Reliability.BEST_EFFORT]),
+                "subscribed": await handled.until(lambda: requested() == [Reliability.BEST_EFFORT]),
             },
             "a parameter counts from the next picture": await _tuned(handled, display),
             "a rate budget counts at once": await _limited(handled, display, observed_s),
-            "a QoS profile is requested anew": await _rewired(handled, display),
-            "switched off and on again, and removed": await _removed(handled, display),
+            "a QoS profile is requested anew": await _rewired(handled, display, requested),
+            "switched off and on again, and removed": await _removed(handled, display, requested),
         }
     return [facts_row(check, facts) for check, facts in groups.items()]
 
 
 async def _tuned(handled: _Handled, display: Display) -> dict[str, bool]:
-    before = handled.sheet.opacities()[-1]
+    before = handled.opacity()
     handled.session.tune(display.id, "opacity", 0.25)
-    after = await handled.until(lambda: bool(handled.sheet.drawn) and handled.sheet.opacities()[-1] == 0.25)
+    after = await handled.until(lambda: bool(handled.drawn) and handled.opacity() == 0.25)
     try:
         handled.session.tune(display.id, "opacity", 7.0)
         refused = False
@@ -134,21 +128,21 @@ async def _limited(handled: _Handled, display: Display, seconds: float) -> dict[
     }
 
 
-async def _rewired(handled: _Handled, display: Display) -> dict[str, bool]:
+async def _rewired(handled: _Handled, display: Display, requested: Requested) -> dict[str, bool]:
     handled.session.rewire(display.id, qos={"image": DEFAULT})
-    requested = await handled.until(lambda: handled.requests() == [Reliability.RELIABLE])
-    return {"requested": requested, "drawn": await handled.drawn_again()}
+    anew = await handled.until(lambda: requested() == [Reliability.RELIABLE])
+    return {"requested": anew, "drawn": await handled.drawn_again()}
 
 
-async def _removed(handled: _Handled, display: Display) -> dict[str, bool]:
+async def _removed(handled: _Handled, display: Display, requested: Requested) -> dict[str, bool]:
     session = handled.session
     session.enable(display.id, enabled=False)
-    ended = await handled.until(lambda: not handled.requests())
+    ended = await handled.until(lambda: not requested())
     silent = await handled.count(0.3)
     session.enable(display.id, enabled=True)
     again = await handled.drawn_again()
     session.remove(display.id)
-    gone = await handled.until(lambda: not handled.requests())
+    gone = await handled.until(lambda: not requested())
     return {
         "off: unsubscribed": ended,
         "off: nothing is drawn": silent == 0,

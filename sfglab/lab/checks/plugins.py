@@ -46,7 +46,7 @@ class Broken(Battery):
     def show(self, update, canvas):
         raise RuntimeError("a mistake of theirs")
 '''
-_ENTRIES = "battery = {0}:Battery\ngone = {0}:Gone\nimage = {0}:Image\nbroken = {0}:Broken\n"
+_ENTRIES = "battery = {0}:Battery\ngone = {0}:Gone\nimage = {0}:Image\nbroken = {0}:Broken\nnumber = math:pi\n"
 _MODULE = "visualisation_plugin"
 
 

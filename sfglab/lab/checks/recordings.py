@@ -177,10 +177,13 @@ def check_fleet(fleet: Fleet, recorded: Path) -> Iterator[CheckRow]:
 
     texts = " ".join(read_blueprint(recorded))
     streams = [(a.name, s.topic) for a in fleet.agents for sensor in a.sensors for s in sensor.streams]
-    roots = [entity_below(agent, topic) for agent, topic in streams]
-    yield _found("a view for every stream that the fleet file announces", roots, texts)
+    views = [entity_below(agent, topic) for agent, topic in streams]
     ages = [f"/agents/{agent.name}/communication/heartbeat_age_s" for agent in fleet.agents]
-    yield _found("a curve of the heartbeats of every agent of the fleet file", ages, texts)
+    for check, wanted in (
+        ("a view for every stream that the fleet file announces", views),
+        ("a curve of the heartbeats of every agent of the fleet file", ages),
+    ):
+        yield _row(check, len(wanted), [entity for entity in wanted if entity not in texts], wanted[0])
     said = [(agent.name, topic.name) for agent in fleet.agents for topic in agent.publishes]
     named = [(agent, name) for agent, name in said if name.split("/")[2:3] == [agent]]
     wrong = [name for agent, name in named if entity_of_topic(name) != entity_below(agent, name)]
@@ -189,11 +192,6 @@ def check_fleet(fleet: Fleet, recorded: Path) -> Iterator[CheckRow]:
     )
 
 
-def _found(check: str, wanted: list[str], texts: str) -> CheckRow:
-    return _row(check, len(wanted), [entity for entity in wanted if entity not in texts], wanted[0])
-
-
 def _row(check: str, checked: int, wrong: list[str], example: str) -> CheckRow:
-    return CheckRow(
-        check=check, checked=checked, held=checked - len(wrong), example=", ".join(wrong) or example
-    )
+    text = ", ".join(wrong) or example
+    return CheckRow(check=check, checked=checked, held=checked - len(wrong), example=text)

@@ -96,14 +96,13 @@ class Cloud:
     def row(self) -> dict[str, Any]:
         """The cloud in numbers: what the experiment's table says of an image."""
         same = self.colors.shape == self.expected_colors.shape
+        wrong = int((self.colors != self.expected_colors).any(axis=1).sum()) if same else len(self.expected)
         return {
             "stamp_ns": self.moment.stamp_ns,
             "points": len(self.shown),
             "expected": len(self.expected),
             "largest_error_m": float(self.errors_m.max()) if len(self.errors_m) else float("inf"),
-            "wrong_colors": int((self.colors != self.expected_colors).any(axis=1).sum())
-            if same
-            else len(self.expected),
+            "wrong_colors": wrong,
         }
 
 

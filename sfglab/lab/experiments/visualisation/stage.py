@@ -234,23 +234,19 @@ async def _watched(
             if due != is_stopped:
                 is_stopped = due
                 os.kill(sink_pid, signal.SIGSTOP if due else signal.SIGCONT)
-            rows.append(_memory_row(display, canvas, me.memory_info().rss, at_s, stopped=is_stopped))
+            counts = display.slot.counts
+            rows.append(
+                {
+                    "at_s": at_s,
+                    "stopped": is_stopped,
+                    "queued_bytes": canvas.pending_bytes + counts.waiting * PICTURE_BYTES,
+                    "resident_bytes": me.memory_info().rss,
+                    "received": counts.received,
+                    "shown": counts.shown,
+                    "dropped": counts.dropped,
+                }
+            )
             await asyncio.sleep(_SAMPLE_S)
     finally:
         os.kill(sink_pid, signal.SIGCONT)
     return rows
-
-
-def _memory_row(
-    display: Display, canvas: RerunCanvas, resident_bytes: int, at_s: float, *, stopped: bool
-) -> dict[str, Any]:
-    counts = display.slot.counts
-    return {
-        "at_s": at_s,
-        "stopped": stopped,
-        "queued_bytes": canvas.pending_bytes + counts.waiting * PICTURE_BYTES,
-        "resident_bytes": resident_bytes,
-        "received": counts.received,
-        "shown": counts.shown,
-        "dropped": counts.dropped,
-    }
