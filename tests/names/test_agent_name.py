@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.fleet.policy import frames as routing
+from sfglab.fleet.router import frames as routing
 from sfglab.names import (
     AGENT_VARIABLE,
     SHARED_FRAMES,
