@@ -75,7 +75,7 @@ class ForwardRule:
     """One row of Table 1."""
 
     pattern: str  #: DDS topic names; ``*`` stands for any characters, slashes included, as in the DDS Router.
-    description: str  #: For people.
+    description: str = ""  #: For people.
     directions: frozenset[Direction] = frozenset(Direction)  #: The ways it is open.
 
     def matches(self, dds_name: str) -> bool:

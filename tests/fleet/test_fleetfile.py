@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from sfglab.bus.address import BusAddress
 from sfglab.documents import DocumentError
+from sfglab.fleet.agent.plan import config_from_fleet, router_config
 from sfglab.fleet.fleet_file import UnknownAgentError, load_fleet, read_fleet
-from sfglab.fleet.fleet_file.describing import description_of, router_config_of
 from sfglab.fleet.policy import TABLE_1, Direction
 from sfglab.qos import LATCHED, Durability, QoSProfile, Reliability
 
@@ -54,7 +54,7 @@ def test_the_labs_file_is_a_fleet():
 
 def test_what_the_file_says_of_sensors_is_what_the_status_provider_announces():
     go2 = load_fleet(LAB).agent("go2")
-    description = description_of(go2)
+    description = go2.description
     description.check("go2")
     color, depth = description.sensors[0].streams
     assert (color.codec, color.width, color.height, color.rate_hz) == ("h264", 640, 360, 30.0)
@@ -64,11 +64,11 @@ def test_what_the_file_says_of_sensors_is_what_the_status_provider_announces():
 
 
 def test_a_router_is_told_what_the_file_says():
-    config = router_config_of(load_fleet(LAB), "go2")
+    config = router_config(config_from_fleet(load_fleet(LAB), "go2"))
     assert (config.local.domain_id, config.remote.domain_id) == (1, 0)
     assert config.rules == TABLE_1
     assert config.placed_by_others == ("odom",)
-    assert not router_config_of(load_fleet(LAB), "workstation").prefix_frames
+    assert not router_config(config_from_fleet(load_fleet(LAB), "workstation")).prefix_frames
 
 
 def test_short_and_long_forms_and_qos_become_values():

@@ -7,7 +7,7 @@ is refused here, before anything has been started.
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
@@ -20,7 +20,7 @@ from sfglab.fleet.discovery.registry import Timing as DiscoveryTiming
 from sfglab.fleet.gop_cache import KeeperConfig
 from sfglab.fleet.policy import TABLE_1, ForwardRule
 from sfglab.fleet.router.node import RouterConfig
-from sfglab.fleet.status.description import AgentDescription, SensorDescription, StreamDescription
+from sfglab.fleet.status.description import AgentDescription, SensorDescription
 from sfglab.fleet.status.heartbeat import Schedule
 from sfglab.fleet.status.node import StatusConfig, StatusSettings
 from sfglab.names import SHARED_FRAMES, Resource, RosFqnBuilder, Scope
@@ -28,7 +28,7 @@ from sfglab.names import SHARED_FRAMES, Resource, RosFqnBuilder, Scope
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from sfglab.fleet.fleet_file import Fleet, SensorSpec
+    from sfglab.fleet.fleet_file import Fleet
 
 
 COMPONENTS = ("router", "status", "discoverer", "keeper", "decoder")
@@ -170,21 +170,13 @@ def config_from_fleet(fleet: Fleet, agent: str) -> AgentConfig:
         agent=agent,
         local=fleet.local_address(agent),
         remote=fleet.global_address(agent),
-        sensors=tuple(_sensor(sensor) for sensor in spec.sensors),
+        sensors=spec.description.sensors,
         rules=fleet.policy.rules,
         prefix_frames=spec.tf.prefix_frames,
         shared_frames=spec.tf.shared_frames,
         placed_by_others=spec.tf.placed_by_others,
     )
     return config if spec.lifecycle else without(config, ("status", "discoverer"))
-
-
-def _sensor(sensor: SensorSpec) -> SensorDescription:
-    streams = tuple(
-        StreamDescription(**{f.name: getattr(stream, f.name) for f in fields(StreamDescription)})
-        for stream in sensor.streams
-    )
-    return SensorDescription(name=sensor.name, model=sensor.model, streams=streams)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

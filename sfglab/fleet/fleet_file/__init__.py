@@ -13,6 +13,7 @@ from sfglab.fleet.fleet_file.deployment import (
     RouterSoftware,
 )
 from sfglab.fleet.fleet_file.model import (
+    MAX_DOMAIN,
     AgentSpec,
     Fleet,
     FrameSpec,
@@ -22,8 +23,9 @@ from sfglab.fleet.fleet_file.model import (
     StreamSpec,
     TopicUse,
     UnknownAgentError,
+    load_fleet,
+    read_fleet,
 )
-from sfglab.fleet.fleet_file.reading import MAX_DOMAIN, load_fleet, read_fleet
 
 __all__ = [
     "AUTO",

@@ -9,12 +9,36 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING
 
-from sfglab.documents import NOWHERE, Place
+from sfglab.documents import NOWHERE, Place, Section, matching, read_by
 
-if TYPE_CHECKING:
-    from sfglab.documents import Section
+AUTO = "auto"
+"""In place of an accelerator's name: found out on the machine."""
+_COMPONENT = r"[a-z0-9]+(?:(?:\.|_{1,2}|-+)[a-z0-9]+)*"
+_REGISTRY = r"[a-zA-Z0-9](?:[a-zA-Z0-9.-]*[a-zA-Z0-9])?(?::[0-9]{1,5})?"
+REPOSITORY = re.compile(rf"(?:{_REGISTRY}/)?{_COMPONENT}(?:/{_COMPONENT})*")
+"""A repository of images (OCI Distribution Specification 1.1, "Pulling manifests")."""
+IMAGE = re.compile(rf"{REPOSITORY.pattern}(?::[\w][\w.-]{{0,127}})?(?:@sha256:[0-9a-f]{{64}})?", re.ASCII)
+ADDRESS = re.compile(r"(?:[a-z_][a-z0-9_-]*@)?[A-Za-z0-9](?:[A-Za-z0-9.-]*[A-Za-z0-9])?")
+HOST = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9.:-]*[A-Za-z0-9])?")
+DEVICE = re.compile(r"/dev/(?!(?:.*/)?\.\.(?:/|$))[A-Za-z0-9][A-Za-z0-9._/-]*")
+PACKAGE = re.compile(r"[a-z0-9][a-z0-9+.-]+")  # Debian Policy 5.6.7
+FOLDER = re.compile(r"[\w][\w./ -]*", re.ASCII)
+
+
+def _read_accelerator(section: Section, key: str) -> Accelerator | None:
+    choices = (AUTO, *(member.value for member in Accelerator))
+    name = section.text(key, choices=choices)
+    return None if name == AUTO else Accelerator(name)
+
+
+def _read_folder(section: Section, key: str) -> str:
+    folder: str = section.text(key)
+    if not FOLDER.fullmatch(folder):
+        raise section.refusal(key, folder, "a folder beside the fleet file")
+    if ".." in folder.split("/"):
+        raise section.refusal(key, folder, "a folder beside the fleet file, not above it")
+    return folder
 
 
 class Architecture(Enum):
@@ -63,16 +87,20 @@ class HostSpec:
     """The machine that an agent runs on."""
 
     model: str = ""  #: Maker and model, for people.
-    address: str = ""  #: Where SSH reaches it, ``[user@]host``; empty: it is this machine.
+    #: Where SSH reaches it, ``[user@]host``; empty: it is this machine.
+    address: str = field(default="", metadata=matching(ADDRESS, "[user@]host, as ssh takes it"))
     architecture: Architecture = Architecture.AMD64  #: Its processor's.
-    accelerator: Accelerator | None = None  #: What it has; None leaves it to detection.
+    #: What it has; None leaves it to detection.
+    accelerator: Accelerator | None = field(default=None, metadata=read_by(_read_accelerator))
     #: What the agent's container sees: a bridge of its own, or, for robots whose own controllers speak DDS over
     #: a cable, the host's interfaces.
     network: ContainerNetwork = ContainerNetwork.BRIDGE
     #: Device nodes that the agent needs beside its accelerator's, as in ``/dev/video0``.
-    devices: tuple[str, ...] = ()
-    workspace: str = ""  #: Folder of the user's colcon workspace, relative to the fleet file; empty: none.
-    packages: tuple[str, ...] = ()  #: Debian packages that the agent's own software needs.
+    devices: tuple[str, ...] = field(default=(), metadata=matching(DEVICE, "device nodes, as in /dev/video0"))
+    #: Folder of the user's colcon workspace, relative to the fleet file; empty: none.
+    workspace: str = field(default="", metadata=read_by(_read_folder))
+    #: Debian packages that the agent's own software needs.
+    packages: tuple[str, ...] = field(default=(), metadata=matching(PACKAGE, "names of Debian packages"))
     #: Program and arguments of the user's software, beside the agent; empty: none.
     launch: tuple[str, ...] = ()
     place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
@@ -83,26 +111,19 @@ class DeploymentSpec:
     """What is the same for all machines of a fleet."""
 
     #: Where its images belong, a repository prefix as in ``localhost/esslingen``.
-    images: str = "localhost/fleet"
+    images: str = field(
+        default="localhost/fleet",
+        metadata=matching(REPOSITORY, "a repository of images, as in localhost/esslingen"),
+    )
     ros: RosDistribution = RosDistribution.NONE  #: The ROS 2 distribution inside the images.
     router: RouterSoftware = RouterSoftware.SFGLAB  #: What runs in the second container.
-    router_image: str = ""  #: Image of another's router; empty for our own.
-    time_servers: tuple[str, ...] = ()  #: Agents or hosts whose clocks count.
+    #: Image of another's router; empty for our own.
+    router_image: str = field(default="", metadata=matching(IMAGE, "an image, as in ubuntu-ddsrouter:v3.5.0"))
+    #: Agents or hosts whose clocks count.
+    time_servers: tuple[str, ...] = field(
+        default=(), metadata=matching(HOST, "agents' or hosts' names or addresses")
+    )
     place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
-
-
-AUTO = "auto"
-"""In place of an accelerator's name: found out on the machine."""
-_COMPONENT = r"[a-z0-9]+(?:(?:\.|_{1,2}|-+)[a-z0-9]+)*"
-_REGISTRY = r"[a-zA-Z0-9](?:[a-zA-Z0-9.-]*[a-zA-Z0-9])?(?::[0-9]{1,5})?"
-REPOSITORY = re.compile(rf"(?:{_REGISTRY}/)?{_COMPONENT}(?:/{_COMPONENT})*")
-"""A repository of images (OCI Distribution Specification 1.1, "Pulling manifests")."""
-IMAGE = re.compile(rf"{REPOSITORY.pattern}(?::[\w][\w.-]{{0,127}})?(?:@sha256:[0-9a-f]{{64}})?", re.ASCII)
-ADDRESS = re.compile(r"(?:[a-z_][a-z0-9_-]*@)?[A-Za-z0-9](?:[A-Za-z0-9.-]*[A-Za-z0-9])?")
-HOST = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9.:-]*[A-Za-z0-9])?")
-DEVICE = re.compile(r"/dev/[A-Za-z0-9][A-Za-z0-9._/-]*")
-PACKAGE = re.compile(r"[a-z0-9][a-z0-9+.-]+")  # Debian Policy 5.6.7
-FOLDER = re.compile(r"[\w][\w./ -]*", re.ASCII)
 
 
 def read_deployment(section: Section, fleet: str) -> DeploymentSpec:
@@ -115,67 +136,5 @@ def read_deployment(section: Section, fleet: str) -> DeploymentSpec:
     Raises:
         DocumentError: A key is unknown, or what stands there is not allowed.
     """
-    deployment = DeploymentSpec(
-        images=_matching(section, "images", REPOSITORY, "a repository of images, as in localhost/esslingen")
-        or f"localhost/{re.sub('[^a-z0-9]+', '-', fleet.lower()).strip('-') or 'fleet'}",
-        ros=section.choice("ros", RosDistribution.NONE),
-        router=section.choice("router", RouterSoftware.SFGLAB),
-        router_image=_matching(section, "router_image", IMAGE, "an image, as in ubuntu-ddsrouter:v3.5.0"),
-        time_servers=_all_matching(section, "time_servers", HOST, "agents' or hosts' names or addresses"),
-        place=section.here,
-    )
-    section.close()
-    return deployment
-
-
-def read_host(section: Section) -> HostSpec:
-    """Read the machine of one agent.
-
-    Args:
-        section: The section ``host``.
-
-    Raises:
-        DocumentError: A key is unknown, or what stands there is not allowed.
-    """
-    host = HostSpec(
-        model=section.text("model", ""),
-        address=_matching(section, "address", ADDRESS, "[user@]host, as ssh takes it"),
-        architecture=section.choice("architecture", Architecture.AMD64),
-        accelerator=_accelerator(section),
-        network=section.choice("network", ContainerNetwork.BRIDGE),
-        devices=_all_matching(section, "devices", DEVICE, "device nodes, as in /dev/video0"),
-        workspace=_folder(section, "workspace"),
-        packages=_all_matching(section, "packages", PACKAGE, "names of Debian packages"),
-        launch=section.texts("launch"),
-        place=section.here,
-    )
-    section.close()
-    return host
-
-
-def _accelerator(section: Section) -> Accelerator | None:
-    choices = (AUTO, *(member.value for member in Accelerator))
-    name = section.text("accelerator", AUTO, choices=choices)
-    return None if name == AUTO else Accelerator(name)
-
-
-def _folder(section: Section, key: str) -> str:
-    folder = _matching(section, key, FOLDER, "a folder beside the fleet file")
-    if ".." in folder.split("/"):
-        raise section.refusal(key, folder, "a folder beside the fleet file, not above it")
-    return folder
-
-
-def _matching(section: Section, key: str, pattern: re.Pattern[str], allowed: str) -> str:
-    text: str = section.text(key, "")
-    if text and not pattern.fullmatch(text):
-        raise section.refusal(key, text, allowed)
-    return text
-
-
-def _all_matching(section: Section, key: str, pattern: re.Pattern[str], allowed: str) -> tuple[str, ...]:
-    texts = section.texts(key)
-    for text in texts:
-        if not pattern.fullmatch(text) or ".." in text.split("/"):
-            raise section.refusal(key, text, allowed)
-    return texts
+    name = re.sub("[^a-z0-9]+", "-", fleet.lower()).strip("-") or "fleet"
+    return section.read(DeploymentSpec, **({} if section.has("images") else {"images": f"localhost/{name}"}))

@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sfglab.documents import suggestion
-from sfglab.fleet.fleet_file.describing import description_of
 from sfglab.fleet.lint.report import Finding, Severity
 from sfglab.fleet.policy import Crossing
 from sfglab.fleet.status.description import DescriptionError
@@ -229,7 +228,7 @@ def check_descriptions(view: View) -> Iterator[Finding]:
     """Find sensors that the agent's metadata could not announce."""
     for agent in view.fleet.agents:
         try:
-            description_of(agent).check(agent.name)
+            agent.description.check(agent.name)
         except DescriptionError as error:
             yield Finding(
                 severity=Severity.ERROR,
