@@ -7,50 +7,8 @@ again, and by false agents that are mute, late, changed, restarted, ill-formed a
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from sfglab.lab.experiments.lifecycle import figures
+from sfglab.lab.experiments.lifecycle.analysis import heartbeat_checks, intervals, transitions
+from sfglab.lab.experiments.lifecycle.experiment import exp
 
-from sfglab.lab.experiments.lifecycle.analysis import Transitions, measure_claims, transitions
-from sfglab.lab.experiments.lifecycle.beats import heartbeat_checks, intervals
-from sfglab.lab.experiments.lifecycle.config import Config
-from sfglab.lab.experiments.lifecycle.figure import draw_heartbeats
-from sfglab.lab.experiments.lifecycle.results import Results, load_results
-from sfglab.lab.experiments.lifecycle.run import run
-from sfglab.lab.experiments.lifecycle.statechart import draw_states
-from sfglab.lab.experiments.profiles import ConfigError
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from matplotlib.figure import Figure
-
-__all__ = [
-    "NAME",
-    "Config",
-    "ConfigError",
-    "Results",
-    "Transitions",
-    "draw_heartbeats",
-    "draw_states",
-    "figures",
-    "heartbeat_checks",
-    "intervals",
-    "load_results",
-    "measure_claims",
-    "run",
-    "transitions",
-]
-
-NAME = "lifecycle"
-
-
-def figures(log: Path) -> dict[str, tuple[Figure, dict[str, Any]]]:
-    """Draw every figure of a run.
-
-    Args:
-        log: The run's log.
-
-    Returns:
-        Figure and the numbers that it shows, by the figure's name.
-    """
-    results = load_results(log)
-    return {"heartbeats": draw_heartbeats(results), "discovery_states": draw_states(results)}
+__all__ = ["exp", "figures", "heartbeat_checks", "intervals", "transitions"]

@@ -16,12 +16,16 @@ from sfglab.fleet.status.heartbeat import MIN_PERIOD_S
 from sfglab.processes import ProcessFailedError
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Sequence
+    from collections.abc import Sequence
 
-    from sfglab.lab.experiments.lifecycle.rows import MoveRow
-    from sfglab.lab.experiments.lifecycle.stage import Recorder
-    from sfglab.processes import LineProcess
+    from sfglab.component import Report
+    from sfglab.lab.experiments.lifecycle.stage import Stage
+    from sfglab.processes import Member
 
+WALKER = "walker"
+"""The agent whose status process is a real one; all others are false agents."""
+FAKES = "false agents"
+"""The process that plays them."""
 
 FOREVER_S = 30.0
 """A period that is announced so that nobody is missed."""
@@ -32,9 +36,9 @@ _I, _S = Input, State
 class Track:
     """What a discoverer does about one agent, read on from where one last looked."""
 
-    def __init__(self, agent: str, recorder: Recorder) -> None:
+    def __init__(self, agent: str, stage: Stage) -> None:
         self.agent = agent
-        self._recorder = recorder
+        self._stage = stage
         self._read = 0
 
     async def sees(self, *given: Input, at: State | None = None) -> None:
@@ -46,33 +50,27 @@ class Track:
             return bool(found)
 
         names = " or ".join(i.name for i in given)
-        await self._recorder.seen.until(f"{self.agent}: {names}", taken)
+        await self._stage.until(f"{self.agent}: {names}", taken)
         self._read = found[0] + 1
 
     async def reaches(self, state: State) -> None:
         """Return when the agent is in a state."""
-        await self._recorder.seen.until(
+        await self._stage.until(
             f"{self.agent}: {state.name}",
-            lambda: bool(self._moves()) and self._moves()[-1].after == state.name,
+            lambda: bool(self._moves()) and self._moves()[-1]["after"] == state.name,
         )
         self._read = len(self._moves())
 
-    def _moves(self) -> list[MoveRow]:
-        return self._recorder.moves.get(self.agent, [])
+    def _moves(self) -> list[Report]:
+        return self._stage.moves[self.agent]
 
 
 class Puppet(Track):
-    """A false agent.
+    """A false agent."""
 
-    Args:
-        agent: Its name.
-        fakes: The process that plays it.
-        recorder: What the discoverer is seen to do.
-    """
-
-    def __init__(self, agent: str, fakes: LineProcess, recorder: Recorder) -> None:
-        super().__init__(agent, recorder)
-        self._fakes = fakes
+    def __init__(self, agent: str, stage: Stage) -> None:
+        super().__init__(agent, stage)
+        self._fakes = stage.group[FAKES]
         self._incarnation, self._revision = 1000, 1
 
     def mode(self, mode: str) -> None:
@@ -83,13 +81,8 @@ class Puppet(Track):
         """Let it beat so that the discoverer gets an input: a plain heartbeat, a change or a restart."""
         self._revision += given is _I.CHANGED
         self._incarnation += given is _I.RESTARTED
-        self._fakes.order(
-            do="beat",
-            agent=self.agent,
-            incarnation=self._incarnation,
-            revision=self._revision,
-            period_s=period_s,
-        )
+        start = {"incarnation": self._incarnation, "revision": self._revision}
+        self._fakes.order(do="beat", agent=self.agent, period_s=period_s, **start)
 
     async def beats(self, *inputs: Input) -> None:
         """Let it beat, time after time, and wait until each has had its effect."""
@@ -163,99 +156,76 @@ async def _comes_and_goes(puppet: Puppet, told: Told) -> None:
     await puppet.sees(_I.EXPIRED)
 
 
-_Script = tuple["Callable[[Puppet, Told], Awaitable[None]]", Told]
-_SCRIPTS: tuple[_Script, ...] = (
-    *((_whole_row, told) for told in Told),
-    *((_same_start_answers, told) for told in Told),
-    *((_silent_when_asked, told) for told in Told),
-    *((_silent_when_it_failed, told) for told in Told),
-    (_comes_and_goes, Told.PRESENT),
-)
+_ANYWHERE = (_whole_row, _same_start_answers, _silent_when_asked, _silent_when_it_failed)
+_SCRIPTS = (*((script, told) for script in _ANYWHERE for told in Told), (_comes_and_goes, Told.PRESENT))
 
 
-async def puppet_show(fakes: LineProcess, recorder: Recorder, *, attempts: int) -> None:
-    """Play all scripts at once, and again as long as a transition of theirs is missing.
-
-    Args:
-        fakes: The process that plays the false agents.
-        recorder: What the discoverer is seen to do.
-        attempts: How often, at most.
-    """
+async def puppet_show(stage: Stage, *, attempts: int) -> None:
+    """Play all scripts at once, `attempts` times at most while a transition of theirs is missing."""
     for attempt in range(attempts):
         plays = [
-            script(Puppet(f"puppet{number}_{attempt}", fakes, recorder), told)
+            script(Puppet(f"puppet{number}_{attempt}", stage), told)
             for number, (script, told) in enumerate(_SCRIPTS)
         ]
         outcomes = await asyncio.gather(*plays, return_exceptions=True)
         for outcome in outcomes:
             if isinstance(outcome, BaseException) and not isinstance(outcome, ProcessFailedError):
                 raise outcome
-        if set(TRANSITIONS) - _taken(recorder) <= {(_S.BACKING_OFF, _I.EXPIRED)}:
+        if set(TRANSITIONS) - _taken(stage) <= {(_S.BACKING_OFF, _I.EXPIRED)}:
             return
 
 
-async def walk(agent: str, start: Callable[[], Awaitable[LineProcess]], recorder: Recorder) -> None:
-    """Do to a real status process what happens to real ones: change, stop, go on, be killed, come again.
-
-    Args:
-        agent: Whose status process.
-        start: Starts it, and returns it when it serves.
-        recorder: What the discoverer is seen to do.
-    """
-    track = Track(agent, recorder)
-    process = await start()
+async def walk(member: Member, stage: Stage) -> None:
+    """Do to a real status process what happens to real ones: change, stop, go on, be killed, come again."""
+    agent, group = member.name, stage.group
+    track = Track(agent, stage)
+    await group.start(member)
     await track.sees(_I.ANSWERED)
-    recorder.fault(agent, "told another description")
-    process.order(description={"software": ["changed at run time"]})
+    stage.fault(agent, "told another description")
+    group[agent].order(description={"software": ["changed at run time"]})
     await track.sees(_I.ANSWERED)
     for number, given in ((signal.SIGSTOP, _I.SILENT), (signal.SIGCONT, _I.HEARD)):
-        recorder.fault(agent, number.name)
-        process.signal(number)
+        stage.fault(agent, number.name)
+        group[agent].signal(number)
         await track.sees(given, at=_S.LOST if number is signal.SIGCONT else None)
     for wait in (False, True):
-        recorder.fault(agent, "SIGKILL")
-        process.signal(signal.SIGKILL)
+        stage.fault(agent, "SIGKILL")
+        await group.kill(agent)
         if wait:
             await track.reaches(_S.LOST)
-        recorder.fault(agent, "started again")
-        process = await start()
+        stage.fault(agent, "started again")
+        await group.start(member)
         # Asked anew as a rule; on a machine that stalls it may have been forgotten before it came again.
         await track.sees(_I.ANSWERED_ANEW, _I.ANSWERED)
-    recorder.fault(agent, "SIGKILL")
-    process.signal(signal.SIGKILL)
+    stage.fault(agent, "SIGKILL")
+    await group.kill(agent)
     await track.sees(_I.EXPIRED)
 
 
-async def crowd(own: str, fakes: LineProcess, recorder: Recorder, *, places: int) -> None:
-    """Send a discoverer with few places more agents than it can hold, and what is no agent at all.
-
-    Args:
-        own: The discoverer's own agent.
-        fakes: The process that plays the crowd.
-        recorder: What the discoverer is seen to do.
-        places: How many agents it keeps track of.
-    """
-    recorder.fault(own, "heartbeats that bear its name")
+async def crowd(own: str, stage: Stage, *, places: int) -> None:
+    """Send the discoverer of agent `own` more agents than its `places`, and what is no agent at all."""
+    fakes = stage.group[FAKES]
+    stage.fault(own, "heartbeats that bear its name")
     for agent, incarnation in (("owner1", 2000), ("double1", 1999)):
         fakes.order(
             do="beat", agent=agent, bearing=own, incarnation=incarnation, revision=0, period_s=FOREVER_S
         )
-    recorder.fault("noname1", "ill-formed heartbeats")
+    stage.fault("noname1", "ill-formed heartbeats")
     for bearing, period_s in (("no name", FOREVER_S), ("camera", FOREVER_S), ("fast1", -1.0)):
         fakes.order(do="beat", agent="noname1", bearing=bearing, incarnation=1, revision=0, period_s=period_s)
-    recorder.fault("crowd", "more agents than places, none of which answers")
+    stage.fault("crowd", "more agents than places, none of which answers")
     for number in range(places + 1):
-        puppet = Puppet(f"crowd{number}", fakes, recorder)
+        puppet = Puppet(f"crowd{number}", stage)
         await puppet.is_asked(Told.NOTHING, "refuse")
         await puppet.sees(_I.FAILED)
-    await recorder.seen.until("an eviction", lambda: (_S.BACKING_OFF, _I.EXPIRED) in _taken(recorder))
-    recorder.fault("crowd", "a flood of heartbeats")
+    await stage.until("an eviction", lambda: (_S.BACKING_OFF, _I.EXPIRED) in _taken(stage))
+    stage.fault("crowd", "a flood of heartbeats")
     fakes.order(do="beat", agent=f"crowd{places}", incarnation=1000, revision=1, period_s=FOREVER_S, times=400)
 
 
-def _is(move: MoveRow, given: Sequence[Input], at: State | None) -> bool:
-    return Input[move.given] in given and (at is None or move.before == at.name)
+def _is(move: Report, given: Sequence[Input], at: State | None) -> bool:
+    return Input[move["given"]] in given and (at is None or move["before"] == at.name)
 
 
-def _taken(recorder: Recorder) -> set[tuple[State, Input]]:
-    return {(State[m.before], Input[m.given]) for moves in recorder.moves.values() for m in moves}
+def _taken(stage: Stage) -> set[tuple[State, Input]]:
+    return {(State[m["before"]], Input[m["given"]]) for moves in stage.moves.values() for m in moves}

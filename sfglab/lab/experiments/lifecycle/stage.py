@@ -1,119 +1,66 @@
-"""Hosts and processes of the life-cycle experiment, and what the discoverer has been seen to do.
+"""The processes of one part of the life-cycle experiment, and what they have been seen to do.
 
-Knows how to start, order and end processes; refuses to know what is done to whom, and why.
+Knows how to order processes and to wait for what they report; refuses to know what is done to whom, and why.
 """
 
 from __future__ import annotations
 
 import asyncio
 import base64
-import sys
 import time
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections import Counter, defaultdict
+from contextlib import AsyncExitStack
+from typing import TYPE_CHECKING, Any, Self
 
-from sfglab.bus.address import BusAddress
-from sfglab.lab.experiments.lifecycle.rows import BeatRow, FaultRow, MoveRow, QueryRow
-from sfglab.lab.staging import Staged
-from sfglab.processes import LineProcess, ProcessFailedError
+from sfglab.fleet.discovery.listener import DISCOVERY_EVENT
+from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, Heartbeat, heartbeat_topic
+from sfglab.lab.bench import Bench, as_row
+from sfglab.messages import deserialize, message_type
+from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable
+    from collections.abc import Callable, Coroutine
 
-    from sfglab.lab.testbed import Testbed
-    from sfglab.record import LogWriter
+    from sfglab.component import Report
 
-
-GLOBAL_DOMAIN = 0
-LOOPBACK_DOMAIN = 93
-"""Stands for the global domain where all hosts are one, and other runs may be using domain 0."""
-
-FIRST_LOCAL_DOMAIN = 94
-"""The domain of the first agent behind a router; on the loopback interface of its host."""
-
-START_S = 30.0
+ASK_S = 60.0
 STEP_S = 15.0
 
-Report = dict[str, Any]
-T = TypeVar("T")
 
+class Stage:
+    """Processes whose reports go into the log, and what the script has to react to; an async context manager.
 
-async def together(*parts: Awaitable[T]) -> list[T]:
-    """Return the results of parts that run at the same time, when the last of them has ended.
-
-    Raises:
-        Exception: The first that one of them raised; by then none of them runs any more.
-    """
-    results = await asyncio.gather(*parts, return_exceptions=True)
-    for result in results:
-        if isinstance(result, BaseException):
-            raise result
-    return [result for result in results if not isinstance(result, BaseException)]
-
-
-class Crew(Staged):
-    """The processes of a run on the hosts of a testbed; an async context manager that ends them.
+    On entering, the members start, and the one of them that is called ``first`` listens.
 
     Args:
-        testbed: The hosts.
+        bench: Where the rows go, and the hosts.
+        members: What is started on entering.
+
+    Attributes:
+        group: The processes.
+        steady: How many heartbeats of the steady state the listener ``first`` has heard, by agent.
+        moves: Reports of transitions, by remote agent.
     """
 
-    def __init__(self, testbed: Testbed) -> None:
-        super().__init__()
-        self._testbed = testbed
-        self._members: list[LineProcess] = []
-
-    async def _start(self) -> None:
-        self._stack.push_async_callback(self._close)
-
-    async def _close(self) -> None:
-        await asyncio.gather(*(member.close() for member in self._members))
-
-    def address(self, host: str) -> BusAddress:
-        """Return where on the bus a host stands: in the domain that all share."""
-        domain_id = GLOBAL_DOMAIN if self._testbed.separate else LOOPBACK_DOMAIN
-        return BusAddress(domain_id=domain_id, interface=self._testbed.interface(host))
-
-    def local_address(self, number: int) -> BusAddress:
-        """Return the domain of the agent with this number, counted from 0, on its own host."""
-        return BusAddress(domain_id=FIRST_LOCAL_DOMAIN + number, interface="lo")
-
-    async def start(
-        self, host: str, module: str, config: str, on_report: Callable[[Report], None]
-    ) -> LineProcess:
-        """Start a module of ours on a host, and return it when it serves.
-
-        Args:
-            host: Where.
-            module: What.
-            config: Its argument.
-            on_report: Called with every further report.
-
-        Raises:
-            ProcessFailedError: It fails or does not serve in time.
-        """
-        argv = self._testbed.argv(host, [sys.executable, "-m", module, config])
-        process = await LineProcess.start(f"{module.rpartition('.')[2]} on {host}", argv, on_report=on_report)
-        try:
-            await process.expect("ready", timeout_s=START_S)
-        except BaseException:
-            await process.close()
-            raise
-        self._members.append(process)
-        return process
-
-
-class Seen:
-    """What has been reported, to be waited for."""
-
-    def __init__(self) -> None:
+    def __init__(self, bench: Bench[Any], *members: Member) -> None:
+        self.group = ProcessGroup(bench.testbed.argv, members, on_report=self._take)
+        self.steady: Counter[str] = Counter()
+        self.moves: defaultdict[str, list[Report]] = defaultdict(list)
+        self._bench = bench
         self._changed = asyncio.Event()
 
-    def notify(self) -> None:
-        """Let those who wait look again."""
-        self._changed.set()
+    async def __aenter__(self) -> Self:
+        async with AsyncExitStack() as stack:
+            await stack.enter_async_context(self.group)
+            await self.join("first")
+            stack.pop_all()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.group.close()
 
     async def until(self, what: str, fact: Callable[[], bool], *, timeout_s: float = STEP_S) -> None:
-        """Return when a fact holds.
+        """Return when a fact about what was reported holds.
 
         Raises:
             ProcessFailedError: It does not in time.
@@ -126,90 +73,62 @@ class Seen:
         except TimeoutError:
             raise ProcessFailedError(f"{what}: not within {timeout_s:g} s") from None
 
-
-class Recorder:
-    """Writes reports into the log and keeps what the script has to react to.
-
-    Args:
-        log: The log.
-
-    Attributes:
-        seen: Told of everything that was kept.
-        beats: Heartbeats by listener and agent.
-        moves: Transitions by remote agent.
-        joined_ns: When listeners joined.
-        replies: Answers to orders, not yet fetched.
-    """
-
-    def __init__(self, log: LogWriter) -> None:
-        self.seen = Seen()
-        self.beats: dict[tuple[str, str], list[BeatRow]] = {}
-        self.moves: dict[str, list[MoveRow]] = {}
-        self.joined_ns: dict[str, int] = {}
-        self.replies: list[Report] = []
-        self._log = log
-
-    def row(self, table: str, row: Any, t_ns: int | None = None) -> None:
-        """Write a row, by default with the present time."""
-        self._log.write_row(table, row, log_time_ns=time.time_ns() if t_ns is None else t_ns)
+    async def together(self, *parts: Coroutine[Any, Any, None]) -> None:
+        """Return when parts that run at the same time have all ended; then raise the first error of one."""
+        for outcome in await asyncio.gather(*parts, return_exceptions=True):
+            if outcome is not None:
+                raise outcome
 
     def fault(self, agent: str, what: str) -> None:
         """Write down what is done to an agent."""
-        self.row("fault", FaultRow(agent=agent, what=what, t_ns=time.time_ns()))
+        self._bench.write("fault", {"agent": agent, "what": what, "t_ns": time.time_ns()})
 
-    def wire(self, listener: str, types: dict[str, str]) -> Callable[[Report], None]:
-        """Return what takes a listener's reports."""
-        from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, Heartbeat
-        from sfglab.messages import deserialize, message_type
+    async def join(self, listener: str) -> None:
+        """Let a listener subscribe."""
+        joined = await self._ask("joined", listener, do="join")
+        self._bench.write("join", {"listener": listener, "t_ns": joined["t_ns"]})
 
-        def take(report: Report) -> None:
-            if report["is"] == "heard":
-                type_, cdr = types[report["topic"]], base64.b64decode(report["cdr"])
-                times = {"log_time_ns": report["received_ns"], "publish_time_ns": report["sent_ns"]}
-                if listener == "first":
-                    self._log.write_raw(report["topic"], type_, cdr, **times)
-                if type_ == AGENT_HEARTBEAT:
-                    beat = Heartbeat.from_message(deserialize(cdr, message_type(type_)))
-                    self._beat(listener, beat, report)
-            elif report["is"] == "joined":
-                self.joined_ns[listener] = report["t_ns"]
-            elif report["is"] not in ("ready", "ended"):
-                self.replies.append(report)
-            self.seen.notify()
+    async def ask_metadata(self, agent: str, service: str) -> None:
+        """Let the listener ``first`` call an agent's metadata service."""
+        answer = await self._ask("answer", "first", timeout_s=ASK_S, do="ask", service=service)
+        self._write("answer", answer, agent=agent)
 
-        return take
+    async def count(self, discoverer: str, must_hold: str) -> None:
+        """Ask a discoverer for its counters until they hold what must be there, and write them down."""
+        counts: dict[str, int] = {}
+        while must_hold not in counts:
+            await asyncio.sleep(0.05)
+            counts = (await self._ask("status", discoverer, report=True))["counts"]
+        for name, count in sorted(counts.items()):
+            self._bench.write("count", {"discoverer": discoverer, "name": name, "count": count})
 
-    def discoverer(self, name: str) -> Callable[[Report], None]:
-        """Return what takes a discoverer's reports."""
+    async def _ask(self, kind: str, name: str, *, timeout_s: float = STEP_S, **order: Any) -> Report:
+        return (await self.group.ask(kind, [name], timeout_s=timeout_s, **order))[name]
 
-        def take(report: Report) -> None:
-            if report["is"] == "move":
-                values = {k: v for k, v in report.items() if k not in ("is", "actions")}
-                move = MoveRow(discoverer=name, actions=";".join(report["actions"]), **values)
-                self.moves.setdefault(move.agent, []).append(move)
-                self.row("move", move, move.t_ns)
-            elif report["is"] == "status":
-                self.replies.append(report)
-            self.seen.notify()
+    def _take(self, name: str, report: Report) -> None:
+        if report["is"] == "heard":
+            self._hear(name, report)
+        elif report["is"] == "publisher":
+            self._write("endpoint", report)
+        elif report["is"] == "move":
+            self.moves[report["agent"]].append(report)
+            actions = ";".join(report["actions"])
+            self._write("move", report, at_ns=report["t_ns"], discoverer=name, actions=actions)
+        elif report["is"] == "asked":
+            self._write("query", report, at_ns=report["t_ns"])
+        self._changed.set()
 
-        return take
+    def _hear(self, listener: str, report: Report) -> None:
+        topic, cdr = report["topic"], base64.b64decode(report["cdr"])
+        type_ = AGENT_HEARTBEAT if topic == heartbeat_topic() else DISCOVERY_EVENT
+        if listener == "first":
+            times = {"log_time_ns": report["received_ns"], "publish_time_ns": report["sent_ns"]}
+            self._bench.log.write_raw(topic, type_, cdr, **times)
+        if type_ == AGENT_HEARTBEAT:
+            beat = Heartbeat.from_message(deserialize(cdr, message_type(type_)))
+            self.steady[beat.agent] += beat.phase * (listener == "first")
+            self._write("beat", report, beat, at_ns=report["received_ns"], listener=listener)
 
-    def fakes(self, report: Report) -> None:
-        """Take the false agents' reports."""
-        if report["is"] == "asked":
-            self.row("query", QueryRow(agent=report["agent"], t_ns=report["t_ns"]), report["t_ns"])
-
-    def _beat(self, listener: str, beat: Any, report: Report) -> None:
-        row = BeatRow(
-            listener=listener,
-            agent=beat.agent,
-            incarnation=beat.incarnation,
-            revision=beat.revision,
-            phase=beat.phase,
-            period_s=beat.period_s,
-            sent_ns=report["sent_ns"],
-            received_ns=report["received_ns"],
-            gid=report["gid"],
-        )
-        self.beats.setdefault((listener, beat.agent), []).append(row)
-        self.row("beat", row, row.received_ns)
+    def _write(self, table: str, *origins: Any, at_ns: int | None = None, **values: Any) -> None:
+        row = as_row(self._bench.row_classes[table], values, *origins)
+        self._bench.write(table, row, at_ns=at_ns)

@@ -1,0 +1,258 @@
+"""Heartbeats over time beside the paper's periods, and Fig. 3 of paper A from the discoverer's own table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, TRANSITIONS, State, diagram
+from sfglab.lab.experiments.lifecycle.analysis import heard, heartbeat_checks, intervals, joined_ns, transitions
+from sfglab.lab.experiments.lifecycle.experiment import Config, exp
+from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE
+from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from sfglab.fleet.discovery.lifecycle import Edge, Input, Node
+    from sfglab.lab.runs import Run
+
+    Point = tuple[float, float]
+    Taken = dict[tuple[State, Input], int]
+
+
+# --- Heartbeats -----------------------------------------------------------------------------------------------
+
+PAPER_PERIODS = {0: 1.0, 1: 5.0}
+"""Seconds by phase (paper A, section 4.2)."""
+
+PHASES = {0: "start-up", 1: "steady state"}
+_STYLES = {0: "proxy", 1: "standard"}
+_OVER_AXES = ("data", "axes fraction")
+
+
+@exp.figure("heartbeats", size=(10.5, 3.8))
+def draw_heartbeats(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw the time between heartbeats over the time since the start, and how far it is from its period."""
+    table, checks = intervals(run), heartbeat_checks(run)
+    held = sum(check.held for check in checks)
+    agents = len(run["answer"])
+    over_time, errors = figure.subplots(1, 2, width_ratios=(1.7, 1))
+    _draw_gaps(over_time, run)
+    medians = _draw_errors(errors, run)
+    where = "on another host" if run.metadata("hosts")["separate"] else "by another process"
+    scaled = "" if run.config.at_paper_periods else " (faster than the paper's, for a short run)"
+    figure.suptitle(
+        f"Heartbeats of {agents} agents, heard {where}{scaled}: {held} of {len(checks)} checks hold"
+    )
+    return {"held": held, "checks": len(checks), "heartbeats": len(table), "median_gap_s": medians}
+
+
+def _draw_gaps(axes: Axes, run: Run[Config]) -> None:
+    table = intervals(run)
+    for phase, style in _STYLES.items():
+        chosen = table[table["phase"] == phase]
+        dots: dict[str, Any] = {
+            "linestyle": "none",
+            "marker": MARKERS[style],
+            "color": COLORS[style],
+            "alpha": 0.75,
+        }
+        axes.plot(chosen["since_s"], chosen["gap_s"], label=f"measured, {PHASES[phase]}", **dots)
+        if run.config.at_paper_periods:
+            label = f"paper: {PAPER_PERIODS[phase]:g} s, {PHASES[phase]}"
+            axes.axhline(PAPER_PERIODS[phase], color=COLORS[style], label=label, **PAPER_STYLE)
+    _mark_events(axes, run)
+    axes.set(xlabel="time since an agent's first heartbeat (s)", ylabel="time until its next heartbeat (s)")
+    axes.set_ylim(0, 1.45 * table["gap_s"].max())
+    axes.set_title("every interval", fontsize=9)
+    axes.legend(fontsize=8, loc="upper left", ncols=2)
+
+
+def _mark_events(axes: Axes, run: Run[Config]) -> None:
+    """Mark where the start-up phase ends and where another listener joined."""
+    first_ns = heard(run, "first").groupby("agent")["received_ns"].min()
+    joined_s = float(np.median((joined_ns(run) - first_ns) / NS_PER_S))
+    startup_s = run.config.schedule.startup_s
+    for at_s, text in ((startup_s, "start-up ends"), (joined_s, "a late listener joins")):
+        axes.axvline(at_s, ymax=0.8, color="black", linewidth=0.8, linestyle=":")
+        place: dict[str, Any] = {
+            "xycoords": _OVER_AXES,
+            "xytext": (3, 2),
+            "textcoords": "offset points",
+            "va": "bottom",
+        }
+        axes.annotate(text, (at_s, 0.02), fontsize=7.5, rotation=90, **place)
+
+
+def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, float]:
+    """Draw every interval's distance from its phase's period, and return the median intervals."""
+    table, medians = intervals(run), {}
+    schedule = run.config.schedule
+    periods_s = {0: schedule.startup_period_s, 1: schedule.steady_period_s}
+    rng = np.random.default_rng(0)
+    for phase, style in _STYLES.items():
+        gaps = table.loc[table["phase"] == phase, "gap_s"].to_numpy()
+        errors_ms = 1e3 * (gaps - periods_s[phase])
+        spread = phase + rng.uniform(-0.18, 0.18, len(gaps))
+        axes.plot(spread, errors_ms, linestyle="none", marker=MARKERS[style], color=COLORS[style], alpha=0.6)
+        median = float(np.median(errors_ms))
+        axes.hlines(median, phase - 0.3, phase + 0.3, color="black", linewidth=1.5)
+        text = f"median {median:+.2f} ms"
+        axes.annotate(text, (phase, 1), xycoords=_OVER_AXES, ha="center", va="top", fontsize=8)
+        medians[PHASES[phase]] = float(np.median(gaps))
+    axes.axhline(0, color="grey", linewidth=0.8)
+    axes.set_xticks([0, 1], [f"{text}\n({periods_s[phase]:g} s)" for phase, text in PHASES.items()])
+    axes.set_xlim(-0.5, 1.5)
+    axes.margins(y=0.25)
+    axes.set_ylabel("interval minus period (ms)")
+    axes.set_title("how far from the period", fontsize=9)
+    axes.grid(visible=False, axis="x")
+    return medians
+
+
+# --- The life cycle -------------------------------------------------------------------------------------------
+
+# Where things stand: presentation only. What there is to draw, and its words, come from the table.
+_X = (0.0, 6.6, 13.2)
+_Y = (9.6, 4.8, 0.0)
+_HALF_WIDTH, _HALF_HEIGHT = 1.55, 0.78
+_LANE = 0.3
+_ROWS = ("local consumers\nknow nothing of it", "local consumers:\nit is there", "local consumers:\nit is lost")
+_COLUMNS = ("nothing to ask", "one query outstanding", "waiting to ask again")
+_BANDS = ("#999999", "#009E73", "#D55E00")
+_LINE_HEIGHT = 0.36
+_BOTTOMS = tuple(y - _HALF_HEIGHT for y in _Y)
+_TOPS = tuple(y + _HALF_HEIGHT for y in _Y)
+_LEFT = -3.4
+_BEHIND = {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
+
+# Transitions between rows: the corners of the arrow, and where the label starts.
+_BETWEEN_ROWS: dict[tuple[str, str], tuple[tuple[Point, ...], Point]] = {
+    ("QUERYING", "ACTIVE"): (((5.7, _BOTTOMS[0]), (5.7, 7.3), (0.6, 7.3), (0.6, _TOPS[1])), (2.0, 7.52)),
+    ("ACTIVE", "LOST"): (((-0.9, _BOTTOMS[1]), (-0.9, _TOPS[2])), (-2.75, 2.4)),
+    ("LOST", "ACTIVE"): (((-0.4, _TOPS[2]), (-0.4, _BOTTOMS[1])), (-0.3, 3.2)),
+    ("LOST", "UNKNOWN"): (
+        ((-_HALF_WIDTH, _Y[2]), (_LEFT, _Y[2]), (_LEFT, _Y[0]), (-_HALF_WIDTH, _Y[0])),
+        (_LEFT + 0.1, 7.3),
+    ),
+    ("REFRESHING", "LOST"): (((5.5, _BOTTOMS[1]), (5.5, 2.75), (0.3, 2.75), (0.3, _TOPS[2])), (2.7, 2.97)),
+    ("REJOINING", "ACTIVE"): (((6.2, _TOPS[2]), (6.2, 3.45), (1.2, 3.45), (1.2, _BOTTOMS[1])), (6.3, 1.5)),
+    ("REFRESH_BACK_OFF", "LOST"): (
+        ((12.6, _BOTTOMS[1]), (12.6, 2.1), (1.0, 2.1), (1.0, _TOPS[2])),
+        (9.2, 2.32),
+    ),
+}
+
+
+@exp.figure("discovery_states", size=(13, 8.6))
+def draw_states(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw the life cycle of a remote agent and how often the run took each of its transitions."""
+    found = transitions(run)
+    reached = sum(count > 0 for count in found.taken.values())
+    _draw_table(figure.subplots(), found.taken)
+    figure.suptitle(
+        f"Life cycle of a remote agent (after paper A, Fig. 3): {reached} of {len(TRANSITIONS)} "
+        f"transitions taken live; {found.doubled} queries while another was outstanding"
+    )
+    shown = {f"{s.name} {i.name}": count for (s, i), count in found.taken.items()}
+    return {"taken": shown, "reached": reached, "doubled": found.doubled}
+
+
+def _draw_table(axes: Axes, taken: Taken) -> None:
+    """Draw the states as a grid, and the transitions with how often each was taken."""
+    nodes, edges = diagram()
+    _draw_grid(axes)
+    for node in nodes:
+        _draw_state(axes, node, [e for e in edges if e.source is e.target is node.state], taken)
+    grid = {node.state: node for node in nodes}
+    for pair in dict.fromkeys((e.source, e.target) for e in edges if e.source is not e.target):
+        _draw_pair(axes, grid, [e for e in edges if (e.source, e.target) == pair], taken)
+    axes.set(xlim=(-6.6, 15.0), ylim=(-2.8, 12.4))
+    axes.axis("off")
+
+
+def _draw_grid(axes: Axes) -> None:
+    for y, text, color in zip(_Y, _ROWS, _BANDS, strict=True):
+        axes.axhspan(y - _HALF_HEIGHT - 0.25, y + _HALF_HEIGHT + 0.25, color=color, alpha=0.07, linewidth=0)
+        axes.text(-6.5, y, text, ha="left", va="center", fontsize=9, style="italic")
+    for x, text in zip(_X, _COLUMNS, strict=True):
+        axes.text(x, 12.1, text, ha="center", va="center", fontsize=9, style="italic")
+    key = (
+        "input / what is done \u00d7 how often in this run;  \u21ba the state stays;  "
+        "CAPITALS: a discovery event is published;  dashed: not taken in this run"
+    )
+    axes.text(_X[1], -2.55, key, ha="center", va="center", fontsize=8)
+
+
+def _draw_state(axes: Axes, node: Node, loops: Sequence[Edge], taken: Taken) -> None:
+    from matplotlib.patches import FancyBboxPatch
+
+    x, y = _X[node.column], _Y[node.row]
+    corner, box = (x - _HALF_WIDTH, y - _HALF_HEIGHT), "round,pad=0,rounding_size=0.25"
+    size = (2 * _HALF_WIDTH, 2 * _HALF_HEIGHT)
+    axes.add_patch(FancyBboxPatch(corner, *size, boxstyle=box, facecolor="white", zorder=3))
+    name = node.state.name.replace("_", " ").lower()
+    top = y + 0.5 * _LINE_HEIGHT * len(loops)
+    axes.text(x, top, name, ha="center", va="center", fontsize=10, weight="bold", zorder=4)
+    for number, loop in enumerate(loops, start=1):
+        text, below = f"\u21ba {_words(loop, taken)}", top - number * _LINE_HEIGHT
+        style: dict[str, Any] = {"fontsize": 6.8, "zorder": 4, "color": _color([loop], taken)}
+        axes.text(x, below, text, ha="center", va="center", **style)
+
+
+def _draw_pair(axes: Axes, grid: dict[State, Node], edges: Sequence[Edge], taken: Taken) -> None:
+    """Draw all transitions from one state to another as one arrow with a line of text each."""
+    points, label, below = _route(grid[edges[0].source], grid[edges[0].target])
+    line: dict[str, Any] = {"color": _color(edges, taken), "linewidth": 1.2}
+    line["linestyle"] = "solid" if any(taken[e.source, e.given] for e in edges) else "dashed"
+    axes.plot(*zip(*points[:-1], strict=True), **line)
+    arrow = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, **line}
+    axes.annotate("", points[-1], points[-2], arrowprops=arrow)
+    step = -_LINE_HEIGHT if below else _LINE_HEIGHT
+    for number, edge in enumerate(edges if below else reversed(edges)):
+        place = (label[0], label[1] + number * step)
+        style: dict[str, Any] = {"fontsize": 7.5, "color": _color([edge], taken), "zorder": 5, "bbox": _BEHIND}
+        axes.text(*place, _words(edge, taken), ha="left", va="center", **style)
+
+
+def _route(source: Node, target: Node) -> tuple[Sequence[Point], Point, bool]:
+    """Return an arrow's corners, where its label starts, and whether further lines go below the first."""
+    if source.row == target.row:
+        return _route_in_row(source, target)
+    points, label = _BETWEEN_ROWS[source.state.name, target.state.name]
+    return points, label, True
+
+
+def _route_in_row(source: Node, target: Node) -> tuple[list[Point], Point, bool]:
+    y = _Y[source.row]
+    steps = target.column - source.column
+    if abs(steps) == 1:
+        way = 1 if steps > 0 else -1
+        lane = y + way * _LANE
+        start, end = _X[source.column] + way * _HALF_WIDTH, _X[target.column] - way * _HALF_WIDTH
+        label = (min(start, end) + 0.25, lane + way * 0.22)
+        return [(start, lane), (end, lane)], label, way < 0
+    way = 1 if source.row == 0 else -1  # around the state between them, on the outer side of the grid
+    outer = y + way * 1.5
+    edge = y + way * _HALF_HEIGHT
+    x, to_x = _X[source.column], _X[target.column]
+    points = [(x, edge), (x, outer), (to_x, outer), (to_x, edge)]
+    return points, (_X[1] + 1.9, outer + way * 0.22), way < 0
+
+
+def _words(edge: Edge, taken: Taken) -> str:
+    label = edge.label
+    for action in ANNOUNCEMENTS.intersection(edge.actions):
+        given, done = label.split(" / ")
+        label = f"{given} / {done.replace(action.name.lower(), action.name)}"
+    return f"{label}  \u00d7{taken[edge.source, edge.given]}"
+
+
+def _color(edges: Sequence[Edge], taken: Taken) -> str:
+    """Return one colour for what was taken in the run and another for what was not."""
+    return COLORS["proxy"] if all(taken[e.source, e.given] for e in edges) else COLORS["standard"]
