@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from sfglab.bus.address import BusAddress
 from sfglab.bus.api import EndpointAdded, EndpointKind
 from sfglab.component import run_component
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
 from sfglab.machine import Machine
 from sfglab.names import FqnError, Resource, ResourceKind, Suffixed, dds_names, parse
 from sfglab.qos import COMPRESSED_STREAM, Durability, QoSProfile, incompatibilities
@@ -86,10 +86,6 @@ def replay_topic(stream_topic: str) -> str | None:
 M = TypeVar("M")
 
 
-class LimitsError(SfglabError, ValueError):
-    """Limits within which no group of pictures fits."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
     """How much of one stream is kept."""
@@ -99,10 +95,8 @@ class Limits:
 
     def __post_init__(self) -> None:
         for name in ("packets", "size_bytes"):
-            if getattr(self, name) < 1:
-                raise LimitsError(
-                    f"group of pictures: given {name}={getattr(self, name)}, allowed is 1 or more"
-                )
+            if (given := getattr(self, name)) < 1:
+                raise InvalidValueError(f"group of pictures, {name}", given, "1 or more")
 
 
 class GopCache(Generic[M]):
@@ -230,10 +224,6 @@ def session(name: str, *, settle_ns: int) -> Machine[State, Input, Action]:
     return Machine(name, TRANSITIONS, State.IDLE, wait_ns=wait_ns)
 
 
-class KeeperError(SfglabError, ValueError):
-    """A stream that cannot be replayed, or a limit beyond what a replay can hold."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeeperSettings:
     """What a keeper keeps."""
@@ -248,11 +238,9 @@ class KeeperSettings:
     def __post_init__(self) -> None:
         for topic in self.streams:
             if replay_topic(topic) is None:
-                raise KeeperError(f"stream {topic!r}: allowed are topics of the schema that end in 'ffmpeg'")
+                raise InvalidValueError("stream", topic, "topics of the schema that end in 'ffmpeg'")
         if self.limits.packets > REPLAY_DEPTH:
-            raise KeeperError(
-                f"group of pictures: given {self.limits.packets} packets, allowed are 1 to {REPLAY_DEPTH}"
-            )
+            raise InvalidValueError("group of pictures, packets", self.limits.packets, f"1 to {REPLAY_DEPTH}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,10 +15,11 @@ import pytest
 from sfglab.bus import Node, ServiceTimeoutError
 from sfglab.bus.address import BusAddress
 from sfglab.component import argument_of, config_from_argument
+from sfglab.errors import InvalidValueError
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, KnownAgents, discovery_topic
 from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoveryConfig, DiscoverySettings
 from sfglab.fleet.discovery.registry import Timing
-from sfglab.fleet.discovery.screening import Limits, LimitsError
+from sfglab.fleet.discovery.screening import Limits
 from sfglab.fleet.status.heartbeat import GET_METADATA, Heartbeat, Schedule, heartbeat_topic, metadata_service
 from sfglab.fleet.status.node import StatusConfig, StatusSettings
 from sfglab.messages import default_message, serialize, service_type
@@ -334,5 +335,5 @@ def test_as_a_process_it_reports_events_moves_and_what_it_knows(address):
 
 @pytest.mark.parametrize("values", [{"find_timeout_s": 61}, {"query_timeout_s": 0}, {"max_queries": 0}])
 def test_settings_that_make_no_sense_are_refused(values):
-    with pytest.raises(LimitsError):
+    with pytest.raises(InvalidValueError):
         DiscoverySettings(agent="station", **values)

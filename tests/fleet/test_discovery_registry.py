@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sfglab.errors import InvalidValueError
 from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, Action, State
 from sfglab.fleet.discovery.node import History
-from sfglab.fleet.discovery.registry import Order, Registry, Timing, TimingError
-from sfglab.fleet.discovery.screening import Limits, LimitsError
+from sfglab.fleet.discovery.registry import Order, Registry, Timing
+from sfglab.fleet.discovery.screening import Limits
 from sfglab.fleet.status.heartbeat import Heartbeat
 
 S = 1_000_000_000
@@ -265,12 +266,12 @@ def test_the_table_is_bounded_and_those_that_are_no_use_make_room():
     "values", [{"max_agents": 0}, {"max_agents": 901}, {"burst": 0}, {"beats_per_s": math.nan}]
 )
 def test_bounds_that_make_no_sense_are_refused(values):
-    with pytest.raises(LimitsError, match=next(iter(values))):
+    with pytest.raises(InvalidValueError, match=next(iter(values))):
         Limits(**values)
 
 
 def test_waits_that_make_no_sense_are_refused():
-    with pytest.raises(TimingError, match="backoff_ns: given 0, allowed are positive"):
+    with pytest.raises(InvalidValueError, match="backoff_ns: given 0, allowed: positive"):
         Timing(backoff_ns=0)
 
 

@@ -6,15 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sfglab.errors import InvalidValueError
 from sfglab.fleet.gop_cache import (
     TRANSITIONS,
     Action,
     GopCache,
     Input,
-    KeeperError,
     KeeperSettings,
     Limits,
-    LimitsError,
     State,
     replay_topic,
     session,
@@ -88,7 +87,7 @@ def test_whatever_comes_the_cache_begins_with_a_key_frame_has_no_gap_and_respect
 
 @pytest.mark.parametrize("limits", [{"packets": 0}, {"size_bytes": 0}])
 def test_limits_within_which_nothing_fits_are_refused(limits):
-    with pytest.raises(LimitsError, match="1 or more"):
+    with pytest.raises(InvalidValueError, match="1 or more"):
         Limits(**limits)
 
 
@@ -103,12 +102,12 @@ def test_a_streams_replay_is_named_by_the_schema():
 )
 def test_what_is_no_numbered_stream_has_no_replay(topic):
     assert replay_topic(topic) is None
-    with pytest.raises(KeeperError, match="ffmpeg"):
+    with pytest.raises(InvalidValueError, match="ffmpeg"):
         KeeperSettings(streams=(topic,))
 
 
 def test_more_than_a_replays_history_cannot_be_kept():
-    with pytest.raises(KeeperError, match="1 to 256"):
+    with pytest.raises(InvalidValueError, match="1 to 256"):
         KeeperSettings(limits=Limits(packets=257))
 
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from sfglab.bus.address import BusAddress
 from sfglab.component import argument_of, config_from_argument
+from sfglab.errors import InvalidValueError
 from sfglab.fleet.status.description import (
     AgentDescription,
     DescriptionError,
@@ -20,7 +21,6 @@ from sfglab.fleet.status.heartbeat import (
     Heartbeat,
     Phase,
     Schedule,
-    ScheduleError,
     heartbeat_topic,
     metadata_service,
 )
@@ -92,7 +92,9 @@ def test_the_next_instant_is_after_now_and_at_most_a_period_away(startup, steady
 @pytest.mark.parametrize("name", ["startup_period_s", "steady_period_s", "startup_s"])
 @pytest.mark.parametrize("given", [-1.0, math.nan, math.inf, 1e6])
 def test_a_schedule_that_no_agent_should_keep_is_refused(name, given):
-    with pytest.raises(ScheduleError, match=rf"heartbeat schedule, {name}: given .*, allowed are seconds from"):
+    with pytest.raises(
+        InvalidValueError, match=rf"heartbeat schedule, {name}: given .*, allowed: seconds from"
+    ):
         Schedule(**{name: given})
 
 

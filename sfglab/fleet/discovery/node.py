@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
 from sfglab.component import run_component
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.discovery.lifecycle import Action
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, HISTORY, discovery_topic
 from sfglab.fleet.discovery.registry import Registry, Timing
-from sfglab.fleet.discovery.screening import Limits, LimitsError, Refusal
+from sfglab.fleet.discovery.screening import Limits, Refusal
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
     GET_METADATA,
@@ -102,9 +102,9 @@ class DiscoverySettings:
         validate_agent(self.agent)
         for name in ("find_timeout_s", "query_timeout_s"):
             if not 0 < (given := getattr(self, name)) <= 60:
-                raise LimitsError(name, given, "seconds above 0, at most 60")
+                raise InvalidValueError(f"discovery, {name}", given, "seconds above 0, at most 60")
         if self.max_queries < 1:
-            raise LimitsError("max_queries", self.max_queries, "whole numbers from 1")
+            raise InvalidValueError("discovery, max_queries", self.max_queries, "whole numbers from 1")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,7 +13,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
 from sfglab.fleet.discovery.lifecycle import (
     ANNOUNCEMENTS,
     TRANSITIONS,
@@ -33,20 +33,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.status.heartbeat import Heartbeat
 
 
-class TimingError(SfglabError, ValueError):
-    """Waits with which a discoverer could not work.
-
-    Attributes:
-        name: The field in question.
-        given: Its value.
-    """
-
-    def __init__(self, name: str, given: float) -> None:
-        self.name = name
-        self.given = given
-        super().__init__(f"discovery, {name}: given {given}, allowed are positive numbers")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timing:
     """How long a discoverer waits for what."""
@@ -60,7 +46,7 @@ class Timing:
     def __post_init__(self) -> None:
         for name in ("missed", "slack_ns", "backoff_ns", "backoff_max_ns", "forget_ns"):
             if not getattr(self, name) > 0:
-                raise TimingError(name, getattr(self, name))
+                raise InvalidValueError(f"discovery, {name}", getattr(self, name), "positive numbers")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
 from sfglab.fleet.status.heartbeat import MAX_PERIOD_S, MIN_PERIOD_S, Phase, metadata_service
 from sfglab.names import FqnError
 
@@ -42,20 +42,6 @@ class Refusal(Enum):
     """It is from an agent for which there is no place."""
 
 
-class LimitsError(SfglabError, ValueError):
-    """Bounds under which a discoverer could not work.
-
-    Attributes:
-        name: The field in question.
-        given: Its value.
-    """
-
-    def __init__(self, name: str, given: float, allowed: str) -> None:
-        self.name = name
-        self.given = given
-        super().__init__(f"discovery, {name}: given {given}, allowed are {allowed}")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
     """How much a discoverer takes in. A fleet in start-up sends one heartbeat a second and agent."""
@@ -70,11 +56,11 @@ class Limits:
 
     def __post_init__(self) -> None:
         if not 1 <= self.max_agents <= 900:
-            raise LimitsError("max_agents", self.max_agents, "whole numbers from 1 to 900")
+            raise InvalidValueError("discovery, max_agents", self.max_agents, "whole numbers from 1 to 900")
         for name in ("beats_per_s", "burst", "total_per_s", "total_burst", "max_metadata_bytes"):
             given = getattr(self, name)
             if not 0 < given < math.inf:
-                raise LimitsError(name, given, "positive numbers")
+                raise InvalidValueError(f"discovery, {name}", given, "positive numbers")
 
 
 class _Bucket:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.names import Resource, RosFqnBuilder, Scope
 
@@ -88,20 +88,6 @@ MAX_PERIOD_S = 60.0
 _MAX_STARTUP_S = 3600.0
 
 
-class ScheduleError(SfglabError, ValueError):
-    """A schedule that no agent should keep.
-
-    Attributes:
-        name: The field in question.
-        given: Its value.
-    """
-
-    def __init__(self, name: str, given: float, allowed: str) -> None:
-        self.name = name
-        self.given = given
-        super().__init__(f"heartbeat schedule, {name}: given {given}, allowed are {allowed}")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Schedule:
     """The instants of an agent's heartbeats; the first one is at its start.
@@ -118,9 +104,13 @@ class Schedule:
         for name in ("startup_period_s", "steady_period_s"):
             given = getattr(self, name)
             if not MIN_PERIOD_S <= given <= MAX_PERIOD_S:
-                raise ScheduleError(name, given, f"seconds from {MIN_PERIOD_S} to {MAX_PERIOD_S}")
+                raise InvalidValueError(
+                    f"heartbeat schedule, {name}", given, f"seconds from {MIN_PERIOD_S} to {MAX_PERIOD_S}"
+                )
         if not 0 <= self.startup_s <= _MAX_STARTUP_S:
-            raise ScheduleError("startup_s", self.startup_s, f"seconds from 0 to {_MAX_STARTUP_S}")
+            raise InvalidValueError(
+                "heartbeat schedule, startup_s", self.startup_s, f"seconds from 0 to {_MAX_STARTUP_S}"
+            )
 
     def phase(self, elapsed_ns: int) -> Phase:
         """Return the phase at a time since the start, nanoseconds."""
