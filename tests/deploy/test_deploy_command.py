@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from sfglab.cli import app
 from sfglab.errors import SfglabError
-from sfglab.lab.checks.broken_fleets import BROKEN, break_fleet
+from sfglab.lab.checks.fleet_files import BROKEN, break_fleet
 from sfglab.lab.example_machines import EXAMPLES, write_example
 
 ROOT = Path(__file__).parents[2]

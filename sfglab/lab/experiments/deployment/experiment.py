@@ -9,8 +9,7 @@ from sfglab.deploy.fleet_check import check_fleet
 from sfglab.deploy.preparing import load_source, prepare
 from sfglab.deploy.release import SOURCE, make_release
 from sfglab.lab.checks import CheckRow
-from sfglab.lab.checks.broken_fleets import refused_rows
-from sfglab.lab.checks.fleet_files import file_rows, layer_rows, release_checks, verdict_rows
+from sfglab.lab.checks.fleet_files import file_rows, layer_rows, refused_rows, release_checks, verdict_rows
 from sfglab.lab.checks.machines import (
     Unasked,
     detected_rows,
