@@ -86,10 +86,7 @@ def draw_offset(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 
 
 def _label(ax: Axes, what: str, *, log: bool = False) -> None:
-    ax.set_xlabel("length of the motion, s")
-    ax.set_ylabel(what)
-    if log:
-        ax.set_yscale("log")
+    ax.set(xlabel="length of the motion, s", ylabel=what, yscale="log" if log else "linear")
     ax.legend(fontsize=8)
 
 
@@ -99,29 +96,19 @@ def _draw_errors(ax: Axes, run: Run[Config]) -> None:
         looks = _of(run["look"], name)
         ax.plot(looks["at_s"], looks["error_mm"], ".", color=colour, markersize=4, label=f"{name}: at its time")
     looks = _of(run["look"], "faulty")
-    ax.plot(
-        looks["at_s"],
-        looks["latest_mm"],
-        ".",
-        color=COLORS["standard"],
-        markersize=3,
-        label="faulty: newest as now",
-    )
-    ax.set_yscale("log")
-    ax.set_ylabel("error, mm")
+    style: dict[str, Any] = {"color": COLORS["standard"], "markersize": 3, "label": "faulty: newest as now"}
+    ax.plot(looks["at_s"], looks["latest_mm"], ".", **style)
+    ax.set(yscale="log", ylabel="error, mm", title="How far the camera is from where it really is")
     ax.legend(fontsize=8, ncols=3, loc="upper right")
-    ax.set_title("How far the camera is from where it really is")
 
 
 def _draw_waits(ax: Axes, run: Run[Config]) -> None:
     _mark_faults(ax, run, named=True)
     looks = _of(run["look"], "faulty")
     ax.plot(looks["at_s"], looks["wait_ms"], ".", color=COLORS["proxy"], markersize=4)
-    ax.set_yscale("log")
-    ax.set_xlabel("time, s")
-    ax.set_ylabel("until that time is known, ms")
-    ax.legend(fontsize=8, loc="upper right", ncols=3)
+    ax.set(yscale="log", xlabel="time, s", ylabel="until that time is known, ms")
     ax.set_title("How long a look at the present waits (faulty round)")
+    ax.legend(fontsize=8, loc="upper right", ncols=3)
 
 
 def _draw_latencies(ax: Axes, run: Run[Config]) -> None:
@@ -133,10 +120,8 @@ def _draw_latencies(ax: Axes, run: Run[Config]) -> None:
         ax.plot(values, share, color=COLORS[key], label=name)
     if len(heard):
         ax.set_xlim(right=float(heard["heard_ms"].quantile(0.99)) * 1.15)
-    ax.set_xlabel("since capture, ms")
-    ax.set_ylabel("share of transforms")
+    ax.set(xlabel="since capture, ms", ylabel="share of transforms", title="Latency")
     ax.legend(fontsize=8)
-    ax.set_title("Latency")
 
 
 def _draw_parts(ax: Axes, run: Run[Config]) -> None:
@@ -151,10 +136,8 @@ def _draw_parts(ax: Axes, run: Run[Config]) -> None:
         ax.bar(place, value, color=colour)
         ax.text(place, value, f"{value:.2g}", ha="center", va="bottom")
     ax.set_xticks(range(len(bars)), [name for name, _, _ in bars])
-    ax.set_yscale("log")
+    ax.set(yscale="log", ylabel="median error, mm", title="What the error is made of")
     ax.margins(y=0.2)
-    ax.set_ylabel("median error, mm")
-    ax.set_title("What the error is made of")
 
 
 def _mark_faults(ax: Axes, run: Run[Config], *, named: bool = False) -> None:

@@ -80,24 +80,19 @@ def confusion_of(recordings: int, length_s: float, seed: int) -> Tally:
 def fault_checks(tally: Tally) -> Iterator[CheckRow]:
     """Yield what must hold of the bridge's verdicts."""
     occluded = sum(n for (truth, _), n in tally.confusion.items() if truth == "occluded")
-    yield CheckRow(
-        check="faults: occluded sights are counted as such",
-        checked=occluded,
-        held=tally.confusion["occluded", Verdict.OCCLUDED.value],
-        example=f"{occluded} sights",
+    counted = max(0, tally.missing - abs(tally.missing - tally.dropped))
+    rows = (
+        ("occluded sights are counted as such", occluded, tally.confusion["occluded", "occluded"], "sights"),
+        ("captures that never came are counted", tally.missing, counted, f"missing, {tally.dropped} counted"),
+        (
+            "a flip that begins in plain sight is not published before it is held for long",
+            tally.plain,
+            tally.plain - tally.plain_believed,
+            "flipped sights",
+        ),
     )
-    yield CheckRow(
-        check="faults: captures that never came are counted",
-        checked=tally.missing,
-        held=max(0, tally.missing - abs(tally.missing - tally.dropped)),
-        example=f"{tally.missing} missing, {tally.dropped} counted",
-    )
-    yield CheckRow(
-        check="faults: a flip that begins in plain sight is not published before it is held for long",
-        checked=tally.plain,
-        held=tally.plain - tally.plain_believed,
-        example=f"{tally.plain} flipped sights",
-    )
+    for check, checked, held, words in rows:
+        yield CheckRow(check=f"faults: {check}", checked=checked, held=held, example=f"{checked} {words}")
 
 
 def _pass(recording: Iterator[TrueCapture], tally: Tally) -> None:

@@ -133,12 +133,10 @@ class _Bridge:
             duration_s=round_.seconds + TAIL_S,
             start_ns=round_.start_ns,
         )
-        publishers = {
-            way: self._nodes[way].create_publisher(TRANSFORMS, TF, TF_QOS) for way in ("direct", "renamed")
-        }
+        others = ("direct", "renamed")
+        publishers = {way: self._nodes[way].create_publisher(TRANSFORMS, TF, TF_QOS) for way in others}
         tee = _Tee(source, publishers)
-        bridge = MocapBridge(node, tee, mapping())
-        await bridge.run()
+        await MocapBridge(node, tee, mapping()).run()
         for publisher in publishers.values():
             publisher.close()
         return {"receipts": tee.receipts}
