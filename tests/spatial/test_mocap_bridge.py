@@ -44,7 +44,6 @@ from sfglab.spatial.mocap import (
     mocap_trees,
     read_mapping,
     status_topic,
-    synthetic_captures,
 )
 from sfglab.spatial.mocap.bridge import STATUS, STATUS_QOS, status_message
 from sfglab.spatial.mocap.mapping import PlacingError, direct_name, place_via_proxy
@@ -76,29 +75,16 @@ def robot_tree():
     return buffer
 
 
-def test_figure_6_the_direct_receiver_breaks_the_tree_and_the_proxy_frame_does_not():
-    motion = SyntheticMotion()
-    made = list(
-        synthetic_captures(
-            {"agent_x/markers": motion}, SyntheticConfig(), np.random.default_rng(1), start_ns=S, duration_s=1.0
-        )
-    )
-    trees = mocap_trees(ROBOT, FIG_6, [m.capture for m in made])
+def test_figure_6_the_direct_receiver_breaks_the_tree_in_these_ways():
+    """That the proxy frame does not, and where it stands, is checked in `sfglab.lab.checks.trees`."""
+    seen = Capture(number=0, capture_ns=S, receipt_ns=S, sights={"agent_x/markers": Pose()})
+    trees = mocap_trees(ROBOT, FIG_6, [seen])
     rule = FrameRule(agents=frozenset({"agent_x"}))
-
     left = lint_frames(trees.direct.edges, rule=rule)
     assert {f.code for f in left} == {"second-root", "name"}
     assert [f.frames for f in left if f.code == "name"] == [("agent_x_markers",)]
     assert roots_of(trees.direct.edges) == ("agent_x/base", "map")
-
-    renamed = lint_frames(trees.renamed.edges, rule=rule)
-    assert {f.code for f in renamed} == {"two-parents", "second-root"}
-
-    assert lint_frames(trees.proxy.edges, rule=rule, root="map") == ()
-    last = made[-1]
-    truth = last.truth["agent_x/markers"] @ MARKERS.inverse() @ CAMERA
-    placed = trees.proxy.look_up("map", "agent_x/camera", last.capture.capture_ns)
-    assert placed.same_as(truth, within_m=0.01, within_rad=0.02)
+    assert {f.code for f in lint_frames(trees.renamed.edges, rule=rule)} == {"two-parents", "second-root"}
 
 
 def test_equation_4_in_known_numbers():
