@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-# --- Heartbeats -----------------------------------------------------------------------------------------------
 
 PAPER_TOPIC = "/global/agent_heartbeat"
 PAPER_SERVICE = "/global/{agent}/get_metadata"
@@ -53,18 +52,14 @@ def joined_ns(run: Run[Config]) -> int:
 
 
 @derived
-def intervals(run: Run[Config], listener: str = "first") -> pd.DataFrame:
-    """Return the time from each heartbeat to the next, as a listener on another host received them.
-
-    Args:
-        run: The run.
-        listener: Which listener.
+def intervals(run: Run[Config]) -> pd.DataFrame:
+    """Return the time from each heartbeat to the next, as the listener on another host received them.
 
     Returns:
         One line a heartbeat but each agent's last: ``agent``, ``phase``, ``period_s`` as announced,
         ``since_s`` from that agent's first heartbeat, and ``gap_s`` to its next one.
     """
-    beats = heard(run, listener)
+    beats = heard(run, "first")
     by_agent = beats.groupby("agent", sort=True)["received_ns"]
     table = beats.assign(
         gap_s=(by_agent.shift(-1) - beats["received_ns"]) / NS_PER_S,
@@ -162,8 +157,7 @@ _ON_ITS_WAY_NS = 1_250_000_000
 class Transitions:
     """The table's transitions and how often each was taken."""
 
-    #: How often, by (state, input); every transition of the table is there.
-    taken: dict[tuple[State, Input], int]
+    taken: dict[tuple[State, Input], int]  #: How often each transition of the table, by (state, input).
     strange: int  #: Transitions of the log that the table does not have, or has otherwise.
     queries: int  #: How many queries arrived at false agents.
     doubled: int  #: How many of them arrived while an earlier one to the same agent was outstanding.
@@ -242,9 +236,6 @@ def _homeless(arrivals: Sequence[int], spans: list[tuple[int, int]]) -> int:
         else:
             left.remove(home)
     return homeless
-
-
-# --- Claims ---------------------------------------------------------------------------------------------------
 
 
 @exp.claim("A-HEARTBEAT", how=How.LIVE)

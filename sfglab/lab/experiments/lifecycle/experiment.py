@@ -24,10 +24,8 @@ from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from sfglab.lab.bench import Bench
-    from sfglab.lab.testbed import Testbed
 
-ROBOT, STATION = "robot", "station"
-GATE = "gate"
+ROBOT, STATION, GATE = "robot", "station", "gate"
 PLACES = 3
 
 GLOBAL_DOMAIN = 0
@@ -209,22 +207,19 @@ class CountRow:
     count: int  #: Its value.
 
 
-# What runs: members of a group of processes.
-
-
-def _address(hosts: Testbed, host: str) -> BusAddress:
+def _address(bench: Bench[Config], host: str) -> BusAddress:
     """Return where on the bus a host stands: in the domain that all share."""
-    domain_id = GLOBAL_DOMAIN if hosts.separate else LOOPBACK_DOMAIN
-    return BusAddress(domain_id=domain_id, interface=hosts.interface(host))
+    domain_id = GLOBAL_DOMAIN if bench.testbed.separate else LOOPBACK_DOMAIN
+    return BusAddress(domain_id=domain_id, interface=bench.testbed.interface(host))
 
 
 def _listener(bench: Bench[Config], name: str, topics: dict[str, str]) -> Member:
-    config = WireConfig(address=_address(bench.testbed, STATION), topics=topics)
+    config = WireConfig(address=_address(bench, STATION), topics=topics)
     return Member(name=name, host=STATION, module="sfglab.lab.workers.wire", config=config)
 
 
 def _router(bench: Bench[Config], agent: str, local: BusAddress) -> Member:
-    config = RouterConfig(agent=agent, local=local, remote=_address(bench.testbed, ROBOT))
+    config = RouterConfig(agent=agent, local=local, remote=_address(bench, ROBOT))
     return Member(name=f"router of {agent}", host=ROBOT, module="sfglab.fleet.router.node", config=config)
 
 
@@ -234,19 +229,17 @@ def _status(agent: str, schedule: Schedule, address: BusAddress) -> Member:
     return Member(name=agent, host=ROBOT, module="sfglab.fleet.status.node", config=config)
 
 
-def _discovering(
-    bench: Bench[Config], agent: str, topics: dict[str, str], limits: Limits
-) -> tuple[Member, ...]:
-    """Return an agent's discoverer, false agents to discover, and a listener to topics."""
+def _discovering(bench: Bench[Config], own: str, topics: dict[str, str], limits: Limits) -> tuple[Member, ...]:
+    """Return the discoverer of agent `own`, false agents to discover, and a listener to topics."""
     timing, timeout_s = bench.config.timing, bench.config.query_timeout_s
     settings = DiscoverySettings(
-        agent=agent, timing=timing, limits=limits, query_timeout_s=timeout_s, max_queries=32
+        agent=own, timing=timing, limits=limits, query_timeout_s=timeout_s, max_queries=32
     )
-    config = DiscoveryConfig(address=_address(bench.testbed, STATION), settings=settings, report_moves=True)
-    fakes = FakeConfig(address=_address(bench.testbed, ROBOT), late_s=1.5 * timeout_s)
+    config = DiscoveryConfig(address=_address(bench, STATION), settings=settings, report_moves=True)
+    fakes = FakeConfig(address=_address(bench, ROBOT), late_s=1.5 * timeout_s)
     return (
         _listener(bench, "first", topics),
-        Member(name=agent, host=STATION, module="sfglab.fleet.discovery.node", config=config),
+        Member(name=own, host=STATION, module="sfglab.fleet.discovery.node", config=config),
         Member(name=FAKES, host=ROBOT, module="sfglab.lab.workers.false_agents", config=fakes),
     )
 
@@ -264,7 +257,7 @@ async def time_heartbeats(bench: Bench[Config]) -> None:
     async with Stage(bench, *(_listener(bench, name, topics) for name in ("first", "late"))) as stage:
         if config.routed:
             await stage.group.start(*(_router(bench, agent, local[agent]) for agent in agents))
-        where = local if config.routed else dict.fromkeys(agents, _address(bench.testbed, ROBOT))
+        where = local if config.routed else dict.fromkeys(agents, _address(bench, ROBOT))
         await stage.group.start(*(_status(agent, config.schedule, where[agent]) for agent in agents))
         bench.advance("start-up")
         await _beats(stage, config, agents, 2)
@@ -293,10 +286,8 @@ async def lead_discoverer(bench: Bench[Config]) -> None:
     pace = Schedule(startup_period_s=period_s, steady_period_s=period_s, startup_s=0)
     topics = {heartbeat_topic(): AGENT_HEARTBEAT, discovery_topic(STATION): DISCOVERY_EVENT}
     async with Stage(bench, *_discovering(bench, STATION, topics, Limits())) as stage:
-        await stage.together(
-            walk(_status(WALKER, pace, _address(bench.testbed, ROBOT)), stage),
-            puppet_show(stage, attempts=bench.config.attempts),
-        )
+        walker = _status(WALKER, pace, _address(bench, ROBOT))
+        await stage.together(walk(walker, stage), puppet_show(stage, attempts=bench.config.attempts))
         await stage.count(STATION, "answered")
 
 

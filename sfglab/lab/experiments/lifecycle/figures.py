@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     Taken = dict[tuple[State, Input], int]
 
 
-# --- Heartbeats -----------------------------------------------------------------------------------------------
-
 PAPER_PERIODS = {0: 1.0, 1: 5.0}
 """Seconds by phase (paper A, section 4.2)."""
 
@@ -40,14 +38,13 @@ def draw_heartbeats(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the time between heartbeats over the time since the start, and how far it is from its period."""
     table, checks = intervals(run), heartbeat_checks(run)
     held = sum(check.held for check in checks)
-    agents = len(run["answer"])
     over_time, errors = figure.subplots(1, 2, width_ratios=(1.7, 1))
     _draw_gaps(over_time, run)
     medians = _draw_errors(errors, run)
     where = "on another host" if run.metadata("hosts")["separate"] else "by another process"
     scaled = "" if run.config.at_paper_periods else " (faster than the paper's, for a short run)"
     figure.suptitle(
-        f"Heartbeats of {agents} agents, heard {where}{scaled}: {held} of {len(checks)} checks hold"
+        f"Heartbeats of {len(run['answer'])} agents, heard {where}{scaled}: {held} of {len(checks)} checks hold"
     )
     return {"held": held, "checks": len(checks), "heartbeats": len(table), "median_gap_s": medians}
 
@@ -56,13 +53,9 @@ def _draw_gaps(axes: Axes, run: Run[Config]) -> None:
     table = intervals(run)
     for phase, style in _STYLES.items():
         chosen = table[table["phase"] == phase]
-        dots: dict[str, Any] = {
-            "linestyle": "none",
-            "marker": MARKERS[style],
-            "color": COLORS[style],
-            "alpha": 0.75,
-        }
-        axes.plot(chosen["since_s"], chosen["gap_s"], label=f"measured, {PHASES[phase]}", **dots)
+        dots: dict[str, Any] = {"marker": MARKERS[style], "color": COLORS[style], "alpha": 0.75}
+        label = f"measured, {PHASES[phase]}"
+        axes.plot(chosen["since_s"], chosen["gap_s"], linestyle="none", label=label, **dots)
         if run.config.at_paper_periods:
             label = f"paper: {PAPER_PERIODS[phase]:g} s, {PHASES[phase]}"
             axes.axhline(PAPER_PERIODS[phase], color=COLORS[style], label=label, **PAPER_STYLE)
@@ -80,13 +73,8 @@ def _mark_events(axes: Axes, run: Run[Config]) -> None:
     startup_s = run.config.schedule.startup_s
     for at_s, text in ((startup_s, "start-up ends"), (joined_s, "a late listener joins")):
         axes.axvline(at_s, ymax=0.8, color="black", linewidth=0.8, linestyle=":")
-        place: dict[str, Any] = {
-            "xycoords": _OVER_AXES,
-            "xytext": (3, 2),
-            "textcoords": "offset points",
-            "va": "bottom",
-        }
-        axes.annotate(text, (at_s, 0.02), fontsize=7.5, rotation=90, **place)
+        beside: dict[str, Any] = {"xytext": (3, 2), "textcoords": "offset points", "rotation": 90}
+        axes.annotate(text, (at_s, 0.02), xycoords=_OVER_AXES, fontsize=7.5, va="bottom", **beside)
 
 
 def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, float]:
@@ -107,9 +95,8 @@ def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, float]:
         medians[PHASES[phase]] = float(np.median(gaps))
     axes.axhline(0, color="grey", linewidth=0.8)
     axes.set_xticks([0, 1], [f"{text}\n({periods_s[phase]:g} s)" for phase, text in PHASES.items()])
-    axes.set_xlim(-0.5, 1.5)
+    axes.set(xlim=(-0.5, 1.5), ylabel="interval minus period (ms)")
     axes.margins(y=0.25)
-    axes.set_ylabel("interval minus period (ms)")
     axes.set_title("how far from the period", fontsize=9)
     axes.grid(visible=False, axis="x")
     return medians

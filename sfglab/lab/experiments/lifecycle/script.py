@@ -39,30 +39,24 @@ class Track:
     def __init__(self, agent: str, stage: Stage) -> None:
         self.agent = agent
         self._stage = stage
+        self._moves = stage.moves[agent]
         self._read = 0
 
     async def sees(self, *given: Input, at: State | None = None) -> None:
         """Return when the discoverer has taken a transition with one of these inputs, from a state if given."""
-        found: list[int] = []
 
-        def taken() -> bool:
-            found[:] = (i for i, m in enumerate(self._moves()) if i >= self._read and _is(m, given, at))
-            return bool(found)
+        def taken() -> int:
+            return next((n for n, m in enumerate(self._moves, 1) if n > self._read and _is(m, given, at)), 0)
 
         names = " or ".join(i.name for i in given)
-        await self._stage.until(f"{self.agent}: {names}", taken)
-        self._read = found[0] + 1
+        await self._stage.until(f"{self.agent}: {names}", lambda: taken() > 0)
+        self._read = taken()
 
     async def reaches(self, state: State) -> None:
         """Return when the agent is in a state."""
-        await self._stage.until(
-            f"{self.agent}: {state.name}",
-            lambda: bool(self._moves()) and self._moves()[-1]["after"] == state.name,
-        )
-        self._read = len(self._moves())
-
-    def _moves(self) -> list[Report]:
-        return self._stage.moves[self.agent]
+        moves, what = self._moves, f"{self.agent}: {state.name}"
+        await self._stage.until(what, lambda: bool(moves) and moves[-1]["after"] == state.name)
+        self._read = len(moves)
 
 
 class Puppet(Track):
@@ -167,8 +161,7 @@ async def puppet_show(stage: Stage, *, attempts: int) -> None:
             script(Puppet(f"puppet{number}_{attempt}", stage), told)
             for number, (script, told) in enumerate(_SCRIPTS)
         ]
-        outcomes = await asyncio.gather(*plays, return_exceptions=True)
-        for outcome in outcomes:
+        for outcome in await asyncio.gather(*plays, return_exceptions=True):
             if isinstance(outcome, BaseException) and not isinstance(outcome, ProcessFailedError):
                 raise outcome
         if set(TRANSITIONS) - _taken(stage) <= {(_S.BACKING_OFF, _I.EXPIRED)}:
@@ -207,9 +200,8 @@ async def crowd(own: str, stage: Stage, *, places: int) -> None:
     fakes = stage.group[FAKES]
     stage.fault(own, "heartbeats that bear its name")
     for agent, incarnation in (("owner1", 2000), ("double1", 1999)):
-        fakes.order(
-            do="beat", agent=agent, bearing=own, incarnation=incarnation, revision=0, period_s=FOREVER_S
-        )
+        beat = {"incarnation": incarnation, "revision": 0, "period_s": FOREVER_S}
+        fakes.order(do="beat", agent=agent, bearing=own, **beat)
     stage.fault("noname1", "ill-formed heartbeats")
     for bearing, period_s in (("no name", FOREVER_S), ("camera", FOREVER_S), ("fast1", -1.0)):
         fakes.order(do="beat", agent="noname1", bearing=bearing, incarnation=1, revision=0, period_s=period_s)
