@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from sfglab.lab import ledger, runs
+from sfglab.lab import ledger
 from sfglab.lab.claims import Entry, How
 from sfglab.lab.experiments import experiment
 from sfglab.lab.figures import house_style
 from sfglab.lab.paths import find_project
-from sfglab.lab.runs import SMOKE, Run, standing
+from sfglab.lab.runs import SMOKE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from pandas.io.formats.style import Styler
 
     from sfglab.lab.experiment import Experiment
-    from sfglab.lab.runs import C
+    from sfglab.lab.runs import C, Run
 
 _COLUMNS = ["claim", "where", "paper", "ours", "unit", "how", "verdict"]
 
@@ -43,19 +43,14 @@ async def run(exp: Experiment[C], profile: str, log: str = "", **changes: Any) -
     return exp.load(Path(log)) if log else await exp.run(profile, **changes)
 
 
-def new_log(name: str, profile: str) -> Path:
-    """Return the path of a new run's log."""
-    return runs.new_log(find_project(), name, profile)
-
-
-def picture(run: Run[Any] | Figure, name: str = "") -> Image:
+def picture(run: Run[Any], name: str) -> Image:
     """Return one of a run's figures as a picture for the notebook.
 
     Args:
         run: The run.
         name: The figure.
     """
-    return image_of(experiment(run.experiment).draw(name, run)[0] if isinstance(run, Run) else run)
+    return image_of(experiment(run.experiment).draw(name, run)[0])
 
 
 def image_of(figure: Figure) -> Image:
@@ -79,22 +74,19 @@ def words(frame: pd.DataFrame) -> Styler:
     return style.set_uuid("words")  # equal tables are equal output
 
 
-def save_figures(run: Run[Any] | str, log: Path | None = None) -> str:
+def save_figures(run: Run[Any]) -> str:
     """Draw and save every figure of a run, and return their names."""
     project = find_project()
-    return ", ".join(project.relative(path) for path in ledger.save_figures(project, *_named(run, log)))
+    files = ledger.save_figures(project, run.experiment, run.log)
+    return ", ".join(map(project.relative, files))
 
 
-def claims_of(run: Run[Any] | str, log: Path | None = None) -> pd.DataFrame:
+def claims_of(run: Run[Any]) -> pd.DataFrame:
     """Return the claims that a run answers, judged: paper said, we measured."""
-    return _table(ledger.entries_of(find_project(), *_named(run, log)))
+    return _table(ledger.entries_of(find_project(), run.experiment, run.log))
 
 
-def _named(run: Run[Any] | str, log: Any) -> tuple[str, Path]:
-    return (run, log) if isinstance(run, str) else (run.experiment, run.log)
-
-
-def check(run: Run[Any] | str, *verdicts: Any, may_deviate: Sequence[str] = ()) -> str:
+def check(run: Run[Any], *verdicts: str, may_deviate: Sequence[str] = ()) -> str:
     """Assert that every claim of a run has one of these verdicts, and say so.
 
     A smoke test is too short to measure by: there a claim that is measured live may deviate, and it is said.
@@ -107,26 +99,24 @@ def check(run: Run[Any] | str, *verdicts: Any, may_deviate: Sequence[str] = ()) 
     Raises:
         AssertionError: A claim has another verdict; says which.
     """
-    name, log = _named(run, verdicts[0])
-    verdicts = tuple(v for v in verdicts if isinstance(v, str))
-    entries = ledger.entries_of(find_project(), name, log)
+    entries = ledger.entries_of(find_project(), run.experiment, run.log)
     wrong = [e for e in entries if e.verdict.value not in verdicts]
-    said = {e.claim.id: _excuse(e, log, may_deviate) for e in wrong}
+    said = {e.claim.id: _excuse(e, run, may_deviate) for e in wrong}
     failed = [f"{e.claim.id}: {e.verdict.value}" for e in wrong if not said[e.claim.id]]
     if failed:
-        raise AssertionError(f"{name}: {', '.join(failed)}; expected {' or '.join(verdicts)}")
+        raise AssertionError(f"{run.experiment}: {', '.join(failed)}; expected {' or '.join(verdicts)}")
     held = [e.claim.id for e in entries if e not in wrong]
     reasons = [f"{claim} deviates: {reason}" for claim, reason in said.items()]
     return "\n".join([f"{len(held)} claims hold: {', '.join(held)}", *reasons])
 
 
-def _excuse(entry: Entry, log: Path, may_deviate: Sequence[str]) -> str:
+def _excuse(entry: Entry, run: Run[Any], may_deviate: Sequence[str]) -> str:
     """Return why a claim may deviate; empty: it may not."""
     measured = entry.measured
     assert measured is not None, "a run's entries are measured"
     if entry.claim.id in may_deviate and measured.reason:
         return measured.reason
-    if standing(log).profile == SMOKE and measured.how is How.LIVE:
+    if run.profile == SMOKE and measured.how is How.LIVE:
         return f"{measured.estimate}, in a smoke test, which is too short to measure by"
     return ""
 

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import pytest
 
+from sfglab.fields import to_json
+from sfglab.lab.claims import load_claims
 from sfglab.lab.experiments import EXPERIMENTS, experiment
+
+ROOT = Path(__file__).parents[2]
 
 
 def config_of(name):
-    one = experiment(name)
-    return one.config if hasattr(one, "measure") else one.Config.of_profile
+    return experiment(name).config
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
@@ -24,3 +30,23 @@ def test_every_experiment_has_the_three_profiles_with_the_seed_that_is_asked_for
 def test_every_experiment_refuses_an_unknown_profile_and_names_those_there_are(name):
     with pytest.raises(ValueError, match=r"profile: given 'long', allowed.* smoke, quick, paper"):
         config_of(name)("long")
+
+
+def test_every_claim_is_answered_by_the_experiment_that_the_ledger_names():
+    claims = {(c.id, c.experiment) for c in load_claims(ROOT / "data" / "claims.yaml") if c.experiment}
+    assert {(claim, name) for name in EXPERIMENTS for claim in experiment(name).claims} == claims
+
+
+def test_every_committed_figure_of_an_experiment_is_declared_by_it():
+    twins = [json.loads(path.read_text()) | {"stem": path.stem} for path in (ROOT / "figures").glob("*.json")]
+    committed = {(twin["experiment"], twin["stem"]) for twin in twins}
+    declared = {(name, drawing) for name in EXPERIMENTS for drawing in experiment(name).drawings}
+    assert committed == declared
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_reference_log_reads_back_as_the_configuration_that_was_run(name):
+    run = experiment(name).load(ROOT / "data" / "reference" / f"{name}.mcap")
+    written = run.metadata("config")
+    read = {"experiment": name, **to_json(run.config)}
+    assert {key: read[key] for key in written} == written

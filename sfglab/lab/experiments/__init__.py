@@ -1,7 +1,6 @@
-"""The experiments, each a configuration, a run into one log, tables from the log, figures and claims.
+"""The experiments, one module or package each, whose `exp` declares it to the kit.
 
-An experiment is a module or package with ``NAME``, ``measure(log)`` -> our figures by claim id, and
-``figures(log)`` -> figure and twin by name; `EXPERIMENTS` is the one list of them.
+Knows their names; `EXPERIMENTS` is the one list of them.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from types import ModuleType
+    from sfglab.lab.experiment import Experiment
 
 __all__ = ["EXPERIMENTS", "experiment"]
 
@@ -35,7 +34,7 @@ EXPERIMENTS = (
 )
 
 
-def experiment(name: str) -> ModuleType | Any:
+def experiment(name: str) -> Experiment[Any]:
     """Return an experiment by its name in `EXPERIMENTS`."""
-    module = import_module(f"sfglab.lab.experiments.{name}")
-    return getattr(module, "exp", module)
+    found: Experiment[Any] = import_module(f"sfglab.lab.experiments.{name}").exp
+    return found
