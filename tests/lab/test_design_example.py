@@ -29,7 +29,7 @@ def example(monkeypatch, tmp_path):
 def test_the_example_is_short_and_passes_its_own_test(example, tmp_path):
     module, code = example
     assert len([line for line in code.splitlines() if line.strip()]) <= 60
-    module.test_larger_pictures_take_longer(tmp_path)
+    module.test_every_size_is_measured(tmp_path)
     run = module.exp.load(tmp_path / "a.mcap")
     assert run.config.repeats == 5
     figure, numbers = module.exp.figures(run)["cdr"]
