@@ -57,3 +57,11 @@ def test_a_naming_schema_that_is_wrong_is_caught(monkeypatch):
     monkeypatch.setattr(module, "parse", lambda *_: None)
     row = module.checks.row("parses back to the tuple it was built from", count=1, seed=0)
     assert row.held == 0
+
+
+def test_an_exchange_that_loses_a_trajectory_is_caught(monkeypatch):
+    import sfglab.lab.checks.exchange as module
+
+    monkeypatch.setattr(module, "trajectory_from_csv", lambda *_, **__: None)
+    row = module.checks.row("CSV gives back every bit", count=5, seed=0)
+    assert row.held < row.checked
