@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import pandas as pd
 import pytest
 
-from sfglab.lab.checks import GROUPS, CheckRow, Checks, group, share_of_checks
+from sfglab.lab.checks import GROUPS, CheckRow, Checks, group, share_of_checks, trees
 
 
 def table(*rows):
@@ -65,3 +65,15 @@ def test_an_exchange_that_loses_a_trajectory_is_caught(monkeypatch):
     monkeypatch.setattr(module, "trajectory_from_csv", lambda *_, **__: None)
     row = module.checks.row("CSV gives back every bit", count=5, seed=0)
     assert row.held < row.checked
+
+
+def test_trees_that_are_never_whole_with_markers_at_the_root_are_caught(monkeypatch):
+    at_root = trees.checks.names[-1]
+    rows = {count: [row.check for row in trees.tree_rows(count, 11)] for count in (0, 20)}
+    assert rows == {0: [*trees.checks.names[:-1]], 20: [*trees.checks.names]}, "none asked of figure 6 alone"
+    whole = trees.mocap_trees
+    monkeypatch.setattr(
+        trees, "mocap_trees", lambda *given: replace(whole(*given), renamed=whole(*given).direct)
+    )
+    row = next(row for row in trees.tree_rows(20, 12) if row.check == at_root)
+    assert (row.held, row.checked > 1) == (0, True)

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 GROUPS = ("naming", "trajectories", "exchange", "editing", "synchronisation", "routing", "trees")
 """Modules of this package, each a group."""
 
+NOTHING = "nothing to check"
+"""The example of a property without a case, which has not held."""
 Case = tuple[str, bool]
 """What was tried, as a reader wants to see it, and whether the property held."""
 
@@ -136,7 +138,7 @@ def check_row(check: str, cases: Iterable[Case]) -> CheckRow:
     """Return what the cases of one property came to; the example is the first that fails, else the first."""
     tried = list(cases)
     failed = [text for text, held in tried if not held]
-    example = failed[0] if failed else next((text for text, _ in tried), "nothing to check")
+    example = failed[0] if failed else next((text for text, _ in tried), NOTHING)
     # Without anything to look at a check has not held.
     return CheckRow(check=check, checked=max(1, len(tried)), held=len(tried) - len(failed), example=example)
 

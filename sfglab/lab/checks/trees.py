@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.lab.checks import Checks
+from sfglab.lab.checks import NOTHING, Checks
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames import FrameBuffer, FrameError, FrameRule, lint_frames
 from sfglab.spatial.mocap import Capture, MappedObject, MocapMapping, MocapTrees, mocap_trees
@@ -19,7 +19,7 @@ from sfglab.spatial.mocap import Capture, MappedObject, MocapMapping, MocapTrees
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from sfglab.lab.checks import Case, Sample
+    from sfglab.lab.checks import Case, CheckRow, Sample
 
     Robot = tuple[StampedTransform, ...]
 
@@ -148,8 +148,7 @@ def _places(joined: _Joined) -> dict[str, np.ndarray]:
     return {frame: world_from_root @ matrix for frame, matrix in below.items()}
 
 
-AT_THE_ROOT = "renamed, markers at the root: the tree is whole"
-"""The one property that few robots may not show: none of them need have its markers there."""
+_AT_THE_ROOT = "renamed, markers at the root: the tree is whole"
 _PROPERTIES: dict[str, Callable[[_Joined], bool]] = {
     "direct: what is published is no frame of the robot": lambda j: "name" in j.found("direct"),
     "direct: the robot's tree has a root of its own": lambda j: "second-root" in j.found("direct"),
@@ -164,16 +163,22 @@ _PROPERTIES: dict[str, Callable[[_Joined], bool]] = {
     ),
     "proxy: the robot's own edges are as they were": _robot_s_own,
     "proxy: every frame stands where matrices put it": _in_place,
-    AT_THE_ROOT: lambda j: not j.found("renamed"),
+    _AT_THE_ROOT: lambda j: not j.found("renamed"),
 }
 
 
 def _cases(name: str, sample: Sample) -> Iterator[Case]:
     """Yield a case a robot; under the right name it matters whether the markers are at the robot's root."""
     for joined in _joined(sample.count, sample.seed):
-        if not name.startswith("renamed") or (joined.via == joined.root) == (name == AT_THE_ROOT):
+        if not name.startswith("renamed") or (joined.via == joined.root) == (name == _AT_THE_ROOT):
             yield joined.name, _PROPERTIES[name](joined)
 
 
 for _name in _PROPERTIES:
     checks.cases(_name)(partial(_cases, _name))
+
+
+def tree_rows(count: int, seed: int) -> Iterator[CheckRow]:
+    """Return the properties' rows, without the one of markers at the root where no robot has them there."""
+    rows = checks.rows(count, seed)
+    return (row for row in rows if (row.check, row.example) != (_AT_THE_ROOT, NOTHING))

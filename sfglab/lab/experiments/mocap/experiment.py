@@ -180,9 +180,7 @@ def join_trees(bench: Bench[Config]) -> None:
     for way in trees.WAYS:
         for edge in getattr(joined, way).edges:
             bench.write("edge", {"where": "figure 6", "way": way, **asdict(edge)})
-    for row in trees.checks.rows(config.trees, config.seed):
-        if row.check != trees.AT_THE_ROOT or row.held:
-            bench.write("check", row)
+    bench.write_all("check", trees.tree_rows(config.trees, config.seed))
 
 
 @exp.part("faults")
