@@ -26,15 +26,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from sfglab.spatial import Pose, StampedTransform
-from sfglab.spatial.frames import FrameBuffer
-from sfglab.spatial.mocap import (
-    BridgeCore,
-    MappedObject,
-    MocapMapping,
-    SyntheticConfig,
-    SyntheticMotion,
-    synthetic_captures,
-)
+from sfglab.spatial.frames.buffer import FrameBuffer
+from sfglab.spatial.mocap.core import BridgeCore
+from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
+from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, synthetic_captures
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -19,14 +19,11 @@ if TYPE_CHECKING:
 
     from sfglab.bus import Node
     from sfglab.record import LogReader
-    from sfglab.spatial.frames import FrameBuffer
-    from sfglab.spatial.mocap import (
-        BridgeCore,
-        MocapMapping,
-        MocapObjectStatus,
-        MocapSource,
-        OffsetEstimate,
-    )
+    from sfglab.spatial.frames.buffer import FrameBuffer
+    from sfglab.spatial.mocap.core import BridgeCore, MocapObjectStatus
+    from sfglab.spatial.mocap.mapping import MocapMapping
+    from sfglab.spatial.mocap.offset import OffsetEstimate
+    from sfglab.spatial.mocap.tracking import MocapSource
 
 
 _POSES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
@@ -68,7 +65,7 @@ def mocap_run(
 
       sfglab mocap run data/mocap/two_agents.yaml --synthetic --trees --domain 7 --interface lo --duration 10
     """
-    from sfglab.spatial.mocap import load_mapping
+    from sfglab.spatial.mocap.mapping import load_mapping
 
     mapping = load_mapping(file)
     topics = _topics(topic or [], mapping)
@@ -99,8 +96,10 @@ def mocap_offset(
       sfglab mocap offset calib.mcap --object "Go2 Body" --odom go2/odom --base go2/base --height-m -0.118
     """
     from sfglab.record import LogReader
-    from sfglab.spatial.frames import FrameBuffer, fill_from_log
-    from sfglab.spatial.mocap import LogSource, estimate_offset, pose_pairs
+    from sfglab.spatial.frames.buffer import FrameBuffer
+    from sfglab.spatial.frames.listener import fill_from_log
+    from sfglab.spatial.mocap.offset import estimate_offset, pose_pairs
+    from sfglab.spatial.mocap.sources import LogSource
 
     with LogReader(log) as reader:
         buffer = FrameBuffer(history_s=None)
@@ -129,7 +128,9 @@ def frames_lint(
       sfglab frames lint --domain 0 --listen 10
     """
     from sfglab.record import LogReader
-    from sfglab.spatial.frames import FrameBuffer, FrameRule, fill_from_log, lint_frames
+    from sfglab.spatial.frames.buffer import FrameBuffer
+    from sfglab.spatial.frames.lint import FrameRule, lint_frames
+    from sfglab.spatial.frames.listener import fill_from_log
 
     if (log is None) == (domain is None):
         raise SfglabError("frames lint: given neither or both, allowed is a log or --domain")
@@ -179,7 +180,7 @@ def _source(
     *, vicon: str | None, topics: dict[str, str], type_: _Type, log: Path | None, synthetic: bool
 ) -> Callable[[Node, MocapMapping, contextlib.ExitStack], MocapSource]:
     """Return what makes the source on a node, of exactly one kind."""
-    from sfglab.spatial import mocap
+    from sfglab.spatial.mocap.sources import LogSource, TopicSource, ViconSource
 
     kinds = [name for name, on in (("--vicon", vicon), ("--log", log), ("--synthetic", synthetic)) if on]
     if len(kinds) > 1 or (not kinds and not topics) or (topics and kinds not in ([], ["--log"])):
@@ -195,12 +196,12 @@ def _source(
     def make(node: Node, mapping: MocapMapping, stack: contextlib.ExitStack) -> MocapSource:
         clock = node.get_clock()
         if vicon is not None:
-            return mocap.ViconSource(vicon, clock=clock)
+            return ViconSource(vicon, clock=clock)
         if synthetic:
             return _synthetic(mapping, clock)
         if log is None:
-            return mocap.TopicSource(node, topics, type_=_POSES[type_ is _Type.TRANSFORM])
-        return mocap.LogSource(stack.enter_context(_opened(log)), topics, clock=clock)
+            return TopicSource(node, topics, type_=_POSES[type_ is _Type.TRANSFORM])
+        return LogSource(stack.enter_context(_opened(log)), topics, clock=clock)
 
     return make
 
@@ -214,7 +215,7 @@ def _opened(log: Path) -> LogReader:
 def _synthetic(mapping: MocapMapping, clock: Any) -> MocapSource:
     import numpy as np
 
-    from sfglab.spatial.mocap import SyntheticConfig, SyntheticMotion, SyntheticSource
+    from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, SyntheticSource
 
     objects = {
         id_: SyntheticMotion(centre_m=(0.0, 3.0 * place, 0.5)) for place, id_ in enumerate(mapping.objects)
@@ -235,7 +236,7 @@ async def _serve(
     import asyncio
 
     from sfglab.bus import Node
-    from sfglab.spatial.mocap import BridgeOptions, MocapBridge, status_topic
+    from sfglab.spatial.mocap.bridge import BridgeOptions, MocapBridge, status_topic
 
     with contextlib.ExitStack() as stack:
         async with Node("mocap_bridge", **options) as node:
@@ -257,7 +258,7 @@ def _make_up_trees(node: Node, mapping: MocapMapping) -> None:
     from sfglab.messages import message_type
     from sfglab.names import TF_STATIC
     from sfglab.spatial import Pose, StampedTransform
-    from sfglab.spatial.frames import TF_STATIC_QOS, TRANSFORMS
+    from sfglab.spatial.frames.listener import TF_STATIC_QOS, TRANSFORMS
 
     above = Pose(position_m=(0.0, 0.0, 0.1))
     placed = mapping.objects.values()
@@ -295,7 +296,7 @@ async def _listen(buffer: FrameBuffer, options: dict[str, Any], seconds: float) 
     import asyncio
 
     from sfglab.bus import Node
-    from sfglab.spatial.frames import FramesListener
+    from sfglab.spatial.frames.listener import FramesListener
 
     async with Node("frames_lint", **options) as node, FramesListener(node, buffer):
         await asyncio.sleep(seconds)

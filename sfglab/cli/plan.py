@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus import Node
-    from sfglab.spatial.execution import AgentSetup, Ended, Execution, Order
+    from sfglab.spatial.execution.client import Execution
+    from sfglab.spatial.execution.orders import Ended, Order
+    from sfglab.spatial.execution.server import AgentSetup
 
 
 def plan(
@@ -43,8 +45,9 @@ def plan(
 
       sfglab plan data/scenes/course.yaml --port 0 --no-browser
     """
-    from sfglab.spatial.scene import Editor, SceneError
-    from sfglab.view.planner import Planner
+    from sfglab.spatial.scene.editor import Editor
+    from sfglab.spatial.scene.objects import SceneError
+    from sfglab.view.planner.server import Planner
 
     if new and scene.exists():
         raise SceneError("--new", str(scene), "a file that does not exist yet")
@@ -134,8 +137,8 @@ def run_scene(
 
       sfglab follow run data/scenes/hall.yaml --domain 7 --interface lo
     """
-    from sfglab.spatial.execution import scene_orders
-    from sfglab.spatial.scene import load_scene
+    from sfglab.spatial.execution.client import scene_orders
+    from sfglab.spatial.scene.files import load_scene
 
     scene = load_scene(file)
     agents = tuple(agent or ())
@@ -160,8 +163,10 @@ def run_scene(
 
 
 def _setup(agent: str, scene: Path | None, *, preempt: bool) -> AgentSetup:
-    from sfglab.spatial.execution import AgentSetup, Dynamics
-    from sfglab.spatial.scene import AgentObject, load_scene
+    from sfglab.spatial.execution.agent import Dynamics
+    from sfglab.spatial.execution.server import AgentSetup
+    from sfglab.spatial.scene.files import load_scene
+    from sfglab.spatial.scene.objects import AgentObject
 
     if scene is None:
         return AgentSetup(preempt=preempt)
@@ -181,7 +186,7 @@ async def _serve(agent: str, setup: AgentSetup, action: str, address: dict[str, 
     import asyncio
 
     from sfglab.bus import Node
-    from sfglab.spatial.execution import TrajectoryServer
+    from sfglab.spatial.execution.server import TrajectoryServer
 
     asked = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -198,7 +203,7 @@ async def _send_all(orders: Callable[[int], tuple[Order, ...]], action: str, add
     import asyncio
 
     from sfglab.bus import Node
-    from sfglab.spatial.execution import FOLLOW_TRAJECTORY
+    from sfglab.spatial.execution.orders import FOLLOW_TRAJECTORY
 
     async with Node("planner", **address) as node:
         sent = [_execution(node, order.agent, action, place) for place, order in enumerate(orders(0))]
@@ -228,7 +233,7 @@ async def _send_all(orders: Callable[[int], tuple[Order, ...]], action: str, add
 def _execution(node: Node, agent: str, action: str, place: int) -> Execution:
     from tqdm import tqdm
 
-    from sfglab.spatial.execution import Execution
+    from sfglab.spatial.execution.client import Execution
 
     bar = tqdm(total=100, desc=agent, position=place, unit="%", file=sys.stderr, leave=True)
 

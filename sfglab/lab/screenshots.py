@@ -15,11 +15,13 @@ import cv2
 
 from sfglab.lab.browser import Browser
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.scene import Editor, SceneError, SetPose, Several, Stretch
-from sfglab.view.planner import Planner
+from sfglab.spatial.scene.commands import SetPose, Several, Stretch
+from sfglab.spatial.scene.editor import Editor
+from sfglab.spatial.scene.objects import SceneError
+from sfglab.view.planner.server import Planner
 
 if TYPE_CHECKING:
-    from sfglab.spatial.scene import Scene
+    from sfglab.spatial.scene.tree import Scene
 
 
 _SIZE = (1400, 800)

@@ -16,8 +16,10 @@ from sfglab.lab.experiments.mocap.robot import motions, world_from_camera
 from sfglab.lab.experiments.mocap.stage import live_rows
 from sfglab.record import LogReader, LogWriter
 from sfglab.spatial import Pose
-from sfglab.spatial.frames import FrameBuffer, fill_from_log, lint_frames
-from sfglab.spatial.mocap import mocap_trees
+from sfglab.spatial.frames.buffer import FrameBuffer
+from sfglab.spatial.frames.lint import lint_frames
+from sfglab.spatial.frames.listener import fill_from_log
+from sfglab.spatial.mocap.core import mocap_trees
 
 ROOT = Path(__file__).parents[2]
 JOINED = mocap_trees(*trees.figure_6(), trees.captures_of([Pose()]))

@@ -11,7 +11,7 @@ import pytest
 from sfglab.lab.checks import editing, trajectories
 from sfglab.lab.experiments.planning import checks, exp
 from sfglab.record import LogReader
-from sfglab.spatial.trajectory import Interpolation, stretched
+from sfglab.spatial.trajectory.path import Interpolation, stretched
 
 REFERENCE = Path(__file__).parents[2] / "data" / "reference" / "planning.mcap"
 

@@ -14,25 +14,27 @@ from sfglab.bus.sim import run_simulated
 from sfglab.errors import InvalidValueError
 from sfglab.messages import message_type, register_action
 from sfglab.spatial import Pose
-from sfglab.spatial.execution import (
+from sfglab.spatial.execution.agent import Dynamics, Tolerances
+from sfglab.spatial.execution.client import execute, scene_orders, send
+from sfglab.spatial.execution.orders import (
     FOLLOW_TRAJECTORY,
     ActionDialect,
-    AgentSetup,
-    Dynamics,
     Ended,
     Feedback,
     Order,
     Outcome,
-    Tolerances,
-    TrajectoryServer,
-    execute,
-    scene_orders,
-    send,
+    action_name,
 )
-from sfglab.spatial.execution.orders import action_name
-from sfglab.spatial.frames import FrameBuffer, FramesListener
-from sfglab.spatial.scene import AgentObject, Editor, load_scene
-from sfglab.spatial.trajectory import Interpolation, Limits, Trajectory, path_from_trajectory, pose_at
+from sfglab.spatial.execution.server import AgentSetup, TrajectoryServer
+from sfglab.spatial.frames.buffer import FrameBuffer
+from sfglab.spatial.frames.listener import FramesListener
+from sfglab.spatial.scene.editor import Editor
+from sfglab.spatial.scene.files import load_scene
+from sfglab.spatial.scene.objects import AgentObject
+from sfglab.spatial.trajectory.exchange import path_from_trajectory
+from sfglab.spatial.trajectory.limits import Limits
+from sfglab.spatial.trajectory.motion import pose_at
+from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 
 HALL = Path(__file__).parents[2] / "data" / "scenes" / "hall.yaml"
 S = 1_000_000_000

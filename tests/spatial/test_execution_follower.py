@@ -13,10 +13,10 @@ from trajectory_strategies import poses, trajectories
 from sfglab.bus import GoalStatus
 from sfglab.errors import InvalidValueError
 from sfglab.spatial import Pose
-from sfglab.spatial.execution import Dynamics, Order, Outcome, Tolerances
-from sfglab.spatial.execution.agent import TRANSITIONS, AgentState, Follower, Phase
-from sfglab.spatial.execution.orders import OUTCOMES, RefusalError, Rules, judge, outcome_of
-from sfglab.spatial.trajectory import Limits, Trajectory, retimed
+from sfglab.spatial.execution.agent import TRANSITIONS, AgentState, Dynamics, Follower, Phase, Tolerances
+from sfglab.spatial.execution.orders import OUTCOMES, Order, Outcome, RefusalError, Rules, judge, outcome_of
+from sfglab.spatial.trajectory.limits import Limits, retimed
+from sfglab.spatial.trajectory.path import Trajectory
 
 S = 1_000_000_000
 EASY = Tolerances(path_m=None, settle_s=3600.0)

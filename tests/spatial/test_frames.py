@@ -17,25 +17,24 @@ from sfglab.messages import message_type
 from sfglab.names import TF, TF_STATIC, FqnError
 from sfglab.record import LogError, LogReader, LogWriter
 from sfglab.spatial import Pose, StampedTransform
-from sfglab.spatial.frames import (
-    TF_QOS,
-    TF_STATIC_QOS,
-    TRANSFORMS,
+from sfglab.spatial.frames.buffer import (
     Edge,
     ExtrapolationError,
     FrameBuffer,
-    FrameRule,
-    FramesListener,
+    FrameLoopError,
     NotConnectedError,
     UnknownFrameError,
-    draw_tree,
-    fill_from_log,
-    lint_frames,
 )
-from sfglab.spatial.frames.buffer import FrameLoopError
 from sfglab.spatial.frames.history import Insertion
-from sfglab.spatial.frames.lint import roots_of, tree_layout
-from sfglab.spatial.frames.listener import TransformIntake
+from sfglab.spatial.frames.lint import FrameRule, draw_tree, lint_frames, roots_of, tree_layout
+from sfglab.spatial.frames.listener import (
+    TF_QOS,
+    TF_STATIC_QOS,
+    TRANSFORMS,
+    FramesListener,
+    TransformIntake,
+    fill_from_log,
+)
 
 S = 1_000_000_000
 

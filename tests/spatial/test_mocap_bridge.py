@@ -17,37 +17,22 @@ from sfglab.documents import DocumentError
 from sfglab.messages import deserialize, message_type, ns_from_stamp, serialize
 from sfglab.names import TF_STATIC
 from sfglab.spatial import Pose, StampedTransform
-from sfglab.spatial.frames import (
-    TF_STATIC_QOS,
-    TRANSFORMS,
-    ExtrapolationError,
-    FrameBuffer,
-    FrameRule,
-    FramesListener,
-    UnknownFrameError,
-    lint_frames,
-)
-from sfglab.spatial.frames.lint import roots_of
-from sfglab.spatial.mocap import (
-    BridgeCore,
-    Capture,
-    Lapse,
-    Limits,
+from sfglab.spatial.frames.buffer import ExtrapolationError, FrameBuffer, UnknownFrameError
+from sfglab.spatial.frames.lint import FrameRule, lint_frames, roots_of
+from sfglab.spatial.frames.listener import TF_STATIC_QOS, TRANSFORMS, FramesListener
+from sfglab.spatial.mocap.bridge import STATUS, STATUS_QOS, MocapBridge, status_message, status_topic
+from sfglab.spatial.mocap.core import BridgeCore, mocap_trees
+from sfglab.spatial.mocap.mapping import (
     MappedObject,
-    MocapBridge,
     MocapMapping,
-    SyntheticConfig,
-    SyntheticMotion,
-    SyntheticSource,
-    Verdict,
+    PlacingError,
+    direct_name,
     load_mapping,
-    mocap_trees,
+    place_via_proxy,
     read_mapping,
-    status_topic,
 )
-from sfglab.spatial.mocap.bridge import STATUS, STATUS_QOS, status_message
-from sfglab.spatial.mocap.mapping import PlacingError, direct_name, place_via_proxy
-from sfglab.spatial.mocap.tracking import TrackState
+from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, SyntheticSource
+from sfglab.spatial.mocap.tracking import Capture, Lapse, Limits, TrackState, Verdict
 
 S = 1_000_000_000
 MARKERS = Pose.at((0.1, 0.0, 0.2), (0, 0, 0.3, 1))

@@ -16,8 +16,8 @@ from sfglab.messages import message_type, stamp_from_ns
 from sfglab.qos import QoSProfile
 from sfglab.record import LogError, LogReader, LogWriter
 from sfglab.spatial import Pose, StampedTransform
-from sfglab.spatial.mocap import Lapse, LogSource, TopicSource, ViconSource
-from sfglab.spatial.mocap.tracking import MocapError
+from sfglab.spatial.mocap.sources import LogSource, TopicSource, ViconSource
+from sfglab.spatial.mocap.tracking import Lapse, MocapError
 
 S = 1_000_000_000
 TURN = Pose.from_yaw((1.0, 2.0, 3.0), 0.7)

@@ -12,19 +12,19 @@ from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
 from sfglab.spatial import Pose, StampedTransform
-from sfglab.spatial.frames import FrameBuffer
-from sfglab.spatial.mocap import (
+from sfglab.spatial.frames.buffer import FrameBuffer
+from sfglab.spatial.mocap.offset import PosePair, estimate_offset, pose_pairs
+from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, synthetic_captures
+from sfglab.spatial.mocap.tracking import (
+    TRANSITIONS,
     Lapse,
     Limits,
-    SyntheticConfig,
-    SyntheticMotion,
+    MocapError,
+    Track,
+    TrackState,
     Verdict,
-    estimate_offset,
-    pose_pairs,
-    synthetic_captures,
+    judge,
 )
-from sfglab.spatial.mocap.offset import PosePair
-from sfglab.spatial.mocap.tracking import TRANSITIONS, MocapError, Track, TrackState, judge
 
 MS = 1_000_000
 LIMITS = Limits(speed_m_s=5.0, turn_rad_s=10.0, slack_m=0.02, slack_rad=0.2, believe_after_s=0.1)

@@ -12,23 +12,13 @@ from pathlib import Path
 import pytest
 
 from sfglab.spatial import Pose
-from sfglab.spatial.scene import (
-    AlignWaypoints,
-    ChangeKind,
-    Editor,
-    Rename,
-    Retime,
-    Scene,
-    SceneError,
-    SetProperty,
-    SetScene,
-    load_scene,
-    read_scene,
-    scene_text,
-)
+from sfglab.spatial.scene.commands import AlignWaypoints, Rename, Retime, SetProperty, SetScene
 from sfglab.spatial.scene.conflicts import ConflictKind
-from sfglab.spatial.scene.files import save_scene
-from sfglab.spatial.trajectory import Align
+from sfglab.spatial.scene.editor import ChangeKind, Editor
+from sfglab.spatial.scene.files import load_scene, read_scene, save_scene, scene_text
+from sfglab.spatial.scene.objects import SceneError
+from sfglab.spatial.scene.tree import Scene
+from sfglab.spatial.trajectory.path import Align
 
 SCENES = Path(__file__).parents[2] / "data" / "scenes"
 

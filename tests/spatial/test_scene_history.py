@@ -11,30 +11,28 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from trajectory_strategies import positions, quats
 
 from sfglab.spatial import Pose
-from sfglab.spatial.scene import (
-    KINDS,
-    ROOT,
+from sfglab.spatial.scene.commands import (
+    Add,
     AlignWaypoints,
-    ChangeKind,
-    Editor,
-    Group,
+    History,
     Move,
     Remove,
     Rename,
     Retime,
-    Scene,
-    SceneError,
     SetPose,
     SetProperty,
     SetScene,
     SetTime,
     Several,
     Stretch,
-    read_scene,
-    scene_text,
 )
-from sfglab.spatial.scene.commands import Add, History
-from sfglab.spatial.trajectory import Align, Limits, csv_from_trajectory, trajectory_from_csv
+from sfglab.spatial.scene.editor import ChangeKind, Editor
+from sfglab.spatial.scene.files import read_scene, scene_text
+from sfglab.spatial.scene.objects import KINDS, ROOT, Group, SceneError
+from sfglab.spatial.scene.tree import Scene
+from sfglab.spatial.trajectory.exchange import csv_from_trajectory, trajectory_from_csv
+from sfglab.spatial.trajectory.limits import Limits
+from sfglab.spatial.trajectory.path import Align
 
 S = 1_000_000_000
 poses = st.builds(Pose.at, positions, quats)

@@ -20,8 +20,9 @@ from sfglab.messages import message_type, stamp_from_ns
 from sfglab.names import TF, TF_STATIC
 from sfglab.record import LogWriter
 from sfglab.spatial import Pose, StampedTransform
-from sfglab.spatial.frames import TRANSFORMS
-from sfglab.spatial.mocap import SyntheticConfig, SyntheticMotion, read_mapping, synthetic_captures
+from sfglab.spatial.frames.listener import TRANSFORMS
+from sfglab.spatial.mocap.mapping import read_mapping
+from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, synthetic_captures
 
 EXAMPLE = str(Path(__file__).parents[2] / "data" / "mocap" / "two_agents.yaml")
 OFFSET = Pose.at((0.03, -0.01, -0.12), (0.02, -0.03, 0.06, 1.0))

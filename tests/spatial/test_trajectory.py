@@ -13,32 +13,27 @@ from trajectory_strategies import trajectories
 
 from sfglab.messages import deserialize, serialize
 from sfglab.spatial import Pose, PoseError
-from sfglab.spatial.trajectory import (
-    LATEST_NS,
-    Align,
-    Interpolation,
-    Limits,
-    Quantity,
-    Trajectory,
-    TrajectoryError,
-    align_waypoint,
-    aligned_quat,
+from sfglab.spatial.trajectory.exchange import (
     csv_from_trajectory,
-    limit_violations,
-    motion_of,
     multi_dof_from_trajectory,
     path_from_trajectory,
-    peaks,
-    pose_at,
-    resampled,
-    retimed,
-    sample,
-    stretched,
     trajectory_from_csv,
     trajectory_from_multi_dof,
     trajectory_from_path,
 )
-from sfglab.spatial.trajectory.path import with_durations
+from sfglab.spatial.trajectory.limits import Limits, Quantity, limit_violations, peaks, retimed
+from sfglab.spatial.trajectory.motion import motion_of, pose_at, resampled, sample
+from sfglab.spatial.trajectory.path import (
+    LATEST_NS,
+    Align,
+    Interpolation,
+    Trajectory,
+    TrajectoryError,
+    align_waypoint,
+    aligned_quat,
+    stretched,
+    with_durations,
+)
 
 S = 1_000_000_000
 SPLINE = Interpolation.CATMULL_ROM

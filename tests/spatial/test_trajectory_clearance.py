@@ -12,17 +12,9 @@ from hypothesis import strategies as st
 from trajectory_strategies import poses, positions, trajectories
 
 from sfglab.spatial import Pose
-from sfglab.spatial.trajectory import (
-    Box,
-    Cylinder,
-    Interpolation,
-    Sphere,
-    Trajectory,
-    TrajectoryError,
-    closest_approach,
-    closest_to_shape,
-    motion_of,
-)
+from sfglab.spatial.trajectory.clearance import Box, Cylinder, Sphere, closest_approach, closest_to_shape
+from sfglab.spatial.trajectory.motion import motion_of
+from sfglab.spatial.trajectory.path import Interpolation, Trajectory, TrajectoryError
 
 S = 1_000_000_000
 POLYLINE = st.just(Interpolation.POLYLINE)

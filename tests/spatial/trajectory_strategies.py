@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from sfglab.spatial import Pose
-from sfglab.spatial.trajectory import Interpolation, Trajectory
+from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 
 coordinates = st.one_of(st.integers(-5, 5).map(float), st.floats(-20, 20))
 positions = st.tuples(coordinates, coordinates, coordinates)

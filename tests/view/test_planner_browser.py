@@ -9,7 +9,8 @@ import pytest
 
 from sfglab.errors import MissingExtraError
 from sfglab.lab.browser import Browser, BrowserError
-from sfglab.spatial.scene import Editor, load_scene
+from sfglab.spatial.scene.editor import Editor
+from sfglab.spatial.scene.files import load_scene
 
 pytestmark = [pytest.mark.live, pytest.mark.browser]
 
@@ -29,7 +30,7 @@ def browser():
 
 @pytest.fixture
 def planner(tmp_path):
-    from sfglab.view.planner import Planner
+    from sfglab.view.planner.server import Planner
 
     with Planner(Editor.open(tmp_path / "new.yaml"), port=0) as made:
         yield made

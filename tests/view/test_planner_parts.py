@@ -11,19 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from sfglab.errors import SfglabError
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.scene import (
-    KINDS,
-    ROOT,
-    AgentObject,
-    Change,
-    ChangeKind,
-    Editor,
-    Scene,
-    SceneError,
-    TrajectoryObject,
-    WaypointObject,
-)
-from sfglab.spatial.trajectory import Box, Cylinder, Sphere, Trajectory
+from sfglab.spatial.scene.editor import Change, ChangeKind, Editor
+from sfglab.spatial.scene.objects import KINDS, ROOT, AgentObject, SceneError, TrajectoryObject, WaypointObject
+from sfglab.spatial.scene.tree import Scene
+from sfglab.spatial.trajectory.clearance import Box, Cylinder, Sphere
+from sfglab.spatial.trajectory.path import Trajectory
 from sfglab.view.planner.context import JobQueue
 from sfglab.view.planner.forms import fields_of, yaw_pitch_roll_deg
 from sfglab.view.planner.looks import (

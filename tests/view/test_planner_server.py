@@ -14,8 +14,10 @@ import pytest
 
 from sfglab.errors import MissingExtraError, SfglabError
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.scene import Editor, Rename, load_scene, scene_text
-from sfglab.view.planner import Planner, PlannerError, show_planner
+from sfglab.spatial.scene.commands import Rename
+from sfglab.spatial.scene.editor import Editor
+from sfglab.spatial.scene.files import load_scene, scene_text
+from sfglab.view.planner.server import Planner, PlannerError, show_planner
 
 pytest.importorskip("viser", reason="the scene editor needs the extra 'view'")
 pytestmark = pytest.mark.live

@@ -14,26 +14,21 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.checks import CheckRow, Checks
 from sfglab.lab.checks.trajectories import random_limits, random_pose
-from sfglab.spatial.scene import (
-    AgentObject,
+from sfglab.spatial.scene.commands import (
     AlignWaypoints,
-    Editor,
-    Group,
     Move,
     Remove,
     Rename,
     Retime,
-    SceneError,
     SetPose,
     SetProperty,
     SetTime,
     Stretch,
-    TrajectoryObject,
-    WaypointObject,
-    read_scene,
-    scene_text,
 )
-from sfglab.spatial.trajectory import Align, Interpolation
+from sfglab.spatial.scene.editor import Editor
+from sfglab.spatial.scene.files import read_scene, scene_text
+from sfglab.spatial.scene.objects import AgentObject, Group, SceneError, TrajectoryObject, WaypointObject
+from sfglab.spatial.trajectory.path import Align, Interpolation
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -41,7 +36,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from sfglab.spatial.scene import Command
+    from sfglab.spatial.scene.commands import Command
 
 
 checks = Checks("editing")
@@ -239,7 +234,7 @@ def _refusal(act: Callable[[], None]) -> str:
 _SAVES = """
 import sys
 from pathlib import Path
-from sfglab.spatial.scene import load_scene, save_scene
+from sfglab.spatial.scene.files import load_scene, save_scene
 path = Path(sys.argv[1])
 scenes = [load_scene(path.with_name(name)) for name in ("a.yaml", "b.yaml")]
 print("ready", flush=True)

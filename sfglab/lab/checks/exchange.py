@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING, Any
 from sfglab.lab.checks import Checks
 from sfglab.lab.checks.trajectories import random_trajectory
 from sfglab.messages import deserialize, serialize
-from sfglab.spatial.execution import Order
-from sfglab.spatial.execution.orders import goal_message, order_from_goal
-from sfglab.spatial.trajectory import (
-    Interpolation,
+from sfglab.spatial.execution.orders import Order, goal_message, order_from_goal
+from sfglab.spatial.trajectory.exchange import (
     csv_from_trajectory,
     multi_dof_from_trajectory,
     path_from_trajectory,
@@ -18,13 +16,14 @@ from sfglab.spatial.trajectory import (
     trajectory_from_multi_dof,
     trajectory_from_path,
 )
+from sfglab.spatial.trajectory.path import Interpolation
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     import numpy as np
 
-    from sfglab.spatial.trajectory import Trajectory
+    from sfglab.spatial.trajectory.path import Trajectory
 
     Trial = Callable[[np.random.Generator], str]
 

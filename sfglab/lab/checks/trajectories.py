@@ -13,22 +13,10 @@ import numpy as np
 
 from sfglab.lab.checks import Checks
 from sfglab.spatial import Pose
-from sfglab.spatial.trajectory import (
-    Align,
-    Interpolation,
-    Limits,
-    Trajectory,
-    align_waypoint,
-    closest_approach,
-    in_frame,
-    limit_violations,
-    motion_of,
-    pose_at,
-    resampled,
-    retimed,
-    sample,
-    stretched,
-)
+from sfglab.spatial.trajectory.clearance import closest_approach
+from sfglab.spatial.trajectory.limits import Limits, limit_violations, retimed
+from sfglab.spatial.trajectory.motion import motion_of, pose_at, resampled, sample
+from sfglab.spatial.trajectory.path import Align, Interpolation, Trajectory, align_waypoint, in_frame, stretched
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:

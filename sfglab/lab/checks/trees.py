@@ -13,8 +13,11 @@ import numpy as np
 
 from sfglab.lab.checks import NOTHING, Checks
 from sfglab.spatial import Pose, StampedTransform
-from sfglab.spatial.frames import FrameBuffer, FrameError, FrameRule, lint_frames
-from sfglab.spatial.mocap import Capture, MappedObject, MocapMapping, MocapTrees, mocap_trees
+from sfglab.spatial.frames.buffer import FrameBuffer, FrameError
+from sfglab.spatial.frames.lint import FrameRule, lint_frames
+from sfglab.spatial.mocap.core import MocapTrees, mocap_trees
+from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
+from sfglab.spatial.mocap.tracking import Capture
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator

@@ -17,12 +17,13 @@ from sfglab.errors import InvalidValueError
 from sfglab.fields import between, check_bounds
 from sfglab.spatial.execution.orders import Outcome
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.trajectory import Limits, pose_at, sample
+from sfglab.spatial.trajectory.limits import Limits
+from sfglab.spatial.trajectory.motion import pose_at, sample
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from sfglab.spatial.poses import Vec3
-    from sfglab.spatial.trajectory import Trajectory
+    from sfglab.spatial.trajectory.path import Trajectory
 
 
 _ZERO: Vec3 = (0.0, 0.0, 0.0)

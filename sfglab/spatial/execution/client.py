@@ -16,7 +16,7 @@ from sfglab.spatial.execution.orders import (
     Outcome,
     action_name,
 )
-from sfglab.spatial.scene import AgentObject
+from sfglab.spatial.scene.objects import AgentObject
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from sfglab.bus import ClientGoalHandle, Node
     from sfglab.spatial.execution.orders import ActionDialect, Feedback
-    from sfglab.spatial.scene import Scene
-    from sfglab.spatial.trajectory import Trajectory
+    from sfglab.spatial.scene.tree import Scene
+    from sfglab.spatial.trajectory.path import Trajectory
 
 
 class ExecuteOptions(TypedDict, total=False):

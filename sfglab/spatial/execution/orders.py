@@ -15,22 +15,16 @@ from sfglab.errors import SfglabError
 from sfglab.messages import action_type, message_type, ns_from_stamp
 from sfglab.names import Resource, RosFqnBuilder, Scope
 from sfglab.spatial.poses import Pose, PoseError, header_msg
-from sfglab.spatial.trajectory import (
-    Interpolation,
-    Limits,
-    Quantity,
-    limit_violations,
-    multi_dof_from_trajectory,
-    pose_at,
-    resampled,
-    trajectory_from_multi_dof,
-)
+from sfglab.spatial.trajectory.exchange import multi_dof_from_trajectory, trajectory_from_multi_dof
+from sfglab.spatial.trajectory.limits import Limits, Quantity, limit_violations
+from sfglab.spatial.trajectory.motion import pose_at, resampled
+from sfglab.spatial.trajectory.path import Interpolation
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.spatial.trajectory import Trajectory
+    from sfglab.spatial.trajectory.path import Trajectory
 
 
 class Outcome(Enum):

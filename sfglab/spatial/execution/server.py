@@ -28,10 +28,11 @@ from sfglab.spatial.execution.orders import (
     result_message,
     stamped_pose,
 )
-from sfglab.spatial.frames import TF_QOS, TRANSFORMS
+from sfglab.spatial.frames.listener import TF_QOS, TRANSFORMS
 from sfglab.spatial.poses import Pose, StampedTransform, header_msg
-from sfglab.spatial.trajectory import Trajectory, motion_of
 from sfglab.spatial.trajectory.exchange import duration_msg
+from sfglab.spatial.trajectory.motion import motion_of
+from sfglab.spatial.trajectory.path import Trajectory
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.names import TF, Custom, RosFqnBuilder, Scope
 from sfglab.qos import Durability, QoSProfile
-from sfglab.spatial.frames import TF_QOS, TRANSFORMS, FrameBuffer, FramesListener
+from sfglab.spatial.frames.buffer import FrameBuffer
+from sfglab.spatial.frames.listener import TF_QOS, TRANSFORMS, FramesListener
 from sfglab.spatial.mocap.core import BridgeCore
 from sfglab.spatial.mocap.tracking import TrackState, Verdict
 from sfglab.units import NS_PER_S

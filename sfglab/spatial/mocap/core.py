@@ -11,7 +11,7 @@ from collections import Counter, deque
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from sfglab.spatial.frames import FrameBuffer, FrameError
+from sfglab.spatial.frames.buffer import FrameBuffer, FrameError
 from sfglab.spatial.mocap.mapping import PlacingError, direct_name, direct_transforms, place_via_proxy
 from sfglab.spatial.mocap.tracking import Track, TrackState, judge
 from sfglab.spatial.poses import Pose, StampedTransform

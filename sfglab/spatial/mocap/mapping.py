@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sfglab.documents import KeyPath, Section
-    from sfglab.spatial.frames import FrameBuffer
+    from sfglab.spatial.frames.buffer import FrameBuffer
     from sfglab.spatial.mocap.tracking import Capture
 
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sfglab.spatial.frames import FrameError
+from sfglab.spatial.frames.buffer import FrameError
 from sfglab.spatial.mocap.tracking import MocapError
 from sfglab.spatial.poses import Pose, Vec3
 from sfglab.units import NS_PER_S
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from scipy.spatial.transform import Rotation
 
-    from sfglab.spatial.frames import FrameBuffer
+    from sfglab.spatial.frames.buffer import FrameBuffer
     from sfglab.spatial.mocap.tracking import Capture
 
 

@@ -21,7 +21,8 @@ from sfglab.spatial.scene.objects import (
     place_of,
 )
 from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Draft, Scene
-from sfglab.spatial.trajectory import Align, Limits, Trajectory, TrajectoryError, retimed, stretched
+from sfglab.spatial.trajectory.limits import Limits, retimed
+from sfglab.spatial.trajectory.path import Align, Trajectory, TrajectoryError, stretched
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -23,7 +23,9 @@ from sfglab.spatial.scene.objects import (
     ZoneObject,
     ZoneRule,
 )
-from sfglab.spatial.trajectory import closest_approach, closest_to_shape, limit_violations, motion_of, sample
+from sfglab.spatial.trajectory.clearance import closest_approach, closest_to_shape
+from sfglab.spatial.trajectory.limits import limit_violations
+from sfglab.spatial.trajectory.motion import motion_of, sample
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -33,7 +35,8 @@ if TYPE_CHECKING:
 
     from sfglab.spatial.poses import Pose, Vec3
     from sfglab.spatial.scene.tree import Scene
-    from sfglab.spatial.trajectory import Approach, ObstacleApproach, Shape, Trajectory
+    from sfglab.spatial.trajectory.clearance import Approach, ObstacleApproach, Shape
+    from sfglab.spatial.trajectory.path import Trajectory
 
 
 _TOLERANCE_M = 1e-3

@@ -25,7 +25,7 @@ from sfglab.spatial.scene.objects import (
     place_of,
 )
 from sfglab.spatial.scene.tree import Scene
-from sfglab.spatial.trajectory import pose_at
+from sfglab.spatial.trajectory.motion import pose_at
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from sfglab.spatial.scene.commands import Step
     from sfglab.spatial.scene.conflicts import Conflict, Ghost
-    from sfglab.spatial.trajectory import Trajectory
+    from sfglab.spatial.trajectory.path import Trajectory
 
 
 class ChangeKind(Enum):

@@ -19,7 +19,7 @@ from sfglab.documents import Document, DocumentError, suggestion
 from sfglab.spatial.poses import Pose, PoseError
 from sfglab.spatial.scene.objects import KINDS, ROOT, SceneError, SceneObject, TrajectoryObject, WaypointObject
 from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Draft, Scene
-from sfglab.spatial.trajectory import LATEST_NS
+from sfglab.spatial.trajectory.path import LATEST_NS
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:

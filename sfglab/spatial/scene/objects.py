@@ -15,17 +15,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from sfglab.errors import InvalidValueError
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.trajectory import (
-    LATEST_NS,
-    Align,
-    Box,
-    Cylinder,
-    Interpolation,
-    Limits,
-    Quantity,
-    Shape,
-    Sphere,
-)
+from sfglab.spatial.trajectory.clearance import Box, Cylinder, Shape, Sphere
+from sfglab.spatial.trajectory.limits import Limits, Quantity
+from sfglab.spatial.trajectory.path import LATEST_NS, Align, Interpolation
 
 if TYPE_CHECKING:
     from collections.abc import Callable

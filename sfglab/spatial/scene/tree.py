@@ -25,7 +25,7 @@ from sfglab.spatial.scene.objects import (
     place_of,
     text,
 )
-from sfglab.spatial.trajectory import Trajectory, Waypoint, aligned_quat, in_frame
+from sfglab.spatial.trajectory.path import Trajectory, Waypoint, aligned_quat, in_frame
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -23,7 +23,7 @@ from sfglab.errors import MissingExtraError, SfglabError
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Hashable, Iterator
 
-    from sfglab.spatial.scene import Change, Editor
+    from sfglab.spatial.scene.editor import Change, Editor
 
 
 _log = logging.getLogger(__name__)

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.spatial.scene import ObstacleObject, TrajectoryObject, WaypointObject, ZoneObject, ZoneRule
-from sfglab.spatial.trajectory import Box, Cylinder
+from sfglab.spatial.scene.objects import ObstacleObject, TrajectoryObject, WaypointObject, ZoneObject, ZoneRule
+from sfglab.spatial.trajectory.clearance import Box, Cylinder
 from sfglab.units import NS_PER_S
 from sfglab.view.planner.looks import NOBODY, agent_colours, line_of, linear, outline_of, top_speed_m_s, wxyz
 
@@ -15,8 +15,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
     from sfglab.spatial.poses import Pose
-    from sfglab.spatial.scene import AgentObject, Conflict, Ghost, Scene
-    from sfglab.spatial.trajectory import Shape
+    from sfglab.spatial.scene.conflicts import Conflict, Ghost
+    from sfglab.spatial.scene.objects import AgentObject
+    from sfglab.spatial.scene.tree import Scene
+    from sfglab.spatial.trajectory.clearance import Shape
     from sfglab.view.planner.looks import Colour
 
 

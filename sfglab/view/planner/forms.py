@@ -14,28 +14,21 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.scene import (
-    ROOT,
-    SCENE_PROPERTIES,
-    AgentObject,
-    Group,
-    Move,
-    Rename,
-    SetPose,
-    SetProperty,
-    SetScene,
-    SetTime,
-    WaypointObject,
-)
-from sfglab.spatial.trajectory import Align, Box, Cylinder, Sphere
+from sfglab.spatial.scene.commands import Move, Rename, SetPose, SetProperty, SetScene, SetTime
+from sfglab.spatial.scene.objects import ROOT, AgentObject, Group, WaypointObject
+from sfglab.spatial.scene.tree import SCENE_PROPERTIES
+from sfglab.spatial.trajectory.clearance import Box, Cylinder, Sphere
+from sfglab.spatial.trajectory.path import Align
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from sfglab.spatial.poses import Vec3
-    from sfglab.spatial.scene import Command, Property, Scene, SceneObject
-    from sfglab.spatial.trajectory import Shape
+    from sfglab.spatial.scene.commands import Command
+    from sfglab.spatial.scene.objects import Property, SceneObject
+    from sfglab.spatial.scene.tree import Scene
+    from sfglab.spatial.trajectory.clearance import Shape
 
 
 _NONE = "none"

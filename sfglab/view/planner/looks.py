@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.spatial.scene import (
+from sfglab.spatial.scene.objects import (
     ROOT,
     AgentObject,
     ObstacleObject,
@@ -19,7 +19,8 @@ from sfglab.spatial.scene import (
     WaypointObject,
     ZoneObject,
 )
-from sfglab.spatial.trajectory import Box, Cylinder, Shape, Sphere, motion_of, sample
+from sfglab.spatial.trajectory.clearance import Box, Cylinder, Shape, Sphere
+from sfglab.spatial.trajectory.motion import motion_of, sample
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sfglab.spatial.poses import Pose, Quat, Vec3
-    from sfglab.spatial.scene import Scene
-    from sfglab.spatial.trajectory import Trajectory
+    from sfglab.spatial.scene.tree import Scene
+    from sfglab.spatial.trajectory.path import Trajectory
 
 
 Colour = tuple[int, int, int]

@@ -11,7 +11,9 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.spatial.scene import ROOT, ChangeKind, Retime, TrajectoryObject, WaypointObject
+from sfglab.spatial.scene.commands import Retime
+from sfglab.spatial.scene.editor import ChangeKind
+from sfglab.spatial.scene.objects import ROOT, TrajectoryObject, WaypointObject
 from sfglab.units import NS_PER_S
 from sfglab.view.planner.context import Part
 from sfglab.view.planner.forms import Field, FieldKind, fields_of
@@ -20,7 +22,8 @@ from sfglab.view.planner.looks import TreeRow, rows_of, title_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.spatial.scene import Change, Conflict
+    from sfglab.spatial.scene.conflicts import Conflict
+    from sfglab.spatial.scene.editor import Change
     from sfglab.view.planner.context import Context
 
 

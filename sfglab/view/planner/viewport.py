@@ -8,8 +8,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.scene import AgentObject, ChangeKind, Group, TrajectoryObject, WaypointObject
-from sfglab.spatial.trajectory import Align
+from sfglab.spatial.scene.editor import ChangeKind
+from sfglab.spatial.scene.objects import AgentObject, Group, TrajectoryObject, WaypointObject
+from sfglab.spatial.trajectory.path import Align
 from sfglab.view.planner.context import Part
 from sfglab.view.planner.drawing import Drawing
 from sfglab.view.planner.looks import camera_for, open_trajectory, wxyz
@@ -17,7 +18,9 @@ from sfglab.view.planner.looks import camera_for, open_trajectory, wxyz
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable
 
-    from sfglab.spatial.scene import Change, Conflict, Scene
+    from sfglab.spatial.scene.conflicts import Conflict
+    from sfglab.spatial.scene.editor import Change
+    from sfglab.spatial.scene.tree import Scene
     from sfglab.view.planner.context import Context
 
 

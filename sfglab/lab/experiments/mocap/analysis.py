@@ -16,7 +16,8 @@ from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.mocap.experiment import Config, exp
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import median_of
-from sfglab.spatial.frames import Edge, FrameFinding, lint_frames
+from sfglab.spatial.frames.buffer import Edge
+from sfglab.spatial.frames.lint import FrameFinding, lint_frames
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

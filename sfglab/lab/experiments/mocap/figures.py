@@ -35,7 +35,7 @@ _CASES = {
 @exp.figure("mocap_trees", size=(13, 4.6))
 def draw_trees(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw both trees of Fig. 6, and the one between, with what is wrong."""
-    from sfglab.spatial.frames import draw_tree
+    from sfglab.spatial.frames.lint import draw_tree
 
     twin: dict[str, Any] = {}
     for ax, (way, title) in zip(figure.subplots(1, 3), _TITLES.items(), strict=True):

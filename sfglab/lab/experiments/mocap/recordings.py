@@ -17,24 +17,18 @@ from sfglab.lab.checks import CheckRow
 from sfglab.lab.checks.trees import AGENT, OBJECT, WORLD, figure_6
 from sfglab.lab.experiments.mocap.robot import FAULTY, MOTION
 from sfglab.spatial import Pose, StampedTransform
-from sfglab.spatial.frames import FrameBuffer
-from sfglab.spatial.mocap import (
-    BridgeCore,
-    Lapse,
-    MappedObject,
-    MocapMapping,
-    SyntheticConfig,
-    SyntheticMotion,
-    Verdict,
-    estimate_offset,
-    pose_pairs,
-    synthetic_captures,
-)
+from sfglab.spatial.frames.buffer import FrameBuffer
+from sfglab.spatial.mocap.core import BridgeCore
+from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
+from sfglab.spatial.mocap.offset import estimate_offset, pose_pairs
+from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, synthetic_captures
+from sfglab.spatial.mocap.tracking import Lapse, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sfglab.spatial.mocap import OffsetEstimate, TrueCapture
+    from sfglab.spatial.mocap.offset import OffsetEstimate
+    from sfglab.spatial.mocap.synthetic import TrueCapture
 
 
 _BELIEVED = frozenset(v.value for v in Verdict if v.believed)

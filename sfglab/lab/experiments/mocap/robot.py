@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from sfglab.bus.address import BusAddress
 from sfglab.lab.checks.trees import AGENT, OBJECT, WORLD
 from sfglab.spatial import Pose, StampedTransform
-from sfglab.spatial.mocap import MappedObject, MocapMapping, SyntheticConfig, SyntheticMotion
+from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
+from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion
 
 CAMERA = f"{AGENT}/camera"
 MOTION = SyntheticMotion()

@@ -19,15 +19,16 @@ from sfglab.messages import message_type
 from sfglab.names import TF, TF_STATIC
 from sfglab.processes import Member, ProcessGroup
 from sfglab.spatial import StampedTransform
-from sfglab.spatial.frames import TRANSFORMS
-from sfglab.spatial.mocap import Lapse, synthetic_captures
+from sfglab.spatial.frames.listener import TRANSFORMS
+from sfglab.spatial.mocap.synthetic import synthetic_captures
+from sfglab.spatial.mocap.tracking import Lapse
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from sfglab.component import Report
     from sfglab.lab.testbed import Testbed
-    from sfglab.spatial.mocap import TrueCapture
+    from sfglab.spatial.mocap.synthetic import TrueCapture
 
     Reports = dict[str, Report]
 

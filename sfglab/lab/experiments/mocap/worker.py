@@ -33,15 +33,11 @@ from sfglab.lab.experiments.mocap.robot import (
 from sfglab.messages import message_type, ns_from_stamp
 from sfglab.names import TF, TF_STATIC
 from sfglab.spatial import StampedTransform
-from sfglab.spatial.frames import (
-    TF_QOS,
-    TF_STATIC_QOS,
-    TRANSFORMS,
-    FrameBuffer,
-    FrameError,
-    FramesListener,
-)
-from sfglab.spatial.mocap import MocapBridge, SyntheticSource, direct_transforms
+from sfglab.spatial.frames.buffer import FrameBuffer, FrameError
+from sfglab.spatial.frames.listener import TF_QOS, TF_STATIC_QOS, TRANSFORMS, FramesListener
+from sfglab.spatial.mocap.bridge import MocapBridge
+from sfglab.spatial.mocap.mapping import direct_transforms
+from sfglab.spatial.mocap.synthetic import SyntheticSource
 
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
@@ -50,7 +46,7 @@ if TYPE_CHECKING:
     from sfglab.bus.api import MessageInfo
     from sfglab.component import Report
     from sfglab.spatial import Pose
-    from sfglab.spatial.mocap import Capture, MocapSource
+    from sfglab.spatial.mocap.tracking import Capture, MocapSource
 
 
 MOTION_HZ, LOOK_HZ = 50.0, 50.0

@@ -13,15 +13,16 @@ from sfglab.lab.checks import CheckRow, check_row, share_of_checks
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.planning.experiment import Config, exp
 from sfglab.lab.runs import Run, derived
-from sfglab.spatial.execution import Tolerances
-from sfglab.spatial.scene import AgentObject, read_scene
+from sfglab.spatial.execution.agent import Tolerances
+from sfglab.spatial.scene.files import read_scene
+from sfglab.spatial.scene.objects import AgentObject
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
-    from sfglab.spatial.scene import Scene
+    from sfglab.spatial.scene.tree import Scene
 
     Holds = Callable[[Any], bool]
 

@@ -14,18 +14,11 @@ from sfglab.lab.checks import CheckRow, editing, exchange, trajectories
 from sfglab.lab.experiment import Actor, Experiment, Link, Setup
 from sfglab.lab.paths import find_project
 from sfglab.spatial import Pose
-from sfglab.spatial.scene import load_scene, scene_text
-from sfglab.spatial.trajectory import (
-    Interpolation,
-    Limits,
-    Quantity,
-    Trajectory,
-    path_from_trajectory,
-    peaks,
-    resampled,
-    retimed,
-    sample,
-)
+from sfglab.spatial.scene.files import load_scene, scene_text
+from sfglab.spatial.trajectory.exchange import path_from_trajectory
+from sfglab.spatial.trajectory.limits import Limits, Quantity, peaks, retimed
+from sfglab.spatial.trajectory.motion import resampled, sample
+from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -33,7 +26,7 @@ if TYPE_CHECKING:
 
     from sfglab.lab.bench import Bench
     from sfglab.lab.experiments.planning.driving import Driven
-    from sfglab.spatial.scene import Scene
+    from sfglab.spatial.scene.tree import Scene
 
 
 EXAMPLE_LIMITS = Limits(speed_m_s=1.0, acceleration_m_s2=1.0)

@@ -11,8 +11,10 @@ import numpy as np
 from sfglab.lab.experiments.planning.analysis import apart_m, scene_of
 from sfglab.lab.experiments.planning.experiment import EXAMPLE_LIMITS, EXAMPLE_M, Config, exp
 from sfglab.lab.figures import COLORS
-from sfglab.spatial.scene import AgentObject, ObstacleObject, ZoneObject, ZoneRule
-from sfglab.spatial.trajectory import Box, Interpolation, motion_of
+from sfglab.spatial.scene.objects import AgentObject, ObstacleObject, ZoneObject, ZoneRule
+from sfglab.spatial.trajectory.clearance import Box
+from sfglab.spatial.trajectory.motion import motion_of
+from sfglab.spatial.trajectory.path import Interpolation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +22,8 @@ if TYPE_CHECKING:
 
     from sfglab.lab.runs import Run
     from sfglab.spatial import Pose
-    from sfglab.spatial.trajectory import Shape, Trajectory
+    from sfglab.spatial.trajectory.clearance import Shape
+    from sfglab.spatial.trajectory.path import Trajectory
 
 
 _LINES = {Interpolation.POLYLINE: COLORS["network"], Interpolation.CATMULL_ROM: COLORS["fourth"]}
