@@ -167,36 +167,27 @@ class GopCache(Generic[M]):
 class State(Enum):
     """Where a stream's replay stands."""
 
-    IDLE = auto()
-    """Nobody reads it; nothing is written."""
+    IDLE = auto()  #: Nobody reads it; nothing is written.
+    #: The first reader came a moment ago; the way to whoever stands behind it is still being connected.
     SETTLING = auto()
-    """The first reader came a moment ago; the way to whoever stands behind it is still being connected."""
-    SERVING = auto()
-    """The group was sent; every packet follows as it comes."""
+    SERVING = auto()  #: The group was sent; every packet follows as it comes.
 
 
 class Input(Enum):
     """What can happen to a replay."""
 
-    READ = auto()
-    """The first reader appeared."""
-    UNREAD = auto()
-    """The last reader left."""
-    TIMER = auto()
-    """The armed timer ran out."""
+    READ = auto()  #: The first reader appeared.
+    UNREAD = auto()  #: The last reader left.
+    TIMER = auto()  #: The armed timer ran out.
 
 
 class Action(Enum):
     """What the caller has to do after a transition."""
 
-    SETTLE = auto()
-    """Arm the timer."""
-    CANCEL = auto()
-    """Nothing is waited for any more."""
-    BURST = auto()
-    """Send all that is kept."""
-    RENEW = auto()
-    """Forget what was sent, so that the next reader does not hear it."""
+    SETTLE = auto()  #: Arm the timer.
+    CANCEL = auto()  #: Nothing is waited for any more.
+    BURST = auto()  #: Send all that is kept.
+    RENEW = auto()  #: Forget what was sent, so that the next reader does not hear it.
 
 
 _S, _I, _A = State, Input, Action

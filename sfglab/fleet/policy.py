@@ -31,10 +31,8 @@ if TYPE_CHECKING:
 class Side(Enum):
     """One of the two domains that a router joins."""
 
-    LOCAL = "local"
-    """The agent's own domain, D_i in the paper."""
-    GLOBAL = "global"
-    """The domain that all agents share, D_0 in the paper."""
+    LOCAL = "local"  #: The agent's own domain, D_i in the paper.
+    GLOBAL = "global"  #: The domain that all agents share, D_0 in the paper.
 
     @property
     def other(self) -> Side:
@@ -45,10 +43,8 @@ class Side(Enum):
 class Direction(Enum):
     """Which way a sample crosses the border."""
 
-    OUTWARD = "outward"
-    """From the agent's domain into the global one."""
-    INWARD = "inward"
-    """From the global domain into the agent's."""
+    OUTWARD = "outward"  #: From the agent's domain into the global one.
+    INWARD = "inward"  #: From the global domain into the agent's.
 
     @property
     def source(self) -> Side:
@@ -65,8 +61,7 @@ class Crossing(Enum):
     """How much of a ROS name, which may be several DDS topics, crosses."""
 
     NONE = "none"
-    HALF = "half"
-    """Only some of its DDS topics: a service whose requests pass and whose replies do not."""
+    HALF = "half"  #: Only some of its DDS topics: a service whose requests pass and whose replies do not.
     WHOLE = "whole"
 
 

@@ -29,22 +29,14 @@ if TYPE_CHECKING:
 class State(Enum):
     """Where a component stands."""
 
-    NEW = auto()
-    """Nothing has been started yet."""
-    STARTING = auto()
-    """Its process runs and has not reported that it serves."""
-    RUNNING = auto()
-    """It serves."""
-    REPLACING = auto()
-    """It took too long to start and was told to end; another one follows."""
-    BACKING_OFF = auto()
-    """It is gone; the next start waits."""
-    STOPPING = auto()
-    """It was told to end for good."""
-    STOPPED = auto()
-    """Nothing runs, as was wanted."""
-    FAILED = auto()
-    """Nothing runs, and another try would not help."""
+    NEW = auto()  #: Nothing has been started yet.
+    STARTING = auto()  #: Its process runs and has not reported that it serves.
+    RUNNING = auto()  #: It serves.
+    REPLACING = auto()  #: It took too long to start and was told to end; another one follows.
+    BACKING_OFF = auto()  #: It is gone; the next start waits.
+    STOPPING = auto()  #: It was told to end for good.
+    STOPPED = auto()  #: Nothing runs, as was wanted.
+    FAILED = auto()  #: Nothing runs, and another try would not help.
 
 
 REST = frozenset({State.STOPPED, State.FAILED})
@@ -54,35 +46,24 @@ REST = frozenset({State.STOPPED, State.FAILED})
 class Input(Enum):
     """What can happen to a component."""
 
-    BEGIN = auto()
-    """The agent starts."""
-    READY = auto()
-    """The process reports that it serves."""
-    ENDED = auto()
-    """The process is gone, with everything it had started."""
+    BEGIN = auto()  #: The agent starts.
+    READY = auto()  #: The process reports that it serves.
+    ENDED = auto()  #: The process is gone, with everything it had started.
+    #: The process ended of its own accord and no try before it had ever served: its configuration is wrong.
     REFUSED = auto()
-    """The process ended of its own accord and no try before it had ever served: its configuration is wrong."""
-    TIMER = auto()
-    """The armed timer ran out."""
-    TOLD_TO_STOP = auto()
-    """The agent is to end; said again, it is to end at once."""
+    TIMER = auto()  #: The armed timer ran out.
+    TOLD_TO_STOP = auto()  #: The agent is to end; said again, it is to end at once.
 
 
 class Action(Enum):
     """What the caller has to do after a transition."""
 
-    START = auto()
-    """Start the process and arm the start timer."""
-    TERMINATE = auto()
-    """Tell the process to end and arm the stop timer."""
-    KILL = auto()
-    """The process does not end as told, or not soon enough: end it by force."""
-    BACK_OFF = auto()
-    """Arm the back-off timer."""
-    GIVE_UP = auto()
-    """End the agent: it cannot be what it was configured to be."""
-    CANCEL_TIMER = auto()
-    """Nothing is waited for any more."""
+    START = auto()  #: Start the process and arm the start timer.
+    TERMINATE = auto()  #: Tell the process to end and arm the stop timer.
+    KILL = auto()  #: The process does not end as told, or not soon enough: end it by force.
+    BACK_OFF = auto()  #: Arm the back-off timer.
+    GIVE_UP = auto()  #: End the agent: it cannot be what it was configured to be.
+    CANCEL_TIMER = auto()  #: Nothing is waited for any more.
 
 
 _S, _I, _A = State, Input, Action

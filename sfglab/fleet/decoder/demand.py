@@ -57,58 +57,37 @@ class Demand:
 class State(Enum):
     """Where a pipeline stands."""
 
-    IDLE = auto()
-    """The stream is known; nobody wants it; nothing runs."""
-    STARTING = auto()
-    """A pipeline was asked for and has not reported yet."""
-    RUNNING = auto()
-    """The pipeline is up."""
-    LINGERING = auto()
-    """The last subscriber left a moment ago; the pipeline is kept in case one returns."""
-    STOPPING = auto()
-    """The pipeline was told to end."""
-    RESTARTING = auto()
-    """The pipeline was told to end, and is wanted again."""
-    BACKING_OFF = auto()
-    """The pipeline died while wanted; the next try waits."""
-    LEAVING = auto()
-    """The stream was withdrawn; the pipeline was told to end."""
-    GONE = auto()
-    """The stream was withdrawn and nothing runs."""
+    IDLE = auto()  #: The stream is known; nobody wants it; nothing runs.
+    STARTING = auto()  #: A pipeline was asked for and has not reported yet.
+    RUNNING = auto()  #: The pipeline is up.
+    LINGERING = auto()  #: The last subscriber left a moment ago; the pipeline is kept in case one returns.
+    STOPPING = auto()  #: The pipeline was told to end.
+    RESTARTING = auto()  #: The pipeline was told to end, and is wanted again.
+    BACKING_OFF = auto()  #: The pipeline died while wanted; the next try waits.
+    LEAVING = auto()  #: The stream was withdrawn; the pipeline was told to end.
+    GONE = auto()  #: The stream was withdrawn and nothing runs.
 
 
 class Input(Enum):
     """What can happen to a pipeline."""
 
-    WANTED = auto()
-    """The first local subscriber appeared."""
-    UNWANTED = auto()
-    """The last local subscriber left."""
-    STARTED = auto()
-    """The pipeline reports that it is up."""
-    ENDED = auto()
-    """The pipeline is gone, as told or by a crash."""
-    TIMER = auto()
-    """The armed timer ran out."""
-    WITHDRAWN = auto()
-    """The remote agent or its stream is no longer known."""
+    WANTED = auto()  #: The first local subscriber appeared.
+    UNWANTED = auto()  #: The last local subscriber left.
+    STARTED = auto()  #: The pipeline reports that it is up.
+    ENDED = auto()  #: The pipeline is gone, as told or by a crash.
+    TIMER = auto()  #: The armed timer ran out.
+    WITHDRAWN = auto()  #: The remote agent or its stream is no longer known.
 
 
 class Action(Enum):
     """What the caller has to do after a transition."""
 
-    START = auto()
-    """Start the pipeline and arm the start timer."""
-    STOP = auto()
-    """Tell the pipeline to end and arm the stop timer."""
-    KILL = auto()
-    """The pipeline does not end as told: end it by force."""
-    LINGER = auto()
-    """Arm the linger timer."""
-    BACK_OFF = auto()
-    """Arm the back-off timer."""
-    CANCEL_TIMER = auto()
-    """Nothing is waited for any more."""
+    START = auto()  #: Start the pipeline and arm the start timer.
+    STOP = auto()  #: Tell the pipeline to end and arm the stop timer.
+    KILL = auto()  #: The pipeline does not end as told: end it by force.
+    LINGER = auto()  #: Arm the linger timer.
+    BACK_OFF = auto()  #: Arm the back-off timer.
+    CANCEL_TIMER = auto()  #: Nothing is waited for any more.
 
 
 _S, _I, _A = State, Input, Action

@@ -32,12 +32,9 @@ class Source(Enum):
 class Phase(Enum):
     """How far the joining is."""
 
-    JOINING = auto()
-    """Both sources are needed."""
-    CONNECTED = auto()
-    """The live stream has reached the chain; the replay can be left."""
-    FOLLOWING = auto()
-    """Packets of the live stream pass as they come, gaps included."""
+    JOINING = auto()  #: Both sources are needed.
+    CONNECTED = auto()  #: The live stream has reached the chain; the replay can be left.
+    FOLLOWING = auto()  #: Packets of the live stream pass as they come, gaps included.
 
 
 @dataclass(frozen=True, slots=True)

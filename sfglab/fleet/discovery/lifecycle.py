@@ -18,46 +18,36 @@ from sfglab.machine import step
 class Told(Enum):
     """What local consumers have been told of an agent: the rows of the grid."""
 
-    NOTHING = auto()
-    """They have never heard of it, or it has been forgotten since."""
-    PRESENT = auto()
-    """It is there."""
-    LOST = auto()
-    """It was there, and its heartbeats stopped."""
+    NOTHING = auto()  #: They have never heard of it, or it has been forgotten since.
+    PRESENT = auto()  #: It is there.
+    LOST = auto()  #: It was there, and its heartbeats stopped.
 
 
 class Asking(Enum):
     """How an agent's description is being asked for: the columns of the grid."""
 
-    NO = auto()
-    """There is nothing to ask."""
-    QUERYING = auto()
-    """One query is outstanding."""
-    BACKING_OFF = auto()
-    """The last query failed; the next one waits."""
+    NO = auto()  #: There is nothing to ask.
+    QUERYING = auto()  #: One query is outstanding.
+    BACKING_OFF = auto()  #: The last query failed; the next one waits.
 
 
 class State(Enum):
     """Where a remote agent stands."""
 
+    #: Nothing is known of it: where every agent starts, and where it ends when it is forgotten.
     UNKNOWN = Told.NOTHING, Asking.NO
-    """Nothing is known of it: where every agent starts, and where it ends when it is forgotten."""
+    #: A heartbeat was heard; what the agent is, is being asked for the first time.
     QUERYING = Told.NOTHING, Asking.QUERYING
-    """A heartbeat was heard; what the agent is, is being asked for the first time."""
-    BACKING_OFF = Told.NOTHING, Asking.BACKING_OFF
-    """It is alive and has not said yet what it is."""
-    ACTIVE = Told.PRESENT, Asking.NO
-    """It is there, and what it is, is known."""
+    BACKING_OFF = Told.NOTHING, Asking.BACKING_OFF  #: It is alive and has not said yet what it is.
+    ACTIVE = Told.PRESENT, Asking.NO  #: It is there, and what it is, is known.
+    #: It is there; what is known of it is out of date and being asked for again.
     REFRESHING = Told.PRESENT, Asking.QUERYING
-    """It is there; what is known of it is out of date and being asked for again."""
-    REFRESH_BACK_OFF = Told.PRESENT, Asking.BACKING_OFF
-    """It is there; what is known of it is out of date."""
-    LOST = Told.LOST, Asking.NO
-    """Its heartbeats stopped."""
+    REFRESH_BACK_OFF = Told.PRESENT, Asking.BACKING_OFF  #: It is there; what is known of it is out of date.
+    LOST = Told.LOST, Asking.NO  #: Its heartbeats stopped.
+    #: It was lost and is back, but not as it was; what it is now, is being asked for.
     REJOINING = Told.LOST, Asking.QUERYING
-    """It was lost and is back, but not as it was; what it is now, is being asked for."""
+    #: It was lost and is back, and has not said yet what it is now.
     REJOIN_BACK_OFF = Told.LOST, Asking.BACKING_OFF
-    """It was lost and is back, and has not said yet what it is now."""
 
     @property
     def told(self) -> Told:
@@ -73,47 +63,32 @@ class State(Enum):
 class Input(Enum):
     """What can happen to a remote agent."""
 
-    HEARD = auto()
-    """A heartbeat that says nothing new."""
-    CHANGED = auto()
-    """A heartbeat of the same start of the agent, with another revision of its description."""
-    RESTARTED = auto()
-    """A heartbeat of another start of the agent."""
+    HEARD = auto()  #: A heartbeat that says nothing new.
+    CHANGED = auto()  #: A heartbeat of the same start of the agent, with another revision of its description.
+    RESTARTED = auto()  #: A heartbeat of another start of the agent.
+    #: The query was answered by the start of the agent that was announced, or none was announced yet.
     ANSWERED = auto()
-    """The query was answered by the start of the agent that was announced, or none was announced yet."""
+    #: The query was answered by another start of the agent than the one that was announced.
     ANSWERED_ANEW = auto()
-    """The query was answered by another start of the agent than the one that was announced."""
+    #: The query failed, was not answered in time, or was answered with something else than was asked for.
     FAILED = auto()
-    """The query failed, was not answered in time, or was answered with something else than was asked for."""
-    RETRY = auto()
-    """The wait before the next query is over."""
-    SILENT = auto()
-    """No heartbeat came for too long."""
-    EXPIRED = auto()
-    """It has been of no use for too long, or its place is needed."""
+    RETRY = auto()  #: The wait before the next query is over.
+    SILENT = auto()  #: No heartbeat came for too long.
+    EXPIRED = auto()  #: It has been of no use for too long, or its place is needed.
 
 
 class Action(Enum):
     """What has to be done after a transition."""
 
-    QUERY = auto()
-    """Ask the agent what it is."""
-    ABANDON = auto()
-    """Give up the outstanding query; an answer that still comes is ignored."""
-    BACK_OFF = auto()
-    """Wait before the next query."""
-    DISCOVERED = auto()
-    """Announce that an agent was seen for the first time."""
-    UPDATED = auto()
-    """Announce that a known agent has another description."""
-    LOST = auto()
-    """Announce that an agent's heartbeats stopped."""
-    RETURNED = auto()
-    """Announce that a lost agent is back, the same start of it."""
-    RESTARTED = auto()
-    """Announce that an agent is back as another start of it."""
-    FORGET = auto()
-    """Drop everything that is known of it."""
+    QUERY = auto()  #: Ask the agent what it is.
+    ABANDON = auto()  #: Give up the outstanding query; an answer that still comes is ignored.
+    BACK_OFF = auto()  #: Wait before the next query.
+    DISCOVERED = auto()  #: Announce that an agent was seen for the first time.
+    UPDATED = auto()  #: Announce that a known agent has another description.
+    LOST = auto()  #: Announce that an agent's heartbeats stopped.
+    RETURNED = auto()  #: Announce that a lost agent is back, the same start of it.
+    RESTARTED = auto()  #: Announce that an agent is back as another start of it.
+    FORGET = auto()  #: Drop everything that is known of it.
 
 
 ANNOUNCEMENTS = frozenset({Action.DISCOVERED, Action.UPDATED, Action.LOST, Action.RETURNED, Action.RESTARTED})

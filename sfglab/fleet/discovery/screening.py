@@ -28,18 +28,12 @@ _PHASES = frozenset(int(phase) for phase in Phase)
 class Refusal(Enum):
     """Why a heartbeat does not count."""
 
-    MALFORMED = "malformed"
-    """It is no heartbeat: bytes, name, phase, period or version are not allowed."""
-    FLOOD = "flood"
-    """There are more than a fleet would send."""
-    OWN = "own"
-    """It is the discoverer's own agent's."""
-    SPOOFED = "spoofed"
-    """It bears the discoverer's own agent's name and comes from somebody else."""
-    STALE = "stale"
-    """It is from a start of the agent before the one that is there."""
-    FULL = "full"
-    """It is from an agent for which there is no place."""
+    MALFORMED = "malformed"  #: It is no heartbeat: bytes, name, phase, period or version are not allowed.
+    FLOOD = "flood"  #: There are more than a fleet would send.
+    OWN = "own"  #: It is the discoverer's own agent's.
+    SPOOFED = "spoofed"  #: It bears the discoverer's own agent's name and comes from somebody else.
+    STALE = "stale"  #: It is from a start of the agent before the one that is there.
+    FULL = "full"  #: It is from an agent for which there is no place.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

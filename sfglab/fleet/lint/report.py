@@ -19,12 +19,9 @@ if TYPE_CHECKING:
 class Severity(Enum):
     """How bad a finding is, the worst first."""
 
-    ERROR = "error"
-    """Something that the fleet relies on will not work."""
-    WARNING = "warning"
-    """It works, but probably not as meant, or not for long."""
-    INFO = "info"
-    """Worth knowing."""
+    ERROR = "error"  #: Something that the fleet relies on will not work.
+    WARNING = "warning"  #: It works, but probably not as meant, or not for long.
+    INFO = "info"  #: Worth knowing.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,10 +37,8 @@ def metadata_service(agent: str) -> str:
 class Phase(IntEnum):
     """Where an agent is in its life, by the numbers of ``AgentHeartbeat``."""
 
-    STARTUP = 0
-    """It has just started: others may not know it yet."""
-    STEADY = 1
-    """It has been running for a while."""
+    STARTUP = 0  #: It has just started: others may not know it yet.
+    STEADY = 1  #: It has been running for a while.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
