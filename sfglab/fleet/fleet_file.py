@@ -1,13 +1,16 @@
-"""Fleet as values, read from its file: what agents publish, subscribe, serve and call, and their frames.
+"""Fleet as values, read from its file: names that agents use, their frames, and the machines they run on.
 
 Refuses what is not a fleet at all: unknown keys, wrong types, names that ROS or the schema's agent segment
-forbid, domains that DDS does not have. Whether the fleet makes sense is for `sfglab.fleet.lint`. Every part
-remembers its place in the file, which does not count when parts are compared.
+forbid, domains that DDS does not have, what no machine could take. Whether the fleet makes sense is for
+`sfglab.fleet.lint`; images, containers and services of its machines (paper A, section 4.4) are for
+`sfglab.deploy`.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, fields, replace
+from enum import Enum
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -20,6 +23,7 @@ from sfglab.documents import (
     DocumentError,
     Place,
     Section,
+    matching,
     named,
     read_by,
     short_for,
@@ -27,7 +31,6 @@ from sfglab.documents import (
 )
 from sfglab.errors import SfglabError
 from sfglab.fields import between, bounds
-from sfglab.fleet.fleet_file.deployment import DeploymentSpec, HostSpec, read_deployment
 from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy
 from sfglab.fleet.status.description import AgentDescription, SensorDescription, StreamDescription
 from sfglab.names import SHARED_FRAMES, FqnError, ResourceKind, validate_agent, validate_ros_name
@@ -52,6 +55,20 @@ PROFILES = {
     "services": SERVICES,
 }
 _POSITIVE = bounds(without=(0,))
+
+
+AUTO = "auto"
+"""In place of an accelerator's name: found out on the machine."""
+_COMPONENT = r"[a-z0-9]+(?:(?:\.|_{1,2}|-+)[a-z0-9]+)*"
+_REGISTRY = r"[a-zA-Z0-9](?:[a-zA-Z0-9.-]*[a-zA-Z0-9])?(?::[0-9]{1,5})?"
+REPOSITORY = re.compile(rf"(?:{_REGISTRY}/)?{_COMPONENT}(?:/{_COMPONENT})*")
+"""A repository of images (OCI Distribution Specification 1.1, "Pulling manifests")."""
+IMAGE = re.compile(rf"{REPOSITORY.pattern}(?::[\w][\w.-]{{0,127}})?(?:@sha256:[0-9a-f]{{64}})?", re.ASCII)
+ADDRESS = re.compile(r"(?:[a-z_][a-z0-9_-]*@)?[A-Za-z0-9](?:[A-Za-z0-9.-]*[A-Za-z0-9])?")
+HOST = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9.:-]*[A-Za-z0-9])?")
+DEVICE = re.compile(r"/dev/(?!(?:.*/)?\.\.(?:/|$))[A-Za-z0-9][A-Za-z0-9._/-]*")
+PACKAGE = re.compile(r"[a-z0-9][a-z0-9+.-]+")  # Debian Policy 5.6.7
+FOLDER = re.compile(r"[\w][\w./ -]*", re.ASCII)
 
 
 def _read_name(section: Section, key: str, kind: ResourceKind = ResourceKind.TOPIC) -> str:
@@ -103,6 +120,21 @@ def _read_frame(section: Section) -> FrameSpec:
     return frame
 
 
+def _read_accelerator(section: Section, key: str) -> Accelerator | None:
+    choices = (AUTO, *(member.value for member in Accelerator))
+    name = section.text(key, choices=choices)
+    return None if name == AUTO else Accelerator(name)
+
+
+def _read_folder(section: Section, key: str) -> str:
+    folder: str = section.text(key)
+    if not FOLDER.fullmatch(folder):
+        raise section.refusal(key, folder, "a folder beside the fleet file")
+    if ".." in folder.split("/"):
+        raise section.refusal(key, folder, "a folder beside the fleet file, not above it")
+    return folder
+
+
 _NAME, _OPTIONAL_NAME = read_by(_read_name), read_by(_read_optional_name)
 _SERVICES = read_by(partial(_read_uses, kind=ResourceKind.SERVICE))
 _ACTIONS = read_by(partial(_read_uses, kind=ResourceKind.ACTION))
@@ -113,7 +145,97 @@ class UnknownAgentError(SfglabError, LookupError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TopicUse:
+class _Part:
+    """A part of the file, which remembers its place; that does not count when parts are compared."""
+
+    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
+
+
+class Architecture(Enum):
+    """A processor architecture, by its name in container images."""
+
+    AMD64 = "amd64"
+    ARM64 = "arm64"
+
+
+class Accelerator(Enum):
+    """What a machine has beside its processor that can encode, decode or compute."""
+
+    JETSON = "jetson"
+    CUDA = "cuda"
+    ROCM = "rocm"
+    VAAPI = "vaapi"
+    V4L2 = "v4l2"
+    NONE = "none"
+
+
+class RosDistribution(Enum):
+    """The ROS 2 distribution inside the images, for the user's own nodes: sfglab needs none."""
+
+    NONE = "none"
+    HUMBLE = "humble"
+    JAZZY = "jazzy"
+
+
+class RouterSoftware(Enum):
+    """What runs in an agent's second container."""
+
+    SFGLAB = "sfglab"
+    DDS_ROUTER = "dds-router"
+    ZENOH_BRIDGE = "zenoh-bridge"
+
+
+class ContainerNetwork(Enum):
+    """Which network the agent's container sees."""
+
+    BRIDGE = "bridge"
+    HOST = "host"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HostSpec(_Part):
+    """The machine that an agent runs on."""
+
+    model: str = ""  #: Maker and model, for people.
+    #: Where SSH reaches it, ``[user@]host``; empty: it is this machine.
+    address: str = field(default="", metadata=matching(ADDRESS, "[user@]host, as ssh takes it"))
+    architecture: Architecture = Architecture.AMD64  #: Its processor's.
+    #: What it has; None leaves it to detection.
+    accelerator: Accelerator | None = field(default=None, metadata=read_by(_read_accelerator))
+    #: What the agent's container sees: a bridge of its own, or, for robots whose own controllers speak DDS over
+    #: a cable, the host's interfaces.
+    network: ContainerNetwork = ContainerNetwork.BRIDGE
+    #: Device nodes that the agent needs beside its accelerator's, as in ``/dev/video0``.
+    devices: tuple[str, ...] = field(default=(), metadata=matching(DEVICE, "device nodes, as in /dev/video0"))
+    #: Folder of the user's colcon workspace, relative to the fleet file; empty: none.
+    workspace: str = field(default="", metadata=read_by(_read_folder))
+    #: Debian packages that the agent's own software needs.
+    packages: tuple[str, ...] = field(default=(), metadata=matching(PACKAGE, "names of Debian packages"))
+    #: Program and arguments of the user's software, beside the agent; empty: none.
+    launch: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeploymentSpec(_Part):
+    """What is the same for all machines of a fleet."""
+
+    #: Where its images belong, a repository prefix as in ``localhost/esslingen``.
+    images: str = field(
+        default="localhost/fleet",
+        metadata=matching(REPOSITORY, "a repository of images, as in localhost/esslingen"),
+    )
+    ros: RosDistribution = RosDistribution.NONE  #: The ROS 2 distribution inside the images.
+    router: RouterSoftware = RouterSoftware.SFGLAB  #: What runs in the second container.
+    #: Image of another's router; empty for our own.
+    router_image: str = field(default="", metadata=matching(IMAGE, "an image, as in ubuntu-ddsrouter:v3.5.0"))
+    #: Agents or hosts whose clocks count.
+    time_servers: tuple[str, ...] = field(
+        default=(), metadata=matching(HOST, "agents' or hosts' names or addresses")
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicUse(_Part):
     """A topic that an agent's nodes publish or subscribe."""
 
     name: str = field(metadata=_NAME)  #: Absolute ROS name.
@@ -124,20 +246,18 @@ class TopicUse:
     rate_hz: float | None = field(default=None, metadata=_POSITIVE)
     size_bytes: int | None = None  #: Mean serialized size; None where the file does not say.
     count: int = between(1, 1)  #: Endpoints of this agent.
-    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NameUse:
+class NameUse(_Part):
     """A service or an action that an agent serves or calls."""
 
     name: str  #: Absolute ROS name.
     type: str = ""  #: ROS type; empty where the file does not say.
-    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StreamSpec:
+class StreamSpec(_Part):
     """A sensor's compressed stream, as the agent's metadata announces it (sfglab_interfaces/msg/StreamInfo)."""
 
     topic: str = field(metadata=_NAME)  #: Global topic that carries it.
@@ -153,32 +273,29 @@ class StreamSpec:
     decoded_topic: str = field(default="", metadata=_OPTIONAL_NAME)
     #: Where the calibration is published; empty: nowhere.
     camera_info_topic: str = field(default="", metadata=_OPTIONAL_NAME)
-    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SensorSpec:
+class SensorSpec(_Part):
     """A sensor and what it sends (sfglab_interfaces/msg/SensorInfo)."""
 
     name: str  #: Unique within its agent.
     model: str = ""  #: Maker and model, for people.
     streams: tuple[StreamSpec, ...] = ()  #: What leaves the agent.
-    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrameSpec:
+class FrameSpec(_Part):
     """One transform that an agent broadcasts, with frame names as its nodes write them."""
 
     child: str  #: The frame that is placed.
     parent: str  #: The frame in which it is placed.
     static: bool = False  #: Sent once on /tf_static instead of again and again on /tf.
     rate_hz: float = between(0.0, without=(0,))  #: How often it is sent when it is not static.
-    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrameTree:
+class FrameTree(_Part):
     """The transforms of one agent."""
 
     #: One transform each.
@@ -189,11 +306,10 @@ class FrameTree:
     #: Frames of this agent, without prefix, that others may give a parent.
     placed_by_others: tuple[str, ...] = ()
     static_broadcasters: int = between(1, 1)  #: Nodes that publish on /tf_static.
-    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AgentSpec:
+class AgentSpec(_Part):
     """One agent: a computer, or several, behind one router."""
 
     name: str  #: The agent segment of its names.
@@ -213,7 +329,6 @@ class AgentSpec:
     action_clients: tuple[NameUse, ...] = field(default=(), metadata=_ACTIONS)  #: Actions.
     #: The machine it runs on; None where the file does not say, so that it cannot be deployed.
     host: HostSpec | None = None
-    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
     @property
     def streams(self) -> tuple[StreamSpec, ...]:
@@ -227,7 +342,7 @@ class AgentSpec:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fleet:
+class Fleet(_Part):
     """Agents that share a global domain."""
 
     name: str = field(metadata=named("fleet"))  #: What the fleet is called.
@@ -238,7 +353,6 @@ class Fleet:
     deployment: DeploymentSpec = field(default_factory=DeploymentSpec)
     #: Where each rule of the policy stands; empty where the file names a known one.
     rule_places: tuple[Place, ...] = field(default=(), compare=False, repr=False)
-    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
 
     def agent(self, name: str) -> AgentSpec:
         """Return an agent by its name.
@@ -295,13 +409,19 @@ def _read(document: Document) -> Fleet:
         global_domain=border.whole("domain", 0, low=0, high=MAX_DOMAIN),
         policy=policy,
         agents=tuple(_read_agent(agent, section, interface) for agent, section in top.members("agents")),
-        deployment=read_deployment(top.section("deployment"), top.text("fleet")),
+        deployment=_read_deployment(top.section("deployment"), top.text("fleet")),
         rule_places=places,
     )
     border.close()
     if not fleet.agents:
         raise top.refusal("agents", None, "at least one agent")
     return fleet
+
+
+def _read_deployment(section: Section, fleet: str) -> DeploymentSpec:
+    """Read what is the same for all machines; without the section, everything has its default."""
+    name = re.sub("[^a-z0-9]+", "-", fleet.lower()).strip("-") or "fleet"
+    return section.read(DeploymentSpec, **({} if section.has("images") else {"images": f"localhost/{name}"}))
 
 
 def _read_policy(top: Section) -> tuple[Policy, tuple[Place, ...]]:
