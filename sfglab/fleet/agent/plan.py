@@ -15,6 +15,7 @@ from sfglab.component import argument_of
 from sfglab.errors import SfglabError
 from sfglab.fleet.agent.supervision import Component, Timing
 from sfglab.fleet.decoder.node import DecoderConfig
+from sfglab.fleet.discovery.listener import discovery_topic
 from sfglab.fleet.discovery.node import DiscoveryConfig, DiscoverySettings
 from sfglab.fleet.discovery.registry import Timing as DiscoveryTiming
 from sfglab.fleet.gop_cache import KeeperConfig
@@ -23,7 +24,7 @@ from sfglab.fleet.router.node import RouterConfig
 from sfglab.fleet.status.description import AgentDescription, SensorDescription
 from sfglab.fleet.status.heartbeat import Schedule
 from sfglab.fleet.status.node import StatusConfig, StatusSettings
-from sfglab.names import SHARED_FRAMES, Resource, RosFqnBuilder, Scope
+from sfglab.names import SHARED_FRAMES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -134,12 +135,11 @@ def _videos(config: AgentConfig) -> tuple[str, ...]:
 
 
 def _decoder(config: AgentConfig) -> DecoderConfig:
-    events = RosFqnBuilder().scope(Scope.LOCAL).agent(config.agent).resource(Resource.AGENT_DISCOVERY_EVENT)
     # Remote streams come through the router, so both sides of the decoder are the agent's own domain.
     return DecoderConfig(
         remote=config.local,
         local=config.local,
-        discovery_topic=str(events.build()),
+        discovery_topic=discovery_topic(config.agent),
         linger_s=config.linger_s,
         replay=config.replay,
         spare=config.spare,

@@ -9,12 +9,15 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sfglab.documents import NOWHERE, Place
+from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, discovery_topic
 from sfglab.fleet.lint.report import Hearing
 from sfglab.fleet.policy import Crossing, Direction
-from sfglab.names import TF, TF_STATIC, Resource, ResourceKind, RosFqnBuilder, Scope, dds_names
+from sfglab.fleet.router.frames import TF_TYPE
+from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, GET_METADATA, heartbeat_topic, metadata_service
+from sfglab.names import TF, TF_STATIC, ResourceKind, dds_names
 from sfglab.qos import COMPRESSED_STREAM, LATCHED, QoSProfile
 
 if TYPE_CHECKING:
@@ -118,23 +121,6 @@ class View:
         )
 
 
-def heartbeat_name() -> str:
-    """Return the name of the topic of all agents' heartbeats (paper A, section 4.2)."""
-    builder = RosFqnBuilder().scope(Scope.GLOBAL).without_agent()
-    return str(builder.resource(Resource.AGENT_HEARTBEAT).build())
-
-
-def get_metadata_name(agent: str) -> str:
-    """Return the name of the service that describes an agent (paper A, section 4.2)."""
-    builder = RosFqnBuilder().scope(Scope.GLOBAL).agent(agent)
-    return str(builder.resource(Resource.GET_METADATA).build())
-
-
-def _discovery_event_name(agent: str) -> str:
-    builder = RosFqnBuilder().scope(Scope.LOCAL).agent(agent)
-    return str(builder.resource(Resource.AGENT_DISCOVERY_EVENT).build())
-
-
 def _uses_of(agent: AgentSpec, fleet: Fleet) -> Iterator[Use]:
     yield from _written(agent)
     yield from _streams(agent)
@@ -143,21 +129,20 @@ def _uses_of(agent: AgentSpec, fleet: Fleet) -> Iterator[Use]:
         yield from _lifecycle(agent, fleet)
 
 
+def _use(agent: AgentSpec, name: str, type_: str, kind: ResourceKind = ResourceKind.TOPIC, **more: Any) -> Use:
+    return Use(**{"agent": agent.name, "name": name, "type": type_, "kind": kind, "place": agent.place, **more})
+
+
 def _written(agent: AgentSpec) -> Iterator[Use]:
     for speaks, topics in ((True, agent.publishes), (False, agent.subscribes)):
-        for topic in topics:
-            yield Use(
-                agent=agent.name,
-                name=topic.name,
-                kind=ResourceKind.TOPIC,
-                speaks=speaks,
-                type=topic.type,
-                qos=topic.qos,
-                count=topic.count,
-                rate_hz=topic.rate_hz,
-                size_bytes=topic.size_bytes,
-                place=topic.place,
-            )
+        for t in topics:
+            sizes: dict[str, Any] = {
+                "qos": t.qos,
+                "count": t.count,
+                "rate_hz": t.rate_hz,
+                "size_bytes": t.size_bytes,
+            }
+            yield _use(agent, t.name, t.type, speaks=speaks, place=t.place, **sizes)
     names = (
         (ResourceKind.SERVICE, True, agent.serves),
         (ResourceKind.SERVICE, False, agent.calls),
@@ -166,79 +151,30 @@ def _written(agent: AgentSpec) -> Iterator[Use]:
     )
     for kind, speaks, uses in names:
         for use in uses:
-            yield Use(agent=agent.name, name=use.name, kind=kind, speaks=speaks, type=use.type, place=use.place)
+            yield _use(agent, use.name, use.type, kind, speaks=speaks, place=use.place)
 
 
 def _streams(agent: AgentSpec) -> Iterator[Use]:
-    for stream in agent.streams:
-        yield Use(
-            agent=agent.name,
-            name=stream.topic,
-            kind=ResourceKind.TOPIC,
-            speaks=True,
-            type=stream.type,
-            qos=COMPRESSED_STREAM,
-            rate_hz=stream.rate_hz,
-            size_bytes=stream.size_bytes,
-            place=stream.place,
-        )
-        if stream.camera_info_topic:
-            yield _implied(agent, stream.camera_info_topic, speaks=True, type_="sensor_msgs/msg/CameraInfo")
+    for s in agent.streams:
+        sizes: dict[str, Any] = {"qos": COMPRESSED_STREAM, "rate_hz": s.rate_hz, "size_bytes": s.size_bytes}
+        yield _use(agent, s.topic, s.type, speaks=True, place=s.place, **sizes)
+        if s.camera_info_topic:
+            yield _use(agent, s.camera_info_topic, "sensor_msgs/msg/CameraInfo", speaks=True, implied=True)
 
 
 def _transforms(agent: AgentSpec) -> Iterator[Use]:
-    tf = agent.tf
-    for name, static in ((TF, False), (TF_STATIC, True)):
-        if any(frame.static is static for frame in tf.frames):
-            yield Use(
-                agent=agent.name,
-                name=name,
-                kind=ResourceKind.TOPIC,
-                speaks=True,
-                type="tf2_msgs/msg/TFMessage",
-                qos=LATCHED if static else None,
-                count=tf.static_broadcasters if static else 1,
-                implied=True,
-                place=tf.place,
-            )
+    common: dict[str, Any] = {"speaks": True, "implied": True, "place": agent.tf.place}
+    if not all(frame.static for frame in agent.tf.frames):
+        yield _use(agent, TF, TF_TYPE, **common)
+    if any(frame.static for frame in agent.tf.frames):
+        yield _use(agent, TF_STATIC, TF_TYPE, qos=LATCHED, count=agent.tf.static_broadcasters, **common)
 
 
 def _lifecycle(agent: AgentSpec, fleet: Fleet) -> Iterator[Use]:
     for speaks in (True, False):
-        yield _implied(
-            agent,
-            heartbeat_name(),
-            speaks=speaks,
-            type_="sfglab_interfaces/msg/AgentHeartbeat",
-            qos=LATCHED,
-        )
-    yield _implied(
-        agent,
-        _discovery_event_name(agent.name),
-        speaks=True,
-        type_="sfglab_interfaces/msg/AgentDiscoveryEvent",
-    )
+        yield _use(agent, heartbeat_topic(), AGENT_HEARTBEAT, speaks=speaks, qos=LATCHED, implied=True)
+    yield _use(agent, discovery_topic(agent.name), DISCOVERY_EVENT, speaks=True, implied=True)
     for other in fleet.agents:
         if other.lifecycle:
-            yield Use(
-                agent=agent.name,
-                name=get_metadata_name(other.name),
-                kind=ResourceKind.SERVICE,
-                speaks=other.name == agent.name,
-                type="sfglab_interfaces/srv/GetMetadata",
-                implied=True,
-                place=agent.place,
-            )
-
-
-def _implied(agent: AgentSpec, name: str, *, speaks: bool, type_: str, qos: QoSProfile | None = None) -> Use:
-    return Use(
-        agent=agent.name,
-        name=name,
-        kind=ResourceKind.TOPIC,
-        speaks=speaks,
-        type=type_,
-        qos=qos,
-        implied=True,
-        place=agent.place,
-    )
+            name, speaks = metadata_service(other.name), other is agent
+            yield _use(agent, name, GET_METADATA, ResourceKind.SERVICE, speaks=speaks, implied=True)
