@@ -76,6 +76,27 @@ def config_from_argument(config_class: type[C], argument: str) -> C:
     return config
 
 
+async def run_until_interrupted(body: Coroutine[Any, Any, None]) -> None:
+    """Run for a person at a terminal, until interrupted or terminated."""
+    running = asyncio.create_task(body)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, running.cancel)
+    with contextlib.suppress(asyncio.CancelledError):
+        await running
+
+
+@contextlib.asynccontextmanager
+async def beside(*bodies: Coroutine[Any, Any, None]) -> AsyncIterator[list[asyncio.Task[None]]]:
+    """Run tasks beside a block and end them with it; what becomes of them meanwhile is the block's business."""
+    tasks = [asyncio.create_task(body) for body in bodies]
+    try:
+        yield tasks
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
 async def _until_told(body: Awaitable[None], orders: asyncio.Queue[Report]) -> None:
     serving = asyncio.ensure_future(body)
     hearing = asyncio.create_task(_hear(orders))

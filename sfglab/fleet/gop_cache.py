@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from sfglab.bus.address import BusAddress
 from sfglab.bus.api import EndpointAdded, EndpointKind
-from sfglab.component import run_component
+from sfglab.component import beside, run_component
 from sfglab.errors import InvalidValueError
 from sfglab.machine import Machine
 from sfglab.names import FqnError, Resource, ResourceKind, Suffixed, dds_names, parse
@@ -262,21 +262,12 @@ class StreamKeeper:
         self._on_replay = on_replay
 
     async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
-        """Serve until cancelled; everything it opened is closed when this returns.
-
-        Args:
-            on_ready: Called once when it keeps.
-        """
+        """Serve until cancelled, from `on_ready` on; everything it opened is closed when this returns."""
         streams = [_Stream(self._node, t, self._settings, self._on_replay) for t in self._settings.streams]
-        tasks = [asyncio.create_task(stream.run()) for stream in streams]
-        on_ready()
-        try:
+        async with beside(*(stream.run() for stream in streams)) as tasks:
+            on_ready()
             await asyncio.gather(*tasks)
             await asyncio.Event().wait()  # there may be no streams
-        finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
 
 
 class _Stream:
@@ -381,10 +372,6 @@ class KeeperConfig(KeeperSettings):
 async def run_keeper(config: KeeperConfig, report: Callable[[Report], None]) -> None:
     """Run a keeper until cancelled; everything it started has ended when this returns.
 
-    Args:
-        config: Where and what.
-        report: Takes its reports.
-
     Raises:
         BusError: The domain cannot be joined.
     """
@@ -395,10 +382,5 @@ async def run_keeper(config: KeeperConfig, report: Callable[[Report], None]) -> 
         await keeper.run(on_ready=lambda: report({"is": "ready"}))
 
 
-def main() -> None:
-    """Be the process: serve until told to end."""
-    run_component(KeeperConfig, lambda config, report, _: run_keeper(config, report))
-
-
 if __name__ == "__main__":
-    main()
+    run_component(KeeperConfig, lambda config, report, _: run_keeper(config, report))

@@ -85,7 +85,7 @@ def test_the_decoder_stays_inside_and_listens_to_its_own_agents_discoverer():
     [
         ({"agent": "global"}, "global"),
         ({"local": BusAddress(domain_id=233)}, "given domain 233, allowed are 0 to 232"),
-        ({"local": BusAddress(domain_id=0)}, "domain 0"),
+        ({"local": BusAddress(domain_id=0)}, "given 0, allowed: two"),
     ],
 )
 def test_what_could_not_be_run_is_refused_before_anything_is_started(changes, words):

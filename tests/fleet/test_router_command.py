@@ -35,7 +35,7 @@ def test_arguments_that_are_none_of_its_own_are_a_usage_error(arguments):
     ("arguments", "said"),
     [
         (("--domain", "400"), "DDS domain 400: allowed ids are 0 to 232"),
-        (("--domain", "0"), "given domain 0 on both sides, allowed are two"),
+        (("--domain", "0"), "domain on both sides: given 0, allowed: two"),
         (("--domain", "7", "--agent", "no name"), "no name"),
         (("--fleet", "data/fleets/lab.yaml", "--agent", "pi9"), "given 'pi9', allowed: go2, pi1"),
         (("--fleet", "nowhere.yaml"), "nowhere.yaml"),

@@ -20,14 +20,14 @@ from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
 from sfglab.bus.dds.forwarder import wire_type
 from sfglab.component import argument_of, config_from_argument
+from sfglab.errors import InvalidValueError
 from sfglab.fleet.policy import Direction, ForwardRule, Policy
 from sfglab.fleet.router.node import (
-    PairLock,
     Router,
     RouterConfig,
-    RouterConfigError,
     RouterRunningError,
     RouterSettings,
+    pair_lock,
     serve_terminal,
 )
 from sfglab.messages import (
@@ -496,10 +496,10 @@ def test_at_a_terminal_it_says_which_paths_open_and_close(ids):
 
 def test_the_lock_names_its_holder_and_is_free_at_once_when_let_go():
     domains = 230, 231
-    with PairLock(*domains), pytest.raises(RouterRunningError, match=f"process {os.getpid()} ") as caught:
-        PairLock(*reversed(domains)).__enter__()
+    with pair_lock(*domains), pytest.raises(RouterRunningError, match=f"process {os.getpid()} ") as caught:
+        pair_lock(*reversed(domains)).__enter__()
     assert (caught.value.pid, caught.value.domains) == (os.getpid(), domains)
-    with PairLock(*domains):
+    with pair_lock(*domains):
         pass
 
 
@@ -508,5 +508,5 @@ def test_a_configuration_survives_the_way_to_its_process_and_one_domain_is_refus
     for config in (config_of(ids), config_of(ids, rules=(rule,), shared_frames=("hall",), prefix_frames=False)):
         assert config_from_argument(RouterConfig, argument_of(config)) == config
     assert not Policy(rules=config.rules).crosses("rt/x", Direction.OUTWARD)
-    with pytest.raises(RouterConfigError, match=r"given domain \d+ on both sides"):
+    with pytest.raises(InvalidValueError, match=r"domain on both sides: given \d+"):
         config_of([ids[0], ids[0]])

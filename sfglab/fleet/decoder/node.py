@@ -13,16 +13,14 @@ whether a spare pipeline process is warm.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
-import signal
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from signal import SIGKILL
 from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import run_component
+from sfglab.component import beside, run_component, run_until_interrupted
 from sfglab.fields import from_json
 from sfglab.fleet.decoder.demand import TRANSITIONS, Action, Demand, Input, Lifecycle, State, Timing
 from sfglab.fleet.decoder.pipeline import Statistics
@@ -95,12 +93,7 @@ class AgentDecoder:
         self._events: asyncio.Queue[Callable[[], Awaitable[None]]] = asyncio.Queue()
 
     def offer(self, agent: str, routes: Iterable[Route]) -> None:
-        """Offer exactly these streams of an agent from now on; none withdraws the agent.
-
-        Args:
-            agent: The remote agent.
-            routes: Its streams.
-        """
+        """Offer exactly these streams of a remote agent from now on; none withdraws the agent."""
         self._events.put_nowait(partial(self._know, agent, tuple(routes)))
 
     def hear(self, change: Change) -> None:
@@ -117,25 +110,21 @@ class AgentDecoder:
         """Return the state of all streams, ordered by local topic."""
         return tuple(self._status(p) for _, p in sorted(self._pipelines.items()))
 
-    async def run(self, discovery_topic: str | None = None) -> None:
+    async def run(self, discovery_topic: str = "") -> None:
         """Serve until cancelled, then release everything but the pool.
 
         Args:
-            discovery_topic: Where the agent's discoverer announces remote agents; None: nobody does.
+            discovery_topic: Where the agent's discoverer announces remote agents; empty: nobody does.
         """
-        watchers = [asyncio.create_task(self._watch_graph())]
-        if discovery_topic is not None:
-            watchers.append(asyncio.create_task(self._watch_agents(discovery_topic)))
+        watched = [self._watch_graph()] + ([self._watch_agents(discovery_topic)] if discovery_topic else [])
         try:
-            while True:
-                for watcher in watchers:
-                    if watcher.done():
-                        watcher.result()
-                await self._step()
+            async with beside(*watched) as watchers:
+                while True:
+                    for watcher in watchers:
+                        if watcher.done():
+                            watcher.result()
+                    await self._step()
         finally:
-            for watcher in watchers:
-                watcher.cancel()
-            await asyncio.gather(*watchers, return_exceptions=True)
             for pipeline in self._pipelines.values():
                 if pipeline.worker is not None:
                     await pipeline.worker.end()
@@ -291,7 +280,7 @@ async def run_decoder(
     """Run a decoder until cancelled; everything it started has ended when this returns.
 
     Args:
-        config: Where and what.
+        config: Where and what is decoded.
         on_status: Called whenever a stream's state or counts change.
         on_ready: Called once when it serves.
 
@@ -314,46 +303,33 @@ async def run_decoder(
             for agent in sorted({route.agent for route in routes}):
                 decoder.offer(agent, [route for route in routes if route.agent == agent])
             on_ready(pool)
-            await decoder.run(config.discovery_topic or None)
+            await decoder.run(config.discovery_topic)
         finally:
             await pool.close()
-
-
-def main() -> None:
-    """Be the process: serve until told to end."""
-    run_component(DecoderConfig, _serve)
 
 
 async def _serve(
     config: DecoderConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]
 ) -> None:
     """Run a decoder that reports, and answer orders once it serves."""
-    answering: list[asyncio.Task[None]] = []
+    serving: asyncio.Future[WorkerPool] = asyncio.get_running_loop().create_future()
 
-    async def answer(pool: WorkerPool) -> None:
+    def ready(pool: WorkerPool) -> None:
+        serving.set_result(pool)
+        report({"is": "ready"})
+
+    async def answer() -> None:
+        pool = await serving
         while True:
             await orders.get()
             report({"is": "processes", "pids": pool.pids, "warm": pool.warm})
 
-    def ready(pool: WorkerPool) -> None:
-        answering.append(asyncio.create_task(answer(pool)))
-        report({"is": "ready"})
-
-    try:
+    async with beside(answer()):
         await run_decoder(config, on_status=lambda s: report({"is": "status", **asdict(s)}), on_ready=ready)
-    finally:
-        for task in answering:
-            task.cancel()
-        await asyncio.gather(*answering, return_exceptions=True)
 
 
 async def serve_terminal(config: DecoderConfig, say: Callable[[str], None]) -> None:
-    """Run a decoder for a person at a terminal, until interrupted or terminated.
-
-    Args:
-        config: Where and what.
-        say: Takes a line for each change of a stream's state.
-    """
+    """Run a decoder for a person at a terminal; say a line for each change of a stream's state."""
     states: dict[str, str] = {}
 
     def note(status: PipelineStatus) -> None:
@@ -362,15 +338,10 @@ async def serve_terminal(config: DecoderConfig, say: Callable[[str], None]) -> N
             who = f"{status.subscribers} subscriber{'' if status.subscribers == 1 else 's'}"
             say(f"{status.local_topic}: {status.state.lower()}, {who}  (from {status.source_topic})")
 
-    running = asyncio.create_task(
-        run_decoder(config, on_status=note, on_ready=lambda _: say("decoder: ready, end it with Ctrl-C"))
-    )
-    for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, running.cancel)
-    with contextlib.suppress(asyncio.CancelledError):
-        await running
+    ready = "decoder: ready, end it with Ctrl-C"
+    await run_until_interrupted(run_decoder(config, on_status=note, on_ready=lambda _: say(ready)))
     say("decoder: everything is released")
 
 
 if __name__ == "__main__":
-    main()
+    run_component(DecoderConfig, _serve)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.codecs import CodecError, image_decoder
+from sfglab.component import beside
 from sfglab.fleet.decoder.splicer import Source, Splicer
 from sfglab.fleet.decoder.streams import RELAY
 from sfglab.fleet.gop_cache import FLAG_DISCARD, FLAG_KEY, REPLAY_QOS
@@ -213,20 +214,16 @@ class _Decoding:
     async def join(self, live: Subscription, replay: Subscription) -> None:
         """Decode what comes from both until the live stream alone is enough."""
         sources = {Source.LIVE: live, Source.REPLAY: replay}
-        pumps = [asyncio.create_task(self._pump(s, source)) for source, s in sources.items()]
-        try:
-            async with asyncio.timeout(PATIENCE_S):
-                while self._splicer.needs_replay:
-                    await self._step_or_wait()
-                    for pump in pumps:
-                        if pump.done():
-                            pump.result()
-        except TimeoutError:
-            self._splicer.give_up()
-        finally:
-            for pump in pumps:
-                pump.cancel()
-            await asyncio.gather(*pumps, return_exceptions=True)
+        async with beside(*(self._pump(s, source) for source, s in sources.items())) as pumps:
+            try:
+                async with asyncio.timeout(PATIENCE_S):
+                    while self._splicer.needs_replay:
+                        await self._step_or_wait()
+                        for pump in pumps:
+                            if pump.done():
+                                pump.result()
+            except TimeoutError:
+                self._splicer.give_up()
 
     async def follow(self, live: Subscription) -> None:
         """Decode what is left from joining, and then the live stream as it comes."""

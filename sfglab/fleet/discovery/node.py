@@ -20,7 +20,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import run_component
+from sfglab.component import beside, run_component
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.discovery.lifecycle import Action
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, HISTORY, discovery_topic
@@ -37,7 +37,7 @@ from sfglab.names import validate_agent
 from sfglab.qos import LATCHED
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable
 
     from sfglab.bus import Node, Publisher, Subscription
     from sfglab.component import Report
@@ -151,24 +151,23 @@ class AgentDiscoverer:
         return DiscoveryStatus(agents=self._registry.agents(), counts=dict(self._registry.counts))
 
     async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
-        """Serve until cancelled; nothing of it is left then.
-
-        Args:
-            on_ready: Called when it serves and before it has heard anything.
-        """
+        """Serve until cancelled; nothing of it is left then. `on_ready` is called before it hears anything."""
         self._events = self._node.create_publisher(
             DISCOVERY_EVENT, discovery_topic(self._settings.agent), DISCOVERY_QOS
         )
         heartbeats = self._node.create_subscription(AGENT_HEARTBEAT, heartbeat_topic(), qos=_HEARTBEATS)
         on_ready()
         self._broken = asyncio.get_running_loop().create_future()
-        serving = [asyncio.create_task(self._hear(heartbeats)), asyncio.create_task(self._watch_time())]
         try:
-            done, _ = await asyncio.wait([self._broken, *serving], return_when=asyncio.FIRST_COMPLETED)
-            for future in done:
-                future.result()
+            async with beside(self._hear(heartbeats), self._watch_time()) as serving:
+                done, _ = await asyncio.wait([self._broken, *serving], return_when=asyncio.FIRST_COMPLETED)
+                for future in done:
+                    future.result()
         finally:
-            await _end([*serving, *self._queries.values()])
+            queries = list(self._queries.values())
+            for query in queries:
+                query.cancel()
+            await asyncio.gather(*queries, return_exceptions=True)
             self._broken.cancel()
             heartbeats.close()
             self._events.close()
@@ -271,12 +270,6 @@ class AgentDiscoverer:
         self._events.publish(event)
 
 
-async def _end(tasks: Sequence[asyncio.Task[None]]) -> None:
-    for task in tasks:
-        task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
-
-
 def _now_ns() -> int:
     """Return the loop's time: it is the node's world's, and never set back."""
     return round(asyncio.get_running_loop().time() * 1e9)
@@ -296,11 +289,6 @@ async def run_discoverer(
 ) -> None:
     """Run a discoverer until cancelled; everything it started has ended when this returns.
 
-    Args:
-        config: Where and how.
-        report: Takes its reports.
-        orders: Orders to it.
-
     Raises:
         BusError: The domain cannot be joined.
     """
@@ -309,21 +297,23 @@ async def run_discoverer(
     async with Node("agent_discoverer", **config.address.options()) as node:
         now_ns = node.get_clock().now_ns
 
+        def told(event: Order) -> None:
+            what = {"agent": event.agent, "event": event.event, "incarnation": event.incarnation}
+            report({"is": "event", **what, "t_ns": now_ns()})
+
         def moved(move: Move) -> None:
-            report(_move_report(move, now_ns()))
+            names = {"before": move.before.name, "given": move.given.name, "after": move.after.name}
+            actions = [action.name for action in move.actions]
+            report({"is": "move", "agent": move.agent, **names, "actions": actions, "t_ns": now_ns()})
 
         discoverer = AgentDiscoverer(
             node,
             config.settings,
-            on_event=lambda event: report(_event_report(event, now_ns())),
+            on_event=told,
             on_move=moved if config.report_moves else None,
         )
-        obeying = asyncio.create_task(_obey(discoverer, report, orders))
-        try:
+        async with beside(_obey(discoverer, report, orders)):
             await discoverer.run(on_ready=lambda: report({"is": "ready"}))
-        finally:
-            obeying.cancel()
-            await asyncio.gather(obeying, return_exceptions=True)
 
 
 def main() -> None:
@@ -336,34 +326,9 @@ async def _obey(
 ) -> None:
     while True:
         await orders.get()
-        report(_status_report(discoverer.status()))
-
-
-def _event_report(event: Order, now_ns: int) -> Report:
-    return {
-        "is": "event",
-        "agent": event.agent,
-        "event": event.event,
-        "incarnation": event.incarnation,
-        "t_ns": now_ns,
-    }
-
-
-def _move_report(move: Move, now_ns: int) -> Report:
-    return {
-        "is": "move",
-        "agent": move.agent,
-        "before": move.before.name,
-        "given": move.given.name,
-        "after": move.after.name,
-        "actions": [action.name for action in move.actions],
-        "t_ns": now_ns,
-    }
-
-
-def _status_report(status: DiscoveryStatus) -> Report:
-    agents = [{**asdict(agent), "state": agent.state.name} for agent in status.agents]
-    return {"is": "status", "agents": agents, "counts": status.counts}
+        status = discoverer.status()
+        agents = [{**asdict(agent), "state": agent.state.name} for agent in status.agents]
+        report({"is": "status", "agents": agents, "counts": status.counts})
 
 
 if __name__ == "__main__":

@@ -16,17 +16,16 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
-import signal
 import socket
 import struct
 from collections import deque
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import run_component
-from sfglab.errors import SfglabError
+from sfglab.component import run_component, run_until_interrupted
+from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.policy import TABLE_1, ForwardRule, Policy, Side
 from sfglab.fleet.router.carrier import Carrier, Interest
 from sfglab.fleet.router.frames import Frames, TransformGate
@@ -34,7 +33,7 @@ from sfglab.fleet.router.plan import Plan
 from sfglab.names import SHARED_FRAMES, validate_agent
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from sfglab.bus import Node
     from sfglab.bus.api import EndpointEvent
@@ -63,26 +62,15 @@ class RouterRunningError(SfglabError, RuntimeError):
         )
 
 
-class PairLock:
-    """Held while a router serves a pair of domains; a context manager.
+@contextlib.contextmanager
+def pair_lock(one: int, other: int) -> Iterator[None]:
+    """Hold the lock of a router for two domain ids, in either order.
 
-    Args:
-        one: A domain id.
-        other: The other one.
+    Raises:
+        RouterRunningError: Another one holds it.
     """
-
-    def __init__(self, one: int, other: int) -> None:
-        self._domains = (min(one, other), max(one, other))
-        self._socket: socket.socket | None = None
-
-    def __enter__(self) -> Self:
-        self._socket = _bound(self._domains)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
+    with _bound((min(one, other), max(one, other))):
+        yield
 
 
 def _address(domains: tuple[int, int]) -> str:
@@ -198,11 +186,7 @@ class Router:
         return RouterStatus(paths=self._carrier.paths, clashed=clashed)
 
     async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
-        """Route until cancelled; everything it opened is closed when this returns.
-
-        Args:
-            on_ready: Called once when it listens.
-        """
+        """Route until cancelled, from `on_ready` on; everything it opened is closed when this returns."""
         local, remote = (self._nodes[side] for side in (Side.LOCAL, Side.GLOBAL))
         interest = Interest(remote.graph, partial(self._hear, Side.GLOBAL))
 
@@ -258,10 +242,6 @@ def _now_ns() -> int:
     return round(asyncio.get_running_loop().time() * 1e9) + _RESOLUTION_NS
 
 
-class RouterConfigError(SfglabError, ValueError):
-    """A router's configuration that no router could follow."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RouterConfig(RouterSettings):
     """What a router's process is told, beside what every router is."""
@@ -272,17 +252,12 @@ class RouterConfig(RouterSettings):
     def __post_init__(self) -> None:
         RouterSettings.__post_init__(self)
         if self.local.domain_id == self.remote.domain_id:
-            raise RouterConfigError(
-                f"router of {self.agent}: given domain {self.local.domain_id} on both sides, allowed are two"
-            )
+            where = f"router of {self.agent}, domain on both sides"
+            raise InvalidValueError(where, self.local.domain_id, "two")
 
 
 async def run_router(config: RouterConfig, report: Callable[[Report], None]) -> None:
     """Run a router until cancelled; everything it started has ended when this returns.
-
-    Args:
-        config: Where and what.
-        report: Takes its reports.
 
     Raises:
         RouterRunningError: This host has a router for these domains.
@@ -295,7 +270,7 @@ async def run_router(config: RouterConfig, report: Callable[[Report], None]) -> 
         report({"is": "status", **asdict(status)})
 
     domains = config.local.domain_id, config.remote.domain_id
-    with PairLock(*domains):
+    with pair_lock(*domains):
         async with (
             Node("router", **config.local.options()) as local,
             # Every agent has one, and in the global domain they meet.
@@ -312,11 +287,7 @@ def main() -> None:
 
 
 async def serve_terminal(config: RouterConfig, say: Callable[[str], None]) -> None:
-    """Run a router for a person at a terminal, until interrupted or terminated.
-
-    Args:
-        config: Where and what.
-        say: Takes a line for each path that begins or ceases to carry samples.
+    """Run a router for a person at a terminal; say a line for each path that begins or ceases to carry samples.
 
     Raises:
         RouterRunningError: This host has a router for these domains.
@@ -337,11 +308,7 @@ async def serve_terminal(config: RouterConfig, say: Callable[[str], None]) -> No
         for name in sorted(before - carrying):
             say(f"{name}: closed")
 
-    running = asyncio.ensure_future(run_router(config, note))
-    for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, running.cancel)
-    with contextlib.suppress(asyncio.CancelledError):
-        await running
+    await run_until_interrupted(run_router(config, note))
     say("router: everything is released")
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab import __version__
 from sfglab.bus.address import BusAddress
-from sfglab.component import run_component
+from sfglab.component import beside, run_component
 from sfglab.fleet.status.description import AgentDescription, DescriptionError, accelerators, software
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
@@ -81,9 +81,6 @@ class StatusProvider:
     def update(self, description: AgentDescription) -> None:
         """Replace the description, and say at once that it has changed.
 
-        Args:
-            description: What the agent is from now on.
-
         Raises:
             DescriptionError: It would be of no use to others; the old one stays.
         """
@@ -94,11 +91,7 @@ class StatusProvider:
         self._updated.set()
 
     async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
-        """Serve until cancelled; the first heartbeat is sent at once.
-
-        Args:
-            on_ready: Called when it serves and before the first heartbeat.
-        """
+        """Serve until cancelled; `on_ready` is called before the first heartbeat, which is sent at once."""
         self._incarnation = self._described_ns = self._node.get_clock().now_ns()
         # The service first: who hears the first heartbeat asks at once.
         service = self._node.create_service(
@@ -114,16 +107,15 @@ class StatusProvider:
 
     async def _beat(self, publisher: Publisher) -> None:
         start_s = asyncio.get_running_loop().time()
-        due_ns = elapsed_ns = 0
+        elapsed_ns = 0
         while True:
             next_ns = self._settings.schedule.next_ns(elapsed_ns)
             self._updated.clear()
             self._publish(publisher, elapsed_ns, next_ns)
-            due_ns = next_ns
-            updated = await self._sleep_until(start_s + due_ns / 1e9)
-            elapsed_ns = _elapsed_ns(start_s)
+            updated = await self._sleep_until(start_s + next_ns / 1e9)
+            elapsed_ns = round((asyncio.get_running_loop().time() - start_s) * 1e9)
             if not updated:
-                elapsed_ns = max(elapsed_ns, due_ns)  # a timer may be early by its resolution
+                elapsed_ns = max(elapsed_ns, next_ns)  # a timer may be early by its resolution
 
     async def _sleep_until(self, time_s: float) -> bool:
         """Wait until the loop's clock says so; return True at once when the description is updated."""
@@ -156,10 +148,6 @@ class StatusProvider:
         return service_type(GET_METADATA).response(success=True, message="", metadata=metadata)
 
 
-def _elapsed_ns(start_s: float) -> int:
-    return round((asyncio.get_running_loop().time() - start_s) * 1e9)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StatusConfig:
     """What a status provider's process is told."""
@@ -177,11 +165,6 @@ async def run_status(
 ) -> None:
     """Run a status provider until cancelled; everything it started has ended when this returns.
 
-    Args:
-        config: Where and what.
-        report: Takes its reports.
-        orders: Orders to it.
-
     Raises:
         BusError: The domain cannot be joined.
     """
@@ -194,18 +177,14 @@ async def run_status(
 
         def beat(heartbeat: Heartbeat) -> None:
             if config.report_beats:
-                report(_beat_report(heartbeat, node.get_clock().now_ns()))
+                said: Report = {"revision": heartbeat.revision, "phase": int(heartbeat.phase)}
+                said |= {"period_s": heartbeat.period_s, "t_ns": node.get_clock().now_ns()}
+                report({"is": "beat", **said})
 
         provider = StatusProvider(node, settings, on_beat=beat)
-        others = [asyncio.create_task(_obey(provider, report, orders))]
-        if config.detect:
-            others.append(asyncio.create_task(_detect(provider)))
-        try:
+        detecting = [_detect(provider)] if config.detect else []
+        async with beside(_obey(provider, report, orders), *detecting):
             await provider.run(on_ready=lambda: report({"is": "ready"}))
-        finally:
-            for task in others:
-                task.cancel()
-            await asyncio.gather(*others, return_exceptions=True)
 
 
 def main() -> None:
@@ -228,16 +207,6 @@ async def _detect(provider: StatusProvider) -> None:
     found = await asyncio.to_thread(accelerators)
     if found != provider.description.accelerators:
         provider.update(replace(provider.description, accelerators=found))
-
-
-def _beat_report(heartbeat: Heartbeat, now_ns: int) -> dict[str, Any]:
-    return {
-        "is": "beat",
-        "revision": heartbeat.revision,
-        "phase": int(heartbeat.phase),
-        "period_s": heartbeat.period_s,
-        "t_ns": now_ns,
-    }
 
 
 if __name__ == "__main__":
