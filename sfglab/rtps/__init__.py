@@ -6,7 +6,7 @@ comes to; between them, compiled: `world`, `medium`, `writer`, `reader` and `eng
 
 from __future__ import annotations
 
-from sfglab.rtps.model import CYCLONE_DDS, FAST_DDS, PRESETS, Flow, Medium, ModelError, Scenario, Vendor
+from sfglab.rtps.model import CYCLONE_DDS, FAST_DDS, PRESETS, Flow, Medium, Scenario, Vendor
 from sfglab.rtps.session import FlowOutcome, Outcome, Session, run
 from sfglab.rtps.state import Drop, Fate
 
@@ -19,7 +19,6 @@ __all__ = [
     "Flow",
     "FlowOutcome",
     "Medium",
-    "ModelError",
     "Outcome",
     "Scenario",
     "Session",

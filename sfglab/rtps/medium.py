@@ -15,22 +15,6 @@ from sfglab.rtps.model import BURST_ROOM, NETWORK_BYTES, airtime_ns, frame_bytes
 from sfglab.rtps.state import Count, Drop, Event, FlowColumn, Frame, TimingColumn
 from sfglab.rtps.world import compiled, push
 
-_C_LOST, _C_FULL, _C_BYTES, _C_AIR = (
-    int(Count.LOST),
-    int(Count.QUEUE_FULL),
-    int(Count.BYTES),
-    int(Count.AIRTIME_NS),
-)
-_SENT, _ARRIVED = int(Event.SENT), int(Event.ARRIVED)
-_F_DATA, _F_BURST = int(Frame.DATA), int(Frame.BURST)
-_D_MEDIUM, _D_QUEUE = int(Drop.MEDIUM), int(Drop.QUEUE)
-_SIZE = int(FlowColumn.SIZE_BYTES)
-_SHARED, _LATENCY, _OVERHEAD = (
-    int(TimingColumn.SHARED),
-    int(TimingColumn.LATENCY_NS),
-    int(TimingColumn.OVERHEAD_NS),
-)
-
 
 @compiled
 def uniform(random: Any) -> float:
@@ -49,14 +33,14 @@ _frame_bytes, _airtime_ns, _next_sender = compiled(frame_bytes), compiled(airtim
 @compiled
 def burst_most(size: int, message_bytes: int) -> int:
     """Return how many samples of a size fit into a message of repairs with a heartbeat."""
-    one = _frame_bytes(_F_BURST, size, 1)
-    around = _frame_bytes(_F_BURST, size, BURST_ROOM) - NETWORK_BYTES
-    return max(1, (message_bytes - around) // (one - _frame_bytes(_F_BURST, size, 0)))
+    one = _frame_bytes(Frame.BURST, size, 1)
+    around = _frame_bytes(Frame.BURST, size, BURST_ROOM) - NETWORK_BYTES
+    return max(1, (message_bytes - around) // (one - _frame_bytes(Frame.BURST, size, 0)))
 
 
 @compiled
 def _note_drop(world: Any, kind: int, flow: int, sample: int, where: int) -> None:
-    if kind == _F_DATA and world.dropped[flow, sample] == 0 and world.arrived[flow, sample] == 0:
+    if kind == Frame.DATA and world.dropped[flow, sample] == 0 and world.arrived[flow, sample] == 0:
         world.dropped[flow, sample] = where
 
 
@@ -72,8 +56,8 @@ def enqueue(world: Any, now: int, host: int, frame: Any) -> None:
     ends = world.queue_ends
     capacity = world.queue.shape[1]
     if ends[host, 1] == capacity:
-        world.counts[_C_FULL] += 1
-        _note_drop(world, frame[0], frame[1], frame[2], _D_QUEUE)
+        world.counts[Count.QUEUE_FULL] += 1
+        _note_drop(world, frame[0], frame[1], frame[2], Drop.QUEUE)
         return
     place = ends[host, 0] + ends[host, 1]
     ends[host, 1] += 1
@@ -81,13 +65,13 @@ def enqueue(world: Any, now: int, host: int, frame: Any) -> None:
         place -= capacity
     for k in range(8):
         world.queue[host, place, k] = frame[k]
-    _send_next(world, now, 0 if world.timing[_SHARED] else host)
+    _send_next(world, now, 0 if world.timing[TimingColumn.SHARED] else host)
 
 
 @compiled
 def _choose_host(world: Any, transmitter: int) -> tuple[int, int]:
     """Return whose turn it is, -1 for nobody's, and how many have something to send."""
-    if not world.timing[_SHARED]:
+    if not world.timing[TimingColumn.SHARED]:
         waiting = world.queue_ends[transmitter, 1]
         return (transmitter if waiting else -1), 1
     chosen, contenders = _next_sender(world.queue_ends[:, 1], world.next_host[0])
@@ -110,13 +94,15 @@ def _send_next(world: Any, now: int, transmitter: int) -> None:
         air[transmitter, 1 + k] = world.queue[host, place, k]
     world.queue_ends[host, 0] = 0 if place + 1 == world.queue.shape[1] else place + 1
     world.queue_ends[host, 1] -= 1
-    size = _frame_bytes(air[transmitter, 1], world.flows[air[transmitter, 2], _SIZE], air[transmitter, 4])
-    rates, overhead_ns = world.rates, world.timing[_OVERHEAD]
+    size = _frame_bytes(
+        air[transmitter, 1], world.flows[air[transmitter, 2], FlowColumn.SIZE_BYTES], air[transmitter, 4]
+    )
+    rates, overhead_ns = world.rates, world.timing[TimingColumn.OVERHEAD_NS]
     airtime = _airtime_ns(size, contenders, overhead_ns, rates[1], rates[2])
-    world.counts[_C_BYTES] += size
-    world.counts[_C_AIR] += airtime
+    world.counts[Count.BYTES] += size
+    world.counts[Count.AIRTIME_NS] += airtime
     air[transmitter, 0] = 1
-    push(world.heap, world.heap_sizes, now + airtime, _SENT, transmitter)
+    push(world.heap, world.heap_sizes, now + airtime, Event.SENT, transmitter)
 
 
 @compiled
@@ -128,9 +114,9 @@ def sent_frame(world: Any, now: int, transmitter: int, frame: Any) -> bool:
     air[transmitter, 0] = 0
     there = False
     if uniform(world.random) < world.rates[0]:
-        world.counts[_C_LOST] += 1
-        _note_drop(world, frame[0], frame[1], frame[2], _D_MEDIUM)
-    elif world.timing[_LATENCY] == 0:
+        world.counts[Count.LOST] += 1
+        _note_drop(world, frame[0], frame[1], frame[2], Drop.MEDIUM)
+    elif world.timing[TimingColumn.LATENCY_NS] == 0:
         there = True
     else:
         ends = world.flight_ends
@@ -141,7 +127,13 @@ def sent_frame(world: Any, now: int, transmitter: int, frame: Any) -> bool:
         for k in range(8):
             world.flight[transmitter, place, k] = frame[k]
         ends[transmitter, 1] += 1
-        push(world.heap, world.heap_sizes, now + world.timing[_LATENCY], _ARRIVED, transmitter)
+        push(
+            world.heap,
+            world.heap_sizes,
+            now + world.timing[TimingColumn.LATENCY_NS],
+            Event.ARRIVED,
+            transmitter,
+        )
     _send_next(world, now, transmitter)
     return there
 

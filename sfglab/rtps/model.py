@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
 from sfglab.qos import DEFAULT, Durability, History, QoSProfile, Reliability
 from sfglab.rtps.state import FlowColumn, Frame, Params, Sizes, State, TimingColumn, new_state
 from sfglab.units import NS_PER_MS, NS_PER_S
@@ -26,10 +26,6 @@ _NOT_NEGATIVE = (
     *("rate_hz", "phase_s", "size_bytes", "reader_depth"),
     *("service_s", "compare_s", "change_s", "max_silence_s"),
 )
-
-
-class ModelError(SfglabError, ValueError):
-    """A scenario that cannot be simulated, or timing that no writer or reader can keep."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,14 +61,16 @@ class Vendor:
 
     def __post_init__(self) -> None:
         if not 0 < self.heartbeat_ns <= self.heartbeat_max_ns:
-            raise ModelError(
-                f"{self.name}: heartbeat_ns, heartbeat_max_ns: given {self.heartbeat_ns}, "
-                f"{self.heartbeat_max_ns}; allowed is 0 < heartbeat_ns <= heartbeat_max_ns"
+            raise InvalidValueError(
+                f"{self.name}: heartbeat_ns, heartbeat_max_ns",
+                (self.heartbeat_ns, self.heartbeat_max_ns),
+                "0 < heartbeat_ns <= heartbeat_max_ns",
             )
-        if min(self.nack_delay_ns, self.ack_delay_ns, self.nack_response_ns) < 0:
-            raise ModelError(f"{self.name}: delays: given a negative one, allowed are 0 and more")
+        delays_ns = self.nack_delay_ns, self.ack_delay_ns, self.nack_response_ns
+        if min(delays_ns) < 0:
+            raise InvalidValueError(f"{self.name}: delays", delays_ns, "0 and more")
         if not 1 <= self.nack_most <= 256:
-            raise ModelError(f"{self.name}: nack_most: given {self.nack_most}, allowed are 1 to 256")
+            raise InvalidValueError(f"{self.name}: nack_most", self.nack_most, "1 to 256")
 
 
 FAST_DDS = Vendor(
@@ -123,35 +121,30 @@ all where a heartbeat rides along."""
 
 _BASE_BYTES = NETWORK_BYTES + 20
 _INFO_DST_BYTES, _HEARTBEAT_BYTES = 16, 32
-_DATA, _ACKNACK, _BURST = int(Frame.DATA), int(Frame.ACKNACK), int(Frame.BURST)
 
 
 def frame_bytes(kind: int, size_bytes: int, riding: int) -> int:
-    """Return the size of a frame on the medium.
+    """Return the size of a frame on the medium, given its `Frame` and the CDR size of the flow's samples.
 
     Headers of the network and of RTPS (20 bytes); submessages INFO_DST 16, INFO_TS 12, DATA 24 and the payload,
-    padded as CDR is, HEARTBEAT 32, ACKNACK 28 and a bitmap of 32, GAP 32 (RTPS 2.5, clause 9.4).
-
-    Args:
-        kind: A `Frame`.
-        size_bytes: CDR size of the flow's samples.
-        riding: Of DATA: not 0 if a heartbeat rides along; of BURST: see `BURST_ROOM`.
+    padded as CDR is, HEARTBEAT 32, ACKNACK 28 and a bitmap of 32, GAP 32 (RTPS 2.5, clause 9.4). `riding` is,
+    of DATA, not 0 if a heartbeat rides along; of BURST, see `BURST_ROOM`.
     """
     sample = 12 + 24 + (size_bytes + 3) // 4 * 4
-    if kind == _DATA:
+    if kind == Frame.DATA:
         return _BASE_BYTES + sample + (_HEARTBEAT_BYTES if riding else 0)
-    if kind == _BURST:
+    if kind == Frame.BURST:
         heartbeat = _HEARTBEAT_BYTES if riding >= BURST_ROOM else 0
         return _BASE_BYTES + _INFO_DST_BYTES + heartbeat + riding % BURST_ROOM * sample
-    return _BASE_BYTES + _INFO_DST_BYTES + (28 + 32 if kind == _ACKNACK else 32)
+    return _BASE_BYTES + _INFO_DST_BYTES + (28 + 32 if kind == Frame.ACKNACK else 32)
 
 
 def data_bytes(size_bytes: int, *, with_heartbeat: bool) -> int:
     """Return the size of a sample's frame; `size_bytes` is the sample's in CDR."""
-    return frame_bytes(_DATA, size_bytes, int(with_heartbeat))
+    return frame_bytes(Frame.DATA, size_bytes, int(with_heartbeat))
 
 
-ACKNACK_BYTES = frame_bytes(_ACKNACK, 0, 0)
+ACKNACK_BYTES = frame_bytes(Frame.ACKNACK, 0, 0)
 """Size of an acknowledgement's frame."""
 
 
@@ -162,11 +155,9 @@ def airtime_ns(size_bytes: int, contenders: int, overhead_ns: int, rate_bps: flo
 
 
 def next_sender(waiting: Sequence[Any], turn: int) -> tuple[int, int]:
-    """Return whose turn it is, -1 for nobody's, and how many want to send.
+    """Return whose turn it is, -1 for nobody's, and how many want to send: those that are `waiting`.
 
-    Args:
-        waiting: Of each host, whether it has something to send.
-        turn: The first one to be asked; the others follow.
+    The host `turn` is asked first; the others follow.
     """
     hosts = len(waiting)
     chosen, contenders = -1, 0
@@ -247,42 +238,30 @@ class Scenario:
     def __post_init__(self) -> None:
         names = [flow.name for flow in self.flows]
         if not names or len(set(names)) != len(names):
-            raise ModelError(f"flows: given {names}, needed are different names, one at least")
+            raise InvalidValueError("flows", names, "different names, one at least")
         for flow in self.flows:
             _check_flow(flow, names)
         medium = self.medium
         if not 0 <= medium.loss < 1 or medium.rate_bps <= 0 or medium.queue_frames < 1:
-            raise ModelError(
-                f"medium: given {medium}; allowed are 0 <= loss < 1, rate_bps > 0, queue_frames >= 1"
-            )
+            raise InvalidValueError("medium", medium, "0 <= loss < 1, rate_bps > 0, queue_frames >= 1")
         if min(medium.overhead_s, medium.contention, medium.latency_s) < 0:
-            raise ModelError(
-                f"medium: given {medium}; overhead_s, contention and latency_s must not be negative"
-            )
+            raise InvalidValueError("medium", medium, "overhead_s, contention and latency_s from 0")
         if not self.duration_s > 0 or self.drain_s < 0:
-            raise ModelError(
-                f"duration_s, drain_s: given {self.duration_s}, {self.drain_s}; needed is > 0, >= 0"
-            )
+            raise InvalidValueError("duration_s, drain_s", (self.duration_s, self.drain_s), "> 0, >= 0")
 
 
 def _check_flow(flow: Flow, names: list[str]) -> None:
     if flow.then is not None and flow.then not in names:
-        raise ModelError(f"flow {flow.name!r}: then: given {flow.then!r}, allowed are {', '.join(names)}")
+        raise InvalidValueError(f"flow {flow.name!r}: then", flow.then, ", ".join(names))
     for field in _NOT_NEGATIVE:
         if (getattr(flow, field) or 0) < 0:
-            raise ModelError(f"flow {flow.name!r}: {field}: given {getattr(flow, field)}, must not be negative")
-    if flow.rate_hz > 0 and flow.rate_hz > 1e9:
-        raise ModelError(f"flow {flow.name!r}: rate_hz: given {flow.rate_hz:g}, allowed are up to 1e9")
+            raise InvalidValueError(f"flow {flow.name!r}: {field}", getattr(flow, field), "0 and more")
+    if flow.rate_hz > 1e9:
+        raise InvalidValueError(f"flow {flow.name!r}: rate_hz", flow.rate_hz, "up to 1e9")
 
 
 def compile_scenario(scenario: Scenario, *, samples: int, seed: int) -> tuple[Params, State]:
-    """Return a scenario as the arrays that the engine takes.
-
-    Args:
-        scenario: What.
-        samples: Most samples of one flow.
-        seed: Of losses and values.
-    """
+    """Return a scenario as the arrays that the engine takes, with room for so many samples of each flow."""
     hosts = _numbers(h for flow in scenario.flows for h in (flow.source, flow.target))
     executors = _numbers(flow.executor or f"{flow.name}\0" for flow in scenario.flows)
     params = Params(
@@ -309,8 +288,8 @@ def _depth(qos: QoSProfile) -> int:
 
 
 def _flow_table(scenario: Scenario, hosts: dict[str, int], executors: dict[str, int]) -> np.ndarray:
-    column = {flow.name: i for i, flow in enumerate(scenario.flows)}
-    table = np.zeros((len(column), len(FlowColumn)), np.int64)
+    numbers = {flow.name: i for i, flow in enumerate(scenario.flows)}
+    table = np.zeros((len(numbers), len(FlowColumn)), np.int64)
     for i, flow in enumerate(scenario.flows):
         row: dict[FlowColumn, int] = {
             FlowColumn.SOURCE: hosts[flow.source],
@@ -322,7 +301,7 @@ def _flow_table(scenario: Scenario, hosts: dict[str, int], executors: dict[str, 
             FlowColumn.DEPTH: _depth(flow.qos),
             FlowColumn.READER_DEPTH: _depth(flow.qos) if flow.reader_depth is None else flow.reader_depth,
             FlowColumn.RELIABLE: int(flow.qos.reliability is Reliability.RELIABLE),
-            FlowColumn.CHAIN: -1 if flow.then is None else column[flow.then],
+            FlowColumn.CHAIN: -1 if flow.then is None else numbers[flow.then],
             FlowColumn.CHANGE_NS: _ns(flow.change_s),
             FlowColumn.CACHED: int(flow.cached),
             FlowColumn.SILENCE_NS: _ns(flow.max_silence_s or 0.0),
@@ -330,8 +309,7 @@ def _flow_table(scenario: Scenario, hosts: dict[str, int], executors: dict[str, 
             FlowColumn.KEEPS_ACKED: int(flow.qos.durability is Durability.TRANSIENT_LOCAL),
             FlowColumn.COMPARE_NS: -1 if flow.compare_s is None else _ns(flow.compare_s),
         }
-        for key, value in row.items():
-            table[i, key] = value
+        table[i] = [row[column] for column in FlowColumn]
     return table
 
 

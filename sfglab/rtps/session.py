@@ -12,20 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.rtps.model import ModelError, compile_scenario, most_samples, scheduled_samples
-from sfglab.rtps.state import (
-    D_FLOW,
-    D_SAMPLE,
-    D_SKIPPED,
-    SET,
-    W_LAST,
-    W_VALUE,
-    Count,
-    Drop,
-    Fate,
-    FlowColumn,
-    TimingColumn,
-)
+from sfglab.errors import InvalidValueError
+from sfglab.rtps.model import compile_scenario, most_samples, scheduled_samples
+from sfglab.rtps.state import SET, Count, D, Drop, Fate, FlowColumn, TimingColumn, W
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -86,7 +75,7 @@ def _outcome_of(flows: Sequence[Flow], params: Params, state: State) -> Outcome:
     """Return what a state came to."""
     results = {}
     for i, flow in enumerate(flows):
-        samples = slice(1, int(state.writer[i, W_LAST]) + 1)
+        samples = slice(1, int(state.writer[i, W.LAST]) + 1)
         fate = state.fate[i, samples].copy()
         open_ = fate == Fate.NEVER_SENT
         best_effort = not params.flows[i, FlowColumn.RELIABLE]
@@ -106,12 +95,7 @@ def _outcome_of(flows: Sequence[Flow], params: Params, state: State) -> Outcome:
 
 
 def run(scenario: Scenario, *, seed: int) -> Outcome:
-    """Simulate a scenario.
-
-    Args:
-        scenario: What.
-        seed: Of losses and values; the same seed gives the same outcome to the bit.
-    """
+    """Simulate a scenario; the same seed, of losses and values, gives the same outcome to the bit."""
     from sfglab.rtps.engine import advance
     from sfglab.rtps.world import World
 
@@ -141,7 +125,7 @@ class Session:
         watched: Flows whose deliveries are returned; None: all.
 
     Raises:
-        ModelError: A flow does not exist, or time would run backwards.
+        InvalidValueError: A flow does not exist, or time would run backwards.
     """
 
     def __init__(self, scenario: Scenario, *, seed: int, watched: Sequence[str] | None = None) -> None:
@@ -166,54 +150,34 @@ class Session:
         return self._now_ns
 
     def set_value(self, flow: str, value: int) -> None:
-        """Set the value that a flow publishes from now on.
-
-        Args:
-            flow: One with a rate.
-            value: Its number, 0 or more.
-        """
-        self._state.writer[self._number(flow), W_VALUE] = value
+        """Set the value, by its number from 0, that a flow with a rate publishes from now on."""
+        self._state.writer[self._number(flow), W.VALUE] = value
 
     def publish(self, flow: str, value: int) -> bool:
-        """Publish now.
-
-        Args:
-            flow: One that has no rate.
-            value: Its number, 0 or more.
-
-        Returns:
-            False if the local cache held it back.
-        """
+        """Publish a value, by its number from 0, in a flow without a rate; False if a local cache holds it."""
         from sfglab.rtps.engine import publish
 
         return bool(publish(self._world, self._now_ns, self._number(flow), value))
 
     def advance(self, until_ns: int) -> Delivery | None:
-        """Run to the next watched delivery, or to a time.
-
-        Args:
-            until_ns: When to stop at the latest, not before `now_ns`.
-
-        Returns:
-            The delivery, or None when there was none before `until_ns`.
-        """
+        """Run to the next watched delivery and return it, or to `until_ns`, and return None."""
         from sfglab.rtps.engine import advance
 
         if until_ns < self._now_ns:
-            raise ModelError(f"session: until_ns: given {until_ns}, allowed are {self._now_ns} and later")
+            raise InvalidValueError("session: until_ns", until_ns, f"{self._now_ns} and later")
         reached = int(advance(self._world, until_ns))
         if reached < 0:
             self._now_ns = until_ns
             return None
         self._now_ns = reached
         last = self._state.delivery
-        flow, sample = int(last[D_FLOW]), int(last[D_SAMPLE])
+        flow, sample = int(last[D.FLOW]), int(last[D.SAMPLE])
         return Delivery(
             flow=self._names[flow],
             value=int(self._state.value[flow, sample]),
             published_ns=int(self._state.published_ns[flow, sample]),
             now_ns=reached,
-            repeated=bool(last[D_SKIPPED]),
+            repeated=bool(last[D.SKIPPED]),
         )
 
     def outcome(self) -> Outcome:
@@ -222,7 +186,7 @@ class Session:
 
     def _number(self, flow: str) -> int:
         if flow not in self._numbers:
-            raise ModelError(f"session: flow: given {flow!r}, allowed are {', '.join(self._names)}")
+            raise InvalidValueError("session: flow", flow, ", ".join(self._names))
         return self._numbers[flow]
 
 

@@ -1,4 +1,4 @@
-"""What the compiled engine reads and changes: parameters and state as named tuples of arrays.
+"""State of the compiled engine, and its parameters: named tuples of arrays.
 
 Arrays are indexed by flow (one writer and its one reader), host, transmitter, server (a node's executor) or
 sample; samples are counted from 1, as RTPS sequence numbers are.
@@ -160,8 +160,8 @@ class State(NamedTuple):
     dropped: Any  # (F, N + 1) see Drop
     arrived: Any  # (F, N + 1) 1 received, 2 declared irrelevant
     order: Any  # (F, N + 1) samples as the reader's history received them
-    writer: Any  # (F, 11) see W_*
-    reader: Any  # (F, 17) see R_*
+    writer: Any  # (F, 11) see W
+    reader: Any  # (F, 17) see R
     repair: Any  # (F, 5) base and bitmap of the request that waits
     queue: Any  # (H, Q, 8) frames
     queue_ends: Any  # (H, 2) head, length
@@ -169,28 +169,42 @@ class State(NamedTuple):
     next_host: Any  # (T,)
     flight: Any  # (T, K, 8) frames that are under way
     flight_ends: Any  # (T, 2)
-    server: Any  # (S, 6) see S_*
+    server: Any  # (S, 6) see S
     watched: Any  # (F,) 1: `advance` returns at each delivery of the flow
-    delivery: Any  # (4,) see D_*; the last one
+    delivery: Any  # (4,) see D; the last one
     scratch: Any  # (2, 8) the frame that is heard, and one that is made
 
 
-# Columns of State.writer.
-W_LAST, W_ACKED, W_ARMED, W_INTERVAL, W_LAST_HB, W_ACKED_AT_HB, W_VALUE, W_CHANGE_AT, W_SENT, W_SENT_AT = range(
-    10
-)
-W_WROTE_AT = 10
-# Columns of State.reader: next sample in order, first that the writer still has, last that is known to exist.
-# Those that wait behind a gap are counted in R_WAITING, and none of them is older than R_OLDEST.
-R_NEXT, R_FIRST, R_KNOWN, R_ARMED, R_HEAD, R_TAIL, R_VALUE, R_WAITING, R_OLDEST = range(9)
-# Of a prompt reader: the newest sample that has arrived; where the last request ended, when it was sent and
-# whether it was for the same again; what was acknowledged last and when; whether an answer is asked for, and
-# whether by a heartbeat after repairs.
-R_NEWEST, R_NACKED, R_NACKED_AT, R_AGAIN, R_ACKED, R_ACKED_AT, R_ASKED, R_REPAIRED = range(9, 17)
-# Columns of State.server.
-S_BUSY, S_FLOW, S_SAMPLE, S_NEXT, S_WAITING, S_SKIPS = range(6)
-# Entries of State.delivery: whether it was watched, and not yet returned.
-D_FRESH, D_FLOW, D_SAMPLE, D_SKIPPED = range(4)
+class W(IntEnum):
+    """Columns of `State.writer`; HB is a heartbeat."""
+
+    LAST, ACKED, ARMED, INTERVAL, LAST_HB, ACKED_AT_HB, VALUE, CHANGE_AT, SENT, SENT_AT, WROTE_AT = range(11)
+
+
+class R(IntEnum):
+    """Columns of `State.reader`."""
+
+    # Next sample in order, first that the writer still has, last that is known to exist. Those that wait behind
+    # a gap are counted in WAITING, and none of them is older than OLDEST.
+    NEXT, FIRST, KNOWN, ARMED, HEAD, TAIL, VALUE, WAITING, OLDEST = range(9)
+    # Of a prompt reader: the newest sample that has arrived; where the last request ended, when it was sent and
+    # whether it was for the same again; what was acknowledged last and when; whether an answer is asked for,
+    # and whether by a heartbeat after repairs.
+    NEWEST, NACKED, NACKED_AT, AGAIN, ACKED, ACKED_AT, ASKED, REPAIRED = range(9, 17)
+
+
+class S(IntEnum):
+    """Columns of `State.server`."""
+
+    BUSY, FLOW, SAMPLE, NEXT, WAITING, SKIPS = range(6)
+
+
+class D(IntEnum):
+    """Entries of `State.delivery`; FRESH: it was watched, and not yet returned."""
+
+    FRESH, FLOW, SAMPLE, SKIPPED = range(4)
+
+
 SET = -1
 LONG_AGO = -(10**18)
 
@@ -198,31 +212,17 @@ _FRAME_FIELDS = 8
 
 
 class Sizes(NamedTuple):
-    """How much room a state has.
-
-    Attributes:
-        hosts: Number of hosts.
-        servers: Number of servers.
-        samples: Most samples of one flow.
-        queue: Frames that a host's queue holds.
-        flight: Most frames under way at once from one transmitter.
-    """
+    """How much room a state has."""
 
     hosts: int
     servers: int
-    samples: int
-    queue: int
-    flight: int
+    samples: int  #: Most of one flow.
+    queue: int  #: Frames that a host's queue holds.
+    flight: int  #: Most frames under way at once from one transmitter.
 
 
 def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
-    """Return the state at time 0, with each periodic flow's first publication scheduled.
-
-    Args:
-        params: Flows and timing.
-        sizes: How much room is needed.
-        seed: Of everything that is drawn.
-    """
+    """Return the state at time 0, with each periodic flow's first publication scheduled."""
     from sfglab.rtps.world import new_heap, push  # Numba takes its time to import
 
     flows = len(params.flows)
@@ -231,13 +231,13 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
         8 * flows + 4 * (transmitters + sizes.servers) + transmitters * sizes.flight + 16
     )
     per_sample = (flows, sizes.samples + 1)
-    reader = np.zeros((flows, 17), np.int64)
-    writer = np.zeros((flows, 11), np.int64)
-    writer[:, W_SENT] = -1
-    reader[:, R_NEXT] = reader[:, R_FIRST] = 1
-    reader[:, R_VALUE] = -1
-    reader[:, R_ACKED] = 1
-    reader[:, [R_NACKED_AT, R_ACKED_AT]] = writer[:, W_WROTE_AT] = LONG_AGO
+    reader = np.zeros((flows, len(R)), np.int64)
+    writer = np.zeros((flows, len(W)), np.int64)
+    writer[:, W.SENT] = -1
+    reader[:, R.NEXT] = reader[:, R.FIRST] = 1
+    reader[:, R.VALUE] = -1
+    reader[:, R.ACKED] = 1
+    reader[:, [R.NACKED_AT, R.ACKED_AT]] = writer[:, W.WROTE_AT] = LONG_AGO
     for flow, row in enumerate(params.flows):
         if row[FlowColumn.PERIOD_NS]:
             push(heap, heap_sizes, row[FlowColumn.PHASE_NS], int(Event.PUBLISH), flow)
@@ -262,8 +262,8 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
         next_host=np.zeros(transmitters, np.int64),
         flight=np.zeros((transmitters, sizes.flight, _FRAME_FIELDS), np.int64),
         flight_ends=np.zeros((transmitters, 2), np.int64),
-        server=np.zeros((sizes.servers, 6), np.int64),
+        server=np.zeros((sizes.servers, len(S)), np.int64),
         watched=np.zeros(flows, np.int8),
-        delivery=np.zeros(4, np.int64),
+        delivery=np.zeros(len(D), np.int64),
         scratch=np.zeros((2, _FRAME_FIELDS), np.int64),
     )

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sfglab.errors import InvalidValueError
 from sfglab.qos import QoSProfile
-from sfglab.rtps import Flow, Medium, ModelError, Scenario, Session, run
+from sfglab.rtps import Flow, Medium, Scenario, Session, run
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -91,9 +92,9 @@ def test_cache_control_says_what_it_discarded():
 def test_bad_calls_are_refused_with_the_place():
     session = Session(Scenario(flows=beams(), duration_s=1), seed=0)
     session.advance(10 * MS)
-    with pytest.raises(ModelError, match="until_ns"):
+    with pytest.raises(InvalidValueError, match="until_ns"):
         session.advance(0)
-    with pytest.raises(ModelError, match="given 'x'"):
+    with pytest.raises(InvalidValueError, match="given 'x'"):
         session.set_value("x", 1)
-    with pytest.raises(ModelError, match="given 'x'"):
+    with pytest.raises(InvalidValueError, match="given 'x'"):
         Session(Scenario(flows=beams(), duration_s=1), seed=0, watched=("x",))
