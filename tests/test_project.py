@@ -30,7 +30,7 @@ MOST_LINES = 500
 MOST_BODY_LINES = 50
 NO_NOUN = re.compile(r"(?:What|Who|Whose|Whatever|How|Where|Which)\b")
 LONG_PENDING = {"sfglab.deploy.routers.dds_router_check"}
-NOUNS_PENDING = {"arp", "deploy", "lab", "soc"}
+NOUNS_PENDING = {"deploy", "lab", "soc"}
 """Parts whose modules may still begin with another word."""
 
 

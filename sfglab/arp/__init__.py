@@ -6,44 +6,19 @@ Beside the QoS problem that the paper prints stands our own (`programme.plan`), 
 
 from __future__ import annotations
 
-from sfglab.arp.balancing import (
-    BalanceInput,
-    InfeasibleBalanceError,
-    average_topics,
-    balance,
-    balance_closed_form,
-)
-from sfglab.arp.cache import (
-    CacheControl,
-    Decision,
-    LocalCache,
-    exactly_equal,
-    nearly_equal,
-)
-from sfglab.arp.plan import InfeasiblePlanError, Limits, Plan, assess, plan_as_printed
+from sfglab.arp.cache import CacheControl, LocalCache
+from sfglab.arp.plan import Limits, Plan, plan_as_printed
 from sfglab.arp.programme import pareto_front, plan_file
-from sfglab.arp.topics import Topic, TopicFile, load_topics, read_topics
+from sfglab.arp.topics import TopicFile, load_topics
 
 __all__ = [
-    "BalanceInput",
     "CacheControl",
-    "Decision",
-    "InfeasibleBalanceError",
-    "InfeasiblePlanError",
     "Limits",
     "LocalCache",
     "Plan",
-    "Topic",
     "TopicFile",
-    "assess",
-    "average_topics",
-    "balance",
-    "balance_closed_form",
-    "exactly_equal",
     "load_topics",
-    "nearly_equal",
     "pareto_front",
     "plan_as_printed",
     "plan_file",
-    "read_topics",
 ]

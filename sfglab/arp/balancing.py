@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError, SfglabError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,10 +18,6 @@ if TYPE_CHECKING:
 
 DEPTH_MAX = 5000
 """Dmax: the most samples that Fast DDS kept in 2023 (paper B, section 2.4, reference 17)."""
-
-
-class BalanceInputError(SfglabError, ValueError):
-    """An input of the balancing that has no meaning."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,15 +33,11 @@ class BalanceInput:
 
     def __post_init__(self) -> None:
         if not self.topics or min(self.topics) < 1:
-            raise BalanceInputError(
-                f"topics: given {self.topics}, needed is at least one agent with topics each"
-            )
+            raise InvalidValueError("topics", self.topics, "at least one agent with topics each")
         for low, high in (("rate_min_hz", "rate_max_hz"), ("depth_min", "depth_max")):
             smaller, larger = getattr(self, low), getattr(self, high)
             if not 0 < smaller <= larger:
-                raise BalanceInputError(
-                    f"{low}, {high}: given {smaller:g}, {larger:g}; allowed is 0 < {low} <= {high}"
-                )
+                raise InvalidValueError(f"{low}, {high}", (smaller, larger), f"0 < {low} <= {high}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,9 +75,6 @@ def balance_closed_form(given: BalanceInput) -> Balance:
 
     R* = min(Rmax / T_avg - Rmin, Rmax) and D* = min(Dmax R* / Rmax - Dmin, Dmax).
 
-    Args:
-        given: Topics and limits.
-
     Raises:
         InfeasibleBalanceError: A lower bound lies above what Eq. 4 or Eq. 5 leaves.
     """
@@ -110,16 +99,13 @@ def balance_closed_form(given: BalanceInput) -> Balance:
 def build_problem(given: BalanceInput, *, weight: float = 0.5) -> tuple[Any, Any, Any]:
     """Return Eq. 6 as a CVXPY problem with its variables R and D.
 
-    "max R, D" is no objective that a solver takes; it is weighted here, each part by its largest value.
-
-    Args:
-        given: Topics and limits.
-        weight: Share of R in the objective, between 0 and 1 exclusively; it does not change the optimum.
+    "max R, D" is no objective that a solver takes; it is weighted here, each part by its largest value. The
+    weight, of R and between 0 and 1 exclusively, does not change the optimum.
     """
     import cvxpy as cp
 
     if not 0 < weight < 1:
-        raise BalanceInputError(f"weight: given {weight}, allowed is between 0 and 1, both excluded")
+        raise InvalidValueError("weight", weight, "between 0 and 1, both excluded")
     rate, depth = cp.Variable(name="R"), cp.Variable(name="D")
     constraints = [
         given.rate_max_hz / average_topics(given.topics) - rate >= given.rate_min_hz,
@@ -134,12 +120,7 @@ def build_problem(given: BalanceInput, *, weight: float = 0.5) -> tuple[Any, Any
 
 
 def balance(given: BalanceInput, *, weight: float = 0.5, solver: str = "CLARABEL") -> Balance:
-    """Solve Eq. 6 with CVXPY, as the paper does.
-
-    Args:
-        given: Topics and limits.
-        weight: Share of R in the objective.
-        solver: A solver of CVXPY by name.
+    """Solve Eq. 6 with CVXPY, as the paper does; see `build_problem`.
 
     Raises:
         InfeasibleBalanceError: No solution; says which equation fails and by how much.

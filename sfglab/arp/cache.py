@@ -19,16 +19,15 @@ from typing import Any
 
 import numpy as np
 
+from sfglab.errors import InvalidValueError
+
 Equality = Callable[[Any, Any], bool]
 
 
 def exactly_equal(first: Any, second: Any, *, ignore: frozenset[str] = frozenset()) -> bool:
     """Return whether two values are the same to the bit, a NaN being the same as a NaN.
 
-    Args:
-        first: A scalar, string, array, or message.
-        second: The other one.
-        ignore: Names of message fields that do not count, such as ``header`` (its stamp always differs).
+    Fields of messages in `ignore` do not count, such as ``header``, whose stamp always differs.
     """
     return _equal(first, second, 0.0, ignore)
 
@@ -37,17 +36,13 @@ def nearly_equal(tolerance: float, *, ignore: frozenset[str] = frozenset()) -> E
     """Return a comparison that takes numbers for equal that differ by no more than a tolerance.
 
     It compares with the last value *sent*, so a slow drift is sent once it has left the tolerance; it cannot
-    creep away unseen. Texts and truth values stay exact.
-
-    Args:
-        tolerance: Largest difference that does not count, in the value's own unit; at least 0.
-        ignore: Names of message fields that do not count.
+    creep away unseen. Texts and truth values stay exact. The tolerance is in the value's own unit.
 
     Raises:
-        ValueError: The tolerance is negative or no number.
+        InvalidValueError: The tolerance is negative or no number.
     """
     if not tolerance >= 0.0:
-        raise ValueError(f"cache tolerance: given {tolerance}, allowed are 0 and more")
+        raise InvalidValueError("cache tolerance", tolerance, "0 and more")
     return partial(_equal, tolerance=tolerance, ignore=ignore)
 
 
@@ -142,9 +137,7 @@ class _ChangeFilter:
 
     def __post_init__(self) -> None:
         if self.max_silence_ns is not None and self.max_silence_ns <= 0:
-            raise ValueError(
-                f"cache max_silence_ns: given {self.max_silence_ns}, allowed are positive nanoseconds or None"
-            )
+            raise InvalidValueError("cache max_silence_ns", self.max_silence_ns, "positive nanoseconds or None")
 
     def offer(self, topic: str, value: Any, *, now_ns: int, size_bytes: int = 0) -> Decision:
         """Decide on one value, and remember it if it passes.
@@ -167,10 +160,6 @@ class _ChangeFilter:
         else:
             self.counters.refreshed += 1
         return decision
-
-    def forget(self, topic: str) -> None:
-        """Let the next value of a topic pass, as when a new subscriber appears."""
-        self._entries.pop(topic, None)
 
     def _decide(self, entry: _Entry | None, value: Any, now_ns: int) -> Decision:
         if entry is None or not self.equal(value, entry.value):

@@ -1,4 +1,4 @@
-"""A planned QoS as files that DDS and ROS 2 read: `EXPORTS` by the name of the format.
+"""Exports of a planned QoS as files that DDS and ROS 2 read: `EXPORTS` by the name of the format.
 
 Fast DDS: one writer and one reader profile a topic, elements as in its own schemas
 (`resources/xsd/fastRTPS_profiles.xsd` of generation 2, ROS 2 Humble and Jazzy; `fastdds_profiles.xsd` of
@@ -17,8 +17,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.etree import ElementTree as ET
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
 from sfglab.rtps import CYCLONE_DDS, FAST_DDS
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,21 +29,13 @@ if TYPE_CHECKING:
     from sfglab.rtps import Vendor
 
 
-class ExportError(SfglabError, ValueError):
-    """A plan that the format cannot express."""
-
-
 def _require_vendor(plan: Plan, vendor: Vendor) -> None:
-    """Refuse a plan that was reckoned with another implementation's timing."""
     if plan.vendor.name != vendor.name:
-        raise ExportError(
-            f"this plan reckons with the timing of {plan.vendor.name}, which {vendor.name} does not have; "
-            f"plan again for {vendor.name}"
-        )
+        allowed = f"a plan with the timing of {vendor.name}: plan again for it"
+        raise InvalidValueError("export: the plan's timing", plan.vendor.name, allowed)
 
 
 def _summary(plan: Plan) -> str:
-    """Return one line on where a plan comes from."""
     return (
         f"QoS by sfglab (method {plan.method}) for {len(plan.topics)} topics on {plan.medium.rate_bps / 1e6:g} "
         f"Mbit/s with {100 * plan.medium.loss:g} % loss, {plan.vendor.name}: {100 * plan.utilisation:.0f} % of "
@@ -63,7 +56,7 @@ def _new_comment(text: str) -> Any:
 
 
 def _child(parent: ET.Element, path: str, text: str | None = None, **attributes: str) -> ET.Element:
-    """Add an element, with those of its path (separated by slashes) that do not exist yet, and return it."""
+    """Add an element, with those of its path that do not exist yet, and return it."""
     *holders, last = path.split("/")
     for name in holders:
         found = parent.find(name)
@@ -74,7 +67,6 @@ def _child(parent: ET.Element, path: str, text: str | None = None, **attributes:
 
 
 def _render(root: ET.Element) -> str:
-    """Return a document's text, indented."""
     ET.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
 
@@ -97,26 +89,25 @@ _FAST_HOW = (
 
 
 def fast_dds_xml(plan: Plan, *, generation: int = 2) -> str:
-    """Return a plan as Fast DDS XML profiles.
-
-    Args:
-        plan: Reckoned with Fast DDS's timing.
-        generation: First number of the Fast DDS version, 2 or 3.
+    """Return a plan as XML profiles for a generation of Fast DDS, the first number of its version: 2 or 3.
 
     Raises:
-        ExportError: The plan was reckoned with another vendor's timing, or the generation is unknown.
+        InvalidValueError: The plan was reckoned with another vendor's timing, or the generation is unknown.
     """
     _require_vendor(plan, FAST_DDS)
     if generation not in _NAMESPACES:
-        raise ExportError(f"Fast DDS generation: given {generation}, allowed are 2 and 3")
+        raise InvalidValueError("Fast DDS generation", generation, "2 and 3")
+    heartbeat, response, delay = _TIMES[generation]
+    vendor = plan.vendor
+    writer_times = {heartbeat: vendor.heartbeat_ns, response: vendor.nack_response_ns}
     root = ET.Element("dds", xmlns=_NAMESPACES[generation])
     root.append(_new_comment(_summary(plan)))
     root.append(_new_comment(_FAST_HOW))
     profiles = ET.SubElement(root, "profiles")
     for part in plan.topics:
         profiles.append(_new_comment(f"{part.topic.name}: {_rate_text(part)}"))
-        _add_profile(profiles, "data_writer", part, _writer_times(plan.vendor, generation))
-        _add_profile(profiles, "data_reader", part, _reader_times(plan.vendor, generation))
+        _add_profile(profiles, "data_writer", part, writer_times)
+        _add_profile(profiles, "data_reader", part, {delay: vendor.nack_delay_ns})
     return _render(root)
 
 
@@ -125,9 +116,9 @@ def _add_profile(profiles: ET.Element, kind: str, part: TopicPlan, times: dict[s
     _child(profile, "topic/historyQos/kind", part.qos.history.name)
     _child(profile, "topic/historyQos/depth", str(part.depth))
     if part.depth > _SAMPLES_PER_INSTANCE:
-        for limit, value in (("max_samples", part.depth), ("max_instances", 1)):
+        limits = {"max_samples": part.depth, "max_instances": 1, "max_samples_per_instance": part.depth}
+        for limit, value in limits.items():
             _child(profile, f"topic/resourceLimitsQos/{limit}", str(value))
-        _child(profile, "topic/resourceLimitsQos/max_samples_per_instance", str(part.depth))
     if part.deadline_ns is not None:
         _add_duration(_child(profile, "qos/deadline/period"), part.deadline_ns)
     _child(profile, "qos/durability/kind", part.qos.durability.name)
@@ -139,17 +130,8 @@ def _add_profile(profiles: ET.Element, kind: str, part: TopicPlan, times: dict[s
     _child(profile, "historyMemoryPolicy", "PREALLOCATED_WITH_REALLOC")
 
 
-def _writer_times(vendor: Vendor, generation: int) -> dict[str, int]:
-    heartbeat, response, _ = _TIMES[generation]
-    return {heartbeat: vendor.heartbeat_ns, response: vendor.nack_response_ns}
-
-
-def _reader_times(vendor: Vendor, generation: int) -> dict[str, int]:
-    return {_TIMES[generation][2]: vendor.nack_delay_ns}
-
-
 def _add_duration(parent: ET.Element, duration_ns: int) -> None:
-    seconds, nanoseconds = divmod(duration_ns, 1_000_000_000)
+    seconds, nanoseconds = divmod(duration_ns, NS_PER_S)
     _child(parent, "sec", str(seconds))
     _child(parent, "nanosec", str(nanoseconds))
 
@@ -171,11 +153,8 @@ _CYCLONE_HOW = (
 def cyclone_xml(plan: Plan) -> str:
     """Return a plan's timing as a Cyclone DDS configuration.
 
-    Args:
-        plan: Reckoned with Cyclone DDS's timing.
-
     Raises:
-        ExportError: The plan was reckoned with another vendor's timing.
+        InvalidValueError: The plan was reckoned with another vendor's timing.
     """
     _require_vendor(plan, CYCLONE_DDS)
     vendor = plan.vendor
@@ -209,11 +188,7 @@ _ROS2_HOW = """\
 
 
 def ros2_parameters(plan: Plan) -> str:
-    """Return a plan as a ROS 2 parameter file.
-
-    Args:
-        plan: Of either vendor.
-    """
+    """Return a plan, of either vendor, as a ROS 2 parameter file."""
     import yaml
 
     overrides = {
@@ -252,15 +227,10 @@ def _plain_dumper() -> Any:
 
 
 class Export(NamedTuple):
-    """One format.
+    """One format."""
 
-    Attributes:
-        file: Usual name of the file.
-        render: Returns a plan as the file's text.
-    """
-
-    file: str
-    render: Callable[[Plan], str]
+    file: str  #: Usual name of the file.
+    render: Callable[[Plan], str]  #: Returns a plan as the file's text.
 
 
 EXPORTS = {

@@ -1,4 +1,4 @@
-"""What topics cost on a link, and how long repairs hold them up: the arithmetic behind the planned QoS.
+"""Link under topics: what they cost on it and how long repairs hold them up, the arithmetic of the planned QoS.
 
 The same frames, delays and heartbeats as the simulation in `sfglab.rtps`, in closed form: airtime of each
 sample and of its acknowledgements, mean wait in the queue, mean delay by repairs (`repairs`). Given the depths,
@@ -67,12 +67,7 @@ class Link:
         return np.where(self.reliable, 1.0, 1 - self.loss)
 
     def unasked(self, sent_hz: float, *, at_random: bool) -> float:
-        """Return the share of a topic's samples that follow too soon for their heartbeat to ask for an answer.
-
-        Args:
-            sent_hz: Samples a second.
-            at_random: Whether they come at random times, not at even ones.
-        """
+        """Return the share of samples that follow too soon for their heartbeat to ask for an answer."""
         if at_random:
             return -math.expm1(-sent_hz * self.final_within_s)
         return float(sent_hz * self.final_within_s > 1)
@@ -103,11 +98,6 @@ def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
 
     On a shared medium every further host that contends stretches each frame (`Medium.contention`). Capacity is
     reckoned with all hosts contending, as they do when the medium is nearly full, which is when it decides.
-
-    Args:
-        topics: The topics.
-        medium: What carries them.
-        vendor: Timing of the reliability protocol.
     """
     hosts = sorted({t.source for t in topics} | {t.target for t in topics if t.reliable})
     senders = ("the medium",) if medium.shared else tuple(hosts)
@@ -151,12 +141,7 @@ def at_depths(link: Link, depths: NDArray[np.int64], rates_hz: NDArray[np.float6
     Where heartbeats come in batches, a history of d samples that fills within the period costs an
     acknowledgement for every d samples; one that does not, one for each period. Where heartbeats that follow
     soon ask for no answer, only those after a pause cost one. A request for each lost sample comes on top.
-
-    Args:
-        link: From `link_of`.
-        depths: Of each topic, shape (n,).
-        rates_hz: Of each topic; decide only what follows soon, and whether histories fill within a period,
-            shape (n,).
+    Rates, shape (n,) as depths, decide only what follows soon, and whether histories fill within a period.
     """
     sent_hz = link.sent_hz(rates_hz)
     share, most_hz, held = np.ones_like(sent_hz), link.acknack_most_hz.copy(), np.zeros_like(link.held)
@@ -189,13 +174,10 @@ def waits_s(link: Link, rates_hz: NDArray[np.float64]) -> NDArray[np.float64]:
 def queue_wait_s(utilisation: Any, link: Link, *, inverse: Callable[[Any], Any]) -> Any:
     """Return the mean time that contention and the queue add to each frame, of every sender, shape (S,).
 
-    Frames of one length at random times wait s u / (2 (1 - u)) (M/D/1). Contention makes them longer the busier
-    the medium is, s = f (1 + k u), and so the frame itself: f [(1 + k) (1 / (1 - u) - 1) + k u] / 2 in all.
-
-    Args:
-        utilisation: Share of each sender's time, u, below 1.
-        link: Gives f, the time of a frame that nobody contends with, and k.
-        inverse: 1 / x for positive x, of the kind of `utilisation`.
+    Frames of one length at random times wait s u / (2 (1 - u)) (M/D/1), u being the utilisation, below 1.
+    Contention makes them longer the busier the medium is, s = f (1 + k u), and so the frame itself:
+    f [(1 + k) (1 / (1 - u) - 1) + k u] / 2 in all; f is the time of a frame that nobody contends with.
+    `inverse` is 1 / x for positive x, of the kind of `utilisation`.
     """
     k = link.contention
     shares = (1 + k) * (inverse(1 - utilisation) - 1) + k * utilisation
@@ -206,12 +188,8 @@ def repair_delay_s(link: Link, sent_hz: Any, *, inverse: Callable[[Any], Any]) -
     """Return by how much losses hold up a topic's samples on average, shape (n,); convex in the rates.
 
     A lost sample holds up all that follow it until it is repaired, T later: p (T / 2 + r T^2 / 2) a sample. Of
-    what T consists stands in `repairs`; T + r T^2 is a / r + b + c r.
-
-    Args:
-        link: The link, at the topics' depths.
-        sent_hz: Samples a second that travel, r, shape (n,).
-        inverse: 1 / x for positive x, of the kind of `sent_hz`.
+    what T consists stands in `repairs`; T + r T^2 is a / r + b + c r. The link is that of the topics' depths,
+    r the samples a second that travel, shape (n,), and `inverse` 1 / x for positive x, of the kind of r.
     """
     spread, fixed, growing = 0.5 * link.loss * link.held
     return _times(spread, inverse(sent_hz)) + fixed + _times(growing, sent_hz)

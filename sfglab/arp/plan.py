@@ -1,8 +1,9 @@
-"""A planned QoS: rate and depth of each topic, what the link's arithmetic expects of them, and the best depths.
+"""Plan of the QoS: rate and depth of each topic, what the link's arithmetic expects of them, the best depths.
 
 Whatever the method that found the rates, they are judged alike here: share of the medium, latency, and the
 share of time in which the reader holds a value that is still true. Histories are as shallow as the allowed loss
-lets them be, because what is deeper waits longer. Refuses to know how rates are found.
+lets them be, because what is deeper waits longer. Arrays have an entry for each topic, shape (n,). Refuses to
+know how rates are found.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ import numpy as np
 from sfglab.arp.balancing import BalanceInput, balance
 from sfglab.arp.link import at_depths, link_of, queue_wait_s, repair_delay_s, waits_s
 from sfglab.arp.repairs import CANDIDATES, batch_loss, one_repair_loss, random_batch_loss
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.fields import between, check_bounds
 from sfglab.qos import SENSOR_DATA, QoSProfile
 
 if TYPE_CHECKING:
@@ -29,11 +31,7 @@ if TYPE_CHECKING:
     from sfglab.rtps import Medium, Vendor
 
 
-class ProgrammeError(SfglabError, ValueError):
-    """An input of the programme that has no meaning, or a solver that found no optimum."""
-
-
-class InfeasiblePlanError(ProgrammeError):
+class InfeasiblePlanError(SfglabError, ValueError):
     """The topics' minimal rates alone take more airtime than there is.
 
     Attributes:
@@ -65,24 +63,21 @@ class InfeasiblePlanError(ProgrammeError):
 class Limits:
     """What a plan must keep to."""
 
-    utilisation_max: float = 0.9  #: The most of each sender's time that may be taken, below 1.
+    #: The most of each sender's time that may be taken.
+    utilisation_max: float = between(0.9, 0, 1, without=(0, 1))
     #: Share of samples that may stay lost after repairs, where a history can keep it; a plan says what it
     #: expects (`TopicPlan.loss`).
-    residual_loss: float = 1e-4
+    residual_loss: float = between(1e-4, 0, 1, without=(0, 1))
 
     def __post_init__(self) -> None:
-        for name in ("utilisation_max", "residual_loss"):
-            if not 0 < getattr(self, name) < 1:
-                raise ProgrammeError(
-                    f"{name}: given {getattr(self, name)}, allowed is between 0 and 1, both excluded"
-                )
+        check_bounds(self)
 
 
 _MOST = 1e6
 
 
 def depths_for(link: Link, rates_hz: NDArray[np.float64], *, residual_loss: float) -> NDArray[np.int64]:
-    """Return how deep histories should be, shape (n,).
+    """Return how deep histories should be at these rates.
 
     Where a heartbeat rides with every sample, what is published while a sample waits for k repairs must fit
     beside it: k samples until their heartbeats, and r times the delays, with twice the queue's wait each; k
@@ -96,11 +91,6 @@ def depths_for(link: Link, rates_hz: NDArray[np.float64], *, residual_loss: floa
     sample counts as the latency of what is lost.
 
     Best-effort topics get the depth of rmw's profile for sensors.
-
-    Args:
-        link: The link.
-        rates_hz: Of each topic, shape (n,).
-        residual_loss: Share of samples that may stay lost.
     """
     rounds = rounds_needed(link.loss, residual_loss)
     during = np.minimum(link.sent_hz(rates_hz) * _rounds_s(link, rates_hz, rounds), _MOST)
@@ -114,13 +104,7 @@ def depths_for(link: Link, rates_hz: NDArray[np.float64], *, residual_loss: floa
 def expected_losses(
     link: Link, depths: NDArray[np.int64], rates_hz: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return which share of each topic's samples never comes because the medium loses frames, shape (n,).
-
-    Args:
-        link: The link.
-        depths: Of each topic, shape (n,).
-        rates_hz: Of each topic, shape (n,).
-    """
+    """Return which share of each topic's samples never comes because the medium loses frames."""
     sent_hz = link.sent_hz(rates_hz)
     losses = np.full(len(depths), link.loss)
     during = np.minimum(sent_hz * (link.round_s + _SLACK * waits_s(link, rates_hz)), _MOST)
@@ -140,15 +124,11 @@ def expected_losses(
 
 
 def rates_most_hz(link: Link, *, utilisation: float) -> NDArray[np.float64]:
-    """Return up to which rates the allowed loss can be kept, infinite where any can, shape (n,).
+    """Return up to which rates the allowed loss can be kept, infinite where any can.
 
     Where heartbeats come in batches, a sample that is published during a repair is one that is lost for good at
     the head of every batch, so there must be none: r c < 1. Behind a local cache that is no loss
-    (`depths_for`).
-
-    Args:
-        link: The link.
-        utilisation: Share of each sender's time that is taken, at most: decides how long frames wait.
+    (`depths_for`). The share of each sender's time that is taken, at most, decides how long frames wait.
     """
     bounded = link.batching & ~np.isfinite(link.change_most_hz) & (link.loss > 0)
     taken = np.full(len(link.senders), utilisation)
@@ -159,9 +139,7 @@ def rates_most_hz(link: Link, *, utilisation: float) -> NDArray[np.float64]:
 def rounds_needed(loss: float, residual_loss: float) -> int:
     """Return how many repairs a sample must be able to wait for: p f^k <= residual loss, at least one.
 
-    Args:
-        loss: p, share of frames that the medium loses; f = 1 - (1 - p)^2 is a repair's.
-        residual_loss: Share of samples that may stay lost.
+    p is the share of frames that the medium loses; f = 1 - (1 - p)^2 is a repair's.
     """
     if loss <= residual_loss:
         return 1
@@ -195,10 +173,6 @@ def _batch_depths(link: Link, rates_hz: NDArray[np.float64], residual_loss: floa
         allowed = next(a for limit in limits if (a := loss[:, i] <= limit * (1 + 1e-9)).any())
         chosen[i] = np.argmin(np.where(allowed, delay_s[:, i], math.inf))
     return np.asarray(np.array(CANDIDATES)[chosen])
-
-
-class UnknownTopicError(SfglabError, LookupError):
-    """A topic that a plan does not have."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -262,17 +236,12 @@ class Plan:
         """Return a topic's part.
 
         Raises:
-            UnknownTopicError: There is no such topic; says which there are.
+            InvalidValueError: There is no such topic; says which there are.
         """
-        for part in self.topics:
-            if part.topic.name == name:
-                return part
-        known = ", ".join(part.topic.name for part in self.topics)
-        raise UnknownTopicError(f"topic: given {name!r}, planned are {known}")
-
-    def qos(self, name: str) -> QoSProfile:
-        """Return the profile of a topic's writer and reader."""
-        return self[name].qos
+        parts = {part.topic.name: part for part in self.topics}
+        if name not in parts:
+            raise InvalidValueError("topic of the plan", name, ", ".join(parts))
+        return parts[name]
 
     @property
     def rates_hz(self) -> NDArray[np.float64]:
@@ -289,16 +258,7 @@ def assess(  # noqa: PLR0913 - a plan's parts, by keyword
     depths: NDArray[np.int64],
     method: str,
 ) -> Plan:
-    """Return rates and depths with what the link's arithmetic expects of them.
-
-    Args:
-        topics: The topics.
-        medium: The link.
-        vendor: Timing of the protocol.
-        rates_hz: Of each topic, shape (n,).
-        depths: Of each topic, shape (n,).
-        method: Who found them.
-    """
+    """Return rates and depths, which a method found, with what the link's arithmetic expects of them."""
     rates_hz = np.asarray(rates_hz, float)
     link = at_depths(link_of(topics, medium, vendor), depths, rates_hz)
     latency_s = _latency_s(link, depths, rates_hz)
@@ -327,10 +287,8 @@ def assess(  # noqa: PLR0913 - a plan's parts, by keyword
 def plan_as_printed(given: TopicFile) -> Plan:
     """Return the plan of paper B's own problem (`balancing`): one rate and one depth for all, the link unseen.
 
-    Rmax is the largest rate that any topic could have; the depth is rounded down.
-
-    Args:
-        given: Topics and link; T_a counts the topics of each of its agents.
+    Rmax is the largest rate that any topic could have, T_a counts the topics of each agent; the depth is
+    rounded down.
 
     Raises:
         InfeasibleBalanceError: No rate and depth satisfy the printed constraints.

@@ -1,4 +1,4 @@
-"""Our own QoS balancing: a convex programme that sees the link, with its Pareto front.
+"""Programme of our own QoS balancing: convex, with the link in sight, and its Pareto front.
 
 The problem that paper B prints (`balancing`) knows neither link nor messages, and has no trade-off. This one
 has one. Sending more often keeps the reader's value truer; it also takes airtime, fills queues, and puts more
@@ -34,7 +34,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.arp.link import at_depths, link_of, queue_wait_s, repair_delay_s
-from sfglab.arp.plan import InfeasiblePlanError, Limits, ProgrammeError, assess, depths_for, rates_most_hz
+from sfglab.arp.plan import InfeasiblePlanError, Limits, assess, depths_for, rates_most_hz
+from sfglab.errors import InvalidValueError, SfglabError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -64,7 +65,7 @@ def plan(
     latency_price_hz: float | None = None,
     limits: Limits | None = None,
 ) -> Plan:
-    """Return rates and depths for topics on a link.
+    """Return rates and depths for topics on a link, with a vendor's timing; raises what `pareto_front` does.
 
     Args:
         topics: The topics.
@@ -73,10 +74,6 @@ def plan(
         latency_price_hz: What a second of mean latency costs, in freshness; None: the point of the Pareto front
             at which readers are expected to be up to date for the largest share of time.
         limits: What must be kept; None: the usual ones.
-
-    Raises:
-        InfeasiblePlanError: The minimal rates alone exceed the capacity; says by how much.
-        ProgrammeError: An input has no meaning, or the solver ended without an optimum.
     """
     if latency_price_hz is None:
         front = pareto_front(topics, medium, vendor, limits=limits)
@@ -94,24 +91,17 @@ def pareto_front(
 ) -> tuple[Plan, ...]:
     """Return plans of which none is better in both freshness and latency: one for each price of latency.
 
-    Args:
-        topics: The topics.
-        medium: The link.
-        vendor: Timing of the protocol.
-        limits: What must be kept; None: the usual ones.
-        prices_hz: Prices of latency, at least 0; with higher ones, latency and freshness both fall.
+    Arguments are those of `plan`; prices are at least 0: with higher ones, latency and freshness both fall.
 
     Raises:
         InfeasiblePlanError: The minimal rates alone exceed the capacity; says by how much.
-        ProgrammeError: An input has no meaning, or the solver ended without an optimum.
+        InvalidValueError: There are no topics or no prices, or a price is below 0.
+        SfglabError: The solver ended without an optimum.
     """
-    limits = limits or Limits()
     if not topics or not prices_hz or not all(0 <= price < math.inf for price in prices_hz):
-        raise ProgrammeError(
-            f"topics, prices: given {len(topics)} topics and prices {tuple(prices_hz)}; "
-            "needed is at least one of each, allowed are prices from 0"
-        )
-    planner = _Planner(tuple(topics), medium, vendor, limits)
+        given = f"{len(topics)} topics and prices {tuple(prices_hz)}"
+        raise InvalidValueError("topics, prices", given, "at least one of each, prices from 0")
+    planner = _Planner(tuple(topics), medium, vendor, limits or Limits())
     return tuple(planner.plan(float(price)) for price in prices_hz)
 
 
@@ -239,13 +229,7 @@ class Programme:
 
 
 def build_programme(topics: Sequence[Topic], link: Link, limits: Limits) -> Programme:
-    """Return the programme, unsolved.
-
-    Args:
-        topics: The topics.
-        link: What they cost, from `at_depths`.
-        limits: What must be kept.
-    """
+    """Return the programme, unsolved; `link` is what the topics cost, from `at_depths`."""
     import cvxpy as cp
     from cvxpy.atoms.affine.binary_operators import multiply
 
@@ -313,15 +297,12 @@ def _inverse_at(usual: NDArray[np.float64]) -> Callable[[Any], Any]:
 
 
 def solve(programme: Programme, link: Link, price: float) -> tuple[NDArray[np.float64], float]:
-    """Return rates and the capacity's dual value, after the branches have settled.
+    """Return rates and the capacity's dual value at a price of latency, after the branches have settled.
 
-    Args:
-        programme: With its other parameters set.
-        link: What it was built with.
-        price: What a second of mean latency costs.
+    The programme's other parameters are set; `link` is what it was built with.
 
     Raises:
-        ProgrammeError: The solver ended without an optimum.
+        SfglabError: The solver ended without an optimum.
     """
     programme.price.value = price
     rates_hz, chosen = programme.bounds_hz[0], None
@@ -336,12 +317,9 @@ def solve(programme: Programme, link: Link, price: float) -> tuple[NDArray[np.fl
         for i, (there, share, ceiling) in enumerate(zip(flat, shares, most, strict=True)):
             programme.branches[2 * i].value = np.where(there, 0.0, share)
             programme.branches[2 * i + 1].value = np.where(there, ceiling, 0.0)
-        _run_solver(programme.problem)
+        problem = programme.problem
+        problem.solve(solver="CLARABEL", **_TOLERANCES)
+        if problem.status != "optimal":
+            raise SfglabError(f"QoS plan: solver CLARABEL ended with status {problem.status!r}")
         rates_hz = np.clip(programme.rates.value, *programme.bounds_hz)
     return rates_hz, float(np.max(programme.capacity.dual_value))
-
-
-def _run_solver(problem: Any) -> None:
-    problem.solve(solver="CLARABEL", **_TOLERANCES)
-    if problem.status != "optimal":
-        raise ProgrammeError(f"QoS plan: solver CLARABEL ended with status {problem.status!r}")

@@ -13,8 +13,8 @@ more, d - 1 samples after the sample.
 
 First order in losses: gaps that overlap are counted one by one, and no more than a second repair is reckoned in
 batches. Against `sfglab.rtps` with 1 % loss, delays are right to 20 % where r c < 1 and depths are 12 at most;
-with 10 % loss and with deep histories they lie above the simulated ones, up to fourfold. Refuses to know links
-and topics.
+with 10 % loss and with deep histories they lie above the simulated ones, up to fourfold. `loss` is the share of
+frames that the medium loses. Refuses to know links and topics.
 """
 
 from __future__ import annotations
@@ -35,17 +35,11 @@ the longer a loss holds up what follows."""
 
 
 class Held(NamedTuple):
-    """By how much one loss holds up others: T + r T^2 = spread / r + fixed + growing r, in the mean.
+    """By how much one loss holds up others: T + r T^2 = spread / r + fixed + growing r, in the mean."""
 
-    Attributes:
-        spread: Without unit.
-        fixed: Seconds.
-        growing: Seconds squared.
-    """
-
-    spread: float
-    fixed: float
-    growing: float
+    spread: float  #: Without unit.
+    fixed: float  #: Seconds.
+    growing: float  #: Seconds squared.
 
 
 def one_repair_loss(loss: float) -> float:
@@ -55,12 +49,9 @@ def one_repair_loss(loss: float) -> float:
 
 @lru_cache(maxsize=4096)
 def batch_loss(depth: int, during: int, loss: float) -> float:
-    """Return which share of a topic's samples stays lost, expected.
+    """Return which share of a topic's samples stays lost, expected, with a history of d samples.
 
-    Args:
-        depth: d, samples of the history.
-        during: Whole samples that are published between a heartbeat and the repair that it brings.
-        loss: Share of frames that the medium loses.
+    `during` is how many whole samples are published between a heartbeat and the repair that it brings.
     """
     place, first = _places(depth)
     # Each sample from the d-th on carries a heartbeat until a request comes, as the history stays full.
@@ -72,13 +63,7 @@ def batch_loss(depth: int, during: int, loss: float) -> float:
 
 
 def random_batch_loss(depth: int, during: float, loss: float) -> float:
-    """Return the same where samples come at random: a Poisson number of them during a repair.
-
-    Args:
-        depth: As in `batch_loss`.
-        during: Their mean.
-        loss: As in `batch_loss`.
-    """
+    """Return the same where samples come at random: a Poisson number, in the mean `during`, in a repair."""
     few, chances = np.arange(depth), np.empty(depth)
     chances[0] = math.exp(-during)
     for n in few[1:]:
@@ -91,12 +76,8 @@ def steady_held(round_s: float, again_s: float, loss: float) -> Held:
     """Return by how much one loss holds up others where the next sample shows it.
 
     Rounds follow each other until one succeeds, so that their number N is geometric:
-    T = N / r + N c + (N - 1) a.
-
-    Args:
-        round_s: c, from a heartbeat to the repair's arrival.
-        again_s: a, what the reader waits besides before it asks for the same again.
-        loss: Share of frames that the medium loses.
+    T = N / r + N c + (N - 1) a, with c from a heartbeat to the repair's arrival (`round_s`), and a what the
+    reader waits besides before it asks for the same again (`again_s`).
     """
     q = (1 - loss) ** 2
     n, n2 = 1 / q, (2 - q) / q**2
@@ -111,11 +92,6 @@ def batch_held(depth: int, round_s: float, loss: float) -> Held:
 
     A repair takes T = k / r + n c: k samples until its heartbeat, n rounds of delays. One sample alone holds up
     nothing: the next one shows at once that it is gone.
-
-    Args:
-        depth: d.
-        round_s: c, from a heartbeat to the repair's arrival.
-        loss: Share of frames that the medium loses.
     """
     if depth == 1:
         return Held(0.0, 0.0, 0.0)
@@ -137,12 +113,6 @@ def alone_held(rate_hz: float, period_s: float, round_s: float, loss: float) -> 
 
     The writer's timer starts with the first sample that is unacknowledged, and the samples of its period wait
     for its end; after a repair that failed, a whole period more.
-
-    Args:
-        rate_hz: Samples a second.
-        period_s: Between heartbeats.
-        round_s: c.
-        loss: Share of frames that the medium loses.
     """
     samples = rate_hz * period_s
     more = math.floor(samples)

@@ -1,4 +1,4 @@
-"""The topics that QoS is planned for, and the YAML file that names them with their link.
+"""Topics that QoS is planned for, and the YAML file that names them with their link.
 
 Knows topics, links and vendors by their keys, and says for every refusal file, topic, key, what was given and
 what is allowed. Refuses to know how rates are found.
@@ -66,15 +66,11 @@ class TopicFile:
         """Return the same with no topic faster than a rate; a minimal rate above it is lowered to it."""
         if rate_max_hz is None:
             return self
-        topics = tuple(
-            replace(
-                t,
-                rate_max_hz=min(t.rate_max_hz, rate_max_hz),
-                rate_min_hz=min(t.rate_min_hz, rate_max_hz),
-            )
-            for t in self.topics
+        limits = ("rate_max_hz", "rate_min_hz")
+        topics = (
+            replace(t, **{name: min(getattr(t, name), rate_max_hz) for name in limits}) for t in self.topics
         )
-        return replace(self, topics=topics)
+        return replace(self, topics=tuple(topics))
 
     def topics_of_agents(self) -> tuple[int, ...]:
         """Return T_a of paper B, Eq. 1: how many topics each agent sends or hears."""
@@ -82,10 +78,7 @@ class TopicFile:
 
 
 def load_topics(path: Path) -> TopicFile:
-    """Read a file of topics.
-
-    Args:
-        path: A YAML file, such as ``data/qos/paper_b.yaml``.
+    """Read a YAML file of topics, such as ``data/qos/paper_b.yaml``.
 
     Raises:
         DocumentError: It cannot be read, or does not say what it must.
@@ -94,11 +87,7 @@ def load_topics(path: Path) -> TopicFile:
 
 
 def read_topics(text: str, *, file: str = "topics.yaml") -> TopicFile:
-    """Read topics from the text of a YAML file.
-
-    Args:
-        text: What stands in the file.
-        file: Its name, for messages.
+    """Read topics from the text of a YAML file, whose name is for messages.
 
     Raises:
         DocumentError: It does not say what it must; says where.

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.arp import CacheControl, Decision, LocalCache, exactly_equal, nearly_equal
+from sfglab.arp.cache import CacheControl, Decision, LocalCache, exactly_equal, nearly_equal
 from sfglab.messages import message_type, stamp_from_ns
 
 S = 1_000_000_000
@@ -59,13 +59,6 @@ def test_counters_count_messages_and_bytes():
     assert (counters.changed, counters.refreshed, counters.held) == (2, 1, 1)
     assert counters.held_bytes == 24
     assert counters.offered == 4
-
-
-def test_who_joins_late_is_served_after_forget():
-    cache = LocalCache()
-    cache.offer("/a", 1, now_ns=0)
-    cache.forget("/a")
-    assert cache.offer("/a", 1, now_ns=1) is Decision.CHANGED
 
 
 def test_cache_control_keeps_the_value_that_planning_works_with():

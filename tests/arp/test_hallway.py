@@ -15,9 +15,7 @@ from sfglab.arp.hallway import (
     BEAMS_DEG,
     HALF_WIDTH_M,
     HOME,
-    NO_ECHO,
     RADIUS_M,
-    SPEED_M_S,
     STEP_NS,
     STOP,
     WAYPOINTS,
@@ -29,6 +27,7 @@ from sfglab.arp.hallway import (
     step_from_range,
 )
 from sfglab.arp.hallway.course import drive, scan, winding_rad
+from sfglab.arp.hallway.nodes import NO_ECHO, SPEED_M_S
 
 EMPTY = Area(robot="robot1")
 

@@ -15,27 +15,23 @@ from sfglab.arp.hallway import (
     BEAMS_DEG,
     LIMIT_S,
     RADIUS_M,
-    SAFE_M,
     SCAN_HZ,
     STEP_NS,
     STOP,
-    TRANSITIONS,
     ActuationNode,
     Area,
     End,
-    LocalisationNode,
     Manoeuvre,
-    PlanningNode,
     SensingNode,
-    Sight,
     Station,
     Verdict,
     World,
-    command_for,
     judge,
     step_from_range,
 )
 from sfglab.arp.hallway.course import scan
+from sfglab.arp.hallway.nodes import SAFE_M, LocalisationNode
+from sfglab.arp.hallway.station import TRANSITIONS, PlanningNode, Sight, command_for
 
 EMPTY = Area(robot="robot1")
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from sfglab.arp import load_topics, read_topics
 from sfglab.arp.robots import ROBOTS, SENSORS
+from sfglab.arp.topics import load_topics, read_topics
 from sfglab.documents import DocumentError, Place
 from sfglab.qos import Durability, Reliability
 from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Medium

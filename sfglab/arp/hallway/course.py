@@ -127,11 +127,7 @@ AREAS = (
 def scan(walls: Any, pose: Any, angles: Any, ranges: Any) -> None:
     """Write the distance to the next wall in each direction into `ranges`; infinity where there is none.
 
-    Args:
-        walls: Shape (walls, 4).
-        pose: x, y and heading.
-        angles: Directions from the heading, radians, shape (n,).
-        ranges: Result, shape (n,).
+    Walls have shape (walls, 4); directions, in radians from the heading, and ranges (n,).
     """
     for i in range(len(angles)):
         dx, dy = math.cos(pose[2] + angles[i]), math.sin(pose[2] + angles[i])
@@ -164,13 +160,9 @@ def clearances(walls: Any, poses: Any, result: Any) -> None:
 
 @nb.njit(cache=True, nogil=True)
 def drive(poses: Any, wheels: Any, base_m: float, dt_s: float) -> None:
-    """Move each robot along the arc that its wheels' speeds make.
+    """Move each robot along the arc that its wheels' speeds make, and change `poses` in place.
 
-    Args:
-        poses: Changed in place.
-        wheels: Speed of the left and the right wheel, m/s, shape (robots, 2).
-        base_m: From wheel to wheel.
-        dt_s: How long.
+    Speeds are those of the left and the right wheel, m/s, shape (robots, 2); `base_m` is from one to the other.
     """
     for r in range(poses.shape[0]):
         ahead = 0.5 * (wheels[r, 0] + wheels[r, 1]) * dt_s

@@ -157,12 +157,7 @@ class LocalisationNode:
         self.view: View | None = None
 
     def hear(self, beam: int, step: int) -> bool:
-        """Take a beam's value, and return whether anything is different now.
-
-        Args:
-            beam: Index in `BEAMS_DEG`.
-            step: Its value.
-        """
+        """Take the value of a beam, by its index in `BEAMS_DEG`; return whether anything is different now."""
         if self._steps[beam] == step:
             return False
         self._steps[beam] = step

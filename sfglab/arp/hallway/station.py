@@ -114,12 +114,7 @@ class PlanningNode:
 
 
 def command_for(manoeuvre: Manoeuvre, view: View) -> Command:
-    """Return what one robot is told: the common manoeuvre, and along a corridor its own correction.
-
-    Args:
-        manoeuvre: What all do.
-        view: This robot's.
-    """
+    """Return what one robot is told: the common manoeuvre, and along a corridor its own correction."""
     if manoeuvre is Manoeuvre.STOP:
         return Command(moving=False)
     if manoeuvre is Manoeuvre.FORWARD:
@@ -145,32 +140,18 @@ LEADER = 0
 
 
 class Station:
-    """The nodes at the station.
-
-    Args:
-        robots: How many; the first one leads.
-
-    Attributes:
-        commands: What each robot is told at present.
-        stopped_by: Robot whose localisation was the last to see an obstacle and stop all; None: none has.
-        manoeuvre: What was released last.
-    """
+    """The nodes at the station, for so many robots; the first one leads."""
 
     def __init__(self, robots: int = 3) -> None:
         self._localisations = [LocalisationNode() for _ in range(robots)]
         self._planning = PlanningNode()
-        self.commands = [STOP] * robots
+        self.commands = [STOP] * robots  #: What each robot is told at present.
+        #: Robot whose localisation was the last to see an obstacle and stop all; None: none has.
         self.stopped_by: int | None = None
-        self.manoeuvre = Manoeuvre.STOP
+        self.manoeuvre = Manoeuvre.STOP  #: What was released last.
 
     def hear(self, robot: int, beam: int, step: int) -> bool:
-        """Take a beam's value, and return whether anybody's command is another one now.
-
-        Args:
-            robot: Whose beam.
-            beam: Index in `BEAMS_DEG`.
-            step: Its value.
-        """
+        """Take the value of a robot's beam in `BEAMS_DEG`; return whether any command is another one now."""
         if not self._localisations[robot].hear(beam, step):
             return False
         views = [localisation.view for localisation in self._localisations]

@@ -39,15 +39,9 @@ _ANGLES = np.radians(BEAMS_DEG)
 
 
 class World:
-    """The physics of one run.
+    """The physics of one run, with an area for each robot.
 
-    Args:
-        seed: Of where robots stand at first, how their wheels differ and how they slip.
-        areas: One for each robot.
-
-    Attributes:
-        poses: x, y (metres) and heading (radians) of each robot, shape (robots, 3).
-        clearance_m: From each robot's middle to the nearest wall, shape (robots,).
+    The seed decides where robots stand at first, how their wheels differ and how they slip.
     """
 
     def __init__(self, *, seed: int, areas: Sequence[Area] = AREAS) -> None:
@@ -59,9 +53,10 @@ class World:
         ]
         self._walls = np.ascontiguousarray(padded)
         put = self._random.normal(size=(robots, 3)) * (_PUT_SIGMA_M, _PUT_SIGMA_M, _PUT_SIGMA_RAD)
+        #: x, y (metres) and heading (radians) of each robot, shape (robots, 3).
         self.poses: NDArray[np.float64] = np.array(HOME) + put
         self._scale = 1.0 + self._random.normal(size=(robots, 2)) * _WHEEL_SIGMA
-        self.clearance_m = np.empty(robots)
+        self.clearance_m = np.empty(robots)  #: From each robot's middle to the nearest wall, shape (robots,).
         self._ranges = np.empty(len(_ANGLES))
         self._wound = np.array([winding_rad(x, y) for x, y, _ in self.poses])
         clearances(self._walls, self.poses, self.clearance_m)
@@ -121,15 +116,7 @@ def judge(
     now_s: float,
     limit_s: float = LIMIT_S,
 ) -> Verdict | None:
-    """Return how a run has ended, or None while it goes on.
-
-    Args:
-        clearance_m: From each robot's middle to the nearest wall.
-        wound_rad: How far around each robot has come.
-        stopped_by: Who stopped all for an obstacle.
-        now_s: Since the start.
-        limit_s: When it is given up.
-    """
+    """Return how a run has ended, or None while it goes on, from what the `World` says of its robots."""
     for robot, clearance in enumerate(clearance_m):
         if clearance <= RADIUS_M:
             return Verdict(end=End.CONTACT, robot=robot)

@@ -440,7 +440,7 @@ def own_plan(rate_max_hz: int, *, cached: bool = False) -> Plan:
 
 def _planned(flow: Flow, chosen: Plan) -> Flow:
     """Give a flow its planned rate; its phase keeps its share of the period. The answer follows "Hello"."""
-    qos = chosen.qos(flow.name)
+    qos = chosen[flow.name].qos
     if flow.name == HELLO_DOWN:
         return replace(flow, qos=qos)
     rate_hz = chosen[flow.name].rate_hz
