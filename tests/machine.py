@@ -34,6 +34,10 @@ NEEDS = {"netns": cache(_lack_of_namespaces), "browser": cache(_lack_of_a_browse
 
 
 def pytest_configure() -> None:
+    from hypothesis import settings
+
+    settings.register_profile("any machine", deadline=None)  # a busy one is slow
+    settings.load_profile("any machine")
     if unknown := REQUIRED - set(NEEDS):
         raise pytest.UsageError(
             f"SFGLAB_REQUIRE: given {', '.join(sorted(unknown))}, allowed are {', '.join(NEEDS)}"

@@ -1,76 +1,63 @@
-"""One host's part of a scenario of the reliability model, played over DDS in one thread.
+"""A host's part of scenarios of the reliability model: ``python -m sfglab.lab.workers.flowplay CONFIG``.
 
 Publishes its flows on an absolute schedule, through local caches where they have them; takes samples for its
 executors as the model's do, one after the other, in turn among an executor's flows, each for its service time.
 An executor's time is kept as a schedule too, not worked off: what a sample cost begins when the one before it
-ended, so a late look does not add up. Knows raw DDS endpoints; refuses to know hosts and what is measured.
+ended, so a late look does not add up. Knows raw DDS endpoints, in one thread; refuses to know hosts and what is
+measured.
+
+Orders, one scenario after the other: ``{"do": "open", "flows", "seed"}`` is answered by ``matched`` when every
+endpoint has its other end, ``{"do": "play", "start_ns", "duration_s", "drain_s", "result"}`` by ``done`` with
+how well it kept its schedule, after its arrays are in the file ``result`` (NumPy's npz), ``{"do": "close"}`` by
+``closed``.
 """
 
 from __future__ import annotations
 
+import asyncio
 import ctypes as ct
 import heapq
 import random
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from sfglab.arp.cache import CacheControl, LocalCache
-from sfglab.bus.dds.clib import (
-    ANY_STATE,
-    MatchedStatus,
-    SampleInfo,
-    library,
-)
+from sfglab.bus.address import BusAddress
+from sfglab.bus.dds.clib import ANY_STATE, MatchedStatus, SampleInfo, library
 from sfglab.bus.dds.endpoints import bytes_from_serdata, serdata_from_bytes, sertype_of, stamp
-from sfglab.qos import History, QoSProfile, Reliability
+from sfglab.component import run_component
+from sfglab.fields import from_json
+from sfglab.qos import History, QoSProfile
+from sfglab.rtps import Flow
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from sfglab.bus.dds.participant import DdsParticipant
+    from sfglab.component import Report
 
 
-_S = 1_000_000_000
 _TYPE = "std_msgs/msg/String"
 # CDR of a text: header, length, letters, a final zero (RTPS 2.5, clause 10).
 _HEADER = b"\x00\x01\x00\x00"
 _FRAME_BYTES = len(_HEADER) + 4 + 1
 _LONGEST_PAUSE_NS = 50_000_000
 _MAX_TRIGGERED = 64
+_LOOK_S = 0.02
+_PR_SET_TIMERSLACK = 29  # linux/prctl.h
 _DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz-_"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PartFlow:
-    """A flow as a process is told of it; fields as `sfglab.rtps.Flow`'s."""
+class PartsConfig:
+    """What the process is told."""
 
-    name: str  #: Also of the topic.
-    writes: bool  #: Whether this process publishes it.
-    reads: bool  #: Whether this process receives it.
-    size_bytes: int  #: CDR size of a sample.
-    rate_hz: float  #: How often it is published; 0: only by a chain.
-    phase_s: float  #: When first.
-    depth: int  #: Of the writer's history; 0: KEEP_ALL.
-    reader_depth: int  #: Of the reader's history; 0: KEEP_ALL.
-    reliable: bool  #: Whether both are RELIABLE.
-    deadline_ns: int | None  #: DEADLINE of both; None: none.
-    executor: str  #: Whose time samples cost; one of its own when empty.
-    service_s: float  #: How much.
-    compare_s: float | None  #: What a repeated value costs with cache control; None: there is none.
-    change_s: float  #: Mean time between changes of the value; 0: every sample differs.
-    cached: bool  #: Whether a local cache holds repeated values back.
-    max_silence_s: float | None  #: Its longest silence; None: none.
-    then: str | None  #: Flow that is published when a sample was processed.
-
-    def qos(self, depth: int) -> QoSProfile:
-        """Return the QoS of an endpoint with such a history."""
-        return QoSProfile(
-            reliability=Reliability.RELIABLE if self.reliable else Reliability.BEST_EFFORT,
-            history=History.KEEP_LAST if depth else History.KEEP_ALL,
-            depth=depth or 1,
-            deadline_ns=self.deadline_ns,
-        )
+    host: str  #: Its name, as the flows have it.
+    address: BusAddress  #: Where it stands, to the others.
 
 
 def text_of(value: int, size_bytes: int) -> bytes:
@@ -96,77 +83,69 @@ def value_of(cdr: bytes) -> int:
     return value
 
 
-@dataclass(slots=True)
-class Written:
-    """What a writer has published: a time stamp is a sample's identity."""
-
-    due_ns: list[int] = field(default_factory=list)  #: When it should have been, Unix nanoseconds.
-    sent_ns: list[int] = field(default_factory=list)  #: When it was; also its source time stamp.
-    value: list[int] = field(default_factory=list)  #: Number of the value.
-    held: int = 0  #: Values that the local cache held back.
-    refused: int = 0  #: Samples that DDS refused.
-
-
-@dataclass(slots=True)
-class Received:
-    """What a reader has given to its executor."""
-
-    sent_ns: list[int] = field(default_factory=list)  #: Source time stamp of each sample.
-    taken_ns: list[int] = field(default_factory=list)  #: When it was taken from the reader.
-    done_ns: list[int] = field(default_factory=list)  #: When the executor was done with it.
-    compared: int = 0  #: Samples that cache control discarded.
+def _reader_qos(flow: Flow) -> QoSProfile:
+    if flow.reader_depth is None:
+        return flow.qos
+    history = History.KEEP_LAST if flow.reader_depth else History.KEEP_ALL
+    return replace(flow.qos, history=history, depth=flow.reader_depth or 1)
 
 
 class _Sensor:
-    """A flow's value, writer and cache."""
+    """A flow's value, writer and cache, and what was published: a time stamp is a sample's identity."""
 
-    def __init__(self, flow: PartFlow, participant: DdsParticipant, idl: type[Any], seed: int) -> None:
+    def __init__(self, flow: Flow, participant: DdsParticipant, idl: type[Any], seed: int) -> None:
         self.flow = flow
-        self.log = Written()
-        self.handle = participant.create_writer(f"rt/{flow.name}", idl, flow.qos(flow.depth))
+        self.due_ns: list[int] = []  # when it should have been, Unix nanoseconds
+        self.sent_ns: list[int] = []  # when it was; also its source time stamp
+        self.value: list[int] = []
+        self.held = 0  # values that the local cache held back
+        self.refused = 0  # samples that DDS refused
+        self.handle = participant.create_writer(f"rt/{flow.name}", idl, flow.qos)
         self._sertype = sertype_of(self.handle)
         self._random = random.Random(f"{seed} {flow.name}")
-        self._value = 0
+        self._latest = 0
         self._change_ns = 0
-        silence_ns = None if flow.max_silence_s is None else round(flow.max_silence_s * _S)
+        silence_ns = None if flow.max_silence_s is None else round(flow.max_silence_s * NS_PER_S)
         self._cache = LocalCache(max_silence_ns=silence_ns) if flow.cached else None
 
     def read(self, now_ns: int) -> int:
         """Return the number of the value that the sensor has now."""
         if not self.flow.change_s:
-            self._value += 1
-            return self._value
+            self._latest += 1
+            return self._latest
         self._change_ns = self._change_ns or now_ns
         while now_ns >= self._change_ns:
-            self._value += 1
-            self._change_ns += max(1, round(self._random.expovariate(1 / self.flow.change_s) * _S))
-        return self._value
+            self._latest += 1
+            self._change_ns += max(1, round(self._random.expovariate(1 / self.flow.change_s) * NS_PER_S))
+        return self._latest
 
     def offer(self, value: int, due_ns: int) -> None:
         """Publish a value unless the local cache holds it back."""
         if self._cache is not None and not self._cache.offer(self.flow.name, value, now_ns=due_ns).passes:
-            self.log.held += 1
+            self.held += 1
             return
         serdata = serdata_from_bytes(self._sertype, text_of(value, self.flow.size_bytes))
         assert serdata, "a text that Cyclone DDS cannot parse"
         now_ns = time.time_ns()
         stamp(serdata, now_ns)
         if library().dds_forwardcdr(self.handle, serdata) < 0:
-            self.log.refused += 1
+            self.refused += 1
             return
-        self.log.due_ns.append(due_ns)
-        self.log.sent_ns.append(now_ns)
-        self.log.value.append(value)
+        self.due_ns.append(due_ns)
+        self.sent_ns.append(now_ns)
+        self.value.append(value)
 
 
 class _Inlet:
-    """A flow's reader, with cache control."""
+    """A flow's reader with cache control, and what it has given to its executor."""
 
-    def __init__(self, flow: PartFlow, participant: DdsParticipant, idl: type[Any]) -> None:
+    def __init__(self, flow: Flow, participant: DdsParticipant, idl: type[Any]) -> None:
         self.flow = flow
-        self.log = Received()
+        self.sent_ns: list[int] = []  # source time stamp of each sample
+        self.done_ns: list[int] = []  # when the executor was done with it
+        self.compared = 0  # samples that cache control discarded
         self.since_ns: int | None = None  # since when something is known to wait
-        self.handle = participant.create_reader(f"rt/{flow.name}", idl, flow.qos(flow.reader_depth))
+        self.handle = participant.create_reader(f"rt/{flow.name}", idl, _reader_qos(flow))
         self.condition: int = library().dds_create_readcondition(self.handle, ANY_STATE)
         self._cache = CacheControl() if flow.compare_s is not None else None
         self._serdata: Any = (ct.c_void_p * 1)()
@@ -186,9 +165,9 @@ class _Inlet:
         """Return what a value costs its executor: a comparison or the whole."""
         flow = self.flow
         if self._cache is not None and not self._cache.offer(flow.name, value, now_ns=now_ns).passes:
-            self.log.compared += 1
-            return round((flow.compare_s or 0.0) * _S)
-        return round(flow.service_s * _S)
+            self.compared += 1
+            return round((flow.compare_s or 0.0) * NS_PER_S)
+        return round(flow.service_s * NS_PER_S)
 
 
 @dataclass(slots=True)
@@ -216,16 +195,17 @@ class Player:
 
     Args:
         participant: In the domain of the run.
+        host: Who plays.
         flows: Those that begin or end here.
         seed: Of the values.
     """
 
-    def __init__(self, participant: DdsParticipant, flows: Sequence[PartFlow], *, seed: int) -> None:
+    def __init__(self, participant: DdsParticipant, host: str, flows: Sequence[Flow], *, seed: int) -> None:
         from sfglab.messages.dds import idl_struct
 
         idl = idl_struct(_TYPE)
-        self._sensors = {f.name: _Sensor(f, participant, idl, seed) for f in flows if f.writes}
-        self._inlets = [_Inlet(f, participant, idl) for f in flows if f.reads]
+        self._sensors = {f.name: _Sensor(f, participant, idl, seed) for f in flows if f.source == host}
+        self._inlets = [_Inlet(f, participant, idl) for f in flows if f.target == host]
         self._executors = _executors(self._inlets)
         lib = library()
         self._waitset: int = lib.dds_create_waitset(participant.handle)
@@ -234,8 +214,6 @@ class Player:
         self._keys: Any = (ct.c_ssize_t * _MAX_TRIGGERED)()
         self._agenda: list[tuple[int, int, str, int]] = []  # when, number, whose, the value of a chain or -1
         self._entries = 0
-        self._taken = 0
-        self._taking_ns = 0
 
     def matched(self) -> bool:
         """Return whether every endpoint has its other end."""
@@ -249,20 +227,25 @@ class Player:
                 return False
         return True
 
-    @property
-    def written(self) -> dict[str, Written]:
-        """What was published, by flow."""
-        return {name: sensor.log for name, sensor in self._sensors.items()}
+    def arrays(self) -> dict[str, Any]:
+        """Return what was published and received, a column of times or values by flow."""
+        sensors, inlets = self._sensors.items(), self._inlets
+        written = {f"{n} written {c}": getattr(s, c) for n, s in sensors for c in ("sent_ns", "value")}
+        received = {
+            f"{i.flow.name} received {c}": getattr(i, c) for i in inlets for c in ("sent_ns", "done_ns")
+        }
+        return {name: np.array(column, np.int64) for name, column in (written | received).items()}
 
-    @property
-    def received(self) -> dict[str, Received]:
-        """What was received, by flow."""
-        return {inlet.flow.name: inlet.log for inlet in self._inlets}
-
-    @property
-    def take_s(self) -> float:
-        """What one sample costs this process from DDS to the executor's log, mean, seconds."""
-        return self._taking_ns / max(1, self._taken) / _S
+    def kept(self) -> dict[str, Any]:
+        """Return how well publishing kept its schedule, and what caches did."""
+        sensors = self._sensors.values()
+        delays = [sent - due for s in sensors for sent, due in zip(s.sent_ns, s.due_ns, strict=True)]
+        return {
+            "late_p95_s": float(np.percentile(delays, 95)) / NS_PER_S if delays else 0.0,
+            "held": sum(sensor.held for sensor in sensors),
+            "refused": sum(sensor.refused for sensor in sensors),
+            "compared": sum(inlet.compared for inlet in self._inlets),
+        }
 
     def play(self, *, start_ns: int, duration_s: float, drain_s: float) -> None:
         """Publish and receive until time is over.
@@ -274,9 +257,9 @@ class Player:
         """
         for sensor in self._sensors.values():
             if sensor.flow.rate_hz:
-                self._note(start_ns + round(sensor.flow.phase_s * _S), sensor.flow.name, -1)
-        last_ns = start_ns + round(duration_s * _S)
-        end_ns = last_ns + round(drain_s * _S)
+                self._note(start_ns + round(sensor.flow.phase_s * NS_PER_S), sensor.flow.name, -1)
+        last_ns = start_ns + round(duration_s * NS_PER_S)
+        end_ns = last_ns + round(drain_s * NS_PER_S)
         while (now_ns := time.time_ns()) < end_ns:
             self._publish_due(now_ns, last_ns)
             for executor in self._executors:
@@ -295,11 +278,10 @@ class Player:
                 sensor.offer(value, due_ns)
             elif due_ns < last_ns:
                 sensor.offer(sensor.read(due_ns), due_ns)
-                self._note(due_ns + round(_S / sensor.flow.rate_hz), name, -1)
+                self._note(due_ns + round(NS_PER_S / sensor.flow.rate_hz), name, -1)
 
     def _serve(self, executor: _Executor, now_ns: int) -> None:
         while executor.free_ns <= now_ns and (inlet := executor.turn()) is not None:
-            began_ns = time.perf_counter_ns()
             sample = inlet.take()
             if sample is None:
                 inlet.since_ns = None
@@ -309,13 +291,10 @@ class Player:
             start_ns = max(executor.free_ns, inlet.since_ns)
             done_ns = executor.free_ns = start_ns + inlet.cost_ns(value, start_ns)
             inlet.since_ns = now_ns
-            inlet.log.sent_ns.append(sent_ns)
-            inlet.log.taken_ns.append(now_ns)
-            inlet.log.done_ns.append(done_ns)
+            inlet.sent_ns.append(sent_ns)
+            inlet.done_ns.append(done_ns)
             if inlet.flow.then is not None:
                 self._note(done_ns, inlet.flow.then, value)
-            self._taken += 1
-            self._taking_ns += time.perf_counter_ns() - began_ns
 
     def _wait(self, end_ns: int) -> None:
         """Wait for samples, but no longer than to the next thing to do."""
@@ -324,7 +303,7 @@ class Player:
         pause_ns = max(0, min([next_ns, *busy]) - time.time_ns())
         if busy or not self._inlets:
             # The wait set would return at once, for what waits for its executor or for want of anything.
-            time.sleep(pause_ns / _S)
+            time.sleep(pause_ns / NS_PER_S)
             pause_ns = 0
         count = library().dds_waitset_wait(
             self._waitset, self._keys, _MAX_TRIGGERED, min(pause_ns, _LONGEST_PAUSE_NS)
@@ -342,3 +321,38 @@ def _executors(inlets: Iterable[_Inlet]) -> list[_Executor]:
         name = inlet.flow.executor or f"{inlet.flow.name}\0"
         by_name.setdefault(name, _Executor([])).inlets.append(inlet)
     return list(by_name.values())
+
+
+def _play(player: Player, order: Report) -> None:
+    ct.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
+    player.play(start_ns=order["start_ns"], duration_s=order["duration_s"], drain_s=order["drain_s"])
+
+
+async def serve(config: PartsConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
+    """Play one scenario after the other until cancelled."""
+    from sfglab.bus.dds.domain import DomainConfig
+    from sfglab.bus.dds.participant import DdsParticipant
+
+    domain = DomainConfig(**config.address.options())
+    report({"is": "ready"})
+    while True:
+        order = await orders.get()
+        participant = DdsParticipant(domain, b"", name=f"{config.host}.dds", after_round=lambda: None)
+        try:
+            flows = from_json(tuple[Flow, ...], order["flows"])
+            player = Player(participant, config.host, flows, seed=order["seed"])
+            while not player.matched():  # noqa: ASYNC110 - nobody tells: the status is Cyclone's
+                await asyncio.sleep(_LOOK_S)
+            report({"is": "matched"})
+            order = await orders.get()
+            await asyncio.to_thread(_play, player, order)
+            np.savez(order["result"], **player.arrays())
+            report({"is": "done", **player.kept()})
+            await orders.get()  # to close: it stays matched until everybody is done
+        finally:
+            await asyncio.to_thread(participant.close)
+        report({"is": "closed"})
+
+
+if __name__ == "__main__":
+    run_component(PartsConfig, serve)

@@ -15,7 +15,7 @@ import os
 import tempfile
 import time
 from contextlib import asynccontextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,10 +35,9 @@ from sfglab.lab.experiments.transmission.experiment import (
     scenario_of,
 )
 from sfglab.lab.hosts import HostsUnavailableError, Network
-from sfglab.lab.workers.flowplay import PartFlow
-from sfglab.lab.workers.robotparts import PartsConfig
+from sfglab.lab.workers.flowplay import PartsConfig
 from sfglab.processes import Member, ProcessGroup
-from sfglab.qos import History, QoSProfile, Reliability
+from sfglab.qos import QoSProfile
 from sfglab.rtps import CYCLONE_DDS, Fate, Flow, FlowOutcome, Medium, Outcome, run
 from sfglab.rtps.model import data_bytes
 from sfglab.units import BITS_PER_BYTE, NS_PER_S
@@ -181,7 +180,7 @@ async def live_hosts(*names: str) -> AsyncIterator[LiveHosts]:
             Member(
                 name=host.name,
                 host=host.name,
-                module="sfglab.lab.workers.robotparts",
+                module="sfglab.lab.workers.flowplay",
                 config=PartsConfig(
                     host=host.name, address=BusAddress(domain_id=0, interface=host.interface, multicast="spdp")
                 ),
@@ -228,7 +227,8 @@ class LiveHosts:
     async def _play(self, scenario: Scenario, *, delay_s: float, seed: int) -> Played:
         scenario = replace(scenario, drain_s=min(scenario.drain_s, LONGEST_DRAIN_S))
         for host in self._group:
-            self._group.order([host], do="open", flows=_parts(scenario, host), seed=seed)
+            flows = [flow for flow in scenario.flows if host in (flow.source, flow.target)]
+            self._group.order([host], do="open", flows=flows, seed=seed)
         await self._group.expect("matched", timeout_s=MATCH_S)
         await asyncio.sleep(SETTLE_S)  # the last acknowledgements of what was said about the endpoints
         self._network.set_radio(scenario.medium, seed=seed)
@@ -274,31 +274,6 @@ def _delay_s(probe: Played) -> float:
     airtime_s = medium.overhead_s + bits / medium.rate_bps + medium.latency_s
     latency_s = float(np.median(probe.outcome.flows[flow.name].latency_ns)) / NS_PER_S
     return max(0.0, latency_s - airtime_s)
-
-
-_AS_THEY_ARE = (
-    *("name", "size_bytes", "rate_hz", "phase_s", "service_s", "compare_s", "change_s", "cached"),
-    *("max_silence_s", "then"),
-)
-
-
-def _parts(scenario: Scenario, host: str) -> list[dict[str, Any]]:
-    """Return the flows that begin or end at a host, as its process is told of them."""
-    return [asdict(_part(flow, host)) for flow in scenario.flows if host in (flow.source, flow.target)]
-
-
-def _part(flow: Flow, host: str) -> PartFlow:
-    depth = 0 if flow.qos.history is History.KEEP_ALL else flow.qos.depth
-    return PartFlow(
-        writes=flow.source == host,
-        reads=flow.target == host,
-        depth=depth,
-        reader_depth=depth if flow.reader_depth is None else flow.reader_depth,
-        reliable=flow.qos.reliability is Reliability.RELIABLE,
-        deadline_ns=flow.qos.deadline_ns,
-        executor=flow.executor or "",
-        **{name: getattr(flow, name) for name in _AS_THEY_ARE},
-    )
 
 
 def _read(path: Path) -> Arrays:
