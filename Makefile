@@ -39,7 +39,6 @@ figures: setup ## Draw all figures again from logs alone
 
 screenshots: setup ## Make the screenshots of editor and viewer in figures/ (the viewer's needs a Vulkan driver)
 	$(BIN)/python -m sfglab.lab.screenshots figures
-	$(BIN)/python -m sfglab.lab.screenshots_viewer figures/viewer.png
 
 claims: setup ## Print the ledger: paper said, we measured
 	$(BIN)/sfglab claims

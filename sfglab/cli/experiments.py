@@ -45,8 +45,9 @@ def reproduce(
       sfglab reproduce 03_decode_once -p source=drive.mp4
     """
     from sfglab.lab.claims import render
+    from sfglab.lab.experiment import PROFILES
     from sfglab.lab.ledger import compute_ledger
-    from sfglab.lab.notebooks import PROFILES, NotebookError, find_notebooks, read_parameters, run_notebooks
+    from sfglab.lab.notebooks import NotebookError, find_notebooks, read_parameters, run_notebooks
     from sfglab.lab.paths import find_project
 
     if profile not in PROFILES:

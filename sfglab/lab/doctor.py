@@ -1,4 +1,4 @@
-"""What this machine can do, in plain words, and what an experiment will do instead of what it cannot.
+"""Doctor: what this machine can do, in plain words, and what an experiment will do instead of what it cannot.
 
 Every check tries the thing itself rather than asking for its version. The texts hold no path and no name of
 the machine, so that they can go into a log.
@@ -18,9 +18,8 @@ import tempfile
 import time
 from dataclasses import dataclass
 from enum import Enum
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import psutil
 
@@ -40,6 +39,7 @@ _NOTABLE_STEAL_PERCENT = 1.0
 _RECEIVE_BUFFER_BYTES = 4 * _MIB
 _SHARED_MEMORY_BYTES = 256 * _MIB
 _DDS_TIMEOUT_S = 15.0
+_NO_VIDEO = "experiments with compressed video do not run"
 
 
 class Level(Enum):
@@ -68,7 +68,7 @@ class Finding:
 _Verdict = tuple[Level, str, str]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class _Check:
     """One line of the table of checks; `without` is the consequence when it fails as expected."""
 
@@ -76,13 +76,6 @@ class _Check:
     run: Callable[[], _Verdict]
     expected: tuple[type[Exception], ...]
     without: str
-
-
-def _named(requirement: str) -> str:
-    """Return the distribution that a requirement names (PEP 508)."""
-    match = re.match(r"[A-Za-z0-9._-]+", requirement)
-    assert match is not None, requirement
-    return match.group()
 
 
 def _version(distribution: str) -> str | None:
@@ -94,17 +87,15 @@ def _version(distribution: str) -> str | None:
 
 def _libraries() -> _Verdict:
     required = [r for r in importlib.metadata.requires("sfglab") or () if "extra ==" not in r]
-    versions = {name: _version(name) for name in sorted(_named(r) for r in required)}
+    names = sorted(re.split(r"[^A-Za-z0-9._-]", requirement)[0] for requirement in required)  # PEP 508
+    versions = {name: _version(name) for name in names}
     missing = [name for name, version in versions.items() if version is None]
     found = ", ".join(f"{name} {version}" for name, version in versions.items() if version)
     python = f"Python {platform.python_version()}"
     if missing:
         said = f"{python}; not installed: {', '.join(missing)}; installed: {found}"
-        return (
-            Level.MISSING,
-            said,
-            "what needs the missing libraries stops with their names; install sfglab again",
-        )
+        consequence = "what needs the missing libraries stops with their names; install sfglab again"
+        return Level.MISSING, said, consequence
     return Level.OK, f"{python}, {found}", "all parts of sfglab can be imported"
 
 
@@ -121,18 +112,15 @@ def _namespaces() -> _Verdict:
 def _link_control() -> _Verdict:
     from sfglab.lab.hosts import LinkControlError, Network
 
+    links: dict[str, Any] = {"rate": {"rate_bps": 1e6}, "loss": {"loss": 0.5}}
     works = []
     with Network() as network:
         network.add_host("probe")
-        attempts = {
-            "rate": partial(network.set_link, "probe", rate_bps=1e6),
-            "loss": partial(network.set_link, "probe", loss=0.5),
-        }
-        for name, attempt in attempts.items():
+        for name, link in links.items():
             with contextlib.suppress(LinkControlError):
-                attempt()
+                network.set_link("probe", **link)
                 works.append(name)
-    if len(works) == len(attempts):
+    if len(works) == len(links):
         return Level.OK, "the kernel limits rates and loses packets on request", "lossy and slow links run live"
     said = f"of rate and loss, the kernel emulates {' and '.join(works) or 'neither'}"
     return Level.LIMITED, said, "links that need the rest are simulated, and the log says so"
@@ -252,18 +240,11 @@ def _h264() -> _Verdict:
     works = [f"{e.name} ({'hardware' if e.hardware else 'software'})" for e in encoders if e.works]
     broken = "; ".join(f"{e.name}: {e.reason}" for e in encoders if not e.works)
     if not works:
-        return (
-            Level.MISSING,
-            f"no H.264 encoder works: {broken}",
-            "experiments with compressed video do not run",
-        )
+        return Level.MISSING, f"no H.264 encoder works: {broken}", _NO_VIDEO
     said = f"encoders that work: {', '.join(works)}"
     if not any(e.works and e.hardware for e in encoders):
-        return (
-            Level.LIMITED,
-            said,
-            "video is encoded in software, and the log names the encoder; CPU loads are higher",
-        )
+        consequence = "video is encoded in software, and the log names the encoder; CPU loads are higher"
+        return Level.LIMITED, said, consequence
     return Level.OK, said, "video is encoded in hardware"
 
 
@@ -274,72 +255,50 @@ def _viewer() -> _Verdict:
     return Level.OK, f"rerun-sdk {version}", "logs open in the Rerun viewer"
 
 
+_NOT_INSTALLED = (importlib.metadata.PackageNotFoundError,)
 _CHECKS = (
     _Check(
-        topic="Python and libraries",
-        run=_libraries,
-        expected=(importlib.metadata.PackageNotFoundError,),
-        without="versions cannot be written into logs; install sfglab with pip",
+        "Python and libraries",
+        _libraries,
+        _NOT_INSTALLED,
+        "versions cannot be written into logs; install sfglab with pip",
     ),
     _Check(
-        topic="network namespaces",
-        run=_namespaces,
-        expected=(SfglabError,),
-        without="experiments with several hosts run on this machine's loopback or are simulated, and say so",
+        "network namespaces",
+        _namespaces,
+        (SfglabError,),
+        "experiments with several hosts run on this machine's loopback or are simulated, and say so",
     ),
     _Check(
-        topic="rate and loss control",
-        run=_link_control,
-        expected=(SfglabError,),
-        without="slow and lossy links are simulated, and the log says so",
+        "rate and loss control",
+        _link_control,
+        (SfglabError,),
+        "slow and lossy links are simulated, and the log says so",
+    ),
+    _Check("cores, memory, load", _capacity, (OSError,), "nobody can say how steady the numbers are"),
+    _Check("CPU clock", _clock, (OSError,), "nobody can say how steady CPU times are"),
+    _Check("UDP receive buffer", _receive_buffer, (OSError,), "live experiments over UDP do not run"),
+    _Check(
+        "shared memory",
+        _shared_memory,
+        (OSError,),
+        "messages between processes of one host go through DDS on the loopback, which costs copies",
     ),
     _Check(
-        topic="cores, memory, load",
-        run=_capacity,
-        expected=(OSError,),
-        without="nobody can say how steady the numbers are",
+        "multicast on the loopback",
+        _multicast,
+        (OSError,),
+        "DDS on one host finds its peers only when they are listed in its configuration",
     ),
     _Check(
-        topic="CPU clock",
-        run=_clock,
-        expected=(OSError,),
-        without="nobody can say how steady CPU times are",
+        "DDS", _dds, (subprocess.SubprocessError, OSError), "live experiments do not run; simulated ones do"
     ),
+    _Check("H.264", _h264, (ImportError,), _NO_VIDEO),
     _Check(
-        topic="UDP receive buffer",
-        run=_receive_buffer,
-        expected=(OSError,),
-        without="live experiments over UDP do not run",
-    ),
-    _Check(
-        topic="shared memory",
-        run=_shared_memory,
-        expected=(OSError,),
-        without="messages between processes of one host go through DDS on the loopback, which costs copies",
-    ),
-    _Check(
-        topic="multicast on the loopback",
-        run=_multicast,
-        expected=(OSError,),
-        without="DDS on one host finds its peers only when they are listed in its configuration",
-    ),
-    _Check(
-        topic="DDS",
-        run=_dds,
-        expected=(subprocess.SubprocessError, OSError),
-        without="live experiments do not run; simulated ones do",
-    ),
-    _Check(
-        topic="H.264",
-        run=_h264,
-        expected=(ImportError,),
-        without="experiments with compressed video do not run",
-    ),
-    _Check(
-        topic="Rerun viewer (optional)",
-        run=_viewer,
-        expected=(importlib.metadata.PackageNotFoundError,),
-        without="logs are not opened in the Rerun viewer; figures and tables need nothing of it",
+        "Rerun viewer (optional)",
+        _viewer,
+        _NOT_INSTALLED,
+        "logs are not opened in the Rerun viewer; figures and tables need nothing of it",
     ),
 )
 
@@ -381,17 +340,7 @@ def diagnose() -> list[Finding]:
 
 
 def render(findings: list[Finding]) -> str:
-    """Return findings as plain text for a terminal.
-
-    Args:
-        findings: What `diagnose` returned.
-    """
-    lines = []
-    for finding in findings:
-        lines += [
-            f"[{finding.level.value}] {finding.topic}",
-            f"    found: {finding.said}",
-            f"    so:    {finding.consequence}",
-        ]
+    """Return what `diagnose` found as plain text for a terminal."""
+    texts = [f"[{f.level.value}] {f.topic}\n    found: {f.said}\n    so:    {f.consequence}" for f in findings]
     fine = sum(finding.ok for finding in findings)
-    return "\n".join([*lines, "", f"{fine} of {len(findings)} are in order."])
+    return "\n".join([*texts, "", f"{fine} of {len(findings)} are in order."])

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,10 +34,6 @@ _DIGITS = tuple(bytes(48 + (value > threshold) for value in range(256)) for thre
 _MIDDLE = CELL_PX // 2  # a cell is read in its middle: ringing lives at its edges
 
 
-class FrameNumberError(SfglabError, ValueError):
-    """A frame that is too small for the cells, or a number outside 24 bits."""
-
-
 def _check(number: int) -> int:
     """Return the low byte of the CRC-32 of a 24-bit number."""
     return zlib.crc32(number.to_bytes(3, "big")) & 0xFF
@@ -47,10 +43,8 @@ def _cell_area(image: NDArray[Any]) -> NDArray[Any]:
     """Return the strip of the image that holds the cells, one plane, shape (16, 16 * CELLS)."""
     height, width = image.shape[:2]
     if height < CELL_PX or width < CELLS * CELL_PX:
-        raise FrameNumberError(
-            f"frame number: given an image of {width} x {height} pixels, "
-            f"needed are at least {CELLS * CELL_PX} x {CELL_PX}"
-        )
+        given, allowed = f"an image of {width} x {height}", f"at least {CELLS * CELL_PX} x {CELL_PX} pixels"
+        raise InvalidValueError("frame number", given, allowed)
     return image[:CELL_PX, : CELLS * CELL_PX]
 
 
@@ -65,10 +59,10 @@ def stamp_number(image: NDArray[Any], number: int, *, white: int = 235, black: i
         black: Value of a zero.
 
     Raises:
-        FrameNumberError: The image is too small or the number too large.
+        InvalidValueError: The image is too small or the number too large.
     """
     if not 0 <= number < 1 << NUMBER_BITS:
-        raise FrameNumberError(f"frame number: given {number}, allowed are 0 to {(1 << NUMBER_BITS) - 1}")
+        raise InvalidValueError("frame number", number, f"0 to {(1 << NUMBER_BITS) - 1}")
     word = (number << CHECK_BITS) | _check(number)
     bits = np.concatenate(([1, 0], (word >> _BIT_SHIFTS) & 1))
     row = np.repeat(np.where(bits, white, black), CELL_PX).astype(image.dtype)
@@ -85,7 +79,7 @@ def read_number(image: NDArray[Any]) -> int | None:
         The number, or None where the cells show none: no contrast, or a check that fails.
 
     Raises:
-        FrameNumberError: The image is too small to hold one.
+        InvalidValueError: The image is too small to hold one.
     """
     _cell_area(image)
     channels = image.shape[2] if image.ndim == 3 else 1

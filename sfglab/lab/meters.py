@@ -10,29 +10,31 @@ reports as reaped (utime and stime of waited-for children, proc(5)) covers what 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import psutil
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
+from sfglab.units import BITS_PER_BYTE, NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sfglab.lab.hosts import InterfaceBytes
+    from sfglab.lab.testbed import CountsBytes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ProcessReading:
-    """What one process has used since its start."""
+class ProcessStat:
+    """What one process has used since its start, as ``/proc/PID/stat`` has it (proc(5)) or more precisely."""
 
-    pid: int  #: The process.
     parent: int  #: Its parent at the time of reading.
-    #: When it started, on a clock that all readings share; tells it from a later owner of the pid.
+    #: When it started, since the machine's start; tells it from a later owner of the pid.
     started_ns: int
     own_ns: int  #: CPU time of all its threads, in nanoseconds.
     #: CPU time of its children that ended and were waited for, with their own such children.
@@ -73,7 +75,7 @@ def tree(parents: Mapping[int, int], roots: Iterable[int]) -> set[int]:
 class _Account:
     """What is known of one process, and the last readings of its children that ended."""
 
-    last: ProcessReading
+    last: ProcessStat
     own_before_ns: int
     reaped_before_ns: int
     ended_children_ns: int = 0
@@ -106,13 +108,13 @@ class CpuLedger:
         """Return the start of each living process; one that its parent left behind (a daemon) still belongs."""
         return {pid: account.last.started_ns for pid, account in self._accounts.items()}
 
-    def update(self, t_ns: int, readings: Mapping[int, ProcessReading], *, clock_ns: int) -> CpuSample:
+    def update(self, t_ns: int, readings: Mapping[int, ProcessStat], *, clock_ns: int) -> CpuSample:
         """Enter the readings of all processes of the tree.
 
         Args:
             t_ns: Stamp of the sample.
             readings: One for each living process; who is missing has ended.
-            clock_ns: The time of reading on the clock of `ProcessReading.started_ns`.
+            clock_ns: The time of reading on the clock of `ProcessStat.started_ns`.
 
         Returns:
             The sums so far.
@@ -123,8 +125,8 @@ class CpuLedger:
             if pid not in readings or readings[pid].started_ns != account.last.started_ns
         ]
         ended = [self._accounts.pop(pid) for pid in gone]
-        for reading in readings.values():
-            self._enter(reading)
+        for pid, reading in readings.items():
+            self._enter(pid, reading)
         # Children before parents, so that a family that ended as a whole is handed up step by step.
         for account in sorted(ended, key=_Account.depth, reverse=True):
             self._settle(account)
@@ -137,14 +139,14 @@ class CpuLedger:
         own = {pid: account.own_ns for pid, account in sorted(self._accounts.items())}
         return CpuSample(t_ns=t_ns, cpu_ns_total=self._total_ns, per_pid=own, ended=len(ended))
 
-    def _enter(self, reading: ProcessReading) -> None:
-        account = self._accounts.get(reading.pid)
+    def _enter(self, pid: int, reading: ProcessStat) -> None:
+        account = self._accounts.get(pid)
         if account is not None:
             account.last = reading
             return
         # Who started after the last sample did all its work since; of others only what follows counts.
         newborn = self._last_ns is not None and reading.started_ns >= self._last_ns
-        self._accounts[reading.pid] = _Account(
+        self._accounts[pid] = _Account(
             last=reading,
             own_before_ns=0 if newborn else reading.own_ns,
             reaped_before_ns=0 if newborn else reading.reaped_ns,
@@ -160,20 +162,8 @@ class CpuLedger:
 Pids = Iterable[int] | Callable[[], Iterable[int]]
 """Processes, or a function that is asked for them anew at each sample."""
 
-_NS = 1_000_000_000
-_TICK_NS = _NS // os.sysconf("SC_CLK_TCK")
+_TICK_NS = NS_PER_S // os.sysconf("SC_CLK_TCK")
 _CPUCLOCK_SCHED = 2  # linux/posix-timers.h: the precise clock of a process
-
-
-class MeterError(SfglabError, ValueError):
-    """A measurement with a period or a duration that makes no sense."""
-
-
-class HasInterface(Protocol):
-    """Anything with a network interface that counts, such as a test host."""
-
-    def interface_bytes(self) -> InterfaceBytes:
-        """Return what the interface has carried so far."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -208,20 +198,6 @@ def counted(before: int, after: int) -> int:
     return after - before if after >= before else after
 
 
-def _percent(cpu_ns: float, window_ns: int) -> float:
-    return 100 * cpu_ns / window_ns
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProcessStat:
-    """What ``/proc/PID/stat`` says of a process (proc(5)), times in nanoseconds at the grain of a tick."""
-
-    parent: int  #: Its parent.
-    started_ns: int  #: Its start since the machine's.
-    own_ns: int  #: CPU time of all its threads.
-    reaped_ns: int  #: CPU time of children that it waited for.
-
-
 def _stat_from(line: bytes) -> ProcessStat:
     # The name may contain blanks and parentheses, so fields count from the last one; parent is field 4.
     fields = line[line.rindex(b")") + 2 :].split()
@@ -249,14 +225,11 @@ def process_table() -> dict[int, ProcessStat]:
     return table
 
 
-def _reading(pid: int, stat: ProcessStat) -> ProcessReading:
-    try:
-        own_ns = time.clock_gettime_ns(~pid << 3 | _CPUCLOCK_SCHED)
-    except OSError:
-        own_ns = stat.own_ns  # ended since the table was read; ticks are what is left of it
-    return ProcessReading(
-        pid=pid, parent=stat.parent, started_ns=stat.started_ns, own_ns=own_ns, reaped_ns=stat.reaped_ns
-    )
+def _read(pid: int, stat: ProcessStat) -> ProcessStat:
+    """Return what a process has used by its own clock; by ticks where it ended since the table was read."""
+    with contextlib.suppress(OSError):
+        return replace(stat, own_ns=time.clock_gettime_ns(~pid << 3 | _CPUCLOCK_SCHED))
+    return stat
 
 
 class CpuMeter:
@@ -290,7 +263,7 @@ class CpuMeter:
         wanted = {pid for pid in known if pid in table and table[pid].started_ns == known[pid]} | {*roots}
         if self._include_children:
             wanted = tree({pid: stat.parent for pid, stat in table.items()}, wanted)
-        readings = {pid: _reading(pid, table[pid]) for pid in wanted if pid in table}
+        readings = {pid: _read(pid, table[pid]) for pid in wanted if pid in table}
         if not self._include_children:
             readings = {pid: replace(reading, reaped_ns=0) for pid, reading in readings.items()}
         return self._ledger.update(now_ns, readings, clock_ns=clock_ns)
@@ -303,7 +276,7 @@ class InterfaceMeter:
         host: Where to look.
     """
 
-    def __init__(self, host: HasInterface) -> None:
+    def __init__(self, host: CountsBytes) -> None:
         self._host = host
         self._before: InterfaceBytes | None = None
 
@@ -315,25 +288,14 @@ class InterfaceMeter:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Machine:
-    busy_ns: int
-    steal_ns: int
-
-
-def _machine() -> _Machine:
-    times = psutil.cpu_times()  # guest time is contained in user and nice
-    busy_s = times.user + times.nice + times.system + times.irq + times.softirq
-    return _Machine(busy_ns=round(busy_s * _NS), steal_ns=round(times.steal * _NS))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class _Reading:
     """All meters at one end of a window."""
 
     t_ns: int
     cpu: Mapping[str, CpuSample]
     labelled_ns: int
-    machine: _Machine
+    busy_ns: int
+    steal_ns: int
 
 
 class Window:
@@ -344,7 +306,7 @@ class Window:
         interfaces: Hosts by label; a label may have both.
     """
 
-    def __init__(self, *, cpu: Mapping[str, Pids], interfaces: Mapping[str, HasInterface]) -> None:
+    def __init__(self, *, cpu: Mapping[str, Pids], interfaces: Mapping[str, CountsBytes]) -> None:
         roots = [pids if callable(pids) else tuple(pids) for pids in cpu.values()]
         self._cpu = {label: CpuMeter(pids) for label, pids in zip(cpu, roots, strict=True)}
         # A process may be below several labels, but is taken from the machine's load once.
@@ -365,7 +327,15 @@ class Window:
         cpu = {label: meter.sample(now_ns, table) for label, meter in self._cpu.items()}
         traffic = {label: meter.sample() for label, meter in self._interfaces.items()}
         labelled_ns = self._union.sample(now_ns, table).cpu_ns_total
-        now = _Reading(t_ns=now_ns, cpu=cpu, labelled_ns=labelled_ns, machine=_machine())
+        times = psutil.cpu_times()  # guest time is contained in user and nice
+        busy_s = times.user + times.nice + times.system + times.irq + times.softirq
+        now = _Reading(
+            t_ns=now_ns,
+            cpu=cpu,
+            labelled_ns=labelled_ns,
+            busy_ns=round(busy_s * NS_PER_S),
+            steal_ns=round(times.steal * NS_PER_S),
+        )
         before, self._before = self._before, now
         if before is None:
             return []
@@ -375,21 +345,21 @@ class Window:
 def _row(label: str, before: _Reading, after: _Reading, traffic: InterfaceBytes | None) -> MeterRow:
     """Turn the readings at both ends of a window into one label's row."""
     window_ns = max(1, after.t_ns - before.t_ns)
-    window_s = window_ns / _NS
+    window_s = window_ns / NS_PER_S
     cpu, cpu_before = after.cpu.get(label), before.cpu.get(label)
     used_ns = cpu.cpu_ns_total - cpu_before.cpu_ns_total if cpu and cpu_before else None
-    busy_ns = after.machine.busy_ns - before.machine.busy_ns
+    busy_ns = after.busy_ns - before.busy_ns
     return MeterRow(
         t_ns=after.t_ns,
         window_s=window_s,
         label=label,
-        cpu_percent=None if used_ns is None else _percent(used_ns, window_ns),
+        cpu_percent=None if used_ns is None else 100 * used_ns / window_ns,
         processes_ended=cpu.ended if cpu else 0,
-        rx_bps=8 * traffic.rx_bytes / window_s if traffic else None,
-        tx_bps=8 * traffic.tx_bytes / window_s if traffic else None,
+        rx_bps=BITS_PER_BYTE * traffic.rx_bytes / window_s if traffic else None,
+        tx_bps=BITS_PER_BYTE * traffic.tx_bytes / window_s if traffic else None,
         rx_packets_per_s=traffic.rx_packets / window_s if traffic else None,
-        machine_cpu_percent=_percent(max(0, busy_ns - after.labelled_ns + before.labelled_ns), window_ns),
-        steal_percent=_percent(after.machine.steal_ns - before.machine.steal_ns, window_ns),
+        machine_cpu_percent=100 * max(0, busy_ns - after.labelled_ns + before.labelled_ns) / window_ns,
+        steal_percent=100 * (after.steal_ns - before.steal_ns) / window_ns,
         load1=os.getloadavg()[0],
     )
 
@@ -399,7 +369,7 @@ async def measure(
     period_s: float,
     *,
     cpu: Mapping[str, Pids] | None = None,
-    interfaces: Mapping[str, HasInterface] | None = None,
+    interfaces: Mapping[str, CountsBytes] | None = None,
     clock_ns: Callable[[], int] = time.monotonic_ns,
 ) -> list[MeterRow]:
     """Measure for a while.
@@ -415,16 +385,16 @@ async def measure(
         One row for each window and label.
 
     Raises:
-        MeterError: The duration does not hold one period.
+        InvalidValueError: The duration does not hold one period.
     """
     if not 0 < period_s <= duration_s:
-        raise MeterError(f"period_s: given {period_s}, allowed is above 0 up to duration_s ({duration_s})")
+        raise InvalidValueError("period_s", period_s, f"above 0, up to duration_s ({duration_s})")
     window = Window(cpu=cpu or {}, interfaces=interfaces or {})
     start_ns = clock_ns()
     window.sample(start_ns)
     rows = []
     for number in range(1, round(duration_s / period_s) + 1):
-        due_ns = start_ns + round(number * period_s * _NS)
-        await asyncio.sleep(max(0, due_ns - clock_ns()) / _NS)
+        due_ns = start_ns + round(number * period_s * NS_PER_S)
+        await asyncio.sleep(max(0, due_ns - clock_ns()) / NS_PER_S)
         rows += window.sample(clock_ns())
     return rows

@@ -13,6 +13,7 @@ import re
 import sys
 import time
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
@@ -25,9 +26,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.paths import Project
 
-
-PROFILES = ("smoke", "quick", "paper")
-"""Seconds, for CI; a few minutes for everything; the papers' full counts."""
 
 INDEX = "00_index"
 
@@ -48,9 +46,7 @@ class Outcome:
     error: str = ""  #: What went wrong, one line; empty when it ran through.
 
 
-def _say(text: str) -> None:
-    """Print a line of progress for a person; the notebooks' own progress bars pass through beside it."""
-    print(text, file=sys.stderr, flush=True)  # noqa: T201  # the runner's console
+_say = partial(print, file=sys.stderr, flush=True)
 
 
 def read_parameters(pairs: Sequence[str]) -> dict[str, Any]:
@@ -154,6 +150,7 @@ def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> Non
         NotebookError: The parameters do not fit, or a cell raised; says which.
     """
     import papermill
+    from traitlets.config import Config
 
     check_parameters(path, parameters)
     output.parent.mkdir(parents=True, exist_ok=True)
@@ -167,17 +164,11 @@ def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> Non
             cwd=str(path.parent),
             progress_bar=False,
             stderr_file=sys.stderr,
-            config=_over_unix_sockets(),
+            # A kernel is reached by this user only, and not over TCP.
+            config=Config({"KernelManager": {"transport": "ipc"}}),
         )
     except papermill.PapermillExecutionError as error:
         raise NotebookError(f"{path.name}: cell {error.exec_count}: {error.ename}: {error.evalue}") from error
-
-
-def _over_unix_sockets() -> Any:
-    """Return the settings under which a kernel is reached by this user only, and not over TCP."""
-    from traitlets.config import Config
-
-    return Config({"KernelManager": {"transport": "ipc"}})
 
 
 def run_notebooks(
@@ -186,7 +177,7 @@ def run_notebooks(
     project: Project,
     parameters: Mapping[str, Any],
     write: bool = False,
-    say: Callable[[str], None] | None = None,
+    say: Callable[[str], None] = _say,
 ) -> list[Outcome]:
     """Run notebooks one after the other; a failure does not stop the rest.
 
@@ -195,12 +186,11 @@ def run_notebooks(
         project: The checkout; executed copies go to ``runs/notebooks``.
         parameters: Values for every notebook's ``parameters`` cell.
         write: Also put the executed, normalised copies in place of the notebooks.
-        say: Takes a line of progress; standard error when not given.
+        say: Takes a line of progress.
 
     Raises:
         NotebookError: Before anything runs: parameters that do not fit a notebook.
     """
-    say = say or _say
     for path in paths:
         check_parameters(path, parameters)
     outcomes = []
@@ -214,6 +204,8 @@ def run_notebooks(
 
 
 def _run_one(path: Path, project: Project, parameters: Mapping[str, Any], *, write: bool) -> Outcome:
+    import nbformat
+
     output = project.runs / "notebooks" / path.name
     started = time.monotonic()
     try:
@@ -221,14 +213,8 @@ def _run_one(path: Path, project: Project, parameters: Mapping[str, Any], *, wri
     except NotebookError as error:
         return Outcome(name=path.stem, seconds=time.monotonic() - started, error=str(error))
     if write:
-        _write(path, normalise(_read(output), project))
+        nbformat.write(normalise(_read(output), project), path)
     return Outcome(name=path.stem, seconds=time.monotonic() - started)
-
-
-def _write(path: Path, notebook: NotebookNode) -> None:
-    import nbformat
-
-    nbformat.write(notebook, path)
 
 
 def normalise(notebook: NotebookNode, project: Project) -> NotebookNode:
@@ -247,26 +233,23 @@ def normalise(notebook: NotebookNode, project: Project) -> NotebookNode:
             continue
         count += 1
         cell.execution_count = count
-        cell.outputs = [_normal_output(o, project, count) for o in cell.outputs if not _is_progress(o)]
+        cell.outputs = [
+            _normal_output(output, project, count)
+            for output in cell.outputs
+            if not (output.output_type == "stream" and _PROGRESS_BAR.search(output.text))
+        ]
     return notebook
 
 
-def _is_progress(output: Mapping[str, Any]) -> bool:
-    return output["output_type"] == "stream" and bool(_PROGRESS_BAR.search(output["text"]))
-
-
 def _normal_output(output: NotebookNode, project: Project, count: int) -> NotebookNode:
+    root = f"{project.root.resolve().as_posix()}/"
     if output.output_type == "execute_result":
         output.execution_count = count
     if "metadata" in output:
         output.metadata = {}
     if output.output_type == "stream":
-        output.text = _without_paths(output.text, project)
+        output.text = output.text.replace(root, "")
     for kind, content in output.get("data", {}).items():
         if kind.startswith("text/"):
-            output.data[kind] = _without_paths(content, project)
+            output.data[kind] = content.replace(root, "")
     return output
-
-
-def _without_paths(text: str, project: Project) -> str:
-    return text.replace(f"{project.root.resolve().as_posix()}/", "")

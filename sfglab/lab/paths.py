@@ -10,13 +10,9 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError, SfglabError
 
 _MARK = Path("data") / "claims.yaml"
-
-
-class ProjectNotFoundError(SfglabError, FileNotFoundError):
-    """No folder with notebooks and a claims ledger was found."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,18 +65,18 @@ def find_project(start: Path | None = None) -> Project:
         start: Where to look first, with all folders above; the working directory when not given.
 
     Raises:
-        ProjectNotFoundError: There is none.
+        SfglabError: There is none.
     """
     named = os.environ.get("SFGLAB_ROOT")
     if named:
         if not (Path(named) / _MARK).is_file():
-            raise ProjectNotFoundError(f"SFGLAB_ROOT: given {named!r}, which holds no {_MARK.as_posix()}")
+            raise InvalidValueError("SFGLAB_ROOT", named, f"a folder that holds {_MARK.as_posix()}")
         return Project(root=Path(named))
     here = (start or Path.cwd()).resolve()
     for folder in (here, *here.parents, Path(__file__).resolve().parents[2]):
         if (folder / _MARK).is_file():
             return Project(root=folder)
-    raise ProjectNotFoundError(
+    raise SfglabError(
         f"no folder with {_MARK.as_posix()} here or above: change into a clone of sfglab, "
         "or set SFGLAB_ROOT to one"
     )

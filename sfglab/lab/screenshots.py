@@ -1,28 +1,76 @@
 """Screenshots for the documentation, made from what is in the repository: ``make screenshots``.
 
+    python -m sfglab.lab.screenshots FOLDER [planner_editor] [viewer]
+
 The scene editor of paper A, section 4.5 (Fig. 7), with the hall's plan changed so that there is a conflict to
-see. Refuses to know the editor's panels.
+see; and a fleet as `sfglab view` shows it, taken by the viewer itself. Nobody has to sit before them: both run
+without a window. The viewer needs a Vulkan driver, though; one that draws in software will do, such as Mesa's
+lavapipe (the package ``mesa-vulkan-drivers``). Refuses to know the editor's panels.
 """
 
 from __future__ import annotations
 
+import io
+import math
+import os
+import shutil
+import signal
+import subprocess
 import sys
 import time
+from contextlib import closing, contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
 import cv2
+import numpy as np
 
-from sfglab.lab.browser import Browser
+from sfglab.codecs import compressed_depth_fields, compressed_image_fields
+from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.fleet.fleet_file import load_fleet
+from sfglab.lab.browser import Browser, free_port
+from sfglab.lab.checks.fleet_scene import (
+    CAMERA,
+    PERIOD_NS,
+    SIZE,
+    START_NS,
+    camera_info,
+    compressed_message,
+    image_message,
+    scene_moments,
+    transforms_message,
+)
+from sfglab.lab.paths import find_project
+from sfglab.messages import default_message, serialize
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.commands import SetPose, Several, Stretch
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.objects import SceneError
+from sfglab.view import Arrival, Session, blueprint, layout_of_fleet, open_canvas, replay
 from sfglab.view.planner.server import Planner
+from sfglab.view.rerunning import Camera
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from sfglab.lab.checks.fleet_scene import Moment
     from sfglab.spatial.scene.tree import Scene
 
+
+def main(folder: Path, names: Sequence[str] = ()) -> None:
+    """Make some of the screenshots, all without names."""
+    makers = {"planner_editor": planner_editor, "viewer": viewer}
+    for name in names:
+        if name not in makers:
+            raise InvalidValueError("screenshot", name, ", ".join(makers))
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names or makers:
+        makers[name](folder / f"{name}.png")
+
+
+# --- The editor -----------------------------------------------------------------------------------------------
 
 _SIZE = (1400, 800)
 _TIME_S = 3.2
@@ -31,14 +79,9 @@ _CLOSE_NOTE = "document.querySelector('.mantine-Notification-closeButton')?.clic
 _DRONE_PATH, _DRONE_ACROSS, _DRONE_LAST, _LOW_M = 14, 17, 18, 0.6
 
 
-def main(folder: Path) -> None:
-    """Make all screenshots."""
-    folder.mkdir(parents=True, exist_ok=True)
-    planner_editor(Path("data/scenes/hall.yaml"), folder / "planner_editor.png")
-
-
-def planner_editor(scene: Path, file: Path) -> None:
-    """Write what the editor shows of a scene, its conflict included, into a PNG file."""
+def planner_editor(file: Path) -> None:
+    """Write what the editor shows of the hall, its conflict included, into a PNG file."""
+    scene = find_project().data / "scenes/hall.yaml"
     if not scene.exists():
         raise SceneError("scene", str(scene), "a scene file; run this in the repository's own folder")
     with Planner(Editor.open(scene), port=0) as planner, Browser(*_SIZE) as browser:
@@ -49,7 +92,9 @@ def planner_editor(scene: Path, file: Path) -> None:
         browser.wait_for("document.body.innerText.includes('conflict')")
         time.sleep(_SETTLED_S)  # panels slide in, and the first frame is drawn in software
         browser.screenshot(file)
-    _shrink(file)
+    image = cv2.imread(str(file))
+    assert image is not None  # it was written a moment ago
+    cv2.imwrite(str(file), image, [cv2.IMWRITE_PNG_COMPRESSION, 9])  # as small as it gets without loss
 
 
 def with_conflict(editor: Editor) -> Scene:
@@ -64,12 +109,192 @@ def with_conflict(editor: Editor) -> Scene:
     return editor.scene
 
 
-def _shrink(file: Path) -> None:
-    """Write a PNG again as small as it gets without loss."""
-    image = cv2.imread(str(file))
-    assert image is not None  # it was written a moment ago
-    cv2.imwrite(str(file), image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+# --- The viewer -----------------------------------------------------------------------------------------------
+
+_MOMENTS = 40
+_WINDOW = "1600x900"
+_READY_S, _PAINT_S = 30.0, 8.0
+_HIDDEN = (
+    "ui.toggle_top_panel",
+    "ui.toggle_blueprint_panel",
+    "ui.toggle_selection_panel",
+    "recording.toggle_time_panel",
+)
+_DRIVERS = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vulkan/icd.d")
+_NAMED_DRIVERS = ("VK_DRIVER_FILES", "VK_ICD_FILENAMES", "VK_ADD_DRIVER_FILES")
+
+_FRONT = "/global/go2/camera_front"
+_PICTURE = "/local/go2/camera_front/color/image_raw"
+_LOST = "pi3"
+_PLACES = {
+    "pi1": (1.0, 2.6),
+    "pi2": (3.2, 3.4),
+    "pi3": (-1.6, 1.6),
+    "steamdeck": (-1.2, -1.2),
+    "workstation": (1.2, -2.4),
+}
+_OPTICAL = (-0.5, 0.5, -0.5, 0.5)
+"""Of a camera that looks ahead: z forward, x right, y down (REP 103), as x, y, z, w."""
+
+
+def viewer(to: Path) -> None:
+    """Write what the viewer shows of a fleet into a PNG file."""
+    with TemporaryDirectory(prefix="sfglab-viewer-") as folder:
+        recording = Path(folder) / "fleet.rrd"
+        _check_driver()
+        record_fleet(recording)
+        take_picture(recording, to)
+
+
+def record_fleet(path: Path) -> None:
+    """Write a recording (``.rrd``) of a robot with its camera among a fleet's agents, one of them lost."""
+    file = find_project().data / "fleets/lab.yaml"
+    layout = layout_of_fleet(load_fleet(file))
+    entity = "/agents/go2/global/camera_front"
+    cameras = (
+        Camera(name="go2 camera_front", entity=f"{entity}/color/compressed"),
+        Camera(name="go2 camera_front, depth", entity=f"{entity}/aligned_depth/compressed_depth"),
+    )
+    with closing(open_canvas([str(path)], title="a fleet")) as canvas:
+        canvas.show_blueprint(blueprint(replace(layout, cameras=cameras)))
+        replay(_arrivals(), _session(str(file)), canvas)
+
+
+def _session(fleet_file: str) -> Session:
+    session = Session()
+    depth, info = f"{_FRONT}/aligned_depth/compressed_depth", f"{_FRONT}/aligned_depth/camera_info"
+    topics = {"depth": depth, "info": info, "color": _PICTURE}
+    session.add("compressed_depth_cloud", topics, {"radius_m": 0.02, "decimation": 3})
+    for kind, topic in (
+        ("compressed_image", f"{_FRONT}/color/compressed"),
+        ("compressed_image", depth),
+        ("camera_info", info),
+        ("camera_info", f"{_FRONT}/color/camera_info"),
+        ("tf", "/tf"),
+        ("tf_static", "/tf_static"),
+        ("odometry", "/global/go2/localization/odometry"),
+    ):
+        session.add(kind, topic)
+    session.add("communication", "/global/agent_heartbeat", {"fleet": fleet_file})
+    for display in session.displays:
+        session.limit(display.id, None)
+    return session
+
+
+def _arrivals() -> Iterator[Arrival]:
+    for moment in scene_moments(_MOMENTS, seed=0):
+        for topic, message in _messages(moment):
+            yield Arrival(topic, message.__msgtype__, moment.stamp_ns, serialize(message))
+
+
+def _messages(moment: Moment) -> Iterator[tuple[str, Any]]:
+    header = moment.header(CAMERA)
+    if moment.number == 0:
+        eye = ("go2/base", CAMERA, Pose.at((0.3, 0.0, 0.4), _OPTICAL))
+        yield "/tf_static", transforms_message(moment, [eye])
+    angle = 0.3 * math.sin(moment.number / 10) - 0.15
+    base = ("map", "go2/base", Pose.from_yaw(_way(moment), angle))
+    others = [("map", f"{name}/base", Pose.at((*place, 0.0))) for name, place in _PLACES.items()]
+    yield "/tf", transforms_message(moment, [base, *others])
+    yield "/global/go2/localization/odometry", _odometry(moment)
+    yield from _heartbeats(moment)
+    yield _PICTURE, image_message(moment.rgb, "rgb8", header)
+    jpeg = compressed_image_fields(moment.bgr, "jpeg")
+    yield f"{_FRONT}/color/compressed", compressed_message(jpeg, header)
+    for stream in ("color", "aligned_depth"):
+        yield f"{_FRONT}/{stream}/camera_info", camera_info(header, SIZE)
+    depth = compressed_depth_fields(moment.depth_mm)
+    yield f"{_FRONT}/aligned_depth/compressed_depth", compressed_message(depth, header)
+
+
+def _way(moment: Moment) -> tuple[float, float, float]:
+    return (-1.0 + moment.number / 40, 0.3 * math.sin(moment.number / 8), 0.0)
+
+
+def _odometry(moment: Moment) -> Any:
+    message = default_message("nav_msgs/msg/Odometry")
+    message.header, message.pose.pose = moment.header("map"), Pose.at(_way(moment)).to_pose_msg()
+    return message
+
+
+def _heartbeats(moment: Moment) -> Iterator[tuple[str, Any]]:
+    """Yield everybody's sign of life, five times a second; one agent is silent after the first second."""
+    lost = (moment.stamp_ns - START_NS) * 1e-9 > 1.0
+    for name in ("go2", *_PLACES) if moment.number % 2 == 0 else ():
+        if name == _LOST and lost:
+            continue
+        beat = default_message("sfglab_interfaces/msg/AgentHeartbeat")
+        beat.agent, beat.period_s, beat.incarnation, beat.phase = name, 2 * PERIOD_NS * 1e-9, 1, beat.STEADY
+        yield "/global/agent_heartbeat", beat
+
+
+def _check_driver() -> None:
+    named = [name for name in _NAMED_DRIVERS if os.environ.get(name)]
+    if not named and not any(found for folder in _DRIVERS for found in Path(folder).glob("*.json")):
+        raise SfglabError(
+            "the viewer needs a Vulkan driver, such as the package mesa-vulkan-drivers: there is none in "
+            + ", ".join(_DRIVERS)
+        )
+
+
+def take_picture(recording: Path, to: Path) -> None:
+    """Open a ``.rrd`` recording in a viewer without a window, go to its end, and save what it shows as PNG.
+
+    Raises:
+        SfglabError: The viewer does not start.
+    """
+    from PIL import Image
+    from rerun.experimental import ViewerClient
+
+    port = free_port()
+    with _viewer(recording, port) as process:
+        client = _connected(ViewerClient, process, port)
+        end_ns = START_NS + (_MOMENTS - 1) * PERIOD_NS
+        client.set_time("received", timestamp=np.datetime64(end_ns, "ns"), play_state="paused")
+        for part in _HIDDEN:
+            client.run_command(part)
+        time.sleep(_PAINT_S)  # pictures are decoded and views settle; nothing tells when they have
+        picture = Image.open(io.BytesIO(client.take_screenshot())).convert("RGB")
+        # With a palette: dark areas and few colours need no more, and it is a third of the size.
+        picture.quantize(256, kmeans=4).save(to, optimize=True)
+
+
+@contextmanager
+def _viewer(recording: Path, port: int) -> Iterator[subprocess.Popen[bytes]]:
+    path = os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", "")))
+    program = shutil.which("rerun", path=path)
+    if program is None:
+        raise SfglabError("the viewer needs the program 'rerun': pip install 'sfglab[view]'")
+    options = ("--headless", "--renderer", "vulkan", "--hide-welcome-screen", "--window-size", _WINDOW)
+    command = [program, *options, "--bind", "127.0.0.1", "--port", str(port), str(recording)]
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, **quiet, start_new_session=True) as process:
+        try:
+            yield process
+        finally:
+            with suppress(ProcessLookupError):  # the program starts another one and waits for it
+                os.killpg(process.pid, signal.SIGTERM)
+
+
+def _connected(client: Any, process: subprocess.Popen[bytes], port: int) -> Any:
+    """Return a connection to the viewer once it has the recording."""
+    end_s = time.monotonic() + _READY_S
+    while time.monotonic() < end_s and process.poll() is None:
+        try:
+            found = client.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+            if found.get_state().recordings:
+                return found
+        except (RuntimeError, ConnectionError, TimeoutError):
+            pass
+        time.sleep(0.5)
+    raise SfglabError(
+        "the viewer does not start without a window: it needs a Vulkan driver that works, such as the package "
+        "mesa-vulkan-drivers"
+    )
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("figures"))
+    try:
+        main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("figures"), sys.argv[2:])
+    except SfglabError as error:
+        sys.exit(f"sfglab: {error}")

@@ -1,4 +1,4 @@
-"""Where the video of an experiment comes from: photographs, a stereo pair, or the user's own material.
+"""Sources of the video of an experiment: photographs, a stereo pair, or the user's own material.
 
 A source is a stream of numbered frames of one size: colour (BGR) and, where the material has it, depth in
 millimetres. The default pans and zooms over photographs that scikit-image ships, so that it needs neither
@@ -9,22 +9,24 @@ the caller asks for frames at the rate of the experiment.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Generator, Iterator
 
     from numpy.typing import NDArray
 
     Image = NDArray[np.uint8]
-    Depth = NDArray[np.uint16]
+    # Colour (BGR, uint8) and depth (uint16), whose types OpenCV's functions do not tell.
+    Picture = tuple[NDArray[Any], NDArray[Any] | None]
+    Images = Generator[Image, None, None]
 
 
 PHOTOGRAPHS = ("coffee", "astronaut", "chelsea", "rocket")
@@ -55,16 +57,23 @@ class Frame:
     depth_mm: NDArray[Any] | None = None
 
 
-class Source(Protocol):
-    """A stream of frames of one size that starts again at its end."""
+class Source:
+    """A stream of frames of one size that starts again at its end.
+
+    Args:
+        pictures: What it shows, without end.
+        close: Gives back the file or device.
+    """
+
+    def __init__(self, pictures: Iterator[Picture], close: Callable[[], None] = lambda: None) -> None:
+        self._pictures = pictures
+        self._numbers = itertools.count()
+        self.close = close
 
     def frame(self) -> Frame:
         """Return the next frame."""
-        ...
-
-    def close(self) -> None:
-        """Give back the file or device."""
-        ...
+        bgr, depth_mm = next(self._pictures)
+        return Frame(number=next(self._numbers), bgr=bgr, depth_mm=depth_mm)
 
 
 def open_source(spec: str, *, width: int = 640, height: int = 360, fps: float = 30.0, seed: int = 0) -> Source:
@@ -83,38 +92,27 @@ def open_source(spec: str, *, width: int = 640, height: int = 360, fps: float = 
     """
     size = (width, height)
     if spec in ("photos", "stereo"):
-        return _Panned(spec, size=size, frames_a_view=round(SECONDS_A_VIEW * fps), seed=seed)
-    if spec.startswith("bag:"):
-        return _Looped(lambda: _bag_images(spec.removeprefix("bag:")), spec=spec, size=size)
-    return _Looped(lambda: _video_images(spec), spec=spec, size=size)
+        stills = _stereo_stills() if spec == "stereo" else _photograph_stills()
+        return Source(_panned(stills, size, frames_a_view=round(SECONDS_A_VIEW * fps), seed=seed))
+    images_of = _bag_images if spec.startswith("bag:") else _video_images
+    looped = _looped(spec, images_of, images_of(spec), size)
+    return Source(looped, looped.close)
 
 
-class _Panned:
-    """A window that wanders and zooms over still images; frame n is a function of n and the seed."""
+def _panned(
+    stills: list[Picture], size: tuple[int, int], *, frames_a_view: int, seed: int
+) -> Iterator[Picture]:
+    """Let a window wander and zoom over still images; frame n is a function of n and the seed."""
+    import cv2
 
-    def __init__(self, spec: str, *, size: tuple[int, int], frames_a_view: int, seed: int) -> None:
-        self._stills = _stereo_stills() if spec == "stereo" else _photograph_stills()
-        self._size = size
-        self._frames_a_view = frames_a_view
-        self._seed = seed
-        self._number = 0
-
-    def frame(self) -> Frame:
-        import cv2
-
-        view, step = divmod(self._number, self._frames_a_view)
-        bgr, depth = self._stills[view % len(self._stills)]
-        warp = _view_transform(bgr.shape[:2], self._size, step / self._frames_a_view, (self._seed, view))
-        picture = cv2.warpAffine(bgr, warp, self._size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
-        depth_mm = None
+    for number in itertools.count():
+        view, step = divmod(number, frames_a_view)
+        bgr, depth = stills[view % len(stills)]
+        warp = _view_transform(bgr.shape[:2], size, step / frames_a_view, (seed, view))
+        picture = cv2.warpAffine(bgr, warp, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
         if depth is not None:  # nearest: a mean of two depths is a place where nothing is
-            depth_mm = cv2.warpAffine(depth, warp, self._size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
-        frame = Frame(number=self._number, bgr=picture, depth_mm=depth_mm)
-        self._number += 1
-        return frame
-
-    def close(self) -> None:
-        """Nothing is open."""
+            depth = cv2.warpAffine(depth, warp, size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
+        yield picture, depth
 
 
 def _view_transform(
@@ -133,13 +131,13 @@ def _view_transform(
     return np.array([[zoom, 0.0, corner[0]], [0.0, zoom, corner[1]]])
 
 
-def _photograph_stills() -> list[tuple[Image, Depth | None]]:
+def _photograph_stills() -> list[Picture]:
     from skimage import data
 
     return [(np.ascontiguousarray(getattr(data, name)()[..., 2::-1]), None) for name in PHOTOGRAPHS]
 
 
-def _stereo_stills() -> list[tuple[Image, Depth | None]]:
+def _stereo_stills() -> list[Picture]:
     from skimage import data
 
     left, _, disparity = data.stereo_motorcycle()
@@ -149,42 +147,26 @@ def _stereo_stills() -> list[tuple[Image, Depth | None]]:
     return [(np.ascontiguousarray(left[..., ::-1]), np.round(depth).astype(np.uint16))]
 
 
-class _Looped:
-    """Frames of a file, device or bag, scaled to one size, from the start again at the end."""
+def _looped(
+    spec: str, images_of: Callable[[str], Images], images: Images, size: tuple[int, int]
+) -> Generator[Picture, None, None]:
+    """Scale the images of a file, device or bag to one size, from the start again at the end."""
+    import cv2
 
-    def __init__(self, images: _Opener, *, spec: str, size: tuple[int, int]) -> None:
-        self._open = images
-        self._spec = spec
-        self._size = size
-        self._images = images()
-        self._number = 0
-
-    def frame(self) -> Frame:
-        import cv2
-
-        image = next(self._images, None)
-        if image is None:
-            self._images = self._open()
-            image = next(self._images, None)
-        if image is None:
-            raise SourceError(f"source {self._spec!r}: it opened, but holds no picture")
-        frame = Frame(number=self._number, bgr=cv2.resize(image, self._size, interpolation=cv2.INTER_AREA))
-        self._number += 1
-        return frame
-
-    def close(self) -> None:
-        self._images.close()
+    try:
+        while True:
+            image = next(images, None)
+            if image is None:
+                images = images_of(spec)
+                image = next(images, None)
+            if image is None:
+                raise SourceError(f"source {spec!r}: it opened, but holds no picture")
+            yield cv2.resize(image, size, interpolation=cv2.INTER_AREA), None
+    finally:
+        images.close()
 
 
-class _Images(Iterator["Image"], Protocol):
-    def close(self) -> None: ...
-
-
-class _Opener(Protocol):
-    def __call__(self) -> _Images: ...
-
-
-def _video_images(spec: str) -> _Images:
+def _video_images(spec: str) -> Images:
     """Read a video file or a camera, image by image (BGR)."""
     import cv2
 
@@ -202,39 +184,36 @@ def _video_images(spec: str) -> _Images:
         capture.release()
         raise SourceError(f"source {spec!r}: it cannot be opened as video")
 
-    def images() -> Iterator[Image]:
+    def images() -> Images:
         try:
-            while True:
-                ok, image = capture.read()
-                if not ok:
-                    return
-                yield np.asarray(image, dtype=np.uint8)
+            while (read := capture.read())[0]:
+                yield np.asarray(read[1], dtype=np.uint8)
         finally:
             capture.release()
 
-    return images()  # type: ignore[return-value]  # a generator has close()
+    return images()
 
 
-def _bag_images(spec: str) -> _Images:
+def _bag_images(spec: str) -> Images:
     """Read the colour images of one topic of an MCAP log or rosbag2, image by image (BGR)."""
     from sfglab.record import LogReader
 
-    path, _, topic = spec.partition("#")
+    path, _, topic = spec.removeprefix("bag:").partition("#")
     if not topic:
-        raise SourceError(f"source 'bag:{spec}': say which topic, as in bag:run.mcap#/camera/image_raw")
+        raise SourceError(f"source {spec!r}: say which topic, as in bag:run.mcap#/camera/image_raw")
     with LogReader(Path(path)) as log:
         if topic not in log.topics:
             known = ", ".join(sorted(log.topics))
-            raise SourceError(f"source 'bag:{spec}': no topic {topic!r}; the log holds {known}")
+            raise SourceError(f"source {spec!r}: no topic {topic!r}; the log holds {known}")
         type_name = log.topics[topic].type_name
 
-    def images() -> Iterator[Image]:
+    def images() -> Images:
         with LogReader(Path(path)) as log:
             bgr_images = _bgr_reader(type_name, spec)
             for entry in log.decoded(topic):
                 yield from bgr_images(entry.message)
 
-    return images()  # type: ignore[return-value]  # a generator has close()
+    return images()
 
 
 def _bgr_reader(type_name: str, spec: str) -> Callable[[Any], list[Image]]:
@@ -246,23 +225,26 @@ def _bgr_reader(type_name: str, spec: str) -> Callable[[Any], list[Image]]:
     try:
         decoder = image_decoder(type_name)
     except CodecUnavailableError as error:
-        raise SourceError(f"source 'bag:{spec}': {error}") from error
+        raise SourceError(f"source {spec!r}: {error}") from error
     return lambda message: [i.array for i in decoder.feed(message) if i.encoding == "bgr8"]
 
 
+# Places of blue, green and red in a pixel, and its channels.
+_CHANNELS = {
+    "bgr8": ((0, 1, 2), 3),
+    "rgb8": ((2, 1, 0), 3),
+    "bgra8": ((0, 1, 2), 4),
+    "rgba8": ((2, 1, 0), 4),
+    "mono8": ((0, 0, 0), 1),
+}
+
+
 def _bgr_of_image(message: Any, spec: str) -> Image:
-    channels = {
-        "bgr8": (0, 1, 2),
-        "rgb8": (2, 1, 0),
-        "bgra8": (0, 1, 2),
-        "rgba8": (2, 1, 0),
-        "mono8": (0, 0, 0),
-    }
-    if message.encoding not in channels:
+    if message.encoding not in _CHANNELS:
         raise SourceError(
-            f"source 'bag:{spec}': given encoding {message.encoding!r}, allowed are {', '.join(channels)}"
+            f"source {spec!r}: given encoding {message.encoding!r}, allowed are {', '.join(_CHANNELS)}"
         )
+    places, count = _CHANNELS[message.encoding]
     rows = np.asarray(message.data).reshape(message.height, message.step)
-    count = {"mono8": 1, "bgra8": 4, "rgba8": 4}.get(message.encoding, 3)
     pixels = rows[:, : message.width * count].reshape(message.height, message.width, count)
-    return np.ascontiguousarray(pixels[..., channels[message.encoding]])
+    return np.ascontiguousarray(pixels[..., places])

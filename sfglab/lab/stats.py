@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,10 +24,6 @@ if TYPE_CHECKING:
 
 RESAMPLES = 2000
 INTERVAL = (2.5, 97.5)
-
-
-class StatsError(SfglabError, ValueError):
-    """Too few or unusable samples for the estimate asked for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,17 +56,17 @@ def bootstrap(
         seed: Seed of the resampling.
 
     Raises:
-        StatsError: A group is empty, or no resample gave a number.
+        InvalidValueError: A group is empty, or no resample gave a number.
     """
     if any(len(group) == 0 for group in samples):
-        raise StatsError("bootstrap: a group holds no samples")
+        raise InvalidValueError("bootstrap", "a group of no samples", "groups of samples")
     rng = np.random.default_rng(seed)
     draws = np.array(
         [statistic([g[rng.integers(0, len(g), len(g))] for g in samples]) for _ in range(RESAMPLES)]
     )
     draws = draws[np.isfinite(draws)]
     if draws.size == 0:
-        raise StatsError("bootstrap: the statistic is undefined for these samples")
+        raise InvalidValueError("bootstrap", samples, "samples for which the statistic is not undefined")
     low, high = np.percentile(draws, INTERVAL)
     return Estimate(value=float(statistic(samples)), low=float(low), high=float(high), unit=unit)
 
@@ -83,23 +79,14 @@ def median_of(samples: Floats | Sequence[float], *, unit: str, seed: int = 0) ->
         unit: Unit of the samples.
         seed: Seed of the resampling.
     """
-    return bootstrap(
-        [np.asarray(samples, dtype=np.float64)],
-        lambda groups: float(np.median(groups[0])),
-        unit=unit,
-        seed=seed,
-    )
+    group = np.asarray(samples, dtype=np.float64)
+    return bootstrap([group], lambda groups: float(np.median(groups[0])), unit=unit, seed=seed)
 
 
 def line_fit(x: Floats, y: Floats) -> tuple[float, float]:
-    """Return slope and intercept of the least-squares line.
+    """Return slope and intercept of the least-squares line through x and y, each of shape (n,).
 
-    Args:
-        x: Shape (n,).
-        y: Shape (n,).
-
-    Returns:
-        Slope and intercept; both NaN where x holds fewer than two different values.
+    Both are NaN where x holds fewer than two different values.
     """
     spread = np.sum((x - x.mean()) ** 2)
     if spread == 0:

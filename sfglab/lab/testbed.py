@@ -24,15 +24,9 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 
-FIRST_DOMAIN, DOMAINS = (
-    20,
-    80,
-)  # from 102 on a domain's ports lie among those that Linux gives to anybody who asks
+# From 102 on a domain's ports lie among those that Linux gives to anybody who asks.
+FIRST_DOMAIN, DOMAINS = 20, 80
 _turns = itertools.count(os.getpid() * 13)
-
-
-class NoDomainError(SfglabError, RuntimeError):
-    """Other programs on this host use all DDS domains that a run may have."""
 
 
 @contextmanager
@@ -46,7 +40,7 @@ def held_domains(count: int = 1) -> Iterator[list[int]]:
         count: How many.
 
     Raises:
-        NoDomainError: So many are not free.
+        SfglabError: So many are not free.
     """
     with ExitStack() as locks:
         found: list[int] = []
@@ -59,7 +53,7 @@ def held_domains(count: int = 1) -> Iterator[list[int]]:
                 break
         else:
             allowed = f"DDS domains {FIRST_DOMAIN} to {FIRST_DOMAIN + DOMAINS - 1}"
-            raise NoDomainError(f"{allowed}: asked for {count}, free are {len(found)}")
+            raise SfglabError(f"{allowed}: asked for {count}, free are {len(found)}")
         yield found
 
 
@@ -90,7 +84,6 @@ class CountsBytes(Protocol):
 
     def interface_bytes(self) -> InterfaceBytes:
         """Return what the interface has carried so far."""
-        ...
 
 
 class _Loopback:

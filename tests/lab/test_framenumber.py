@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.lab.framenumber import CELL_PX, CELLS, FrameNumberError, read_number, stamp_number
+from sfglab.errors import InvalidValueError
+from sfglab.lab.framenumber import CELL_PX, CELLS, read_number, stamp_number
 
 
 @given(st.integers(0, 2**24 - 1))
@@ -44,7 +45,7 @@ def test_one_wrong_cell_is_noticed(flip):
 
 
 def test_a_frame_too_small_and_a_number_too_large_are_refused_with_the_bounds():
-    with pytest.raises(FrameNumberError, match="at least 544 x 16"):
+    with pytest.raises(InvalidValueError, match="at least 544 x 16"):
         read_number(np.zeros((16, 100), dtype=np.uint8))
-    with pytest.raises(FrameNumberError, match="16777215"):
+    with pytest.raises(InvalidValueError, match="16777215"):
         stamp_number(np.zeros((16, 640), dtype=np.uint8), 2**24)

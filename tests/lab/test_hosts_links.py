@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.lab.hosts import Link, LinkCounters, LinkError, Network
+from sfglab.errors import InvalidValueError
+from sfglab.lab.hosts import Link, LinkCounters, Network
 from sfglab.lab.hosts.network import FRAME_BYTES
 
 netns = pytest.mark.netns
@@ -146,7 +147,7 @@ def test_a_full_queue_drops_the_tail_and_counts_it(network):
     ],
 )
 def test_a_link_that_cannot_be_emulated_is_refused_by_name(values, name):
-    with pytest.raises(LinkError, match=f"{name}: "):
+    with pytest.raises(InvalidValueError, match=f"{name}: "):
         Link(**values)
 
 

@@ -6,6 +6,7 @@ import nbformat
 import pytest
 from nbformat.v4 import new_code_cell, new_notebook, new_output
 
+from sfglab.errors import SfglabError
 from sfglab.lab.notebooks import (
     NotebookError,
     check_parameters,
@@ -14,7 +15,7 @@ from sfglab.lab.notebooks import (
     read_parameters,
     run_notebooks,
 )
-from sfglab.lab.paths import Project, ProjectNotFoundError, find_project
+from sfglab.lab.paths import Project, find_project
 
 
 @pytest.fixture
@@ -117,5 +118,5 @@ def test_the_project_is_found_from_below_and_by_its_variable(project, monkeypatc
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
     assert find_project().root == tmp_path
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path / "nowhere"))
-    with pytest.raises(ProjectNotFoundError, match="SFGLAB_ROOT"):
+    with pytest.raises(SfglabError, match="SFGLAB_ROOT"):
         find_project()

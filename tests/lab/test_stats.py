@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sfglab.lab.stats import StatsError, bootstrap, line_fit, median_of
+from sfglab.errors import InvalidValueError
+from sfglab.lab.stats import bootstrap, line_fit, median_of
 
 
 def test_a_line_is_fitted_exactly():
@@ -39,7 +40,7 @@ def test_the_same_seed_gives_the_same_interval_and_groups_are_resampled_apart():
 
 
 def test_empty_groups_and_undefined_statistics_are_refused():
-    with pytest.raises(StatsError, match="no samples"):
+    with pytest.raises(InvalidValueError, match="no samples"):
         bootstrap([np.array([])], lambda g: float(g[0].mean()), unit="x")
-    with pytest.raises(StatsError, match="undefined"):
+    with pytest.raises(InvalidValueError, match="undefined"):
         bootstrap([np.ones(3)], lambda _: float("nan"), unit="x")

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sfglab.errors import MissingExtraError
-from sfglab.lab import screenshots_viewer
+from sfglab.errors import MissingExtraError, SfglabError
+from sfglab.lab import screenshots
 from sfglab.lab.checks import plugins, synchronisation
 from sfglab.lab.checks.fleet_scene import (
     PERIOD_NS,
@@ -196,19 +196,18 @@ def test_without_rerun_the_run_says_so_and_leaves_no_log(tmp_path, monkeypatch):
 
 
 def test_without_a_driver_there_is_no_screenshot_but_one_sentence(tmp_path, monkeypatch):
-    for name in screenshots_viewer._NAMED_DRIVERS:
+    for name in screenshots._NAMED_DRIVERS:
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(screenshots_viewer, "_DRIVERS", (str(tmp_path / "icd.d"),))
-    monkeypatch.setattr(sys, "argv", ["screenshots_viewer", str(tmp_path / "viewer.png")])
-    with pytest.raises(SystemExit, match="needs a Vulkan driver, such as the package mesa-vulkan-drivers"):
-        screenshots_viewer.main()
+    monkeypatch.setattr(screenshots, "_DRIVERS", (str(tmp_path / "icd.d"),))
+    with pytest.raises(SfglabError, match="needs a Vulkan driver, such as the package mesa-vulkan-drivers"):
+        screenshots.main(tmp_path, ["viewer"])
     assert not list(tmp_path.iterdir())
 
 
 def test_the_fleet_of_the_screenshot_has_its_cloud_its_lost_agent_and_nothing_that_fails(tmp_path, monkeypatch):
-    monkeypatch.setattr(screenshots_viewer, "_MOMENTS", 16)
+    monkeypatch.setattr(screenshots, "_MOMENTS", 16)
     path = tmp_path / "fleet.rrd"
-    screenshots_viewer.record_fleet(path)
+    screenshots.record_fleet(path)
     shown = read_recording(path)
     root = "/agents/go2/global/camera_front/aligned_depth/compressed_depth"
     assert len(shown[f"{root}/cloud", "Points3D:positions"]) == 16

@@ -10,13 +10,10 @@ Everything is gone at the end of the block, also after an exception or when the 
 
 from sfglab.lab.hosts.host import (
     Host,
-    HostNameError,
     HostsError,
     HostsUnavailableError,
     InterfaceBytes,
     LinkControlError,
-    LinkError,
-    UnknownHostError,
 )
 from sfglab.lab.hosts.network import Capability, Link, LinkCounters, Network
 from sfglab.lab.hosts.radio import RadioCounters, RadioHost
@@ -24,16 +21,13 @@ from sfglab.lab.hosts.radio import RadioCounters, RadioHost
 __all__ = [
     "Capability",
     "Host",
-    "HostNameError",
     "HostsError",
     "HostsUnavailableError",
     "InterfaceBytes",
     "Link",
     "LinkControlError",
     "LinkCounters",
-    "LinkError",
     "Network",
     "RadioCounters",
     "RadioHost",
-    "UnknownHostError",
 ]

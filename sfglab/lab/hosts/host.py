@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Sequence
+    from collections.abc import Collection, Iterator, Sequence
 
 
 _REMEDY = (
@@ -47,45 +47,10 @@ class HostsError(SfglabError, RuntimeError):
     """A network of test hosts is closed, lost its hub, or did not do what it was asked for."""
 
 
-class HostNameError(SfglabError, ValueError):
-    """A host's name is empty or taken.
-
-    Attributes:
-        name: The name that was given.
-    """
-
-    def __init__(self, name: str, taken: Iterable[str]) -> None:
-        self.name = name
-        super().__init__(
-            f"host name: given {name!r}, allowed is any text that is not empty nor in {sorted(taken)}"
-        )
-
-
-class UnknownHostError(SfglabError, LookupError):
-    """The network has no host of that name.
-
-    Attributes:
-        name: The name that was given.
-    """
-
-    def __init__(self, name: str, known: Iterable[str]) -> None:
-        self.name = name
-        super().__init__(f"host: given {name!r}, this network has {sorted(known)}")
-
-
-class LinkError(SfglabError, ValueError):
-    """A link's rate, loss or queue lies outside what can be emulated."""
-
-
 class LinkControlError(SfglabError, OSError):
-    """The kernel refuses to limit or to lose packets.
-
-    Attributes:
-        reason: What the kernel said.
-    """
+    """The kernel refuses to limit or to lose packets."""
 
     def __init__(self, host: str, reason: str) -> None:
-        self.reason = reason
         super().__init__(
             f"link of host {host!r}: the kernel refused it: {reason}. Rates need the tbf queueing discipline "
             "(module sch_tbf), loss needs nftables in bridges (modules nf_tables and nft_numgen)"

@@ -20,15 +20,14 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import IO, TYPE_CHECKING, Any, Literal, Self
 
+from sfglab.errors import InvalidValueError
+from sfglab.fields import between, check_bounds
 from sfglab.lab.hosts.host import (
     ENTER,
     Host,
-    HostNameError,
     HostsError,
     HostsUnavailableError,
     LinkControlError,
-    LinkError,
-    UnknownHostError,
     end_members,
 )
 from sfglab.lab.hosts.radio import RadioCounters
@@ -56,26 +55,19 @@ class Link:
 
     rate_bps: float | None = None  #: Rate of Ethernet frames in bit/s; None is unlimited.
     #: Probability in [0, 1] with which a frame is lost, drawn anew for each frame and direction.
-    loss: float = 0.0
+    loss: float = between(0.0, 0.0, 1.0)
     #: Size of the drop-tail queue before a limited rate; None is 100 ms at that rate, but at least ten full
     #: frames.
     queue_bytes: int | None = None
 
     def __post_init__(self) -> None:
+        check_bounds(self)
         if self.rate_bps is not None and not _MIN_RATE_BPS <= self.rate_bps <= _MAX_RATE_BPS:
-            raise LinkError(
-                f"rate_bps: given {self.rate_bps}, allowed is {_MIN_RATE_BPS} to {_MAX_RATE_BPS} or None"
-            )
-        if not 0 <= self.loss <= 1:
-            raise LinkError(f"loss: given {self.loss}, allowed is a probability from 0 to 1, or None")
-        if self.queue_bytes is None:
-            return
-        if self.rate_bps is None:
-            raise LinkError("queue_bytes: only a link with rate_bps has a queue; give both or neither")
-        if self.queue_bytes < FRAME_BYTES:
-            raise LinkError(
-                f"queue_bytes: given {self.queue_bytes}, allowed is one frame ({FRAME_BYTES}) or more"
-            )
+            allowed = f"{_MIN_RATE_BPS} to {_MAX_RATE_BPS} or None"
+            raise InvalidValueError("rate_bps", self.rate_bps, allowed)
+        if self.queue_bytes is not None and (self.rate_bps is None or self.queue_bytes < FRAME_BYTES):
+            allowed = f"one frame ({FRAME_BYTES}) or more, and only with rate_bps"
+            raise InvalidValueError("queue_bytes", self.queue_bytes, allowed)
 
     @property
     def burst_bytes(self) -> int:
@@ -314,14 +306,16 @@ class Network:
             name: A name of your choice, once per network.
 
         Raises:
-            HostNameError: The name is empty or taken.
+            InvalidValueError: The name is empty or taken.
             HostsUnavailableError: The kernel refuses.
             HostsError: The network is closed or lost, or full (253 hosts), or a radio.
         """
         if self._on_radio:
             raise HostsError("this network is a radio now: add its hosts before `set_radio`")
         if not name or name in self._hosts:
-            raise HostNameError(name, self._hosts)
+            raise InvalidValueError(
+                "host name", name, f"any text that is not empty nor in {sorted(self._hosts)}"
+            )
         try:
             made = self._channel.request("add_host", name=name)
         except PermissionError as error:
@@ -332,7 +326,7 @@ class Network:
 
     def _check(self, name: str) -> None:
         if name not in self._hosts:
-            raise UnknownHostError(name, self._hosts)
+            raise InvalidValueError("host", name, f"{sorted(self._hosts)}, which this network has")
 
     def set_link(
         self,
@@ -351,8 +345,7 @@ class Network:
             queue_bytes: Size of the drop-tail queue before the rate; None is 100 ms at that rate.
 
         Raises:
-            UnknownHostError: There is no such host.
-            LinkError: A value cannot be emulated.
+            InvalidValueError: There is no such host, or a value cannot be emulated.
             LinkControlError: The kernel refuses.
             HostsError: The network is closed or lost, or a radio.
         """
@@ -368,11 +361,8 @@ class Network:
     def link_counters(self, name: str) -> LinkCounters:
         """Return what a host's link has lost since it was last set.
 
-        Args:
-            name: The host.
-
         Raises:
-            UnknownHostError: There is no such host.
+            InvalidValueError: There is no such host.
             HostsError: The network is closed or lost.
         """
         self._check(name)

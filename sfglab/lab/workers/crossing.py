@@ -28,10 +28,6 @@ SPARE_BYTES = 1 << 16
 """How much more random data there is than the largest message: each round's message begins elsewhere in it."""
 
 
-class CrossingError(SfglabError, RuntimeError):
-    """A link ended in the middle of a message, or an order makes no sense."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrossingConfig:
     """What a process of the crossing is told."""
@@ -99,7 +95,7 @@ class End:
             elif what == "check":
                 self.say("content", crc=zlib.crc32(self._had))
             else:
-                raise CrossingError(f"{self._config.role}: order {what!r} was not expected")
+                raise SfglabError(f"{self._config.role}: order {what!r} was not expected")
 
     def say(self, kind: str, **values: Any) -> None:
         """Report."""
@@ -156,7 +152,7 @@ class End:
 
     def _begin(self) -> int:
         if json.loads(sys.stdin.buffer.readline() or "{}").get("do") != "go":
-            raise CrossingError(f"{self._config.role}: the parent left before the message was published")
+            raise SfglabError(f"{self._config.role}: the parent left before the message was published")
         return time.monotonic_ns()
 
     def _receive(self, peer: str, into: memoryview, item: Round) -> memoryview:
@@ -165,7 +161,7 @@ class End:
         got = 0
         while got < len(view):
             if not (count := link.recv_into(view[got:])):
-                raise CrossingError(f"{self._config.role}: the link from {peer} ended after {got} bytes")
+                raise SfglabError(f"{self._config.role}: the link from {peer} ended after {got} bytes")
             got += count
         return view
 
@@ -175,7 +171,7 @@ class End:
 
     def _be_woken(self) -> None:
         if not os.read(self._pipes["wake"], 1):
-            raise CrossingError(f"{self._config.role}: whoever wakes it is gone")
+            raise SfglabError(f"{self._config.role}: whoever wakes it is gone")
 
 
 def _touch(view: memoryview) -> int:
@@ -188,7 +184,7 @@ def main() -> None:
     end = End(config_from_argument(CrossingConfig, sys.argv[1]))
     try:
         end.obey()
-    except (CrossingError, OSError) as error:
+    except (SfglabError, OSError) as error:
         end.say("failed", why=str(error))
         sys.exit(1)
 
