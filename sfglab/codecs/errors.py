@@ -16,32 +16,21 @@ class CodecError(SfglabError, ValueError):
 
 
 class CodecUnavailableError(CodecError):
-    """No usable encoder or decoder of the wanted name, or for the wanted format.
-
-    Attributes:
-        wanted: What was asked for.
-        reason: Why it cannot be had.
-    """
+    """No usable encoder or decoder of the wanted name, or for the wanted format."""
 
     def __init__(self, wanted: str, *, reason: str) -> None:
-        self.wanted = wanted
-        self.reason = reason
+        self.wanted = wanted  #: What was asked for.
+        self.reason = reason  #: Why it cannot be had.
         super().__init__(f"codec {wanted!r}: {reason}")
 
 
 class BitstreamError(CodecError):
-    """Bytes that are not a valid frame of the named format.
-
-    Attributes:
-        codec: The format that was being read, such as ``"h264"`` or ``"png"``.
-        reason: What is wrong with the bytes.
-        size_bytes: How many bytes were given.
-    """
+    """Bytes that are not a valid frame of the named format."""
 
     def __init__(self, codec: str, *, reason: str, size_bytes: int) -> None:
-        self.codec = codec
-        self.reason = reason
-        self.size_bytes = size_bytes
+        self.codec = codec  #: The format that was being read, such as ``"h264"`` or ``"png"``.
+        self.reason = reason  #: What is wrong with the bytes.
+        self.size_bytes = size_bytes  #: How many bytes were given.
         super().__init__(f"{codec} frame of {size_bytes} bytes: {reason}")
 
 

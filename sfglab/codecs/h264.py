@@ -48,19 +48,15 @@ class H264Encoder:
         settings: What to make.
         fallback: Whether a software encoder will do if the one that the settings name does not work.
 
-    Attributes:
-        settings: As given.
-        encoder_name: The FFmpeg encoder that was opened.
-        fallback_reason: Why it is not a preferred one, else None; also logged as a warning, once.
-
     Raises:
         CodecUnavailableError: If no wanted encoder works on this machine.
     """
 
     def __init__(self, settings: H264Settings = TABLE_2, *, fallback: bool = False) -> None:
         choice = choose_encoder(settings.encoder, fallback=fallback)
-        self.settings = settings
-        self.encoder_name = choice.name
+        self.settings = settings  #: As given.
+        self.encoder_name = choice.name  #: The FFmpeg encoder that was opened.
+        #: Why it is not a preferred one, else None; also logged as a warning, once.
         self.fallback_reason = choice.fallback_reason
         if choice.fallback_reason is not None:
             _say_once(f"H.264 is encoded by {choice.name}, because {choice.fallback_reason}")
@@ -109,13 +105,6 @@ class VideoDecoder:
         decoder: The FFmpeg decoder.
         threads: Threads for the slices of one frame.
 
-    Attributes:
-        codec: As given.
-        decoder_name: The FFmpeg decoder that was opened.
-        state: Whether a key frame is still awaited.
-        refused_packets: Packets passed over while waiting for a key frame.
-        broken_packets: Packets in which a fault was found.
-
     Raises:
         CodecError: If the decoder cannot be opened.
     """
@@ -123,11 +112,11 @@ class VideoDecoder:
     def __init__(self, codec: str, *, decoder: str, threads: int = 1) -> None:
         if threads < 1:
             raise CodecError(f"decoder threads: given {threads}, allowed are whole numbers from 1")
-        self.codec = codec
-        self.decoder_name = decoder
-        self.state = DecoderState.WAITING_FOR_KEYFRAME
-        self.refused_packets = 0
-        self.broken_packets = 0
+        self.codec = codec  #: As given.
+        self.decoder_name = decoder  #: The FFmpeg decoder that was opened.
+        self.state = DecoderState.WAITING_FOR_KEYFRAME  #: Whether a key frame is still awaited.
+        self.refused_packets = 0  #: Packets passed over while waiting for a key frame.
+        self.broken_packets = 0  #: Packets in which a fault was found.
         try:
             self._session = DecoderSession(decoder, threads=threads)
         except (av.FFmpegError, ValueError) as error:

@@ -30,18 +30,12 @@ _ALIGNMENT = 4  # Cyclone DDS takes nothing whose length is not a multiple
 
 
 class CdrError(MessageError):
-    """Bytes that are not a message of the type, or a message that cannot become bytes.
-
-    Attributes:
-        type_name: The type in question.
-        size_bytes: Length of the bytes; None when serialising.
-        reason: What is wrong.
-    """
+    """Bytes that are not a message of the type, or a message that cannot become bytes."""
 
     def __init__(self, type_name: str, reason: str, *, size_bytes: int | None = None) -> None:
-        self.type_name = type_name
-        self.size_bytes = size_bytes
-        self.reason = reason
+        self.type_name = type_name  #: The type in question.
+        self.size_bytes = size_bytes  #: Length of the bytes; None when serialising.
+        self.reason = reason  #: What is wrong.
         what = "cannot serialise" if size_bytes is None else f"not in these {size_bytes} bytes of CDR"
         super().__init__(f"{type_name}: {what}: {reason}")
 

@@ -37,16 +37,11 @@ class MessageError(SfglabError, ValueError):
 
 
 class UnknownTypeError(SfglabError, LookupError):
-    """A type that the store does not hold.
-
-    Attributes:
-        name: What was asked for.
-        near: Names of types that look similar, best first.
-    """
+    """A type that the store does not hold."""
 
     def __init__(self, name: object, *, near: tuple[str, ...] = ()) -> None:
-        self.name = name
-        self.near = near
+        self.name = name  #: What was asked for.
+        self.near = near  #: Names of types that look similar, best first.
         hint = f"did you mean {', '.join(near)}?" if near else "names look like std_msgs/msg/String"
         super().__init__(f"message type {name!r} is unknown: {hint}")
 

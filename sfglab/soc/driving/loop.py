@@ -177,13 +177,11 @@ class Stopwatch:
 
     Args:
         clock: Nanoseconds; None measures nothing.
-
-    Attributes:
-        frames_ns: Nanoseconds by node, a number a call, in the order of the calls.
     """
 
     def __init__(self, clock: Callable[[], int] | None = None) -> None:
         self._clock = clock
+        #: Nanoseconds by node, a number a call, in the order of the calls.
         self.frames_ns: dict[str, list[int]] = {}
 
     def __call__(self, node: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
@@ -202,9 +200,6 @@ class Stack:
     Args:
         camera: Whose images come.
         clock: Nanoseconds, to time nodes by; None to leave it.
-
-    Attributes:
-        timed: What the nodes took, frame by frame.
     """
 
     def __init__(self, camera: Camera, clock: Callable[[], int] | None = None) -> None:
@@ -212,7 +207,7 @@ class Stack:
         self.red, self.green = LightDetector(Colour.RED), LightDetector(Colour.GREEN)
         self.control = LaneControl()
         self.odometry = VisualOdometry(camera)
-        self.timed = Stopwatch(clock)
+        self.timed = Stopwatch(clock)  #: What the nodes took, frame by frame.
 
     def step(self, image: NDArray[np.uint8]) -> Frame:
         """Return what all nodes say to an image."""

@@ -195,16 +195,11 @@ TABLE: Table = {
 
 
 class IllegalInputError(SfglabError, RuntimeError):
-    """An input that cannot occur in this state; the core stays as it was.
-
-    Attributes:
-        state: The state, unchanged.
-        given: The input that does not fit.
-    """
+    """An input that cannot occur in this state; the core stays as it was."""
 
     def __init__(self, state: State, given: Input, table: Table) -> None:
-        self.state = state
-        self.given = given
+        self.state = state  #: The state, unchanged.
+        self.given = given  #: The input that does not fit.
         allowed = ", ".join(sorted(i.name for i in table[state].moves))
         super().__init__(f"gateway core in {state.name}: given {given.name}, allowed are {allowed}")
 
@@ -224,17 +219,12 @@ class Core:
 
     Args:
         table: Its behaviour.
-
-    Attributes:
-        state: Where it stands.
-        output: Address of the output message; 0 before `Input.LOCATED`.
-        held: Address of the last message that the delegate gave; 0 before the first one.
     """
 
     def __init__(self, table: Table = TABLE) -> None:
-        self.state = State.START
-        self.output = 0
-        self.held = 0
+        self.state = State.START  #: Where it stands.
+        self.output = 0  #: Address of the output message; 0 before `Input.LOCATED`.
+        self.held = 0  #: Address of the last message that the delegate gave; 0 before the first one.
         self._table = table
 
     @property

@@ -23,14 +23,10 @@ if TYPE_CHECKING:
 
 
 class ExplorationLimitError(SfglabError, OverflowError):
-    """A bound leads to more worlds than allowed.
-
-    Attributes:
-        limit: How many were allowed.
-    """
+    """A bound leads to more worlds than allowed."""
 
     def __init__(self, bound: Bound, limit: int) -> None:
-        self.limit = limit
+        self.limit = limit  #: How many were allowed.
         super().__init__(
             f"exploration of {bound}: more than {limit} worlds; lower the bound or raise the limit"
         )

@@ -53,17 +53,11 @@ class Bound:
 
 
 class Message(NamedTuple):
-    """A message under way.
+    """A message under way."""
 
-    Attributes:
-        publisher: Index in `Bound.totals` of who made it.
-        number: Its place among that publisher's messages.
-        carrier: The publisher id that it carries: its maker's, or `GATEWAY`.
-    """
-
-    publisher: int
-    number: int
-    carrier: int
+    publisher: int  #: Index in `Bound.totals` of who made it.
+    number: int  #: Its place among that publisher's messages.
+    carrier: int  #: The publisher id that it carries: its maker's, or `GATEWAY`.
 
     def __str__(self) -> str:
         suffix = "'" if self.carrier == GATEWAY else ""
@@ -78,35 +72,20 @@ class Broadcast(NamedTuple):
 
 
 class World(NamedTuple):
-    """One moment.
+    """One moment."""
 
-    Attributes:
-        state: Of the core.
-        held: What the core holds for the HMT.
-        output: What stands in the output message, not yet published.
-        calls: Calls that the delegate has not read.
-        answers: What the delegate said and the core has not read.
-        blocked: The delegate waits for a message of the SMT.
-        reader: What the core's reader on the SMT has received.
-        sent: Messages sent by each publisher.
-        topic: What occupies the HMT.
-        port: What the core's port has stored.
-        smt_seen: Messages of each publisher that the software subscribers have.
-        hmt_seen: The same for each hardware subscriber.
-    """
-
-    state: State
-    held: Message | None
-    output: Message | None
-    calls: tuple[Drive, ...]
-    answers: tuple[tuple[Input, Message | None], ...]
-    blocked: bool
-    reader: tuple[Message, ...]
-    sent: tuple[int, ...]
-    topic: Broadcast | None
-    port: tuple[Message, ...]
-    smt_seen: tuple[int, ...]
-    hmt_seen: tuple[tuple[int, ...], ...]
+    state: State  #: Of the core.
+    held: Message | None  #: What the core holds for the HMT.
+    output: Message | None  #: What stands in the output message, not yet published.
+    calls: tuple[Drive, ...]  #: Calls that the delegate has not read.
+    answers: tuple[tuple[Input, Message | None], ...]  #: What the delegate said and the core has not read.
+    blocked: bool  #: The delegate waits for a message of the SMT.
+    reader: tuple[Message, ...]  #: What the core's reader on the SMT has received.
+    sent: tuple[int, ...]  #: Messages sent by each publisher.
+    topic: Broadcast | None  #: What occupies the HMT.
+    port: tuple[Message, ...]  #: What the core's port has stored.
+    smt_seen: tuple[int, ...]  #: Messages of each publisher that the software subscribers have.
+    hmt_seen: tuple[tuple[int, ...], ...]  #: The same for each hardware subscriber.
 
 
 def first_world(bound: Bound) -> World:
@@ -153,17 +132,11 @@ class Fault(NamedTuple):
 
 
 class Step(NamedTuple):
-    """One thing that can happen.
+    """One thing that can happen."""
 
-    Attributes:
-        actor: Who does it.
-        what: In words.
-        after: The world it leads to, or what is wrong with it.
-    """
-
-    actor: str
-    what: str
-    after: World | Fault
+    actor: str  #: Who does it.
+    what: str  #: In words.
+    after: World | Fault  #: The world it leads to, or what is wrong with it.
 
 
 def steps(world: World, bound: Bound, table: Table) -> Iterator[Step]:

@@ -42,23 +42,16 @@ class Control(Elaboratable):
 
     Args:
         table: The behaviour.
-
-    Attributes:
-        given: In: one bit per input that is there in this cycle. Of several, the row's first counts.
-        value: In: the address beside the input.
-        state: Out: code of the state.
-        drive: Out: one bit per drive, exactly one of them set.
-        output: Out: address of the output message.
-        held: Out: address of the last message that the delegate gave.
     """
 
     def __init__(self, table: Table = TABLE) -> None:
+        #: In: one bit per input that is there in this cycle. Of several, the row's first counts.
         self.given = Signal(len(_INPUTS))
-        self.value = Signal(ADDRESS_BITS)
-        self.state = Signal(range(len(_STATES)), init=state_code(State.START))
-        self.drive = Signal(len(_DRIVES))
-        self.output = Signal(ADDRESS_BITS)
-        self.held = Signal(ADDRESS_BITS)
+        self.value = Signal(ADDRESS_BITS)  #: In: the address beside the input.
+        self.state = Signal(range(len(_STATES)), init=state_code(State.START))  #: Out: code of the state.
+        self.drive = Signal(len(_DRIVES))  #: Out: one bit per drive, exactly one of them set.
+        self.output = Signal(ADDRESS_BITS)  #: Out: address of the output message.
+        self.held = Signal(ADDRESS_BITS)  #: Out: address of the last message that the delegate gave.
         self._table = table
 
     def does(self, drive: Drive) -> Any:
@@ -114,41 +107,25 @@ class Gateway(Elaboratable):
     Args:
         subscribers: Ports of the hardware-mapped topic besides the core's own.
         table: The behaviour of the core.
-
-    Attributes:
-        control: The core's control.
-        mover: The core's data path; `mover.master.port` is the memory interface.
-        node: In: the hardware publisher's stream.
-        ports: Out: the subscribers' streams.
-        own_smt: In: the id of the core's writer on the software-mapped topic.
-        own_hmt: In: the id of the core as a publisher of the hardware-mapped topic.
-        words: In: of every message, without its id.
-        call_valid: Out: OSIF: a call stands at `call`.
-        call_ready: In: OSIF: it is taken.
-        call: Out: OSIF: a `Call`.
-        answer_valid: In: OSIF: an answer stands at `answer`.
-        answer_ready: Out: OSIF: it is taken.
-        answer: In: OSIF: an `Answer`.
-        answer_address: In: OSIF: of the output message or of the message taken.
-        answer_publisher: In: OSIF: id of the writer of the message taken.
     """
 
     def __init__(self, subscribers: int, table: Table = TABLE) -> None:
-        self.control = Control(table)
-        self.mover = Mover()
-        self.node = Stream("node")
-        self.ports = [Stream(f"port{i}") for i in range(subscribers)]
-        self.own_smt = Signal(ADDRESS_BITS)
+        self.control = Control(table)  #: The core's control.
+        self.mover = Mover()  #: The core's data path; `mover.master.port` is the memory interface.
+        self.node = Stream("node")  #: In: the hardware publisher's stream.
+        self.ports = [Stream(f"port{i}") for i in range(subscribers)]  #: Out: the subscribers' streams.
+        self.own_smt = Signal(ADDRESS_BITS)  #: In: the id of the core's writer on the software-mapped topic.
+        #: In: the id of the core as a publisher of the hardware-mapped topic.
         self.own_hmt = Signal(ADDRESS_BITS)
-        self.words = Signal(32)
-        self.call_valid = Signal()
-        self.call_ready = Signal()
-        self.call = Signal(2)
-        self.answer_valid = Signal()
-        self.answer_ready = Signal()
-        self.answer = Signal(2)
-        self.answer_address = Signal(ADDRESS_BITS)
-        self.answer_publisher = Signal(ADDRESS_BITS)
+        self.words = Signal(32)  #: In: of every message, without its id.
+        self.call_valid = Signal()  #: Out: OSIF: a call stands at `call`.
+        self.call_ready = Signal()  #: In: OSIF: it is taken.
+        self.call = Signal(2)  #: Out: OSIF: a `Call`.
+        self.answer_valid = Signal()  #: In: OSIF: an answer stands at `answer`.
+        self.answer_ready = Signal()  #: Out: OSIF: it is taken.
+        self.answer = Signal(2)  #: In: OSIF: an `Answer`.
+        self.answer_address = Signal(ADDRESS_BITS)  #: In: OSIF: of the output message or of the message taken.
+        self.answer_publisher = Signal(ADDRESS_BITS)  #: In: OSIF: id of the writer of the message taken.
         self._publisher = Signal(ADDRESS_BITS)
 
     @property

@@ -49,14 +49,11 @@ class SlowMemory(Elaboratable):
         port: Its master.
         content: Its words; as many as a power of two.
         delays: Its latencies.
-
-    Attributes:
-        content: The memory.
     """
 
     def __init__(self, port: MemoryPort, content: Sequence[int], delays: Delays) -> None:
         self.port = port
-        self.content = Memory(shape=ADDRESS_BITS, depth=len(content), init=content)
+        self.content = Memory(shape=ADDRESS_BITS, depth=len(content), init=content)  #: The memory.
         self._delays = delays
 
     def elaborate(self, _platform: object) -> Any:
@@ -116,25 +113,19 @@ class Bench(Elaboratable):
         from_software: The messages come from the software-mapped topic, else from the hardware node.
         delays: Of the memory.
         stalled: How many of eight cycles, in a fixed irregular order, each subscriber does not listen.
-
-    Attributes:
-        gateway: The gateway.
-        memory: The memory.
-        received: What each subscriber got last, without the id.
-        cycles: Cycles of the latest transfer between memory and stream.
-        through: Messages that went through the core.
     """
 
     def __init__(
         self, subscribers: int, words: int, *, from_software: bool, delays: Delays, stalled: int = 0
     ) -> None:
-        self.gateway = Gateway(subscribers)
+        self.gateway = Gateway(subscribers)  #: The gateway.
         size = 1 << (2 * words - 1).bit_length()
         content = [WORD_FACTOR * word % (1 << ADDRESS_BITS) for word in range(size)]
-        self.memory = SlowMemory(self.gateway.mover.master.port, content, delays)
+        self.memory = SlowMemory(self.gateway.mover.master.port, content, delays)  #: The memory.
+        #: What each subscriber got last, without the id.
         self.received = [Memory(shape=ADDRESS_BITS, depth=size, init=[]) for _ in range(subscribers)]
-        self.cycles = Signal(32)
-        self.through = Signal(16)
+        self.cycles = Signal(32)  #: Cycles of the latest transfer between memory and stream.
+        self.through = Signal(16)  #: Messages that went through the core.
         self._words, self._from_software, self._stalled = words, from_software, stalled
 
     def elaborate(self, _platform: object) -> Any:

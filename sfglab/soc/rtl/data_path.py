@@ -24,70 +24,41 @@ CHUNK_WORDS = 32
 
 
 class MemoryPort:
-    """The wires between a master and the memory; (m) the master drives, (s) the memory.
-
-    Attributes:
-        request: (m) The master waits for its turn.
-        grant: (s) The interface is this master's turn.
-        command: (m) A command stands here: `write` and `words` count.
-        write: (m) The request writes.
-        words: (m) How many words, 1 to `CHUNK_WORDS`.
-        address_valid: (m) The address stands here.
-        address: (m) Of the first byte.
-        read_valid: (s) A word that was read stands here; the master always takes it.
-        read_data: (s) The word.
-        write_valid: (m) A word to write stands here.
-        write_ready: (s) The memory takes it.
-        write_data: (m) The word.
-        response: (s) All words of a write have arrived.
-        complete: (m) The request is through, the interface free from the next cycle on.
-    """
+    """The wires between a master and the memory; (m) the master drives, (s) the memory."""
 
     def __init__(self) -> None:
-        self.request = Signal()
-        self.grant = Signal()
-        self.command = Signal()
-        self.write = Signal()
+        self.request = Signal()  #: (m) The master waits for its turn.
+        self.grant = Signal()  #: (s) The interface is this master's turn.
+        self.command = Signal()  #: (m) A command stands here: `write` and `words` count.
+        self.write = Signal()  #: (m) The request writes.
         # Named apart from the gateway's own `words`, beside which it stands in the exported module.
+        #: (m) How many words, 1 to `CHUNK_WORDS`.
         self.words = Signal(range(CHUNK_WORDS + 1), name="request_words")
-        self.address_valid = Signal()
-        self.address = Signal(ADDRESS_BITS)
-        self.read_valid = Signal()
-        self.read_data = Signal(ADDRESS_BITS)
-        self.write_valid = Signal()
-        self.write_ready = Signal()
-        self.write_data = Signal(ADDRESS_BITS)
-        self.response = Signal()
-        self.complete = Signal()
+        self.address_valid = Signal()  #: (m) The address stands here.
+        self.address = Signal(ADDRESS_BITS)  #: (m) Of the first byte.
+        self.read_valid = Signal()  #: (s) A word that was read stands here; the master always takes it.
+        self.read_data = Signal(ADDRESS_BITS)  #: (s) The word.
+        self.write_valid = Signal()  #: (m) A word to write stands here.
+        self.write_ready = Signal()  #: (s) The memory takes it.
+        self.write_data = Signal(ADDRESS_BITS)  #: (m) The word.
+        self.response = Signal()  #: (s) All words of a write have arrived.
+        self.complete = Signal()  #: (m) The request is through, the interface free from the next cycle on.
 
 
 class MemoryMaster(Elaboratable):
-    """Moves one chunk between the memory and a buffer.
-
-    Attributes:
-        port: To the memory.
-        start: In: a request is wanted; stays set, with its parameters, until `done`.
-        write: In: from the buffer to memory, else from memory to the buffer.
-        words: In: how many.
-        address: In: of the first byte.
-        index: Out: the word of the buffer that is concerned.
-        word_valid: Out: `word` belongs into the buffer at `index`.
-        word: Out: a word that was read.
-        buffered: In: the buffer's word at `index`.
-        done: Out: the request is through; set for one cycle.
-    """
+    """Moves one chunk between the memory and a buffer."""
 
     def __init__(self) -> None:
-        self.port = MemoryPort()
-        self.start = Signal()
-        self.write = Signal()
-        self.words = Signal(range(CHUNK_WORDS + 1))
-        self.address = Signal(ADDRESS_BITS)
-        self.index = Signal(range(CHUNK_WORDS))
-        self.word_valid = Signal()
-        self.word = Signal(ADDRESS_BITS)
-        self.buffered = Signal(ADDRESS_BITS)
-        self.done = Signal()
+        self.port = MemoryPort()  #: To the memory.
+        self.start = Signal()  #: In: a request is wanted; stays set, with its parameters, until `done`.
+        self.write = Signal()  #: In: from the buffer to memory, else from memory to the buffer.
+        self.words = Signal(range(CHUNK_WORDS + 1))  #: In: how many.
+        self.address = Signal(ADDRESS_BITS)  #: In: of the first byte.
+        self.index = Signal(range(CHUNK_WORDS))  #: Out: the word of the buffer that is concerned.
+        self.word_valid = Signal()  #: Out: `word` belongs into the buffer at `index`.
+        self.word = Signal(ADDRESS_BITS)  #: Out: a word that was read.
+        self.buffered = Signal(ADDRESS_BITS)  #: In: the buffer's word at `index`.
+        self.done = Signal()  #: Out: the request is through; set for one cycle.
 
     def elaborate(self, _platform: object) -> Any:
         """Return the logic: the four control cycles are TURN, COMMAND, ADDRESS and COMPLETE."""
@@ -140,19 +111,13 @@ class Stream:
 
     Args:
         name: Prefix of the wires' names.
-
-    Attributes:
-        valid: (f) A beat stands here, and stays until it is taken.
-        ready: (t) The beat is taken in this cycle if it is there.
-        data: (f) The word.
-        last: (f) It is a message's last.
     """
 
     def __init__(self, name: str) -> None:
-        self.valid = Signal(name=f"{name}_valid")
-        self.ready = Signal(name=f"{name}_ready")
-        self.data = Signal(ADDRESS_BITS, name=f"{name}_data")
-        self.last = Signal(name=f"{name}_last")
+        self.valid = Signal(name=f"{name}_valid")  #: (f) A beat stands here, and stays until it is taken.
+        self.ready = Signal(name=f"{name}_ready")  #: (t) The beat is taken in this cycle if it is there.
+        self.data = Signal(ADDRESS_BITS, name=f"{name}_data")  #: (f) The word.
+        self.last = Signal(name=f"{name}_last")  #: (f) It is a message's last.
 
     @property
     def passes(self) -> Any:
@@ -204,16 +169,12 @@ class Turns(Elaboratable):
         core: The core's beats.
         node: The node's beats.
         topic: The topic's source.
-
-    Attributes:
-        claim: In: the core wants the topic.
-        grant: Out: the topic is the core's from the next cycle to its message's last beat.
     """
 
     def __init__(self, core: Stream, node: Stream, topic: Stream) -> None:
         self.core, self.node, self.topic = core, node, topic
-        self.claim = Signal()
-        self.grant = Signal()
+        self.claim = Signal()  #: In: the core wants the topic.
+        self.grant = Signal()  #: Out: the topic is the core's from the next cycle to its message's last beat.
 
     def elaborate(self, _platform: object) -> Any:
         """Return the logic."""
@@ -248,34 +209,20 @@ _CHUNK_BYTES = CHUNK_WORDS * ADDRESS_BITS // 8
 
 
 class Mover(Elaboratable):
-    """Copies or drops one message; a command stays set until `done`.
-
-    Attributes:
-        master: Its master of the memory interface.
-        sent: To the topic.
-        port: From the topic.
-        send: In: copy from memory to the topic, and ignore what the port echoes.
-        store: In: copy from the port to memory.
-        drop: In: take the message at the port and forget it.
-        source: In: address of the message to send.
-        target: In: address to which a message is stored.
-        words: In: of a message, without its id; at least 1.
-        own_id: In: the first word of what is sent.
-        done: Out: the last beat is through; set for one cycle.
-    """
+    """Copies or drops one message; a command stays set until `done`."""
 
     def __init__(self) -> None:
-        self.master = MemoryMaster()
-        self.sent = Stream("sent")
-        self.port = Stream("port")
-        self.send = Signal()
-        self.store = Signal()
-        self.drop = Signal()
-        self.source = Signal(ADDRESS_BITS)
-        self.target = Signal(ADDRESS_BITS)
-        self.words = Signal(COUNT_BITS)
-        self.own_id = Signal(ADDRESS_BITS)
-        self.done = Signal()
+        self.master = MemoryMaster()  #: Its master of the memory interface.
+        self.sent = Stream("sent")  #: To the topic.
+        self.port = Stream("port")  #: From the topic.
+        self.send = Signal()  #: In: copy from memory to the topic, and ignore what the port echoes.
+        self.store = Signal()  #: In: copy from the port to memory.
+        self.drop = Signal()  #: In: take the message at the port and forget it.
+        self.source = Signal(ADDRESS_BITS)  #: In: address of the message to send.
+        self.target = Signal(ADDRESS_BITS)  #: In: address to which a message is stored.
+        self.words = Signal(COUNT_BITS)  #: In: of a message, without its id; at least 1.
+        self.own_id = Signal(ADDRESS_BITS)  #: In: the first word of what is sent.
+        self.done = Signal()  #: Out: the last beat is through; set for one cycle.
         self._left = Signal(COUNT_BITS)
         self._address = Signal(ADDRESS_BITS)
         self._index = Signal(range(CHUNK_WORDS + 1))

@@ -47,19 +47,14 @@ class Arbiter(Elaboratable):
 
     Args:
         masters: Their ports; at least one.
-
-    Attributes:
-        masters: The same.
-        memory: To the memory.
-        turn: Out: one bit per master: whose turn it is, or was last.
-        busy: Out: its request is under way.
     """
 
     def __init__(self, masters: Sequence[MemoryPort]) -> None:
-        self.masters = masters
-        self.memory = MemoryPort()
+        self.masters = masters  #: The same.
+        self.memory = MemoryPort()  #: To the memory.
+        #: Out: one bit per master: whose turn it is, or was last.
         self.turn = Signal(len(masters), init=1 << (len(masters) - 1))
-        self.busy = Signal()
+        self.busy = Signal()  #: Out: its request is under way.
 
     @property
     def wires(self) -> list[Any]:
@@ -125,19 +120,13 @@ class ChunkNode(Elaboratable):
     Args:
         words: Of the message, which begins at address 0.
         write: Writes it, else reads it.
-
-    Attributes:
-        master: Its master of the memory interface.
-        go: In: may request; stays set.
-        done: Out: the message is through; set for one cycle.
-        position: Out: the word that is concerned.
     """
 
     def __init__(self, words: int, *, write: bool) -> None:
-        self.master = MemoryMaster()
-        self.go = Signal()
-        self.done = Signal()
-        self.position = Signal(COUNT_BITS)
+        self.master = MemoryMaster()  #: Its master of the memory interface.
+        self.go = Signal()  #: In: may request; stays set.
+        self.done = Signal()  #: Out: the message is through; set for one cycle.
+        self.position = Signal(COUNT_BITS)  #: Out: the word that is concerned.
         self._write = write
         self._base = Signal(COUNT_BITS)
         self._left = Signal(COUNT_BITS, init=words)
@@ -169,13 +158,11 @@ class ChunkReader(ChunkNode):
 
     Args:
         words: Of the message.
-
-    Attributes:
-        received: What was read.
     """
 
     def __init__(self, words: int) -> None:
         super().__init__(words, write=False)
+        #: What was read.
         self.received = Memory(shape=ADDRESS_BITS, depth=1 << (words - 1).bit_length(), init=[])
 
     def _words(self, m: Any) -> None:
@@ -210,24 +197,19 @@ class ReadersBench(Elaboratable):
         releases: For each reader, the cycle from which on it wants the message, counted from when it is there.
         written: A publisher in hardware first writes the message, else it is there from the start.
         delays: Of the memory.
-
-    Attributes:
-        readers: The readers.
-        arbiter: The arbiter; a publisher is its last master.
-        memory: The memory.
-        write_cycles: Of the publisher.
-        ends: For each reader, after how many cycles it has the message, counted like `releases`; 0: not yet.
     """
 
     def __init__(self, words: int, releases: Sequence[int], *, written: bool, delays: Delays) -> None:
-        self.readers = [ChunkReader(words) for _ in releases]
+        self.readers = [ChunkReader(words) for _ in releases]  #: The readers.
         self._writer = ChunkWriter(words) if written else None
         nodes: list[ChunkNode] = [*self.readers, *([self._writer] if self._writer else [])]
+        #: The arbiter; a publisher is its last master.
         self.arbiter = Arbiter([node.master.port for node in nodes])
         size = 1 << (words - 1).bit_length()
         content = [0 if written else WORD_FACTOR * word % (1 << ADDRESS_BITS) for word in range(size)]
-        self.memory = SlowMemory(self.arbiter.memory, content, delays)
-        self.write_cycles = Signal(COUNT_BITS)
+        self.memory = SlowMemory(self.arbiter.memory, content, delays)  #: The memory.
+        self.write_cycles = Signal(COUNT_BITS)  #: Of the publisher.
+        #: For each reader, after how many cycles it has the message, counted like `releases`; 0: not yet.
         self.ends = [Signal(COUNT_BITS, name=f"end{place}") for place in range(len(releases))]
         self._releases = releases
 
