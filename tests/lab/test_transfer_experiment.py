@@ -17,7 +17,7 @@ from sfglab.lab.experiments.transfer import exp, hardware
 from sfglab.lab.experiments.transfer import run as parts
 from sfglab.lab.experiments.transfer.analysis import bars, bars_of, live_speed_up, rtl_residual, stated
 from sfglab.lab.experiments.transfer.experiment import CrossingRow
-from sfglab.lab.experiments.transfer.hardware import IN, OUT, READS, WRITE, bars_with_laws
+from sfglab.lab.experiments.transfer.hardware import IN, OUT, READS, WRITE, bars_with_cycles
 from sfglab.lab.experiments.transfer.modelled import JUDGES, MODELS
 from sfglab.lab.experiments.transfer.placing import (
     _cost_s,
@@ -111,17 +111,13 @@ def test_the_simulated_hardware_takes_the_model_s_cycles(run):
 def test_areas_are_those_of_the_synthesis(monkeypatch):
     rtl = pytest.importorskip("sfglab.soc.rtl", reason="the extra rtl is not installed")
 
-    def area(subscribers):
-        return rtl.GatewayArea(
-            subscribers=subscribers, luts=285, ram_cells=10, flip_flops=300, carries=12, block_rams=0
-        )
-
-    monkeypatch.setattr(rtl, "gateway_area", area)
+    area = rtl.Area(luts=285, ram_cells=10, flip_flops=300, carries=12, block_rams=0)
+    monkeypatch.setattr(rtl, "gateway_area", lambda _subscribers: area)
     rows = list(hardware.area_rows((2,)))
     assert [(row["subscribers"], row["luts"], row["flip_flops"]) for row in rows] == [(2, 285, 300)]
 
 
-def test_laws_that_are_the_model_s_give_the_model_s_bars():
+def test_cycles_that_are_the_model_s_give_the_model_s_bars():
     memory = STORED.memory
     chunk = {
         OUT: memory.read_cycles + memory.data_cycles,
@@ -129,12 +125,12 @@ def test_laws_that_are_the_model_s_give_the_model_s_bars():
         READS: 4 * memory.read_cycles,
         WRITE: memory.write_cycles,
     }
-    laws = {
+    models = {
         path: {"path": path, "subscribers": 4, "fixed_cycles": 0.0, "chunk_cycles": cycles}
         for path, cycles in chunk.items()
     }
     wanted = [bar for bar in speed_ups() if bar.subscribers == 4]
-    found = bars_with_laws(laws)
+    found = bars_with_cycles(models)
     assert [bar["smt_s"] for bar in found] == pytest.approx([bar.smt_s for bar in wanted])
     assert [bar["gateway_s"] for bar in found] == pytest.approx([bar.gateway_s for bar in wanted])
 

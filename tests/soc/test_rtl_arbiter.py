@@ -13,7 +13,7 @@ def clocked(masters, run):
     """Run a coroutine of (context, arbiter) beside an arbiter of so many masters."""
     from amaranth.sim import Simulator
 
-    arbiter = rtl.Arbiter([rtl.MemoryPort() for _ in range(masters)])
+    arbiter = rtl.readers.Arbiter([rtl.data_path.MemoryPort() for _ in range(masters)])
     simulator = Simulator(arbiter)
     simulator.add_clock(1e-8)
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import random
 
 import pytest
+from walked_core import Core
 
-from sfglab.soc.gateway import Core, Input, State
+from sfglab.soc.gateway import Input, State
 
 rtl = pytest.importorskip("sfglab.soc.rtl", reason="needs the extra `rtl` (amaranth)")
 
@@ -22,7 +23,7 @@ class Surroundings:
         self.ctx, self.gateway, self.memory, self.words = ctx, gateway, memory.content.data, words
         self.dice = random.Random(seed)
         self.to_send = {"software": messages, "hardware": messages}
-        self.reader, self.answers = [], [(rtl.Answer.LOCATED, 0, 0)]
+        self.reader, self.answers = [], [(rtl.core.Answer.LOCATED, 0, 0)]
         self.outstanding = False
         self.shown = False
         self.beats, self.offered = [], False
@@ -64,7 +65,7 @@ class Surroundings:
             self.reader.append((8 * place, WRITER))
         if self.outstanding and self.reader and self.dice.random() < 0.2:
             self.outstanding = False
-            self.answers.append((rtl.Answer.ANSWERED, *self.reader.pop(0)))
+            self.answers.append((rtl.core.Answer.ANSWERED, *self.reader.pop(0)))
 
     def publish_in_hardware(self):
         self.to_send["hardware"] -= 1
@@ -77,10 +78,10 @@ class Surroundings:
         ctx, gateway = self.ctx, self.gateway
         if ctx.get(gateway.answer_valid) and ctx.get(gateway.answer_ready):
             kind = self.answers.pop(0)[0]
-            self.given_answers += kind in {rtl.Answer.ANSWERED, rtl.Answer.CANCELLED}
+            self.given_answers += kind in {rtl.core.Answer.ANSWERED, rtl.core.Answer.CANCELLED}
             self.shown = False
         if ctx.get(gateway.call_valid) and ctx.get(gateway.call_ready):
-            self.called(rtl.Call(ctx.get(gateway.call)))
+            self.called(rtl.core.Call(ctx.get(gateway.call)))
         if self.offered and ctx.get(gateway.node.ready):
             self.beats.pop(0)
             self.offered = False
@@ -89,18 +90,18 @@ class Surroundings:
                 received.append((ctx.get(port.data), ctx.get(port.last)))
 
     def called(self, call):
-        if call is rtl.Call.TAKE:
+        if call is rtl.core.Call.TAKE:
             assert not self.outstanding, "two requests"
             self.outstanding = True
             self.requests += 1
-        elif call is rtl.Call.CANCEL:
+        elif call is rtl.core.Call.CANCEL:
             if self.outstanding:
-                self.answers.append((rtl.Answer.CANCELLED, 0, 0))
+                self.answers.append((rtl.core.Answer.CANCELLED, 0, 0))
             self.outstanding = False
         else:
             assert not self.outstanding, "published while a request is outstanding"
             self.published.append([self.ctx.get(self.memory[i]) for i in range(self.words)])
-            self.answers.append((rtl.Answer.PUBLISHED, 0, 0))
+            self.answers.append((rtl.core.Answer.PUBLISHED, 0, 0))
             self.echo()
 
     def echo(self):
@@ -129,12 +130,12 @@ def run(seed, words, subscribers, messages=6, limit=12_000, seen=None):
     from amaranth import Module
     from amaranth.sim import Simulator
 
-    from sfglab.soc.rtl.cycles import SlowMemory
-
     m = Module()
-    m.submodules.gateway = gateway = rtl.Gateway(subscribers)
+    m.submodules.gateway = gateway = rtl.core.Gateway(subscribers)
     delays = rtl.Delays(read=3, write=2)
-    m.submodules.memory = memory = SlowMemory(gateway.mover.master.port, [0] * SLOT_WORDS * SLOTS, delays)
+    m.submodules.memory = memory = rtl.cycles.SlowMemory(
+        gateway.mover.master.port, [0] * SLOT_WORDS * SLOTS, delays
+    )
     simulator = Simulator(m)
     simulator.add_clock(1e-8)
     ends, core = [], Core()
@@ -152,7 +153,7 @@ def run(seed, words, subscribers, messages=6, limit=12_000, seen=None):
             follow(ctx, gateway.control, core)
             around.take()
             await ctx.tick()
-            assert ctx.get(gateway.control.state) == rtl.state_code(core.state)
+            assert ctx.get(gateway.control.state) == rtl.core.code(core.state)
             quiet = quiet + 1 if around.quiet else 0
             if quiet > 30:
                 ends.append(around)
@@ -167,11 +168,11 @@ def run(seed, words, subscribers, messages=6, limit=12_000, seen=None):
 def follow(ctx, control, core):
     """Feed the table's core with what the hardware says is there."""
     bits = ctx.get(control.given)
-    given = [item for item in Input if bits >> rtl.input_code(item) & 1]
+    given = [item for item in Input if bits >> rtl.core.code(item) & 1]
     assert len(given) <= 1
-    assert ctx.get(control.drive) == 1 << rtl.drive_code(core.drive)
+    assert ctx.get(control.drive) == 1 << rtl.core.code(core.drive)
     assert (ctx.get(control.held), ctx.get(control.output)) == (core.held, core.output)
-    if given and given[0] in core.waits_for:
+    if given:
         core.feed(given[0], ctx.get(control.value))
 
 

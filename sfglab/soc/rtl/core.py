@@ -19,22 +19,10 @@ from sfglab.soc.rtl.data_path import ADDRESS_BITS, Broadcast, Mover, Stream, Tur
 if TYPE_CHECKING:
     from sfglab.soc.gateway.core import Table
 
-_STATES, _INPUTS, _DRIVES = tuple(State), tuple(Input), tuple(Drive)
 
-
-def state_code(state: State) -> int:
-    """Return the number by which the register names a state."""
-    return _STATES.index(state)
-
-
-def input_code(given: Input) -> int:
-    """Return the bit of `Control.given` that says an input."""
-    return _INPUTS.index(given)
-
-
-def drive_code(drive: Drive) -> int:
-    """Return the bit of `Control.drive` that says a drive."""
-    return _DRIVES.index(drive)
+def code(member: State | Input | Drive) -> int:
+    """Return the number of a state in its register, or of an input's or a drive's bit."""
+    return tuple(type(member)).index(member)
 
 
 class Control(Elaboratable):
@@ -46,17 +34,17 @@ class Control(Elaboratable):
 
     def __init__(self, table: Table = TABLE) -> None:
         #: In: one bit per input that is there in this cycle. Of several, the row's first counts.
-        self.given = Signal(len(_INPUTS))
+        self.given = Signal(len(Input))
         self.value = Signal(ADDRESS_BITS)  #: In: the address beside the input.
-        self.state = Signal(range(len(_STATES)), init=state_code(State.START))  #: Out: code of the state.
-        self.drive = Signal(len(_DRIVES))  #: Out: one bit per drive, exactly one of them set.
+        self.state = Signal(range(len(State)), init=code(State.START))  #: Out: code of the state.
+        self.drive = Signal(len(Drive))  #: Out: one bit per drive, exactly one of them set.
         self.output = Signal(ADDRESS_BITS)  #: Out: address of the output message.
         self.held = Signal(ADDRESS_BITS)  #: Out: address of the last message that the delegate gave.
         self._table = table
 
     def does(self, drive: Drive) -> Any:
         """Return the bit that says a drive."""
-        return self.drive[drive_code(drive)]
+        return self.drive[code(drive)]
 
     def elaborate(self, _platform: object) -> Any:
         """Return the logic."""
@@ -64,12 +52,12 @@ class Control(Elaboratable):
         registers = {Latch.OUTPUT: self.output, Latch.HELD: self.held}
         with m.Switch(self.state):
             for state, row in self._table.items():
-                with m.Case(state_code(state)):
+                with m.Case(code(state)):
                     m.d.comb += self.does(row.drive).eq(1)
                     for place, (given, move) in enumerate(row.moves.items()):
-                        there = self.given[input_code(given)]
+                        there = self.given[code(given)]
                         with m.Elif(there) if place else m.If(there):
-                            m.d.sync += self.state.eq(state_code(move.to))
+                            m.d.sync += self.state.eq(code(move.to))
                             if move.latch is not None:
                                 m.d.sync += registers[move.latch].eq(self.value)
         return m
@@ -181,7 +169,7 @@ class Gateway(Elaboratable):
             Input.FOREIGN: (held | at_port) & ~own,
             Input.DONE: self.mover.done,
         }
-        m.d.comb += [self.control.given[input_code(given)].eq(wire) for given, wire in there.items()]
+        m.d.comb += [self.control.given[code(given)].eq(wire) for given, wire in there.items()]
         m.d.comb += self.control.value.eq(self.answer_address)
 
     def _drives(self, m: Any, turns: Turns) -> None:

@@ -1,30 +1,32 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""How many cycles a message takes between memory and stream: simulated on a bench, and the cycle model.
+"""Cycles of a message between memory and stream: simulated on a test bench, and the cycle model through them.
 
-The bench is clocked logic (memory with latencies, a delegate, a publisher and subscribers around a gateway), so
-that a simulation needs no Python per cycle. A message is an id, then chunks that are stored and passed on. All
-whole chunks take the same number of cycles, so two sizes give the model and a third shows that it holds.
-Refuses to know delegates and software.
+The test bench is clocked logic (memory with latencies, a delegate, a publisher and subscribers around a
+gateway), so that a simulation needs no Python per cycle. A message is an id, then chunks that are stored and
+passed on. All whole chunks take the same number of cycles, so two sizes give the cycle model and a third shows
+that it holds. Refuses to know delegates and software.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from amaranth import Elaboratable, Module, Signal
 from amaranth.lib.memory import Memory
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.fields import between, bounds, check_bounds
 from sfglab.soc.gateway import Drive
-from sfglab.soc.memory import MemoryInterface
 from sfglab.soc.rtl.core import Answer, Call, Gateway
 from sfglab.soc.rtl.data_path import ADDRESS_BITS, CHUNK_WORDS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from sfglab.soc.rtl.data_path import MemoryPort, Stream
+
+T = TypeVar("T")
 
 OWN_SMT, OWN_HMT = 0x5_0001, 0x4_0001
 """Ids of the core on both topics."""
@@ -32,14 +34,30 @@ OUTPUT_WORD = 0
 """Word of the memory at which the output message begins; the message to forward follows it."""
 WORD_FACTOR = 0x9E37_79B9_7F4A_7C15
 """Word i of a message in memory is i times this: all differ, in every part."""
+FITTED_CHUNKS = (2, 8)
+"""Sizes of the messages through whose cycles a cycle model goes."""
+WORD_BYTES = ADDRESS_BITS // 8
+CHUNK_BYTES = CHUNK_WORDS * WORD_BYTES
+_STEP_CYCLES = 64
+"""How often a simulation looks whether it is through."""
+_PERIOD_S = 10e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Delays:
     """Cycles that the memory takes."""
 
-    read: int = 30  #: From the address to the first word, not counting either.
-    write: int = 9  #: From the last word to the response, counting the latter; at least 1.
+    read: int = between(30)  #: From the address to the first word, not counting either.
+    write: int = between(9, 1)  #: From the last word to the response, counting the latter.
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+def check_words(message_bytes: int) -> None:
+    """Refuse a message that is no positive number of words."""
+    if message_bytes <= 0 or message_bytes % WORD_BYTES:
+        raise InvalidValueError("message_bytes", message_bytes, f"a multiple of {WORD_BYTES} above 0")
 
 
 class SlowMemory(Elaboratable):
@@ -104,29 +122,40 @@ class SlowMemory(Elaboratable):
             m.next = after
 
 
-class Bench(Elaboratable):
-    """A gateway with all around it, for one message after another in one direction.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Transfer:
+    """A message that is simulated on its way through a gateway."""
 
-    Args:
-        subscribers: Hardware subscribers.
-        words: Of a message.
-        from_software: The messages come from the software-mapped topic, else from the hardware node.
-        delays: Of the memory.
-        stalled: How many of eight cycles, in a fixed irregular order, each subscriber does not listen.
-    """
+    message_bytes: int  #: A multiple of 8.
+    subscribers: int = field(metadata=bounds())  #: Hardware subscribers.
+    from_software: bool  #: From memory to the stream, else from the stream to memory.
+    delays: Delays = field(default_factory=Delays)  #: Of the memory.
+    #: Of eight cycles, in a fixed irregular order, how many each subscriber does not listen.
+    stalled: int = between(0, 0, 7)
 
-    def __init__(
-        self, subscribers: int, words: int, *, from_software: bool, delays: Delays, stalled: int = 0
-    ) -> None:
-        self.gateway = Gateway(subscribers)  #: The gateway.
-        size = 1 << (2 * words - 1).bit_length()
+    def __post_init__(self) -> None:
+        check_words(self.message_bytes)
+        check_bounds(self)
+
+    @property
+    def words(self) -> int:
+        """Words of the message."""
+        return self.message_bytes // WORD_BYTES
+
+
+class TransferBench(Elaboratable):
+    """A gateway with all around it, for one message after another in one direction."""
+
+    def __init__(self, transfer: Transfer) -> None:
+        self.gateway = Gateway(transfer.subscribers)
+        size = 1 << (2 * transfer.words - 1).bit_length()
         content = [WORD_FACTOR * word % (1 << ADDRESS_BITS) for word in range(size)]
-        self.memory = SlowMemory(self.gateway.mover.master.port, content, delays)  #: The memory.
+        self.memory = SlowMemory(self.gateway.mover.master.port, content, transfer.delays)
         #: What each subscriber got last, without the id.
-        self.received = [Memory(shape=ADDRESS_BITS, depth=size, init=[]) for _ in range(subscribers)]
+        self.received = [Memory(shape=ADDRESS_BITS, depth=size, init=[]) for _ in range(transfer.subscribers)]
         self.cycles = Signal(32)  #: Cycles of the latest transfer between memory and stream.
         self.through = Signal(16)  #: Messages that went through the core.
-        self._words, self._from_software, self._stalled = words, from_software, stalled
+        self._transfer, self._words = transfer, transfer.words
 
     def elaborate(self, _platform: object) -> Any:
         """Return the logic."""
@@ -137,7 +166,7 @@ class Bench(Elaboratable):
         for i, port in enumerate(gateway.ports):
             self._subscribe(m, i, port)
         self._delegate(m)
-        if not self._from_software:
+        if not self._transfer.from_software:
             self._publish(m)
         does, mover = gateway.control.does, gateway.mover
         now = Signal(32)
@@ -154,7 +183,7 @@ class Bench(Elaboratable):
         at, noise = Signal(32, name=f"at{place}"), Signal(16, init=0xACE1 + 77 * place, name=f"noise{place}")
         m.d.sync += noise.eq((noise >> 1) ^ ((noise[0]).replicate(16) & 0xB400))
         m.d.comb += [
-            port.ready.eq(noise[:3] >= self._stalled),
+            port.ready.eq(noise[:3] >= self._transfer.stalled),
             write.addr.eq(at - 1),
             write.data.eq(port.data),
             write.en.eq(port.passes & (at != 0)),
@@ -177,7 +206,7 @@ class Bench(Elaboratable):
                         m.next = "PUBLISHED"
                     with m.Elif(gateway.call == Call.CANCEL):
                         m.next = "CANCELLED"
-                    with m.Elif(self._from_software):
+                    with m.Elif(self._transfer.from_software):
                         m.next = "ANSWER"
             with m.State("ANSWER"):
                 self._answer(m, Answer.ANSWERED, OUTPUT_WORD + 8 * self._words, "IDLE")
@@ -206,54 +235,8 @@ class Bench(Elaboratable):
                 m.d.sync += at.eq(0)
 
 
-LAW_CHUNKS = (2, 8)
-"""Sizes from which a law is made."""
-WORD_BYTES = ADDRESS_BITS // 8
-"""Of a word."""
-CHUNK_BYTES = CHUNK_WORDS * WORD_BYTES
-"""Of the longest request."""
-STEP_CYCLES = 64
-"""How often a simulation looks whether it is through."""
-PERIOD_S = 10e-9
-"""Of the simulated clock."""
-
-
-class HardwareError(SfglabError, RuntimeError):
-    """A simulated gateway did not do what it must."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Transfer:
-    """What is simulated."""
-
-    message_bytes: int  #: A multiple of 8.
-    subscribers: int  #: Hardware subscribers.
-    from_software: bool  #: From memory to the stream, else from the stream to memory.
-    delays: Delays = field(default_factory=Delays)  #: Of the memory.
-    stalled: int = 0  #: Of eight cycles, how many each subscriber does not listen, 0 to 7.
-
-    def __post_init__(self) -> None:
-        """Refuse what the gateway cannot carry."""
-        if self.message_bytes <= 0 or self.message_bytes % WORD_BYTES:
-            raise HardwareError(
-                f"transfer of {self.message_bytes} B: must be a multiple of {WORD_BYTES} above 0"
-            )
-        if self.subscribers < 0 or not 0 <= self.stalled < 8 or self.delays.read < 0 or self.delays.write < 1:
-            raise HardwareError(
-                f"{self}: needs 0 or more subscribers, 0 to 7 stalls, and a write delay from 1 on"
-            )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TransferCycles:
-    """A simulated transfer."""
-
-    transfer: Transfer  #: What was simulated.
-    cycles: int  #: From the start of the core's transfer to its last beat, inclusive.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CycleLaw:
+class CycleModel:
     """Cycles of messages of whole chunks."""
 
     fixed_cycles: float  #: Of a message.
@@ -263,120 +246,87 @@ class CycleLaw:
         """Return the cycles of a message; a last chunk that is not full counts as if it were."""
         return self.fixed_cycles + self.chunk_cycles * -(-message_bytes // CHUNK_BYTES)
 
-    def seconds(self, message_bytes: int, clock_hz: float = 100e6) -> float:
-        """Return the seconds of a message."""
-        return self.cycles(message_bytes) / clock_hz
 
-
-def simulate_transfer(transfer: Transfer) -> TransferCycles:
-    """Simulate one message through a gateway and compare every word that arrived.
-
-    Some 10 000 cycles a second: for messages of up to about 100 kB.
+def fitted_cycle_model(simulated_cycles: Callable[[int], int]) -> CycleModel:
+    """Return the cycle model through simulated messages of `FITTED_CHUNKS` chunks.
 
     Args:
-        transfer: What to simulate.
+        simulated_cycles: Simulates a message of so many bytes and returns its cycles.
+    """
+    few, many = FITTED_CHUNKS
+    cycles = simulated_cycles(few * CHUNK_BYTES)
+    chunk_cycles = (simulated_cycles(many * CHUNK_BYTES) - cycles) / (many - few)
+    return CycleModel(fixed_cycles=cycles - few * chunk_cycles, chunk_cycles=chunk_cycles)
+
+
+def run_bench(bench: Any, limit: int, ended: Callable[[Any], T | None], what: object) -> T:
+    """Simulate a test bench until it has ended; some 10 000 cycles a second.
+
+    Args:
+        bench: The design.
+        limit: More cycles than it can take.
+        ended: Returns the result once there is one, given the simulator's context.
+        what: What is simulated, for the error.
 
     Raises:
-        HardwareError: A word is wrong, or the message did not arrive.
+        SfglabError: It has not ended within the limit, or `ended` refuses what it found.
     """
     from amaranth.sim import Simulator
 
-    words = transfer.message_bytes // WORD_BYTES
-    bench = Bench(
-        transfer.subscribers,
-        words,
-        from_software=transfer.from_software,
-        delays=transfer.delays,
-        stalled=transfer.stalled,
-    )
     simulator = Simulator(bench)
-    simulator.add_clock(PERIOD_S)
-    found: list[int] = []
-    slack = 8 * (words + CHUNK_WORDS) * (2 + transfer.stalled + transfer.subscribers)
-    limit = slack + (words // CHUNK_WORDS + 2) * (transfer.delays.read + transfer.delays.write)
+    simulator.add_clock(_PERIOD_S)
+    found: list[T] = []
 
     async def watch(ctx: Any) -> None:
-        for _ in range(limit // STEP_CYCLES):
-            await ctx.delay(STEP_CYCLES * PERIOD_S)
-            if ctx.get(bench.through):
-                found.append(_checked(ctx, bench, transfer))
+        for _ in range(limit // _STEP_CYCLES + 1):
+            await ctx.delay(_STEP_CYCLES * _PERIOD_S)
+            result = ended(ctx)
+            if result is not None:
+                found.append(result)
                 return
 
     simulator.add_testbench(watch)
     simulator.run()
     if not found:
-        raise HardwareError(f"{transfer}: not through after {limit} cycles")
-    return TransferCycles(transfer=transfer, cycles=found[0])
+        raise SfglabError(f"{what}: not through after {limit} cycles")
+    return found[0]
 
 
-def measured_law(subscribers: int, *, from_software: bool, delays: Delays | None = None) -> CycleLaw:
-    """Simulate two sizes and return the law through them.
+def simulate_transfer(transfer: Transfer) -> int:
+    """Simulate one message of up to about 100 kB through a gateway and compare every word that arrived.
 
-    Args:
-        subscribers: Hardware subscribers.
-        from_software: From memory to the stream, else from the stream to memory.
-        delays: Of the memory.
+    Returns:
+        Cycles from the start of the core's transfer to its last beat, inclusive.
+
+    Raises:
+        SfglabError: A word is wrong, or the message did not arrive.
     """
-    return law_through(
-        [
-            simulate_transfer(
-                Transfer(
-                    message_bytes=chunks * CHUNK_BYTES,
-                    subscribers=subscribers,
-                    from_software=from_software,
-                    delays=delays or Delays(),
-                )
-            ).cycles
-            for chunks in LAW_CHUNKS
-        ]
-    )
+    bench, words = TransferBench(transfer), transfer.words
+    slack = 8 * (words + CHUNK_WORDS) * (2 + transfer.stalled + transfer.subscribers)
+    limit = slack + (words // CHUNK_WORDS + 2) * (transfer.delays.read + transfer.delays.write)
 
+    def ended(ctx: Any) -> int | None:
+        if not ctx.get(bench.through):
+            return None
+        memory = bench.memory.content.data
+        if transfer.from_software:
+            wanted = [ctx.get(memory[words + i]) for i in range(words)]
+        else:
+            wanted = [0x1001 + i for i in range(words)]
+            compare_words([ctx.get(memory[OUTPUT_WORD + i]) for i in range(words)], wanted, "output message")
+        for place, received in enumerate(bench.received):
+            compare_words([ctx.get(received.data[i]) for i in range(words)], wanted, f"subscriber {place}")
+        return int(ctx.get(bench.cycles))
 
-def law_through(cycles: Sequence[int]) -> CycleLaw:
-    """Return the law through the cycles of messages of `LAW_CHUNKS` chunks."""
-    few, many = cycles
-    chunk_cycles = (many - few) / (LAW_CHUNKS[1] - LAW_CHUNKS[0])
-    return CycleLaw(fixed_cycles=few - LAW_CHUNKS[0] * chunk_cycles, chunk_cycles=chunk_cycles)
-
-
-def model_cycles(message_bytes: int, *, from_software: bool, memory: MemoryInterface | None = None) -> float:
-    """Return what the model of the memory interface says of the same transfer, in cycles.
-
-    Args:
-        message_bytes: Of the message.
-        from_software: From memory to the stream, else from the stream to memory.
-        memory: The model.
-    """
-    model = memory or MemoryInterface()
-    path = model.memory_to_stream_s if from_software else model.stream_to_memory_s
-    return path(message_bytes) * model.clock_hz
-
-
-def _checked(ctx: Any, bench: Bench, transfer: Transfer) -> int:
-    """Return the cycles of a transfer whose words all arrived."""
-    words = transfer.message_bytes // WORD_BYTES
-    memory = bench.memory.content.data
-    if transfer.from_software:
-        wanted = [ctx.get(memory[words + i]) for i in range(words)]
-    else:
-        wanted = [0x1001 + i for i in range(words)]
-        compare_words([ctx.get(memory[OUTPUT_WORD + i]) for i in range(words)], wanted, "output message")
-    for place, received in enumerate(bench.received):
-        compare_words([ctx.get(received.data[i]) for i in range(words)], wanted, f"subscriber {place}")
-    return int(ctx.get(bench.cycles))
+    return run_bench(bench, limit, ended, transfer)
 
 
 def compare_words(given: Sequence[int], wanted: Sequence[int], place: str) -> None:
-    """Compare words that arrived.
-
-    Args:
-        given: The words.
-        wanted: What they must be.
-        place: Where they arrived.
+    """Refuse words that arrived wrong at a place.
 
     Raises:
-        HardwareError: One is wrong.
+        SfglabError: A word is wrong; it says which.
     """
     if given != wanted:
         wrong = next(i for i, pair in enumerate(zip(given, wanted, strict=True)) if pair[0] != pair[1])
-        raise HardwareError(f"{place}, word {wrong}: {given[wrong]:#x}, must be {wanted[wrong]:#x}")
+        raise SfglabError(f"{place}, word {wrong}: {given[wrong]:#x}, must be {wanted[wrong]:#x}")

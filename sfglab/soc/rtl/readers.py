@@ -18,20 +18,17 @@ from typing import TYPE_CHECKING, Any
 from amaranth import Cat, Elaboratable, Module, Mux, Signal
 from amaranth.lib.memory import Memory
 
-from sfglab.soc.memory import MemoryInterface, shared_s
+from sfglab.errors import InvalidValueError
+from sfglab.fields import bounds, check_bounds
 from sfglab.soc.rtl.cycles import (
     CHUNK_BYTES,
-    LAW_CHUNKS,
-    PERIOD_S,
-    STEP_CYCLES,
     WORD_BYTES,
     WORD_FACTOR,
-    CycleLaw,
     Delays,
-    HardwareError,
     SlowMemory,
+    check_words,
     compare_words,
-    law_through,
+    run_bench,
 )
 from sfglab.soc.rtl.data_path import ADDRESS_BITS, CHUNK_WORDS, COUNT_BITS, MemoryMaster, MemoryPort
 
@@ -189,29 +186,51 @@ class ChunkWriter(ChunkNode):
         m.d.comb += self.master.buffered.eq(self.position * WORD_FACTOR)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """Hardware nodes that each read one message from the same memory, as they are simulated."""
+
+    message_bytes: int  #: A multiple of 8.
+    readers: int = field(metadata=bounds(1))  #: How many nodes read.
+    #: For each reader, the cycle from which on it wants the message, counted from when the message is there;
+    #: empty: all at once.
+    releases: tuple[int, ...] = ()
+    written: bool = False  #: A publisher in hardware first writes the message over the same interface.
+    delays: Delays = field(default_factory=Delays)  #: Of the memory.
+
+    def __post_init__(self) -> None:
+        check_words(self.message_bytes)
+        check_bounds(self)
+        if len(self.releases) not in (0, self.readers) or min(self.starts) < 0:
+            raise InvalidValueError("releases", self.releases, f"none, or {self.readers} cycles from 0")
+
+    @property
+    def words(self) -> int:
+        """Words of the message."""
+        return self.message_bytes // WORD_BYTES
+
+    @property
+    def starts(self) -> tuple[int, ...]:
+        """The release of every reader."""
+        return self.releases or (0,) * self.readers
+
+
 class ReadersBench(Elaboratable):
-    """Readers of one message behind an arbiter.
+    """Readers of one message behind an arbiter, whose last master is the publisher if there is one."""
 
-    Args:
-        words: Of the message.
-        releases: For each reader, the cycle from which on it wants the message, counted from when it is there.
-        written: A publisher in hardware first writes the message, else it is there from the start.
-        delays: Of the memory.
-    """
-
-    def __init__(self, words: int, releases: Sequence[int], *, written: bool, delays: Delays) -> None:
-        self.readers = [ChunkReader(words) for _ in releases]  #: The readers.
+    def __init__(self, reading: Reading) -> None:
+        words, written = reading.words, reading.written
+        self.readers = [ChunkReader(words) for _ in reading.starts]
         self._writer = ChunkWriter(words) if written else None
         nodes: list[ChunkNode] = [*self.readers, *([self._writer] if self._writer else [])]
-        #: The arbiter; a publisher is its last master.
         self.arbiter = Arbiter([node.master.port for node in nodes])
         size = 1 << (words - 1).bit_length()
         content = [0 if written else WORD_FACTOR * word % (1 << ADDRESS_BITS) for word in range(size)]
-        self.memory = SlowMemory(self.arbiter.memory, content, delays)  #: The memory.
+        self.memory = SlowMemory(self.arbiter.memory, content, reading.delays)
         self.write_cycles = Signal(COUNT_BITS)  #: Of the publisher.
         #: For each reader, after how many cycles it has the message, counted like `releases`; 0: not yet.
-        self.ends = [Signal(COUNT_BITS, name=f"end{place}") for place in range(len(releases))]
-        self._releases = releases
+        self.ends = [Signal(COUNT_BITS, name=f"end{place}") for place in range(reading.readers)]
+        self._releases = reading.starts
 
     def elaborate(self, _platform: object) -> Any:
         """Return the logic."""
@@ -246,125 +265,39 @@ _CYCLES_PER_WORD = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
-    """What is simulated: hardware nodes that each read one message from the same memory."""
+class ReadingCycles:
+    """Cycles of a simulated reading."""
 
-    message_bytes: int  #: A multiple of 8.
-    readers: int  #: How many nodes read.
-    #: For each reader, the cycle from which on it wants the message; empty: all at once.
-    releases: tuple[int, ...] = ()
-    #: A publisher in hardware first writes the message over the same interface; `releases` then count from when
-    #: it has.
-    written: bool = False
-    delays: Delays = field(default_factory=Delays)  #: Of the memory.
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be read."""
-        if self.message_bytes <= 0 or self.message_bytes % WORD_BYTES:
-            raise HardwareError(f"reading {self.message_bytes} B: must be a multiple of {WORD_BYTES} above 0")
-        if self.readers < 1 or len(self.releases) not in (0, self.readers) or min(self.starts) < 0:
-            raise HardwareError(f"{self}: needs 1 or more readers, and no releases or one from 0 on for each")
-        if self.delays.read < 0 or self.delays.write < 1:
-            raise HardwareError(f"{self}: needs a read delay from 0 and a write delay from 1 on")
+    write_cycles: int  #: Of the publisher; 0 if the message was there.
+    ends: tuple[int, ...]  #: For each reader, from when the message is there until it has it.
 
     @property
-    def starts(self) -> tuple[int, ...]:
-        """The release of every reader."""
-        return self.releases or (0,) * self.readers
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReadingCycles:
-    """A simulated reading."""
-
-    message_bytes: int  #: Size of the message.
-    readers: int  #: How many nodes read it.
-    write_cycles: int  #: Of the publisher; 0 if the message was there.
-    read_cycles: int  #: From when the message is there until the last reader has it.
-    ends: tuple[int, ...]  #: For each reader, until it has it.
+    def read_cycles(self) -> int:
+        """Cycles from when the message is there until the last reader has it."""
+        return max(self.ends)
 
 
 def simulate_readers(reading: Reading) -> ReadingCycles:
     """Simulate readers of one message and compare every word that each of them got.
 
-    Some 10 000 cycles a second with two readers, fewer with more; a reader takes 26 000 for 100 kB.
-
-    Args:
-        reading: What to simulate.
+    The more readers, the fewer cycles a second; one reader takes 26 000 cycles for 100 kB.
 
     Raises:
-        HardwareError: A word is wrong, or a reader did not get the message.
+        SfglabError: A word is wrong, or a reader did not get the message.
     """
-    from amaranth.sim import Simulator
+    bench = ReadersBench(reading)
+    wanted = [WORD_FACTOR * word % (1 << ADDRESS_BITS) for word in range(reading.words)]
 
-    words = reading.message_bytes // WORD_BYTES
-    bench = ReadersBench(words, reading.starts, written=reading.written, delays=reading.delays)
-    simulator = Simulator(bench)
-    simulator.add_clock(PERIOD_S)
-    found: list[ReadingCycles] = []
+    def ended(ctx: Any) -> ReadingCycles | None:
+        ends = tuple(int(ctx.get(end)) for end in bench.ends)
+        if not all(ends):
+            return None
+        for place, reader in enumerate(bench.readers):
+            got = [ctx.get(reader.received.data[i]) for i in range(reading.words)]
+            compare_words(got, wanted, f"reader {place}")
+        return ReadingCycles(write_cycles=int(ctx.get(bench.write_cycles)), ends=ends)
 
-    async def watch(ctx: Any) -> None:
-        for _ in range(_limit(reading) // STEP_CYCLES):
-            await ctx.delay(STEP_CYCLES * PERIOD_S)
-            ends = tuple(int(ctx.get(end)) for end in bench.ends)
-            if all(ends):
-                _check(ctx, bench, words)
-                found.append(_counted(reading, int(ctx.get(bench.write_cycles)), ends))
-                return
-
-    simulator.add_testbench(watch)
-    simulator.run()
-    if not found:
-        raise HardwareError(f"{reading}: not through after {_limit(reading)} cycles")
-    return found[0]
-
-
-def measured_readers_law(readers: int, delays: Delays | None = None) -> CycleLaw:
-    """Simulate two sizes and return the law of `ReadingCycles.read_cycles`, all released at once.
-
-    Args:
-        readers: How many nodes read.
-        delays: Of the memory.
-    """
-    return law_through(
-        [
-            simulate_readers(
-                Reading(message_bytes=chunks * CHUNK_BYTES, readers=readers, delays=delays or Delays())
-            ).read_cycles
-            for chunks in LAW_CHUNKS
-        ]
-    )
-
-
-def measured_writer_law(delays: Delays | None = None) -> CycleLaw:
-    """Simulate two sizes and return the law of `ReadingCycles.write_cycles`.
-
-    Args:
-        delays: Of the memory.
-    """
-    return law_through(
-        [
-            simulate_readers(
-                Reading(message_bytes=chunks * CHUNK_BYTES, readers=1, written=True, delays=delays or Delays())
-            ).write_cycles
-            for chunks in LAW_CHUNKS
-        ]
-    )
-
-
-def model_reading_cycles(
-    message_bytes: int, releases: Sequence[int], memory: MemoryInterface | None = None
-) -> float:
-    """Return after how many cycles the last reader has the message, as the model of the interface says.
-
-    Args:
-        message_bytes: Of the message.
-        releases: For each reader, the cycle from which on it wants the message.
-        memory: The model.
-    """
-    model = memory or MemoryInterface()
-    work_s = model.read_s(message_bytes)
-    return shared_s([release / model.clock_hz for release in releases], work_s) * model.clock_hz
+    return run_bench(bench, _limit(reading), ended, reading)
 
 
 def _limit(reading: Reading) -> int:
@@ -373,20 +306,4 @@ def _limit(reading: Reading) -> int:
     chunks = reading.message_bytes // CHUNK_BYTES + 1
     delay = reading.delays.read + reading.delays.write
     words = chunks * CHUNK_BYTES // WORD_BYTES
-    return STEP_CYCLES + max(reading.starts) + nodes * (chunks * delay + _CYCLES_PER_WORD * words)
-
-
-def _counted(reading: Reading, write_cycles: int, ends: tuple[int, ...]) -> ReadingCycles:
-    return ReadingCycles(
-        message_bytes=reading.message_bytes,
-        readers=reading.readers,
-        write_cycles=write_cycles,
-        read_cycles=max(ends),
-        ends=ends,
-    )
-
-
-def _check(ctx: Any, bench: ReadersBench, words: int) -> None:
-    wanted = [WORD_FACTOR * word % (1 << ADDRESS_BITS) for word in range(words)]
-    for place, reader in enumerate(bench.readers):
-        compare_words([ctx.get(reader.received.data[i]) for i in range(words)], wanted, f"reader {place}")
+    return max(reading.starts) + nodes * (chunks * delay + _CYCLES_PER_WORD * words)

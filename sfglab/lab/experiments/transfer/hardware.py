@@ -1,4 +1,4 @@
-"""The memory part of a transfer in simulated hardware: cycles by law, checked, and bars with them.
+"""The memory part of a transfer in simulated hardware: cycles by a cycle model, checked, and bars with them.
 
 For a software-mapped topic all readers share the memory interface; for a gateway its core reads or writes once
 and a stream is broadcast. Delegates and software are not in the hardware: bars take them from the model.
@@ -28,8 +28,6 @@ OUT, IN, READS, WRITE = (
 )
 """What a message does at the memory interface, by `sfglab.soc.rtl.MemoryPath`'s values."""
 
-_LAW_CHUNKS = (1, 2)
-
 
 def what_is_missing() -> dict[str, str]:
     """Return which part is left out and why."""
@@ -42,21 +40,20 @@ def what_is_missing() -> dict[str, str]:
 
 
 def hardware_rows(subscribers: Sequence[int], check_bytes: int) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Simulate the hardware and return laws, their checks, and bars with them; needs the extra ``rtl``.
+    """Simulate the hardware and return cycle models, their checks, and bars with them; needs the extra ``rtl``.
 
     Args:
         subscribers: For how many hardware subscribers.
-        check_bytes: How much is moved where laws are checked.
+        check_bytes: How much is moved where cycle models are checked.
     """
     for count in subscribers:
-        laws = {}
+        models = {}
         for path in (OUT, IN, READS, WRITE):
-            law, checks = _path(path, count, check_bytes)
-            laws[path] = law
-            yield "law", law
+            models[path], checks = _path(path, count, check_bytes)
+            yield "law", models[path]
             for check in checks:
                 yield "cycles", check
-        for bar in bars_with_laws(laws):
+        for bar in bars_with_cycles(models):
             yield "bar", bar
 
 
@@ -69,49 +66,31 @@ def area_rows(subscribers: Sequence[int]) -> Iterator[dict[str, Any]]:
     from sfglab.soc.rtl import gateway_area
 
     for count in subscribers:
-        yield {**asdict(gateway_area(count))}
+        yield {"subscribers": count, **asdict(gateway_area(count))}
 
 
 def _path(path: str, count: int, check_bytes: int) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Measure one path: its law, the law at the paper's sizes, and the hardware at a larger size."""
-    from sfglab.soc.rtl import MemoryPath, check_law, path_cycles
+    """Measure one path: its cycle model, its cycles at the paper's sizes, and the hardware at a larger size."""
+    from sfglab.soc.rtl import MemoryPath, cycle_model, memory_model_cycles, simulated_cycles
 
-    chunk_bytes, delays = STORED.memory.chunk_bytes, _delays()
-    few, many = _LAW_CHUNKS
-    sizes = [few * chunk_bytes, many * chunk_bytes, *MESSAGE_BYTES]
-    found = path_cycles(MemoryPath(path), count, sizes, delays)
-    slope = (found[1].law_cycles - found[0].law_cycles) / (many - few)
-    law = {
-        "path": path,
-        "subscribers": count,
-        "fixed_cycles": found[0].law_cycles - few * slope,
-        "chunk_cycles": slope,
-    }
+    place, delays = MemoryPath(path), _delays()
+    model = cycle_model(place, count, delays)
     # Readers together move the same bytes as one gateway, so that no check takes much longer than another.
     size = check_bytes // count if path == READS else check_bytes
-    checked = check_law(MemoryPath(path), count, size, delays)
-    simulated = {
-        "path": path,
-        "subscribers": count,
-        "message_bytes": size,
-        "simulated": True,
-        "rtl_cycles": float(checked.simulated_cycles),
-        "law_cycles": checked.law_cycles,
-        "model_cycles": checked.model_cycles,
-    }
-    by_law = [
+    simulated = float(simulated_cycles(place, count, size, delays))
+    checks = [
         {
             "path": path,
             "subscribers": count,
-            "message_bytes": item.message_bytes,
-            "simulated": False,
-            "rtl_cycles": item.law_cycles,
-            "law_cycles": item.law_cycles,
-            "model_cycles": item.model_cycles,
+            "message_bytes": message_bytes,
+            "simulated": cycles is not None,
+            "rtl_cycles": model.cycles(message_bytes) if cycles is None else cycles,
+            "law_cycles": model.cycles(message_bytes),
+            "model_cycles": memory_model_cycles(place, count, message_bytes, delays),
         }
-        for item in found[2:]
+        for message_bytes, cycles in [(size, simulated), *((size, None) for size in MESSAGE_BYTES)]
     ]
-    return law, [simulated, *by_law]
+    return {"path": path, "subscribers": count, **asdict(model)}, checks
 
 
 def _delays() -> Delays:
@@ -122,15 +101,15 @@ def _delays() -> Delays:
     return Delays(read=round(memory.read_latency_cycles), write=round(memory.write_latency_cycles))
 
 
-def bars_with_laws(laws: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
+def bars_with_cycles(models: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the bars of one number of subscribers with the hardware's cycles of a chunk in the model.
 
     Args:
-        laws: By path, all for the same number.
+        models: Cycle models by path, all for the same number.
     """
-    count = laws[READS]["subscribers"]
-    smt = _with_cycles(laws[READS]["chunk_cycles"] / count, laws[WRITE]["chunk_cycles"], buffered=False)
-    gateway = _with_cycles(laws[OUT]["chunk_cycles"], laws[IN]["chunk_cycles"], buffered=True)
+    count = models[READS]["subscribers"]
+    smt = _with_cycles(models[READS]["chunk_cycles"] / count, models[WRITE]["chunk_cycles"], buffered=False)
+    gateway = _with_cycles(models[OUT]["chunk_cycles"], models[IN]["chunk_cycles"], buffered=True)
     pairs = zip(speed_ups(smt), speed_ups(gateway), strict=True)
     return [
         {**bar_row("rtl", shared), "gateway_s": through.gateway_s}
