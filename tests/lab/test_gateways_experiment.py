@@ -9,7 +9,9 @@ import pytest
 
 from sfglab.lab.bench import Bench
 from sfglab.lab.experiments.gateways import exp, unclaimed
-from sfglab.soc.gateway import TABLE, Bound, Drive, Input, Move, Row, State, explore
+from sfglab.soc.exploration import explore
+from sfglab.soc.gateway import TABLE, Drive, Input, Move, Row, State
+from sfglab.soc.gateway_world import Bound
 
 ROOT = Path(__file__).parents[2]
 

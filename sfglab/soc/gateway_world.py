@@ -11,12 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from sfglab.soc.gateway.core import Drive, Input, Latch, State, filtered
+from sfglab.soc.gateway import Drive, Input, Latch, State
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sfglab.soc.gateway.core import Table
+    from sfglab.soc.gateway import Table
 
 GATEWAY = -1
 """The publisher id under which the core forwards."""
@@ -281,7 +281,7 @@ def _inputs(world: World, bound: Bound, drive: Drive) -> Iterator[tuple[Input, M
         if message is None:
             yield Input.FOREIGN, None, Fault("filters a message that it has not got")
         else:
-            yield filtered(message.carrier, GATEWAY), None, world
+            yield Input.OWN if message.carrier == GATEWAY else Input.FOREIGN, None, world
     else:
         yield from _transferred(world, drive, offered)
 

@@ -14,22 +14,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
-from sfglab.soc.gateway.core import TABLE
-from sfglab.soc.gateway.world import Fault, first_world, in_flight, is_finished, steps
+from sfglab.soc.gateway import TABLE
+from sfglab.soc.gateway_world import Fault, first_world, in_flight, is_finished, steps
 
 if TYPE_CHECKING:
-    from sfglab.soc.gateway.core import State, Table
-    from sfglab.soc.gateway.world import Bound, World
-
-
-class ExplorationLimitError(SfglabError, OverflowError):
-    """A bound leads to more worlds than allowed."""
-
-    def __init__(self, bound: Bound, limit: int) -> None:
-        self.limit = limit  #: How many were allowed.
-        super().__init__(
-            f"exploration of {bound}: more than {limit} worlds; lower the bound or raise the limit"
-        )
+    from sfglab.soc.gateway import State, Table
+    from sfglab.soc.gateway_world import Bound, World
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,7 +107,7 @@ def explore(bound: Bound, table: Table = TABLE, *, limit: int = 1_000_000) -> Ex
         What was found; the search ends at the first fault.
 
     Raises:
-        ExplorationLimitError: There are more worlds than `limit`.
+        SfglabError: There are more worlds than `limit`.
     """
     graph = _Graph(first_world(bound))
     fault = _search(graph, bound, table, limit)
@@ -145,7 +135,9 @@ def _search(graph: _Graph, bound: Bound, table: Table, limit: int) -> Counterexa
             if graph.add(number, line, step.after):
                 waiting.append(len(graph.worlds) - 1)
         if len(graph.worlds) > limit:
-            raise ExplorationLimitError(bound, limit)
+            raise SfglabError(
+                f"exploration of {bound}: more than {limit} worlds; lower the bound or raise the limit"
+            )
     return None
 
 

@@ -3,7 +3,7 @@
 Paper C, section 3, Fig. 4: request a message of the software-mapped topic (SMT), poll the delegate's interface
 (OSIF) and the hardware-mapped topic (HMT) in turn, forward what came, and cancel the request before publishing,
 because a message may have come in between. Knows states, inputs and outputs; refuses to know clocks, beats and
-how topics deliver: the same table drives the exploration and stands beside the hardware.
+how topics deliver: the same table drives the exploration and becomes the hardware's control.
 
 Three things are ours, because the text leaves them open or the exploration asks for them:
 
@@ -22,8 +22,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -192,70 +190,6 @@ TABLE: Table = {
     _S.PUBLISH_WAIT_HOLDING: Row(_D.LISTEN_OSIF, {_I.PUBLISHED: Move(_S.FILTER_SMT)}),
 }
 """The gateway core (paper C, Fig. 4)."""
-
-
-class IllegalInputError(SfglabError, RuntimeError):
-    """An input that cannot occur in this state; the core stays as it was."""
-
-    def __init__(self, state: State, given: Input, table: Table) -> None:
-        self.state = state  #: The state, unchanged.
-        self.given = given  #: The input that does not fit.
-        allowed = ", ".join(sorted(i.name for i in table[state].moves))
-        super().__init__(f"gateway core in {state.name}: given {given.name}, allowed are {allowed}")
-
-
-def filtered(publisher_id: int, own_id: int) -> Input:
-    """Return what a filter says of a message: `Input.OWN` if the core published it itself.
-
-    Args:
-        publisher_id: What the message carries: its DDS writer's id (SMT) or its first word (HMT).
-        own_id: The id with which the core publishes on that side.
-    """
-    return Input.OWN if publisher_id == own_id else Input.FOREIGN
-
-
-class Core:
-    """A gateway core that walks its table.
-
-    Args:
-        table: Its behaviour.
-    """
-
-    def __init__(self, table: Table = TABLE) -> None:
-        self.state = State.START  #: Where it stands.
-        self.output = 0  #: Address of the output message; 0 before `Input.LOCATED`.
-        self.held = 0  #: Address of the last message that the delegate gave; 0 before the first one.
-        self._table = table
-
-    @property
-    def drive(self) -> Drive:
-        """What the outputs do at present."""
-        return self._table[self.state].drive
-
-    @property
-    def waits_for(self) -> frozenset[Input]:
-        """The inputs that can occur at present."""
-        return frozenset(self._table[self.state].moves)
-
-    def feed(self, given: Input, value: int = 0) -> Drive:
-        """Take one input and return what the outputs do from now on.
-
-        Args:
-            given: What occurred.
-            value: The address beside it, if the move loads a register.
-
-        Raises:
-            IllegalInputError: The input cannot occur in this state.
-        """
-        move = self._table[self.state].moves.get(given)
-        if move is None:
-            raise IllegalInputError(self.state, given, self._table)
-        if move.latch is Latch.OUTPUT:
-            self.output = value
-        elif move.latch is Latch.HELD:
-            self.held = value
-        self.state = move.to
-        return self.drive
 
 
 PLACES: dict[State, tuple[int, int]] = {
