@@ -12,7 +12,15 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sfglab.soc.graph import EdgeKind, GraphError, TopicMapping
-from sfglab.soc.memory import STORED, Judge, Setup, Side, Transport, judged_s, transfer_times
+from sfglab.soc.memory import (
+    STORED,
+    Judge,
+    Setup,
+    Side,
+    Transport,
+    judged_s,
+    transfer_times,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable

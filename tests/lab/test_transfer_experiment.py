@@ -29,13 +29,15 @@ from sfglab.lab.experiments.transfer.placing import (
 from sfglab.soc import TopicMapping, place_nodes
 from sfglab.soc.memory import (
     STORED,
-    SUBSCRIBERS,
-    Panel,
     Setup,
     Side,
     Transport,
     constants,
     faster_transport,
+)
+from sfglab.soc.paper_values import (
+    SUBSCRIBERS,
+    Panel,
     residuals,
     speed_ups,
     tendencies,

@@ -10,7 +10,13 @@ import pytest
 
 from sfglab.soc import Placement, load_graph
 from sfglab.soc.driving import CHAIN, NODES, Camera, Chain, ChainError, Rules, Stack, Stopwatch, run_lap
-from sfglab.soc.memory import STORED, Setup, Side, Transport, transfer_times
+from sfglab.soc.memory import (
+    STORED,
+    Setup,
+    Side,
+    Transport,
+    transfer_times,
+)
 
 GRAPH = load_graph(Path(__file__).parents[2] / "data" / "graphs" / "driving.yaml")
 READERS = ("gaussian_blur", "red_light_detection", "green_light_detection", "visual_odometry")

@@ -54,8 +54,10 @@ def test_registers_are_loaded_by_addresses_and_by_nothing_else():
         ),
         (  # a message that the cancel returns is forwarded before the next request
             "EMPTY OFFERED FOREIGN DONE SENT ANSWERED SENT PUBLISHED FOREIGN GRANTED DONE",
-            "PEEK_HMT COMPARE_PORT HMT_TO_MEMORY CALL_CANCEL LISTEN_OSIF "
-            + "CALL_PUBLISH LISTEN_OSIF COMPARE_HELD CLAIM_HMT MEMORY_TO_HMT CALL_TAKE",
+            (
+                "PEEK_HMT COMPARE_PORT HMT_TO_MEMORY CALL_CANCEL LISTEN_OSIF "
+                "CALL_PUBLISH LISTEN_OSIF COMPARE_HELD CLAIM_HMT MEMORY_TO_HMT CALL_TAKE"
+            ),
         ),
         ("ANSWERED OWN", "COMPARE_HELD CALL_TAKE"),  # own messages are discarded on both sides
         ("EMPTY OFFERED OWN DONE", "PEEK_HMT COMPARE_PORT HMT_TO_NOWHERE LISTEN_OSIF"),

@@ -16,7 +16,14 @@ from sfglab.soc import (
     map_communication,
     transfer_s,
 )
-from sfglab.soc.memory import Judge, Setup, Side, Transport, break_even_bytes, transfer_times
+from sfglab.soc.memory import (
+    Judge,
+    Setup,
+    Side,
+    Transport,
+    break_even_bytes,
+    transfer_times,
+)
 
 EXAMPLE = load_graph(GRAPHS / "figure_8.yaml")
 

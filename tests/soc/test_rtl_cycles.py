@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.soc.memory import MESSAGE_BYTES, MemoryInterface, round_robin_s, shared_s
+from sfglab.soc.memory import MemoryInterface, round_robin_s, shared_s
+from sfglab.soc.paper_values import MESSAGE_BYTES
 
 rtl = pytest.importorskip("sfglab.soc.rtl", reason="needs the extra `rtl` (amaranth)")
 

@@ -13,7 +13,8 @@ from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.transfer.experiment import Config, exp
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import bootstrap, exactly
-from sfglab.soc.memory import MESSAGE_BYTES, SUBSCRIBERS, Origin, Panel
+from sfglab.soc.memory import Origin
+from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS, Panel
 
 if TYPE_CHECKING:
     from collections.abc import Callable

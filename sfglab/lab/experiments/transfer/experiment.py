@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sfglab.lab.experiment import Actor, Experiment, Link, Setup
-from sfglab.soc.memory import MESSAGE_BYTES, SUBSCRIBERS
+from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

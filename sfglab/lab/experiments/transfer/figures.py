@@ -17,7 +17,7 @@ from sfglab.lab.experiments.transfer.analysis import (
 )
 from sfglab.lab.experiments.transfer.experiment import Config, exp
 from sfglab.lab.figures import COLORS, PAPER_STYLE
-from sfglab.soc.memory import Panel
+from sfglab.soc.paper_values import Panel
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,7 +11,8 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.experiments.transfer.modelled import bar_row
-from sfglab.soc.memory import MESSAGE_BYTES, STORED, speed_ups
+from sfglab.soc.memory import STORED
+from sfglab.soc.paper_values import MESSAGE_BYTES, speed_ups
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -15,15 +15,18 @@ from sfglab.soc.memory import (
     CUT_THROUGH,
     LARGEST_BYTES,
     STORED,
-    FitError,
     Judge,
-    Origin,
     Setup,
     Side,
     Transport,
     break_even_bytes,
     constants,
     faster_transport,
+    fitted_values,
+    with_values,
+)
+from sfglab.soc.paper_values import (
+    FitError,
     fit,
     residuals,
     sensitivity,
@@ -35,7 +38,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from sfglab.soc import Graph, Topic
-    from sfglab.soc.memory import Costs, Fit, SpeedUp
+    from sfglab.soc.memory import Costs
+    from sfglab.soc.paper_values import Fit, SpeedUp
 
 
 MODELS = {"stored": STORED, "cut-through": CUT_THROUGH}
@@ -51,7 +55,7 @@ RULES: dict[str, Callable[[Graph, Topic], bool]] = {
     "paper": more_than_one_hardware_subscriber,
     "size-aware": faster_by_gateway(judge=Judge.LAST),
 }
-"""Who gets a gateway: nobody, by section 5's rule, or by predicted time to the last subscriber."""
+"""Topics that get a gateway: none, by section 5's rule, or by predicted time to the last subscriber."""
 
 _GRID = np.unique(np.geomspace(STORED.memory.chunk_bytes, LARGEST_BYTES, 200).astype(int))
 
@@ -73,7 +77,7 @@ def model_rows(refits: int, rng: np.random.Generator) -> Iterator[tuple[str, dic
                     "model": name,
                     "panel": item.panel.value,
                     "text": item.text,
-                    "stated": item.stated,
+                    "stated": item.paper,
                     "found": item.model,
                 },
             )
@@ -117,12 +121,12 @@ def _fits(
     name: str, costs: Costs, refits: int, rng: np.random.Generator
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """Fit from drawn starts, and put the best fit's constants beside the committed ones."""
-    fitted = _fitted(costs)
+    fitted = fitted_values(costs)
     found: list[Fit] = []
     for start in range(refits):
         factors = np.exp(rng.uniform(-math.log(SPREAD), math.log(SPREAD), len(fitted)))
         drawn = {key: value * float(f) for (key, value), f in zip(fitted.items(), factors, strict=True)}
-        ended = _ended(_with(costs, drawn))
+        ended = _ended(with_values(costs, drawn))
         if ended:
             found.append(ended)
         yield (
@@ -132,7 +136,7 @@ def _fits(
                 "start": start,
                 "farthest": float(np.exp(np.abs(np.log(factors)).max())),
                 "rms": ended.rms if ended else math.nan,
-                "shift": _shift(fitted, _fitted(ended.costs)) if ended else math.nan,
+                "shift": _shift(fitted, fitted_values(ended.costs)) if ended else math.nan,
             },
         )
     best = min(found, key=lambda item: item.rms).costs if found else costs
@@ -156,17 +160,6 @@ def _ended(start: Costs) -> Fit | None:
         return fit(start)
     except FitError:
         return None
-
-
-def _fitted(costs: Costs) -> dict[str, float]:
-    return {item.name: item.value for item in constants(costs) if item.origin is Origin.FITTED}
-
-
-def _with(costs: Costs, values: dict[str, float]) -> Costs:
-    """Return the costs with some constants set."""
-    others = dict(values)
-    memory = replace(costs.memory, write_latency_cycles=others.pop("write_latency_cycles"))
-    return replace(costs, memory=memory, **others)
 
 
 def _shift(committed: dict[str, float], found: dict[str, float]) -> float:

@@ -3,7 +3,7 @@
 Fig. 6 and 7 reach us as text: ends of ranges and tendencies, all of them ratios. Ends are numbers with a
 residual; tendencies hold or do not. Six constants are fitted to seven ratios, by least squares on their
 logarithms: so nearly as many constants as numbers that agreement shows only that the numbers are possible
-together; what is worth looking at is what was not fitted (`TENDENCIES`), and what the assumed constants change
+together; more telling is what was not fitted (`TENDENCIES`), and what the assumed constants change
 (`sensitivity`). Refuses to know how a time comes about.
 """
 
@@ -16,8 +16,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
-from sfglab.soc.memory.memif import FITTED_NAMES, STORED, Costs
-from sfglab.soc.memory.transfer import Setup, Side, Transport, transfer_times
+from sfglab.soc.memory import STORED, Costs, Setup, Side, Transport, fitted_values, transfer_times, with_values
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -84,9 +83,9 @@ def _speed_up(panel: Panel, subscribers: int, message_bytes: int, costs: Costs) 
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Stated:
-    """A number that the paper states."""
+@dataclass(frozen=True, slots=True)
+class PaperValue:
+    """A number of the paper."""
 
     panel: Panel  #: Whose speed-up.
     value: float  #: The number.
@@ -96,20 +95,20 @@ class Stated:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Residual:
-    """A stated number beside the model's."""
+    """A paper value beside the model's."""
 
     panel: Panel  #: Whose speed-up.
     text: str  #: How the paper puts it.
-    stated: float  #: The paper's number.
+    paper: float  #: The paper's number.
     model: float  #: The model's.
 
     @property
     def relative(self) -> float:
-        """(model - stated) / stated."""
-        return self.model / self.stated - 1
+        """(model - paper) / paper."""
+        return self.model / self.paper - 1
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Tendency:
     """A sentence of the paper without a number; it is no part of any fit."""
 
@@ -142,63 +141,47 @@ def _grows(bars: Sequence[SpeedUp]) -> bool:
 
 _SMALL, _LARGE, _MANY = MESSAGE_BYTES[0], MESSAGE_BYTES[-1], SUBSCRIBERS[-1]
 
-STATED = (
-    Stated(
-        panel=_HH, value=1.94, pick=_at(_MANY, _SMALL), text="8 hardware nodes: from 1.94 for small messages"
-    ),
-    Stated(
-        panel=_HH, value=7.95, pick=_at(_MANY, _LARGE), text="8 hardware nodes: to 7.95 for larger messages"
-    ),
-    Stated(panel=_HS, value=1 / 2, pick=_least, text="transmission times up to a factor of approximately 2"),
-    Stated(panel=_HS, value=1.0, pick=_at(_MANY, _LARGE), text="large and many: the speedup approaches 1"),
-    Stated(panel=_SH, value=3.79, pick=_most, text="for larger message sizes speedups up to 3.79"),
-    Stated(panel=_SS, value=1.06, pick=_least, text="the range of speedups is from 1.06"),
-    Stated(panel=_SS, value=2.05, pick=_most, text="the range of speedups is to 2.05"),
+PAPER_VALUES = (
+    PaperValue(_HH, 1.94, _at(_MANY, _SMALL), "8 hardware nodes: from 1.94 for small messages"),
+    PaperValue(_HH, 7.95, _at(_MANY, _LARGE), "8 hardware nodes: to 7.95 for larger messages"),
+    PaperValue(_HS, 1 / 2, _least, "transmission times up to a factor of approximately 2"),
+    PaperValue(_HS, 1.0, _at(_MANY, _LARGE), "large and many: the speedup approaches 1"),
+    PaperValue(_SH, 3.79, _most, "for larger message sizes speedups up to 3.79"),
+    PaperValue(_SS, 1.06, _least, "the range of speedups is from 1.06"),
+    PaperValue(_SS, 2.05, _most, "the range of speedups is to 2.05"),
 )
 """The numbers of section 4."""
 
 TENDENCIES = (
+    Tendency(_HH, "speedups as soon as more than one hardware node subscribes", lambda bars: _least(bars) > 1),
+    Tendency(_HH, "at 8 nodes, 1.94 and 7.95 are the ends of the range", _grows),
+    Tendency(_HS, "with size and number of hardware nodes the overhead reduces", _grows),
     Tendency(
-        panel=_HH,
-        text="speedups as soon as more than one hardware node subscribes",
-        holds=lambda bars: _least(bars) > 1,
-    ),
-    Tendency(panel=_HH, text="at 8 nodes, 1.94 and 7.95 are the ends of the range", holds=_grows),
-    Tendency(
-        panel=_HS,
-        text="with size and number of hardware nodes the overhead reduces",
-        holds=_grows,
+        _SH,
+        "below 1 for smaller message sizes, at least with 2 and 4 nodes",
+        lambda bars: _at(2, _SMALL)(bars) < 1 and _at(4, _SMALL)(bars) < 1,
     ),
     Tendency(
-        panel=_SH,
-        text="below 1 for smaller message sizes, at least with 2 and 4 nodes",
-        holds=lambda bars: _at(2, _SMALL)(bars) < 1 and _at(4, _SMALL)(bars) < 1,
+        _SH,
+        "below 1 for smaller message sizes, with 8 nodes too",
+        lambda bars: _at(_MANY, _SMALL)(bars) < 1,
     ),
-    Tendency(
-        panel=_SH,
-        text="below 1 for smaller message sizes, with 8 nodes too",
-        holds=lambda bars: _at(_MANY, _SMALL)(bars) < 1,
-    ),
-    Tendency(
-        panel=_SS,
-        text="speedups for all measured sizes and numbers",
-        holds=lambda bars: _least(bars) > 1,
-    ),
+    Tendency(_SS, "speedups for all measured sizes and numbers", lambda bars: _least(bars) > 1),
 )
 """The sentences of section 4 without a number."""
 
 
 def residuals(costs: Costs = STORED) -> list[Residual]:
-    """Return every stated number beside the model's."""
+    """Return every paper value beside the model's."""
     panels = _by_panel(costs)
     return [
-        Residual(panel=item.panel, text=item.text, stated=item.value, model=item.pick(panels[item.panel]))
-        for item in STATED
+        Residual(panel=item.panel, text=item.text, paper=item.value, model=item.pick(panels[item.panel]))
+        for item in PAPER_VALUES
     ]
 
 
 def tendencies(costs: Costs = STORED) -> list[tuple[Tendency, bool]]:
-    """Return every stated tendency and whether the model has it."""
+    """Return every tendency and whether the model has it."""
     panels = _by_panel(costs)
     return [(item, item.holds(panels[item.panel])) for item in TENDENCIES]
 
@@ -217,7 +200,7 @@ class Fit:
     """A fit and how good it is."""
 
     costs: Costs  #: The constants, fitted and standing.
-    residuals: tuple[Residual, ...]  #: Every stated number beside the model's.
+    residuals: tuple[Residual, ...]  #: Every paper value beside the model's.
     rms: float  #: Root mean square of the residuals' logarithms.
 
 
@@ -236,33 +219,31 @@ class Variant:
 
 
 def fit(start: Costs = STORED) -> Fit:
-    """Fit `FITTED_NAMES` to `STATED`; all other constants stay.
-
-    Args:
-        start: Where the search starts, and the constants that stay.
+    """Fit the fitted constants to `PAPER_VALUES` from where they start; all other constants stay.
 
     Raises:
         FitError: The solver did not converge.
     """
     from scipy.optimize import least_squares
 
-    def errors(logs: list[float]) -> list[float]:
-        return [math.log(item.model / item.stated) for item in residuals(_with(start, logs))]
+    values = fitted_values(start)
 
-    found = least_squares(errors, [math.log(value) for value in _values(start)], x_scale="jac", xtol=1e-12)
+    def costs_of(logs: list[float]) -> Costs:
+        return with_values(start, {name: math.exp(log) for name, log in zip(values, logs, strict=True)})
+
+    def errors(logs: list[float]) -> list[float]:
+        return [math.log(item.model / item.paper) for item in residuals(costs_of(logs))]
+
+    found = least_squares(errors, [math.log(value) for value in values.values()], x_scale="jac", xtol=1e-12)
     if not found.success:
-        raise FitError(f"fit of {', '.join(FITTED_NAMES)}: {found.message}")
-    costs = _with(start, found.x)
+        raise FitError(f"fit of {', '.join(values)}: {found.message}")
+    costs = costs_of(found.x)
     left = tuple(residuals(costs))
     return Fit(costs=costs, residuals=left, rms=math.sqrt(2 * found.cost / len(left)))
 
 
 def sensitivity(start: Costs = STORED) -> list[Variant]:
-    """Return the fits with each assumed constant halved and doubled: none of them is known well.
-
-    Args:
-        start: The constants to change.
-    """
+    """Return the fits with each assumed constant halved and doubled: none of them is known well."""
     found = []
     for factor in (0.5, 2.0):
         latency = factor * start.memory.read_latency_cycles
@@ -273,14 +254,3 @@ def sensitivity(start: Costs = STORED) -> list[Variant]:
         }
         found += [Variant(name=name, factor=factor, fit=fit(costs)) for name, costs in variants.items()]
     return found
-
-
-def _values(costs: Costs) -> list[float]:
-    return [getattr(costs.memory if hasattr(costs.memory, name) else costs, name) for name in FITTED_NAMES]
-
-
-def _with(costs: Costs, logs: list[float]) -> Costs:
-    """Return the costs with the fitted constants set, given their logarithms."""
-    values = {name: math.exp(log) for name, log in zip(FITTED_NAMES, logs, strict=True)}
-    memory = replace(costs.memory, write_latency_cycles=values.pop("write_latency_cycles"))
-    return replace(costs, memory=memory, **values)

@@ -1,0 +1,210 @@
+"""The memory model: cycles of the reference design, turns, paths over topics and gateways, break-even sizes."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from statistics import fmean
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sfglab.errors import InvalidValueError
+from sfglab.soc.memory import (
+    CUT_THROUGH,
+    LARGEST_BYTES,
+    STORED,
+    Costs,
+    Forwarding,
+    Judge,
+    MemoryInterface,
+    Setup,
+    Side,
+    Times,
+    Transport,
+    break_even_bytes,
+    faster_transport,
+    judged_s,
+    round_robin_s,
+    shared_s,
+    transfer_times,
+)
+from sfglab.soc.paper_values import MESSAGE_BYTES
+
+MEMIF = MemoryInterface()
+CHUNK_BYTES = MEMIF.chunk_bytes
+BOTH = pytest.mark.parametrize("costs", [STORED, CUT_THROUGH], ids=["stored", "cut-through"])
+
+
+def test_a_chunk_takes_32_data_4_control_and_the_latency_cycles_and_a_part_of_one_as_much():
+    assert (MEMIF.data_cycles, MEMIF.read_cycles) == (32, 66)
+    assert MEMIF.read_s(1) == MEMIF.read_s(256) == pytest.approx(660e-9)
+    assert [MEMIF.chunks(size) for size in (1, 256, 257)] == [1, 1, 2]
+
+
+@pytest.mark.parametrize(("latency", "megabytes_per_s"), [(30, 388), (0, 711)])
+def test_the_interface_reads_so_many_megabytes_a_second(latency, megabytes_per_s):
+    read_s = MemoryInterface(read_latency_cycles=latency).read_s(256)
+    assert 256 / read_s / 1e6 == pytest.approx(megabytes_per_s, abs=1)
+
+
+def test_a_stream_carries_a_word_a_cycle():
+    assert [MEMIF.stream_s(size) for size in (1, 10_000_000)] == pytest.approx([10e-9, 12.5e-3])
+
+
+def test_a_stored_chunk_costs_both_sides_a_passed_on_one_the_memory_side():
+    passing = MemoryInterface(forwarding=Forwarding.CUT_THROUGH)
+    assert MEMIF.memory_to_stream_s(25_600) == pytest.approx(MEMIF.read_s(25_600) + MEMIF.stream_s(25_600))
+    assert MEMIF.stream_to_memory_s(25_600) == pytest.approx(MEMIF.write_s(25_600) + MEMIF.stream_s(25_600))
+    assert passing.memory_to_stream_s(25_600) == passing.read_s(25_600)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.integers(0, 400), min_size=1, max_size=8), st.integers(1, 40))
+def test_the_last_of_several_readers_ends_with_the_busy_period_whatever_the_turns(releases, chunks):
+    ends = round_robin_s(releases, chunks, 1.0)
+    assert max(ends) == pytest.approx(shared_s(releases, chunks))
+    assert all(end >= release + chunks for end, release in zip(ends, releases, strict=True))
+
+
+def test_readers_that_start_together_share_evenly():
+    assert round_robin_s([0.0] * 4, 100, 1.0) == [397.0, 398.0, 399.0, 400.0]
+
+
+def setup(publisher: Side, transport: Transport = Transport.SMT, size: int = 1_000_000, **nodes: int) -> Setup:
+    return Setup(publisher=publisher, transport=transport, message_bytes=size, **{"hardware": 4, **nodes})
+
+
+def times(*args, costs: Costs = STORED, **nodes: int) -> Times:
+    return transfer_times(setup(*args, **nodes), costs)
+
+
+def delivery_s(size: int, costs: Costs) -> float:
+    return costs.deliver_s + size * costs.deliver_s_per_byte
+
+
+def fixed_s(size: int, costs: Costs) -> float:
+    return costs.publish_s + size * costs.publish_s_per_byte + costs.delegate_s + costs.endpoint_s
+
+
+@BOTH
+@pytest.mark.parametrize("size", MESSAGE_BYTES)
+@pytest.mark.parametrize(("hardware", "software"), [(1, 1), (2, 1), (4, 1), (8, 1), (3, 3), (5, 0)])
+def test_the_mean_place_stands_for_every_order_of_deliveries(hardware, software, size, costs):
+    found = times(Side.SOFTWARE, Transport.SMT, size, costs=costs, hardware=hardware, software=software)
+    orders = itertools.combinations(range(1, hardware + software + 1), hardware)
+    each_s, read_s = delivery_s(size, costs), costs.memory.read_s(size)
+    exact_s = fmean(shared_s([place * each_s for place in chosen], read_s) for chosen in orders)
+    assert found.hardware_s == pytest.approx(fixed_s(size, costs) + exact_s, rel=0.005)
+
+
+@BOTH
+def test_chunks_in_turn_give_the_same_time_as_the_formula(costs):
+    size, hardware, memory = 100_000, 8, costs.memory
+    releases = [(place + 1) * delivery_s(size, costs) for place in range(hardware)]
+    ends = round_robin_s(releases, memory.chunks(size), memory.read_cycles / memory.clock_hz)
+    found = times(Side.SOFTWARE, Transport.SMT, size, costs=costs, hardware=hardware, software=0)
+    assert found.hardware_s == pytest.approx(fixed_s(size, costs) + max(ends), rel=1e-9)
+
+
+def test_over_a_software_topic_each_hardware_reader_adds_one_reading_of_a_large_message():
+    size = 10_000_000
+    few, many = (times(Side.HARDWARE, Transport.SMT, size, hardware=n).hardware_s for n in (4, 8))
+    assert many - few == pytest.approx(4 * STORED.memory.read_s(size), rel=0.01)
+
+
+@pytest.mark.parametrize("publisher", Side)
+def test_through_a_gateway_the_number_of_hardware_readers_does_not_matter(publisher):
+    assert times(publisher, Transport.GATEWAY, hardware=2) == times(publisher, Transport.GATEWAY, hardware=8)
+
+
+def test_a_stream_without_a_gateway_is_the_fastest_way_between_hardware_nodes():
+    stream, gateway, memory = (
+        times(Side.HARDWARE, kind, software=int(kind is not Transport.HMT)).hardware_s
+        for kind in (Transport.HMT, Transport.GATEWAY, Transport.SMT)
+    )
+    assert stream < gateway < memory
+
+
+def test_a_gateway_costs_a_hardware_publishers_software_reader_the_cores_turn_and_the_cancel():
+    without = replace(STORED, cancel_s=0.0)
+    full, free = (times(Side.HARDWARE, Transport.GATEWAY, costs=c).software_s for c in (STORED, without))
+    assert full - free == pytest.approx(STORED.cancel_s)
+
+
+def test_who_does_not_subscribe_has_no_time():
+    assert times(Side.SOFTWARE, hardware=0).hardware_s is None
+    assert times(Side.SOFTWARE, software=0).software_s is None
+    alone = setup(Side.SOFTWARE, hardware=0, software=0)
+    assert judged_s(Times(hardware_s=None, software_s=None), alone, Judge.MEAN) == 0.0
+    assert faster_transport(alone) is Transport.SMT
+
+
+@given(
+    publisher=st.sampled_from(Side),
+    transport=st.sampled_from([Transport.SMT, Transport.GATEWAY]),
+    size=st.integers(1, 10_000_000),
+    hardware=st.integers(1, 16),
+    software=st.integers(1, 4),
+)
+def test_a_larger_message_and_more_readers_never_arrive_earlier(publisher, transport, size, hardware, software):
+    here = times(publisher, transport, size, hardware=hardware, software=software)
+    for more in ((1000, 0, 0), (0, 1, 0), (0, 0, 1)):
+        later = times(
+            publisher, transport, size + more[0], hardware=hardware + more[1], software=software + more[2]
+        )
+        assert later.hardware_s >= here.hardware_s - 1e-12
+        assert later.software_s >= here.software_s - 1e-12
+
+
+@BOTH
+def test_for_one_hardware_subscriber_a_gateway_never_serves_a_software_publisher_better(costs):
+    assert break_even_bytes(setup(Side.SOFTWARE, hardware=1), Judge.HARDWARE, costs) is None
+
+
+def test_more_hardware_subscribers_make_a_gateway_break_even_at_smaller_messages():
+    sizes = [break_even_bytes(setup(Side.SOFTWARE, hardware=n), Judge.HARDWARE) for n in (2, 3, 4, 8)]
+    assert sizes == [301_056, 101_120, 60_928, 11_264]
+
+
+def test_who_counts_decides():
+    found = [break_even_bytes(setup(Side.HARDWARE), judge) for judge in Judge]
+    assert found == [CHUNK_BYTES, None, 27_392, CHUNK_BYTES]  # hardware, software, last, mean
+    assert break_even_bytes(setup(Side.HARDWARE, hardware=2), Judge.HARDWARE) == CHUNK_BYTES
+
+
+@given(
+    publisher=st.sampled_from(Side),
+    hardware=st.integers(1, 8),
+    software=st.integers(0, 3),
+    judge=st.sampled_from(Judge),
+    message_bytes=st.integers(1, LARGEST_BYTES),
+)
+def test_below_the_break_even_the_topic_is_faster_and_above_it_the_gateway(
+    publisher, hardware, software, judge, message_bytes
+):
+    at = setup(publisher, size=message_bytes, hardware=hardware, software=software)
+    limit = break_even_bytes(at, judge)
+    if limit is None or message_bytes <= limit - CHUNK_BYTES:
+        assert faster_transport(at, judge) is Transport.SMT
+    elif message_bytes >= limit:
+        assert faster_transport(at, judge) is Transport.GATEWAY
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        *((lambda field=f: MemoryInterface(**{field: 0}), f"{f}: given 0, allowed: above zero") for f in
+          ("width_bytes", "clock_hz", "chunk_bytes")),
+        (lambda: MemoryInterface(control_cycles=-1), "control_cycles: given -1, allowed: from 0"),
+        (lambda: replace(STORED, cancel_s=-1.0), "cancel_s: given -1.0, allowed: from 0"),
+        (lambda: setup(Side.SOFTWARE, Transport.SMT, 0), "allowed: a message and no negative number"),
+        (lambda: setup(Side.SOFTWARE, Transport.SMT, hardware=-1), "allowed: a message and no negative number"),
+        (lambda: setup(Side.SOFTWARE, Transport.HMT, software=0), "only hardware nodes"),
+        (lambda: setup(Side.HARDWARE, Transport.HMT), "only hardware nodes"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_by_name(make, message):
+    with pytest.raises(InvalidValueError, match=message):
+        make()
