@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from sfglab.deploy.bundle import Bundle
     from sfglab.deploy.deployment import Deployment
     from sfglab.deploy.preparing import FleetSource
-    from sfglab.deploy.rollout.plan import Prospect
+    from sfglab.deploy.rollout import Prospect
 
 
 app = typer.Typer(
@@ -72,7 +72,7 @@ def plan(
 
       sfglab deploy plan data/fleets/esslingen.yaml --agent go2 --diff
     """
-    from sfglab.deploy.rollout.plan import render_prospects
+    from sfglab.deploy.rollout import render_prospects
 
     prospects = [prospect for prospect, _ in _prospects(_source(fleet, agent, accelerator), agent, root)]
     typer.echo(render_prospects(prospects, diff=diff), nl=False)
@@ -117,7 +117,7 @@ def check(
     """
     from sfglab.deploy.fleet_check import check_fleet, fails
     from sfglab.deploy.release import SOURCE, make_release
-    from sfglab.deploy.rollout.transport import detect_over
+    from sfglab.deploy.transport import detect_over
     from sfglab.deploy.verdicts import render_verdicts
 
     source = _source(fleet, agent, accelerator)
@@ -152,7 +152,7 @@ def apply(
       sfglab deploy apply data/fleets/esslingen.yaml --agent go2 --tag 0.6.0-1a2b3c4d5e6f
     """
     from sfglab.deploy.errors import DeployError
-    from sfglab.deploy.rollout.plan import render_prospects
+    from sfglab.deploy.rollout import render_prospects
 
     failed = False
     # All machines are looked at before the first one is changed.
@@ -178,8 +178,8 @@ def releases(fleet: _Fleet, agent: _Agents = None, root: _Root = None) -> None:
     """
     from sfglab.deploy.deployment import HOME
     from sfglab.deploy.errors import DeployError
-    from sfglab.deploy.rollout.apply import releases as kept
-    from sfglab.deploy.rollout.transport import transport_to
+    from sfglab.deploy.rollout import releases as kept
+    from sfglab.deploy.transport import transport_to
     from sfglab.fleet.fleet_file import load_fleet
 
     described = load_fleet(fleet)
@@ -208,7 +208,7 @@ def _source(fleet: Path, agents: list[str] | None, accelerator: str | None) -> F
 def _prepared(source: FleetSource, agents: list[str] | None) -> tuple[tuple[Deployment, Bundle], ...]:
     from sfglab.deploy.preparing import prepare
     from sfglab.deploy.release import SOURCE, make_release
-    from sfglab.deploy.rollout.transport import detect_over
+    from sfglab.deploy.transport import detect_over
 
     release, wheel = make_release(SOURCE, source.text)
     return prepare(source, release, wheel, agents=tuple(agents or ()), detect=detect_over)
@@ -223,9 +223,8 @@ def _prospects(
     from sfglab.deploy.errors import DeployError
     from sfglab.deploy.preparing import prepare
     from sfglab.deploy.release import SOURCE, make_release
-    from sfglab.deploy.rollout.apply import apply_plan, look_and_plan, released, steps
-    from sfglab.deploy.rollout.plan import Prospect
-    from sfglab.deploy.rollout.transport import detect_over, transport_to
+    from sfglab.deploy.rollout import Prospect, apply_plan, look_and_plan, released, steps
+    from sfglab.deploy.transport import detect_over, transport_to
 
     release, wheel = make_release(SOURCE, source.text)
     for name in agents or [agent.name for agent in source.fleet.agents]:

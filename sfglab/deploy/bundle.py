@@ -1,4 +1,4 @@
-"""All files of one agent's machine, and the release that they are.
+"""Bundle of all files of one agent's machine, and the release that they are.
 
 A release is named after its contents: equal contents, equal name; any change in any file, another one. So the
 tag of an image never changes its meaning, and going back is a name.
@@ -58,8 +58,7 @@ def render_bundle(deployment: Deployment) -> dict[str, BundleFile]:
     """Return what is made from a fleet file for one agent, but for what names the release.
 
     Raises:
-        DeployError: The agent cannot be deployed as it is described.
-        DeployError: The fleet's router cannot express its policy.
+        DeployError: The agent cannot be deployed as it is described, or its router cannot express the policy.
     """
     return {
         **image_files(deployment),
@@ -81,19 +80,18 @@ def bundle_of(
         workspace: The user's sources, from `workspace_members`.
 
     Raises:
-        DeployError: The agent cannot be deployed as it is described.
-        DeployError: The fleet's router cannot express its policy.
+        DeployError: As `render_bundle` does.
     """
     release = deployment.release
-    members = {path: _member(file) for path, file in render_bundle(deployment).items()}
+    files = render_bundle(deployment)
+    members = {path: Member(data=file.text.encode(), mode=file.mode) for path, file in files.items()}
     members |= {f"image/{release.wheel}": Member(data=wheel, mode=PLAIN), **workspace}
     digest = _sha256(json.dumps(_entries(members), sort_keys=True).encode())
     # A tag has no plus sign (OCI Distribution Specification 1.1).
     tag = f"{release.version.replace('+', '-')}-{digest[:12]}"
     image = f"{deployment.repository}:{tag}"
-    members[ENVIRONMENT] = _member(
-        BundleFile(text=f"# The release that runs; its image has this tag.\nSFGLAB_TAG={tag}\n")
-    )
+    text = f"# The release that runs; its image has this tag.\nSFGLAB_TAG={tag}\n"
+    members[ENVIRONMENT] = Member(data=text.encode(), mode=PLAIN)
     manifest = {
         "agent": deployment.agent.name,
         "fleet": deployment.fleet.name,
@@ -104,17 +102,14 @@ def bundle_of(
         "revision": release.revision,
         "files": _entries(members),
     }
-    members[MANIFEST] = _member(BundleFile(text=json.dumps(manifest, indent=2) + "\n"))
+    members[MANIFEST] = Member(data=f"{json.dumps(manifest, indent=2)}\n".encode(), mode=PLAIN)
     return Bundle(agent=deployment.agent.name, tag=tag, image=image, members=members)
 
 
 def workspace_members(workspace: Path) -> dict[str, Member]:
-    """Return the sources of a colcon workspace by path within an agent's folder.
+    """Return the sources below ``src`` of a colcon workspace, by path within an agent's folder.
 
     Hidden files and what colcon has built stay out.
-
-    Args:
-        workspace: The folder that holds ``src``.
 
     Raises:
         DeployError: There is no such folder.
@@ -167,10 +162,6 @@ def _router_files(deployment: Deployment) -> dict[str, BundleFile]:
     interface = deployment.network.router_interface
     text = render_router_file(deployment.fleet, deployment.agent.name, interface)
     return {ROUTER_FILES[deployment.common.router]: BundleFile(text=text)} if text else {}
-
-
-def _member(file: BundleFile) -> Member:
-    return Member(data=file.text.encode(), mode=file.mode)
 
 
 def _entries(members: Mapping[str, Member]) -> dict[str, dict[str, str]]:

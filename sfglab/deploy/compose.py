@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sfglab.deploy.deployment import FLEET_FILE, USER_ID
 from sfglab.deploy.files import BundleFile
 from sfglab.deploy.routers.targets import ROUTER_FILES
 from sfglab.fleet.fleet_file import Accelerator, RosDistribution, RouterSoftware
@@ -17,10 +18,7 @@ if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
 
 
-FLEET_FILE = "/etc/sfglab/fleet.yaml"
-USER = "10001:10001"
 _NEEDS_INITIALIZE = "run hooks/initialize.sh first"
-_NEEDS_TAG = _NEEDS_INITIALIZE
 _USB = "/dev/bus/usb"
 _USB_MAJOR = 189  # Linux, Documentation/admin-guide/devices.txt
 
@@ -33,24 +31,23 @@ _ACCELERATOR_DEVICES: dict[Accelerator, tuple[str, ...]] = {
 
 def compose_files(deployment: Deployment) -> dict[str, BundleFile]:
     """Return ``compose.yaml`` and its overlay for development."""
-    return {
-        "compose.yaml": BundleFile(text=_yaml(deployment, compose_project(deployment))),
-        "compose.dev.yaml": BundleFile(text=_yaml(deployment, development_overlay(deployment))),
-    }
+    projects = {"compose.yaml": _project(deployment), "compose.dev.yaml": _development(deployment)}
+    return {name: BundleFile(text=_yaml(deployment, project)) for name, project in projects.items()}
 
 
-def compose_project(deployment: Deployment) -> dict[str, Any]:
+def _project(deployment: Deployment) -> dict[str, Any]:
     """Return the Compose project of an agent (Compose Specification)."""
     project: dict[str, Any] = {
-        "name": f"sfglab-{deployment.agent.name}",
+        "name": deployment.project,
         "services": {"agent": _agent(deployment), "router": _router(deployment)},
     }
     if deployment.network.bridge:
-        project["networks"] = {"agent": _bridge(deployment.network.bridge)}
+        options = {"com.docker.network.bridge.name": deployment.network.bridge}
+        project["networks"] = {"agent": {"driver": "bridge", "internal": True, "driver_opts": options}}
     return project
 
 
-def development_overlay(deployment: Deployment) -> dict[str, Any]:
+def _development(deployment: Deployment) -> dict[str, Any]:
     """Return what development changes: the user's workspace as a folder, a shell, a debugger, a way out."""
     agent: dict[str, Any] = {
         "image": f"{deployment.repository}:development",
@@ -72,19 +69,16 @@ def development_overlay(deployment: Deployment) -> dict[str, Any]:
 
 
 def _agent(deployment: Deployment) -> dict[str, Any]:
-    network = deployment.network
     service = {
         "image": _image(deployment),
         "build": {"context": ".", "target": "application"},
-        "command": [
-            *("agent", "up", "--fleet", FLEET_FILE, "--agent", deployment.agent.name),
-            *("--interface", network.agent_interface, "--without", "router"),
-        ],
+        "command": list(deployment.agent_command),
         "environment": _environment(deployment),
         **_hardening(),
         **_hardware(deployment),
     }
-    return service | ({"networks": ["agent"]} if network.bridge else {"network_mode": "host"})
+    bridged = bool(deployment.network.bridge)
+    return service | ({"networks": ["agent"]} if bridged else {"network_mode": "host"})
 
 
 _PROGRAMS = {
@@ -110,7 +104,7 @@ def _router(deployment: Deployment) -> dict[str, Any]:
 
 
 def _image(deployment: Deployment) -> str:
-    return f"{deployment.repository}:${{SFGLAB_TAG:?{_NEEDS_TAG}}}"
+    return f"{deployment.repository}:${{SFGLAB_TAG:?{_NEEDS_INITIALIZE}}}"
 
 
 def _environment(deployment: Deployment) -> dict[str, str]:
@@ -137,7 +131,7 @@ def _cyclone(interface: str) -> str:
 def _hardening() -> dict[str, Any]:
     return {
         "init": True,
-        "user": USER,
+        "user": f"{USER_ID}:{USER_ID}",
         "read_only": True,
         "tmpfs": ["/tmp:mode=1777,size=256m", "/run:mode=1777,size=64m"],  # noqa: S108 - of the container's own
         "cap_drop": ["ALL"],
@@ -163,10 +157,6 @@ def _hardware(deployment: Deployment) -> dict[str, Any]:
         gpu = {"driver": "nvidia", "count": "all", "capabilities": ["gpu", "compute", "utility", "video"]}
         wanted["deploy"] = {"resources": {"reservations": {"devices": [gpu]}}}
     return wanted
-
-
-def _bridge(name: str) -> dict[str, Any]:
-    return {"driver": "bridge", "internal": True, "driver_opts": {"com.docker.network.bridge.name": name}}
 
 
 def _yaml(deployment: Deployment, project: dict[str, Any]) -> str:

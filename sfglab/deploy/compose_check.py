@@ -23,8 +23,7 @@ from sfglab.deploy.compose_values import (
     variables,
     without_variables,
 )
-from sfglab.deploy.errors import DeployError
-from sfglab.deploy.programs import MissingProgramError
+from sfglab.deploy.errors import DeployError, MissingProgramError
 from sfglab.deploy.text_check import SECRET_NAME
 from sfglab.deploy.verdicts import State, Verdict, verdict_of
 from sfglab.documents import Document, DocumentError

@@ -1,4 +1,4 @@
-"""The one value that every renderer takes: an agent on its machine, and what its containers see of networks.
+"""Deployment of an agent on its machine, the one value that every renderer takes, and its containers' networks.
 
 Pure: knows fleet, machine and release; refuses to know how a file looks. Only the router's container stands on
 the host's network, because DDS needs multicast there. The agent's sees a bridge of its own without a way out;
@@ -52,13 +52,7 @@ def domain_ports(domain: int) -> tuple[int, int]:
 
 
 def plan_network(fleet: Fleet, agent: AgentSpec, host: HostSpec) -> NetworkPlan:
-    """Return where an agent's containers stand.
-
-    Args:
-        fleet: The fleet.
-        agent: One of its agents.
-        host: The machine it runs on.
-    """
+    """Return where an agent's containers stand on a machine."""
     bridged = host.network is ContainerNetwork.BRIDGE
     bridge = bridge_name(agent.name) if bridged else ""
     inside = agent.local_interface or "lo"
@@ -85,6 +79,12 @@ def bridge_name(agent: str) -> str:
 
 HOME = "/opt/sfglab"
 """Where machines keep what they are given, one folder an agent."""
+
+FLEET_FILE = "/etc/sfglab/fleet.yaml"
+"""Where images have the fleet file."""
+
+USER, USER_ID = "sfglab", 10001
+"""Who runs in containers; its group has the same number."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,9 +122,20 @@ class Deployment:
         return f"{HOME}/{self.agent.name}"
 
     @property
+    def project(self) -> str:
+        """Name under which Compose keeps the agent's containers."""
+        return f"sfglab-{self.agent.name}"
+
+    @property
     def service(self) -> str:
         """Name of the agent's systemd unit."""
-        return f"sfglab-{self.agent.name}.service"
+        return f"{self.project}.service"
+
+    @property
+    def agent_command(self) -> tuple[str, ...]:
+        """Arguments with which sfglab runs the agent beside a router in a container of its own."""
+        agent = ("agent", "up", "--fleet", FLEET_FILE, "--agent", self.agent.name)
+        return (*agent, "--interface", self.network.agent_interface, "--without", "router")
 
     @property
     def repository(self) -> str:
@@ -135,13 +146,7 @@ class Deployment:
 def deployment_of(
     fleet: Fleet, agent: str, release: Release, *, detected: Accelerator | None = None
 ) -> Deployment:
-    """Return one agent's deployment.
-
-    Args:
-        fleet: The fleet.
-        agent: The agent's name.
-        release: What is deployed.
-        detected: What its machine was found to have, for a fleet file that leaves it to detection.
+    """Return one agent's deployment; `detected` is for a fleet file that leaves the accelerator to detection.
 
     Raises:
         DeployError: The file names no machine for it, or nobody says which accelerator it has.

@@ -1,4 +1,4 @@
-"""The files that an agent's images are built from, rendered from its deployment.
+"""Files that an agent's images are built from, rendered from its deployment.
 
 Knows what each layer holds; refuses to know who builds it. Contents come in by their digests, which are part
 of the instructions: equal Dockerfiles make equal images as far as the distribution's packages allow.
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.bases import base_of
+from sfglab.deploy.deployment import FLEET_FILE, USER, USER_ID
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PROGRAM, BundleFile, render
 from sfglab.deploy.release import agent_lock, split_lock
@@ -26,12 +27,9 @@ STAGES = ("base", "adapter", "application")
 """The three layers of the paper, in their order."""
 
 VENV = "/opt/venv"
-FLEET_FILE = "/etc/sfglab/fleet.yaml"
 OVERLAY = "/opt/workspace"
 """Where the user's colcon workspace is installed."""
 
-USER_ID = 10001
-_USER = "sfglab"
 _LICENCE = "Apache-2.0"  # LICENSE
 _TOOLS = ("cmakelang", "debugpy", "six")  # formats CMake (and needs six); debugs Python
 _WHEELS_NOTE = """Wheels for machines without a package index.
@@ -126,7 +124,7 @@ def _dockerfile(deployment: Deployment, base: BaseImage, locks: dict[str, str]) 
     return render(
         "Dockerfile.j2",
         agent=deployment.agent.name,
-        fleet=_one_line(deployment.fleet.name),
+        fleet=" ".join(deployment.fleet.name.split()),
         accelerator=deployment.accelerator.value,
         architecture=host.architecture.value,
         base=base,
@@ -142,7 +140,7 @@ def _dockerfile(deployment: Deployment, base: BaseImage, locks: dict[str, str]) 
         development_packages=_development_packages(base, ros),
         digests={path.removeprefix("image/"): _sha256(text) for path, text in locks.items()},
         release=release,
-        user={"name": _USER, "id": USER_ID},
+        user={"name": USER, "id": USER_ID},
         venv=VENV,
         fleet_file=FLEET_FILE,
         labels=[(name, _quoted(value)) for name, value in _labels(deployment, base, locks).items()],
@@ -165,21 +163,12 @@ def _ros(deployment: Deployment) -> _Ros | None:
 
 def _cyclone_packages(base: BaseImage) -> tuple[str, ...]:
     tools = ("build-essential", "ca-certificates", "cmake", "git")
-    interpreter = base.python_packages[0]
-    return (*tools, *base.python_packages, f"{interpreter}-dev")
+    return (*tools, *base.python_packages, f"{base.python_packages[0]}-dev")
 
 
 def _development_packages(base: BaseImage, ros: _Ros | None) -> list[str]:
-    tools = [
-        "build-essential",
-        "clang-format",
-        "clangd",
-        "cmake",
-        "gdb",
-        "git",
-        f"{base.python_packages[0]}-dev",
-    ]
-    return tools + (["python3-colcon-common-extensions"] if ros else [])
+    tools = ("build-essential", "clang-format", "clangd", "cmake", "gdb", "git")
+    return [*tools, f"{base.python_packages[0]}-dev", *(["python3-colcon-common-extensions"] if ros else [])]
 
 
 def _labels(deployment: Deployment, base: BaseImage, locks: dict[str, str]) -> dict[str, str]:
@@ -226,10 +215,6 @@ def _dockerignore(deployment: Deployment, paths: tuple[str, ...]) -> str:
 def _quoted(value: str) -> str:
     """Quote a value for a Dockerfile, where a dollar sign stands for a variable even inside quotes."""
     return json.dumps(value).replace("$", "\\$")
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())
 
 
 def _sha256(text: str) -> str:

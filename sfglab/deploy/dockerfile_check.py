@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.dockerfile import STAGES
 from sfglab.deploy.errors import DeployError
+from sfglab.deploy.findings import Broken, Rules
 from sfglab.documents import Place
 from sfglab.fleet.lint import Finding, Severity
 
@@ -52,15 +53,26 @@ def parse_dockerfile(text: str) -> tuple[Instruction, ...]:
         DeployError: A line is no instruction, or a here-document does not end.
     """
     lines = text.splitlines()
-    instructions: list[Instruction] = []
-    at = 0
-    while at < len(lines):
-        start, at = at, at + 1
-        if _is_nothing(lines[start]):
+    rest = enumerate(lines, start=1)
+    instructions = []
+    for number, line in rest:
+        if _is_nothing(line):
             continue
-        value, at = _joined(lines, start)
-        value, at = _with_documents(lines, value, at)
-        instructions.append(_instruction(value, start + 1))
+        parts = [line.strip()]
+        while parts[-1].endswith("\\") and (more := next((m for _, m in rest if not _is_nothing(m)), None)):
+            parts = [*parts[:-1], parts[-1][:-1].rstrip(), more.strip()]
+        value = " ".join(parts)
+        takes_documents = value.split(maxsplit=1)[0].upper() in {"RUN", "COPY", "ADD"}
+        for end in _HERE_DOCUMENT.findall(value) if takes_documents else ():
+            for _, inner in rest:
+                if inner.strip() == end:
+                    break
+                value += f"\n{inner}"
+            else:
+                raise DeployError(
+                    f"line {len(lines)}: given the end of the file, allowed: {end}, which ends a here-document"
+                )
+        instructions.append(_instruction(value, number))
     return tuple(instructions)
 
 
@@ -77,46 +89,13 @@ def stages_of(instructions: tuple[Instruction, ...]) -> tuple[Stage, ...]:
         match = _FROM.fullmatch(head.value)
         if match is None:
             raise DeployError(f"line {head.line}: FROM: given {head.value!r}, allowed: image AS name")
-        stages.append(
-            Stage(
-                name=match["name"] or "",
-                image=match["image"],
-                line=head.line,
-                instructions=instructions[start + 1 : end],
-            )
-        )
+        name, inner = match["name"] or "", instructions[start + 1 : end]
+        stages.append(Stage(name=name, image=match["image"], line=head.line, instructions=inner))
     return tuple(stages)
 
 
 def _is_nothing(line: str) -> bool:
     return not line.strip() or line.lstrip().startswith("#")
-
-
-def _joined(lines: list[str], start: int) -> tuple[str, int]:
-    """Return a line with those that continue it, and the number of the next."""
-    parts, at = [lines[start].strip()], start + 1
-    while parts[-1].endswith("\\") and at < len(lines):
-        if not _is_nothing(lines[at]):
-            parts[-1] = parts[-1][:-1].rstrip()
-            parts.append(lines[at].strip())
-        at += 1
-    return " ".join(parts), at
-
-
-def _with_documents(lines: list[str], value: str, at: int) -> tuple[str, int]:
-    if value.split(maxsplit=1)[0].upper() not in {"RUN", "COPY", "ADD"}:
-        return value, at
-    for end in _HERE_DOCUMENT.findall(value):
-        document: list[str] = []
-        while at < len(lines) and lines[at].strip() != end:
-            document.append(lines[at])
-            at += 1
-        if at == len(lines):
-            raise DeployError(
-                f"line {at}: given the end of the file, allowed: {end}, which ends a here-document"
-            )
-        value, at = "\n".join((value, *document)), at + 1
-    return value, at
 
 
 def _instruction(text: str, line: int) -> Instruction:
@@ -136,56 +115,58 @@ _ASSIGNMENT = re.compile(r"(\w+)=(\"(?:[^\"\\]|\\.)*\"|'[^']*'|\S*)")
 _VARIABLE = re.compile(r"\$\{?(\w+)(?::?-([^}]*))?\}?")
 _PIPED_SCRIPT = re.compile(r"\b(?:curl|wget)\b[^;&]*\|\s*(?:sudo\s+)?(?:env\s+)?(?:/\S*/)?(?:ba|da|z)?sh\b")
 _REMOTE = re.compile(r"\b(?:https?|ftp|git)://")
-_ROOT = frozenset({"", "0", "root"})
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """A Dockerfile as rules are asked about it; a place is a line."""
+
+    instructions: tuple[Instruction, ...]
+    stages: tuple[Stage, ...]
+
+    def named(self, *names: str) -> Iterator[Instruction]:
+        """Yield the instructions of some names."""
+        yield from (each for each in self.instructions if each.name in names)
+
+
+RULES: Rules[Recipe, int] = Rules()
+"""What a Dockerfile may hold that builders can read."""
 
 
 def check_dockerfile(text: str, file: str = "Dockerfile") -> tuple[Finding, ...]:
-    """Return what is wrong with a Dockerfile, in the order of its lines.
+    """Return what is wrong with a Dockerfile, in the order of its lines; `file` is its name, for people."""
 
-    Args:
-        text: The Dockerfile.
-        file: Its name, for people.
-    """
+    def place(line: int) -> Place:
+        return Place(file=file, line=line)
+
     try:
         instructions = parse_dockerfile(text)
-        stages = stages_of(instructions)
+        recipe = Recipe(instructions, stages_of(instructions))
     except DeployError as error:
-        return (_finding(_at(file, 0), "dockerfile-syntax", str(error), "no builder can read it"),)
-    findings = [
-        *_check_pins(file, instructions, stages),
-        *_check_layers(file, stages),
-        *_check_users(file, stages),
-        *(finding for each in instructions for finding in _check_instruction(file, each)),
-    ]
-    return tuple(sorted(findings, key=lambda finding: finding.place.line))
+        code, why = "dockerfile-syntax", "no builder can read it"
+        return (Finding(severity=Severity.ERROR, code=code, place=place(0), what=str(error), why=why),)
+    return tuple(sorted(RULES.broken(recipe, place), key=lambda finding: finding.place.line))
 
 
-def _check_pins(
-    file: str, instructions: tuple[Instruction, ...], stages: tuple[Stage, ...]
-) -> Iterator[Finding]:
-    if not stages:
-        yield _finding(_at(file, 0), "no-stage", "no FROM", "there is nothing to build from")
-        return
-    defaults = _defaults(instructions)
-    known: set[str] = set()
-    for stage in stages:
+@RULES.add("no-stage", "there is nothing to build from")
+def _no_stage(recipe: Recipe) -> Iterator[Broken[int]]:
+    if not recipe.stages:
+        yield Broken(0, "no FROM")
+
+
+@RULES.add("unpinned-image", "the same text builds another image tomorrow", "name a version")
+def _unpinned(recipe: Recipe) -> Iterator[Broken[int]]:
+    # A FROM sees the defaults of the arguments before the first one, and no others.
+    head = takewhile(lambda each: each.name != "FROM", recipe.instructions)
+    assigned = [pair for each in head if each.name == "ARG" for pair in _ASSIGNMENT.findall(each.value)]
+    defaults = {name: value.strip("\"'") for name, value in assigned}
+    known = {"scratch"}
+    for stage in recipe.stages:
         image = _VARIABLE.sub(lambda match: defaults.get(match[1]) or match[2] or "", stage.image)
-        if image not in known and image != "scratch" and not _is_pinned(image):
+        if image not in known and not _is_pinned(image):
             what = f"FROM {stage.image}: given {image!r}, allowed: a tag other than latest, or a digest"
-            why = "the same text builds another image tomorrow"
-            yield _finding(_at(file, stage.line), "unpinned-image", what, why, "name a version")
+            yield Broken(stage.line, what)
         known.add(stage.name)
-
-
-def _defaults(instructions: tuple[Instruction, ...]) -> dict[str, str]:
-    """Return the defaults of the arguments before the first FROM, the only ones that a FROM sees."""
-    defaults = {}
-    for each in instructions:
-        if each.name == "FROM":
-            break
-        if each.name == "ARG":
-            defaults.update({name: value.strip("\"'") for name, value in _ASSIGNMENT.findall(each.value)})
-    return defaults
 
 
 def _is_pinned(image: str) -> bool:
@@ -196,32 +177,41 @@ def _is_pinned(image: str) -> bool:
     return tag not in {"", "latest"}
 
 
-def _check_layers(file: str, stages: tuple[Stage, ...]) -> Iterator[Finding]:
-    names = [stage.name for stage in stages]
-    if [name for name in names if name in STAGES] != list(STAGES):
-        what = f"stages: given {', '.join(name or '(no name)' for name in names)}, allowed: {', '.join(STAGES)}"
-        why = "the three layers are what agents share (paper A, section 4.4, Fig. 5)"
-        yield _finding(_at(file, stages[0].line if stages else 0), "layers", what, why)
-        return
-    origins = {stage.name: stage for stage in stages}
-    for below, above in pairwise(STAGES):
+def _layers(recipe: Recipe) -> list[str]:
+    return [stage.name for stage in recipe.stages if stage.name in STAGES]
+
+
+@RULES.add("layers", "the three layers are what agents share (paper A, section 4.4, Fig. 5)")
+def _missing_layer(recipe: Recipe) -> Iterator[Broken[int]]:
+    if _layers(recipe) != list(STAGES):
+        given = ", ".join(stage.name or "(no name)" for stage in recipe.stages)
+        line = recipe.stages[0].line if recipe.stages else 0
+        yield Broken(line, f"stages: given {given}, allowed: {', '.join(STAGES)}")
+
+
+@RULES.add("layers", "a layer stands on the one below it")
+def _displaced_layer(recipe: Recipe) -> Iterator[Broken[int]]:
+    origins = {stage.name: stage for stage in recipe.stages}
+    for below, above in pairwise(STAGES) if _layers(recipe) == list(STAGES) else ():
         if origins[above].image != below:
             what = f"stage {above}: given FROM {origins[above].image}, allowed: FROM {below}"
-            yield _finding(_at(file, origins[above].line), "layers", what, "a layer stands on the one below it")
+            yield Broken(origins[above].line, what)
 
 
-def _check_users(file: str, stages: tuple[Stage, ...]) -> Iterator[Finding]:
+@RULES.add(
+    "runs-as-root",
+    "what breaks out of a container of root is root outside",
+    "end the stage with USER 10001:10001",
+)
+def _root(recipe: Recipe) -> Iterator[Broken[int]]:
     """The last stage is what a builder makes when nobody says which; the application is what robots run."""
+    stages = recipe.stages
     origins = {stage.name: stage for stage in stages if stage.name}
     for stage in dict.fromkeys((*stages[-1:], *(s for s in stages if s.name == STAGES[-1]))):
         user = _user(stage, origins)
-        if user.partition(":")[0] in _ROOT:
+        if user.partition(":")[0] in {"", "0", "root"}:
             given = f"given {user or 'nothing'!r}, allowed: not root"
-            what = f"stage {stage.name or stages.index(stage)}: USER: {given}"
-            why = "what breaks out of a container of root is root outside"
-            yield _finding(
-                _at(file, stage.line), "runs-as-root", what, why, "end the stage with USER 10001:10001"
-            )
+            yield Broken(stage.line, f"stage {stage.name or stages.index(stage)}: USER: {given}")
 
 
 def _user(stage: Stage, origins: dict[str, Stage]) -> str:
@@ -232,29 +222,14 @@ def _user(stage: Stage, origins: dict[str, Stage]) -> str:
     return "" if below is None or below is stage else _user(below, origins)
 
 
-def _check_instruction(file: str, each: Instruction) -> Iterator[Finding]:
-    if each.name in {"ARG", "ENV"}:
-        yield from _check_secrets(file, each)
-    if each.name == "ADD" and _REMOTE.search(each.value) and "--checksum=" not in each.value:
-        what = f"ADD {each.value}: from the network without a digest"
-        yield _finding(
-            _at(file, each.line), "unchecked-download", what, "nobody knows what it will be", "add --checksum"
-        )
-    if each.name == "RUN" and _PIPED_SCRIPT.search(each.value):
-        why = "it runs as root and is never the same twice for certain"
-        yield _finding(_at(file, each.line), "piped-script", "RUN: a download is piped into a shell", why)
-    if each.name in {"ADD", "COPY"} and _copies_everything(each.value):
-        what = f"{each.name} {each.value}: the whole folder"
-        why = "whatever lies there gets into the image, secrets too"
-        yield _finding(_at(file, each.line), "copies-everything", what, why, "name what is needed")
-
-
-def _check_secrets(file: str, each: Instruction) -> Iterator[Finding]:
-    for name, value in _assignments(each):
-        if _SECRET.search(name) and value.strip("\"'"):
-            what = f"{each.name} {name}: a secret with a value"
-            why = "it stands in the image's history for all who have the image"
-            yield _finding(_at(file, each.line), "secret", what, why, "use RUN --mount=type=secret")
+@RULES.add(
+    "secret", "it stands in the image's history for all who have the image", "use RUN --mount=type=secret"
+)
+def _secret(recipe: Recipe) -> Iterator[Broken[int]]:
+    for each in recipe.named("ARG", "ENV"):
+        for name, value in _assignments(each):
+            if _SECRET.search(name) and value.strip("\"'"):
+                yield Broken(each.line, f"{each.name} {name}: a secret with a value")
 
 
 def _assignments(each: Instruction) -> list[tuple[str, str]]:
@@ -264,14 +239,23 @@ def _assignments(each: Instruction) -> list[tuple[str, str]]:
     return _ASSIGNMENT.findall(each.value)
 
 
-def _copies_everything(value: str) -> bool:
-    words = [word for word in value.split() if not word.startswith("--")]
-    return not value.startswith("--from=") and any(word in {".", "./", "/"} for word in words[:-1])
+@RULES.add("unchecked-download", "nobody knows what it will be", "add --checksum")
+def _unchecked(recipe: Recipe) -> Iterator[Broken[int]]:
+    for each in recipe.named("ADD"):
+        if _REMOTE.search(each.value) and "--checksum=" not in each.value:
+            yield Broken(each.line, f"ADD {each.value}: from the network without a digest")
 
 
-def _at(file: str, line: int) -> Place:
-    return Place(file=file, line=line)
+@RULES.add("piped-script", "it runs as root and is never the same twice for certain")
+def _piped(recipe: Recipe) -> Iterator[Broken[int]]:
+    for each in recipe.named("RUN"):
+        if _PIPED_SCRIPT.search(each.value):
+            yield Broken(each.line, "RUN: a download is piped into a shell")
 
 
-def _finding(place: Place, code: str, what: str, why: str, remedy: str = "") -> Finding:
-    return Finding(severity=Severity.ERROR, code=code, place=place, what=what, why=why, remedy=remedy)
+@RULES.add("copies-everything", "whatever lies there gets into the image, secrets too", "name what is needed")
+def _everything(recipe: Recipe) -> Iterator[Broken[int]]:
+    for each in recipe.named("ADD", "COPY"):
+        words = [word for word in each.value.split() if not word.startswith("--")]
+        if not each.value.startswith("--from=") and {".", "./", "/"} & set(words[:-1]):
+            yield Broken(each.line, f"{each.name} {each.value}: the whole folder")

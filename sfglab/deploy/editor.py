@@ -1,4 +1,4 @@
-"""An agent's folder in VS Code: development container, debugging, building, formatting (paper A, 4.4)."""
+"""Files of VS Code for an agent: development container, debugging, building, formatting (paper A, 4.4)."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ import json
 import shlex
 from typing import TYPE_CHECKING, Any
 
+from sfglab.deploy.deployment import FLEET_FILE, USER
 from sfglab.deploy.files import BundleFile
 from sfglab.fleet.fleet_file import RosDistribution
 
 if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
 
-
-PYTHON = {RosDistribution.HUMBLE: "3.10", RosDistribution.JAZZY: "3.12"}
-"""Python of the Ubuntu that a distribution is made for (REP 2000)."""
 
 INTERPRETER = "/opt/venv/bin/python"
 """Python that has sfglab in the images; nodes of a distribution run on the system's."""
@@ -25,7 +23,7 @@ ENVIRONMENT_FILE = "build/ros.env"
 _KEPT = "^(AMENT_|CMAKE_PREFIX_PATH=|COLCON_|LD_LIBRARY_PATH=|PATH=|PYTHONPATH=|ROS_)"
 
 
-def sourced(ros: RosDistribution, command: str) -> str:
+def _sourced(ros: RosDistribution, command: str) -> str:
     """Return a command line for Bash that runs a command in the distribution's environment."""
     return f"source /opt/ros/{ros.value}/setup.bash && {command}"
 
@@ -36,13 +34,13 @@ def build_command(ros: RosDistribution) -> str:
     colcon collects the compile commands of all packages in ``build/compile_commands.json`` (colcon-cmake).
     """
     flags = "-DCMAKE_BUILD_TYPE=Debug -DCMAKE_EXPORT_COMPILE_COMMANDS=ON"
-    return sourced(ros, f"colcon build --symlink-install --cmake-args {flags}")
+    return _sourced(ros, f"colcon build --symlink-install --cmake-args {flags}")
 
 
 def environment_command(ros: RosDistribution) -> str:
     """Return how `ENVIRONMENT_FILE` is written."""
     overlay = "{ [ ! -f install/setup.bash ] || source install/setup.bash; }"
-    return sourced(ros, f"{overlay} && mkdir -p build && printenv | grep -E '{_KEPT}' > {ENVIRONMENT_FILE}")
+    return _sourced(ros, f"{overlay} && mkdir -p build && printenv | grep -E '{_KEPT}' > {ENVIRONMENT_FILE}")
 
 
 _CLANGD = "llvm-vs-code-extensions.vscode-clangd"
@@ -60,39 +58,32 @@ EXTENSIONS = tuple(sorted({*_OTHERS, *DEBUGGERS.values(), *FORMATTERS.values()})
 _BUILT = ("build", "install", "log")
 
 
-def workspace_settings(ros: RosDistribution) -> dict[str, Any]:
-    """Return ``settings.json``.
-
-    Args:
-        ros: The distribution in the images; without one, nothing of it or of colcon is set.
-    """
-    return _completion(ros) | _formatting() | (_colcon_settings(ros) if ros is not RosDistribution.NONE else {})
+_PYTHON = {RosDistribution.HUMBLE: "3.10", RosDistribution.JAZZY: "3.12"}
+"""Python of the Ubuntu that a distribution is made for (REP 2000)."""
 
 
-def _completion(ros: RosDistribution) -> dict[str, Any]:
-    return {
+def _workspace_settings(ros: RosDistribution) -> dict[str, Any]:
+    """Return ``settings.json``; without a distribution, nothing of it or of colcon is set."""
+    languages: dict[str, dict[str, Any]] = {
+        f"[{name}]": {"editor.defaultFormatter": tool} for name, tool in FORMATTERS.items()
+    }
+    languages["[python]"] |= {"editor.codeActionsOnSave": {"source.organizeImports": "explicit"}}
+    settings = {
         "python.defaultInterpreterPath": INTERPRETER if ros is RosDistribution.NONE else "/usr/bin/python3",
         "clangd.arguments": ["--compile-commands-dir=${workspaceFolder}/build", "--header-insertion=never"],
         # CMake packages are configured by the build, not by opening a folder.
         "cmake.configureOnOpen": False,
         "python.analysis.typeCheckingMode": "basic",
+        "editor.formatOnSave": True,
+        "files.insertFinalNewline": True,
+        **languages,
     }
-
-
-def _formatting() -> dict[str, Any]:
-    languages: dict[str, dict[str, Any]] = {
-        f"[{name}]": {"editor.defaultFormatter": tool} for name, tool in FORMATTERS.items()
-    }
-    languages["[python]"] |= {"editor.codeActionsOnSave": {"source.organizeImports": "explicit"}}
-    return {"editor.formatOnSave": True, "files.insertFinalNewline": True, **languages}
-
-
-def _colcon_settings(ros: RosDistribution) -> dict[str, Any]:
-    python = f"python{PYTHON[ros]}"
-    prefix = f"/opt/ros/{ros.value}"
+    if ros is RosDistribution.NONE:
+        return settings
+    prefix, python = f"/opt/ros/{ros.value}", f"python{_PYTHON[ros]}"
     paths = [f"{prefix}/lib/{python}/site-packages", f"{prefix}/local/lib/{python}/dist-packages"]
     built = dict.fromkeys((f"**/{folder}/**" for folder in _BUILT), True)
-    return {
+    return settings | {
         "python.envFile": f"${{workspaceFolder}}/{ENVIRONMENT_FILE}",
         "python.analysis.extraPaths": paths,
         "files.watcherExclude": built,
@@ -100,18 +91,13 @@ def _colcon_settings(ros: RosDistribution) -> dict[str, Any]:
     }
 
 
-FLEET_FILE = "/etc/sfglab/fleet.yaml"
 ENVIRONMENT = "ROS environment"
 BUILD = "colcon build"
 BUILD_ALL = "colcon build and environment"
 
 
-def build_tasks(ros: RosDistribution) -> dict[str, Any]:
-    """Return ``tasks.json``.
-
-    Args:
-        ros: The distribution in the images; without one there is no colcon.
-    """
+def _tasks(ros: RosDistribution) -> dict[str, Any]:
+    """Return ``tasks.json``; without a distribution there is no colcon."""
     check = {
         "label": "sfglab deploy check",
         "type": "process",
@@ -123,7 +109,7 @@ def build_tasks(ros: RosDistribution) -> dict[str, Any]:
 
 
 def _colcon_tasks(ros: RosDistribution) -> tuple[dict[str, Any], ...]:
-    test = sourced(ros, "colcon test && colcon test-result --verbose")
+    test = _sourced(ros, "colcon test && colcon test-result --verbose")
     return (
         _bash(BUILD, build_command(ros), group={"kind": "build", "isDefault": True}, matcher=["$gcc"]),
         _bash("colcon test", test, group={"kind": "test", "isDefault": True}, matcher=["$gcc"]),
@@ -164,22 +150,19 @@ _INPUTS = {
 }
 
 
-def debug_profiles(deployment: Deployment) -> dict[str, Any]:
+def _profiles(deployment: Deployment) -> dict[str, Any]:
     """Return ``launch.json``: to start and to attach, for C++ and for Python, and the agent itself."""
     ros = deployment.common.ros is not RosDistribution.NONE
     profiles = [*_python(deployment, ros=ros), *_cpp(ros=ros)]
     asked = {name for name in _INPUTS if f"${{input:{name}}}" in str(profiles)}
-    inputs = [_input(name) for name in sorted(asked)]
+    inputs = [
+        {"id": name, "type": "promptString", "description": _INPUTS[name], "default": ""}
+        for name in sorted(asked)
+    ]
     return {"version": "0.2.0", "configurations": profiles, "inputs": inputs}
 
 
 def _python(deployment: Deployment, *, ros: bool) -> list[dict[str, Any]]:
-    agent = shlex.join(
-        (
-            *("agent", "up", "--fleet", FLEET_FILE, "--agent", deployment.agent.name),
-            *("--interface", deployment.network.agent_interface, "--without", "router"),
-        )
-    )
     start: dict[str, Any] = {
         "type": "debugpy",
         "request": "launch",
@@ -196,7 +179,7 @@ def _python(deployment: Deployment, *, ros: bool) -> list[dict[str, Any]]:
             **start,
             "module": "sfglab",
             "python": INTERPRETER,  # not the distribution's, which is for nodes
-            "args": f"{agent} {_ARGUMENTS}",
+            "args": f"{shlex.join(deployment.agent_command)} {_ARGUMENTS}",
             "subProcess": True,
         },
         {
@@ -235,18 +218,7 @@ def _environment(task: str) -> dict[str, Any]:
     return {"envFile": f"${{workspaceFolder}}/{ENVIRONMENT_FILE}", "preLaunchTask": task}
 
 
-def _input(name: str) -> dict[str, Any]:
-    return {"id": name, "type": "promptString", "description": _INPUTS[name], "default": ""}
-
-
-WORKSPACE = "/workspace"
-"""Where the user's workspace stands in the container."""
-
-_INITIALIZE = "hooks/initialize.sh"
-_USER = "sfglab"
-
-
-def container_settings(deployment: Deployment) -> dict[str, Any]:
+def _container(deployment: Deployment) -> dict[str, Any]:
     """Return ``devcontainer.json``.
 
     The hooks run on the machine, before its containers: they set time, firewall and service, and end with the
@@ -258,12 +230,12 @@ def container_settings(deployment: Deployment) -> dict[str, Any]:
         "dockerComposeFile": ["../compose.yaml", "../compose.dev.yaml"],
         "service": "agent",
         "runServices": ["agent", "router"],
-        "workspaceFolder": WORKSPACE,
+        "workspaceFolder": "/workspace",
         "shutdownAction": "stopCompose",
         # A list runs without a shell, so that no character of the folder's name means anything.
-        "initializeCommand": [f"${{localWorkspaceFolder}}/{_INITIALIZE}", "--development"],
-        "remoteUser": _USER,
-        "customizations": {"vscode": {"extensions": list(EXTENSIONS), "settings": workspace_settings(ros)}},
+        "initializeCommand": ["${localWorkspaceFolder}/hooks/initialize.sh", "--development"],
+        "remoteUser": USER,
+        "customizations": {"vscode": {"extensions": list(EXTENSIONS), "settings": _workspace_settings(ros)}},
     }
     if ros is not RosDistribution.NONE:
         settings["postCreateCommand"] = ["bash", "-c", build_command(ros)]
@@ -273,17 +245,15 @@ def container_settings(deployment: Deployment) -> dict[str, Any]:
 def editor_files(deployment: Deployment) -> dict[str, BundleFile]:
     """Return the development container and the settings of VS Code for one agent (paper A, section 4.4).
 
-    All are plain JSON without comments, so that any program reads them.
-
-    Args:
-        deployment: The agent. Without ROS in its images nothing of colcon is written.
+    All are plain JSON without comments, so that any program reads them. Without ROS in the agent's images
+    nothing of colcon is written.
     """
     ros = deployment.common.ros
     values: dict[str, Any] = {
-        ".devcontainer/devcontainer.json": container_settings(deployment),
+        ".devcontainer/devcontainer.json": _container(deployment),
         ".vscode/extensions.json": {"recommendations": list(EXTENSIONS)},
-        ".vscode/launch.json": debug_profiles(deployment),
-        ".vscode/settings.json": workspace_settings(ros),
-        ".vscode/tasks.json": build_tasks(ros),
+        ".vscode/launch.json": _profiles(deployment),
+        ".vscode/settings.json": _workspace_settings(ros),
+        ".vscode/tasks.json": _tasks(ros),
     }
     return {name: BundleFile(text=json.dumps(value, indent=2) + "\n") for name, value in values.items()}

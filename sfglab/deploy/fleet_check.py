@@ -1,29 +1,43 @@
-"""All checks of a fleet before anything is brought anywhere, in three steps: the fleet, its files, each file.
+"""Checks of a fleet before anything is brought anywhere, in three steps: the fleet, its files, each file.
 
 A step is asked only when the one before it holds: files of a fleet that makes no sense are not worth a word.
+Files are checked in memory: nothing needs to be written, built or started for them.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.bundle import render_bundle
-from sfglab.deploy.bundle_check import check_bundle
-from sfglab.deploy.findings import Broken, Rules
+from sfglab.deploy.compose_check import check_compose
+from sfglab.deploy.dockerfile_check import check_dockerfile
+from sfglab.deploy.editor_check import SHAPES, check_editor
+from sfglab.deploy.errors import MissingProgramError
+from sfglab.deploy.findings import Broken, Rules, error_sentences
 from sfglab.deploy.preparing import FleetSource, describe
+from sfglab.deploy.programs import find_program
+from sfglab.deploy.routers.dds_router_check import check_dds_router
+from sfglab.deploy.routers.targets import ROUTER_FILES
+from sfglab.deploy.routers.zenoh_check import check_zenoh
+from sfglab.deploy.text_check import check_dockerfiles, check_secrets, check_shell
+from sfglab.deploy.unit_check import check_unit
 from sfglab.deploy.verdicts import State, Verdict, verdict_of
 from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork, RosDistribution, RouterSoftware
 from sfglab.fleet.lint import Finding, Severity, lint
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from sfglab.deploy.deployment import Deployment, Release
     from sfglab.deploy.files import BundleFile
     from sfglab.deploy.preparing import Detect
     from sfglab.documents import Place
     from sfglab.fleet.fleet_file import AgentSpec, HostSpec
+    from sfglab.fleet.policy import Policy
 
 
 RULES: Rules[FleetSource, Place] = Rules()
@@ -164,7 +178,7 @@ def check_fleet(
     Args:
         source: The fleet, from `load_source`.
         release: What would be deployed.
-        agents: Whose files; none: all.
+        agents: Whose files are asked about; none: all.
         detect: Asked for the accelerator of a machine whose fleet file leaves it to detection.
 
     Raises:
@@ -173,8 +187,8 @@ def check_fleet(
     names = agents or tuple(agent.name for agent in source.fleet.agents)
     border, machines = lint(source.fleet).findings, tuple(RULES.broken(source, lambda place: place))
     verdicts = [
-        verdict_of("names, domains, QoS and frames", str(source.path), lambda: _errors(border)),
-        verdict_of("machines and routers", str(source.path), lambda: _errors(machines)),
+        verdict_of("names, domains, QoS and frames", str(source.path), lambda: _fleet_errors(border)),
+        verdict_of("machines and routers", str(source.path), lambda: _fleet_errors(machines)),
     ]
     if fails(verdicts):
         return tuple(verdicts)
@@ -200,7 +214,7 @@ def fails(verdicts: Iterable[Verdict]) -> bool:
     return any(verdict.state is State.FAILS for verdict in verdicts)
 
 
-def _errors(findings: Iterable[Finding]) -> Iterator[str]:
+def _fleet_errors(findings: Iterable[Finding]) -> Iterator[str]:
     """Yield the first error of each kind in full, and how many there are like it."""
     kinds: dict[str, list[Finding]] = defaultdict(list)
     for finding in findings:
@@ -209,3 +223,84 @@ def _errors(findings: Iterable[Finding]) -> Iterator[str]:
     for first, *more in kinds.values():
         like = f", and {len(more)} more like it" if more else ""
         yield f"{first.place}: {first.what} ({first.why}; {first.remedy}){like}"
+
+
+_NO_FILE = "there is no such file"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OwnRules:
+    """Rules of ours for files of a kind, which stand beside what renders them."""
+
+    check: str  #: What is asked.
+    pattern: str  #: Which files, as in ``systemd/*.service``; that there is one is asked too.
+    #: Takes a file's text and its name without folders, returns findings; errors fail.
+    rules: Callable[[str, str], Iterable[Finding]]
+    program: str = ""  #: What they also ask where it is installed; empty: none.
+    install: str = ""  #: The command that installs it.
+
+
+_UNIT = {"program": "systemd-analyze", "install": "apt install systemd"}
+OWN_RULES = (
+    OwnRules(check="layers and provenance", pattern="Dockerfile", rules=check_dockerfile),
+    OwnRules(check="service unit", pattern="systemd/*.service", rules=check_unit, **_UNIT),
+)
+"""Our rules for Dockerfiles and for units of systemd."""
+
+
+def check_bundle(
+    files: Mapping[str, BundleFile], deployment: Deployment, own: Iterable[OwnRules] = OWN_RULES
+) -> tuple[Verdict, ...]:
+    """Return every check's verdict about an agent's folder, its files by their paths relative to it."""
+    return (
+        *check_compose(files, deployment),
+        *check_dockerfiles(files),
+        *check_shell(files),
+        *_routers(files, deployment),
+        *_editor(files),
+        *(verdict for rules in own for verdict in _own(rules, files)),
+        *check_secrets(files),
+    )
+
+
+def _own(own: OwnRules, files: Mapping[str, BundleFile]) -> Iterator[Verdict]:
+    names = [name for name in files if fnmatchcase(name, own.pattern)]
+    if not names:
+        yield Verdict(check=own.check, subject=own.pattern, state=State.FAILS, says=_NO_FILE)
+    for name in names:
+        yield verdict_of(own.check, name, _errors, own.rules, files[name].text, name.rpartition("/")[2])
+        try:  # that a program was not asked is told by a verdict of its own
+            find_program(own.program or "sh", own.install)
+        except MissingProgramError as error:
+            yield Verdict(check=own.program, subject=name, state=State.SKIPPED, says=str(error))
+
+
+def _errors(find: Callable[..., Iterable[Finding]], *about: Any) -> Iterator[str]:
+    yield from error_sentences(find(*about))
+
+
+def _routers(files: Mapping[str, BundleFile], deployment: Deployment) -> Iterator[Verdict]:
+    """Yield a verdict about the file of another's router; our own reads the fleet file."""
+    expected = ROUTER_FILES.get(deployment.common.router, "")
+    given = (name for name in files if name.startswith("router/"))
+    for name in dict.fromkeys(filter(None, (expected, *given))):
+        if name in files:
+            yield verdict_of("router's file", name, _errors, _router, files, name, deployment.fleet.policy)
+        else:
+            yield Verdict(check="router's file", subject=name, state=State.FAILS, says=_NO_FILE)
+
+
+def _router(files: Mapping[str, BundleFile], name: str, policy: Policy) -> tuple[Finding, ...]:
+    check = check_dds_router if name.endswith((".yaml", ".yml")) else check_zenoh
+    return check(files[name].text, file=name, policy=policy)
+
+
+def _editor(files: Mapping[str, BundleFile]) -> Iterator[Verdict]:
+    found = cache(partial(check_editor, files))
+    names = {name for name in files if name.startswith((".devcontainer/", ".vscode/"))}
+    for name in sorted(names | set(SHAPES)):
+        yield verdict_of("editor's file", name, _errors, _of_file, found, name)
+
+
+def _of_file(found: Callable[[], Iterable[Finding]], name: str) -> list[Finding]:
+    return [finding for finding in found() if finding.place.file == name]

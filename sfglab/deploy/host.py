@@ -1,4 +1,4 @@
-"""A machine's needs beside containers: synchronised time, a firewall, and a service that starts them.
+"""Files of a machine beside containers: synchronised time, a firewall, and a service that starts them.
 
 Paper A, section 4.4, "Lifecycle Hooks": the `initialize_command` and the user's extension scripts.
 """
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import TYPE_CHECKING
 
+from sfglab.deploy.deployment import USER_ID
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile, render
 
@@ -67,11 +68,6 @@ _INTERFACE = re.compile(r"(?!\.{1,2}$)[A-Za-z0-9_.@-]{1,15}")
 _ADDRESS = re.compile(r"\d+\.\d+\.\d+\.\d+")
 
 
-def firewall_table(deployment: Deployment) -> str:
-    """Return the name of the agent's table, of family ``inet``."""
-    return f"sfglab_{deployment.agent.name}"
-
-
 def firewall_left_out(deployment: Deployment) -> str:
     """Return why the own domain's ports are not closed; empty where they are."""
     network = deployment.network
@@ -97,7 +93,7 @@ def firewall_rules(deployment: Deployment) -> str:
     return render(
         "firewall.nft",
         agent=deployment.agent.name,
-        table=firewall_table(deployment),
+        table=_table(deployment),
         interface="" if left_out else _interface(deployment),
         bridge=network.bridge,
         local_domain=network.local_domain,
@@ -117,6 +113,11 @@ def _interface(deployment: Deployment) -> str:
     return name
 
 
+def _table(deployment: Deployment) -> str:
+    """Return the name of the agent's table, of family ``inet``."""
+    return f"sfglab_{deployment.agent.name}"
+
+
 def _range(ports: tuple[int, int]) -> str:
     first, last = ports
     return f"{first}-{last}" if last > first else str(first)
@@ -125,14 +126,8 @@ def _range(ports: tuple[int, int]) -> str:
 _UNSAFE = re.compile(r"[^\w .:()-]+", re.ASCII)
 
 
-def project_name(deployment: Deployment) -> str:
-    """Return the name under which Compose keeps the agent's containers."""
-    return f"sfglab-{deployment.agent.name}"
-
-
 def service_unit(deployment: Deployment) -> str:
     """Return the unit's text."""
-    project = project_name(deployment)
     return render(
         "agent.service",
         agent=deployment.agent.name,
@@ -140,16 +135,13 @@ def service_unit(deployment: Deployment) -> str:
         fleet=_UNSAFE.sub(" ", deployment.fleet.name).strip(),
         service=deployment.service,
         folder=deployment.folder,
-        project=project,
-        options=f"--project-name {project}",
+        project=deployment.project,
+        options=f"--project-name {deployment.project}",
     )
 
 
 STATE = "/var/lib/sfglab"
 """Where machines keep what a run of the hooks still owes, one folder an agent."""
-CONTAINER_GID = 10001
-"""The group that the containers run as."""
-
 
 SCRIPTS = {
     "initialize.sh": PROGRAM,
@@ -189,11 +181,11 @@ def _settings(deployment: Deployment, *, firewall: bool) -> str:
         folder=deployment.folder,
         service=deployment.service,
         state=f"{STATE}/{deployment.agent.name}",
-        gid=CONTAINER_GID,
+        gid=USER_ID,
         interface=deployment.network.global_interface or "",
         servers=time.servers,
         serves=time.serves,
         firewall=firewall,
         left_out=firewall_left_out(deployment),
-        table=firewall_table(deployment),
+        table=_table(deployment),
     )

@@ -1,4 +1,4 @@
-"""From a fleet file on disk to the bundles of its agents.
+"""Preparation of the bundles of a fleet's agents from its file on disk.
 
 The one place that reads a fleet file, the checkout and this machine together; everything after it is pure.
 """

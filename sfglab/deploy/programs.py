@@ -18,8 +18,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sfglab.deploy.errors import DeployError
-from sfglab.deploy.verdicts import SkippedError
+from sfglab.deploy.errors import EXTRA, DeployError, MissingProgramError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +29,7 @@ _LAST_WORDS = 20
 
 
 def run_heard(command: Sequence[str], hear: Callable[[str], None], what: str = "") -> None:
-    """Run a program to a good end, and hand on each line that it says.
+    """Run a program to a good end, and hand on each line that it says; interrupted, it ends with its children.
 
     Args:
         command: Program and arguments.
@@ -39,24 +38,6 @@ def run_heard(command: Sequence[str], hear: Callable[[str], None], what: str = "
 
     Raises:
         DeployError: It failed, with its last words, or is not installed.
-    """
-    last: deque[str] = deque(maxlen=_LAST_WORDS)
-
-    def keep(line: str) -> None:
-        last.append(line)
-        hear(line)
-
-    status = run_streaming(command, keep)
-    if status != 0:
-        words = "\n".join(last)
-        raise DeployError(f"{what or command[0]}: ended with status {status}; its last words:\n{words}")
-
-
-def run_streaming(command: Sequence[str], hear: Callable[[str], None]) -> int:
-    """Run a program, hear its lines, and return its status; interrupted, it ends with its children.
-
-    Raises:
-        DeployError: There is no such program.
     """
     try:
         process = subprocess.Popen(
@@ -71,15 +52,20 @@ def run_streaming(command: Sequence[str], hear: Callable[[str], None]) -> int:
     except OSError as error:
         raise DeployError(f"{command[0]}: given a program that does not start: {error}") from error
     assert process.stdout is not None
+    last: deque[str] = deque(maxlen=_LAST_WORDS)
     try:
         for line in process.stdout:
-            hear(line.rstrip("\n"))
-        return process.wait()
+            last.append(line.rstrip("\n"))
+            hear(last[-1])
+        status = process.wait()
     except BaseException:
         _end(process)
         raise
     finally:
         process.stdout.close()
+    if status != 0:
+        words = "\n".join(last)
+        raise DeployError(f"{what or command[0]}: ended with status {status}; its last words:\n{words}")
 
 
 def _end(process: subprocess.Popen[str]) -> None:
@@ -95,35 +81,14 @@ def _end(process: subprocess.Popen[str]) -> None:
         os.killpg(process.pid, signal.SIGKILL)
 
 
-EXTRA = "pip install 'sfglab[deploy]'"
-"""What installs every checker that a package index has."""
-
 _TIMEOUT_S = 60.0
-
-
-class MissingProgramError(SkippedError):
-    """A checker is not installed.
-
-    Attributes:
-        program: Its name.
-        install: The command that installs it.
-    """
-
-    def __init__(self, program: str, install: str = EXTRA) -> None:
-        self.program = program
-        self.install = install
-        super().__init__(f"{program} is not installed: {install}")
 
 
 def find_program(name: str, install: str = EXTRA) -> str:
     """Return the path of a program beside this Python or on ``PATH``.
 
-    Args:
-        name: The program's name.
-        install: The command that installs it, for whoever has not got it.
-
     Raises:
-        MissingProgramError: It is in neither.
+        MissingProgramError: It is in neither; `install` is the command that installs it.
     """
     beside = shutil.which(name, path=str(Path(sys.executable).parent))
     found = beside or shutil.which(name)
@@ -141,7 +106,7 @@ def run_program(
 
     Args:
         command: Program and arguments; files by the names of `texts`.
-        texts: Files by their paths relative to the folder.
+        texts: Contents by path relative to the folder.
         timeout_s: Seconds after which it is killed.
 
     Raises:
@@ -178,11 +143,6 @@ def run_program(
 def answer_of(command: tuple[str, ...], texts: tuple[tuple[str, str], ...]) -> str:
     """Return a linter's output about texts, asked once for the same: what it says depends on nothing else.
 
-    Args:
-        command: As for `run_program`.
-        texts: Names and texts of files.
-
-    Raises:
-        DeployError: As for `run_program`.
+    Arguments and errors are those of `run_program`, texts as pairs of name and content.
     """
     return run_program(command, dict(texts))[1]

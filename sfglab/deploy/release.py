@@ -19,8 +19,10 @@ from sfglab.fleet.fleet_file import Architecture
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from packaging.requirements import Requirement
 
-AGENT_ROOTS = (
+
+AGENT_ROOTS = (  # by their normal names (PEP 503)
     "av",  # sfglab.codecs: H.264
     "cyclonedds",  # sfglab.bus: DDS itself
     "jinja2",  # sfglab.deploy: a robot can render its own files
@@ -69,38 +71,51 @@ def agent_lock(lock_text: str, *, python: str, architecture: Architecture) -> st
 
 
 def split_lock(lock_text: str, names: Iterable[str]) -> tuple[str, str]:
-    """Return a lock file's entries without and of some packages.
-
-    Args:
-        lock_text: The lock file.
-        names: Names in their normal form (PEP 503).
-    """
+    """Return a lock file's entries without and of some packages, by their normal names (PEP 503)."""
     taken = frozenset(names)
-    entries = [(_entry_name(entry), entry) for entry in _entries(lock_text)]
+    entries = [(_name(requirement), entry) for requirement, entry in _entries(lock_text)]
     without = "".join(entry for name, entry in entries if name not in taken)
     return without, "".join(entry for name, entry in entries if name in taken)
 
 
-def _pinned(lock_text: str, environment: dict[str, str]) -> dict[str, str]:
-    """Return the entries that apply, by name, without their markers."""
+def _entries(lock_text: str) -> list[tuple[Requirement, str]]:
+    """Return each requirement, and its text with its digests."""
     from packaging.requirements import Requirement
 
+    entries: list[str] = []
+    for line in lock_text.splitlines(keepends=True):
+        if line.startswith((" ", "\t")) and entries:
+            entries[-1] += line
+        elif line.strip() and not line.startswith("#"):
+            entries.append(line)
+    return [(Requirement(entry.partition("\n")[0].rstrip().removesuffix("\\")), entry) for entry in entries]
+
+
+def _name(requirement: Requirement) -> str:
+    from packaging.utils import canonicalize_name
+
+    return str(canonicalize_name(requirement.name))
+
+
+def _applies(requirement: Requirement, environment: dict[str, str]) -> bool:
+    return requirement.marker is None or requirement.marker.evaluate(environment)
+
+
+def _pinned(lock_text: str, environment: dict[str, str]) -> dict[str, str]:
+    """Return the entries that apply, by name, without their markers."""
     pinned = {}
-    for entry in _entries(lock_text):
-        head, *digests = entry.splitlines(keepends=True)
-        requirement = Requirement(_requirement(head))
-        if requirement.marker is None or requirement.marker.evaluate(environment):
+    for requirement, entry in _entries(lock_text):
+        if _applies(requirement, environment):
+            _, *digests = entry.splitlines(keepends=True)
             plain = f"{requirement.name}{requirement.specifier}"
-            pinned[_entry_name(entry)] = "".join((f"{plain} \\\n" if digests else f"{plain}\n", *digests))
+            pinned[_name(requirement)] = "".join((f"{plain} \\\n" if digests else f"{plain}\n", *digests))
     return pinned
 
 
 def _closure(environment: dict[str, str]) -> set[str]:
     """Return the roots and all that they need on the target."""
-    from packaging.utils import canonicalize_name
-
     needed: set[str] = set()
-    waiting = [str(canonicalize_name(root)) for root in AGENT_ROOTS]
+    waiting = list(AGENT_ROOTS)
     while waiting:
         name = waiting.pop()
         if name not in needed:
@@ -113,20 +128,15 @@ def _requirements(name: str, environment: dict[str, str]) -> list[str]:
     from importlib.metadata import PackageNotFoundError, requires
 
     from packaging.requirements import Requirement
-    from packaging.utils import canonicalize_name
 
     try:
         requirements = [Requirement(text) for text in requires(name) or ()]
     except PackageNotFoundError as error:
         # What only other targets need is not installed here, and then needs nothing that we could know of.
-        if name in {str(canonicalize_name(root)) for root in AGENT_ROOTS}:
+        if name in AGENT_ROOTS:
             raise DeployError(f"{name}: given nothing installed, allowed: sfglab with its libraries") from error
         return []
-    return [
-        str(canonicalize_name(requirement.name))
-        for requirement in requirements
-        if requirement.marker is None or requirement.marker.evaluate(environment)
-    ]
+    return [_name(requirement) for requirement in requirements if _applies(requirement, environment)]
 
 
 def _environment(python: str, architecture: Architecture) -> dict[str, str]:
@@ -147,28 +157,6 @@ def _environment(python: str, architecture: Architecture) -> dict[str, str]:
     }
 
 
-def _entries(lock_text: str) -> list[str]:
-    """Return a requirement and its digests, one text each."""
-    entries: list[str] = []
-    for line in lock_text.splitlines(keepends=True):
-        if line.startswith((" ", "\t")) and entries:
-            entries[-1] += line
-        elif line.strip() and not line.startswith("#"):
-            entries.append(line)
-    return entries
-
-
-def _entry_name(entry: str) -> str:
-    from packaging.requirements import Requirement
-    from packaging.utils import canonicalize_name
-
-    return str(canonicalize_name(Requirement(_requirement(entry.splitlines()[0])).name))
-
-
-def _requirement(head: str) -> str:
-    return head.rstrip().removesuffix("\\").rstrip()
-
-
 SOURCE = Path(sfglab.__file__).parents[1]
 """The folder that this package runs from: what is released is what runs here, if it is a checkout."""
 
@@ -183,7 +171,7 @@ def build_wheel(project: Path, folder: Path) -> Path:
     """Build sfglab's wheel by its own backend (PEP 517), without network, and return where it is.
 
     Args:
-        project: The folder with ``pyproject.toml``.
+        project: Folder with ``pyproject.toml``.
         folder: Where the wheel is put; made if it is not there.
 
     Raises:
@@ -211,11 +199,7 @@ def build_wheel(project: Path, folder: Path) -> Path:
 
 
 def make_release(project: Path, fleet_text: str) -> tuple[Release, bytes]:
-    """Return what a project's folder releases as it stands, and the bytes of its wheel.
-
-    Args:
-        project: The folder with ``pyproject.toml`` and ``requirements.lock``.
-        fleet_text: The fleet file.
+    """Return what a project's folder releases for a fleet file as it stands, and the bytes of its wheel.
 
     Raises:
         DeployError: The project cannot be built, or has no lock file.

@@ -15,7 +15,7 @@ from functools import cache
 from importlib import import_module, resources
 from typing import TYPE_CHECKING, Any, Protocol
 
-from sfglab.deploy.programs import MissingProgramError
+from sfglab.deploy.errors import MissingProgramError
 from sfglab.documents import suggestion
 from sfglab.fleet.lint import Finding, Severity
 

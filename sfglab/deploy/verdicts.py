@@ -8,7 +8,7 @@ from enum import Enum
 from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Any
 
-from sfglab.deploy.errors import DeployError
+from sfglab.deploy.errors import MissingProgramError
 from sfglab.errors import SfglabError
 from sfglab.tables import columns
 
@@ -38,23 +38,19 @@ class Verdict:
     says: str = ""  #: What is wrong, or what is missing to ask; mostly empty where it holds.
 
 
-class SkippedError(DeployError):
-    """A check could not be asked; its text says what is missing and how to install it."""
-
-
 def verdict_of(check: str, subject: str, ask: Callable[..., Iterable[str]], *about: Any) -> Verdict:
     """Return the verdict of a check that yields what is wrong.
 
     Args:
         check: What is asked.
         subject: Of what.
-        ask: Yields one sentence for each thing that is wrong; raises `SkippedError` when it cannot be asked,
-            and another error of ours when that is what is wrong.
+        ask: Yields one sentence for each thing that is wrong; raises `MissingProgramError` when it cannot be
+            asked, and another error of ours when that is what is wrong.
         about: What it is called with.
     """
     try:
         wrong = tuple(ask(*about))
-    except SkippedError as error:
+    except MissingProgramError as error:
         return Verdict(check=check, subject=subject, state=State.SKIPPED, says=str(error))
     except SfglabError as error:
         wrong = (str(error),)
@@ -65,24 +61,15 @@ def verdict_of(check: str, subject: str, ask: Callable[..., Iterable[str]], *abo
 def render_verdicts(verdicts: Iterable[Verdict], *, every: bool = True) -> str:
     """Return verdicts as a table, the failing first with their words, and how many there are of each.
 
-    Args:
-        verdicts: The verdicts.
-        every: List what holds as well; it is counted anyway.
+    With `every`, what holds is listed as well; it is counted anyway.
     """
     order = list(State)
     verdicts = tuple(verdicts)
     shown = (verdict for verdict in verdicts if every or verdict.state is not State.HOLDS)
     rows = sorted(shown, key=lambda verdict: order.index(verdict.state))
     lines: list[str] = []
-    for row, line in zip(rows, columns(map(_cells, rows)), strict=True):
+    for row, line in zip(rows, columns((r.state.value, r.subject, r.check) for r in rows), strict=True):
         lines += [line, *_WORDS.wrap(row.says)]
-    return "\n".join([*lines, _summary(verdicts)])
-
-
-def _cells(verdict: Verdict) -> tuple[str, str, str]:
-    return verdict.state.value, verdict.subject, verdict.check
-
-
-def _summary(verdicts: Iterable[Verdict]) -> str:
     count = Counter(verdict.state for verdict in verdicts)
-    return f"{count[State.HOLDS]} held, {count[State.FAILS]} failed, {count[State.SKIPPED]} skipped"
+    lines.append(f"{count[State.HOLDS]} held, {count[State.FAILS]} failed, {count[State.SKIPPED]} skipped")
+    return "\n".join(lines)

@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING
 from sfglab import __version__
 from sfglab.deploy.bases import base_of
 from sfglab.deploy.bundle import bundle_of
-from sfglab.deploy.dockerfile import USER_ID, VENV, image_files
+from sfglab.deploy.deployment import USER_ID
+from sfglab.deploy.dockerfile import VENV, image_files
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.programs import run_heard
 from sfglab.deploy.release import MACHINES

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 from esslingen import FLEET, RELEASE
 
-from sfglab.deploy.bundle_check import OwnRules, check_bundle
 from sfglab.deploy.deployment import deployment_of
 from sfglab.deploy.editor import editor_files
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import BundleFile
+from sfglab.deploy.fleet_check import OwnRules, check_bundle
 from sfglab.deploy.routers.targets import render_router
 from sfglab.deploy.verdicts import State
 from sfglab.documents import Place

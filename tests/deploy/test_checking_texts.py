@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.deploy.errors import DeployError
+from sfglab.deploy.errors import DeployError, MissingProgramError
 from sfglab.deploy.files import PROGRAM, BundleFile
-from sfglab.deploy.programs import MissingProgramError, find_program, run_program
+from sfglab.deploy.programs import find_program, run_program
 from sfglab.deploy.text_check import check_dockerfiles, check_secrets, check_shell, leaks
 from sfglab.deploy.verdicts import State, Verdict, render_verdicts
 

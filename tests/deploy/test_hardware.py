@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.deploy.errors import DeployError
+from sfglab.deploy.hardware.accelerators import gfx_name
 from sfglab.deploy.hardware.board import MACHINES, elf_header, find_architecture
 from sfglab.deploy.hardware.detection import PREFERENCE, detect
 from sfglab.deploy.hardware.files import MachineFiles
-from sfglab.deploy.hardware.graphics import gfx_name
 from sfglab.deploy.hardware.machine import DeviceGroup
 from sfglab.fleet.fleet_file import Accelerator, Architecture
 from sfglab.lab.example_machines import EXAMPLES, write_example

@@ -19,7 +19,7 @@ from esslingen import FLEET, PROJECT, RELEASE
 from sfglab import __version__
 from sfglab.deploy.deployment import deployment_of
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.programs import run_heard, run_streaming
+from sfglab.deploy.programs import run_heard
 from sfglab.deploy.release import build_wheel, make_release
 from sfglab.fleet.fleet_file import Architecture
 from sfglab.lab.trial_build import build_command, wheelhouse, with_version
@@ -136,7 +136,7 @@ def test_an_interrupted_build_ends_with_its_children(tmp_path, reason):
         raise reason
 
     with pytest.raises(reason):
-        run_streaming(["sh", "-c", f"sleep 60 & echo $! > {file}; echo started; wait"], interrupt)
+        run_heard(["sh", "-c", f"sleep 60 & echo $! > {file}; echo started; wait"], interrupt)
     child = int(file.read_text())
     with contextlib.suppress(psutil.NoSuchProcess):  # killed, and gone as soon as somebody reaps it
         deadline_s = time.monotonic() + 60

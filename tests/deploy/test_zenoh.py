@@ -14,8 +14,7 @@ from sfglab.deploy.errors import DeployError
 from sfglab.deploy.json5 import read_json5
 from sfglab.deploy.routers.targets import check_file
 from sfglab.deploy.routers.zenoh import KINDS, render_zenoh_acl, render_zenoh_bridge
-from sfglab.deploy.routers.zenoh_acl_check import includes, permits
-from sfglab.deploy.routers.zenoh_check import bridges, check_zenoh, policy_bridges
+from sfglab.deploy.routers.zenoh_check import bridges, check_zenoh, includes, permits, policy_bridges
 from sfglab.documents import DocumentError
 from sfglab.fleet.fleet_file import AgentSpec, Fleet, load_fleet
 from sfglab.fleet.lint import Severity
@@ -99,7 +98,7 @@ names = st.lists(parts, min_size=1, max_size=4).map(lambda p: "/" + "/".join(p))
 
 
 def odd_action(rules, kind: str, name: str) -> bool:
-    """An action that bears the beginning of a rule as its whole name is left out, see `action_names`."""
+    """An action that bears the beginning of a rule as its whole name is left out, see `bridged_names`."""
     return kind.startswith("action") and any(r.pattern in {f"rq{name}/*", "rq/glob*"} for r in rules)
 
 

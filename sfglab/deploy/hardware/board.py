@@ -99,11 +99,9 @@ def find_model(files: MachineFiles) -> str:
 
 
 def find_compatible(files: MachineFiles, prefix: str) -> Source | None:
-    """Return what a board is compatible with, by the beginning of its name (Devicetree Specification, 2.3.1).
+    """Return what a board is compatible with that begins so, as with ``nvidia,tegra``.
 
-    Args:
-        files: The machine's files.
-        prefix: Maker and family, as in ``nvidia,tegra``.
+    Source: Devicetree Specification, 2.3.1.
     """
     for tree in _TREES:
         path = f"{tree}/compatible"
@@ -129,12 +127,7 @@ def in_container(files: MachineFiles) -> bool:
 
 
 def find_groups(files: MachineFiles, devices: Iterable[str]) -> tuple[DeviceGroup, ...]:
-    """Return the groups that udev gives device nodes, with their numbers on this machine.
-
-    Args:
-        files: The machine's files.
-        devices: Absolute paths of device nodes.
-    """
+    """Return the groups that udev gives device nodes (absolute paths), with their numbers on this machine."""
     wanted = {name for path in devices for pattern, name in _GROUPS if pattern.fullmatch(path)}
     lines = (files.text("/etc/group") or "").splitlines()
     return tuple(DeviceGroup(name=name, gid=_gid(lines, name)) for name in sorted(wanted))
@@ -145,7 +138,8 @@ def _gid(lines: list[str], name: str) -> int | None:
     return int(fields[2]) if len(fields) > 2 and re.fullmatch(r"[0-9]{1,10}", fields[2]) else None
 
 
-VENDORS = {"0x1002": "AMD", "0x8086": "Intel", "0x10de": "NVIDIA", "0x1af4": "virtio", "0x1234": "QEMU"}
+AMD, INTEL, NVIDIA = "0x1002", "0x8086", "0x10de"
+VENDORS = {AMD: "AMD", INTEL: "Intel", NVIDIA: "NVIDIA", "0x1af4": "virtio", "0x1234": "QEMU"}
 """Makers by the number that the PCI-SIG gave them."""
 
 _BUS = "/sys/bus/pci/devices"
@@ -153,12 +147,7 @@ _DISPLAY = "0x03"  # base class of display controllers: PCI Code and ID Assignme
 
 
 def display_controllers(files: MachineFiles, vendor: str) -> list[Source]:
-    """Return one maker's graphics controllers, and by whom each is driven.
-
-    Args:
-        files: The machine's files.
-        vendor: The maker's number, of `VENDORS`.
-    """
+    """Return one maker's graphics controllers, of `VENDORS`, and by whom each is driven."""
     found = []
     for name in files.names(_BUS, r"[0-9a-fA-F]+:[0-9a-fA-F]+:[0-9a-fA-F]+\.[0-7]"):
         place = f"{_BUS}/{name}"

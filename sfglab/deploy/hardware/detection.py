@@ -11,6 +11,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sfglab.deploy.hardware.accelerators import (
+    find_cuda,
+    find_jetpack,
+    find_jetson,
+    find_rocm,
+    find_v4l2,
+    find_vaapi,
+)
 from sfglab.deploy.hardware.board import (
     find_architecture,
     find_groups,
@@ -19,9 +27,7 @@ from sfglab.deploy.hardware.board import (
     in_container,
 )
 from sfglab.deploy.hardware.files import MachineFiles
-from sfglab.deploy.hardware.graphics import find_rocm, find_v4l2, find_vaapi
 from sfglab.deploy.hardware.machine import CodecFound, CodecRole, Evidence, ExpectedCodec, Machine
-from sfglab.deploy.hardware.nvidia import find_cuda, find_jetpack, find_jetson
 from sfglab.fleet.fleet_file import Accelerator
 
 if TYPE_CHECKING:
@@ -89,16 +95,15 @@ def _evidence(files: MachineFiles, accelerator: Accelerator) -> Evidence:
 def _judged(evidence: list[Evidence]) -> tuple[Evidence, ...]:
     """Return the evidence with the choice: the first that is found, and why each is or is not the one."""
     chosen = next(item for item in evidence if item.found)
-    judged = []
-    for item in evidence:
+
+    def verdict(item: Evidence) -> str:
         if item is chosen:
-            verdict = f"chosen: {PREFERENCE[item.accelerator]}"
-        elif item.found:
-            verdict = f"not chosen: {chosen.accelerator.value} comes before it"
-        else:
-            verdict = "not chosen: not found"
-        judged.append(replace(item, chosen=item is chosen, verdict=verdict))
-    return tuple(judged)
+            return f"chosen: {PREFERENCE[item.accelerator]}"
+        return (
+            f"not chosen: {chosen.accelerator.value} comes before it" if item.found else "not chosen: not found"
+        )
+
+    return tuple(replace(item, chosen=item is chosen, verdict=verdict(item)) for item in evidence)
 
 
 _SOFTWARE = (
@@ -113,11 +118,7 @@ def expected_codecs(machine: Machine) -> tuple[ExpectedCodec, ...]:
 
 
 def codecs_found(machine: Machine | None = None) -> tuple[CodecFound, ...]:
-    """Try all of FFmpeg's H.264 codecs in this process and return them beside what the machine lets one expect.
-
-    Args:
-        machine: Whose codecs are expected; None for the machine that this process runs on.
-    """
+    """Try all of FFmpeg's H.264 codecs here, and return them beside those expected of a machine, or of this."""
     from sfglab.codecs.probe import available_decoders, available_encoders
 
     machine = machine or detect()

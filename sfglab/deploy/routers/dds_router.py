@@ -33,7 +33,7 @@ def render_dds_router(fleet: Fleet, agent: str, *, tf_max_hz: float | None = Non
 
     Args:
         fleet: The fleet.
-        agent: Whose router.
+        agent: Whose router it is.
         tf_max_hz: Let at most so many /tf messages a second into the agent; None lets all in. The router drops
             by arrival and for the topic as a whole, so that with several broadcasters some frames starve.
 
@@ -77,10 +77,6 @@ def accepts(config: dict[str, Any], dds_name: str) -> bool:
 
     Follows AllowedTopicList.cpp of DDS-Pipe: blocked wins; nothing on the allowlist means everything; patterns
     are matched by fnmatch(3) without FNM_PATHNAME, so that ``*`` crosses slashes.
-
-    Args:
-        config: The configuration's values.
-        dds_name: The topic on the wire.
     """
     allowed, blocked = (config.get(key) or [] for key in ("allowlist", "blocklist"))
     if any(fnmatchcase(dds_name, item["name"]) for item in blocked if "type" not in item):
@@ -88,11 +84,8 @@ def accepts(config: dict[str, Any], dds_name: str) -> bool:
     return not allowed or any(fnmatchcase(dds_name, item["name"]) for item in allowed)
 
 
-def whitelist_of(interface: str | None) -> str | None:
-    """Return the address that limits a router to an interface, where the fleet file says enough.
-
-    The router takes addresses only and passes over names of interfaces.
-    """
+def _whitelist_of(interface: str | None) -> str | None:
+    """Return the address that limits a router to an interface; it takes addresses and passes over names."""
     if interface is None or interface == "lo":
         return None if interface is None else "127.0.0.1"
     try:
@@ -165,7 +158,7 @@ def _participant(name: str, domain: int, interface: str | None) -> Iterator[str]
     yield f"  - name: {name}"
     yield "    kind: local"
     yield f"    domain: {domain}"
-    address = whitelist_of(interface)
+    address = _whitelist_of(interface)
     if address is not None:
         yield "    # Those it talks to must keep to the same interface."
         yield f"    whitelist-interfaces: [{_quoted(address)}]"
@@ -178,17 +171,8 @@ _FILLINGS = ("", "a", "a/b", "aRequest", "aReply", "a/_action/status")
 
 
 def probe_names(patterns: Iterable[str]) -> tuple[str, ...]:
-    """Return DDS topic names inside, at the edge of and just outside of patterns, each once and sorted.
-
-    Args:
-        patterns: Names with ``*`` as wildcard.
-    """
+    """Return DDS topic names inside, at the edge of and just outside of patterns (``*``), each once, sorted."""
     names = set(_PLAIN)
-    for pattern in patterns:
-        filled = {pattern.replace("*", filling) for filling in _FILLINGS}
-        names |= filled
-        names |= {name[:-1] for name in filled} | {f"{name}_x" for name in filled}
-        names |= {f"{name[:2]}/local{name[2:]}" for name in filled} | {
-            name.replace("/", "ly/", 2) for name in filled
-        }
+    for name in (pattern.replace("*", filling) for pattern in patterns for filling in _FILLINGS):
+        names |= {name, name[:-1], f"{name}_x", f"{name[:2]}/local{name[2:]}", name.replace("/", "ly/", 2)}
     return tuple(sorted(name for name in names if name))

@@ -33,12 +33,7 @@ TARGETS: dict[str, Callable[[Fleet, str], str]] = {
 
 
 def render_router(fleet: Fleet, agent: str, target: str) -> str:
-    """Return a router's configuration for one agent.
-
-    Args:
-        fleet: The fleet.
-        agent: Whose router.
-        target: One of `TARGETS`.
+    """Return the configuration of an agent's router, one of `TARGETS`.
 
     Raises:
         DeployError: There is no such target, or it cannot express the policy.
@@ -90,25 +85,19 @@ ROUTER_FILES = {
 }
 """Where it stands in the agent's folder; our own router reads the fleet file."""
 
-_TARGETS = {RouterSoftware.DDS_ROUTER: "dds-router", RouterSoftware.ZENOH_BRIDGE: "zenoh-bridge"}
-
 
 def render_router_file(fleet: Fleet, agent: str, interface: str) -> str:
     """Return the configuration of the router that the fleet uses, empty for our own.
 
-    Args:
-        fleet: The fleet.
-        agent: Whose router.
-        interface: Where it meets the agent, in place of what the fleet file says of the agent's own nodes.
+    Its `interface` to the agent takes the place of what the fleet file says of the agent's own nodes.
 
     Raises:
         DeployError: That router cannot express the fleet's policy.
     """
-    software = fleet.deployment.router
-    if software not in _TARGETS:
+    if fleet.deployment.router not in ROUTER_FILES:
         return ""
     agents = tuple(replace(a, local_interface=interface) if a.name == agent else a for a in fleet.agents)
-    return render_router(replace(fleet, agents=agents), agent, _TARGETS[software])
+    return render_router(replace(fleet, agents=agents), agent, fleet.deployment.router.value)
 
 
 def _check_yaml(text: str, *, file: str, policy: Policy | None) -> tuple[Finding, ...]:

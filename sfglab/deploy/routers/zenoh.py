@@ -61,42 +61,6 @@ class NamePattern:
         return self.start[1:].replace("/", "§") + ("$*" if self.open else "")
 
 
-def topic_names(policy: Policy, way: Direction) -> tuple[NamePattern, ...]:
-    """Return the topics whose messages cross one way.
-
-    Raises:
-        DeployError: A rule cannot be said in ROS names.
-    """
-    return _names(policy, DdsRole.TOPIC, way)
-
-
-def service_names(policy: Policy, *, requests: Direction) -> tuple[NamePattern, ...]:
-    """Return the services whose requests cross one way and whose replies cross the other.
-
-    Args:
-        policy: What crosses.
-        requests: The way of the requests: outward for callers inside, inward for servers inside.
-
-    Raises:
-        DeployError: A rule cannot be said in ROS names.
-    """
-    replies = _other(requests)
-    return both(_names(policy, DdsRole.REQUEST, requests), _names(policy, DdsRole.REPLY, replies))
-
-
-def action_names(policy: Policy, *, goals: Direction) -> tuple[NamePattern, ...]:
-    """Return the actions all of whose services and topics cross; feedback goes against the goals.
-
-    An action that is called like the beginning itself, such as ``/global``, is left out although all of its
-    parts lie below: the schema has no such name.
-
-    Raises:
-        DeployError: A rule cannot be said in ROS names.
-    """
-    services = service_names(policy, requests=goals)
-    return tuple(p for p in both(services, topic_names(policy, _other(goals))) if p.open)
-
-
 def both(first: Iterable[NamePattern], second: Iterable[NamePattern]) -> tuple[NamePattern, ...]:
     """Return patterns for the names that are in one of the first and in one of the second."""
     second = tuple(second)
@@ -107,10 +71,6 @@ def both(first: Iterable[NamePattern], second: Iterable[NamePattern]) -> tuple[N
 def _common(a: NamePattern, b: NamePattern) -> NamePattern | None:
     longer, shorter = (a, b) if (len(a.start), not a.open) >= (len(b.start), not b.open) else (b, a)
     return longer if shorter.matches(longer.start) else None
-
-
-def _other(way: Direction) -> Direction:
-    return next(other for other in type(way) if other is not way)
 
 
 def _names(policy: Policy, role: DdsRole, way: Direction) -> tuple[NamePattern, ...]:
@@ -154,22 +114,31 @@ KINDS = ("publishers", "subscribers", "service_servers", "service_clients", "act
 """What a bridge filters, each seen from inside the agent."""
 
 _IN, _OUT = Direction.INWARD, Direction.OUTWARD
+_EGRESS, _INGRESS = "egress", "ingress"
+_WANTED = ["liveliness_query", "declare_liveliness_subscriber"]
 
 
 def bridged_names(policy: Policy) -> dict[str, tuple[NamePattern, ...]]:
-    """Return the ROS names that a bridge lets through, by what they are inside the agent.
+    """Return the ROS names that a bridge lets through, by what they are inside the agent (`KINDS`).
+
+    A service needs requests that cross one way and replies that cross the other; an action all of its services
+    and topics, feedback against the goals. An action that is called like the beginning itself, such as
+    ``/global``, is left out although all of its parts lie below: the schema has no such name.
 
     Raises:
         DeployError: A rule cannot be said in ROS names.
     """
-    return {
-        "publishers": topic_names(policy, _OUT),
-        "subscribers": topic_names(policy, _IN),
-        "service_servers": service_names(policy, requests=_IN),
-        "service_clients": service_names(policy, requests=_OUT),
-        "action_servers": action_names(policy, goals=_IN),
-        "action_clients": action_names(policy, goals=_OUT),
+    topics = {way: _names(policy, DdsRole.TOPIC, way) for way in (_OUT, _IN)}
+    services = {
+        way: both(_names(policy, DdsRole.REQUEST, way), _names(policy, DdsRole.REPLY, back))
+        for way, back in ((_IN, _OUT), (_OUT, _IN))
     }
+    actions = {
+        way: tuple(p for p in both(services[way], topics[back]) if p.open)
+        for way, back in ((_IN, _OUT), (_OUT, _IN))
+    }
+    found = (topics[_OUT], topics[_IN], services[_IN], services[_OUT], actions[_IN], actions[_OUT])
+    return dict(zip(KINDS, found, strict=True))
 
 
 def render_zenoh_bridge(fleet: Fleet, agent: str) -> str:
@@ -230,9 +199,6 @@ def _file(comments: Sequence[str], config: dict[str, Any]) -> str:
     return "".join(f"// {line}\n" for line in comments) + json.dumps(config, indent=2) + "\n"
 
 
-_EGRESS, _INGRESS = "egress", "ingress"
-
-
 def _rules(names: dict[str, tuple[NamePattern, ...]]) -> Iterator[dict[str, Any]]:
     for kind, data, wish in (("publishers", _EGRESS, _INGRESS), ("subscribers", _INGRESS, _EGRESS)):
         keys = _keys(names[kind])
@@ -241,30 +207,17 @@ def _rules(names: dict[str, tuple[NamePattern, ...]]) -> Iterator[dict[str, Any]
         yield _rule(f"{kind}: messages", data, ["put", "delete", "reply"], keys)
         yield _rule(f"{kind}: wishes", wish, ["declare_subscriber"], keys)
         yield _rule(f"{kind}: history", data, ["declare_queryable", "liveliness_token"], history)
-        yield _rule(
-            f"{kind}: history wanted",
-            wish,
-            ["query", "liveliness_query", "declare_liveliness_subscriber"],
-            history,
-        )
+        yield _rule(f"{kind}: history wanted", wish, ["query", *_WANTED], history)
     for kind, calls, replies in (("server", _INGRESS, _EGRESS), ("client", _EGRESS, _INGRESS)):
         keys = _keys(names[f"service_{kind}s"])  # an action's parts are among them
         yield _rule(f"{kind}s: calls", calls, ["query"], keys)
         yield _rule(f"{kind}s: replies", replies, ["reply", "declare_queryable"], keys)
     # Bridges tell each other what they route by tokens with the name in one segment.
     tokens = ["@/*/@ros2_lv"]
-    for letters, kind in (
-        ("MP", "publishers"),
-        ("MS", "subscribers"),
-        ("SS", "service_servers"),
-        ("SC", "service_clients"),
-        ("AS", "action_servers"),
-        ("AC", "action_clients"),
-    ):
+    for letters, kind in zip(("MP", "MS", "SS", "SC", "AS", "AC"), KINDS, strict=True):
         tokens += [f"@/*/@ros2_lv/{letters}/{pattern.announced_key}/**" for pattern in names[kind]]
     yield _rule("announcements", None, ["liveliness_token"], list(dict.fromkeys(tokens)))
-    wanted = ["liveliness_query", "declare_liveliness_subscriber"]
-    yield _rule("announcements wanted", None, wanted, ["@/*/@ros2_lv/**"])
+    yield _rule("announcements wanted", None, _WANTED, ["@/*/@ros2_lv/**"])
 
 
 def _keys(patterns: Sequence[NamePattern]) -> list[str]:

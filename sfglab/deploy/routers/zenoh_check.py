@@ -1,7 +1,7 @@
-"""Faults of a Zenoh bridge's configuration: its shape, and what it opens, halves and renames.
+"""Faults of a Zenoh bridge's configuration and access control: shape, and what they open, halve and rename.
 
-Knows the keys that `zenoh-bridge-ros2dds` and Zenoh's access control take (``schemas/zenoh.yaml``); of Zenoh's
-other sections only that there are some, because they do not decide what crosses.
+Knows the keys that `zenoh-bridge-ros2dds` and Zenoh 1's access control take (``schemas/zenoh.yaml``); of other
+sections of Zenoh's only that there are some, because they do not decide what crosses.
 """
 
 from __future__ import annotations
@@ -13,9 +13,6 @@ from sfglab.deploy.findings import Broken, Rules, has_errors, worst_first
 from sfglab.deploy.json5 import read_json5
 from sfglab.deploy.routers.dds_router import probe_names
 from sfglab.deploy.routers.zenoh import KINDS
-from sfglab.deploy.routers.zenoh_acl_check import HERE
-from sfglab.deploy.routers.zenoh_acl_check import POLICY as CONTROL_POLICY
-from sfglab.deploy.routers.zenoh_acl_check import RULES as CONTROL_RULES
 from sfglab.deploy.shapes import check_shape
 from sfglab.fleet.lint import Finding, Severity
 from sfglab.fleet.policy import Direction, Policy
@@ -28,13 +25,20 @@ if TYPE_CHECKING:
 
 
 Bridge = dict[str, Any]
-PLUGIN = ("plugins", "ros2dds")
+Control = dict[str, Any]
+PLUGIN, CONTROL = ("plugins", "ros2dds"), ("access_control",)
 
 RULES: Rules[Bridge, KeyPath] = Rules()
 """What a bridge's configuration may mean that has the right shape."""
 
 POLICY: Rules[tuple[Bridge, Policy], KeyPath] = Rules()
 """Whether it routes what a policy lets cross, name by name."""
+
+CONTROL_RULES: Rules[Control, KeyPath] = Rules()
+"""What access control may mean that has the right shape."""
+
+CONTROL_POLICY: Rules[tuple[Control, Policy], KeyPath] = Rules()
+"""Whether it lets messages pass that a policy lets cross, name by name; asked where no rule is broken."""
 
 
 def check_zenoh(
@@ -60,7 +64,7 @@ def check_zenoh(
     if bridge is not None and not has_errors(_below(shape, ".".join(PLUGIN))):
         findings += RULES.broken(bridge, document.place)
         findings += POLICY.broken((bridge, policy), document.place) if policy else ()
-    if "access_control" in config and not _below(shape, *HERE):
+    if "access_control" in config and not _below(shape, *CONTROL):
         meant = list(CONTROL_RULES.broken(config["access_control"], document.place))
         if policy is not None and not meant:
             meant += CONTROL_POLICY.broken((config["access_control"], policy), document.place)
@@ -132,7 +136,7 @@ def _differences(asked: tuple[Bridge, Policy]) -> Iterator[Broken[KeyPath]]:
     for kind in KINDS:
         for name in _probes(bridge, policy):
             if kind.startswith("action") and any(r.pattern == f"rq{name}/*" for r in policy.rules):
-                continue  # see `action_names`: no name of the schema
+                continue  # see `bridged_names`: no name of the schema
             try:
                 should = policy_bridges(policy, kind, name)
             except FqnError:
@@ -153,16 +157,15 @@ def _probes(bridge: Bridge, policy: Policy) -> tuple[str, ...]:
 
 
 def _entries(bridge: Bridge, kind: str) -> list[str]:
-    given = [*(bridge.get(side, {}).get(kind) or [] for side in ("allow", "deny"))]
-    return [entry for part in given for entry in ([part] if isinstance(part, str) else part)]
+    return [entry for side in ("allow", "deny") for entry in _texts(bridge.get(side, {}).get(kind))]
 
 
 def bridges(bridge: Bridge, kind: str, name: str) -> bool:
-    """Return whether a bridge with this configuration routes an interface.
+    """Return whether a bridge with this configuration (``plugins.ros2dds``) routes an interface.
 
     Args:
-        bridge: The values of ``plugins.ros2dds``.
-        kind: One of `KINDS`.
+        bridge: The configuration's values.
+        kind: The interface's, of `KINDS`.
         name: Absolute ROS name.
     """
     if "allow" in bridge:
@@ -188,7 +191,123 @@ def policy_bridges(policy: Policy, kind: str, name: str) -> bool:
 
 
 def _listed(regexes: str | list[str] | None, name: str) -> bool:
-    if regexes is None:
-        return False
-    entries = [regexes] if isinstance(regexes, str) else regexes
-    return any(re.search(f"^{entry}$", name) for entry in entries)
+    return any(re.search(f"^{entry}$", name) for entry in _texts(regexes))
+
+
+def _texts(value: str | list[str] | None) -> list[str]:
+    return [value] if isinstance(value, str) else value or []
+
+
+@CONTROL_RULES.add("open-router", "it filters nothing until it is", "enabled: true")
+def _disabled(control: Control) -> Iterator[Broken[KeyPath]]:
+    if control.get("enabled") is not True:
+        yield Broken((*CONTROL, "enabled"), "access control is not enabled")
+
+
+@CONTROL_RULES.add(
+    "open-router", "every name that nobody thought of crosses", "default_permission: deny", Severity.WARNING
+)
+def _allowed_by_default(control: Control) -> Iterator[Broken[KeyPath]]:
+    if control.get("default_permission") == "allow":
+        yield Broken((*CONTROL, "default_permission"), "whatever no rule names is allowed")
+
+
+@CONTROL_RULES.add("duplicate", "Zenoh does not start")
+def _same_id(control: Control) -> Iterator[Broken[KeyPath]]:
+    for key in ("rules", "subjects"):
+        names = [item["id"] for item in control[key]]
+        for position, name in enumerate(names):
+            if name in names[:position]:
+                yield Broken((*CONTROL, key, position), f"{name!r} is an id twice")
+
+
+@CONTROL_RULES.add("reference", "Zenoh does not start")
+def _unknown_id(control: Control) -> Iterator[Broken[KeyPath]]:
+    for key in ("rules", "subjects"):
+        known = [entry["id"] for entry in control[key]]
+        for position, item in enumerate(control["policies"]):
+            for name in item[key]:
+                if name not in known:
+                    yield Broken((*CONTROL, "policies", position, key), f"{name!r} is none of the {key}")
+
+
+@CONTROL_RULES.add("unused", "it has no effect", severity=Severity.WARNING)
+def _unused(control: Control) -> Iterator[Broken[KeyPath]]:
+    used = {name for item in control["policies"] for name in item["rules"]}
+    for position, rule in enumerate(control["rules"]):
+        if rule["id"] not in used:
+            yield Broken((*CONTROL, "rules", position), f"rule {rule['id']!r} is in no policy")
+
+
+@CONTROL_POLICY.add(
+    "policy", "access control does not do what the fleet file says", "generate the file from the fleet file"
+)
+def _other_messages(asked: tuple[Control, Policy]) -> Iterator[Broken[KeyPath]]:
+    control, policy = asked
+    for way, flow in ((Direction.OUTWARD, "egress"), (Direction.INWARD, "ingress")):
+        for key in _KEYS:
+            should = policy.crosses(f"rt/{key}", way)
+            if permits(control, "put", flow, key) is not should:
+                does = (
+                    "is stopped, and the policy lets it cross" if should else "passes, and the policy keeps it"
+                )
+                yield Broken((*CONTROL, "rules"), f"a message of {key} {does} ({flow})")
+
+
+_KEYS = (
+    *("chatter", "rosout", "local/go2/x", "tf", "tf_static", "tf2"),
+    *("global", "global/x", "global/go2/a/b", "globally/x"),
+)
+
+
+def includes(expression: str, key: str) -> bool:
+    """Return whether a Zenoh key expression stands for a key.
+
+    ``*`` is one segment, ``**`` any number of them, ``$*`` any characters within one; a segment that begins
+    with ``@`` is stood for by itself only.
+    """
+    return _includes(expression.split("/"), key.split("/"))
+
+
+def _includes(expression: list[str], key: list[str]) -> bool:
+    if not expression:
+        return not key
+    first, *rest = expression
+    if first == "**":
+        return _includes(rest, key) or (bool(key) and key[0][:1] != "@" and _includes(expression, key[1:]))
+    return bool(key) and _segment(first, key[0]) and _includes(rest, key[1:])
+
+
+def _segment(expression: str, segment: str) -> bool:
+    if segment.startswith("@"):
+        return expression == segment
+    if expression == "*":
+        return True
+    pattern = ".*".join(re.escape(part) for part in expression.split("$*"))
+    return re.fullmatch(pattern, segment) is not None
+
+
+def permits(control: Control, message: str, flow: str, key: str) -> bool:
+    """Return whether access control lets a message pass, for everybody.
+
+    Denying rules win over allowing ones; without either, the default decides. Rules of other subjects than
+    everybody are passed over.
+
+    Args:
+        control: The values of ``access_control``.
+        message: The message's kind, as in ``put``.
+        flow: ``egress`` or ``ingress``.
+        key: The message's key.
+    """
+    everybody = {subject["id"] for subject in control["subjects"] if set(subject) == {"id"}}
+    used = {r for p in control["policies"] if everybody & set(p["subjects"]) for r in p["rules"]}
+    matching = {
+        rule["permission"]
+        for rule in control["rules"]
+        if rule["id"] in used
+        and message in rule["messages"]
+        and flow in rule.get("flows", ("egress", "ingress"))
+        and any(includes(expression, key) for expression in rule["key_exprs"])
+    }
+    decided = matching or {control.get("default_permission", "deny")}
+    return "allow" in decided and "deny" not in decided

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.bundle import bundle_of, write_bundle
 from sfglab.deploy.hardware.detection import detect
-from sfglab.deploy.rollout.apply import apply_plan, look_and_plan, released
-from sfglab.deploy.rollout.plan import Change
-from sfglab.deploy.rollout.transport import Local, copy_facts
+from sfglab.deploy.rollout import Change, apply_plan, look_and_plan, released
+from sfglab.deploy.transport import Local, copy_facts
 from sfglab.fleet.fleet_file import Accelerator
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.example_machines import EXAMPLES, write_example

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from sfglab.bus.address import BusAddress
-from sfglab.deploy.compose import FLEET_FILE
+from sfglab.deploy.deployment import FLEET_FILE
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.hosts import Network
 from sfglab.lab.workers.graph_observer import ObserverConfig

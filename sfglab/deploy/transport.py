@@ -1,4 +1,4 @@
-"""Reaching a machine, this one or another over SSH, and copying what detection reads there.
+"""Transports to a machine, this one or another over SSH, and a copy of what detection reads there.
 
 The same shell commands run on both. Knows how bytes and commands get there; refuses to know what they mean.
 Needs `sh` and `tar` there, and over SSH a key that asks for nothing and a user with `sudo` without password.
@@ -23,7 +23,7 @@ from sfglab.deploy.programs import run_heard
 from sfglab.fleet.fleet_file import Accelerator
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from sfglab.deploy.hardware.machine import Machine
     from sfglab.fleet.fleet_file import HostSpec
@@ -53,24 +53,27 @@ class Transport(ABC):
         """Return the program that runs a script of `sh` there as root."""
 
     def run(self, script: str, *, data: bytes = b"", timeout_s: float = QUICK_S) -> bytes:
-        """Run a shell script there as root and return what it prints.
-
-        Args:
-            script: For `sh`.
-            data: Its standard input.
-            timeout_s: When it is given up.
+        """Run a script of `sh` there as root, with `data` as its standard input; return what it prints.
 
         Raises:
             DeployError: It cannot be reached, or the script failed; with its last words.
         """
-        return _call(self.name, self.command(script), data, timeout_s)
+        command = self.command(script)
+        try:
+            done = subprocess.run(command, input=data, capture_output=True, timeout=timeout_s, check=False)
+        except FileNotFoundError as error:
+            raise DeployError(
+                f"{self.name}: given the program {command[0]!r}, which is not installed here"
+            ) from error
+        except subprocess.TimeoutExpired as error:
+            raise DeployError(f"{self.name}: no answer within {timeout_s:.0f} s") from error
+        if done.returncode:
+            words = done.stderr.decode(errors="replace").strip().splitlines() or ["without a word"]
+            raise DeployError(f"{self.name}: {command[0]} ended with status {done.returncode}: {words[-1]}")
+        return done.stdout
 
     def stream(self, script: str, hear: Callable[[str], None]) -> None:
-        """Run a shell script there as root, however long it takes, and hand on each line that it prints.
-
-        Args:
-            script: For `sh`.
-            hear: Told each line.
+        """Run a script of `sh` there as root, however long it takes, and hand on each line that it prints.
 
         Raises:
             DeployError: It cannot be reached, or the script failed; with its last words.
@@ -118,12 +121,7 @@ class Ssh(Transport):
 
 
 def transport_to(host: HostSpec, *, root: Path | None = None) -> Transport:
-    """Return the way to a machine.
-
-    Args:
-        host: The machine.
-        root: A folder of this machine that stands for its root; None: the machine itself.
-    """
+    """Return the way to a machine, or to a folder of this machine that stands for its root."""
     if root is not None:
         return Local(folder=root)
     return Local() if is_here(host.address) else Ssh(address=host.address)
@@ -134,20 +132,6 @@ def is_here(address: str) -> bool:
     host = address.rpartition("@")[2].lower()
     own = socket.gethostname().lower()
     return host in {"", "localhost", "127.0.0.1", "::1", own, f"{own}.local", own.partition(".")[0]}
-
-
-def _call(where: str, command: Sequence[str], data: bytes, timeout_s: float) -> bytes:
-    try:
-        done = subprocess.run(command, input=data, capture_output=True, timeout=timeout_s, check=False)
-    except FileNotFoundError as error:
-        raise DeployError(f"{where}: given the program {command[0]!r}, which is not installed here") from error
-    except subprocess.TimeoutExpired as error:
-        raise DeployError(f"{where}: no answer within {timeout_s:.0f} s") from error
-    if done.returncode:
-        words = done.stderr.decode(errors="replace").strip().splitlines()
-        last = words[-1] if words else "without a word"
-        raise DeployError(f"{where}: {command[0]} ended with status {done.returncode}: {last}")
-    return done.stdout
 
 
 NODES = (
@@ -171,15 +155,7 @@ _HEAD_BYTES = 65536
 
 
 def detect_over(host: HostSpec, *, root: Path | None = None) -> Accelerator | None:
-    """Return what a machine has, here or over SSH.
-
-    Args:
-        host: The machine.
-        root: A folder of this machine that stands for its root; None: the machine itself.
-
-    Raises:
-        DeployError: It cannot be reached.
-    """
+    """Return what images for a machine are made for, as `transport_to` and `accelerator_of` say."""
     return accelerator_of(transport_to(host, root=root))
 
 
@@ -213,10 +189,6 @@ def machine_of(transport: Transport) -> Machine:
 
 def copy_facts(transport: Transport, folder: Path) -> None:
     """Copy what detection reads into a folder that stands for the machine's root; nodes become empty files.
-
-    Args:
-        transport: The machine.
-        folder: Where to.
 
     Raises:
         DeployError: It cannot be reached, or its answer is none.
