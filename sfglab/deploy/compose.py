@@ -1,4 +1,4 @@
-"""The two containers of an agent as a Compose project (paper A, section 4.4, Fig. 5): agent and router.
+"""Compose project of an agent's two containers (paper A, section 4.4, Fig. 5): agent and router.
 
 Both run the agent's application image without a right that they do not need: no capabilities, a root file
 system that nobody writes to, no user but their own. Only the router stands on the host's network, because DDS

@@ -1,4 +1,4 @@
-"""Reading below a folder that stands for a machine's ``/``, without ever leaving it or opening a device.
+"""Files of a machine below a folder that stands for its ``/``, read without leaving it or opening a device.
 
 Whatever is missing, unreadable, looped or not a plain file reads as absent: detection must not fail on it.
 """
