@@ -8,10 +8,12 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
+from waiting import until
 
 from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import H264Encoder, H264Settings, ffmpeg_packet_fields
+from sfglab.component import beside
 from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.qos import QoSProfile, Reliability
@@ -57,12 +59,13 @@ class Camera:
 
     @asynccontextmanager
     async def running(self):
-        task = asyncio.create_task(self.shoot())
-        try:
+        async with beside(self.shoot()):
             yield
-        finally:
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
+
+    async def shot(self, frames: int) -> None:
+        """Wait for so many more pictures."""
+        last = self.level + frames
+        await until(lambda: self.level >= last)
 
 
 class Decoder:
@@ -84,10 +87,8 @@ class Decoder:
         self.pool = pool
         self.ready.set()
 
-    async def reaches(self, state: str, topic: str = LOCAL, timeout_s: float = 60) -> None:
-        async with asyncio.timeout(timeout_s):
-            while topic not in self.status or self.status[topic].state != state:
-                await asyncio.sleep(0.01)
+    async def reaches(self, state: str) -> None:
+        await until(lambda: LOCAL in self.status and self.status[LOCAL].state == state)
 
 
 @pytest.fixture

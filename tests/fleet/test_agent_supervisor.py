@@ -110,46 +110,37 @@ def lives(pid: int) -> bool:
         return False
 
 
-def test_a_killed_component_is_restarted_with_back_off_and_the_others_stay():
-    async def scenario():
-        async with running(component("router", SERVES), component("status", SERVES)) as watched:
-            other = await watched.pid("status")
-            for kills in range(1, 4):
-                os.kill(await watched.pid("router", starts=kills), signal.SIGKILL)
-            await watched.pid("router", starts=4)
-            assert watched.events.count(Complete()) == 1
-            crashed = [e for e in watched.changes("router") if e.state is State.BACKING_OFF]
-            assert [e.why for e in crashed] == ["killed by SIGKILL"] * 3
-            assert [e.crashes for e in crashed] == [1, 2, 3]
-            assert [round(e.retry_s, 2) for e in crashed] == [0.02, 0.04, 0.08]
-            assert watched.states("status") == [State.STARTING, State.RUNNING]
-            assert lives(other)
-        assert watched.states("router")[-2:] == [State.STOPPING, State.STOPPED]
-
-    asyncio.run(scenario())
+async def test_a_killed_component_is_restarted_with_back_off_and_the_others_stay():
+    async with running(component("router", SERVES), component("status", SERVES)) as watched:
+        other = await watched.pid("status")
+        for kills in range(1, 4):
+            os.kill(await watched.pid("router", starts=kills), signal.SIGKILL)
+        await watched.pid("router", starts=4)
+        assert watched.events.count(Complete()) == 1
+        crashed = [e for e in watched.changes("router") if e.state is State.BACKING_OFF]
+        assert [e.why for e in crashed] == ["killed by SIGKILL"] * 3
+        assert [e.crashes for e in crashed] == [1, 2, 3]
+        assert [round(e.retry_s, 2) for e in crashed] == [0.02, 0.04, 0.08]
+        assert watched.states("status") == [State.STARTING, State.RUNNING]
+        assert lives(other)
+    assert watched.states("router")[-2:] == [State.STOPPING, State.STOPPED]
 
 
-def test_a_refused_configuration_ends_the_agent_with_the_components_own_sentence():
-    async def scenario():
-        watched = Watched([component("status", SERVES), component("router", REFUSES)])
-        with pytest.raises(ComponentError) as caught:
-            await watched.agent.run()
-        assert str(caught.value) == "router: network interface: given 'wlan7', allowed are eth0, lo"
-        assert watched.states("router") == [State.STARTING, State.FAILED]
-        assert watched.states("status")[-1] is State.STOPPED
-
-    asyncio.run(scenario())
+async def test_a_refused_configuration_ends_the_agent_with_the_components_own_sentence():
+    watched = Watched([component("status", SERVES), component("router", REFUSES)])
+    with pytest.raises(ComponentError) as caught:
+        await watched.agent.run()
+    assert str(caught.value) == "router: network interface: given 'wlan7', allowed are eth0, lo"
+    assert watched.states("router") == [State.STARTING, State.FAILED]
+    assert watched.states("status")[-1] is State.STOPPED
 
 
-def test_a_component_that_dies_on_import_ends_the_agent_and_its_words_are_passed_on():
-    async def scenario():
-        watched = Watched([component("router", "import no_such_module")])
-        with pytest.raises(ComponentError, match="router: it ended with status 1"):
-            await watched.agent.run()
-        words = [e.line for e in watched.events if isinstance(e, Wrote)]
-        assert "ModuleNotFoundError: No module named 'no_such_module'" in words
-
-    asyncio.run(scenario())
+async def test_a_component_that_dies_on_import_ends_the_agent_and_its_words_are_passed_on():
+    watched = Watched([component("router", "import no_such_module")])
+    with pytest.raises(ComponentError, match="router: it ended with status 1"):
+        await watched.agent.run()
+    words = [e.line for e in watched.events if isinstance(e, Wrote)]
+    assert "ModuleNotFoundError: No module named 'no_such_module'" in words
 
 
 def test_a_component_that_has_served_may_fail_and_is_tried_again():
@@ -168,69 +159,57 @@ def test_a_component_that_has_served_may_fail_and_is_tried_again():
     asyncio.run(scenario(marker))
 
 
-def test_a_component_that_never_reports_is_replaced():
-    async def scenario():
-        watched = Watched([component("router", SILENT)])
-        short = Timing(start_ns=50_000_000, stop_ns=300_000_000, backoff_ns=1)
-        watched.agent = Agent([component("router", SILENT)], timing=short, on_event=watched.events.append)
-        task = asyncio.create_task(watched.agent.run())
-        await watched.until(lambda: watched.states("router").count(State.REPLACING) == 2)
-        watched.agent.stop()
-        await task
-
-    asyncio.run(scenario())
+async def test_a_component_that_never_reports_is_replaced():
+    watched = Watched([component("router", SILENT)])
+    short = Timing(start_ns=50_000_000, stop_ns=300_000_000, backoff_ns=1)
+    watched.agent = Agent([component("router", SILENT)], timing=short, on_event=watched.events.append)
+    task = asyncio.create_task(watched.agent.run())
+    await watched.until(lambda: watched.states("router").count(State.REPLACING) == 2)
+    watched.agent.stop()
+    await task
 
 
-def test_one_that_ignores_the_order_to_end_is_ended_by_force_in_time():
-    async def scenario():
-        async with running(component("router", STUBBORN)) as watched:
-            pid = await watched.pid("router")
-            before_s = asyncio.get_running_loop().time()
-        assert asyncio.get_running_loop().time() - before_s >= 0.3
-        assert not lives(pid)
-
-    asyncio.run(scenario())
-
-
-def test_told_twice_it_ends_at_once():
-    async def scenario():
-        watched = Watched([component("router", STUBBORN)])
-        watched.agent = Agent([component("router", STUBBORN)], on_event=watched.events.append)
-        task = asyncio.create_task(watched.agent.run())
+async def test_one_that_ignores_the_order_to_end_is_ended_by_force_in_time():
+    async with running(component("router", STUBBORN)) as watched:
         pid = await watched.pid("router")
-        watched.agent.stop()
-        watched.agent.stop()
-        async with asyncio.timeout(60):  # the stop timer would take five seconds
-            await task
-        assert not lives(pid)
+        before_s = asyncio.get_running_loop().time()
+    assert asyncio.get_running_loop().time() - before_s >= 0.3
+    assert not lives(pid)
 
-    asyncio.run(scenario())
+
+async def test_told_twice_it_ends_at_once():
+    watched = Watched([component("router", STUBBORN)])
+    watched.agent = Agent([component("router", STUBBORN)], on_event=watched.events.append)
+    task = asyncio.create_task(watched.agent.run())
+    pid = await watched.pid("router")
+    watched.agent.stop()
+    watched.agent.stop()
+    async with asyncio.timeout(60):  # the stop timer would take five seconds
+        await task
+    assert not lives(pid)
 
 
 @pytest.mark.parametrize("how", ["killed", "stopped", "cancelled"])
-def test_what_a_component_has_started_ends_with_it(how):
-    async def scenario():
-        watched = Watched([component("decoder", PARENT)])
-        task = asyncio.create_task(watched.agent.run())
-        pid = await watched.pid("decoder")
-        child = watched.reports("child")[0]["pid"]
-        assert lives(child)
-        if how == "killed":
-            os.kill(pid, signal.SIGKILL)
-            await watched.pid("decoder", starts=2)
-        if how == "cancelled":
-            task.cancel()
-        watched.agent.stop()
-        with suppress(asyncio.CancelledError):
-            await task
-        assert task.cancelled() == (how == "cancelled")
-        # Its pipe has ended, so it is about to be gone, if it is not yet.
-        await watched.until(lambda: not any(lives(r["pid"]) for r in watched.reports("child")))
-
-    asyncio.run(scenario())
+async def test_what_a_component_has_started_ends_with_it(how):
+    watched = Watched([component("decoder", PARENT)])
+    task = asyncio.create_task(watched.agent.run())
+    pid = await watched.pid("decoder")
+    child = watched.reports("child")[0]["pid"]
+    assert lives(child)
+    if how == "killed":
+        os.kill(pid, signal.SIGKILL)
+        await watched.pid("decoder", starts=2)
+    if how == "cancelled":
+        task.cancel()
+    watched.agent.stop()
+    with suppress(asyncio.CancelledError):
+        await task
+    assert task.cancelled() == (how == "cancelled")
+    # Its pipe has ended, so it is about to be gone, if it is not yet.
+    await watched.until(lambda: not any(lives(r["pid"]) for r in watched.reports("child")))
 
 
-def test_a_listener_that_breaks_leaves_no_process():
+async def test_a_listener_that_breaks_leaves_no_process():
     pids = []
 
     def broken(event):
@@ -238,12 +217,9 @@ def test_a_listener_that_breaks_leaves_no_process():
             pids.append(event.pid)
             raise BrokenPipeError
 
-    async def scenario():
-        with pytest.raises(BrokenPipeError):
-            await Agent([component("router", SERVES)], on_event=broken).run()
-        assert not lives(pids[0])
-
-    asyncio.run(scenario())
+    with pytest.raises(BrokenPipeError):
+        await Agent([component("router", SERVES)], on_event=broken).run()
+    assert not lives(pids[0])
 
 
 # As the real components are.

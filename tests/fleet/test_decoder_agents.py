@@ -39,20 +39,17 @@ async def heard(changes, count: int) -> set:
     return found
 
 
-def test_what_was_announced_before_is_heard_and_a_new_discoverer_leaves_no_ghosts(domains):
-    async def scenario():
-        address = domains[0].options()
-        async with Node("decoder", **address) as near:
-            changes = agent_changes(near, TOPIC, KnownAgents(grace_ns=300_000_000))
-            async with Node("discoverer", **address) as far:
-                publisher = far.create_publisher(DISCOVERY_EVENT, TOPIC, DISCOVERY_QOS)
-                publisher.publish(event("go2"))
-                publisher.publish(event("husky"))
-                assert await heard(changes, 2) == {(Offered, "go2"), (Offered, "husky")}
-            async with Node("discoverer", **address) as far:
-                publisher = far.create_publisher(DISCOVERY_EVENT, TOPIC, DISCOVERY_QOS)
-                publisher.publish(event("husky"))
-                assert await heard(changes, 1) == {(Withdrawn, "go2")}, "nobody announced it again"
-            await changes.aclose()
-
-    asyncio.run(scenario())
+async def test_what_was_announced_before_is_heard_and_a_new_discoverer_leaves_no_ghosts(domains):
+    address = domains[0].options()
+    async with Node("decoder", **address) as near:
+        changes = agent_changes(near, TOPIC, KnownAgents(grace_ns=300_000_000))
+        async with Node("discoverer", **address) as far:
+            publisher = far.create_publisher(DISCOVERY_EVENT, TOPIC, DISCOVERY_QOS)
+            publisher.publish(event("go2"))
+            publisher.publish(event("husky"))
+            assert await heard(changes, 2) == {(Offered, "go2"), (Offered, "husky")}
+        async with Node("discoverer", **address) as far:
+            publisher = far.create_publisher(DISCOVERY_EVENT, TOPIC, DISCOVERY_QOS)
+            publisher.publish(event("husky"))
+            assert await heard(changes, 1) == {(Withdrawn, "go2")}, "nobody announced it again"
+        await changes.aclose()

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import os
 import signal
-import sys
+from dataclasses import replace
 
 import numpy as np
 import psutil
 import pytest
 from conftest import FFMPEG, IMAGE, INFO, LOCAL, LOCAL_INFO, STREAM, Camera
+from waiting import process, until
 
-from sfglab.component import argument_of
+from sfglab.errors import SfglabError
+from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
+from sfglab.fleet.decoder.streams import StreamError
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS
 from sfglab.messages import default_message, ns_from_stamp, stamp_from_ns
+from sfglab.processes import ProcessFailedError
 from sfglab.qos import SENSOR_DATA
 
 pytestmark = [pytest.mark.live]
@@ -42,132 +45,110 @@ def children() -> set[int]:
     return {p.pid for p in psutil.Process().children(recursive=True)}
 
 
-def test_nothing_runs_until_somebody_subscribes_and_nothing_after_the_last_left(serve):
-    async def scenario():
-        before = children()
-        async with serve() as (far, near, decoder):
-            camera = Camera(far)
-            async with camera.running():
-                assert decoder.status[LOCAL].state == "IDLE"
-                assert camera.publisher.get_subscription_count() == 0, "no demand, no network load"
-                first = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
-                second = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
-                await right_pictures(first)
-                await right_pictures(second)
-                assert camera.publisher.get_subscription_count() == 1, "one pipeline for two subscribers"
-                assert decoder.status[LOCAL].subscribers == 2
-                first.close()
-                await right_pictures(second)
-                second.close()
-                await decoder.reaches("IDLE")
-                async with asyncio.timeout(60):
-                    while camera.publisher.get_subscription_count():
-                        await asyncio.sleep(0.01)
-            assert decoder.states[LOCAL] == ["IDLE", "STARTING", "RUNNING", "LINGERING", "STOPPING", "IDLE"]
-        assert children() == before, "the decoder leaves no process behind"
-
-    run(scenario())
+async def test_nothing_runs_until_somebody_subscribes_and_nothing_after_the_last_left(serve):
+    before = children()
+    async with serve() as (far, near, decoder):
+        camera = Camera(far)
+        async with camera.running():
+            assert decoder.status[LOCAL].state == "IDLE"
+            assert camera.publisher.get_subscription_count() == 0, "no demand, no network load"
+            first = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+            second = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+            await right_pictures(first)
+            await right_pictures(second)
+            assert camera.publisher.get_subscription_count() == 1, "one pipeline for two subscribers"
+            assert decoder.status[LOCAL].subscribers == 2
+            first.close()
+            await right_pictures(second)
+            second.close()
+            await decoder.reaches("IDLE")
+            await until(lambda: not camera.publisher.get_subscription_count())
+        assert decoder.states[LOCAL] == ["IDLE", "STARTING", "RUNNING", "LINGERING", "STOPPING", "IDLE"]
+    assert children() == before, "the decoder leaves no process behind"
 
 
-def test_a_plain_dds_subscriber_is_served_from_the_same_pipeline(serve):
-    async def scenario():
-        async with serve() as (far, near, decoder), Camera(far).running():
-            shared = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
-            await right_pictures(shared)
-            plain = near.create_subscription(IMAGE, LOCAL)  # RELIABLE, as is ROS 2's default
-            images = await right_pictures(plain)
-            assert images[0].encoding == "bgr8"
-            assert (images[0].height, images[0].width, images[0].step) == (192, 320, 960)
-            await right_pictures(shared)
-            async with asyncio.timeout(60):
-                while len(decoder.pool.pids) != 2:  # one pipeline and, a while later, one spare
-                    await asyncio.sleep(0.01)
-
-    run(scenario())
+async def test_a_plain_dds_subscriber_is_served_from_the_same_pipeline(serve):
+    async with serve() as (far, near, decoder), Camera(far).running():
+        shared = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+        await right_pictures(shared)
+        plain = near.create_subscription(IMAGE, LOCAL)  # RELIABLE, as is ROS 2's default
+        images = await right_pictures(plain)
+        assert images[0].encoding == "bgr8"
+        assert (images[0].height, images[0].width, images[0].step) == (192, 320, 960)
+        await right_pictures(shared)
+        await until(lambda: len(decoder.pool.pids) == 2)  # one pipeline and, a while later, one spare
 
 
-def test_a_killed_pipeline_is_replaced_and_subscribers_see_pictures_again(serve):
-    async def scenario():
-        async with serve() as (far, near, decoder), Camera(far).running():
-            subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+async def test_a_killed_pipeline_is_replaced_and_subscribers_see_pictures_again(serve):
+    async with serve() as (far, near, decoder), Camera(far).running():
+        subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+        await right_pictures(subscription)
+        for pid in decoder.pool.pids:
+            os.kill(pid, signal.SIGKILL)
+        await decoder.reaches("BACKING_OFF")
+        await decoder.reaches("RUNNING")
+        while subscription.get_publisher_count() == 0:
+            await asyncio.sleep(0.01)
+        await right_pictures(subscription, 20)
+        assert decoder.status[LOCAL].crashes >= 1
+
+
+async def test_a_stream_that_stops_and_resumes_and_changes_its_size_is_followed(serve):
+    async with serve() as (far, near, decoder):
+        camera = Camera(far)
+        subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+        async with camera.running():
             await right_pictures(subscription)
-            for pid in decoder.pool.pids:
-                os.kill(pid, signal.SIGKILL)
-            await decoder.reaches("BACKING_OFF")
-            await decoder.reaches("RUNNING")
-            while subscription.get_publisher_count() == 0:
-                await asyncio.sleep(0.01)
-            await right_pictures(subscription, 20)
-            assert decoder.status[LOCAL].crashes >= 1
-
-    run(scenario())
-
-
-def test_a_stream_that_stops_and_resumes_and_changes_its_size_is_followed(serve):
-    async def scenario():
-        async with serve() as (far, near, decoder):
-            camera = Camera(far)
-            subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
-            async with camera.running():
-                await right_pictures(subscription)
-            camera.size = (640, 368)
-            async with camera.running():
-                async with asyncio.timeout(60):
-                    while (image := await subscription.take()).width != 640:
-                        pass
-                assert image.height == 368
-                await right_pictures(subscription)
-            assert decoder.states[LOCAL] == ["IDLE", "STARTING", "RUNNING"], "the same pipeline all along"
-
-    run(scenario())
-
-
-def test_broken_packets_are_counted_and_the_stream_heals(serve):
-    async def scenario():
-        async with serve() as (far, near, decoder):
-            camera = Camera(far)
-            subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
-            async with camera.running():
-                await right_pictures(subscription)
-                for _ in range(5):
-                    noise = default_message(FFMPEG)
-                    noise.encoding = "h264;yuv420p;bgr8;bgr8"
-                    noise.flags = 1
-                    noise.width, noise.height = camera.size
-                    noise.data = np.frombuffer(b"\0\0\0\1\x65" + bytes(range(200)), dtype=np.uint8)
-                    camera.publisher.publish(noise)
-                async with asyncio.timeout(60):
-                    while not (s := decoder.status[LOCAL].statistics) or s.broken == 0:
-                        await subscription.take()
-                assert s.last_error
-                images = [await subscription.take(timeout_s=60) for _ in range(15)]
-                assert abs(level_of(images[-1]) - ns_from_stamp(images[-1].header.stamp) / 1e9) <= 3
-            assert decoder.status[LOCAL].state == "RUNNING"
-
-    run(scenario())
-
-
-def test_camera_info_is_relayed_unchanged_on_demand(serve):
-    async def scenario():
-        async with serve() as (far, near, decoder):
-            publisher = far.create_publisher("sensor_msgs/msg/CameraInfo", INFO, SENSOR_DATA)
-            subscription = near.create_subscription("sensor_msgs/msg/CameraInfo", LOCAL_INFO, qos=SENSOR_DATA)
-            await publisher.wait_for_subscriptions(1, 15)
-            info = default_message("sensor_msgs/msg/CameraInfo")
-            info.width, info.height, info.distortion_model = 640, 360, "plumb_bob"
-            info.d = np.array([0.1, 0.2])
+        camera.size = (640, 368)
+        async with camera.running():
             async with asyncio.timeout(60):
-                while True:
-                    publisher.publish(info)
-                    try:
-                        seen = await subscription.take(timeout_s=0.1)
-                        break
-                    except TimeoutError:
-                        continue
-            assert (seen.width, seen.distortion_model, list(seen.d)) == (640, "plumb_bob", [0.1, 0.2])
-            assert decoder.status[LOCAL].state == "IDLE", "nobody asked for the pictures"
+                while (image := await subscription.take()).width != 640:
+                    pass
+            assert image.height == 368
+            await right_pictures(subscription)
+        assert decoder.states[LOCAL] == ["IDLE", "STARTING", "RUNNING"], "the same pipeline all along"
 
-    run(scenario())
+
+async def test_broken_packets_are_counted_and_the_stream_heals(serve):
+    async with serve() as (far, near, decoder):
+        camera = Camera(far)
+        subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+        async with camera.running():
+            await right_pictures(subscription)
+            for _ in range(5):
+                noise = default_message(FFMPEG)
+                noise.encoding = "h264;yuv420p;bgr8;bgr8"
+                noise.flags = 1
+                noise.width, noise.height = camera.size
+                noise.data = np.frombuffer(b"\0\0\0\1\x65" + bytes(range(200)), dtype=np.uint8)
+                camera.publisher.publish(noise)
+            async with asyncio.timeout(60):
+                while not (s := decoder.status[LOCAL].statistics) or s.broken == 0:
+                    await subscription.take()
+            assert s.last_error
+            images = [await subscription.take(timeout_s=60) for _ in range(15)]
+            assert abs(level_of(images[-1]) - ns_from_stamp(images[-1].header.stamp) / 1e9) <= 3
+        assert decoder.status[LOCAL].state == "RUNNING"
+
+
+async def test_camera_info_is_relayed_unchanged_on_demand(serve):
+    async with serve() as (far, near, decoder):
+        publisher = far.create_publisher("sensor_msgs/msg/CameraInfo", INFO, SENSOR_DATA)
+        subscription = near.create_subscription("sensor_msgs/msg/CameraInfo", LOCAL_INFO, qos=SENSOR_DATA)
+        await publisher.wait_for_subscriptions(1, 15)
+        info = default_message("sensor_msgs/msg/CameraInfo")
+        info.width, info.height, info.distortion_model = 640, 360, "plumb_bob"
+        info.d = np.array([0.1, 0.2])
+        async with asyncio.timeout(60):
+            while True:
+                publisher.publish(info)
+                try:
+                    seen = await subscription.take(timeout_s=0.1)
+                    break
+                except TimeoutError:
+                    continue
+        assert (seen.width, seen.distortion_model, list(seen.d)) == (640, "plumb_bob", [0.1, 0.2])
+        assert decoder.status[LOCAL].state == "IDLE", "nobody asked for the pictures"
 
 
 def discovery_event(kind: str):
@@ -182,81 +163,51 @@ def discovery_event(kind: str):
     return event
 
 
-def test_agents_come_and_go_by_discovery_events(serve):
+async def test_agents_come_and_go_by_discovery_events(serve):
     topic = "/local/station/agent_discovery_event"
-
-    async def scenario():
-        async with serve(streams=(), discovery_topic=topic) as (far, near, decoder), Camera(far).running():
-            subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
-            discoverer = near.create_publisher(DISCOVERY_EVENT, topic, DISCOVERY_QOS)
-            await discoverer.wait_for_subscriptions(1, 10)
-            discoverer.publish(discovery_event("DISCOVERED"))
-            await right_pictures(subscription)
-            discoverer.publish(discovery_event("LOST"))
-            await decoder.reaches("GONE")
-            discoverer.publish(discovery_event("RETURNED"))
-            await decoder.reaches("RUNNING")
-            await right_pictures(subscription, 12)
-
-    run(scenario())
+    async with serve(streams=(), discovery_topic=topic) as (far, near, decoder), Camera(far).running():
+        subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+        discoverer = near.create_publisher(DISCOVERY_EVENT, topic, DISCOVERY_QOS)
+        await discoverer.wait_for_subscriptions(1, 10)
+        discoverer.publish(discovery_event("DISCOVERED"))
+        await right_pictures(subscription)
+        discoverer.publish(discovery_event("LOST"))
+        await decoder.reaches("GONE")
+        discoverer.publish(discovery_event("RETURNED"))
+        await decoder.reaches("RUNNING")
+        await right_pictures(subscription, 12)
 
 
 def test_a_stream_that_cannot_be_offered_is_refused_before_anything_starts(domains):
-    from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
-    from sfglab.fleet.decoder.streams import StreamError
-
     config = DecoderConfig(remote=domains[0], local=domains[1], streams=("/local/go2/camera/color/ffmpeg",))
     with pytest.raises(StreamError, match="global scope"):
-        run(run_decoder(config, on_status=lambda _: None))
+        asyncio.run(run_decoder(config, on_status=lambda _: None))
 
 
 @pytest.mark.parametrize("side", ["local", "remote"])
 def test_an_interface_that_does_not_exist_is_one_clear_error_and_leaves_no_process(domains, side, capfd):
-    from dataclasses import replace
-
-    from sfglab.errors import SfglabError
-    from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
 
     sides = dict(zip(("remote", "local"), domains, strict=True))
     sides[side] = replace(sides[side], interface="nowhere0")
     before = children()
     with pytest.raises(SfglabError) as error:
-        run(run_decoder(DecoderConfig(**sides, streams=(STREAM,)), on_status=lambda _: None))
+        asyncio.run(run_decoder(DecoderConfig(**sides, streams=(STREAM,)), on_status=lambda _: None))
     said = str(error.value) + capfd.readouterr().err
     assert "no network interface 'nowhere0'" in said
     assert "Traceback" not in said
     assert children() == before
 
 
-def test_as_a_process_it_reports_its_processes_and_a_wrong_interface_in_one_sentence(domains):
-    from dataclasses import replace
-
-    from sfglab.fleet.decoder.node import DecoderConfig
-
-    async def process(config, orders: bytes):
-        pipe = asyncio.subprocess.PIPE
-        module = ("-W", "error", "-m", "sfglab.fleet.decoder.node", argument_of(config))
-        child = await asyncio.create_subprocess_exec(
-            sys.executable, *module, stdin=pipe, stdout=pipe, stderr=pipe
-        )
-        child.stdin.write(orders)
-        reports = []
-        while not reports or reports[-1]["is"] not in ("processes", "failed"):
-            reports.append(json.loads(await asyncio.wait_for(child.stdout.readline(), 60)))
-        child.stdin.close()
-        _, err = await asyncio.wait_for(child.communicate(), 60)
-        return child.returncode, reports, err.decode()
-
-    async def scenario():
-        remote, local = domains
-        config = DecoderConfig(remote=remote, local=local, streams=(STREAM,))
-        code, reports, err = await process(config, b'{"do": "list"}\n')
-        assert (code, err) == (0, "")
-        assert {"ready", "processes"} <= {report["is"] for report in reports}
-        assert reports[-1]["pids"]
-        code, (failed,), err = await process(replace(config, local=replace(local, interface="nowhere0")), b"")
-        assert (code, err) == (1, "")
-        assert "no network interface 'nowhere0'" in failed["why"]
-        assert "\n" not in failed["why"]
-
-    run(scenario())
+async def test_as_a_process_it_reports_its_processes_and_a_wrong_interface_in_one_sentence(domains, capfd):
+    remote, local = domains
+    config = DecoderConfig(remote=remote, local=local, streams=(STREAM,))
+    async with process("sfglab.fleet.decoder.node", config) as child:
+        child.order(do="list")
+        assert (await child.expect("processes", timeout_s=60))["pids"]
+    wrong = replace(config, local=replace(local, interface="nowhere0"))
+    async with process("sfglab.fleet.decoder.node", wrong) as refused:
+        with pytest.raises(ProcessFailedError, match="no network interface 'nowhere0'") as error:
+            await refused.expect("ready", timeout_s=60)
+    assert (child.status, refused.status) == (0, 1)
+    assert "\n" not in str(error.value)
+    assert capfd.readouterr().err == ""

@@ -8,17 +8,11 @@ from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.gop_cache import (
-    TRANSITIONS,
-    Action,
     GopCache,
-    Input,
     KeeperSettings,
     Limits,
-    State,
     replay_topic,
-    session,
 )
-from sfglab.machine import IllegalInputError
 
 COLOR = "/global/go2/camera_front/color/ffmpeg"
 
@@ -109,32 +103,3 @@ def test_what_is_no_numbered_stream_has_no_replay(topic):
 def test_more_than_a_replays_history_cannot_be_kept():
     with pytest.raises(InvalidValueError, match="1 to 256"):
         KeeperSettings(limits=Limits(packets=257))
-
-
-def test_a_replay_is_sent_once_its_reader_had_time_to_connect_and_forgotten_when_it_left():
-    replay = session("replay", settle_ns=10)
-    assert replay.feed(Input.READ, now_ns=0) is Action.SETTLE
-    assert not replay.due(9)
-    assert replay.due(10)
-    assert replay.feed(Input.TIMER, now_ns=10) is Action.BURST
-    assert (replay.state, replay.deadline_ns) == (State.SERVING, None)
-    assert replay.feed(Input.UNREAD, now_ns=20) is Action.RENEW
-    assert replay.state is State.IDLE
-
-
-def test_a_reader_that_leaves_at_once_costs_nothing():
-    replay = session("replay", settle_ns=10)
-    replay.feed(Input.READ, now_ns=0)
-    assert replay.feed(Input.UNREAD, now_ns=1) is Action.CANCEL
-    assert (replay.state, replay.deadline_ns) == (State.IDLE, None)
-
-
-@pytest.mark.parametrize("state", list(State))
-@pytest.mark.parametrize("given_input", list(Input))
-def test_what_the_table_does_not_list_is_refused_and_changes_nothing(state, given_input):
-    replay = session("replay", settle_ns=10)
-    replay.state = state
-    if (state, given_input) not in TRANSITIONS:
-        with pytest.raises(IllegalInputError):
-            replay.feed(given_input, now_ns=0)
-        assert replay.state is state

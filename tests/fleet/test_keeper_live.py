@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import asyncio
-import json
-import sys
 from contextlib import asynccontextmanager
 
 import pytest
 from conftest import FFMPEG, STREAM, Camera
+from waiting import DEADLINE_S, process, until
 
 from sfglab.bus import Node
-from sfglab.component import argument_of, config_from_argument
+from sfglab.component import argument_of, beside, config_from_argument
 from sfglab.fleet.gop_cache import (
     FLAG_DISCARD,
     FLAG_KEY,
@@ -42,19 +40,10 @@ async def keeping(domains, *, gop: int = 20, **settings):
         keeper = StreamKeeper(here, KeeperSettings(streams=(STREAM,), **settings), on_replay=replayed.append)
         camera = Camera(far)
         camera.gop = gop
-        task = asyncio.create_task(keeper.run())
-        await camera.publisher.wait_for_subscriptions(1, 15)
-        async with camera.running():
-            yield near, camera, replayed
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-
-
-async def shot(camera: Camera, frames: int) -> None:
-    until = camera.level + frames
-    async with asyncio.timeout(60):
-        while camera.level < until:
-            await asyncio.sleep(0.005)
+        async with beside(keeper.run()):
+            await camera.publisher.wait_for_subscriptions(1, 15)
+            async with camera.running():
+                yield near, camera, replayed
 
 
 async def read(near: Node, count: int) -> list:
@@ -64,81 +53,58 @@ async def read(near: Node, count: int) -> list:
     return packets
 
 
-def test_a_late_reader_gets_the_group_under_way_and_then_what_follows(domains):
-    async def scenario():
-        async with keeping(domains) as (near, camera, replayed):
-            await shot(camera, 30)
-            assert replayed == [], "nothing is written while nobody reads"
-            packets = await read(near, 60)
-            (report,) = replayed
-            numbers = [p.pts for p in packets]
-            assert packets[0].flags & FLAG_KEY
-            assert numbers == list(range(numbers[0], numbers[0] + 60)), "no gap, no repetition"
-            assert report.packets <= camera.gop
-            burst, rest = packets[: report.packets], packets[report.packets :]
-            assert all(p.flags & FLAG_DISCARD for p in burst[:-1])
-            assert not any(p.flags & FLAG_DISCARD for p in [*burst[-1:], *rest])
-            assert report.size_bytes == sum(len(p.data) for p in burst)
-            assert (report.gaps, report.overflows) == (0, 0)
-
-    asyncio.run(scenario())
+async def test_a_late_reader_gets_the_group_under_way_and_then_what_follows(domains):
+    async with keeping(domains) as (near, camera, replayed):
+        await camera.shot(30)
+        assert replayed == [], "nothing is written while nobody reads"
+        packets = await read(near, 60)
+        (report,) = replayed
+        numbers = [p.pts for p in packets]
+        assert packets[0].flags & FLAG_KEY
+        assert numbers == list(range(numbers[0], numbers[0] + 60)), "no gap, no repetition"
+        assert report.packets <= camera.gop
+        burst, rest = packets[: report.packets], packets[report.packets :]
+        assert all(p.flags & FLAG_DISCARD for p in burst[:-1])
+        assert not any(p.flags & FLAG_DISCARD for p in [*burst[-1:], *rest])
+        assert report.size_bytes == sum(len(p.data) for p in burst)
+        assert (report.gaps, report.overflows) == (0, 0)
 
 
-def test_the_next_reader_hears_nothing_of_the_replay_before_its_own(domains):
-    async def scenario():
-        async with keeping(domains) as (near, camera, replayed):
-            await shot(camera, 10)
-            first = await read(near, 3)
-            await shot(camera, 2 * camera.gop)
-            second = await read(near, 3)
-            assert second[0].flags & FLAG_KEY
-            assert second[0].pts >= first[0].pts + camera.gop
-            assert len(replayed) == 2
-
-    asyncio.run(scenario())
+async def test_the_next_reader_hears_nothing_of_the_replay_before_its_own(domains):
+    async with keeping(domains) as (near, camera, replayed):
+        await camera.shot(10)
+        first = await read(near, 3)
+        await camera.shot(2 * camera.gop)
+        second = await read(near, 3)
+        assert second[0].flags & FLAG_KEY
+        assert second[0].pts >= first[0].pts + camera.gop
+        assert len(replayed) == 2
 
 
-def test_a_group_that_is_too_long_is_not_replayed_and_the_live_stream_is_not_touched(domains):
-    async def scenario():
-        async with keeping(domains, gop=10_000, limits=Limits(packets=5)) as (near, camera, replayed):
-            live = near.create_subscription(FFMPEG, STREAM, qos=SENSOR_DATA)
-            await shot(camera, 20)
-            subscription = near.create_subscription(FFMPEG, REPLAY, qos=REPLAY_QOS)
-            async with asyncio.timeout(60):
-                while not replayed:
-                    await asyncio.sleep(0.005)
-            assert (replayed[0].packets, replayed[0].overflows) == (0, 1)
-            await live.take(timeout_s=60)
-            with pytest.raises(TimeoutError):
-                await subscription.take(timeout_s=0.2)
-
-    asyncio.run(scenario())
+async def test_a_group_that_is_too_long_is_not_replayed_and_the_live_stream_is_not_touched(domains):
+    async with keeping(domains, gop=10_000, limits=Limits(packets=5)) as (near, camera, replayed):
+        live = near.create_subscription(FFMPEG, STREAM, qos=SENSOR_DATA)
+        await camera.shot(20)
+        subscription = near.create_subscription(FFMPEG, REPLAY, qos=REPLAY_QOS)
+        await until(lambda: replayed)
+        assert (replayed[0].packets, replayed[0].overflows) == (0, 1)
+        await live.take(timeout_s=60)
+        with pytest.raises(TimeoutError):
+            await subscription.take(timeout_s=0.2)
 
 
-def test_a_best_effort_reader_is_served_too(domains):
-    async def scenario():
-        async with keeping(domains) as (near, camera, replayed):
-            await shot(camera, 5)
-            plain = near.create_subscription(FFMPEG, REPLAY, qos=SENSOR_DATA)
-            packet = await plain.take(timeout_s=60)
-            assert replayed
-            assert packet.encoding.startswith("h264")
-
-    asyncio.run(scenario())
+async def test_a_best_effort_reader_is_served_too(domains):
+    async with keeping(domains) as (near, camera, replayed):
+        await camera.shot(5)
+        plain = near.create_subscription(FFMPEG, REPLAY, qos=SENSOR_DATA)
+        packet = await plain.take(timeout_s=60)
+        assert replayed
+        assert packet.encoding.startswith("h264")
 
 
-def test_the_process_reports_ready_and_ends_with_its_input(domains):
+async def test_the_process_reports_ready_and_ends_with_its_input(domains):
     config = KeeperConfig(address=domains[0], streams=(STREAM,), limits=Limits(packets=60), settle_s=0.02)
     assert config_from_argument(KeeperConfig, argument_of(config)) == config
-
-    async def scenario():
-        process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "sfglab.fleet.gop_cache", argument_of(config)),
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-        )
-        assert json.loads(await process.stdout.readline()) == {"is": "ready"}
-        process.stdin.close()
-        assert await asyncio.wait_for(process.wait(), 60) == 0
-
-    asyncio.run(scenario())
+    async with process("sfglab.fleet.gop_cache", config) as child:
+        await child.expect("ready", timeout_s=DEADLINE_S)
+    assert child.status == 0

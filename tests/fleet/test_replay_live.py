@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
-from contextlib import asynccontextmanager
-
 import numpy as np
 import pytest
 from conftest import FFMPEG, IMAGE, LOCAL, STREAM, Camera, Decoder
+from waiting import until
 
+from sfglab.bus import Node
 from sfglab.codecs import H264Decoder
-from sfglab.component import argument_of, config_from_argument
-from sfglab.fleet.decoder.node import DecoderConfig
+from sfglab.component import argument_of, beside, config_from_argument
+from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
 from sfglab.fleet.gop_cache import KeeperSettings, StreamKeeper, replay_topic
 from sfglab.messages import ns_from_stamp
 from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
@@ -35,106 +34,62 @@ class NoisyCamera(Camera):
         return rng.integers(0, 255, (height // 16, width // 16, 3), np.uint8).repeat(16, 0).repeat(16, 1)
 
 
-@asynccontextmanager
-async def kept(node):
+def kept(node):
     """A keeper beside the camera."""
-    task = asyncio.create_task(StreamKeeper(node, KeeperSettings(streams=(STREAM,))).run())
-    try:
-        yield
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-
-
-async def shot(camera: Camera, frames: int) -> None:
-    until = camera.level + frames
-    async with asyncio.timeout(60):
-        while camera.level < until:
-            await asyncio.sleep(0.005)
+    return beside(StreamKeeper(node, KeeperSettings(streams=(STREAM,))).run())
 
 
 def number(image) -> int:
     return ns_from_stamp(image.header.stamp) // 10**9
 
 
-def test_a_splicer_in_mid_group_sees_pictures_equal_to_continuous_decoding_and_the_replay_is_left(serve):
-    async def scenario():
-        async with serve() as (far, near, decoder), kept(far):
-            camera = NoisyCamera(far)
-            await camera.publisher.wait_for_subscriptions(1, 15)
-            sent = []
-            tap = far.create_subscription(FFMPEG, STREAM, sent.append, qos=COMPRESSED_STREAM)
-            await tap.wait_for_publishers(1, 15)
-            async with camera.running():
-                await shot(camera, 25)
-                began = camera.level
-                subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
-                images = [await subscription.take(timeout_s=60) for _ in range(10)]
-                async with asyncio.timeout(60):
-                    while far.graph.subscriptions(REPLAY):
-                        await asyncio.sleep(0.01)
-                    while not (said := decoder.status[LOCAL].statistics):
-                        await asyncio.sleep(0.01)
-            assert number(images[0]) >= began, "the past is decoded and not shown"
-            assert said.replayed > 0
-            assert said.broken == 0
-            numbers = [number(image) for image in images]
-            assert numbers == list(range(numbers[0], numbers[0] + 10)), "no gap, no repetition"
-            continuous, expected = H264Decoder(), {}
-            for packet in sent:
-                (expected[number(packet)],) = continuous.decode_bgr(bytes(packet.data))
-            for image in images:
-                pixels = np.asarray(image.data).reshape(image.height, image.width, 3)
-                assert np.array_equal(pixels, expected[number(image)])
-
-    asyncio.run(scenario())
+async def test_a_splicer_in_mid_group_sees_pictures_equal_to_continuous_decoding_and_the_replay_is_left(serve):
+    async with (
+        serve() as (far, near, decoder),
+        beside(StreamKeeper(far, KeeperSettings(streams=(STREAM,))).run()),
+    ):
+        camera = NoisyCamera(far)
+        await camera.publisher.wait_for_subscriptions(1, 15)
+        sent = []
+        tap = far.create_subscription(FFMPEG, STREAM, sent.append, qos=COMPRESSED_STREAM)
+        await tap.wait_for_publishers(1, 15)
+        async with camera.running():
+            await camera.shot(25)
+            began = camera.level
+            subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+            images = [await subscription.take(timeout_s=60) for _ in range(10)]
+            await until(lambda: not far.graph.subscriptions(REPLAY) and decoder.status[LOCAL].statistics)
+            said = decoder.status[LOCAL].statistics
+        assert number(images[0]) >= began, "the past is decoded and not shown"
+        assert said.replayed > 0
+        assert said.broken == 0
+        numbers = [number(image) for image in images]
+        assert numbers == list(range(numbers[0], numbers[0] + 10)), "no gap, no repetition"
+        continuous, expected = H264Decoder(), {}
+        for packet in sent:
+            (expected[number(packet)],) = continuous.decode_bgr(bytes(packet.data))
+        for image in images:
+            pixels = np.asarray(image.data).reshape(image.height, image.width, 3)
+            assert np.array_equal(pixels, expected[number(image)])
 
 
-def test_a_stream_without_a_keeper_begins_with_its_next_key_frame(serve):
-    async def scenario():
-        async with serve() as (far, near, decoder):
-            camera = Camera(far)
-            camera.gop = 20
-            async with camera.running():
-                await shot(camera, 3)
-                subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
-                image = await subscription.take(timeout_s=60)
-                assert number(image) % 20 == 1, "levels count from one"
-                while not (said := decoder.status[LOCAL].statistics):
-                    await asyncio.sleep(0.01)
-                assert said.replayed == 0
-
-    asyncio.run(scenario())
-
-
-def test_the_papers_mode_neither_replays_nor_keeps_a_spare(domains):
+async def test_the_papers_mode_neither_replays_nor_keeps_a_spare(domains):
     config = DecoderConfig(remote=domains[0], local=domains[1], streams=(STREAM,), replay=False, spare=False)
     assert config_from_argument(DecoderConfig, argument_of(config)) == config
-
-    async def scenario():
-        from sfglab.bus import Node
-        from sfglab.fleet.decoder.node import run_decoder
-
-        decoder = Decoder()
-        async with (
-            Node("camera", **domains[0].options()) as far,
-            Node("viewer", **domains[1].options()) as near,
-        ):
-            task = asyncio.create_task(run_decoder(config, on_status=decoder.note, on_ready=decoder.is_ready))
-            async with asyncio.timeout(60):
-                await decoder.ready.wait()
-            assert decoder.pool.pids == ()
-            camera = Camera(far)
-            async with kept(far), camera.running():
-                subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
-                await subscription.take(timeout_s=60)
-                assert not far.graph.subscriptions(REPLAY)
-                assert len(decoder.pool.pids) == 1
-                subscription.close()
-                async with asyncio.timeout(60):
-                    while decoder.pool.pids:
-                        await asyncio.sleep(0.01)
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
-
-    asyncio.run(scenario())
+    decoder = Decoder()
+    serving = run_decoder(config, on_status=decoder.note, on_ready=decoder.is_ready)
+    async with (
+        Node("camera", **domains[0].options()) as far,
+        Node("viewer", **domains[1].options()) as near,
+        beside(serving),
+    ):
+        await until(decoder.ready.is_set)
+        assert decoder.pool.pids == ()
+        camera = Camera(far)
+        async with kept(far), camera.running():
+            subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+            await subscription.take(timeout_s=60)
+            assert not far.graph.subscriptions(REPLAY)
+            assert len(decoder.pool.pids) == 1
+            subscription.close()
+            await until(lambda: not decoder.pool.pids)

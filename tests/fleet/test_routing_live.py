@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import os
 import signal
-import sys
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
 
 import psutil
 import pytest
-from waiting import DEADLINE_S, until
+from waiting import DEADLINE_S, process, until
 
 from sfglab.bus import Node, ReceiveTimeoutError
 from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
-from sfglab.bus.dds.forwarder import wire_type
-from sfglab.component import argument_of, config_from_argument
+from sfglab.component import argument_of, beside, config_from_argument
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.policy import Direction, ForwardRule, Policy
 from sfglab.fleet.router.node import (
@@ -31,15 +28,13 @@ from sfglab.fleet.router.node import (
     serve_terminal,
 )
 from sfglab.messages import (
-    ServiceFrame,
     default_message,
-    frame_service,
     message_type,
     serialize,
-    unframe_service,
 )
 from sfglab.messages.dds import opaque_idl_struct
-from sfglab.qos import LATCHED, SENSOR_DATA, SERVICES, Durability, QoSProfile, Reliability
+from sfglab.processes import ProcessFailedError
+from sfglab.qos import LATCHED, QoSProfile
 
 pytestmark = [pytest.mark.live]
 
@@ -64,12 +59,8 @@ async def routing(local: int, remote: int, **settings):
     ):
         agent = RouterSettings(agent=f"robot{local}", **{"linger_s": 0.1, **settings})
         router = Router(near, far, agent, pair=f"host/{local}")
-        task = asyncio.create_task(router.run())
-        try:
+        async with beside(router.run()):
             yield router
-        finally:
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
 
 
 @asynccontextmanager
@@ -114,36 +105,25 @@ async def warm(publishers, ears) -> None:
             await asyncio.sleep(0.01)
 
 
-def router_names(node: Node) -> set[str]:
-    return {e.dds_topic for e in node.graph.endpoints() if b"sfglab.router" in e.user_data}
-
-
-def test_everybody_hears_everybody_once_in_order_with_the_first_stamp(ids):
-    async def scenario():
-        async with fleet(ids) as nodes:
-            ears = [Ears(node) for node in nodes]
-            publishers = [node.create_publisher(STRING, TOPIC, DEEP) for node in nodes]
-            await warm(publishers, ears)
-            for number in range(50):
-                for who, publisher in enumerate(publishers):
-                    publisher.publish_raw(_cdr(f"{who} {number}"), source_timestamp_ns=1_000 * who + number)
-            await until(lambda: all(len(ear.real()) >= 150 for ear in ears))
-            await _stillness(lambda: [len(ear.heard) for ear in ears])
-            for ear in ears:
-                for who in range(3):
-                    mine = [data for data in ear.real() if data.startswith(f"{who} ")]
-                    assert mine == [f"{who} {number}" for number in range(50)], "once, in order"
-                stamps = {s for d, s in zip(ear.heard, ear.stamps, strict=True) if not d.startswith("warm")}
-                assert stamps == {1_000 * who + number for who in range(3) for number in range(50)}
-                ear.task.cancel()
-
-    asyncio.run(scenario())
-
-
-def _cdr(text: str) -> bytes:
-    from sfglab.messages import serialize
-
-    return serialize(String(data=text))
+async def test_everybody_hears_everybody_once_in_order_with_the_first_stamp(ids):
+    async with fleet(ids) as nodes:
+        ears = [Ears(node) for node in nodes]
+        publishers = [node.create_publisher(STRING, TOPIC, DEEP) for node in nodes]
+        await warm(publishers, ears)
+        for number in range(50):
+            for who, publisher in enumerate(publishers):
+                publisher.publish_raw(
+                    serialize(String(data=f"{who} {number}")), source_timestamp_ns=1_000 * who + number
+                )
+        await until(lambda: all(len(ear.real()) >= 150 for ear in ears))
+        await _stillness(lambda: [len(ear.heard) for ear in ears])
+        for ear in ears:
+            for who in range(3):
+                mine = [data for data in ear.real() if data.startswith(f"{who} ")]
+                assert mine == [f"{who} {number}" for number in range(50)], "once, in order"
+            stamps = {s for d, s in zip(ear.heard, ear.stamps, strict=True) if not d.startswith("warm")}
+            assert stamps == {1_000 * who + number for who in range(3) for number in range(50)}
+            ear.task.cancel()
 
 
 async def _stillness(look) -> None:
@@ -163,7 +143,7 @@ def transforms(*pairs: tuple[str, str]):
     return message_type("tf2_msgs/msg/TFMessage")(transforms=made)
 
 
-def test_static_transforms_of_two_nodes_reach_whoever_joins_late_and_go_with_their_node(ids):
+async def test_static_transforms_of_two_nodes_reach_whoever_joins_late_and_go_with_their_node(ids):
     listener_qos = replace(LATCHED, depth=100)
 
     async def heard(node, count):
@@ -174,163 +154,20 @@ def test_static_transforms_of_two_nodes_reach_whoever_joins_late_and_go_with_the
         late.close()
         return {(t.header.frame_id, t.child_frame_id) for m in messages for t in m.transforms}
 
-    async def scenario():
-        async with fleet(ids) as (one, two, everybody):
-            first, second = (
-                one.create_publisher("tf2_msgs/msg/TFMessage", "/tf_static", LATCHED) for _ in range(2)
-            )
-            first.publish(transforms(("map", "odom"), ("odom", "base")))
-            second.publish(transforms(("base", "camera"), ("earth", "map")))
-            me = f"robot{ids[1]}"
-            of_first = {("map", f"{me}/odom"), (f"{me}/odom", f"{me}/base")}
-            of_second = {(f"{me}/base", f"{me}/camera")}
-            assert await heard(two, 2) == of_first | of_second
-            assert await heard(everybody, 2) == of_first | of_second
-            first.close()
-            await until(lambda: len(everybody.graph.publishers("/tf_static")) <= 1)
-            assert await heard(two, 1) == of_second, "a dead node's transforms are gone with it"
-
-    asyncio.run(scenario())
-
-
-def test_services_are_called_through_two_routers_both_ways_and_from_the_global_domain(ids):
-    async def scenario():
-        async with fleet(ids) as (one, two, everybody):
-            response = default_message(f"{METADATA}_Response")
-            request = default_message(f"{METADATA}_Request")
-            for node, name in ((one, "one"), (two, "two"), (everybody, "all")):
-                reply = replace(response, message=name)
-                node.create_service(METADATA, f"/global/{name}/get_metadata", lambda _, reply=reply: reply)
-            for caller, name in ((two, "one"), (one, "two"), (everybody, "one"), (two, "all")):
-                client = caller.create_client(METADATA, f"/global/{name}/get_metadata")
-                answers = [await client.call(request, 10) for _ in range(3)]
-                assert [answer.message for answer in answers] == [name] * 3
-
-    asyncio.run(scenario())
-
-
-def test_a_request_that_is_there_before_its_reply_reader_is_answered_when_that_is_known(ids, monkeypatch):
-    monkeypatch.setattr("sfglab.fleet.router.plan.PATIENCE_NS", 60 * 10**9)
-    requests, replies = "rq/global/one/get_metadataRequest", "rr/global/one/get_metadataReply"
-
-    async def scenario():
-        async with fleet(ids) as (one, _, everybody):
-            asked, got = [], []
-            request, response = (default_message(f"{METADATA}_{half}") for half in ("Request", "Response"))
-            one.create_service(METADATA, "/global/one/get_metadata", lambda r: asked.append(r) or response)
-            one.create_service(METADATA, "/global/one/barrier", lambda _: response)
-            side = everybody.backend.participant
-            writer = DdsWriter(
-                side.create_writer(requests, wire_type(requests, f"{METADATA}_Request"), SERVICES),
-                requests,
-                type_=METADATA,
-                waitset=side.waitset,
-                on_matched=lambda: None,
-            )
-            await until(lambda: writer.matched)
-            writer.write(frame_service(ServiceFrame(7, 1, serialize(request))))
-            await everybody.create_client(METADATA, "/global/one/barrier").call(request, 10)
-            assert asked == [], "nobody could hear the answer yet"
-            DdsReader(
-                side.create_reader(replies, wire_type(replies, f"{METADATA}_Response"), SERVICES),
-                waitset=side.waitset,
-                on_samples=got.extend,
-                on_matched=lambda: None,
-            )
-            await until(lambda: got)
-            assert [unframe_service(sample[0])[:2] for sample in got] == [(7, 1)]
-            assert len(asked) == 1
-
-    asyncio.run(scenario())
-
-
-def test_nothing_but_table_1_in_use_appears_in_the_global_domain(ids):
-    async def scenario():
-        async with fleet(ids) as (one, two, everybody):
-            names = ("/local/go2/scan", "/scan", "/rosout", "/global/go2/unused", TOPIC, "/tf")
-            for name in names:
-                one.create_publisher(STRING, name)
-            for name in names[:3]:
-                two.create_subscription(STRING, name)
-                everybody.create_subscription(STRING, name)
-            two.create_subscription(STRING, TOPIC)
-            one.create_service(METADATA, "/get_parameters", print)
-            two.create_client(METADATA, "/get_parameters")
-            wanted = {"rt" + TOPIC}
-            await until(lambda: router_names(everybody) >= wanted and router_names(two) >= wanted)
-            await until(lambda: {e.topic for e in one.graph.endpoints()} >= set(names))
-            assert router_names(everybody) == wanted
-            assert router_names(one) == router_names(two) == wanted
-
-    asyncio.run(scenario())
-
-
-def test_a_path_ends_with_its_last_subscription_and_forms_again(ids):
-    async def scenario():
-        async with fleet(ids) as (one, two, everybody):
-            publisher = one.create_publisher(STRING, TOPIC, LATCHED)
-            for number in range(2):
-                publisher.publish(String(data=str(number)))
-                subscription = two.create_subscription(STRING, TOPIC, qos=LATCHED)
-                assert (await subscription.take(60)).data == str(number)
-                assert router_names(everybody) == {"rt" + TOPIC}
-                subscription.close()
-                await until(lambda: not (router_names(everybody) | router_names(one) | router_names(two)))
-                # The writer hears of it by another way than the graph.
-                await until(lambda: publisher.get_subscription_count() == 0)
-
-    asyncio.run(scenario())
-
-
-def test_qos_across_the_border_is_that_of_the_source(ids):
-    latched = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=5)
-
-    async def scenario():
-        async with fleet(ids) as (one, two, _):
-            for topic, qos in (("/global/a/scan", SENSOR_DATA), ("/global/a/log", latched)):
-                publisher = one.create_publisher(STRING, topic, qos)
-                for number in range(9):
-                    publisher.publish(String(data=str(number)))
-                two.create_subscription(STRING, topic, qos=SENSOR_DATA)
-                await until(lambda t=topic: two.graph.publishers(t))
-            (scan,), (log,) = (two.graph.publishers(f"/global/a/{name}") for name in ("scan", "log"))
-            assert scan.qos.reliability is Reliability.BEST_EFFORT
-            assert log.qos == latched
-            late = two.create_subscription(STRING, "/global/a/log", qos=replace(latched, depth=100))
-            assert [(await late.take(60)).data for _ in range(5)] == ["4", "5", "6", "7", "8"]
-            reliable = two.create_subscription(STRING, "/global/a/scan")
-            with pytest.raises(ReceiveTimeoutError):
-                await reliable.take(0.1)  # as without router: best effort does not satisfy it
-
-    asyncio.run(scenario())
-
-
-def test_an_orphaned_second_router_doubles_messages_but_does_not_send_them_round(ids):
-    async def scenario():
-        async with (
-            Node("one", domain_id=ids[1], interface="lo") as one,
-            Node("everybody", domain_id=ids[0], interface="lo") as everybody,
-            routing(ids[1], ids[0]) as router,
-            routing(ids[1], ids[0]) as orphan,
-        ):
-            ears = [Ears(one), Ears(everybody)]
-            publishers = [node.create_publisher(STRING, TOPIC, DEEP) for node in (one, everybody)]
-            await warm(publishers, ears)
-            # Both routers carry it now, each way, or the counts below would not come to rest at twice.
-            await until(lambda: all(len(r.status.paths) == 2 for r in (router, orphan)))
-            await until(lambda: all(p.writers for r in (router, orphan) for p in r.status.paths))
-            await warm(publishers, ears)
-            await _stillness(lambda: [len(ear.heard) for ear in ears])
-            for number in range(20):
-                for who, publisher in enumerate(publishers):
-                    publisher.publish(String(data=f"{who} {number}"))
-            await until(lambda: all(len(ear.real()) >= 60 for ear in ears))
-            await _stillness(lambda: [len(ear.heard) for ear in ears])
-            assert [len(ear.real()) for ear in ears] == [60, 60], "20 of its own, 20 twice"
-            for ear in ears:
-                ear.task.cancel()
-
-    asyncio.run(scenario())
+    async with fleet(ids) as (one, two, everybody):
+        first, second = (
+            one.create_publisher("tf2_msgs/msg/TFMessage", "/tf_static", LATCHED) for _ in range(2)
+        )
+        first.publish(transforms(("map", "odom"), ("odom", "base")))
+        second.publish(transforms(("base", "camera"), ("earth", "map")))
+        me = f"robot{ids[1]}"
+        of_first = {("map", f"{me}/odom"), (f"{me}/odom", f"{me}/base")}
+        of_second = {(f"{me}/base", f"{me}/camera")}
+        assert await heard(two, 2) == of_first | of_second
+        assert await heard(everybody, 2) == of_first | of_second
+        first.close()
+        await until(lambda: len(everybody.graph.publishers("/tf_static")) <= 1)
+        assert await heard(two, 1) == of_second, "a dead node's transforms are gone with it"
 
 
 def test_a_clash_of_frames_is_dropped_and_reported_and_the_rest_passes(ids, caplog):
@@ -355,36 +192,32 @@ def test_a_clash_of_frames_is_dropped_and_reported_and_the_rest_passes(ids, capl
     assert [r.message for r in caplog.records if "inward transform" in r.message]
 
 
-def test_an_unknown_type_crosses_two_routers(ids):
+async def test_an_unknown_type_crosses_two_routers(ids):
     custom = "my_robot_msgs/msg/Arm"
     cdr = b"\0\1\0\0" + bytes(range(200))
-
-    async def scenario():
-        async with fleet(ids) as (one, two, _):
-            got = []
-            sides = [node.backend.participant for node in (one, two)]
-            struct = opaque_idl_struct(custom)
-            writer = DdsWriter(
-                sides[0].create_writer("rt" + TOPIC, struct, LATCHED),
-                TOPIC,
-                type_=custom,
-                waitset=sides[0].waitset,
-                on_matched=lambda: None,
-            )
-            writer.write(cdr, 7)
-            DdsReader(
-                sides[1].create_reader("rt" + TOPIC, struct, LATCHED),
-                waitset=sides[1].waitset,
-                on_samples=got.extend,
-                on_matched=lambda: None,
-            )
-            await until(lambda: got)
-            assert [sample[:2] for sample in got] == [(cdr, 7)]
-
-    asyncio.run(scenario())
+    async with fleet(ids) as (one, two, _):
+        got = []
+        sides = [node.backend.participant for node in (one, two)]
+        struct = opaque_idl_struct(custom)
+        writer = DdsWriter(
+            sides[0].create_writer("rt" + TOPIC, struct, LATCHED),
+            TOPIC,
+            type_=custom,
+            waitset=sides[0].waitset,
+            on_matched=lambda: None,
+        )
+        writer.write(cdr, 7)
+        DdsReader(
+            sides[1].create_reader("rt" + TOPIC, struct, LATCHED),
+            waitset=sides[1].waitset,
+            on_samples=got.extend,
+            on_matched=lambda: None,
+        )
+        await until(lambda: got)
+        assert [sample[:2] for sample in got] == [(cdr, 7)]
 
 
-def test_routers_that_come_and_go_leave_nothing(ids):
+async def test_routers_that_come_and_go_leave_nothing(ids):
     async def once():
         async with fleet(ids) as (one, two, _):
             publisher = one.create_publisher(STRING, TOPIC, LATCHED)
@@ -395,38 +228,15 @@ def test_routers_that_come_and_go_leave_nothing(ids):
         process = psutil.Process()
         return process.num_threads(), process.num_fds(), len(process.children())
 
-    async def scenario():
+    await once()
+    before = resources()
+    for _ in range(3):
         await once()
-        before = resources()
-        for _ in range(3):
-            await once()
-        assert resources() == before
-        assert len(asyncio.all_tasks()) == 1
-
-    asyncio.run(scenario())
+    assert resources() == before
+    assert len(asyncio.all_tasks()) == 1
 
 
 # The router as a process.
-
-
-@asynccontextmanager
-async def process(config: RouterConfig):
-    pipe = asyncio.subprocess.PIPE
-    command = [sys.executable, "-W", "error", "-m", "sfglab.fleet.router.node", argument_of(config)]
-    started = await asyncio.create_subprocess_exec(*command, stdin=pipe, stdout=pipe)
-    try:
-        yield started
-    finally:
-        if started.returncode is None:
-            started.kill()
-        await started.wait()
-
-
-async def says(started, kind: str) -> dict:
-    async with asyncio.timeout(DEADLINE_S):
-        while (report := json.loads(await started.stdout.readline()))["is"] != kind:
-            pass
-    return report
 
 
 def config_of(ids, **more) -> RouterConfig:
@@ -434,64 +244,57 @@ def config_of(ids, **more) -> RouterConfig:
     return RouterConfig(agent="go2", local=local, remote=remote, linger_s=0.1, **more)
 
 
-def test_a_second_router_is_refused_and_after_kill_9_a_new_one_takes_over(ids):
-    async def scenario():
-        config = config_of(ids)
-        async with (
-            Node("one", domain_id=ids[1], interface="lo") as one,
-            Node("everybody", domain_id=ids[0], interface="lo") as everybody,
-            process(config) as first,
-        ):
-            await says(first, "ready")
-            publisher = one.create_publisher(STRING, TOPIC, DEEP)
-            ears = Ears(everybody)
+async def test_a_second_router_is_refused_and_after_kill_9_a_new_one_takes_over(ids):
+    config = config_of(ids)
+    async with (
+        Node("one", domain_id=ids[1], interface="lo") as one,
+        Node("everybody", domain_id=ids[0], interface="lo") as everybody,
+        process("sfglab.fleet.router.node", config) as first,
+    ):
+        await first.expect("ready", timeout_s=DEADLINE_S)
+        publisher = one.create_publisher(STRING, TOPIC, DEEP)
+        ears = Ears(everybody)
+        await warm([publisher], [ears])
+        status = await first.expect("status", timeout_s=DEADLINE_S)
+        assert [path["topic"] for path in status["paths"]] in ([], ["rt" + TOPIC])
+        domains = f"domains {min(ids[:2])} and {max(ids[:2])}: process {first.pid}"
+        async with process("sfglab.fleet.router.node", config) as second:
+            with pytest.raises(ProcessFailedError, match=domains):
+                await second.expect("ready", timeout_s=DEADLINE_S)
+        assert second.status == 1
+        first.signal(signal.SIGKILL)
+        await first.wait()
+        ears.heard.clear()
+        async with process("sfglab.fleet.router.node", config) as third:
+            await third.expect("ready", timeout_s=DEADLINE_S)
             await warm([publisher], [ears])
-            assert [path["topic"] for path in (await says(first, "status"))["paths"]] in ([], ["rt" + TOPIC])
-            async with process(config) as second:
-                why = (await says(second, "failed"))["why"]
-                assert f"process {first.pid}" in why
-                assert f"domains {min(ids[:2])} and {max(ids[:2])}" in why
-                assert await second.wait() == 1
-            first.send_signal(signal.SIGKILL)
-            await first.wait()
-            ears.heard.clear()
-            async with process(config) as third:
-                await says(third, "ready")
-                await warm([publisher], [ears])
-                publisher.publish(String(data="x"))
-                await until(ears.real)
-                await _stillness(lambda: len(ears.heard))
-                assert ears.real() == ["x"], "the dead one does not count"
-                third.stdin.close()
-                async with asyncio.timeout(DEADLINE_S):
-                    assert await third.wait() == 0
-            dead = {e.participant for e in everybody.graph.publishers(TOPIC)}
-            assert len(dead) <= 1, "only the killed one, until its lease runs out"
-            ears.task.cancel()
-
-    asyncio.run(scenario())
+            publisher.publish(String(data="x"))
+            await until(ears.real)
+            await _stillness(lambda: len(ears.heard))
+            assert ears.real() == ["x"], "the dead one does not count"
+        assert third.status == 0
+        dead = {e.participant for e in everybody.graph.publishers(TOPIC)}
+        assert len(dead) <= 1, "only the killed one, until its lease runs out"
+        ears.task.cancel()
 
 
-def test_at_a_terminal_it_says_which_paths_open_and_close(ids):
-    async def scenario():
-        said = []
-        serving = asyncio.create_task(serve_terminal(config_of(ids), said.append))
-        async with (
-            Node("one", domain_id=ids[1], interface="lo") as one,
-            Node("everybody", domain_id=ids[0], interface="lo") as everybody,
-        ):
-            one.create_publisher(STRING, TOPIC, LATCHED).publish(String(data="x"))
-            subscription = everybody.create_subscription(STRING, TOPIC, qos=LATCHED)
-            await subscription.take(60)
-            subscription.close()
-            await until(lambda: f"outward rt{TOPIC}: closed" in said)
-            os.kill(os.getpid(), signal.SIGTERM)
-            await serving
-        path = f"outward rt{TOPIC}"
-        ready, released = "router: ready, end it with Ctrl-C", "router: everything is released"
-        assert said == [ready, f"{path}: open", f"{path}: closed", released]
-
-    asyncio.run(scenario())
+async def test_at_a_terminal_it_says_which_paths_open_and_close(ids):
+    said = []
+    serving = asyncio.create_task(serve_terminal(config_of(ids), said.append))
+    async with (
+        Node("one", domain_id=ids[1], interface="lo") as one,
+        Node("everybody", domain_id=ids[0], interface="lo") as everybody,
+    ):
+        one.create_publisher(STRING, TOPIC, LATCHED).publish(String(data="x"))
+        subscription = everybody.create_subscription(STRING, TOPIC, qos=LATCHED)
+        await subscription.take(60)
+        subscription.close()
+        await until(lambda: f"outward rt{TOPIC}: closed" in said)
+        os.kill(os.getpid(), signal.SIGTERM)
+        await serving
+    path = f"outward rt{TOPIC}"
+    ready, released = "router: ready, end it with Ctrl-C", "router: everything is released"
+    assert said == [ready, f"{path}: open", f"{path}: closed", released]
 
 
 def test_the_lock_names_its_holder_and_is_free_at_once_when_let_go():

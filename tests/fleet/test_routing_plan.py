@@ -371,19 +371,6 @@ def test_a_subscription_that_returns_within_the_linger_changes_nothing():
     assert one.plan.deadline_ns is None
 
 
-def test_an_endpoint_whose_lease_ran_out_and_that_comes_back_stays():
-    world, one, _ = two_agents()
-    world.add(1, plain(world, PUB, "rt/tf"))
-    sink = world.add(GLOBAL, plain(world, SUB, "rt/tf"))
-    world.settle()
-    one.done.clear()
-    world.remove(GLOBAL, sink.gid)
-    world.add(GLOBAL, sink)
-    world.settle()
-    assert one.done == []
-    assert len(one.open) == 2
-
-
 def test_a_source_that_goes_is_forgotten_and_its_latched_writer_with_it():
     world, one, _ = two_agents()
     kept, leaving = (world.add(1, plain(world, PUB, "rt/tf_static", LATCHED)) for _ in range(2))
@@ -411,28 +398,6 @@ def test_a_weaker_source_replaces_the_reader_and_a_stronger_wish_brings_it_back(
     world.settle()
     readers = [spec for spec in one.open if isinstance(spec, ReaderSpec)]
     assert {r.qos.reliability for r in readers} == {SENSOR_DATA.reliability, DEFAULT.reliability}
-
-
-def test_a_source_that_two_readers_hear_is_forwarded_by_one():
-    world, one, _ = two_agents()
-    sources = [world.add(GLOBAL, plain(world, PUB, "rt/tf", qos)) for qos in (DEFAULT, SENSOR_DATA)]
-    sinks = [world.add(1, plain(world, SUB, "rt/tf", qos)) for qos in (DEFAULT, SENSOR_DATA)]
-    world.settle()
-    assert sum(isinstance(spec, ReaderSpec) for spec in one.open) == 2
-    assert world.copies(GLOBAL, sources[0]) == {sinks[0].gid: 1, sinks[1].gid: 1}
-    assert world.copies(GLOBAL, sources[1]) == {sinks[1].gid: 1}
-
-
-def test_what_an_orphaned_router_on_the_same_pair_writes_is_dropped_and_not_held():
-    world = World()
-    one, orphan = (world.start_router(1, "host/1") for _ in range(2))
-    world.add(1, plain(world, PUB, "rt/tf"))
-    world.add(1, plain(world, SUB, "rt/tf"))
-    world.add(GLOBAL, plain(world, SUB, "rt/tf"))
-    world.settle()
-    (inward,) = (g for s, g in one.open.items() if isinstance(s, ReaderSpec) and not s.path.outward)
-    (outward,) = (g for s, g in orphan.open.items() if isinstance(s, WriterSpec) and s.path.outward)
-    assert one.judged[inward, outward] is None
 
 
 def test_best_effort_subscriptions_cause_no_reliable_hop_but_latched_samples_are_always_fetched():

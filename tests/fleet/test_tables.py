@@ -1,0 +1,260 @@
+"""Tables of components, pipelines, replays and remote agents: legal paths act, all else is refused."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfglab.fleet import gop_cache
+from sfglab.fleet.agent import supervision
+from sfglab.fleet.decoder import demand as pipelines
+from sfglab.fleet.discovery import lifecycle
+from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, Asking, Told, diagram
+from sfglab.machine import BackOff, IllegalInputError, Machine
+from sfglab.messages import message_type
+
+WAITS = {"start_ns": 100, "stop_ns": 50, "backoff_ns": 4, "backoff_max_ns": 20, "stable_ns": 1000}
+MODULES = {
+    "component": supervision,
+    "pipeline": pipelines,
+    "replay": gop_cache,
+    "agent": lifecycle,
+}
+START = {"component": "NEW", "pipeline": "IDLE", "replay": "IDLE", "agent": "UNKNOWN"}
+machines = pytest.mark.parametrize("name", MODULES)
+
+
+class Walk:
+    """A machine that is fed its inputs by their names."""
+
+    def __init__(self, name: str, inputs: str = "") -> None:
+        self.module = MODULES[name]
+        self.machine = {
+            "component": lambda: supervision.Supervision(name, supervision.Timing(**WAITS)),
+            "pipeline": lambda: pipelines.Lifecycle(pipelines.Timing(**WAITS, linger_ns=10)),
+            "replay": lambda: gop_cache.session(name, settle_ns=10),
+            "agent": lambda: lifecycle.Lifecycle(name),
+        }[name]()
+        self.actions = []
+        for given_input in inputs.split():
+            self.feed(given_input)
+
+    def feed(self, given_input: str, now_ns: int = 0) -> list[str]:
+        """Feed an input; return the names of the actions."""
+        value = self.module.Input[given_input]
+        if self.module is lifecycle:
+            actions = self.machine.feed(value)
+        else:
+            action = self.machine.feed(value, now_ns=now_ns)
+            actions = () if action is None else (action,)
+        self.actions += [action.name for action in actions]
+        return [action.name for action in actions]
+
+    @property
+    def state(self) -> str:
+        return self.machine.state.name
+
+    @property
+    def deadline_ns(self) -> int | None:
+        return getattr(self.machine, "deadline_ns", None)
+
+
+@pytest.mark.parametrize(
+    ("name", "inputs", "actions", "state"),
+    [
+        ("component", "BEGIN READY TOLD_TO_STOP ENDED", "START CANCEL_TIMER TERMINATE CANCEL_TIMER", "STOPPED"),
+        ("component", "BEGIN TIMER TIMER ENDED TIMER", "START TERMINATE KILL BACK_OFF START", "STARTING"),
+        ("component", "BEGIN READY TOLD_TO_STOP TIMER", "START CANCEL_TIMER TERMINATE KILL", "STOPPING"),
+        ("component", "BEGIN READY TOLD_TO_STOP TOLD_TO_STOP", "START CANCEL_TIMER TERMINATE KILL", "STOPPING"),
+        (
+            "pipeline",
+            "WANTED STARTED UNWANTED TIMER ENDED",
+            "START CANCEL_TIMER LINGER STOP CANCEL_TIMER",
+            "IDLE",
+        ),
+        ("pipeline", "WANTED STARTED UNWANTED WANTED", "START CANCEL_TIMER LINGER CANCEL_TIMER", "RUNNING"),
+        ("pipeline", "WANTED TIMER ENDED", "START STOP START", "STARTING"),
+        ("pipeline", "WANTED UNWANTED WANTED ENDED", "START STOP START", "STARTING"),
+        ("pipeline", "WANTED UNWANTED TIMER ENDED", "START STOP KILL CANCEL_TIMER", "IDLE"),
+        ("replay", "READ TIMER UNREAD", "SETTLE BURST RENEW", "IDLE"),
+        ("replay", "READ UNREAD", "SETTLE CANCEL", "IDLE"),
+        ("agent", "HEARD HEARD HEARD ANSWERED", "QUERY DISCOVERED", "ACTIVE"),
+        ("agent", "HEARD FAILED HEARD RETRY ANSWERED", "QUERY BACK_OFF QUERY DISCOVERED", "ACTIVE"),
+        ("agent", "HEARD SILENT", "QUERY ABANDON FORGET", "UNKNOWN"),
+        ("agent", "HEARD FAILED SILENT", "QUERY BACK_OFF FORGET", "UNKNOWN"),
+        ("agent", "HEARD ANSWERED SILENT HEARD", "QUERY DISCOVERED LOST RETURNED", "ACTIVE"),
+        ("agent", "HEARD ANSWERED RESTARTED HEARD ANSWERED_ANEW", "QUERY DISCOVERED QUERY RESTARTED", "ACTIVE"),
+        ("agent", "HEARD ANSWERED CHANGED CHANGED ANSWERED", "QUERY DISCOVERED QUERY UPDATED", "ACTIVE"),
+        ("agent", "HEARD RESTARTED", "QUERY ABANDON QUERY", "QUERYING"),
+        (
+            "agent",
+            "HEARD ANSWERED SILENT RESTARTED SILENT HEARD",
+            "QUERY DISCOVERED LOST QUERY ABANDON RETURNED",
+            "ACTIVE",
+        ),
+    ],
+)
+def test_a_path_acts_as_wanted(name, inputs, actions, state):
+    walk = Walk(name, inputs)
+    assert (walk.actions, walk.state) == (actions.split(), state)
+    if state in ("STOPPED", "IDLE", "RUNNING"):
+        assert walk.deadline_ns is None
+
+
+@pytest.mark.parametrize(
+    ("name", "prefix", "life"), [("component", "BEGIN", "READY ENDED"), ("pipeline", "WANTED", "ENDED")]
+)
+def test_crashes_are_tried_again_with_doubling_waits_up_to_the_limit(name, prefix, life):
+    walk, waits = Walk(name, prefix), []
+    for _ in range(5):
+        for given_input in life.split():
+            walk.feed(given_input)
+        waits.append(walk.deadline_ns)
+        walk.feed("TIMER")
+    assert waits == [4, 8, 16, 20, 20]
+    assert walk.machine.crashes == 5
+
+
+@pytest.mark.parametrize(
+    ("name", "begin", "ready"), [("component", "BEGIN", "READY"), ("pipeline", "WANTED", "STARTED")]
+)
+def test_one_that_served_long_enough_starts_over_with_the_short_wait_and_that_counts_once(name, begin, ready):
+    walk = Walk(name, f"{begin} ENDED TIMER ENDED TIMER")
+    walk.feed(ready, 10)
+    waits = []
+    for now_ns in (1010, 2010):  # the second one never served, however long ago the first one did
+        walk.feed("ENDED", now_ns)
+        waits.append(walk.deadline_ns - now_ns)
+        walk.feed("TIMER", now_ns)
+    assert waits == [4, 8]
+
+
+@pytest.mark.parametrize(
+    ("inputs", "willingly", "action"),
+    [("BEGIN", True, "GIVE_UP"), ("BEGIN", False, "BACK_OFF"), ("BEGIN READY ENDED TIMER", True, "BACK_OFF")],
+)
+def test_a_component_that_exits_before_it_ever_served_is_given_up_else_tried_again(inputs, willingly, action):
+    life = Walk("component", inputs).machine
+    assert life.ended(willingly=willingly, now_ns=0).name == action
+    assert (life.state is supervision.State.FAILED) == (action == "GIVE_UP")
+
+
+@pytest.mark.parametrize("prefix", ["", "BEGIN", "BEGIN READY", "BEGIN TIMER", "BEGIN ENDED", "BEGIN REFUSED"])
+def test_told_to_stop_a_component_ends_wherever_it_stands(prefix):
+    walk = Walk("component", f"{prefix} TOLD_TO_STOP")
+    if walk.state == "STOPPING":
+        walk.feed("ENDED")
+    assert walk.machine.state in supervision.REST
+    assert walk.deadline_ns is None
+    assert walk.feed("TOLD_TO_STOP") == []
+
+
+def test_told_to_stop_while_it_is_replaced_a_component_keeps_the_deadline_of_its_end():
+    walk = Walk("component", "BEGIN TIMER TOLD_TO_STOP")
+    assert (walk.state, walk.deadline_ns) == ("STOPPING", WAITS["stop_ns"])
+
+
+@pytest.mark.parametrize("prefix", ["", "WANTED", "WANTED STARTED"])
+def test_a_withdrawn_stream_ends_gone(prefix):
+    walk = Walk("pipeline", f"{prefix} WITHDRAWN")
+    if walk.state == "LEAVING":
+        walk.feed("ENDED")
+    assert walk.state == "GONE"
+
+
+def test_a_replay_waits_until_its_reader_had_time_to_connect():
+    replay = Walk("replay", "READ").machine
+    assert [replay.due(now_ns) for now_ns in (9, 10)] == [False, True]
+
+
+@machines
+def test_every_state_is_reached_and_only_ends_have_no_way_out(name):
+    module = MODULES[name]
+    ends = {"component": supervision.REST, "pipeline": {pipelines.State.GONE}}.get(name, set())
+    reached = {move[0] for move in module.TRANSITIONS.values()}
+    assert reached | {module.State[START[name]]} == set(module.State)
+    for state in module.State:
+        ways_out = {move[0] for (before, _), move in module.TRANSITIONS.items() if before is state} - {state}
+        assert bool(ways_out) == (state not in ends)
+
+
+@machines
+@given(data=st.data())
+def test_any_input_in_any_state_is_a_listed_transition_or_refused_without_effect(name, data):
+    walk, processes = Walk(name), 0  # START makes one, ENDED and REFUSED take one away
+    for given_input in data.draw(st.lists(st.sampled_from(list(walk.module.Input)), max_size=50)):
+        if given_input.name in ("READY", "STARTED", "ENDED", "REFUSED") and not processes:
+            continue  # the caller reports only on processes that exist
+        before, deadline_ns = walk.machine.state, walk.deadline_ns
+        if (before, given_input) in walk.module.TRANSITIONS:
+            actions = walk.feed(given_input.name)
+            processes += ("START" in actions) - (given_input.name in ("ENDED", "REFUSED"))
+            assert 0 <= processes <= 1, "one process at a time"
+            continue
+        with pytest.raises(IllegalInputError, match=f"{name}.? in {before.name}: given {given_input.name}"):
+            walk.feed(given_input.name)
+        assert (walk.machine.state, walk.deadline_ns) == (before, deadline_ns)
+    if name in ("component", "pipeline"):
+        assert (processes == 0) == (walk.state in {"NEW", "STOPPED", "FAILED", "IDLE", "BACKING_OFF", "GONE"})
+
+
+@given(st.lists(st.integers(min_value=0, max_value=3000), max_size=60))
+def test_waits_stay_within_their_bounds_and_start_over_exactly_after_a_stable_time(lasted):
+    backoff = BackOff(first_ns=4, limit_ns=20, stable_ns=1000)
+    before = 0
+    for count, lasted_ns in enumerate(lasted, start=1):
+        wait_ns = backoff.next_ns(lasted_ns)
+        proved = lasted_ns >= 1000
+        assert wait_ns == (4 if proved or not before else min(2 * before, 20))
+        assert backoff.failures == count
+        before = wait_ns
+
+
+def test_a_refusal_names_machine_state_and_what_is_allowed():
+    state, inputs = supervision.State.NEW, supervision.Input
+    machine = Machine("router", supervision.TRANSITIONS, state, wait_ns=lambda _action, _now_ns: None)
+    assert machine.allows(inputs.BEGIN)
+    with pytest.raises(IllegalInputError) as caught:
+        machine.feed(inputs.READY, now_ns=0)
+    assert str(caught.value) == "router in NEW: given READY, allowed are BEGIN, TOLD_TO_STOP"
+    assert caught.value.allowed == (inputs.BEGIN, inputs.TOLD_TO_STOP)
+
+
+def test_discovery_events_bear_the_names_of_the_message_and_all_of_them_can_happen():
+    message = message_type("sfglab_interfaces/msg/AgentDiscoveryEvent")
+    assert sorted(getattr(message, a.name) for a in ANNOUNCEMENTS) == [0, 1, 2, 3, 4]
+    assert {a for _, actions in lifecycle.TRANSITIONS.values() for a in actions} == set(lifecycle.Action)
+
+
+def test_the_states_of_an_agent_are_the_grid_of_what_is_told_and_asked_and_heartbeats_are_legal_in_all():
+    assert {s.value for s in lifecycle.State} == {(told, asking) for told in Told for asking in Asking}
+    for state in lifecycle.State:
+        for heard in ("HEARD", "CHANGED", "RESTARTED"):
+            legal = state is not lifecycle.State.UNKNOWN or heard == "HEARD"
+            assert ((state, lifecycle.Input[heard]) in lifecycle.TRANSITIONS) == legal
+
+
+def test_the_table_of_agents_moves_along_its_grid_as_its_actions_say():
+    action = lifecycle.Action
+    for (source, _), (target, actions) in lifecycle.TRANSITIONS.items():
+        asked, asks = (state.asking is Asking.QUERYING for state in (source, target))
+        outstanding = asked + actions.count(action.QUERY) - actions.count(action.ABANDON)
+        ended = asked and action.ABANDON not in actions and not asks
+        assert outstanding - ended == asks
+        told = [a for a in actions if a in ANNOUNCEMENTS]
+        assert len(told) <= 1
+        if told:
+            assert target.told is (Told.LOST if told == [action.LOST] else Told.PRESENT)
+        else:
+            assert target.told is source.told or target is lifecycle.State.UNKNOWN
+
+
+def test_the_diagram_is_the_table():
+    nodes, edges = diagram()
+    assert {n.state for n in nodes} == set(lifecycle.State)
+    assert len({(n.row, n.column) for n in nodes}) == 9
+    assert {(e.source, e.given): (e.target, e.actions) for e in edges} == lifecycle.TRANSITIONS
+    labels = {(e.source.name, e.given.name): e.label for e in edges}
+    assert labels["REFRESHING", "ANSWERED_ANEW"] == "answered anew / restarted"
+    assert labels["ACTIVE", "HEARD"] == "heard"
