@@ -134,3 +134,57 @@ class BackOff:
         wait_ns = min(self.first_ns << self._doublings, self.limit_ns)
         self._doublings += wait_ns < self.limit_ns
         return wait_ns
+
+
+class ProcessLife(Machine[S, I, A]):
+    """Life of a process that is started anew after crashes, with longer and longer waits.
+
+    Args:
+        name: What it stands for, in messages.
+        table: As of `Machine`.
+        start: The first state.
+        waits_ns: How long the timers run that actions arm, nanoseconds; other actions end the waiting.
+        backoff: The waits after crashes.
+
+    Attributes:
+        READY: The input by which the process says that it serves.
+        BACK_OFF: The action after a crash, which arms the next wait.
+        was_ready: Whether the process has ever served.
+    """
+
+    READY: I
+    BACK_OFF: A
+
+    def __init__(
+        self,
+        name: str,
+        table: Mapping[tuple[S, I], tuple[S, A | None]],
+        start: S,
+        *,
+        waits_ns: Mapping[A, int],
+        backoff: BackOff,
+    ) -> None:
+        super().__init__(name, table, start, wait_ns=self._armed_ns)
+        self.was_ready = False
+        self._waits_ns = waits_ns
+        self._backoff = backoff
+        self._serves_since_ns: int | None = None
+
+    @property
+    def crashes(self) -> int:
+        """How often the process ended although it was wanted."""
+        return self._backoff.failures
+
+    def feed(self, given: I, *, now_ns: int) -> A | None:
+        """Take one input, as any machine does, and note since when the process serves."""
+        before = self.state
+        action = super().feed(given, now_ns=now_ns)
+        if given is self.READY and self.state is not before:
+            self.was_ready, self._serves_since_ns = True, now_ns
+        return action
+
+    def _armed_ns(self, action: A, now_ns: int) -> int | None:
+        if action is not self.BACK_OFF:
+            return self._waits_ns.get(action)
+        since_ns, self._serves_since_ns = self._serves_since_ns, None
+        return self._backoff.next_ns(0 if since_ns is None else now_ns - since_ns)

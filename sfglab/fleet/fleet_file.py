@@ -387,11 +387,7 @@ def load_fleet(path: Path | str) -> Fleet:
 
 
 def read_fleet(text: str, file: str = "fleet.yaml") -> Fleet:
-    """Read a fleet from the text of a file.
-
-    Args:
-        text: YAML.
-        file: The file's name, for messages.
+    """Read a fleet from the YAML text of a file, whose name is for messages.
 
     Raises:
         DocumentError: It is not a fleet; says where, what is given and what is allowed.

@@ -1,4 +1,4 @@
-"""GOP cache: every stream's last group of pictures, kept beside its camera and replayed to late splicers.
+"""GOP cache: every stream's last group of pictures, kept beside its camera and replayed to late joiners.
 
 Paper A, section 5.4: a subscriber waits for the next key frame, half a second on average with the groups of
 Table 2; the other end is `sfglab.fleet.decoder.splicer`. It subscribes to the compressed streams in the agent's
@@ -9,7 +9,7 @@ has caught up with the stream itself and leaves.
 
 Other ways were measured, over two routers with groups of 30 packets of 17 kB:
 
-* A latched topic that is always written, whose history DDS sends to late splicers by itself, is as quick and as
+* A latched topic that is always written, whose history DDS sends to late joiners by itself, is as quick and as
   cheap. But a history counts samples, not groups: its depth has to be the group's length, all of it is sent,
   523 kB a join where this sends 262 kB on average, and the useless packets before the key frame come first;
   on a link of 20 Mbit/s that is 0.32 s in place of 0.21 s. And it cannot mark packets.
@@ -63,14 +63,9 @@ connected on its other side loses nothing."""
 
 
 def replay_topic(stream_topic: str) -> str | None:
-    """Return the topic that replays a stream: its companion ``<...>/ffmpeg_replay``.
+    """Return the topic that replays a compressed stream: its companion ``<...>/ffmpeg_replay``.
 
-    Args:
-        stream_topic: The compressed stream's topic.
-
-    Returns:
-        The companion's name; None for a stream that has none: only those with the resource ``ffmpeg`` do, whose
-        packets are numbered.
+    None for a stream that has none: only those with the resource ``ffmpeg`` do, whose packets are numbered.
     """
     try:
         fqn = parse(stream_topic)
@@ -131,16 +126,9 @@ class GopCache(Generic[M]):
         return tuple(self._packets)
 
     def add(self, packet: M, *, pts: int, is_key: bool, size_bytes: int) -> bool:
-        """Take the next packet of the stream.
+        """Take the next packet of the stream, or whatever stands for it; return whether it is kept.
 
-        Args:
-            packet: Whatever stands for it.
-            pts: Its number; a stream's packets are numbered without gaps.
-            is_key: Whether a decoder may start here.
-            size_bytes: Its size.
-
-        Returns:
-            Whether it is kept, so that what is kept now ends with it.
+        Packets are numbered without gaps by `pts`; a decoder may start with one that `is_key`.
         """
         if is_key:
             self._clear()
@@ -202,12 +190,7 @@ TRANSITIONS: dict[tuple[State, Input], tuple[State, Action | None]] = {
 
 
 def session(name: str, *, settle_ns: int) -> Machine[State, Input, Action]:
-    """Return the machine of one stream's replay.
-
-    Args:
-        name: What it stands for, in messages.
-        settle_ns: How long the connections on the way to a reader get, nanoseconds.
-    """
+    """Return the machine of one stream's replay, which lets connections to a reader settle for a while."""
 
     def wait_ns(action: Action, _: int) -> int | None:
         return settle_ns if action is Action.SETTLE else None

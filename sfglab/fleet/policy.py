@@ -95,21 +95,11 @@ class Policy:
     rules: tuple[ForwardRule, ...] = TABLE_1  #: What may cross; everything else stays where it is.
 
     def crosses(self, dds_name: str, direction: Direction) -> bool:
-        """Return whether samples of a DDS topic cross the border this way.
-
-        Args:
-            dds_name: The topic on the wire, as "rt/tf".
-            direction: Which way.
-        """
+        """Return whether samples of a topic on the wire, as "rt/tf", cross the border this way."""
         return any(direction in rule.directions and rule.matches(dds_name) for rule in self.rules)
 
     def domains(self, dds_name: str, published_in: Side) -> frozenset[Side]:
-        """Return where a message is heard: Eq. 1, with both sides of "D_i <-> D_0" named.
-
-        Args:
-            dds_name: The topic on the wire.
-            published_in: The side that its publisher lives on.
-        """
+        """Return where a topic on the wire is heard: Eq. 1, with both sides of "D_i <-> D_0" named."""
         way = Direction.OUTWARD if published_in is Side.LOCAL else Direction.INWARD
         return frozenset(Side) if self.crosses(dds_name, way) else frozenset({published_in})
 
@@ -145,11 +135,6 @@ def requested_qos(dds_topic: str, source: QoSProfile, sinks: Iterable[QoSProfile
     RELIABLE only where the source offers it and somebody wants it, so that a best-effort subscription
     costs no retransmission on the source's side. A source's latched samples are always asked for: whoever joins
     late across the border gets them from the router's writer, which must have them by then.
-
-    Args:
-        dds_topic: The topic on the wire.
-        source: What the source offers.
-        sinks: What the target side's subscriptions request.
     """
     latched = source.durability is Durability.TRANSIENT_LOCAL
     repaired = latched or any(sink.reliability is Reliability.RELIABLE for sink in sinks)
@@ -163,12 +148,7 @@ def requested_qos(dds_topic: str, source: QoSProfile, sinks: Iterable[QoSProfile
 
 
 def announced_qos(dds_topic: str, sinks: Iterable[QoSProfile]) -> QoSProfile:
-    """Return what the router's reader requests while no source is known: the strongest of the subscriptions.
-
-    Args:
-        dds_topic: The topic on the wire.
-        sinks: What the target side's subscriptions request.
-    """
+    """Return what the router's reader requests while no source is known: the strongest of the subscriptions."""
     requests = tuple(sinks)
     reliable = any(sink.reliability is Reliability.RELIABLE for sink in requests)
     latched = any(sink.durability is Durability.TRANSIENT_LOCAL for sink in requests)
@@ -184,9 +164,6 @@ def offered_qos(source: QoSProfile) -> QoSProfile:
 
     The depth of a volatile history is only the sender's own buffer, which no peer sees and vendors do not
     announce: it is at least ROS 2's default, or two samples of such a source at once would be one too many.
-
-    Args:
-        source: What the source offers.
     """
     if source.durability is Durability.VOLATILE and source.history is History.KEEP_LAST:
         return replace(source, depth=max(source.depth, DEFAULT.depth))

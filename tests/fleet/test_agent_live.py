@@ -10,9 +10,8 @@ import sys
 import pytest
 
 from sfglab.bus.address import BusAddress
-from sfglab.fleet.agent.app import serve_agent
+from sfglab.fleet.agent.app import ComponentError, serve_agent
 from sfglab.fleet.agent.plan import AgentConfig
-from sfglab.fleet.agent.supervisor import ComponentError
 
 pytestmark = [pytest.mark.live]
 

@@ -10,7 +10,7 @@ import pytest
 from sfglab.bus.address import BusAddress
 from sfglab.component import argument_of, config_from_argument
 from sfglab.errors import SfglabError
-from sfglab.fleet.agent.app import Narrator, SupervisorConfig
+from sfglab.fleet.agent.app import Changed, Complete, Narrator, Said, SupervisorConfig, Wrote, report_from_event
 from sfglab.fleet.agent.plan import (
     COMPONENTS,
     AgentConfig,
@@ -22,7 +22,6 @@ from sfglab.fleet.agent.plan import (
     without,
 )
 from sfglab.fleet.agent.supervision import State, Timing
-from sfglab.fleet.agent.supervisor import Changed, Complete, Said, Wrote, report_from_event
 from sfglab.fleet.decoder.node import DecoderConfig
 from sfglab.fleet.discovery.node import DiscoveryConfig
 from sfglab.fleet.fleet_file import UnknownAgentError, read_fleet

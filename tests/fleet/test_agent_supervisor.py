@@ -16,9 +16,8 @@ import psutil
 import pytest
 
 from sfglab.component import argument_of
-from sfglab.fleet.agent.app import SupervisorConfig
+from sfglab.fleet.agent.app import Agent, Changed, Complete, ComponentError, Said, SupervisorConfig, Wrote
 from sfglab.fleet.agent.supervision import Component, State, Timing
-from sfglab.fleet.agent.supervisor import Agent, Changed, Complete, ComponentError, Said, Wrote
 
 pytestmark = [pytest.mark.live]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
-from sfglab.fleet.decoder.demand import Demand
+from sfglab.fleet.decoder.streams import Demand
 from sfglab.qos import SENSOR_DATA
 
 TOPIC = "/local/go2/camera_front/color/image_raw"

@@ -120,10 +120,10 @@ class Router:
         self.done = []
 
     def hear(self, side: Side) -> None:
-        self.carry_out(self.plan.feed(side, self.heard[side].popleft(), now_ns=self.world.now_ns))
+        self.carry_out(self.plan.feed([(side, self.heard[side].popleft())], now_ns=self.world.now_ns))
 
     def tick(self) -> None:
-        self.carry_out(self.plan.tick(self.world.now_ns))
+        self.carry_out(self.plan.feed((), now_ns=self.world.now_ns))
 
     def domain_of(self, gid: bytes) -> int:
         return next(d for d in self.domains.values() if gid in self.world.domains[d])

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from sfglab.fleet import gop_cache
 from sfglab.fleet.agent import supervision
-from sfglab.fleet.decoder import demand as pipelines
+from sfglab.fleet.decoder import streams as pipelines
 from sfglab.fleet.discovery import lifecycle
 from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, Asking, Told, diagram
 from sfglab.machine import BackOff, IllegalInputError, Machine

@@ -1,5 +1,8 @@
 """Agent of a fleet as a process: `sfglab agent up`, or ``python -m sfglab.fleet.agent.app CONFIG``.
 
+The thin shell around `supervision`: it starts the components' processes, hears them, feeds the table, and
+carries out what it says, in one task, one event after the other.
+
 A person at a terminal gets its events as few lines. The second form is for programs: it is a component as its
 own components are (see `sfglab.component`), and reports ``ready`` once all of them have served, ``{"is":
 "component", "component", "state", "pid", "crashes", "why", "retry_s"}`` for every change of one, ``{"is":
@@ -13,21 +16,268 @@ import asyncio
 import json
 import signal
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from sfglab.component import run_component
+from sfglab.errors import SfglabError
 from sfglab.fleet.agent.plan import plan
-from sfglab.fleet.agent.supervision import Component, State, Timing
-from sfglab.fleet.agent.supervisor import Agent, Changed, Complete, Said, Wrote, report_from_event
+from sfglab.fleet.agent.supervision import (
+    REST,
+    Action,
+    Component,
+    ComponentProcess,
+    Ended,
+    Input,
+    Printed,
+    State,
+    Supervision,
+    Timing,
+)
 from sfglab.names import DdsRole, Resource, ros_name_from_dds
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from sfglab.bus.address import BusAddress
     from sfglab.component import Report
     from sfglab.fleet.agent.plan import AgentConfig
-    from sfglab.fleet.agent.supervisor import AgentEvent
+    from sfglab.fleet.agent.supervision import Heard
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Changed:
+    """A component's life went on."""
+
+    component: str  #: Its name.
+    state: State  #: Where it stands now.
+    pid: int | None = None  #: Its process; None while there is none.
+    crashes: int = 0  #: How often it has ended although it was wanted.
+    why: str = ""  #: How its process ended or what is waited for; empty when there is nothing to say.
+    retry_s: float | None = None  #: Wait before it is started again, seconds; None when no start is waited for.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Said:
+    """A component reported something that is its own business."""
+
+    component: str  #: Its name.
+    report: Report  #: The report.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wrote:
+    """A component wrote a line on standard error."""
+
+    component: str  #: Its name.
+    line: str  #: The line.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Complete:
+    """All components serve for the first time."""
+
+
+AgentEvent = Changed | Said | Wrote | Complete
+
+
+def report_from_event(event: AgentEvent) -> Report:
+    """Return an event as a JSON object: ``is`` is ``component``, ``report``, ``line`` or ``ready``."""
+    if isinstance(event, Complete):
+        return {"is": "ready"}
+    if isinstance(event, Said):
+        return {"is": "report", "component": event.component, "report": event.report}
+    if isinstance(event, Wrote):
+        return {"is": "line", "component": event.component, "line": event.line}
+    values: dict[str, Any] = {"state": event.state.name.lower(), "pid": event.pid}
+    values |= {"crashes": event.crashes, "why": event.why, "retry_s": event.retry_s}
+    return {"is": "component", "component": event.component, **values}
+
+
+class ComponentError(SfglabError, RuntimeError):
+    """A component cannot start as it is configured.
+
+    Attributes:
+        component: Its name.
+        why: What it said, or how it ended.
+    """
+
+    def __init__(self, component: str, why: str) -> None:
+        self.component = component
+        self.why = why
+        super().__init__(why if why.startswith(component) else f"{component}: {why}")
+
+
+@dataclass(slots=True)
+class _Unit:
+    """A component, its life, and its process while there is one."""
+
+    component: Component
+    life: Supervision
+    process: ComponentProcess | None = None
+    failure: str = ""  # its last words, when it reported that it failed
+
+    @property
+    def name(self) -> str:
+        return self.component.name
+
+
+class Agent:
+    """The components of one agent, supervised.
+
+    Args:
+        components: The processes to run.
+        timing: The waits of every component.
+        on_event: Called with everything that happens.
+    """
+
+    def __init__(
+        self,
+        components: Sequence[Component],
+        *,
+        timing: Timing | None = None,
+        on_event: Callable[[AgentEvent], None] = lambda _: None,
+    ) -> None:
+        timing = timing or Timing()
+        self._units = [_Unit(c, Supervision(c.name, timing)) for c in components]
+        self._on_event = on_event
+        self._events: asyncio.Queue[tuple[_Unit, Heard] | None] = asyncio.Queue()
+        self._refusal: ComponentError | None = None
+        self._complete = False
+
+    def stop(self) -> None:
+        """End all components in order; called again, at once by force."""
+        self._events.put_nowait(None)
+
+    async def run(self) -> None:
+        """Run until `stop` is called or this is cancelled; no process is left when it returns.
+
+        Raises:
+            ComponentError: A component ended of its own accord before it had ever served.
+        """
+        serving = asyncio.create_task(self._serve())
+        cancelled: asyncio.CancelledError | None = None
+        while not serving.done():
+            try:
+                await asyncio.wait({serving})
+            except asyncio.CancelledError as error:
+                cancelled = error
+                self.stop()
+        serving.result()
+        if cancelled is not None:
+            raise cancelled
+        if self._refusal is not None:
+            raise self._refusal
+
+    async def _serve(self) -> None:
+        try:
+            for unit in self._units:
+                await self._feed(unit, Input.BEGIN)
+            while any(unit.life.state not in REST for unit in self._units):
+                await self._step()
+        finally:
+            await asyncio.gather(*(u.process.destroy() for u in self._units if u.process is not None))
+
+    async def _step(self) -> None:
+        """Handle the next event, if there is one before the next deadline, and the timers that ran out."""
+        deadlines = [u.life.deadline_ns for u in self._units if u.life.deadline_ns is not None]
+        wait_s = max(0.0, (min(deadlines) - _now_ns()) / 1e9) if deadlines else None
+        try:
+            event = await asyncio.wait_for(self._events.get(), wait_s)
+        except TimeoutError:
+            pass
+        else:
+            await self._handle(event)
+        for unit in self._units:
+            if unit.life.due(_now_ns()):
+                await self._feed(unit, Input.TIMER)
+
+    async def _handle(self, event: tuple[_Unit, Heard] | None) -> None:
+        if event is None:
+            await self._stop_all()
+            return
+        unit, heard = event
+        if isinstance(heard, Ended):
+            await self._ended(unit, heard)
+        elif isinstance(heard, Printed):
+            self._on_event(Wrote(component=unit.name, line=heard.line))
+        elif heard.values["is"] == "ready":
+            await self._feed(unit, Input.READY)
+            self._tell_when_complete()
+        elif heard.values["is"] == "failed":
+            unit.failure = str(heard.values.get("why", ""))
+        else:
+            self._on_event(Said(component=unit.name, report=heard.values))
+
+    async def _stop_all(self) -> None:
+        for unit in self._units:
+            await self._feed(unit, Input.TOLD_TO_STOP)
+
+    async def _ended(self, unit: _Unit, ended: Ended) -> None:
+        why = unit.failure or _how(ended.status)
+        unit.process, unit.failure = None, ""
+        before = unit.life.state
+        action = unit.life.ended(willingly=ended.status >= 0, now_ns=_now_ns())
+        if unit.life.state is not before:
+            self._tell(unit, why)
+        await self._carry_out(unit, action, why)
+
+    async def _feed(self, unit: _Unit, given: Input) -> None:
+        before = unit.life.state
+        action = unit.life.feed(given, now_ns=_now_ns())
+        await self._carry_out(unit, action, "")
+        if unit.life.state is not before:
+            self._tell(unit, "it took too long to start" if unit.life.state is State.REPLACING else "")
+
+    async def _carry_out(self, unit: _Unit, action: Action | None, why: str) -> None:
+        if action is Action.START:
+            await self._start(unit)
+        elif action is Action.GIVE_UP:
+            self._refusal = self._refusal or ComponentError(unit.name, why)
+            await self._stop_all()
+        elif unit.process is not None and action is Action.TERMINATE:
+            unit.process.terminate()
+        elif unit.process is not None and action is Action.KILL:
+            unit.process.kill()
+
+    async def _start(self, unit: _Unit) -> None:
+        hear = partial(self._hear, unit)
+        try:
+            unit.process = await ComponentProcess.start(unit.component, hear)
+        except OSError as error:
+            unit.failure = str(error)
+            hear(Ended(-signal.SIGABRT))
+
+    def _hear(self, unit: _Unit, heard: Heard) -> None:
+        self._events.put_nowait((unit, heard))
+
+    def _tell_when_complete(self) -> None:
+        if not self._complete and all(unit.life.was_ready for unit in self._units):
+            self._complete = True
+            self._on_event(Complete())
+
+    def _tell(self, unit: _Unit, why: str) -> None:
+        deadline_ns = unit.life.deadline_ns if unit.life.state is State.BACKING_OFF else None
+        self._on_event(
+            Changed(
+                component=unit.name,
+                state=unit.life.state,
+                pid=None if unit.process is None else unit.process.pid,
+                crashes=unit.life.crashes,
+                why=why,
+                retry_s=None if deadline_ns is None else (deadline_ns - _now_ns()) / 1e9,
+            )
+        )
+
+
+def _now_ns() -> int:
+    return round(asyncio.get_running_loop().time() * 1e9)
+
+
+def _how(status: int) -> str:
+    if status < 0:
+        return f"killed by {signal.Signals(-status).name}"
+    return f"it ended with status {status}; its own words stand above" if status else "it ended by itself"
 
 
 class Narrator:
@@ -160,10 +410,5 @@ async def _serve(config: SupervisorConfig, report: Callable[[Report], None], _: 
     await agent.run()
 
 
-def main() -> None:
-    """Be the process: serve until told to end."""
-    run_component(SupervisorConfig, _serve)
-
-
 if __name__ == "__main__":
-    main()
+    run_component(SupervisorConfig, _serve)

@@ -158,10 +158,6 @@ _MODULES: dict[str, tuple[str, Callable[[AgentConfig], Any]]] = {
 def config_from_fleet(fleet: Fleet, agent: str) -> AgentConfig:
     """Return what a fleet file says of one agent.
 
-    Args:
-        fleet: The fleet.
-        agent: The agent's name.
-
     Raises:
         UnknownAgentError: The fleet has no such agent.
     """
@@ -195,13 +191,9 @@ class SideOptions:
 def config_from_options(
     agent: str, fleet: Fleet | None, *, local: SideOptions, remote: SideOptions
 ) -> AgentConfig:
-    """Return the agent that the command line describes.
+    """Return the agent that the command line describes: the fleet file, and what is said over it.
 
-    Args:
-        agent: Its name.
-        fleet: What the fleet file says; None: there is none.
-        local: Of its own domain; the domain is needed where there is no fleet file.
-        remote: Of the global domain, which is 0 unless something else is said.
+    Without a fleet file its own domain must be said; the global one is 0 unless something else is said.
 
     Raises:
         PlanError: Nothing says which domain is its own.

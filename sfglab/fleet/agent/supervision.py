@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Any
 
-from sfglab.machine import BackOff, Machine
+from sfglab.machine import BackOff, ProcessLife
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -111,79 +111,31 @@ class Timing:
     stable_ns: int = 10_000_000_000
 
 
-class Supervision:
+class Supervision(ProcessLife[State, Input, Action]):
     """One component's state, its timer and its count of crashes.
 
     Args:
         name: The component's name, for messages.
         timing: The waits.
-
-    Attributes:
-        was_ready: Whether it has ever served.
     """
 
+    READY = Input.READY
+    BACK_OFF = Action.BACK_OFF
+
     def __init__(self, name: str, timing: Timing) -> None:
-        self.was_ready = False
-        self._timing = timing
-        self._serves_since_ns: int | None = None
-        self._backoff = BackOff(
+        waits_ns = {Action.START: timing.start_ns, Action.TERMINATE: timing.stop_ns}
+        backoff = BackOff(
             first_ns=timing.backoff_ns, limit_ns=timing.backoff_max_ns, stable_ns=timing.stable_ns
         )
-        self._machine = Machine(name, TRANSITIONS, State.NEW, wait_ns=self._wait_ns)
-
-    @property
-    def state(self) -> State:
-        """Where the component stands."""
-        return self._machine.state
-
-    @property
-    def crashes(self) -> int:
-        """How often it ended although it was wanted."""
-        return self._backoff.failures
-
-    @property
-    def deadline_ns(self) -> int | None:
-        """When `Input.TIMER` is due, on the caller's clock; None while nothing is waited for."""
-        return self._machine.deadline_ns
-
-    def due(self, now_ns: int) -> bool:
-        """Return whether the timer has run out: the caller then feeds `Input.TIMER`."""
-        return self._machine.due(now_ns)
-
-    def feed(self, given: Input, *, now_ns: int) -> Action | None:
-        """Take one input and return what the caller has to do.
-
-        Args:
-            given: What happened.
-            now_ns: The caller's clock in nanoseconds.
-
-        Raises:
-            IllegalInputError: The input cannot happen in this state.
-        """
-        action = self._machine.feed(given, now_ns=now_ns)
-        if action is Action.CANCEL_TIMER and self.state is State.RUNNING:
-            self.was_ready, self._serves_since_ns = True, now_ns
-        return action
+        super().__init__(name, TRANSITIONS, State.NEW, waits_ns=waits_ns, backoff=backoff)
 
     def ended(self, *, willingly: bool, now_ns: int) -> Action | None:
-        """Take the end of the process: `Input.ENDED`, or `Input.REFUSED` where another try would not help.
+        """Take the end of a process, which exited willingly or by a signal.
 
-        Args:
-            willingly: It exited; no signal ended it.
-            now_ns: The caller's clock in nanoseconds.
+        That is `Input.ENDED`, or `Input.REFUSED` where another try would not help.
         """
         hopeless = willingly and self.state is State.STARTING and not self.was_ready
         return self.feed(Input.REFUSED if hopeless else Input.ENDED, now_ns=now_ns)
-
-    def _wait_ns(self, action: Action, now_ns: int) -> int | None:
-        if action is Action.START:
-            return self._timing.start_ns
-        if action is Action.TERMINATE:
-            return self._timing.stop_ns
-        if action is Action.BACK_OFF:
-            since_ns, self._serves_since_ns = self._serves_since_ns, None
-            return self._backoff.next_ns(0 if since_ns is None else now_ns - since_ns)
-        return None
 
 
 LINE_LIMIT_BYTES = 1 << 22

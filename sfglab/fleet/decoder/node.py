@@ -1,6 +1,6 @@
 """Agent's decoder: starts a pipeline when a local subscriber appears, ends it when the last one leaves.
 
-The thin shell around `demand` and `streams` (paper A, section 4.3, Fig. 4): it listens to the local graph, to
+The thin shell around `streams` (paper A, section 4.3, Fig. 4): it listens to the local graph, to
 discovery events and to its pipeline processes, feeds the tables, and carries out what they say. Everything
 happens in one task, one event after the other.
 
@@ -22,10 +22,19 @@ from typing import TYPE_CHECKING
 from sfglab.bus.address import BusAddress
 from sfglab.component import beside, run_component, run_until_interrupted
 from sfglab.fields import from_json
-from sfglab.fleet.decoder.demand import TRANSITIONS, Action, Demand, Input, Lifecycle, State, Timing
 from sfglab.fleet.decoder.pipeline import Statistics
 from sfglab.fleet.decoder.process import WorkerConfig, WorkerPool
-from sfglab.fleet.decoder.streams import Route, routes_of_agent, routes_of_topic
+from sfglab.fleet.decoder.streams import (
+    Action,
+    Demand,
+    Input,
+    Lifecycle,
+    Route,
+    State,
+    Timing,
+    routes_of_agent,
+    routes_of_topic,
+)
 from sfglab.fleet.discovery.listener import Withdrawn, agent_changes
 
 if TYPE_CHECKING:
@@ -214,7 +223,7 @@ class AgentDecoder:
         await self._feed(pipeline, Input.ENDED)
 
     async def _feed(self, pipeline: _Pipeline, given: Input) -> None:
-        if (pipeline.life.state, given) not in TRANSITIONS:
+        if not pipeline.life.allows(given):
             return  # a withdrawn stream's demand, for instance, is nobody's business any more
         action = pipeline.life.feed(given, now_ns=self._local.get_clock().now_ns())
         await self._carry_out(pipeline, action)

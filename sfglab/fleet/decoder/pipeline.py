@@ -39,7 +39,7 @@ def image_prefix(header: Any, pixels: NDArray[np.generic], encoding: str) -> byt
 
     Args:
         header: A ``std_msgs/msg/Header``.
-        pixels: Shape (H, W) or (H, W, channels), C route.
+        pixels: Shape (H, W) or (H, W, channels), C order.
         encoding: The ROS name of the pixel format, such as ``bgr8`` or ``16UC1``.
     """
     prefix = _prefix(header.frame_id, encoding, pixels.shape[:2], pixels.strides[0], pixels.nbytes)
@@ -151,7 +151,7 @@ async def run_pipeline(
     that pauses simply has no messages meanwhile.
 
     Args:
-        route: Which stream.
+        route: The stream.
         transports: By which transports it is wanted.
         remote: The node on the domain where the remote topic is.
         outputs: Where pictures go; served from here on.

@@ -216,11 +216,7 @@ class WorkerPool:
                 raise PoolError(f"decoder: a pipeline process ended while it started: {self._last_words}")
 
     async def lend(self, owner: Owner) -> Worker:
-        """Return a worker for one pipeline, and start another spare a while later.
-
-        Args:
-            owner: Called with the worker and every report of it; ``ended`` is the last.
-        """
+        """Return a worker for one pipeline, whose reports the owner hears; another spare starts later."""
         worker = self._spares.pop(0) if self._spares else await self._spawn()
         worker.belong_to(owner)
         refill = asyncio.create_task(self._refill())

@@ -90,7 +90,7 @@ class Splicer(Generic[M]):
         Args:
             packet: Whatever stands for it.
             source: Where it comes from.
-            pts: Its number; the stream's packets are numbered without gaps.
+            pts: Its number; a stream's packets are numbered without gaps.
             is_key: Whether a decoder may start here.
             shown: Whether its sender means its picture to be shown.
         """

@@ -167,9 +167,6 @@ class Lifecycle:
     def feed(self, given: Input) -> tuple[Action, ...]:
         """Take one input and return what has to be done, in order.
 
-        Args:
-            given: What happened.
-
         Raises:
             IllegalInputError: The input cannot happen in this state.
         """

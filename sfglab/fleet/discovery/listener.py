@@ -33,10 +33,7 @@ _NOBODY = bytes(16)  # the gid of a publisher that was gone before its event was
 
 
 def discovery_topic(agent: str) -> str:
-    """Return where an agent's discoverer publishes its events: paper A, section 4.2.
-
-    Args:
-        agent: The agent that the discoverer belongs to, not the one that it found.
+    """Return where an agent's own discoverer publishes its events: paper A, section 4.2.
 
     Raises:
         FqnError: No agent can bear this name.
@@ -90,16 +87,9 @@ class KnownAgents:
         return dict(self._metadata)
 
     def feed(self, event: Any, publisher_gid: bytes, *, now_ns: int) -> Change | None:
-        """Take one discovery event.
+        """Take an ``AgentDiscoveryEvent`` and its publisher, from `MessageInfo`, and return what changed.
 
-        Args:
-            event: A ``sfglab_interfaces/msg/AgentDiscoveryEvent``.
-            publisher_gid: Who published it, from `MessageInfo`.
-            now_ns: The caller's clock in nanoseconds.
-
-        Returns:
-            What changed; None when the event says what is known, or comes from a discoverer that has since
-            been replaced.
+        None when the event says what is known, or comes from a discoverer that has since been replaced.
         """
         if publisher_gid in self._predecessors:
             return None
@@ -145,7 +135,7 @@ async def agent_changes(node: Node, topic: str, known: KnownAgents | None = None
     Args:
         node: Node in the agent's own domain.
         topic: Where its discoverer publishes.
-        known: What is known, updated in place; None: nothing, and the usual grace.
+        known: What is known, updated in place; None: nothing.
     """
     known, clock = known or KnownAgents(), node.get_clock()
     with closing(node.create_subscription(DISCOVERY_EVENT, topic, qos=DISCOVERY_QOS)) as subscription:

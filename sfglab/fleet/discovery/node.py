@@ -57,10 +57,7 @@ class History:
         self._events_of: dict[str, int] = {}
 
     def published(self, agent: str) -> str | None:
-        """Take note of one more event.
-
-        Args:
-            agent: Whom it is about.
+        """Take note of one more event about an agent.
 
         Returns:
             The agent whose last event has just been pushed out, and has to be repeated if it is there.

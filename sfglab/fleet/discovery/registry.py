@@ -144,13 +144,7 @@ class Registry:
         self._queries = itertools.count(1)
 
     def heard(self, heartbeat: Heartbeat, publisher_gid: bytes, *, now_ns: int) -> list[Order]:
-        """Take a heartbeat and return what has to be done.
-
-        Args:
-            heartbeat: The heartbeat, as a value or as the message; it may say anything.
-            publisher_gid: Who published it, from `MessageInfo`.
-            now_ns: The caller's clock in nanoseconds.
-        """
+        """Take a heartbeat, as a value or message that may say anything, and return what has to be done."""
         refusal = self._screen.check(heartbeat, publisher_gid, now_ns=now_ns)
         if refusal is not None:
             return self.refuse(refusal)
@@ -177,14 +171,7 @@ class Registry:
         return []
 
     def answered(self, agent: str, query: int, metadata: Any, *, now_ns: int) -> list[Order]:
-        """Take an answer and return what has to be done.
-
-        Args:
-            agent: Who was asked.
-            query: Which query, as the order named it.
-            metadata: The ``AgentMetadata`` that came; it may say anything.
-            now_ns: The caller's clock in nanoseconds.
-        """
+        """Take the ``AgentMetadata``, which may say anything, that answers a query of an order."""
         remote = self._asked(agent, query)
         if remote is None:
             return []
@@ -217,12 +204,7 @@ class Registry:
         return orders
 
     def overslept(self, since_ns: int, now_ns: int) -> None:
-        """Take it that the caller itself stood still, and count nothing of that time as an agent's silence.
-
-        Args:
-            since_ns: When it was seen to run for the last time.
-            now_ns: The caller's clock in nanoseconds.
-        """
+        """Count nothing of the time in which the caller itself stood still as an agent's silence."""
         for remote in self._remotes.values():
             left_ns = remote.silent_ns - max(remote.heard_ns, since_ns)
             remote.silent_ns = max(remote.silent_ns, now_ns + left_ns)

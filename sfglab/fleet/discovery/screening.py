@@ -102,13 +102,7 @@ class Screen:
         self._own: _Own | None = None
 
     def check(self, heartbeat: Heartbeat, publisher_gid: bytes, *, now_ns: int) -> Refusal | None:
-        """Return why a heartbeat does not count, or None if it does.
-
-        Args:
-            heartbeat: What it says.
-            publisher_gid: Who published it.
-            now_ns: The caller's clock in nanoseconds.
-        """
+        """Return why a heartbeat of a publisher does not count, or None if it does."""
         # One publisher's flood must not take the others' share, so its own bucket comes first.
         if not (self._bucket(publisher_gid, now_ns).take(now_ns) and self._total.take(now_ns)):
             return Refusal.FLOOD

@@ -39,12 +39,7 @@ class Edge:
 
 
 def edges_of(agent: AgentSpec, *, prefix: bool | None = None) -> tuple[Edge, ...]:
-    """Return an agent's transforms as others hear them.
-
-    Args:
-        agent: The agent.
-        prefix: Whether frames are prefixed; None as the agent does.
-    """
+    """Return an agent's transforms as others hear them, prefixed or not; None: as the agent does."""
     prefix = agent.tf.prefix_frames if prefix is None else prefix
 
     frames = Frames(agent=agent.name, shared=frozenset(agent.tf.shared_frames))

@@ -157,11 +157,7 @@ CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
 
 
 def lint(fleet: Fleet) -> Report:
-    """Check a fleet without running anything.
-
-    Args:
-        fleet: The fleet.
-    """
+    """Check a fleet without running anything."""
     view = View(fleet)
     order = list(Severity)
     findings = [finding for check in CHECKS for finding in check(view)]
@@ -176,13 +172,9 @@ def lint(fleet: Fleet) -> Report:
 
 
 def lint_file(path: Path | str) -> tuple[str, int]:
-    """Check a fleet file.
+    """Check a fleet file; return the report as text, and an exit code.
 
-    Args:
-        path: The file.
-
-    Returns:
-        The report as text, and an exit code: 0, 1 if there are errors, 2 if the file is not a fleet.
+    The exit code is 0, 1 if there are errors, 2 if the file is not a fleet.
     """
     try:
         report = lint(load_fleet(path))

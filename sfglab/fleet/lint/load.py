@@ -66,7 +66,7 @@ def discovery(view: View) -> Discovery:
     """Return what discovery costs with one domain for all, and through routers.
 
     A router shows a reader for every crossing topic that is wanted inside, and writers for one that somebody
-    else wants: one, or one for each source where late splicers must hear every source's last message.
+    else wants: one, or one for each source where late joiners must hear every source's last message.
     """
     agents = view.fleet.agents
     ends = {a.name: _endpoints([use for use in view.uses if use.agent == a.name]) for a in agents}

@@ -54,10 +54,7 @@ class Frames:
         return prefixed_frame(frame, self.agent, shared=self.shared)
 
     def check_outward(self, child: str) -> None:
-        """Refuse a transform out of the agent's domain that moves a frame of others.
-
-        Args:
-            child: The child frame as the agent's nodes write it.
+        """Refuse a transform of the agent's nodes, by its child frame, that moves a frame of others.
 
         Raises:
             FrameClashError: It is a shared frame, it has another agent's prefix, or it is empty.
@@ -68,10 +65,7 @@ class Frames:
             raise FrameClashError(Direction.OUTWARD, child, f"{allowed} ({', '.join(sorted(self.shared))})")
 
     def check_inward(self, child: str) -> None:
-        """Refuse a transform into the agent's domain that moves one of its own frames.
-
-        Args:
-            child: The child frame as the others write it.
+        """Refuse a transform of others, by its child frame, that moves one of the agent's own.
 
         Raises:
             FrameClashError: It has this agent's prefix and is not among `placed_by_others`, or it is empty.
@@ -95,11 +89,7 @@ class FrameClaims:
         self._owners: dict[str, str] = {}
 
     def claim(self, child: str, owner: str) -> None:
-        """Let an owner move a frame.
-
-        Args:
-            child: The child frame.
-            owner: Who publishes the transform: an agent's router, or a participant.
+        """Let an owner, an agent's router or a participant, move a frame.
 
         Raises:
             FrameClashError: Somebody else moves it already.
@@ -148,11 +138,7 @@ class TransformGate:
         return self._passed(cdr, self._let_out)
 
     def inward(self, owner: str) -> Transform:
-        """Return what is done with messages of one of the others.
-
-        Args:
-            owner: Who publishes them.
-        """
+        """Return what is done with messages of one of the others."""
         return partial(self._passed, check=partial(self._let_in, owner))
 
     def keep_owners(self, owners: frozenset[str]) -> None:

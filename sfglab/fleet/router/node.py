@@ -222,7 +222,7 @@ class Router:
         """Take in what was heard and what lingered long enough; return whether that changed anything."""
         heard = list(self._heard)
         self._heard.clear()
-        actions = self._plan.feed_all(heard, now_ns=now_ns)
+        actions = self._plan.feed(heard, now_ns=now_ns)
         self._carrier.carry_out(actions)
         return bool(actions)
 

@@ -54,13 +54,7 @@ class Replies:
         return next((deadline_ns for deadline_ns, _, _ in self._since.values()), None)
 
     def holds(self, path: Path, writer: EndpointInfo, *, now_ns: int) -> bool:
-        """Return whether a new publisher's samples have to wait; then `opened` or `overdue` tells their end.
-
-        Args:
-            path: The way of its samples, of requests or of anything else.
-            writer: The publisher.
-            now_ns: The caller's clock, nanoseconds, which never goes back.
-        """
+        """Return whether a new publisher's samples have to wait; then `opened` or `overdue` tells their end."""
         asker = _asker(path, writer, DdsRole.REQUEST)
         if asker is None or asker in self._listening:
             return False
@@ -183,27 +177,15 @@ class Plan:
 
     @property
     def deadline_ns(self) -> int | None:
-        """When `tick` is due, on the caller's clock; None while nothing lingers or waits."""
+        """When `feed` is due, events or not, on the caller's clock; None while nothing lingers or waits."""
         deadlines = (next(iter(self._leaving.values()), None), self._replies.deadline_ns)
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
-    def feed(self, side: Side, event: EndpointEvent, *, now_ns: int) -> list[Action]:
-        """Take one event of a domain's graph.
+    def feed(self, events: Iterable[tuple[Side, EndpointEvent]], *, now_ns: int) -> list[Action]:
+        """Take events of both graphs, let go of what has waited long enough, and return what to do, in order.
 
-        Args:
-            side: Whose graph.
-            event: What it says.
-            now_ns: The caller's clock, nanoseconds, which never goes back.
-
-        Returns:
-            What to do, in this order.
-        """
-        return self.feed_all([(side, event)], now_ns=now_ns)
-
-    def feed_all(self, events: Iterable[tuple[Side, EndpointEvent]], *, now_ns: int) -> list[Action]:
-        """Take events that were heard together, and look once at each path that they touch.
-
-        In a large fleet many come at once on few paths, and a look costs what a path has of endpoints.
+        Each path that they touch is looked at once: in a large fleet many events come at once on few paths, and
+        a look costs what a path has of endpoints.
         """
         touched: dict[Path, None] = {}
         for side, event in events:
@@ -211,10 +193,6 @@ class Plan:
         touched |= dict.fromkeys(self._released(self._replies.overdue(now_ns)))
         touched |= self._let_go(now_ns)
         return [action for path in touched for action in self._refresh(path)]
-
-    def tick(self, now_ns: int) -> list[Action]:
-        """Let go of what has lingered or waited long enough; return what to do, in this order."""
-        return self.feed_all((), now_ns=now_ns)
 
     def _note(self, side: Side, event: EndpointEvent, now_ns: int) -> list[Path]:
         """Take note of an event; return the paths that it changes."""

@@ -75,10 +75,7 @@ class AgentDescription:
     software: tuple[str, ...] = ()  #: Components and versions.
 
     def check(self, agent: str) -> None:
-        """Refuse what would be of no use to others.
-
-        Args:
-            agent: Whose description it is.
+        """Refuse an agent's description that would be of no use to others.
 
         Raises:
             DescriptionError: Two sensors share a name, or a topic is no name of this agent in the global
@@ -92,14 +89,7 @@ class AgentDescription:
                 _check_topic(topic, agent)
 
     def to_message(self, agent: str, *, incarnation: int, revision: int, stamp_ns: int) -> Any:
-        """Return the ``AgentMetadata``.
-
-        Args:
-            agent: Whose description it is.
-            incarnation: As in that agent's heartbeats.
-            revision: As in that agent's heartbeats.
-            stamp_ns: When it was made, nanoseconds since the epoch.
-        """
+        """Return the ``AgentMetadata`` with numbers as in heartbeats, made at `stamp_ns` since the epoch."""
         return message_type(AGENT_METADATA)(
             agent=agent,
             incarnation=incarnation,
