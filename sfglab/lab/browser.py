@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 
-_START_S = 20.0
-_ANSWER_S = 15.0
+_START_S = 90.0
+_ANSWER_S = 60.0
 _END_S = 1.0
 _STILL_S = 0.25
 _HOST = "127.0.0.1"

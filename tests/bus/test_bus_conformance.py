@@ -83,6 +83,7 @@ async def test_an_async_callback_gets_the_next_message_when_it_is_done_and_only_
         for number in range(40):  # in lock step with the fast one, so only the slow one can drop
             publisher.publish(text(number))
             assert (await fast.take(60)).data == str(number)
+            await until(lambda: log)  # the slow one is busy with the first
         await until(lambda: slowly.dropped == 40 - 5 - 1)
         gate.set()
         await until(lambda: len(log) == 12)

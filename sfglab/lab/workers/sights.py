@@ -32,7 +32,7 @@ CAMERA_HZ = 30.0
 CAMERA_SIZE = (640, 360)
 
 _IMAGE = "sensor_msgs/msg/Image"
-_MATCH_S = 10.0
+_MATCH_S = 60.0
 _QOS = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=20)
 """Offers whatever a visualizer asks for."""
 

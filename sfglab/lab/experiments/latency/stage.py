@@ -42,7 +42,7 @@ PATHS = ("standard", "decoder", "agent", "on_demand")
 """The ways from camera to viewer."""
 
 GLOBAL_DOMAIN, EDGE_DOMAIN, CONSUMER_DOMAIN = 0, 41, 42
-FIRST_PICTURE_S = 15.0
+FIRST_PICTURE_S = 60.0
 LINGER_S = 0.1
 
 _CAMERAS = {"standard": "direct", "decoder": "direct", "agent": "front", "on_demand": "paper"}

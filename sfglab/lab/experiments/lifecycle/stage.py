@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from sfglab.component import Report
 
 ASK_S = 60.0
-STEP_S = 15.0
+STEP_S = 60.0
 
 
 class Stage:

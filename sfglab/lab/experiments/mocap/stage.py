@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 HOSTS = {"robot": "agent_x", "bridge": "mocap", "listener": "viewer"}
 _DOMAINS = {"proxy": 51, "direct": 52, "renamed": 53}
 _MODULE = "sfglab.lab.experiments.mocap.worker"
-_LEAD_S, _SLACK_S = 1.0, 20.0
+_LEAD_S, _SLACK_S = 1.0, 90.0
 _MOST_HEARD = 400
 
 

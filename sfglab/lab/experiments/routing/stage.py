@@ -31,7 +31,7 @@ DEEP = "/global/deeper/than/the/schema/goes/x"
 
 GLOBAL_DOMAIN = 0
 OTHERS = ("ground_1", "ground_2")
-ANSWER_S = 30.0
+ANSWER_S = 90.0
 PATIENCE_S, POLL_S = 15.0, 0.5
 
 

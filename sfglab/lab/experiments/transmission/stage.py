@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     Arrays = dict[str, NDArray[np.int64]]
 
 
-START_S, MATCH_S, SETTLE_S, LEAD_S, SPARE_S = 30.0, 30.0, 0.3, 0.15, 15.0
+START_S, MATCH_S, SETTLE_S, LEAD_S, SPARE_S = 90.0, 90.0, 0.3, 0.15, 60.0
 LONGEST_DRAIN_S = 1.5
 """Repairs that come later than this are rare, and a live second costs a second."""
 

@@ -41,7 +41,7 @@ PICTURE_BYTES = 640 * 360 * 3
 BOUND_BYTES = WINDOW_BYTES + 2 * PICTURE_BYTES
 """What may wait at most: a window of drawn pictures, the one that fills it, and one that waits for its turn."""
 
-_REACH_S = 10.0
+_REACH_S = 60.0
 _LATCHED = ("tf_static", "agent_status", "communication")
 """Reliable by themselves, and they ask for the past, too."""
 _SAMPLE_S = 0.05
