@@ -7,8 +7,7 @@ front.
 
 from __future__ import annotations
 
-from sfglab.lab.experiments.balancing import figures
 from sfglab.lab.experiments.balancing.analysis import saved, staleness
 from sfglab.lab.experiments.balancing.experiment import exp
 
-__all__ = ["exp", "figures", "saved", "staleness"]
+__all__ = ["exp", "saved", "staleness"]

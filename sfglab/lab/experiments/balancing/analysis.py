@@ -1,16 +1,22 @@
-"""Savings of the caches, staleness of values, and the claims, computed from a run."""
+"""Savings of the caches, staleness of values, the claims and the figures, computed from a run."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.balancing.experiment import Config, exp
+from sfglab.lab.experiments.balancing.experiment import SHOWN, Config, exp
+from sfglab.lab.experiments.balancing.optimum import mean_topics
+from sfglab.lab.figures import COLORS, MARKERS
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import exactly
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 @derived
@@ -85,3 +91,163 @@ def _cache_details(run: Run[Config], column: str, what: str) -> dict[str, str]:
     shares = 1 - by_rate[column] / by_rate["offered"]
     text = ", ".join(f"{share:.0%} at {rate} Hz" for rate, share in shares.items())
     return {f"fewer {what}": text, "readings": str(int(cache["offered"].sum()))}
+
+
+_SHADES = ("third", "proxy", "fourth", "standard")
+
+
+@exp.figure("balancing_caches", size=(8.4, 3.6))
+def draw_caches(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw what the local cache holds back of each sensor's readings, a group of bars a sensor."""
+    table, axes = saved(run), figure.subplots()
+    width = 0.8 / len(table.columns)
+    for place, (rate, color) in enumerate(zip(table.columns, _SHADES, strict=False)):
+        spots = np.arange(len(table)) + (place - (len(table.columns) - 1) / 2) * width
+        axes.bar(spots, 100 * table[rate], width, label=f"{rate} Hz", color=COLORS[color])
+    change = run["table_one"].set_index("sensor")["change_s"]
+    names = [f"{name}\nchanges every\n{change[name]:g} s" for name in table.index]
+    axes.set_xticks(range(len(table)), names, fontsize=8)
+    axes.set(ylabel="readings held back (%)", ylim=(0, 100))
+    axes.grid(visible=False, axis="x")
+    axes.legend(title="sensor read at", ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.28))
+    figure.suptitle(
+        f"Local cache: read {table.columns[-1]} times a second, a sensor repeats itself in "
+        f"{table.iloc[:, -1].mean():.0%} of its readings, on average"
+    )
+    return {"held": table.reset_index().rename(columns=str).to_dict(orient="list")}
+
+
+@exp.figure("balancing_stale", size=(10, 4.6))
+def draw_lost_changes(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw what a lost change does, and what the longest silence does about it."""
+    course, share = figure.subplots(1, 2)
+    _draw_courses(course, run["shown"])
+    _draw_staleness(share, staleness(run))
+    loss = run.config.loss
+    figure.suptitle(f"A lost change stays lost: local cache on a link that loses {loss:.0%} (simulated)")
+    return {"stale": staleness(run).to_dict(orient="list")}
+
+
+def _draw_courses(axes: Axes, shown: pd.DataFrame) -> None:
+    """Draw the sensor's value against the station's in the examples; red where they differ."""
+    end = float(np.ceil(shown["t_s"].max()))
+    for lane, (qos, silence_s) in enumerate(SHOWN):
+        part = shown[(shown["qos"] == qos) & (shown["silence_s"] == silence_s)]
+        steps = {w: part[part["where"] == w] for w in ("sensor", "station")}
+        _draw_lane(axes, -lane, steps, end)
+        text = f"{qos}, " + (f"silence at most {silence_s:g} s" if silence_s else "no longest silence")
+        axes.text(0, -lane + 0.36, text, fontsize=8)
+    axes.set(yticks=[], xlim=(0, end), ylim=(-len(SHOWN) + 0.5, 0.75), xlabel="time (s)")
+    axes.set_title("a PIR sensor's state: light and dark blue; red: the station has another", fontsize=9)
+    axes.grid(visible=False)
+
+
+def _draw_lane(axes: Axes, y: float, steps: dict[str, Any], end: float) -> None:
+    times = np.unique(np.concatenate([s["t_s"].to_numpy() for s in steps.values()]))
+    values = {}
+    for where, step in steps.items():
+        order = np.searchsorted(step["t_s"].to_numpy(), times, side="right") - 1
+        values[where] = np.where(order >= 0, step["value"].to_numpy()[order], -1)
+    lasts = np.diff([*times, end])
+    for t, lasting, true, known in zip(times, lasts, values["sensor"], values["station"], strict=True):
+        color = COLORS["standard"] if true != known else COLORS["proxy"]
+        shade = 0.9 if true != known or true % 2 else 0.4
+        axes.barh(y, lasting, left=t, height=0.5, color=color, alpha=shade, linewidth=0)
+
+
+def _draw_staleness(axes: Axes, table: pd.DataFrame) -> None:
+    """Draw the share of time with a stale value against the messages that it costs."""
+    for qos, color in (("best effort", "standard"), ("reliable", "proxy")):
+        part = table[table["qos"] == qos].sort_values("messages_hz")
+        axes.plot(
+            part["messages_hz"],
+            100 * part["stale_share"],
+            marker=MARKERS[color],
+            color=COLORS[color],
+            label=f"{qos}, KEEP_LAST 1",
+        )
+    points = table[table["qos"] == "best effort"][["silence_s", "messages_hz", "stale_share"]].to_numpy()
+    for silence_s, messages_hz, share in points:
+        text = f"{silence_s:g} s" if silence_s else "none"
+        place = (messages_hz, 100 * share)
+        axes.annotate(text, place, textcoords="offset points", xytext=(5, 5), fontsize=8)
+    axes.set(xscale="log", yscale="log")
+    axes.set(xlabel="messages a second (100 without a cache)", ylabel="time with a stale value (%)")
+    axes.set_title("at each point: the longest silence", fontsize=9)
+    axes.legend()
+
+
+@exp.figure("balancing_qos", size=(10, 4.4))
+def draw_qos(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw the printed optimum, which has no trade-off, beside our own problem's Pareto front."""
+    front = run["front"]
+    printed = front[front["method"] == "printed"]
+    over = printed[printed["utilisation"] > 1]["rate_max_hz"].tolist()
+    optimum, pareto = figure.subplots(1, 2)
+    _draw_optimum(optimum, run["balance"])
+    _draw_front(pareto, front)
+    overloads = "QoS balancing: the printed optimum does not see the link, and overloads it at Rmax = "
+    figure.suptitle(
+        overloads + " and ".join(map(str, over)) + " Hz"
+        if over
+        else "QoS balancing: the printed optimum and our own"
+    )
+    return {"front": front.to_dict(orient="list")}
+
+
+def _draw_front(axes: Axes, front: pd.DataFrame) -> None:
+    """Draw latency against freshness: our front, its chosen point, and where the printed optima lie."""
+    top = front["rate_max_hz"].max()
+    ours = front[(front["method"] == "ours") & (front["rate_max_hz"] == top)].sort_values("freshness")
+    axes.plot(
+        ours["freshness"],
+        ours["latency_ms"],
+        "-",
+        marker="o",
+        markersize=3,
+        color=COLORS["third"],
+        label=f"our front (Rmax = {top} Hz)",
+    )
+    chosen = ours[ours["chosen"]]
+    axes.plot(
+        chosen["freshness"], chosen["latency_ms"], "*", markersize=13, color=COLORS["third"], label="chosen"
+    )
+    printed = front[front["method"] == "printed"]
+    fits = printed[printed["utilisation"] < 1]
+    axes.plot(fits["freshness"], fits["latency_ms"], "s", color=COLORS["proxy"], label="printed, Eq. 6")
+    for row in fits.itertuples():
+        axes.annotate(f"  Rmax {row.rate_max_hz} Hz", (row.freshness, row.latency_ms), fontsize=8, va="center")
+    axes.set_yscale("log")
+    # Room at the top for what has no finite latency.
+    axes.set_ylim(top=5 * max(fits["latency_ms"].max(), ours["latency_ms"].max()))
+    _draw_overloaded(axes, printed[printed["utilisation"] >= 1])
+    axes.set_xlabel("freshness: time in which what was sent last is true (share)")
+    axes.set_ylabel("mean latency, expected (ms)")
+    axes.set_title("to the right and down is better", fontsize=9)
+    axes.legend(fontsize=8, loc="center left")
+
+
+def _draw_overloaded(axes: Axes, printed: Any) -> None:
+    """Mark at the upper edge what has no finite latency."""
+    edge = axes.get_xaxis_transform()
+    for line, row in enumerate(printed.itertuples()):
+        height = 0.97 - 0.06 * line
+        axes.plot(row.freshness, height, "s", color=COLORS["standard"], transform=edge)
+        text = f"Rmax {row.rate_max_hz} Hz needs {row.utilisation:.1f} times the air  "
+        axes.annotate(text, (row.freshness, height), xycoords=edge, ha="right", va="center", fontsize=8)
+
+
+def _draw_optimum(axes: Axes, balance: pd.DataFrame) -> None:
+    """Draw R and D of Eq. 6 over Rmax, CVXPY as markers on the closed form's lines."""
+    balance = balance[(balance["weight"] == 0.5) & (balance["rate_min_hz"] == 1.0)]
+    colors = [*COLORS.values(), "black"]
+    for (topics, group), color in zip(balance.groupby("topics", sort=False), colors, strict=False):
+        label = f"{mean_topics(str(topics)):.3g} topics"
+        axes.plot(group["rate_max_hz"], group["rate_closed_hz"], color=color, linewidth=1)
+        axes.plot(group["rate_max_hz"], group["rate_hz"], "o", color=color, markersize=4, label=label)
+        last = group.iloc[int(group["rate_max_hz"].argmax())]
+        place = (float(last["rate_max_hz"]), float(last["rate_hz"]))
+        axes.annotate(f" D = {last['depth']:.0f}", place, fontsize=7, va="center")
+    axes.set(xlabel="Rmax (Hz)", ylabel="R (Hz)")
+    axes.set_title("Eq. 6: CVXPY (dots) on the closed form (lines)", fontsize=9)
+    axes.legend(title="T_avg", fontsize=8)

@@ -6,7 +6,7 @@ machines and taken back; hooks are run; containers' commands are run between nam
 
 from __future__ import annotations
 
-from sfglab.lab.experiments.deployment import analysis, figures
+from sfglab.lab.experiments.deployment import analysis
 from sfglab.lab.experiments.deployment.experiment import exp
 
-__all__ = ["analysis", "exp", "figures"]
+__all__ = ["analysis", "exp"]

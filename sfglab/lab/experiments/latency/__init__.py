@@ -8,8 +8,7 @@ replay.
 
 from __future__ import annotations
 
-from sfglab.lab.experiments.latency import figures
 from sfglab.lab.experiments.latency.analysis import checks
 from sfglab.lab.experiments.latency.experiment import exp
 
-__all__ = ["checks", "exp", "figures"]
+__all__ = ["checks", "exp"]

@@ -1,8 +1,8 @@
-"""Every check of a run, how far apart its agents were, and the claim A-PLAN: the share of checks that hold."""
+"""Every check of a run and how far apart its agents were, the claim A-PLAN, and the figures."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
@@ -11,20 +11,26 @@ import pandas as pd
 
 from sfglab.lab.checks import CheckRow, check_row, share_of_checks
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.planning.experiment import Config, exp
+from sfglab.lab.experiments.planning.experiment import EXAMPLE_LIMITS, EXAMPLE_M, Config, exp
+from sfglab.lab.figures import COLORS
 from sfglab.lab.runs import Run, derived
-from sfglab.spatial.execution.agent import Tolerances
-from sfglab.spatial.scene.files import read_scene
-from sfglab.spatial.scene.objects import AgentObject
+from sfglab.spatial.execution import Tolerances
+from sfglab.spatial.scene import AgentObject, ObstacleObject, ZoneObject, ZoneRule, read_scene
+from sfglab.spatial.trajectory import Box, Interpolation, motion_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from sfglab.spatial.scene.tree import Scene
+    from sfglab.spatial import Pose
+    from sfglab.spatial.scene import Scene
+    from sfglab.spatial.trajectory import Shape, Trajectory
 
     Holds = Callable[[Any], bool]
+
 
 _EXACT_TABLES = ("geometry", "exchange", "editing", "disk")
 _GROUPS = {"disk": "editing", "fault": "editing"}
@@ -159,3 +165,188 @@ def share_that_holds(run: Run[Config]) -> Finding:
         "beyond the paper": "splines, its future work; limits, re-timing and clearance",
     }
     return Finding(estimate=share.estimate, details=details, reason=share.reason)
+
+
+_LINES = {Interpolation.POLYLINE: COLORS["network"], Interpolation.CATMULL_ROM: COLORS["fourth"]}
+_WAYS = {Interpolation.POLYLINE: "polyline (paper)", Interpolation.CATMULL_ROM: "Catmull-Rom (ours)"}
+_AGENTS = (COLORS["standard"], COLORS["proxy"], COLORS["third"])
+
+
+@exp.figure("planning_scene", size=(12.5, 5.6))
+def draw_scene(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw the scene from above with everybody's way, and how far apart and off they were."""
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.55, 1.0))
+    _draw_hall(figure.add_subplot(grid[:, 0]), run)
+    shown = _draw_apart(figure.add_subplot(grid[0, 1]), run)
+    shown |= _draw_errors(figure.add_subplot(grid[1, 1]), run)
+    how = "over DDS" if run.config.live else "on the simulated bus"
+    figure.suptitle(f"{scene_of(run).name}: planned, and driven by action {how}", fontsize=11)
+    return shown
+
+
+def _draw_hall(axes: Axes, run: Run[Config]) -> None:
+    from matplotlib.collections import LineCollection
+
+    scene = scene_of(run)
+    for thing in (*scene.all_of(ZoneObject), *scene.all_of(ObstacleObject)):
+        _draw_body(axes, thing, scene.world_pose(thing.id))
+    fastest = float(run["track"]["speed_m_s"].max())
+    drawn = LineCollection([])
+    for agent in scene.all_of(AgentObject):
+        _draw_plan(axes, scene.motion(agent.id), label=agent is next(scene.all_of(AgentObject)))
+        track = run["track"][run["track"]["agent"] == agent.name]
+        places = track[["x_m", "y_m"]].to_numpy()
+        segments = np.stack([places[:-1], places[1:]], axis=1)
+        drawn = LineCollection(list(segments), cmap="viridis", linewidths=5.0, zorder=3)
+        drawn.set_array(track["speed_m_s"].to_numpy()[1:])
+        drawn.set_clim(0.0, fastest)
+        axes.add_collection(drawn)
+        axes.annotate(
+            agent.name, places[0], xytext=(-7, -4), textcoords="offset points", ha="right", weight="bold"
+        )
+    _mark_closest(axes, run)
+    axes.figure.colorbar(drawn, ax=axes, label="speed, driven (m/s)", shrink=0.75, pad=0.01)
+    axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)", title="From above")
+    axes.legend(loc="upper left", bbox_to_anchor=(0.05, 0.945), fontsize=8)
+
+
+def _draw_body(axes: Axes, thing: ZoneObject | ObstacleObject, pose: Pose) -> None:
+    from matplotlib.patches import Polygon
+
+    corners = _outline(thing.shape, pose)
+    inside = isinstance(thing, ZoneObject) and thing.rule is ZoneRule.INSIDE
+    zone = isinstance(thing, ZoneObject) and not inside
+    style: dict[str, Any] = {"facecolor": "0.8", "edgecolor": "0.4"}
+    if inside:
+        style = {"fill": False, "edgecolor": "0.5", "linewidth": 1.6}
+    elif zone:
+        style = {"facecolor": "#f3d6c8", "edgecolor": COLORS["standard"], "hatch": "//", "alpha": 0.6}
+    axes.add_patch(Polygon(corners, **style))
+    where = corners[corners.sum(axis=1).argmin()] + (0.15, 0.15) if inside else corners.mean(axis=0)
+    axes.text(
+        where[0], where[1], thing.name, fontsize=8, color="0.25", ha="left" if inside else "center", va="center"
+    )
+
+
+def _outline(shape: Shape, pose: Pose) -> np.ndarray[Any, np.dtype[np.float64]]:
+    if isinstance(shape, Box):
+        x, y = shape.size_m[0] / 2, shape.size_m[1] / 2
+        local = [(-x, -y), (x, -y), (x, y), (-x, y)]
+    else:
+        turns = np.linspace(0.0, 2.0 * np.pi, 48)
+        local = [(shape.radius_m * float(np.cos(a)), shape.radius_m * float(np.sin(a))) for a in turns]
+    return np.array([pose.apply((x, y, 0.0))[:2] for x, y in local])
+
+
+def _draw_plan(axes: Axes, planned: Trajectory, *, label: bool) -> None:
+    for kind, color in _LINES.items():
+        motion = motion_of(replace(planned, interpolation=kind))
+        places = motion.positions(np.linspace(motion.times_s[0], motion.times_s[-1], 300))
+        chosen = planned.interpolation is kind
+        style: dict[str, Any] = {"linewidth": 1.3, "linestyle": "-" if chosen else (0, (3, 2)), "zorder": 4}
+        axes.plot(places[:, 0], places[:, 1], color=color, label=_WAYS[kind] if label else None, **style)
+    points = np.array([w.pose.position_m for w in planned.waypoints])
+    axes.plot(points[:, 0], points[:, 1], "k.", markersize=6, zorder=5, label="waypoint" if label else None)
+    for waypoint in planned.waypoints:
+        heading = waypoint.pose.apply((0.45, 0.0, 0.0))
+        tip = {"arrowstyle": "->", "color": "black", "linewidth": 0.9}
+        axes.annotate("", heading[:2], waypoint.pose.position_m[:2], arrowprops=tip, zorder=5)
+
+
+def _mark_closest(axes: Axes, run: Run[Config]) -> None:
+    for a, b in combinations(sorted(run["track"]["agent"].unique()), 2):
+        times, _, driven = apart_m(run, a, b)
+        at_s, ends = float(times[driven.argmin()]), []
+        for name in (a, b):
+            track = run["track"][run["track"]["agent"] == name]
+            ends.append([np.interp(at_s, track["t_s"], track[axis]) for axis in ("x_m", "y_m")])
+        (x1, y1), (x2, y2) = ends
+        text = f"closest, driven: {driven.min():.2f} m at {at_s:.1f} s"
+        axes.plot([x1, x2], [y1, y2], "o-", color="crimson", markersize=5, linewidth=1.6, zorder=6, label=text)
+
+
+def _draw_apart(axes: Axes, run: Run[Config]) -> dict[str, Any]:
+    agents = {agent.name: agent for agent in scene_of(run).all_of(AgentObject)}
+    shown: dict[str, Any] = {}
+    for a, b in combinations(sorted(agents), 2):
+        times, planned, driven = apart_m(run, a, b)
+        needed = agents[a].radius_m + agents[b].radius_m + scene_of(run).margin_m
+        axes.plot(times, planned, color=COLORS["network"], label="planned")
+        axes.plot(times, driven, color=COLORS["proxy"], label="driven")
+        axes.axhline(needed, color="crimson", linestyle=":", label=f"needed: radii and margin, {needed:.2f} m")
+        axes.plot(times[driven.argmin()], driven.min(), "o", color="crimson", markersize=5)
+        shown["closest, planned and driven (m)"] = [float(planned.min()), float(driven.min())]
+    axes.set(ylim=(0, None), xlabel="time (s)", ylabel="distance (m)", title="How far apart they are")
+    axes.legend(fontsize=8)
+    return shown
+
+
+def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, Any]:
+    worst = {}
+    for color, (agent, track) in zip(_AGENTS, run["track"].groupby("agent"), strict=False):
+        axes.plot(track["t_s"], track["error_m"], color=color, label=str(agent))
+        end = scene_of(run).motion(_id_of(run, str(agent))).end_ns / 1e9
+        axes.axvline(end, color=color, linestyle=":", linewidth=1.0)
+        worst[str(agent)] = float(track["error_m"].max())
+    axes.set(
+        ylim=(0, None), xlabel="time (s)", ylabel="error (m)", title="How far from the plan (dotted: its end)"
+    )
+    axes.legend(fontsize=8)
+    return {"largest error (m)": worst}
+
+
+def _id_of(run: Run[Config], name: str) -> int:
+    return next(int(agent.id) for agent in scene_of(run).all_of(AgentObject) if agent.name == name)
+
+
+@exp.figure("planning_interpolation", size=(12.5, 6.2))
+def draw_interpolation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw path, speed and acceleration of both interpolations, as drawn and re-timed."""
+    grid = figure.add_gridspec(2, 3, width_ratios=(1.15, 1.0, 1.0))
+    _draw_paths(figure.add_subplot(grid[:, 0]), run)
+    tops = {}
+    for row, (slow, words) in enumerate(((False, "as drawn"), (True, "re-timed to its limits"))):
+        chosen = run["sample"][run["sample"]["retimed"] == slow]
+        pair = [figure.add_subplot(grid[row, 1]), figure.add_subplot(grid[row, 2])]
+        tops[words] = _draw_rates(pair, chosen, words)
+    figure.suptitle(
+        "One trajectory as polyline and as centripetal Catmull-Rom spline, before and after re-timing",
+        fontsize=11,
+    )
+    return {"highest speed (m/s) and acceleration (m/s^2)": tops}
+
+
+def _draw_paths(axes: Axes, run: Run[Config]) -> None:
+    for kind in Interpolation:
+        chosen = run["sample"][(run["sample"]["interpolation"] == kind.value) & ~run["sample"]["retimed"]]
+        axes.plot(chosen["x_m"], chosen["y_m"], color=_LINES[kind], label=_WAYS[kind], linewidth=1.8)
+    axes.plot(*np.array(EXAMPLE_M).T, "k.", markersize=8, label="waypoint")
+    for number, place in enumerate(EXAMPLE_M):
+        axes.annotate(str(number), place, xytext=(5, 5), textcoords="offset points", fontsize=8)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel="x (m)", ylabel="y (m)", title="Path: the same before and after")
+    axes.legend(fontsize=8, loc="upper right")
+
+
+def _draw_rates(pair: list[Axes], samples: Any, words: str) -> dict[str, list[float]]:
+    tops: dict[str, list[float]] = {}
+    for kind in Interpolation:
+        chosen = samples[samples["interpolation"] == kind.value]
+        where = "steps-post" if kind is Interpolation.POLYLINE else "default"
+        color, times = _LINES[kind], chosen["t_s"]
+        pair[0].plot(times, chosen["speed_m_s"], color=color, drawstyle=where)
+        jumps = chosen[chosen["jump_m_s2"] > 0.0]
+        if kind is Interpolation.POLYLINE:
+            pair[1].vlines(jumps["t_s"], 0.0, jumps["jump_m_s2"], color=color, linewidth=2.0)
+            pair[1].plot(jumps["t_s"], jumps["jump_m_s2"], "o", color=color, markersize=4, label="at corners")
+        else:
+            pair[1].plot(times, chosen["acceleration_m_s2"], color=color)
+        top = max(chosen["acceleration_m_s2"].max(), chosen["jump_m_s2"].max())
+        tops[kind.value] = [float(chosen["speed_m_s"].max()), float(top)]
+    limits = (EXAMPLE_LIMITS.speed_m_s, EXAMPLE_LIMITS.acceleration_m_s2)
+    names = (("speed (m/s)", "Speed"), ("acceleration (m/s²)", "Acceleration"))
+    for axes, limit, (label, name) in zip(pair, limits, names, strict=True):
+        axes.axhline(limit or 0.0, color="crimson", linestyle=":", label="limit")
+        axes.set(ylim=(0, 1.25 * axes.get_ylim()[1]), xlabel="time (s)", ylabel=label, title=f"{name}, {words}")
+        axes.legend(fontsize=8, loc="upper right", ncols=2)
+    return tops

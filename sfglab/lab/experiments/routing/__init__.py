@@ -7,8 +7,7 @@ seen in the global domain; beside that the policy is checked exactly, on all sta
 
 from __future__ import annotations
 
-from sfglab.lab.experiments.routing import figures
 from sfglab.lab.experiments.routing.analysis import checks, latencies
 from sfglab.lab.experiments.routing.experiment import exp
 
-__all__ = ["checks", "exp", "figures", "latencies"]
+__all__ = ["checks", "exp", "latencies"]

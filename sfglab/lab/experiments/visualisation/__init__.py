@@ -9,8 +9,7 @@ what waits is watched while the sink stands still.
 
 from __future__ import annotations
 
-from sfglab.lab.experiments.visualisation import figures
 from sfglab.lab.experiments.visualisation.analysis import added_ms, checks, latency_table
 from sfglab.lab.experiments.visualisation.experiment import exp
 
-__all__ = ["added_ms", "checks", "exp", "figures", "latency_table"]
+__all__ = ["added_ms", "checks", "exp", "latency_table"]
