@@ -85,9 +85,9 @@ def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     parts: Any = figure.subfigures(1, 2)
     _draw_times(parts[0].subplots(), run)
     upper, lower = parts[1].subplots(2, 1, sharex=True)
-    _draw_waiting(upper, run)
-    _draw_fates(lower, run)
     memory = run["memory"]
+    _draw_waiting(upper, memory)
+    _draw_fates(lower, memory)
     return {
         "added_ms": added_ms(run).value,
         "latency_ms": {str(arm): dict(row) for arm, row in latency_table(run).iterrows()},
@@ -104,28 +104,22 @@ def _draw_times(axes: Axes, run: Run[Config]) -> None:
     bare = float(np.median(run["time"].loc[run["time"]["arm"] == "bare", "taken_ms"]))
     asked = f"asked at the median: {ADDED_MS:g} ms beyond Rerun alone"
     axes.axvline(bare + ADDED_MS, color=COLORS["network"], label=asked, **PAPER_STYLE)
-    axes.set(
-        xlabel="time until the sink has the picture (ms)",
-        ylabel="share of pictures",
-        xlim=(0, bare + 9),
-        ylim=(0, 1),
-    )
+    axes.set(xlabel="time until the sink has the picture (ms)", ylabel="share of pictures")
+    axes.set(xlim=(0, bare + 9), ylim=(0, 1))
     axes.set_title(f"The bridge adds {added_ms(run).value:.2f} ms at the median (640 x 360, raw)")
     axes.legend(loc="lower right", frameon=True, framealpha=1, edgecolor="none")
 
 
-def _shade(axes: Axes, run: Run[Config]) -> None:
-    stopped = run["memory"][run["memory"]["stopped"]]["at_s"]
+def _shade(axes: Axes, memory: pd.DataFrame) -> None:
+    stopped = memory[memory["stopped"]]["at_s"]
     if len(stopped):
         axes.axvspan(stopped.min(), stopped.max(), color=COLORS["network"], alpha=0.2, linewidth=0)
 
 
-def _draw_waiting(axes: Axes, run: Run[Config]) -> None:
-    memory = run["memory"]
-    _shade(axes, run)
-    axes.plot(
-        memory["at_s"], memory["queued_bytes"] / MIB, color=COLORS["proxy"], label="not known to be taken"
-    )
+def _draw_waiting(axes: Axes, memory: pd.DataFrame) -> None:
+    _shade(axes, memory)
+    queued = memory["queued_bytes"] / MIB
+    axes.plot(memory["at_s"], queued, color=COLORS["proxy"], label="not known to be taken")
     grown = (memory["resident_bytes"] - memory["resident_bytes"].iloc[0]) / MIB
     axes.plot(memory["at_s"], grown, color=COLORS["third"], label="process, since the start")
     axes.axhline(BOUND_BYTES / MIB, color=COLORS["standard"], label="bound", **PAPER_STYLE)
@@ -133,9 +127,8 @@ def _draw_waiting(axes: Axes, run: Run[Config]) -> None:
     axes.legend(loc="upper left", ncols=3, fontsize="small")
 
 
-def _draw_fates(axes: Axes, run: Run[Config]) -> None:
-    memory = run["memory"]
-    _shade(axes, run)
+def _draw_fates(axes: Axes, memory: pd.DataFrame) -> None:
+    _shade(axes, memory)
     for name, color in (("received", "network"), ("shown", "proxy"), ("dropped", "standard")):
         axes.plot(memory["at_s"], memory[name], color=COLORS[color], label=name)
     axes.set(xlabel="time (s)", ylabel="pictures", ylim=(0, None))
@@ -150,19 +143,17 @@ def draw_points(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     jpeg = np.frombuffer(run.attachment(PICTURE), np.uint8)
     cloud = dict(np.load(io.BytesIO(run.attachment(CLOUD))))
     grid = figure.add_gridspec(1, 3, width_ratios=[1.2, 1.5, 0.9])
-    _draw_picture(figure.add_subplot(grid[0]), cv2.imdecode(jpeg, cv2.IMREAD_COLOR))
+    image: Any = cv2.imdecode(jpeg, cv2.IMREAD_COLOR)
+    picture = figure.add_subplot(grid[0])
+    picture.imshow(cv2.resize(image, (400, 225), interpolation=cv2.INTER_AREA)[..., ::-1])
+    picture.set_axis_off()
+    picture.set_title("Image, registered to the depth")
     _draw_cloud(figure.add_subplot(grid[1], projection="3d"), cloud["points"], cloud["colors"])
-    _draw_errors(figure.add_subplot(grid[2]), cloud["errors_m"])
+    errors = figure.add_subplot(grid[2])
+    errors.hist(1e6 * cloud["errors_m"], bins=40, color=COLORS["proxy"])
+    errors.set(xlabel="distance from NumPy's point (um)", ylabel="points", title="how far they are off")
     largest = float(run["cloud"]["largest_error_m"].max())
     return {"images": len(run["cloud"]), "largest_error_m": largest, "points": len(cloud["points"])}
-
-
-def _draw_picture(axes: Axes, bgr: Any) -> None:
-    import cv2
-
-    axes.imshow(cv2.resize(bgr, (400, 225), interpolation=cv2.INTER_AREA)[..., ::-1])
-    axes.set_axis_off()
-    axes.set_title("Image, registered to the depth")
 
 
 def _draw_cloud(axes: Any, points: NDArray[Any], colors: NDArray[np.uint8]) -> None:
@@ -175,8 +166,3 @@ def _draw_cloud(axes: Any, points: NDArray[Any], colors: NDArray[np.uint8]) -> N
     axes.set_zticklabels([])
     axes.locator_params(nbins=4)
     axes.set_title(f"its {len(points)} points in the recording, depth to the back")
-
-
-def _draw_errors(axes: Axes, errors_m: NDArray[Any]) -> None:
-    axes.hist(1e6 * errors_m, bins=40, color=COLORS["proxy"])
-    axes.set(xlabel="distance from NumPy's point (um)", ylabel="points", title="how far they are off")

@@ -15,24 +15,15 @@ from sfglab.lab.browser import free_port
 from sfglab.lab.checks import handling, plugins, recordings, synchronisation
 from sfglab.lab.checks.fleet_scene import make_parts, scene_moments
 from sfglab.lab.experiment import Actor, Experiment, Link, Setup
-from sfglab.lab.experiments.visualisation.stage import (
-    member,
-    processes,
-    show_live,
-    show_log,
-    time_pictures,
-    watch_memory,
-    write_scene,
-)
+from sfglab.lab.experiments.visualisation import stage
 from sfglab.lab.paths import find_project
 from sfglab.lab.testbed import held_domains
-from sfglab.view import open_canvas
+from sfglab.view import ViewOptions, open_canvas, view_log
 from sfglab.view.rerunning import rerun
 
 if TYPE_CHECKING:
     from sfglab.lab.bench import Bench
     from sfglab.lab.checks import CheckRow
-    from sfglab.lab.checks.synchronisation import Cloud
 
 
 FLEET_FILE = "fleets/lab.yaml"
@@ -142,12 +133,13 @@ async def show_scene(bench: Bench[Config]) -> None:
     parts = make_parts(scene_moments(config.moments, config.seed))
     fleet = find_project().data / FLEET_FILE
     scene, recorded = folder / "scene.mcap", folder / "log.rrd"
-    write_scene(parts, scene)
-    logged = show_log(scene, recorded, fleet)
+    stage.write_scene(parts, scene)
+    view_log(scene, ViewOptions(to=(str(recorded),), fleet=fleet))
+    logged = recordings.read_recording(recorded)
     _write(bench, "visualizers", *recordings.check_visualizers(parts, logged))
     _write(bench, "fleet", *recordings.check_fleet(load_fleet(fleet), recorded))
     with held_domains() as (domain_id,):
-        live = await show_live(parts, scene, folder / "live.rrd", domain_id)
+        live = await stage.show_live(parts, scene, folder / "live.rrd", domain_id)
     _write(bench, "sources", *recordings.check_sources(parts, logged, live))
 
 
@@ -159,14 +151,10 @@ def show_points(bench: Bench[Config]) -> None:
     bench.write_all("cloud", (cloud.row for cloud in clouds))
     _write(bench, "synchronisation", synchronisation.check_clouds(clouds))
     bench.attach(PICTURE, compressed_image_fields(moments[0].bgr, "jpeg").data, "image/jpeg")
-    bench.attach(CLOUD, _packed(clouds[0]))
-
-
-def _packed(cloud: Cloud) -> bytes:
-    buffer = io.BytesIO()
-    points, errors = cloud.shown.astype(np.float32), cloud.errors_m.astype(np.float32)
-    np.savez_compressed(buffer, points=points, colors=cloud.colors, errors_m=errors)
-    return buffer.getvalue()
+    packed, first = io.BytesIO(), clouds[0]
+    points, errors = first.shown.astype(np.float32), first.errors_m.astype(np.float32)
+    np.savez_compressed(packed, points=points, colors=first.colors, errors_m=errors)
+    bench.attach(CLOUD, packed.getvalue())
 
 
 @exp.part("plugins and synchronisation")
@@ -182,15 +170,15 @@ async def watch_bridge(bench: Bench[Config]) -> None:
     """Everything that needs time to pass: changes at run time, latency, and a sink that stands still."""
     config, port = bench.config, free_port()
     (domain_id,) = bench.stack.enter_context(held_domains())
-    camera, sink = member("camera", domain_id=domain_id), member("sink", port=port)
-    async with processes(camera, sink) as group:
+    camera, sink = stage.member("camera", domain_id=domain_id), stage.member("sink", port=port)
+    async with stage.processes(camera, sink) as group:
         with closing(open_canvas([f"rerun+http://127.0.0.1:{port}/proxy"])) as canvas:
             rows = await handling.check_handling(domain_id, observed_s=config.observed_s)
             _write(bench, "run time", *rows)
             bench.advance("run time")
             pictures = {"rounds": config.rounds, "pictures": config.pictures}
-            bench.write_all("time", await time_pictures(canvas, domain_id, **pictures))
+            bench.write_all("time", await stage.time_pictures(canvas, domain_id, **pictures))
             bench.advance("latency")
             pid, stopped_s = group["sink"].pid, config.stopped_s
-            bench.write_all("memory", await watch_memory(canvas, pid, domain_id, stopped_s=stopped_s))
+            bench.write_all("memory", await stage.watch_memory(canvas, pid, domain_id, stopped_s=stopped_s))
             bench.advance("memory")

@@ -15,6 +15,7 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import psutil
 
 from sfglab.bus import Node
 from sfglab.lab.checks.fleet_scene import PERIOD_NS, RECEIVED_AFTER_NS, START_NS
@@ -23,7 +24,7 @@ from sfglab.lab.workers.sights import CAMERA_HZ, CAMERA_TOPIC, picture
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 from sfglab.qos import DEFAULT
 from sfglab.record import LogWriter
-from sfglab.view import Bridge, Session, ViewOptions, view_live, view_log
+from sfglab.view import Bridge, Session, ViewOptions, view_live
 from sfglab.view.app import session_for
 from sfglab.view.rerunning import WINDOW_BYTES, rerun
 
@@ -61,19 +62,12 @@ def processes(*members: Member) -> ProcessGroup:
 
 def write_scene(parts: tuple[Part, ...], path: Path) -> None:
     """Write the scene's messages as a log, in the order of their stamps."""
-    moments = max(len(part.messages) for part in parts)
     with LogWriter(path) as log:
-        for number in range(moments):
+        for number, messages in enumerate(zip(*(part.messages for part in parts), strict=True)):
             at_ns = START_NS + number * PERIOD_NS + RECEIVED_AFTER_NS
-            for part in parts:
-                if part.messages[number] is not None:
-                    log.write(part.topic, part.messages[number], log_time_ns=at_ns)
-
-
-def show_log(scene: Path, to: Path, fleet: Path) -> Recording:
-    """Show the scene from its log, into a file, and read that."""
-    view_log(scene, ViewOptions(to=(str(to),), fleet=fleet))
-    return read_recording(to)
+            for part, message in zip(parts, messages, strict=True):
+                if message is not None:
+                    log.write(part.topic, message, log_time_ns=at_ns)
 
 
 async def show_live(parts: tuple[Part, ...], scene: Path, to: Path, domain_id: int) -> Recording:
@@ -113,14 +107,14 @@ async def _drawn(session: Session, sent: Counter[str]) -> None:
     Raises:
         ProcessFailedError: It did not arrive.
     """
-    missing = "nothing"
+    late: list[str] = []
     for _ in range(round(_REACH_S / 0.01)):
-        counts = [(d, d.slot.counts) for d in session.displays]
-        late = [d for d, c in counts if c.received < sum(sent[t] for t in d.visualizer.topics.values())]
-        if not late and not any(len(d.slot) for d, _ in counts):
+        wanted = [(d, sum(sent[t] for t in d.visualizer.topics.values())) for d in session.displays]
+        late = [d.id for d, count in wanted if d.slot.counts.received < count]
+        if not late and not any(len(d.slot) for d, _ in wanted):
             return
-        missing = ", ".join(d.id for d in late) or "drawing"
         await asyncio.sleep(0.01)
+    missing = ", ".join(late) or "drawing"
     raise ProcessFailedError(f"scene: within {_REACH_S:g} s there is still missing: {missing}")
 
 
@@ -182,15 +176,15 @@ def _bare(canvas: RerunCanvas, pictures: int) -> list[float]:
     return taken
 
 
-def _look(session: Session) -> Display:
+def _look() -> tuple[Session, Display]:
+    session = Session()
     display = session.add("image", CAMERA_TOPIC)
     session.limit(display.id, None)
-    return display
+    return session, display
 
 
 async def _through_bridge(canvas: RerunCanvas, domain_id: int, pictures: int) -> list[float]:
-    timed, session = _Timed(canvas), Session()
-    _look(session)
+    timed, (session, _) = _Timed(canvas), _look()
     async with (
         Node("view", domain_id=domain_id, interface="lo") as node,
         Bridge(node, session, timed),
@@ -212,41 +206,29 @@ async def watch_memory(
         domain_id: The camera's DDS domain.
         stopped_s: How long it is stopped; it runs for a second before and after.
     """
-    session = Session()
-    display = _look(session)
+    (session, display), rows, is_stopped = _look(), list[dict[str, Any]](), False
     async with Node("view", domain_id=domain_id, interface="lo") as node, Bridge(node, session, canvas):
-        return await _watched(display, canvas, sink_pid, stopped_s)
-
-
-async def _watched(
-    display: Display, canvas: RerunCanvas, sink_pid: int, stopped_s: float
-) -> list[dict[str, Any]]:
-    import psutil
-
-    me, rows = psutil.Process(), list[dict[str, Any]]()
-    start_s = time.monotonic()
-    while not display.slot.counts.shown and time.monotonic() - start_s < _READY_S:  # noqa: ASYNC110 - no event
-        await asyncio.sleep(_SAMPLE_S)
-    start_s, is_stopped = time.monotonic(), False
-    try:
-        while (at_s := time.monotonic() - start_s) < 2 * _RUNS_S + stopped_s:
-            due = _RUNS_S <= at_s < _RUNS_S + stopped_s
-            if due != is_stopped:
-                is_stopped = due
-                os.kill(sink_pid, signal.SIGSTOP if due else signal.SIGCONT)
-            counts = display.slot.counts
-            rows.append(
-                {
-                    "at_s": at_s,
-                    "stopped": is_stopped,
-                    "queued_bytes": canvas.pending_bytes + counts.waiting * PICTURE_BYTES,
-                    "resident_bytes": me.memory_info().rss,
-                    "received": counts.received,
-                    "shown": counts.shown,
-                    "dropped": counts.dropped,
-                }
-            )
+        start_s = time.monotonic()
+        while not display.slot.counts.shown and time.monotonic() - start_s < _READY_S:  # noqa: ASYNC110 - no event
             await asyncio.sleep(_SAMPLE_S)
-    finally:
-        os.kill(sink_pid, signal.SIGCONT)
+        start_s = time.monotonic()
+        try:
+            while (at_s := time.monotonic() - start_s) < 2 * _RUNS_S + stopped_s:
+                due = _RUNS_S <= at_s < _RUNS_S + stopped_s
+                if due != is_stopped:
+                    is_stopped = due
+                    os.kill(sink_pid, signal.SIGSTOP if due else signal.SIGCONT)
+                rows.append({"at_s": at_s, "stopped": is_stopped, **_waiting(display, canvas)})
+                await asyncio.sleep(_SAMPLE_S)
+        finally:
+            os.kill(sink_pid, signal.SIGCONT)
     return rows
+
+
+def _waiting(display: Display, canvas: RerunCanvas) -> dict[str, int]:
+    counts = display.slot.counts
+    return {
+        "queued_bytes": canvas.pending_bytes + counts.waiting * PICTURE_BYTES,
+        "resident_bytes": psutil.Process().memory_info().rss,
+        **{name: getattr(counts, name) for name in ("received", "shown", "dropped")},
+    }
