@@ -10,23 +10,29 @@ import asyncio
 import math
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.bus import ActionServerGoneError
 from sfglab.messages import ns_from_stamp
 from sfglab.spatial import Pose
-from sfglab.spatial.execution.agent import Dynamics
-from sfglab.spatial.execution.client import Execution, execute, scene_orders, send
-from sfglab.spatial.execution.orders import FOLLOW_TRAJECTORY, Ended, Feedback, Order, Outcome
-from sfglab.spatial.execution.server import AgentSetup, TrajectoryServer
-from sfglab.spatial.scene.objects import AgentObject
-from sfglab.spatial.trajectory.limits import Limits
-from sfglab.spatial.trajectory.motion import pose_at
-from sfglab.spatial.trajectory.path import Trajectory
+from sfglab.spatial.execution import (
+    FOLLOW_TRAJECTORY,
+    AgentSetup,
+    Dynamics,
+    Ended,
+    Execution,
+    Feedback,
+    Order,
+    Outcome,
+    TrajectoryServer,
+    scene_orders,
+)
+from sfglab.spatial.scene import AgentObject
+from sfglab.spatial.trajectory import Limits, Trajectory, pose_at
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable
 
     from sfglab.bus import Node
     from sfglab.spatial.scene.tree import Scene
@@ -82,7 +88,7 @@ async def drive_scene(node: MakeNode, scene: Scene) -> Driven:
         for order in driven.orders:
             _listen(viewer, order, driven)
         goals = (
-            one.row(order, case="the scene's trajectory", expected=Outcome.SUCCEEDED)
+            one.timed(order, "the scene's trajectory", Outcome.SUCCEEDED)
             for one, order in zip(sent, driven.orders, strict=True)
         )
         driven.goals = list(await asyncio.gather(*goals))
@@ -128,58 +134,56 @@ def _track(order: Order, stamp_ns: int, pose: Pose, speed_m_s: float) -> dict[st
 
 
 class _Sent:
-    """A goal and what is said about it.
+    """A goal, what is said about it, and the row that comes of it."""
 
-    Args:
-        planner: Who sends it.
-        server: Where to.
-        order: Whom it is for.
-    """
-
-    def __init__(self, planner: Node, server: TrajectoryServer, order: Order) -> None:
+    def __init__(self, planner: Node, server: TrajectoryServer, order: Order, **options: Any) -> None:
+        self.moving = asyncio.Event()  # set once part of the way is over
         self._heard: list[Feedback] = []
-        self._server, self._clock = server, planner.get_clock()
+        self._order, self._server, self._clock = order, server, planner.get_clock()
         self.execution = Execution(
-            planner, order.agent, action=server.action_name, on_feedback=self._heard.append
+            planner, order.agent, action=server.action_name, on_feedback=self._hear, **options
         )
 
-    async def row(self, order: Order, *, case: str, expected: Outcome) -> GoalRow:
-        """Send an order, wait for its end, and return the row about it."""
-        begun_ns = self._clock.now_ns()
-        try:
-            await self.execution.begin(order)
-            ended = await self.execution.result()
-        finally:
-            self.execution.close()
-        seconds = (self._clock.now_ns() - begun_ns) / NS_PER_S
-        return _row(case, order, expected, ended, self._heard, self._server, seconds)
+    def _hear(self, feedback: Feedback) -> None:
+        self._heard.append(feedback)
+        if feedback.share > _MOVING:
+            self.moving.set()
 
+    async def begin(self) -> Self:
+        """Send it, and return when the server has answered."""
+        await self.execution.begin(self._order)
+        return self
 
-def _row(  # noqa: PLR0913, PLR0917 - a row's worth
-    case: str,
-    order: Order,
-    expected: Outcome,
-    ended: Ended,
-    heard: list[Feedback],
-    server: TrajectoryServer,
-    seconds: float,
-) -> GoalRow:
-    shares = [feedback.share for feedback in heard]
-    last = order.trajectory.waypoints[-1].pose
-    arrived = ended.outcome is Outcome.SUCCEEDED and ended.pose is not None
-    return {
-        "case": case,
-        "agent": order.agent,
-        "expected": expected.value,
-        "outcome": ended.outcome.value,
-        "said": ended.text,
-        "feedbacks": len(shares),
-        "steady": shares == sorted(shares),
-        "share": shares[-1] if shares else 0.0,
-        "left_m": last.distance_m(ended.pose) if arrived and ended.pose is not None else math.nan,
-        "end_speed_m_s": server.state.speed_m_s,
-        "seconds": seconds,
-    }
+    async def timed(self, order: Order, case: str, expected: Outcome) -> GoalRow:
+        """Send an order in place of the first, wait for its end, and return the row with the time it took."""
+        self._order, begun_ns = order, self._clock.now_ns()
+        row = await (await self.begin()).ended(case, expected)
+        return {**row, "seconds": (self._clock.now_ns() - begun_ns) / NS_PER_S}
+
+    async def ended(self, case: str, expected: Outcome) -> GoalRow:
+        """Return the row about it when it has ended."""
+        ended = await self.execution.result()
+        self.execution.close()
+        return self.row(case, expected, ended)
+
+    def row(self, case: str, expected: Outcome, ended: Ended) -> GoalRow:
+        """Return the row about it."""
+        shares = [feedback.share for feedback in self._heard]
+        last = self._order.trajectory.waypoints[-1].pose
+        arrived = ended.outcome is Outcome.SUCCEEDED and ended.pose is not None
+        return {
+            "case": case,
+            "agent": self._order.agent,
+            "expected": expected.value,
+            "outcome": ended.outcome.value,
+            "said": ended.text,
+            "feedbacks": len(shares),
+            "steady": shares == sorted(shares),
+            "share": shares[-1] if shares else 0.0,
+            "left_m": last.distance_m(ended.pose) if arrived and ended.pose is not None else math.nan,
+            "end_speed_m_s": self._server.state.speed_m_s,
+            "seconds": math.nan,
+        }
 
 
 async def try_goals(node: MakeNode) -> list[GoalRow]:
@@ -194,9 +198,8 @@ async def try_goals(node: MakeNode) -> list[GoalRow]:
         for preempt in (False, True):
             setup = AgentSetup(dynamics=Dynamics(limits=limits), preempt=preempt)
             async with node("spot") as home, TrajectoryServer(home, "spot", setup=setup) as server:
-                stage = _Trials(planner, server, rows)
-                for trial in stage.preempting() if preempt else stage.one_at_a_time():
-                    await trial
+                trials = _Trials(planner, server, rows)
+                await (trials.preempting() if preempt else trials.one_at_a_time())
         await _lose_server(node, planner, rows)
     return rows
 
@@ -207,44 +210,44 @@ def _way(length_m: float, duration_s: float, *, x_m: float = 0.0) -> Trajectory:
 
 
 class _Trials:
-    """Goals that are tried on one server, one after another.
-
-    Args:
-        planner: Who sends.
-        server: Where to.
-        rows: What came of them.
-    """
+    """Goals that are tried on one server, one after another, and the rows about them."""
 
     def __init__(self, planner: Node, server: TrajectoryServer, rows: list[GoalRow]) -> None:
         self._planner, self._server, self._rows = planner, server, rows
 
-    def one_at_a_time(self) -> tuple[Coroutine[Any, Any, None], ...]:
-        """Return what to try where a second goal is refused."""
+    async def one_at_a_time(self) -> None:
+        """Try what is to be tried where a second goal is refused."""
         near = Order(agent="spot", trajectory=_way(0.2, 0.5))
-        return (
-            self._try("a short way", near),
-            self._try("another agent", replace(near, agent="go2"), Outcome.UNKNOWN_AGENT),
-            self._try("another frame", replace(near, frame_id="odom"), Outcome.UNKNOWN_FRAME),
-            self._try("far away", replace(near, trajectory=_way(0.1, 1.0, x_m=5.0)), Outcome.START_TOO_FAR),
-            self._try("too fast", replace(near, trajectory=_way(2.0, 1.0)), Outcome.LIMITS_EXCEEDED),
-            self._try("long over", replace(near, start_ns=1), Outcome.INVALID_TRAJECTORY),
-            self._broken("no waypoint", near, lambda points: points[:0]),
-            self._broken("time backwards", near, lambda points: points[::-1]),
-            self._second("a second goal", Outcome.SUCCEEDED, Outcome.BUSY),
-            self._cancel(),
-        )
+        for case, order, expected in (
+            ("a short way", near, Outcome.SUCCEEDED),
+            ("another agent", replace(near, agent="go2"), Outcome.UNKNOWN_AGENT),
+            ("another frame", replace(near, frame_id="odom"), Outcome.UNKNOWN_FRAME),
+            ("far away", replace(near, trajectory=_way(0.1, 1.0, x_m=5.0)), Outcome.START_TOO_FAR),
+            ("too fast", replace(near, trajectory=_way(2.0, 1.0)), Outcome.LIMITS_EXCEEDED),
+            ("long over", replace(near, start_ns=1), Outcome.INVALID_TRAJECTORY),
+        ):
+            await self._try(case, order, expected)
+        await self._broken("no waypoint", near, lambda points: points[:0])
+        await self._broken("time backwards", near, lambda points: points[::-1])
+        await self._second("a second goal", Outcome.SUCCEEDED, Outcome.BUSY)
+        sent = await self._sent(self._from_here(6.0, 8.0)).begin()
+        await sent.moving.wait()
+        await sent.execution.cancel()
+        self._rows.append(await sent.ended("canceled on the way", Outcome.CANCELED))
 
-    def preempting(self) -> tuple[Coroutine[Any, Any, None], ...]:
-        """Return what to try where a second goal takes the first one's place."""
-        return (self._second("a second goal that may overtake", Outcome.OVERTAKEN, Outcome.SUCCEEDED),)
+    async def preempting(self) -> None:
+        """Try what is to be tried where a second goal takes the first one's place."""
+        await self._second("a second goal that may overtake", Outcome.OVERTAKEN, Outcome.SUCCEEDED)
 
     def _from_here(self, length_m: float, duration_s: float) -> Order:
         x_m = self._server.state.pose.position_m[0]
         return Order(agent="spot", trajectory=_way(length_m, duration_s, x_m=x_m))
 
-    async def _try(self, case: str, order: Order, expected: Outcome = Outcome.SUCCEEDED) -> None:
-        sent = _Sent(self._planner, self._server, order)
-        self._rows.append(await sent.row(order, case=case, expected=expected))
+    def _sent(self, order: Order, **options: Any) -> _Sent:
+        return _Sent(self._planner, self._server, order, **options)
+
+    async def _try(self, case: str, order: Order, expected: Outcome) -> None:
+        self._rows.append(await self._sent(order).timed(order, case, expected))
 
     async def _broken(self, case: str, order: Order, change: Callable[[list[Any]], list[Any]]) -> None:
         def goal(order: Order) -> Any:
@@ -252,50 +255,27 @@ class _Trials:
             message.trajectory.points = change(list(message.trajectory.points))
             return message
 
-        dialect = replace(FOLLOW_TRAJECTORY, goal=goal)
-        ended = await execute(self._planner, order, dialect=dialect, action=self._server.action_name)
-        self._note(case, order, Outcome.INVALID_TRAJECTORY, ended, [])
+        sent = await self._sent(order, dialect=replace(FOLLOW_TRAJECTORY, goal=goal)).begin()
+        self._rows.append(await sent.ended(case, Outcome.INVALID_TRAJECTORY))
 
     async def _second(self, case: str, first: Outcome, second: Outcome) -> None:
-        heard: list[Feedback] = []
-        order = self._from_here(0.4, 0.8)
-        execution = await send(self._planner, order, on_feedback=heard.append)
+        sent = await self._sent(self._from_here(0.4, 0.8)).begin()
         while not self._server.busy:
             await self._planner.get_clock().sleep_for(0.005)
         await self._try(f"{case}: the second", self._from_here(0.2, 0.4), second)
-        self._note(f"{case}: the first", order, first, await execution.result(), heard)
-        execution.close()
-
-    async def _cancel(self) -> None:
-        moving, heard = asyncio.Event(), list[Feedback]()
-
-        def note(feedback: Feedback) -> None:
-            heard.append(feedback)
-            if feedback.share > _MOVING:
-                moving.set()
-
-        order = self._from_here(6.0, 8.0)
-        execution = await send(self._planner, order, on_feedback=note)
-        await moving.wait()
-        await execution.cancel()
-        self._note("canceled on the way", order, Outcome.CANCELED, await execution.result(), heard)
-        execution.close()
-
-    def _note(self, case: str, order: Order, expected: Outcome, ended: Ended, heard: list[Feedback]) -> None:
-        self._rows.append(_row(case, order, expected, ended, heard, self._server, math.nan))
+        self._rows.append(await sent.ended(f"{case}: the first", first))
 
 
 async def _lose_server(node: MakeNode, planner: Node, rows: list[GoalRow]) -> None:
     """Let a server go away in the middle of a goal; the client hears of it as an error."""
-    order = Order(agent="ghost", trajectory=_way(5.0, 60.0))
     async with node("ghost") as home:
-        server = TrajectoryServer(home, "ghost")
-        execution = await send(planner, order)
+        order = Order(agent="ghost", trajectory=_way(5.0, 60.0))
+        sent = await _Sent(planner, TrajectoryServer(home, "ghost"), order).begin()
     try:
-        ended = await execution.result()
+        ended = await sent.execution.result()
         outcome, said = ended.outcome.value, ended.text
     except ActionServerGoneError as error:
         outcome, said = GONE, str(error)
-    execution.close()
-    row = _row(GONE, order, Outcome.FAILED, Ended(outcome=Outcome.FAILED, text=said), [], server, math.nan)
+    sent.execution.close()
+    row = sent.row(GONE, Outcome.FAILED, Ended(outcome=Outcome.FAILED, text=said))
     rows.append({**row, "expected": GONE, "outcome": outcome})
