@@ -110,13 +110,18 @@ def _of_tracks(run: Run[Config]) -> Iterator[CheckRow]:
         for agent, error in worst.items()
     ]
     yield check_row("an agent is never further from its plan than it may be", near)
-    agents = {agent.name: agent for agent in scene_of(run).all_of(AgentObject)}
     pairs = []
-    for a, b in combinations(sorted(agents), 2):
+    for a, b, needed in _pairs(run):
         _, _, driven = apart_m(run, a, b)
-        needed = agents[a].radius_m + agents[b].radius_m + scene_of(run).margin_m
         pairs.append((f"{a} and {b}: {driven.min():.3f} m", bool(driven.min() >= needed)))
     yield check_row("driven, agents stay as far apart as the scene demands", pairs)
+
+
+def _pairs(run: Run[Config]) -> Iterator[tuple[str, str, float]]:
+    """Yield any two agents of the scene, and how far apart it demands their centres."""
+    agents = sorted(scene_of(run).all_of(AgentObject), key=lambda agent: agent.name)
+    for a, b in combinations(agents, 2):
+        yield a.name, b.name, a.radius_m + b.radius_m + scene_of(run).margin_m
 
 
 def apart_m(
@@ -254,7 +259,7 @@ def _draw_plan(axes: Axes, planned: Trajectory, *, label: bool) -> None:
 
 
 def _mark_closest(axes: Axes, run: Run[Config]) -> None:
-    for a, b in combinations(sorted(run["track"]["agent"].unique()), 2):
+    for a, b, _ in _pairs(run):
         times, _, driven = apart_m(run, a, b)
         at_s, ends = float(times[driven.argmin()]), []
         for name in (a, b):
@@ -266,11 +271,9 @@ def _mark_closest(axes: Axes, run: Run[Config]) -> None:
 
 
 def _draw_apart(axes: Axes, run: Run[Config]) -> dict[str, Any]:
-    agents = {agent.name: agent for agent in scene_of(run).all_of(AgentObject)}
     shown: dict[str, Any] = {}
-    for a, b in combinations(sorted(agents), 2):
+    for a, b, needed in _pairs(run):
         times, planned, driven = apart_m(run, a, b)
-        needed = agents[a].radius_m + agents[b].radius_m + scene_of(run).margin_m
         axes.plot(times, planned, color=COLORS["network"], label="planned")
         axes.plot(times, driven, color=COLORS["proxy"], label="driven")
         axes.axhline(needed, color="crimson", linestyle=":", label=f"needed: radii and margin, {needed:.2f} m")
@@ -282,10 +285,10 @@ def _draw_apart(axes: Axes, run: Run[Config]) -> dict[str, Any]:
 
 
 def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, Any]:
-    worst = {}
+    worst, ids = {}, {agent.name: agent.id for agent in scene_of(run).all_of(AgentObject)}
     for color, (agent, track) in zip(_AGENTS, run["track"].groupby("agent"), strict=False):
         axes.plot(track["t_s"], track["error_m"], color=color, label=str(agent))
-        end = scene_of(run).motion(_id_of(run, str(agent))).end_ns / 1e9
+        end = scene_of(run).motion(ids[str(agent)]).end_ns / 1e9
         axes.axvline(end, color=color, linestyle=":", linewidth=1.0)
         worst[str(agent)] = float(track["error_m"].max())
     axes.set(
@@ -293,10 +296,6 @@ def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, Any]:
     )
     axes.legend(fontsize=8)
     return {"largest error (m)": worst}
-
-
-def _id_of(run: Run[Config], name: str) -> int:
-    return next(int(agent.id) for agent in scene_of(run).all_of(AgentObject) if agent.name == name)
 
 
 @exp.figure("planning_interpolation", size=(12.5, 6.2))

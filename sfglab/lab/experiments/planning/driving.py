@@ -117,19 +117,17 @@ def _listen(viewer: Node, order: Order, driven: Driven) -> None:
 def _track(order: Order, stamp_ns: int, pose: Pose, speed_m_s: float) -> dict[str, Any]:
     t_s = (stamp_ns - order.start_ns) / NS_PER_S
     planned = pose_at(order.trajectory, t_s)
-    x, y, z = pose.position_m
-    planned_x, planned_y, planned_z = planned.position_m
+    places = {"": pose.position_m, "planned_": planned.position_m}
     return {
         "agent": order.agent,
         "t_s": t_s,
-        "x_m": x,
-        "y_m": y,
-        "z_m": z,
         "speed_m_s": speed_m_s,
-        "planned_x_m": planned_x,
-        "planned_y_m": planned_y,
-        "planned_z_m": planned_z,
         "error_m": pose.distance_m(planned),
+        **{
+            f"{what}{axis}_m": at
+            for what, place in places.items()
+            for axis, at in zip("xyz", place, strict=True)
+        },
     }
 
 

@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.bus import Node
+from sfglab.bus.sim import run_simulated
 from sfglab.lab.checks import CheckRow, editing, exchange, trajectories
 from sfglab.lab.experiment import Actor, Experiment, Link, Setup
+from sfglab.lab.experiments.planning.driving import drive_scene, try_goals
 from sfglab.lab.paths import find_project
 from sfglab.spatial import Pose
 from sfglab.spatial.scene.files import load_scene, scene_text
@@ -24,9 +27,10 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from sfglab.bus.sim import World
     from sfglab.lab.bench import Bench
-    from sfglab.lab.experiments.planning.driving import Driven
-    from sfglab.spatial.scene.tree import Scene
+    from sfglab.lab.experiments.planning.driving import Driven, MakeNode
+    from sfglab.spatial.scene import Scene
 
 
 EXAMPLE_LIMITS = Limits(speed_m_s=1.0, acceleration_m_s2=1.0)
@@ -178,27 +182,16 @@ async def drive(bench: Bench[Config]) -> None:
 
 async def _executed(config: Config, scene: Scene) -> tuple[Driven, list[dict[str, Any]]]:
     """Drive over DDS; or on the simulated bus, whose loop of its own needs a thread of its own."""
-    from sfglab.lab.experiments.planning.driving import drive_scene, try_goals
 
-    if config.live:
-        from sfglab.bus import Node
-
-        node = partial(Node, domain_id=config.domain, interface="lo", lease_s=1.0)
+    async def with_nodes(node: MakeNode) -> tuple[Driven, list[dict[str, Any]]]:
         return await drive_scene(node, scene), await try_goals(node)
-    return await asyncio.to_thread(_simulated, config.seed, scene)
-
-
-def _simulated(seed: int, scene: Scene) -> tuple[Driven, list[dict[str, Any]]]:
-    from sfglab.bus.sim import World, run_simulated
-    from sfglab.lab.experiments.planning.driving import drive_scene, try_goals
 
     async def main(world: World) -> tuple[Driven, list[dict[str, Any]]]:
-        def node(name: str) -> Any:
-            return world.node(name, host=name)
+        return await with_nodes(lambda name: world.node(name, host=name))
 
-        return await drive_scene(node, scene), await try_goals(node)
-
-    return run_simulated(main, seed=seed, limit_s=_SIMULATED_LIMIT_S)
+    if config.live:
+        return await with_nodes(partial(Node, domain_id=config.domain, interface="lo", lease_s=1.0))
+    return await asyncio.to_thread(run_simulated, main, seed=config.seed, limit_s=_SIMULATED_LIMIT_S)
 
 
 def example_rows() -> Iterator[dict[str, Any]]:
