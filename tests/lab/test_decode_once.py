@@ -12,20 +12,12 @@ import time
 import numpy as np
 import psutil
 import pytest
+from made_logs import made_run
 
-from sfglab.fields import to_json
 from sfglab.lab.bench import Options
 from sfglab.lab.experiments.decode_once import cost_model, exp, frame_checks, slopes, stream_facts
-from sfglab.lab.experiments.decode_once.experiment import (
-    CameraRow,
-    CellRow,
-    LoadRow,
-    PairRow,
-    Stage,
-    ViewRow,
-    cells_of,
-)
-from sfglab.record import LogWriter
+from sfglab.lab.experiments.decode_once.experiment import Stage, cells_of
+from sfglab.record import LogReader
 
 NET, DEC, IPC = 1.5, 5.0, 0.5
 
@@ -38,49 +30,20 @@ def cost(mode: str, count: int) -> float:
 @pytest.fixture
 def made(tmp_path):
     """A log as a run writes it, with costs that are exactly Eq. 2 and 3."""
-    path = tmp_path / "made.mcap"
-    made = [(m, n) for n in range(1, 11) for m in ("standard", "proxy")] + [("network", 5)]
-    with LogWriter(path) as log:
-        log.write_metadata("config", {"experiment": "decode_once", **to_json(exp.config())})
-        log.write_metadata("hosts", {"description": "made", "separate": True})
-        log.write_metadata("stream_h264", {"topic": "/t", "type": "x", "encoder": "none", "source": "photos"})
-        for cell, (mode, count) in enumerate(made):
-            for label in ("consumer", "edge"):
-                row = LoadRow(
-                    cell=cell,
-                    label=label,
-                    cpu_percent=cost(mode, count) if label == "consumer" else 20.0,
-                    rx_mbit_s=4.0 * (1 if mode == "proxy" else count),
-                    tx_mbit_s=0.1,
-                    window_s=1.0,
-                    machine_percent=0.0,
-                    steal_percent=0.0,
-                )
-                for reading in range(2):
-                    log.write_row("load", row, log_time_ns=cell * 10 + reading)
-            view = ViewRow(
-                cell=cell,
-                viewer=0,
-                frames=30,
-                unreadable=0,
-                missed=0,
-                disordered=0,
-                broken=0,
-                checksum="0",
-                age_ms=5.0,
-            )
-            log.write_row("view", view, log_time_ns=cell * 10)
-            stamp_ns = 10**9 * (cell + 1)
-            sent = CameraRow(codec="h264", number=cell, stamp_ns=stamp_ns, size_bytes=1)
-            log.write_row("camera", sent, log_time_ns=cell * 10)
-            if mode != "network":
-                # One subscriber claims a number that the camera sent with another stamp.
-                number = cell or 99
-                pair = PairRow(cell=cell, viewer=0, number=number, stamp_ns=stamp_ns)
-                log.write_row("pair", pair, log_time_ns=cell * 10)
-            row = CellRow(cell=cell, codec="h264", mode=mode, subscribers=count, repeat=0, first_frame_s=0.1)
-            log.write_row("cell", row, log_time_ns=cell * 10)
-    return exp.load(path)
+    cells = [(m, n) for n in range(1, 11) for m in ("standard", "proxy")] + [("network", 5)]
+    tables = {name: [] for name in ("cell", "load", "view", "camera", "pair")}
+    for cell, (mode, count) in enumerate(cells):
+        stamp_ns = 10**9 * (cell + 1)
+        tables["cell"].append({"cell": cell, "codec": "h264", "mode": mode, "subscribers": count})
+        for label, cpu in (("consumer", cost(mode, count)), ("edge", 20.0)):
+            load = {"cell": cell, "label": label, "cpu_percent": cpu}
+            tables["load"] += 2 * [{**load, "rx_mbit_s": 4.0 * (1 if mode == "proxy" else count)}]
+        tables["view"].append({"cell": cell, "frames": 30, "age_ms": 5.0})
+        tables["camera"].append({"codec": "h264", "number": cell, "stamp_ns": stamp_ns})
+        if mode != "network":
+            # One subscriber claims a number that the camera sent with another stamp.
+            tables["pair"].append({"cell": cell, "number": cell or 99, "stamp_ns": stamp_ns})
+    return made_run(exp, tmp_path / "made.mcap", tables)
 
 
 def test_slopes_and_reduction_of_known_costs_are_found(made):
@@ -181,8 +144,6 @@ def test_an_interrupted_run_ends_its_processes_and_keeps_what_was_measured(tmp_p
     assert b"KeyboardInterrupt" in error
     _, alive = psutil.wait_procs(children, timeout=60)
     assert not alive
-    from sfglab.record import LogReader
-
     assert not log.exists(), "it is not finished"
     with LogReader(part) as reader:
         assert not reader.truncated

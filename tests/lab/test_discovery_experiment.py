@@ -1,4 +1,4 @@
-"""The discovery experiment: known fleets give known claims, and short live ones prove themselves."""
+"""The discovery experiment: known fleets give known claims, simulated ones grow as the model says."""
 
 from __future__ import annotations
 
@@ -7,24 +7,26 @@ import json
 import os
 import subprocess
 import sys
+from statistics import mean
 
-import psutil
 import pytest
+from made_logs import made_run
 
 from sfglab.bus.address import BusAddress
 from sfglab.errors import InvalidValueError
 from sfglab.lab.bench import Options
 from sfglab.lab.claims import How
 from sfglab.lab.experiments.discovery import exp
-from sfglab.lab.experiments.discovery.experiment import ROUTED, STANDARD, Scale, Stage, cells_of
+from sfglab.lab.experiments.discovery.experiment import ROUTED, STANDARD, Fleet, Scale, Stage, cells_of
+from sfglab.lab.experiments.discovery.simulated import fleets_of, run_fleet, simulate_fleet
 from sfglab.lab.experiments.discovery.stage import Ingress
 from sfglab.lab.hosts.host import InterfaceBytes
 from sfglab.lab.workers.rosnodes import RosNodesConfig
 from sfglab.lab.workers.rosstack import LISTENER, TALKER, endpoints_of
 from sfglab.processes import Member, ProcessGroup
-from sfglab.record import LogWriter
 
 NODES = {"talkers": 10, "listeners": 10}
+TABLES = ("cell", "host", "simulated")
 
 
 def known(mode: str, agents: int, host: int) -> tuple[float, float]:
@@ -32,52 +34,35 @@ def known(mode: str, agents: int, host: int) -> tuple[float, float]:
     return (10.0 * agents + host, 1e6 * agents**2) if mode == STANDARD else (0.1 * agents, 1e3 * agents**2)
 
 
-def write(log: LogWriter, table: str, **row):
-    log.write_row(table, exp.tables[table](**row), log_time_ns=0)
-
-
-def write_fleet(log: LogWriter, cell: int, mode: str, agents: int, *, censored: bool = False, **nodes: int):
+def fleet(cell, mode, agents, *, censored=False, **nodes):
+    """Return rows of a live fleet by table."""
+    hosts = []
     for host in range(agents):
         seconds, received = known(mode, agents, host)
-        own = {"own_bytes": received, "fleet_bytes": 2 * received, "own_packets": received / 1e3}
-        write(log, "host", cell=cell, host=host, resolved_s=seconds, censored=censored, **own)
-    seconds, _ = known(mode, agents, agents - 1)
-    times = {
-        "resolved_s": seconds,
-        "signal_s": 0.001,
-        "window_s": 10.0,
-        "nodes_cpu_s": 5.0,
-        "components_cpu_s": 1.0,
-    }
-    kind = {
-        "cell": cell,
-        "mode": mode,
-        "agents": agents,
-        "repeat": cell,
-        "censored": censored,
-        **NODES,
-        **nodes,
-    }
-    write(log, "cell", **kind, **times, machine_percent=3.0, steal_percent=0.0)
+        row = {"cell": cell, "host": host, "resolved_s": seconds, "censored": censored}
+        hosts.append({**row, "own_bytes": received, "fleet_bytes": 2 * received})
+    kind = {"cell": cell, "mode": mode, "agents": agents, "repeat": cell, "censored": censored, **NODES}
+    times = {"resolved_s": seconds, "window_s": 10.0, "nodes_cpu_s": 5.0, "components_cpu_s": 1.0}
+    return {"cell": [{**kind, **times, **nodes}], "host": hosts}
 
 
-def write_simulated(log: LogWriter, mode: str, agents: int, seed: int):
+def simulated(mode, agents, seed):
+    """Return rows of a simulated fleet by table."""
+    rows = []
     for host in range(agents):
         seconds, received = known(mode, agents, host)
-        row = {"mode": mode, "agents": agents, "seed": seed, "host": host, "censored": False, **NODES}
-        write(log, "simulated", **row, resolved_s=seconds, rx_bytes=received)
+        row = {"mode": mode, "agents": agents, "seed": seed, "host": host, **NODES}
+        rows.append({**row, "resolved_s": seconds, "rx_bytes": received})
+    return {"simulated": rows}
 
 
 @pytest.fixture
 def made(tmp_path):
-    """Give a function that returns the run of what another one wrote into its log."""
+    """Give a function that returns the run whose log holds some fleets."""
 
-    def make(fill):
-        path = tmp_path / "made.mcap"
-        with LogWriter(path) as log:
-            log.write_metadata("config", {"experiment": "discovery"})
-            fill(log)
-        return exp.load(path)
+    def make(*fleets):
+        tables = {name: [row for one in fleets for row in one.get(name, ())] for name in TABLES}
+        return made_run(exp, tmp_path / "made.mcap", {name: rows for name, rows in tables.items() if rows})
 
     return make
 
@@ -85,15 +70,9 @@ def made(tmp_path):
 @pytest.fixture
 def run(made):
     """A run with known figures; fleets of few nodes beside it must not be mixed in."""
-
-    def fill(log):
-        fleets = [(STANDARD, 2), (STANDARD, 6), *[(ROUTED, n) for n in (2, 4, 6) for _ in range(2)]]
-        for cell, (mode, agents) in enumerate(fleets):
-            write_fleet(log, cell, mode, agents)
-        write_fleet(log, len(fleets), ROUTED, 12, talkers=1, listeners=1)
-        write_simulated(log, ROUTED, 100, 0)
-
-    return made(fill)
+    fleets = [(STANDARD, 2), (STANDARD, 6), *[(ROUTED, n) for n in (2, 4, 6) for _ in range(2)]]
+    few = fleet(len(fleets), ROUTED, 12, talkers=1, listeners=1)
+    return made(*(fleet(i, *one) for i, one in enumerate(fleets)), few, simulated(ROUTED, 100, 0))
 
 
 def test_the_claims_are_those_of_the_largest_fleets_with_the_papers_nodes(run):
@@ -107,26 +86,22 @@ def test_the_claims_are_those_of_the_largest_fleets_with_the_papers_nodes(run):
 
 
 def test_an_agent_that_was_given_up_is_named(made):
-    def fill(log):
-        write_fleet(log, 0, STANDARD, 6, censored=True)
-        write_fleet(log, 1, ROUTED, 6)
-
-    details = exp.measure(made(fill))["A-DISC-TIME"].details
+    run = made(fleet(0, STANDARD, 6, censored=True), fleet(1, ROUTED, 6))
+    details = exp.measure(run)["A-DISC-TIME"].details
     assert details["standard, 6 agents"].endswith("6 agents given up")
     assert "given up" not in details["routed, 6 agents"]
 
 
-def test_without_live_fleets_the_figures_are_simulated_and_say_so(made):
-    def fill(log):
-        for seed in range(2):
-            for mode in (STANDARD, ROUTED):
-                write_simulated(log, mode, 6, seed)
+def test_fleets_of_two_do_not_answer_claims_about_six(made):
+    assert exp.measure(made(fleet(0, STANDARD, 2), fleet(1, ROUTED, 2))) == {}
 
-    simulated = made(fill)
-    claims = exp.measure(simulated)
+
+def test_without_live_fleets_the_figures_are_simulated_and_say_so(made):
+    run = made(*(simulated(mode, 6, seed) for seed in range(2) for mode in (STANDARD, ROUTED)))
+    claims = exp.measure(run)
     assert {m.how for m in claims.values()} == {How.SIMULATED}
     assert claims["A-DISC-BYTES"].estimate.value == pytest.approx(3.0)
-    assert set(exp.figures(simulated)) == {"discovery_scale"}
+    assert set(exp.figures(run)) == {"discovery_scale"}
 
 
 def test_the_figures_draw_from_the_log_alone(run):
@@ -242,27 +217,6 @@ def short(path, *modes, separate=None, **changes):
 
 @pytest.mark.live
 @pytest.mark.netns
-@pytest.mark.slow
-def test_a_short_live_run_finds_all_peers_and_leaves_nothing(tmp_path):
-    before = {p.pid for p in psutil.Process().children(recursive=True)}
-    run = short(tmp_path, STANDARD, ROUTED)
-    assert run.metadata("hosts")["separate"] is True
-    cells, hosts = run["cell"], run["host"]
-    assert len(cells) == 2
-    assert not cells["censored"].any()
-    assert not hosts["censored"].any()
-    assert hosts["resolved_s"].between(0.001, 15).all()
-    assert (hosts["own_bytes"] > 500).all()
-    assert (hosts["fleet_bytes"] >= hosts["own_bytes"]).all()
-    cpu_s = cells.set_index("mode")["components_cpu_s"]
-    assert cpu_s[ROUTED] > 0
-    assert cpu_s[STANDARD] == 0
-    assert exp.measure(run) == {}, "two agents do not answer claims about six"
-    assert {p.pid for p in psutil.Process().children(recursive=True)} <= before
-
-
-@pytest.mark.live
-@pytest.mark.netns
 def test_a_fleet_that_takes_too_long_is_given_up_and_marked(tmp_path):
     run = short(tmp_path, STANDARD, timeout_s=0.001)
     assert run["cell"]["censored"].all()
@@ -275,3 +229,38 @@ def test_without_separate_hosts_nothing_is_passed_off_as_live(tmp_path):
     assert run["cell"].empty
     assert run.metadata("hosts")["separate"] is False
     assert exp.measure(run) == {}
+
+
+def received(agents):
+    wanted = Fleet(mode=STANDARD, agents=agents, talkers=2, listeners=2)
+    return mean(host.rx_bytes for host in run_fleet(wanted).hosts)
+
+
+def test_every_routed_agent_finds_all_others_and_a_seed_repeats():
+    agents = Fleet(mode=ROUTED, agents=5, talkers=1, listeners=1)
+    rows = simulate_fleet(agents, 0)
+    assert [row["host"] for row in rows] == list(range(5))
+    assert not any(row["censored"] for row in rows)
+    assert all(0.03 < row["resolved_s"] < 5 and row["rx_bytes"] > 1000 for row in rows)
+    assert simulate_fleet(agents, 0) == rows
+
+
+def test_the_global_domain_gets_two_endpoints_for_each_ordered_pair_of_routed_agents():
+    outcome = run_fleet(Fleet(mode=ROUTED, agents=6, talkers=1, listeners=1))
+    # Each agent: its heartbeats both ways and its service, and a client of every other agent's.
+    assert outcome.announced == pytest.approx(6 * 4 + 2 * 6 * 5, rel=0.2)
+
+
+def test_standard_traffic_is_proportional_to_the_number_of_other_agents():
+    small = {agents: received(agents) for agents in (2, 3, 4)}
+    assert small[4] == pytest.approx(small[2] + 2 * (small[3] - small[2]), rel=0.02)
+    large = run_fleet(Fleet(mode=STANDARD, agents=100, talkers=2, listeners=2))
+    assert len(large.hosts) == 100
+    assert large.hosts[0].rx_bytes == pytest.approx(small[2] + 98 * (small[3] - small[2]), rel=0.02)
+
+
+def test_a_configuration_names_its_fleets_the_largest_last():
+    fleets = fleets_of(exp.config(simulated=Scale(agents=(10, 2), talkers=2, listeners=1)))
+    assert [(one.mode, one.agents) for one in fleets] == [
+        (mode, agents) for agents in (2, 10) for mode in (STANDARD, ROUTED)
+    ]

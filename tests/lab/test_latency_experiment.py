@@ -7,8 +7,8 @@ import asyncio
 import numpy as np
 import psutil
 import pytest
+from made_logs import made_run
 
-from sfglab.fields import to_json
 from sfglab.lab.bench import Options
 from sfglab.lab.experiments.latency import checks, exp
 from sfglab.lab.experiments.latency.analysis import (
@@ -19,9 +19,8 @@ from sfglab.lab.experiments.latency.analysis import (
     idle_cost,
     sights,
 )
-from sfglab.lab.experiments.latency.experiment import IdleRow, LookRow, ShotRow, SightRow, looks_of
+from sfglab.lab.experiments.latency.experiment import looks_of
 from sfglab.lab.experiments.latency.stage import PATHS
-from sfglab.record import LogWriter
 
 MS = 10**6
 GLASS_MS = {"standard": 8, "decoder": 9, "agent": 11, "on_demand": 11}
@@ -29,54 +28,34 @@ FIRST_MS = {"standard": 500, "decoder": 60, "agent": 75, "on_demand": 1000}
 REPEATS, STRANGER = 4, 10**6
 
 
-def look_row(look: int, repeat: int, path: str, ordered_ns: int) -> LookRow:
-    return LookRow(
-        look=look,
-        repeat=repeat,
-        path=path,
-        phase=0.5,
-        ordered_ns=ordered_ns,
-        first_ns=ordered_ns + (FIRST_MS[path] + 10 * repeat) * MS,
-        pictures=6,
-        unreadable=0,
-        missed=0,
-        disordered=0,
-        broken=0,
-        replay_packets=15 if path in ("decoder", "agent") else 0,
-        replay_bytes=0,
-    )
+def looked(look, repeat, path, ordered_ns):
+    row = {"look": look, "repeat": repeat, "path": path, "phase": 0.5, "pictures": 6, "ordered_ns": ordered_ns}
+    replayed = 15 if path in ("decoder", "agent") else 0
+    first_ns = ordered_ns + (FIRST_MS[path] + 10 * repeat) * MS
+    return {**row, "first_ns": first_ns, "replay_packets": replayed}
 
 
 @pytest.fixture
 def made(tmp_path):
     """A log as a run writes it, with known delays, and a slow beginning of every look."""
-    path = tmp_path / "made.mcap"
-    with LogWriter(path) as log:
-        log.write_metadata("config", {"experiment": "latency", **to_json(exp.config())})
-        log.write_metadata("hosts", {"description": "made", "separate": True})
-        log.write_metadata("stream", {"encoder": "none", "gop_s": 1.0})
-        for label in ("camera", "keeper", "router"):
-            row = IdleRow(label=label, cpu_percent=1.5, tx_mbit_s=0.0, loopback_mbit_s=8.0, window_s=1.0)
-            log.write_row("idle", row, log_time_ns=0)
-        number = 0
-        for repeat in range(REPEATS):
-            for place, name in enumerate(PATHS):
-                look, started_ns = repeat * len(PATHS) + place, (repeat * 10 + place) * 1000 * MS
-                log.write_row("look", look_row(look, repeat, name, started_ns), log_time_ns=started_ns)
-                for position in range(6):
-                    stamp_ns = started_ns + position * 150 * MS
-                    sent = ShotRow(number=number, stamp_ns=stamp_ns, size_bytes=1)
-                    log.write_row("camera", sent, log_time_ns=stamp_ns)
-                    late = 100 if position < 3 else 0  # what the first pictures are must not count
-                    seen_ns = stamp_ns + (GLASS_MS[name] + repeat + late) * MS
-                    log.write_row(
-                        "sight", SightRow(look=look, number=number, seen_ns=seen_ns), log_time_ns=seen_ns
-                    )
-                    number += 1
-        stray = SightRow(look=REPEATS * len(PATHS), number=STRANGER, seen_ns=1)
-        log.write_row("sight", stray, log_time_ns=1)
-        log.write_row("look", look_row(stray.look, REPEATS, "agent", 0), log_time_ns=1)
-    return exp.load(path)
+    stray = REPEATS * len(PATHS)
+    tables = {
+        "idle": [{"label": label, "cpu_percent": 1.5} for label in ("camera", "keeper", "router")],
+        "look": [looked(stray, REPEATS, "agent", 0)],
+        "sight": [{"look": stray, "number": STRANGER, "seen_ns": 1}],
+        "camera": [],
+    }
+    for repeat in range(REPEATS):
+        for place, name in enumerate(PATHS):
+            look, started_ns = repeat * len(PATHS) + place, (repeat * 10 + place) * 1000 * MS
+            tables["look"].append(looked(look, repeat, name, started_ns))
+            for position in range(6):
+                number, stamp_ns = 6 * look + position, started_ns + position * 150 * MS
+                late = 100 if position < 3 else 0  # what the first pictures are must not count
+                seen_ns = stamp_ns + (GLASS_MS[name] + repeat + late) * MS
+                tables["camera"].append({"number": number, "stamp_ns": stamp_ns})
+                tables["sight"].append({"look": look, "number": number, "seen_ns": seen_ns})
+    return made_run(exp, tmp_path / "made.mcap", tables, stream={"encoder": "none", "gop_s": 1.0})
 
 
 def test_what_a_path_adds_is_found_between_looks_of_one_repetition(made):

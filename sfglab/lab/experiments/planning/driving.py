@@ -117,17 +117,13 @@ def _listen(viewer: Node, order: Order, driven: Driven) -> None:
 def _track(order: Order, stamp_ns: int, pose: Pose, speed_m_s: float) -> dict[str, Any]:
     t_s = (stamp_ns - order.start_ns) / NS_PER_S
     planned = pose_at(order.trajectory, t_s)
-    places = {"": pose.position_m, "planned_": planned.position_m}
+    columns = [f"{what}{axis}_m" for what in ("", "planned_") for axis in "xyz"]
     return {
         "agent": order.agent,
         "t_s": t_s,
         "speed_m_s": speed_m_s,
         "error_m": pose.distance_m(planned),
-        **{
-            f"{what}{axis}_m": at
-            for what, place in places.items()
-            for axis, at in zip("xyz", place, strict=True)
-        },
+        **dict(zip(columns, (*pose.position_m, *planned.position_m), strict=True)),
     }
 
 
