@@ -162,9 +162,14 @@ class Experiment(Generic[C]):
     # What an experiment declares.
 
     def table(self, *names: str) -> Callable[[type[Any]], type[Any]]:
-        """Declare the class of tables' rows: its fields' names, types and texts go into the log."""
+        """Declare the class of tables' rows: its fields' names, types and texts go into the log.
+
+        A class that nobody makes rows of by name needs no decorator of its own: it becomes a dataclass.
+        """
 
         def declare(row_class: type[Any]) -> type[Any]:
+            if "__dataclass_fields__" not in vars(row_class):  # of its own, not inherited
+                row_class = dataclass(frozen=True, slots=True, kw_only=True)(row_class)
             self.tables |= dict.fromkeys(names, row_class)
             return row_class
 

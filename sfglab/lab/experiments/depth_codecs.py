@@ -53,7 +53,6 @@ exp = Experiment("depth_codecs", Config, where="A 4.3", smoke={"frames": 6}, pap
 
 
 @exp.table("coding")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class CodingRow:
     """One frame coded by one codec."""
 

@@ -68,7 +68,6 @@ STAGES = ("all topics in software", "topics in hardware", "topics in hardware, g
 
 
 @exp.table("exploration", "unclaimed")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ExplorationRow:
     """One exploration of the core's table, or of one derived from it."""
 

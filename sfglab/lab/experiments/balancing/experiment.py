@@ -66,7 +66,6 @@ exp.table("check")(CheckRow)
 
 
 @exp.table("table_one")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class TableOneRow:
     """One sensor of Table 1 beside the message that every run sends for it."""
 
@@ -279,7 +278,6 @@ _SHOWN_S = 40.0
 
 
 @exp.table("stale")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class StaleRow:
     """How long the station worked with a value that was no longer true, over a link with losses, simulated."""
 
@@ -292,7 +290,6 @@ class StaleRow:
 
 
 @exp.table("shown")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ShownRow:
     """A change of the sensor's value, or of the value that the station works with, in one example."""
 

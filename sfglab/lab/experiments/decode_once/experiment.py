@@ -101,7 +101,6 @@ exp = Experiment(
 
 
 @exp.table("cell")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class CellRow:
     """One cell: a number of subscribers in one mode, measured once."""
 
@@ -114,7 +113,6 @@ class CellRow:
 
 
 @exp.table("load")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LoadRow:
     """One meter reading in a cell."""
 
@@ -129,7 +127,6 @@ class LoadRow:
 
 
 @exp.table("view")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ViewRow:
     """What one subscriber saw in a cell."""
 
@@ -145,7 +142,6 @@ class ViewRow:
 
 
 @exp.table("pair")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PairRow:
     """A picture that a subscriber held: the number in its pixels and the stamp in its header."""
 
@@ -156,7 +152,6 @@ class PairRow:
 
 
 @exp.table("camera")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class CameraRow:
     """A frame that the camera sent."""
 

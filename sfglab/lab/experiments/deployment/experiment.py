@@ -80,7 +80,6 @@ class DeployCheckRow(CheckRow):
 
 
 @exp.table("unchecked")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class UncheckedRow:
     """A property that nobody could check here."""
 
@@ -90,7 +89,6 @@ class UncheckedRow:
 
 
 @exp.table("detected")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class DetectedRow:
     """What detection says of a machine."""
 
@@ -102,7 +100,6 @@ class DetectedRow:
 
 
 @exp.table("file")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class BundleFileRow:
     """A file that a machine is given."""
 
@@ -115,7 +112,6 @@ class BundleFileRow:
 
 
 @exp.table("layer")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LayerRow:
     """One layer of an agent's image."""
 
@@ -126,7 +122,6 @@ class LayerRow:
 
 
 @exp.table("refused")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class RefusedFleetRow:
     """A broken fleet and what `sfglab deploy check` says of it."""
 

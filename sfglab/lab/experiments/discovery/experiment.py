@@ -187,7 +187,6 @@ class HostRow:
 
 
 @exp.table("simulated")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedRow:
     """One agent of a simulated fleet."""
 

@@ -70,7 +70,6 @@ exp = Experiment(
 
 
 @exp.table("look")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LookRow:
     """One subscription: from the order to subscribe to the order to stop."""
 
@@ -90,7 +89,6 @@ class LookRow:
 
 
 @exp.table("sight")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SightRow:
     """A picture in the viewer's hands."""
 
@@ -100,7 +98,6 @@ class SightRow:
 
 
 @exp.table("camera")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ShotRow:
     """A frame that the camera sent."""
 
@@ -110,7 +107,6 @@ class ShotRow:
 
 
 @exp.table("idle")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class IdleRow:
     """What something costs on the camera's host while nobody looks, in one window."""
 

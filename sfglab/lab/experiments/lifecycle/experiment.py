@@ -116,7 +116,6 @@ exp = Experiment(
 
 
 @exp.table("beat")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class BeatRow:
     """A heartbeat as a listener on another host heard it."""
 
@@ -132,7 +131,6 @@ class BeatRow:
 
 
 @exp.table("join")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class JoinRow:
     """A listener that joined the domain."""
 
@@ -141,7 +139,6 @@ class JoinRow:
 
 
 @exp.table("endpoint")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class WireEndpointRow:
     """A publisher of heartbeats as the listener's graph showed it."""
 
@@ -153,7 +150,6 @@ class WireEndpointRow:
 
 
 @exp.table("answer")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class AnswerRow:
     """A call of an agent's metadata service from another host."""
 
@@ -165,7 +161,6 @@ class AnswerRow:
 
 
 @exp.table("move")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class MoveRow:
     """A transition that a discoverer took."""
 
@@ -179,7 +174,6 @@ class MoveRow:
 
 
 @exp.table("query")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class QueryRow:
     """A query that arrived at a false agent."""
 
@@ -188,7 +182,6 @@ class QueryRow:
 
 
 @exp.table("fault")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class FaultRow:
     """Something that was done to provoke a transition."""
 
@@ -198,7 +191,6 @@ class FaultRow:
 
 
 @exp.table("count")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class CountRow:
     """One of a discoverer's counters at the end."""
 

@@ -79,7 +79,6 @@ exp.table("geometry", "contrast", "exchange", "editing", "disk")(CheckRow)
 
 
 @exp.table("fault")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PlanningFaultRow:
     """One kind of broken file."""
 
@@ -92,7 +91,6 @@ class PlanningFaultRow:
 
 
 @exp.table("goal")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PlanningGoalRow:
     """One goal that was sent to an action's server."""
 
@@ -110,7 +108,6 @@ class PlanningGoalRow:
 
 
 @exp.table("track")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PlanningTrackRow:
     """Where an agent of the scene was, and where it should have been."""
 
@@ -127,7 +124,6 @@ class PlanningTrackRow:
 
 
 @exp.table("sample")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PlanningSampleRow:
     """A moment of the example that is drawn in every way."""
 

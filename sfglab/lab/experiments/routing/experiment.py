@@ -62,7 +62,6 @@ exp.table("party")(PartyRow)
 
 
 @exp.table("heard")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class HeardRow:
     """What one party heard of another under one name."""
 
@@ -83,7 +82,6 @@ class HeardRow:
 
 
 @exp.table("endpoint")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class EndpointRow:
     """An endpoint that somebody in the global domain saw there and that is no party's own."""
 
@@ -94,7 +92,6 @@ class EndpointRow:
 
 
 @exp.table("call")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class CallRow:
     """One call of a service."""
 
@@ -107,7 +104,6 @@ class CallRow:
 
 
 @exp.table("latched")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LatchedRow:
     """What a party that subscribed static transforms late heard of one that had published them once."""
 

@@ -72,7 +72,6 @@ exp = Experiment(
 
 
 @exp.table("check")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class VisualisationCheckRow:
     """How often one property was checked and how often it held."""
 
@@ -84,7 +83,6 @@ class VisualisationCheckRow:
 
 
 @exp.table("cloud")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class VisualisationCloudRow:
     """The points of one depth image, beside an independent back-projection."""
 
@@ -96,7 +94,6 @@ class VisualisationCloudRow:
 
 
 @exp.table("time")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class VisualisationTimeRow:
     """How long one picture took."""
 
@@ -108,7 +105,6 @@ class VisualisationTimeRow:
 
 
 @exp.table("memory")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class VisualisationMemoryRow:
     """A moment with a sink that stands still for a while."""
 
