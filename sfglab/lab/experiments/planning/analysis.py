@@ -14,9 +14,12 @@ from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.planning.experiment import EXAMPLE_LIMITS, EXAMPLE_M, Config, exp
 from sfglab.lab.figures import COLORS
 from sfglab.lab.runs import Run, derived
-from sfglab.spatial.execution import Tolerances
-from sfglab.spatial.scene import AgentObject, ObstacleObject, ZoneObject, ZoneRule, read_scene
-from sfglab.spatial.trajectory import Box, Interpolation, motion_of
+from sfglab.spatial.execution.agent import Tolerances
+from sfglab.spatial.scene.files import read_scene
+from sfglab.spatial.scene.objects import AgentObject, ObstacleObject, ZoneObject, ZoneRule
+from sfglab.spatial.trajectory.clearance import Box
+from sfglab.spatial.trajectory.motion import motion_of
+from sfglab.spatial.trajectory.path import Interpolation
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -26,8 +29,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sfglab.spatial import Pose
-    from sfglab.spatial.scene import Scene
-    from sfglab.spatial.trajectory import Shape, Trajectory
+    from sfglab.spatial.scene.tree import Scene
+    from sfglab.spatial.trajectory.clearance import Shape
+    from sfglab.spatial.trajectory.path import Trajectory
 
     Holds = Callable[[Any], bool]
 

@@ -15,20 +15,14 @@ from typing import TYPE_CHECKING, Any, Self
 from sfglab.bus import ActionServerGoneError
 from sfglab.messages import ns_from_stamp
 from sfglab.spatial import Pose
-from sfglab.spatial.execution import (
-    FOLLOW_TRAJECTORY,
-    AgentSetup,
-    Dynamics,
-    Ended,
-    Execution,
-    Feedback,
-    Order,
-    Outcome,
-    TrajectoryServer,
-    scene_orders,
-)
-from sfglab.spatial.scene import AgentObject
-from sfglab.spatial.trajectory import Limits, Trajectory, pose_at
+from sfglab.spatial.execution.agent import Dynamics
+from sfglab.spatial.execution.client import Execution, scene_orders
+from sfglab.spatial.execution.orders import FOLLOW_TRAJECTORY, Ended, Feedback, Order, Outcome
+from sfglab.spatial.execution.server import AgentSetup, TrajectoryServer
+from sfglab.spatial.scene.objects import AgentObject
+from sfglab.spatial.trajectory.limits import Limits
+from sfglab.spatial.trajectory.motion import pose_at
+from sfglab.spatial.trajectory.path import Trajectory
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:

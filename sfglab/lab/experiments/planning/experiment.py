@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from sfglab.bus.sim import World
     from sfglab.lab.bench import Bench
     from sfglab.lab.experiments.planning.driving import Driven, MakeNode
-    from sfglab.spatial.scene import Scene
+    from sfglab.spatial.scene.tree import Scene
 
 
 EXAMPLE_LIMITS = Limits(speed_m_s=1.0, acceleration_m_s2=1.0)
