@@ -7,53 +7,35 @@ backend, such as the simulated world (`sfglab.bus.sim`).
 
 from __future__ import annotations
 
-from sfglab.bus.actions.client import ActionClient, ClientGoalHandle, GoalResult
+from sfglab.bus.actions.client import ClientGoalHandle, GoalResult
 from sfglab.bus.actions.goals import CancelCode, GoalStatus
-from sfglab.bus.actions.server import ActionServer, CancelResponse, GoalResponse, ServerGoalHandle
-from sfglab.bus.api import (
-    EndpointAdded,
-    EndpointEvent,
-    EndpointInfo,
-    EndpointKind,
-    EndpointRemoved,
-    MessageInfo,
-)
+from sfglab.bus.actions.server import CancelResponse, GoalResponse, ServerGoalHandle
+from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointInfo, EndpointKind, EndpointRemoved
 from sfglab.bus.backend import Clock
-from sfglab.bus.dds.domain import DomainConfig
 from sfglab.bus.errors import (
     ActionServerGoneError,
     BusError,
+    BusTimeoutError,
     ClosedError,
-    DiscoveryTimeoutError,
     DomainError,
     GoalRejectedError,
-    GoalTransitionError,
     InvalidMessageError,
-    MessageTooLargeError,
     PublishError,
-    ReceiveTimeoutError,
-    ServiceTimeoutError,
-    UnknownGoalError,
-    WrongTypeError,
 )
 from sfglab.bus.graph import Graph
-from sfglab.bus.node import Node, Timer
+from sfglab.bus.node import Node
 from sfglab.bus.pubsub import Publisher, Subscription
-from sfglab.bus.service import Client, Service
+from sfglab.bus.service import Service
 
 __all__ = [
-    "ActionClient",
-    "ActionServer",
     "ActionServerGoneError",
     "BusError",
+    "BusTimeoutError",
     "CancelCode",
     "CancelResponse",
-    "Client",
     "ClientGoalHandle",
     "Clock",
     "ClosedError",
-    "DiscoveryTimeoutError",
-    "DomainConfig",
     "DomainError",
     "EndpointAdded",
     "EndpointEvent",
@@ -64,20 +46,12 @@ __all__ = [
     "GoalResponse",
     "GoalResult",
     "GoalStatus",
-    "GoalTransitionError",
     "Graph",
     "InvalidMessageError",
-    "MessageInfo",
-    "MessageTooLargeError",
     "Node",
     "PublishError",
     "Publisher",
-    "ReceiveTimeoutError",
     "ServerGoalHandle",
     "Service",
-    "ServiceTimeoutError",
     "Subscription",
-    "Timer",
-    "UnknownGoalError",
-    "WrongTypeError",
 ]

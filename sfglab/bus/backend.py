@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from sfglab.bus.api import EndpointKind, Listener, RawEndpoint
 from sfglab.bus.endpoints import Inbox, Sample
-from sfglab.bus.errors import ClosedError
 from sfglab.bus.forwarding import Forward, Forwarder, Transform
 from sfglab.bus.loop import Calls, LoopBridge, OnError
 from sfglab.messages import decoder
@@ -111,15 +110,6 @@ class Backend(ABC):
             del self._owned[thing]
             thing.close()
 
-    def check_open(self, what: str) -> None:
-        """Refuse the use of something whose node has ended.
-
-        Raises:
-            ClosedError: It has.
-        """
-        if self.closed:
-            raise ClosedError(what)
-
     def close(self) -> None:
         """End everything now; from any thread, also without a running loop; again is harmless."""
         if self.closed:
@@ -149,12 +139,7 @@ class Backend(ABC):
 
 
 class RawForwarder:
-    """Forwards between two nodes by readers and writers of theirs, all on the loop.
-
-    Args:
-        source: Where samples come from.
-        target: Where they go to.
-    """
+    """Forwards from one node to another by readers and writers of theirs, all on the loop."""
 
     def __init__(self, source: Backend, target: Backend) -> None:
         self._source = source
@@ -230,7 +215,7 @@ def _whole(sample: Sample) -> Sample:
 
 
 def _ignore() -> None:
-    """Take no notice of a change of what matches."""
+    pass
 
 
 Join = Callable[[str, OnError | None], Backend]

@@ -77,12 +77,8 @@ class Reader(Endpoint, Protocol):
 class SampleQueue:
     """A first-in-first-out queue, bounded as a QoS history says: what does not fit pushes out the oldest.
 
-    A transport's thread pushes, the loop pops. A lock keeps the pushing side's bounds; popping needs none, as a
-    deque's ends are safe between threads.
-
-    Args:
-        qos: KEEP_LAST holds `depth` samples, KEEP_ALL `limit_bytes`.
-        limit_bytes: The bound of KEEP_ALL, in bytes.
+    KEEP_LAST holds `depth` samples, KEEP_ALL `limit_bytes`. A transport's thread pushes, the loop pops. A lock
+    keeps the pushing side's bounds; popping needs none, as a deque's ends are safe between threads.
     """
 
     def __init__(self, qos: QoSProfile, *, limit_bytes: int = KEEP_ALL_LIMIT_BYTES) -> None:

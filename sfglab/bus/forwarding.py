@@ -53,11 +53,7 @@ class ForwardCounts:
 class SourceGate(Generic[_Sample, _Exit]):
     """The judgements of sources, and the samples of those that nobody has judged yet.
 
-    Pure: samples and exits are whatever the forward at hand works with.
-
-    Args:
-        send: Given an exit and a sample that goes there.
-        drop: Given a sample that goes nowhere.
+    Pure: samples and exits are whatever the forward at hand works with. Samples are sent to an exit or dropped.
     """
 
     def __init__(self, send: Callable[[_Exit, _Sample], None], drop: Callable[[_Sample], None]) -> None:
@@ -104,25 +100,18 @@ class SourceGate(Generic[_Sample, _Exit]):
 
 
 class Forward(ABC, Generic[_Sample, _Writer]):
-    """One raw reader of one topic, whose samples go on by their source; made by `Forwarder.open`.
-
-    Args:
-        gid: The reader's 16-byte GUID.
-    """
+    """One raw reader of one topic, whose samples go on by their source; made by `Forwarder.open`."""
 
     def __init__(self, gid: bytes) -> None:
-        self.gid = gid
+        self.gid = gid  #: The reader's 16-byte GUID.
         self.counts = ForwardCounts()
         self._gate: SourceGate[_Sample, tuple[_Writer, Transform | None]] = SourceGate(self._send, self._drop)
 
     def admit(self, source: bytes, writer: _Writer, transform: Transform | None = None) -> None:
-        """Send a source's samples to a raw writer from now on, those held for it first.
+        """Send a source's samples to a raw writer of the same forwarder from now on, those held for it first.
 
-        Args:
-            source: The 16-byte GUID of a publisher in the source's domain.
-            writer: Made by the same forwarder.
-            transform: Given each sample. On live nodes it runs in the thread that reads, so it must not
-                touch what belongs to the loop.
+        The source is the 16-byte GUID of a publisher in the source's domain. The transform is given each
+        sample; on live nodes in the thread that reads, so it must not touch what belongs to the loop.
         """
         self._order(partial(self._gate.judge, source, (writer, transform)))
 

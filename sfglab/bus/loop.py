@@ -16,11 +16,7 @@ OnError = Callable[[BaseException, str], None]
 
 
 class LoopBridge:
-    """Runs functions on a loop for other threads, waking the loop once per batch.
-
-    Args:
-        loop: The loop on which posted functions run.
-    """
+    """Runs functions on a loop for other threads, waking the loop once per batch."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.loop = loop
@@ -67,11 +63,7 @@ class LoopBridge:
 
 
 class Signal:
-    """Wakes coroutines that wait for a predicate, whenever the state it reads may have changed.
-
-    Args:
-        loop: The loop of the waiters and of whoever notifies.
-    """
+    """Wakes coroutines of one loop that wait for a predicate, whenever the state it reads may have changed."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
@@ -124,15 +116,9 @@ class Calls:
         *arguments: Any,
         then: Callable[[], None] | None = None,
     ) -> asyncio.Task[Any] | None:
-        """Call a callback.
+        """Call a callback; return the task of an awaitable that it returns, None when it has ended.
 
-        Args:
-            callback: Plain, or returning an awaitable.
-            arguments: What it is given.
-            then: Called when an awaitable has ended, unless it was cancelled.
-
-        Returns:
-            The task of an awaitable, None when the callback has ended.
+        When an awaitable has ended, unless it was cancelled, `then` is called.
         """
         try:
             result = callback(*arguments)

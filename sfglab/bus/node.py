@@ -17,6 +17,7 @@ from sfglab.bus.dds.domain import DomainConfig, DomainOptions
 from sfglab.bus.errors import ClosedError
 from sfglab.bus.pubsub import Publisher, Subscription, topic_endpoint
 from sfglab.bus.service import Client, Service
+from sfglab.errors import InvalidValueError
 from sfglab.qos import DEFAULT, QoSProfile
 
 if TYPE_CHECKING:
@@ -28,19 +29,14 @@ if TYPE_CHECKING:
 
 
 class Timer:
-    """Calls a callback every `period_s` seconds, without drift; what was missed is skipped.
+    """Calls a callback, plain or async, every `period_s` seconds, without drift; what was missed is skipped.
 
     An async callback that is still running when its next turn comes loses that turn.
-
-    Args:
-        period_s: The period in seconds, above 0.
-        callback: Plain or async, without arguments.
-        calls: Runs the callback.
     """
 
     def __init__(self, period_s: float, callback: Callable[[], Awaitable[None] | None], calls: Calls) -> None:
         if not period_s > 0:
-            raise ValueError(f"timer period: given {period_s} s, allowed are positive seconds")
+            raise InvalidValueError("timer period", period_s, "positive seconds")
         self._loop = asyncio.get_running_loop()
         self._period_s = period_s
         self._callback = callback
@@ -205,13 +201,13 @@ class Node:
         raw: bool = False,
         transport: Transport = "dds",
     ) -> Subscription:
-        """Create a subscription.
+        """Create a subscription; see `create_publisher`.
 
         Args:
             type_: A message type or its name.
-            topic: Absolute, relative to the namespace, or private ("~/x").
+            topic: Absolute, relative or private.
             callback: Plain or async, given each message; None to read by `take` or `async for`.
-            qos: What is requested; a number is the depth of an otherwise default profile.
+            qos: What is requested.
             raw: Hand out CDR instead of messages.
             transport: "dds", or "shm" for publishers with "shm" on the same host.
         """
@@ -220,22 +216,14 @@ class Node:
         return Subscription(self, backend, endpoint, callback, raw=raw)
 
     def create_service(self, type_: str, name: str, handler: Handler) -> Service:
-        """Create a service.
+        """Create a service of a type such as "example_interfaces/srv/AddTwoInts".
 
-        Args:
-            type_: The service's name, e.g. "example_interfaces/srv/AddTwoInts".
-            name: Absolute, relative or private.
-            handler: Plain or async: given a request, returns a response.
+        Its handler, plain or async, is given a request and returns a response.
         """
         return Service(self, self.backend, type_, name=self._resolve(name), handler=handler)
 
     def create_client(self, type_: str, name: str) -> Client:
-        """Create a client.
-
-        Args:
-            type_: The service's name, e.g. "example_interfaces/srv/AddTwoInts".
-            name: Absolute, relative or private.
-        """
+        """Create a service's client."""
         return Client(self, self.backend, type_, name=self._resolve(name))
 
     def create_action_server(
@@ -245,34 +233,20 @@ class Node:
         execute_callback: ExecuteCallback,
         **options: Unpack[ActionServerOptions],
     ) -> ActionServer:
-        """Create an action's server.
+        """Create a server of an action such as "sfglab_interfaces/action/FollowTrajectory"; see `ActionServer`.
 
-        Args:
-            type_: The action's name, e.g. "sfglab_interfaces/action/FollowTrajectory".
-            name: Absolute, relative or private.
-            execute_callback: Plain or async: given a `ServerGoalHandle`, does what is asked and returns a
-                result; see `ActionServer`.
-            options: See `ActionServerOptions`; without a `cancel_callback` goals cannot be canceled.
+        The execute callback, plain or async, is given a `ServerGoalHandle`, does what is asked and returns a
+        result. Without a `cancel_callback` among the options goals cannot be canceled.
         """
         name = self._resolve(name)
         return ActionServer(self, self.backend, type_, name=name, execute=execute_callback, **options)
 
     def create_action_client(self, type_: str, name: str) -> ActionClient:
-        """Create an action's client.
-
-        Args:
-            type_: The action's name, e.g. "sfglab_interfaces/action/FollowTrajectory".
-            name: Absolute, relative or private.
-        """
+        """Create an action's client."""
         return ActionClient(self, self.backend, type_, name=self._resolve(name))
 
     def create_timer(self, period_s: float, callback: Callable[[], Awaitable[None] | None]) -> Timer:
-        """Create a timer.
-
-        Args:
-            period_s: The period in seconds, above 0.
-            callback: Plain or async, without arguments.
-        """
+        """Create a timer with a period in seconds, above 0; its callback is plain or async."""
         timer = Timer(period_s, callback, self.backend.calls(f"timer of {period_s} s"))
         self.backend.register(timer)
         return timer

@@ -18,7 +18,7 @@ from sfglab.bus.api import (
     RawEndpoint,
 )
 from sfglab.bus.endpoints import Endpoint, Inbox, Reader, Sample
-from sfglab.bus.errors import ClosedError, DiscoveryTimeoutError, ReceiveTimeoutError, WrongTypeError
+from sfglab.bus.errors import BusTimeoutError, ClosedError, InvalidMessageError, discovery_timeout_error
 from sfglab.bus.loop import Signal
 from sfglab.messages import message_type, type_name
 from sfglab.qos import QoSProfile, incompatibilities
@@ -44,20 +44,17 @@ def checked_type(message: Any, *, type_: str, where: str) -> None:
     """Refuse a message of another type.
 
     Raises:
-        WrongTypeError: It is of another type, or no message at all.
+        InvalidMessageError: It is of another type, or no message at all.
     """
     given = getattr(message, "__msgtype__", None)
     if given != type_:
-        raise WrongTypeError(where, type_, given=given or type(message).__name__)
+        raise InvalidMessageError(f"{where!r}: given a {given or type(message).__name__}, allowed is a {type_}")
 
 
 class TopicEnd:
     """One end of a topic, as users hold it.
 
-    Args:
-        node: Kept alive for as long as one of its endpoints is held; None where the node itself runs with it.
-        backend: Of the node.
-        endpoint: The resolved topic, its type and QoS.
+    Keeps the node alive for as long as it is held; None where the node itself runs with it.
     """
 
     def __init__(self, node: Any, backend: Backend, endpoint: RawEndpoint) -> None:
@@ -78,9 +75,8 @@ class TopicEnd:
 
     async def _wait_for(self, end: Endpoint, count: int, peers: str, timeout_s: float) -> None:
         if not await self._changed.wait_until(lambda: end.matched >= count, timeout_s):
-            raise DiscoveryTimeoutError(
-                f"topic {self._topic!r}: {count} matching {peers}(s), found {end.matched},", timeout_s=timeout_s
-            )
+            what = f"topic {self._topic!r}: {count} matching {peers}(s), found {end.matched},"
+            raise discovery_timeout_error(what, timeout_s)
 
 
 class Publisher(TopicEnd):
@@ -96,11 +92,8 @@ class Publisher(TopicEnd):
     def publish(self, message: Any) -> None:
         """Serialize and send one message.
 
-        Args:
-            message: A message of the topic's type.
-
         Raises:
-            WrongTypeError: It is of another type.
+            InvalidMessageError: It is of another type, or too large for shared memory.
             PublishError: The transport could not send it.
             ClosedError: The publisher is closed.
         """
@@ -109,15 +102,13 @@ class Publisher(TopicEnd):
         self._writer.write_message(message)
 
     def publish_raw(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
-        """Send one message that is already CDR, its 4-byte header included.
+        """Send one message that is already CDR, its 4-byte header included, in any contiguous buffer.
 
-        Args:
-            cdr: Any contiguous buffer.
-            source_timestamp_ns: Unix time in nanoseconds to stamp it with; None is now.
+        It is stamped with a Unix time in nanoseconds; None is now.
 
         Raises:
-            InvalidMessageError: The bytes are no message of the topic's type (DDS only; shared memory does
-                not look into them).
+            InvalidMessageError: The bytes are no message of the topic's type, into which shared memory does not
+                look, or too many for it.
             PublishError: The transport could not send it.
             ClosedError: The publisher is closed.
         """
@@ -128,14 +119,11 @@ class Publisher(TopicEnd):
         """Return a context with memory to write a message's CDR into; leaving it publishes the message.
 
         Shared memory only, where it saves the publisher's only copy. Leaving by an exception publishes
-        nothing.
-
-        Args:
-            size_bytes: The length of the CDR, its header included.
+        nothing. The size is that of the CDR, its header included.
 
         Raises:
             ClosedError: The publisher is closed.
-            MessageTooLargeError: Above the publisher's limit.
+            InvalidMessageError: Above the publisher's limit.
             TypeError: The transport has no memory to lend.
         """
         self._check_open()
@@ -149,7 +137,7 @@ class Publisher(TopicEnd):
         """Return once at least `count` subscriptions match.
 
         Raises:
-            DiscoveryTimeoutError: Fewer matched within `timeout_s`.
+            BusTimeoutError: Fewer matched within `timeout_s`.
         """
         await self._wait_for(self._writer, count, "subscription", timeout_s)
 
@@ -214,13 +202,10 @@ class Subscription(TopicEnd):
         return self._inbox.calls.last_error
 
     async def take(self, timeout_s: float | None = None) -> Any:
-        """Return the oldest queued message, waiting for one if there is none.
-
-        Args:
-            timeout_s: How long to wait, in seconds; None waits for ever.
+        """Return the oldest queued message, waiting for one if there is none; without a time-out for ever.
 
         Raises:
-            ReceiveTimeoutError: Nothing arrived in time.
+            BusTimeoutError: Nothing arrived in time.
             ClosedError: The subscription is closed.
             CdrError: What arrived is no message of the type.
         """
@@ -251,7 +236,7 @@ class Subscription(TopicEnd):
         """Return once at least `count` publishers match.
 
         Raises:
-            DiscoveryTimeoutError: Fewer matched within `timeout_s`.
+            BusTimeoutError: Fewer matched within `timeout_s`.
         """
         await self._wait_for(self._reader, count, "publisher", timeout_s)
 
@@ -270,9 +255,8 @@ class Subscription(TopicEnd):
             async with asyncio.timeout(timeout_s):
                 return await self._inbox.get(self._what)
         except TimeoutError as error:
-            raise ReceiveTimeoutError(
-                self._topic, timeout_s=timeout_s, publishers=self._reader.matched
-            ) from error
+            known = f"{self._reader.matched} matching publisher(s) known"
+            raise BusTimeoutError(f"topic {self._topic!r}: no message within {timeout_s} s; {known}") from error
 
 
 class _Incoming:

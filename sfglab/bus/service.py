@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab import names
 from sfglab.bus.api import Handler, RawEndpoint, user_data
 from sfglab.bus.endpoints import Inbox, Sample
-from sfglab.bus.errors import ClosedError, DiscoveryTimeoutError, ServiceTimeoutError
+from sfglab.bus.errors import BusTimeoutError, ClosedError, discovery_timeout_error
 from sfglab.bus.loop import Signal
 from sfglab.bus.pubsub import checked_type
 from sfglab.messages import (
@@ -198,10 +198,10 @@ class Client:
         """Return once a server can be called.
 
         Raises:
-            DiscoveryTimeoutError: There was none within `timeout_s`.
+            BusTimeoutError: There was none within `timeout_s`.
         """
         if not await self._pair.changed.wait_until(self.service_is_ready, timeout_s):
-            raise DiscoveryTimeoutError(f"service {self._pair.name!r}: a server", timeout_s=timeout_s)
+            raise discovery_timeout_error(f"service {self._pair.name!r}: a server", timeout_s)
 
     async def wait_until_gone(self) -> None:
         """Return once no server can be called, at once if there is none now."""
@@ -210,29 +210,28 @@ class Client:
     async def call(self, request: Any, timeout_s: float | None = 5.0) -> Any:
         """Return the server's response, waiting first for a server if there is none yet.
 
-        Args:
-            request: A message of the service's request type.
-            timeout_s: For server and response together, in seconds; None waits for ever.
+        The time-out is for server and response together, in seconds; None waits for ever.
 
         Raises:
-            ServiceTimeoutError: No server, or no response in time: it is gone, slow, or its handler failed.
-            WrongTypeError: The request is of another type.
+            BusTimeoutError: No server, or no response in time: it is gone, slow, or its handler failed.
+            InvalidMessageError: The request is of another type.
             ClosedError: The client is closed, or was meanwhile.
         """
+        said = f"service {self._pair.name!r}: no answer within {timeout_s or 0.0} s"
         name = self._pair.name
         if self._pair.inbox.closed or self._backend.closed:
             raise ClosedError(f"client {name!r}")
         checked_type(request, type_=self._request_type, where=name)
         start_s = self._backend.loop.time()
         if not await self._pair.changed.wait_until(self.service_is_ready, timeout_s):
-            raise ServiceTimeoutError(name, timeout_s=timeout_s or 0.0, reason="no server was found")
+            raise BusTimeoutError(f"{said} (no server was found)")
         remaining_s = timeout_s and timeout_s - (self._backend.loop.time() - start_s)
         try:
             async with asyncio.timeout(remaining_s):
                 frame = await self._exchange(serialize(request))
         except TimeoutError as error:
             reason = "the server did not respond" if self.service_is_ready() else "the server has gone"
-            raise ServiceTimeoutError(name, timeout_s=timeout_s or 0.0, reason=reason) from error
+            raise BusTimeoutError(f"{said} ({reason})") from error
         return deserialize(frame.cdr, self._response)
 
     def close(self) -> None:

@@ -21,24 +21,22 @@ from sfglab.names.agent import (
     sanitize_agent,
     validate_agent,
 )
-from sfglab.names.dds import (
+from sfglab.names.fqn import RosFqn, RosFqnBuilder, SchemaNode, all_standard_fqns, parse, schema_table
+from sfglab.names.grammar import (
+    TF,
+    TF_STATIC,
     DdsRole,
+    FqnError,
+    ResourceKind,
     WireName,
     dds_action,
     dds_names,
     dds_service,
     dds_topic,
-    ros_name_from_dds,
-    router_hazards,
-)
-from sfglab.names.fqn import RosFqn, RosFqnBuilder, SchemaNode, all_standard_fqns, parse, schema_table
-from sfglab.names.grammar import (
-    TF,
-    TF_STATIC,
-    FqnError,
-    ResourceKind,
     max_name_length,
     resolve,
+    ros_name_from_dds,
+    router_hazards,
     validate_ros_name,
 )
 from sfglab.names.vocabulary import After, Component, Custom, Resource, Scope, Stream, Suffixed

@@ -14,8 +14,7 @@ import re
 import socket
 from typing import TYPE_CHECKING
 
-from sfglab.names.dds import router_breaks
-from sfglab.names.grammar import FqnError, check_words
+from sfglab.names.grammar import FqnError, check_words, router_breaks
 from sfglab.names.vocabulary import Component, check_unmistakable
 
 if TYPE_CHECKING:

@@ -21,8 +21,14 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from sfglab.names.agent import default_agent, validate_agent
-from sfglab.names.dds import dds_names, router_breaks
-from sfglab.names.grammar import FqnError, ResourceKind, check_words, validate_ros_name
+from sfglab.names.grammar import (
+    FqnError,
+    ResourceKind,
+    check_words,
+    dds_names,
+    router_breaks,
+    validate_ros_name,
+)
 from sfglab.names.vocabulary import (
     After,
     Component,

@@ -12,7 +12,8 @@ import pytest
 
 from sfglab import bus
 from sfglab.bus.actions.goals import NO_GOAL_ID
-from sfglab.messages import action_type, message_type, register_action, service_type
+from sfglab.machine import IllegalInputError
+from sfglab.messages import action_type, message_type, register_action
 from sfglab.qos import DEFAULT, LATCHED, Durability, History
 
 ACTION = "sfglab_test_interfaces/action/Fibonacci"
@@ -31,12 +32,6 @@ def numbers(message):
 
 def sequence(type_, values):
     return type_(sequence=np.array(values, np.int32))
-
-
-async def until(predicate):
-    async with asyncio.timeout(60):
-        while not predicate():
-            await asyncio.sleep(0.001)
 
 
 class Steps:
@@ -137,7 +132,7 @@ async def test_a_rejected_goal_is_an_error_whether_refused_failed_or_unanswered(
         where = f"action server {ACTION!r}"
         assert reported == [(ValueError, where), (ZeroDivisionError, where)]
         assert (await (await client.send_goal(goal(3))).result()).status is Status.SUCCEEDED
-        with pytest.raises(bus.WrongTypeError, match="Fibonacci_Goal"):
+        with pytest.raises(bus.InvalidMessageError, match="Fibonacci_Goal"):
             await client.send_goal(sequence(Fibonacci.result, []))
 
 
@@ -155,7 +150,7 @@ async def test_a_goal_is_canceled_when_the_server_agrees_and_only_then(node):
         assert await handle.cancel_goal() is Code.GOAL_TERMINATED
         unknown = await client.cancel_goals(bytes(range(16)))
         assert (unknown.code, unknown.goal_ids) == (Code.UNKNOWN_GOAL_ID, ())
-        with pytest.raises(bus.GoalTransitionError, match="is CANCELED: given SUCCEED"):
+        with pytest.raises(IllegalInputError, match="in CANCELED: given SUCCEED"):
             steps.handles[0].succeed()
 
 
@@ -196,7 +191,7 @@ async def test_a_callback_that_fails_or_says_nothing_aborts_its_goal(node):
         for order in range(4):
             end = await (await client.send_goal(goal(order))).result()
             assert (end.status, numbers(end.result)) == (Status.ABORTED, [])
-        assert reported == [LookupError, bus.WrongTypeError]
+        assert reported == [LookupError, bus.InvalidMessageError]
 
 
 async def test_a_server_may_queue_goals_and_cancel_them_before_they_begin(node):
@@ -208,12 +203,12 @@ async def test_a_server_may_queue_goals_and_cancel_them_before_they_begin(node):
     async with pair(node, steps, **options) as (*_, client):
         handles = [await client.send_goal(goal(order)) for order in range(2)]
         assert [waiting.status for waiting in queue] == [Status.ACCEPTED, Status.ACCEPTED]
-        with pytest.raises(bus.GoalTransitionError, match="is ACCEPTED: given SUCCEED"):
+        with pytest.raises(IllegalInputError, match="in ACCEPTED: given SUCCEED"):
             queue[0].succeed()
         assert await handles[1].cancel_goal() is Code.NONE
         for waiting in queue:
             waiting.execute()
-        with pytest.raises(bus.GoalTransitionError, match="is EXECUTING: given EXECUTE"):
+        with pytest.raises(IllegalInputError, match="in EXECUTING: given EXECUTE"):
             queue[0].execute()
         assert (await handles[1].result()).status is Status.CANCELED
         steps.go_on.set()
@@ -225,7 +220,7 @@ async def test_a_result_is_forgotten_after_its_timeout_and_the_goal_with_it(node
         handle = await client.send_goal(goal(1))
         assert (await handle.result()).status is Status.SUCCEEDED
         await here.get_clock().sleep_for(1.1)
-        with pytest.raises(bus.UnknownGoalError, match=handle.goal_id.hex()):
+        with pytest.raises(bus.BusError, match=handle.goal_id.hex()):
             await client.result_of(handle.goal_id)
         assert (await handle.result()).status is Status.SUCCEEDED  # who asked in time has it
         assert await handle.cancel_goal() is Code.UNKNOWN_GOAL_ID
@@ -245,12 +240,12 @@ async def test_a_server_that_goes_ends_the_waiting_of_its_clients(node):
     steps = Steps()
     async with node("client") as here:
         client = here.create_action_client(ACTION, "/agent/count")
-        with pytest.raises(bus.DiscoveryTimeoutError, match="action '/agent/count': a server"):
+        with pytest.raises(bus.BusTimeoutError, match="action '/agent/count': a server"):
             await client.send_goal(goal(1), timeout_s=0.01)
         async with node("server") as there:
             there.create_action_server(ACTION, "/agent/count", steps)
             handle = await client.send_goal(goal(1))
-            with pytest.raises(bus.ServiceTimeoutError):
+            with pytest.raises(bus.BusTimeoutError):
                 await handle.result(timeout_s=0.05)
             result = asyncio.create_task(handle.result())
             feedback = asyncio.create_task(anext(handle.feedback()))
@@ -328,7 +323,7 @@ async def test_a_latecomer_hears_the_status_of_all_goals(node):
         assert entry.status == Status.SUCCEEDED
 
 
-async def test_the_topics_have_the_names_types_and_qualities_of_rcl_action(node):
+async def test_the_topics_have_the_names_types_and_qualities_of_rcl_action(node, until):
     async with node("both") as here:
         here.create_action_server(ACTION, "/count", compute)
         here.create_action_client(ACTION, "/count")
@@ -425,4 +420,3 @@ async def test_the_result_outlives_requests_that_end(node):
 
 def test_our_trajectory_action_is_an_action():
     assert action_type("sfglab_interfaces/action/FollowTrajectory").result.STOPPED == 6
-    assert service_type("action_msgs/srv/CancelGoal").response.ERROR_REJECTED == Code.REJECTED

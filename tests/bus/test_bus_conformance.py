@@ -20,12 +20,6 @@ SERVICE = "sfglab_interfaces/srv/GetMetadata"
 Request, Response = service_type(SERVICE).request, service_type(SERVICE).response
 
 
-async def until(predicate):
-    async with asyncio.timeout(60):
-        while not predicate():
-            await asyncio.sleep(0.001)
-
-
 def text(value):
     return String(data=str(value))
 
@@ -52,7 +46,7 @@ async def test_a_message_arrives_with_what_is_known_about_it(node):
         assert (publisher.get_subscription_count(), subscription.get_publisher_count()) == (1, 1)
 
 
-async def test_every_subscription_gets_every_message_in_order(node):
+async def test_every_subscription_gets_every_message_in_order(node, until):
     async with node("here") as here, node("there") as there:
         got = []
         publisher = here.create_publisher(STRING, "/t", 200)
@@ -67,7 +61,7 @@ async def test_every_subscription_gets_every_message_in_order(node):
         await until(lambda: got == numbers)
 
 
-async def test_an_async_callback_gets_the_next_message_when_it_is_done_and_only_it_misses_some(node):
+async def test_an_async_callback_gets_the_next_message_when_it_is_done_and_only_it_misses_some(node, until):
     async with node("here") as here, node("there") as there:
         gate, log = asyncio.Event(), []
 
@@ -127,7 +121,7 @@ async def test_a_latched_message_goes_with_its_publisher(node):
         publisher.close()
         await there.graph.wait_for(lambda: there.graph.publishers("/t") == ())
         late = there.create_subscription(STRING, "/t", qos=LATCHED)
-        with pytest.raises(bus.ReceiveTimeoutError, match="0 matching"):
+        with pytest.raises(bus.BusTimeoutError, match="0 matching"):
             await late.take(0.05)
 
 
@@ -146,7 +140,7 @@ async def test_a_latched_message_goes_with_its_publisher(node):
     ],
 )
 def test_what_does_not_match_says_so_once_and_what_does_says_nothing(
-    world, caplog, offered, requested, reason, transport
+    world, caplog, offered, requested, reason, transport, until
 ):
     type_, qos = offered
 
@@ -167,7 +161,7 @@ def test_what_does_not_match_says_so_once_and_what_does_says_nothing(
     assert record.getMessage().startswith(said + reason)
 
 
-async def test_a_full_queue_drops_the_oldest_and_counts(node):
+async def test_a_full_queue_drops_the_oldest_and_counts(node, until):
     async with node("here") as here, node("there") as there:
         publisher = here.create_publisher(STRING, "/t", 50)
         shallow = there.create_subscription(STRING, "/t", qos=3)
@@ -187,14 +181,14 @@ async def test_waits_in_vain_say_for_what(node):
         subscription = here.create_subscription(STRING, "/t")
         await publisher.wait_for_subscriptions()
         await subscription.wait_for_publishers()
-        with pytest.raises(bus.ReceiveTimeoutError, match=r"'/t'.*0\.01 s; 1 matching"):
+        with pytest.raises(bus.BusTimeoutError, match=r"'/t'.*0\.01 s; 1 matching"):
             await subscription.take(0.01)
-        with pytest.raises(bus.DiscoveryTimeoutError, match=r"3 matching subscription.*found 1"):
+        with pytest.raises(bus.BusTimeoutError, match=r"3 matching subscription.*found 1"):
             await publisher.wait_for_subscriptions(3, 0.01)
-        with pytest.raises(bus.DiscoveryTimeoutError, match=r"2 matching publisher.*found 1"):
+        with pytest.raises(bus.BusTimeoutError, match=r"2 matching publisher.*found 1"):
             await subscription.wait_for_publishers(2, 0.01)
         client = here.create_client(SERVICE, "/s")
-        with pytest.raises(bus.DiscoveryTimeoutError, match="service '/s': a server"):
+        with pytest.raises(bus.BusTimeoutError, match="service '/s': a server"):
             await client.wait_for_service(0.01)
 
 
@@ -217,9 +211,9 @@ async def test_what_is_no_message_of_the_topic_is_refused(node):
         for garbage in (b"", b"\0\1", serialize(text("hello"))[:9], b"\0\1\0\0\xff\xff\xff\xffabcd"):
             with pytest.raises(bus.InvalidMessageError, match=r"'/t'.*std_msgs/msg/String"):
                 publisher.publish_raw(garbage)
-        with pytest.raises(bus.WrongTypeError, match=r"given a std_msgs/msg/Header"):
+        with pytest.raises(bus.InvalidMessageError, match=r"given a std_msgs/msg/Header"):
             publisher.publish(default_message("std_msgs/msg/Header"))
-        with pytest.raises(bus.WrongTypeError, match=r"given a dict"):
+        with pytest.raises(bus.InvalidMessageError, match=r"given a dict"):
             publisher.publish({})
 
 
@@ -267,7 +261,7 @@ async def test_closing_ends_readers_and_further_use_is_an_error(node):
     await here.close()
 
 
-async def test_a_closed_endpoint_does_not_match_any_more(node):
+async def test_a_closed_endpoint_does_not_match_any_more(node, until):
     async with node("here") as here, node("there") as there:
         publisher = here.create_publisher(STRING, "/t")
         subscription = there.create_subscription(STRING, "/t")
@@ -305,7 +299,7 @@ async def test_graph_events_begin_with_what_is_known_and_tell_every_change(node)
         assert [type(event) async for event in events] == []
 
 
-async def test_a_listener_and_a_watch_hear_what_is_known_and_what_changes_until_they_end(node):
+async def test_a_listener_and_a_watch_hear_what_is_known_and_what_changes_until_they_end(node, until):
     async with node("here") as here, node("there") as there:
         heard = {"all": [], "watched": []}
 
@@ -334,7 +328,7 @@ async def test_a_listener_and_a_watch_hear_what_is_known_and_what_changes_until_
         assert [len(events) for events in heard.values()] == [4, 2]
 
 
-async def test_a_service_shows_its_topics_types_and_who_it_is(node):
+async def test_a_service_shows_its_topics_types_and_who_it_is(node, until):
     async with node("here") as here, node("there") as there:
         here.create_service(SERVICE, "/s", print)
         here.create_client(SERVICE, "/s")
@@ -374,7 +368,7 @@ async def test_concurrent_calls_of_two_clients_get_their_own_answers(node):
         assert (service.last_error, service.service_name) == (None, "/s")
 
 
-async def test_calls_that_fail_say_how_and_a_failing_handler_is_reported(node):
+async def test_calls_that_fail_say_how_and_a_failing_handler_is_reported(node, until):
     reported = []
 
     def report(error, where):
@@ -385,7 +379,7 @@ async def test_calls_that_fail_say_how_and_a_failing_handler_is_reported(node):
 
     async with node("here", on_error=report) as here, node("there") as there:
         client = there.create_client(SERVICE, "/s")
-        with pytest.raises(bus.ServiceTimeoutError, match="no server was found"):
+        with pytest.raises(bus.BusTimeoutError, match="no server was found"):
             await client.call(Request(), timeout_s=0.01)
         answers = iter([lambda _: response("plain"), never, lambda _: text("wrong"), lambda _: 1 / 0])
 
@@ -396,11 +390,11 @@ async def test_calls_that_fail_say_how_and_a_failing_handler_is_reported(node):
         await client.wait_for_service()
         assert (await client.call(Request())).message == "plain"
         for _ in range(3):
-            with pytest.raises(bus.ServiceTimeoutError, match="did not respond"):
+            with pytest.raises(bus.BusTimeoutError, match="did not respond"):
                 await client.call(Request(), timeout_s=0.05)
-        with pytest.raises(bus.WrongTypeError, match="GetMetadata_Request"):
+        with pytest.raises(bus.InvalidMessageError, match="GetMetadata_Request"):
             await client.call(text("wrong"))
-        assert reported == [(bus.WrongTypeError, "service '/s'"), (ZeroDivisionError, "service '/s'")]
+        assert reported == [(bus.InvalidMessageError, "service '/s'"), (ZeroDivisionError, "service '/s'")]
         service.close()
         await until(lambda: not client.service_is_ready())
 
@@ -422,7 +416,7 @@ async def test_closing_a_client_ends_its_pending_calls(node):
             await call
 
 
-def test_timers_tick_without_drift_skip_what_they_miss_and_can_be_cancelled(world, caplog):
+def test_timers_tick_without_drift_skip_what_they_miss_and_can_be_cancelled(world, caplog, until):
     async def scenario(node):
         async with node("here") as here:
             loop, ticks = asyncio.get_running_loop(), []
@@ -454,7 +448,7 @@ def test_timers_tick_without_drift_skip_what_they_miss_and_can_be_cancelled(worl
     assert [r.getMessage() for r in caplog.records] == ["callback of timer of 0.02 s failed"]
 
 
-async def test_an_exception_in_a_callback_is_reported_and_stops_nobody(node):
+async def test_an_exception_in_a_callback_is_reported_and_stops_nobody(node, until):
     reported, received = [], asyncio.Event()
 
     def bad(message):
@@ -485,7 +479,7 @@ async def test_all_is_acknowledged_in_the_end(node):
         assert [int((await subscription.take(60)).data) for _ in range(20)] == list(range(20))
 
 
-async def test_names_are_relative_to_the_namespace_or_the_node(node):
+async def test_names_are_relative_to_the_namespace_or_the_node(node, until):
     async with node("here", namespace="/robot") as here:
         topics = [here.create_publisher(STRING, name).topic_name for name in ("/a", "b", "~/c")]
         assert topics == ["/a", "/robot/b", "/robot/here/c"]
@@ -506,7 +500,7 @@ async def test_the_two_transports_do_not_meet(node):
             memory[:] = serialize(text("lent"))
         assert (await shm.take(60)).data == "lent"
         assert (publisher.get_subscription_count(), dds.get_publisher_count()) == (1, 0)
-        with pytest.raises(bus.MessageTooLargeError):
+        with pytest.raises(bus.InvalidMessageError):
             here.create_publisher(STRING, "/u", transport="shm", max_message_bytes=8).publish(text("long"))
         with pytest.raises(TypeError), here.create_publisher(STRING, "/v").loan(8):
             pass

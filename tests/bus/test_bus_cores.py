@@ -12,8 +12,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from sfglab.bus.api import entries, user_data
 from sfglab.bus.dds.domain import DomainConfig, domain_xml
 from sfglab.bus.endpoints import SampleQueue
-from sfglab.bus.shm.fanout import MAX_CREDITS, Fanout, credits_of
-from sfglab.bus.shm.memory import SlotPool, slot_capacity
+from sfglab.bus.shm.fanout import MAX_CREDITS, Fanout, SlotPool, credits_of, slot_capacity
 from sfglab.bus.shm.wire import (
     DATA_OFFSET_BYTES,
     HEADER_BYTES,

@@ -72,39 +72,18 @@ async def test_a_late_joiner_gets_the_latched_message_and_an_image_arrives_whole
 
 SERVER = """
 async with Node("server", domain_id={domain_id}, interface="lo", lease_s=1.0) as node:
-    response = service_type("sfglab_interfaces/srv/GetMetadata").response
-    calls = 0
-    async def answer(request):
-        nonlocal calls
-        calls += 1
-        number = calls
-        if number == 2:
-            await asyncio.sleep(3600)
-        if number == 3:
-            raise LookupError("no metadata")
-        metadata = default_message("sfglab_interfaces/msg/AgentMetadata")
-        return response(success=True, message=str(number), metadata=metadata)
-    import logging
-    logging.disable()
-    node.create_service("sfglab_interfaces/srv/GetMetadata", "/agent/get_metadata", answer)
-    say(ready=True)
+    response = default_message("sfglab_interfaces/srv/GetMetadata_Response")
+    node.create_service("sfglab_interfaces/srv/GetMetadata", "/agent/get_metadata", lambda _: response)
     await hear()
 """
 
 
-async def test_a_server_survives_slow_and_failing_requests_and_its_death_is_a_timeout(domain_id, child):
+async def test_a_servers_death_is_a_timeout(domain_id, child):
     async with node(domain_id) as here, child(SERVER.format(domain_id=domain_id)) as server:
         client = here.create_client(SERVICE, "/agent/get_metadata")
-        with pytest.raises(bus.ServiceTimeoutError, match="no server was found"):
-            await client.call(Request(), timeout_s=0.01)
-        await server.hear()
-        await client.wait_for_service()
-        assert (await client.call(Request())).message == "1"
-        for _ in range(2):  # one that takes too long, one that raises
-            with pytest.raises(bus.ServiceTimeoutError, match=r"'/agent/get_metadata'.*did not respond"):
-                await client.call(Request(), timeout_s=0.2)
-        assert (await client.call(Request())).message == "4"
+        await client.wait_for_service(60)
+        assert not (await client.call(Request())).success
         await server.kill()
-        with pytest.raises(bus.ServiceTimeoutError, match=r"has gone|did not respond"):
+        with pytest.raises(bus.BusTimeoutError, match=r"has gone|did not respond"):
             await client.call(Request(), timeout_s=0.2)
         assert await client._pair.changed.wait_until(lambda: not client.service_is_ready(), 60)

@@ -14,9 +14,8 @@ from sfglab import bus
 from sfglab.bus.api import NodeInfo
 from sfglab.bus.dds.clib import entity_guid
 from sfglab.bus.dds.discovery import Discovery, gid_bytes, info_type, pack_nodes, unpack_nodes
-from sfglab.bus.dds.domain import DomainConfig, domain_xml
+from sfglab.bus.dds.domain import DdsParticipant, DomainConfig, domain_xml
 from sfglab.bus.dds.endpoints import DdsWriter
-from sfglab.bus.dds.participant import DdsParticipant
 from sfglab.messages.dds import idl_struct
 from sfglab.qos import LATCHED, QoSProfile
 

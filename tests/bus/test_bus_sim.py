@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import subprocess
 import sys
-import time
 from functools import partial
 from itertools import pairwise
 
@@ -19,11 +19,8 @@ from sfglab.bus.sim import (
     Costs,
     DeadlockError,
     LinkModel,
-    NotSimulatedError,
     TimeLimitError,
-    TraceDigest,
     World,
-    WorldError,
     run_simulated,
 )
 from sfglab.bus.sim.views import NEVER_NS, Gap, known_spans
@@ -59,9 +56,9 @@ async def take_all(subscription, wait_s=5.0):
 # --- One seed, one run.
 
 
-async def busy(world, digest):
+async def busy(world, events):
     """Do everything that a world can: six nodes, loss, jitter, services, timers, a crash and a partition."""
-    world.trace_to(digest)
+    world.trace_to(events.append)
     nodes = [world.node(f"n{i}", host=f"h{i}", lease_s=2.0) for i in range(6)]
     publishers = [node.create_publisher(STRING, "/t", LATCHED) for node in nodes]
     heard = []
@@ -80,12 +77,12 @@ async def busy(world, digest):
 
 
 def digest_of(seed):
-    digest = TraceDigest()
+    events = []
     link = LinkModel(latency_s=0.002, jitter_s=0.001, loss=0.1, rate_bps=1e7)
-    heard = run_simulated(lambda world: busy(world, digest), seed=seed, link=link)
-    assert digest.count > 500
+    heard = run_simulated(lambda world: busy(world, events), seed=seed, link=link)
+    assert len(events) > 500
     assert heard
-    return digest.hexdigest()
+    return hashlib.blake2b(repr(events).encode()).hexdigest()
 
 
 def test_the_same_seed_gives_the_same_trace_to_the_byte_in_every_process():
@@ -160,33 +157,32 @@ def test_a_world_that_goes_on_is_given_up_at_its_limit():
 
 def test_what_is_not_reproducible_is_refused():
     async def main(world):
-        with pytest.raises(NotSimulatedError, match="a thread"):
+        with pytest.raises(bus.BusError, match="a thread"):
             await asyncio.to_thread(print)
 
+    async def make_world():
+        World()
+
     run_simulated(main)
-    with pytest.raises(WorldError, match="use it inside run_simulated"):
+    with pytest.raises(bus.BusError, match="use it inside run_simulated"):
         asyncio.run(make_world())
-
-
-async def make_world():
-    World()
 
 
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        (lambda w: w.node("a", reach="moon"), "allowed are network, host"),
+        (lambda w: w.node("a", reach="moon"), "allowed: network, host"),
         (lambda w: w.node("a", domain_id=233), "allowed ids are 0 to 232"),
-        (lambda _: LinkModel(latency_s=-1), "latency_s: given -1, allowed are 0 s and more"),
-        (lambda _: LinkModel(loss=1), "loss: given 1, allowed is a probability from 0 to below 1"),
-        (lambda _: LinkModel(rate_bps=0), "rate_bps: given 0, allowed are rates above 0"),
+        (lambda _: LinkModel(latency_s=-1), "latency_s: given -1, allowed: from 0"),
+        (lambda _: LinkModel(loss=1), "loss: given 1, allowed: from 0, below 1"),
+        (lambda _: LinkModel(rate_bps=0), "rate_bps: given 0, allowed: rates above 0"),
         (lambda _: Costs(message_s=-1), "message_s: given -1"),
-        (lambda w: w.partition({"a"}, {"a"}), "host 'a' is in two groups"),
+        (lambda w: w.partition({"a"}, {"a"}), "a host in two groups: given 'a'"),
     ],
 )
 def test_impossible_worlds_say_why(wrong, message):
     async def main(world):
-        with pytest.raises(bus.BusError, match=message):
+        with pytest.raises(ValueError, match=message):
             wrong(world)
 
     run_simulated(main)
@@ -204,13 +200,11 @@ async def test_nodes_meet_only_in_one_domain_and_a_loopback_domain_is_its_hosts_
         ("b", 1, "network"),
     ]
     nodes = [sim.node("n", host=h, domain_id=d, reach=r) for h, d, r in places]
-    nodes.append(sim.opener("a")("n", domain_id=0, interface="lo", multicast="default"))
-    nodes.append(sim.opener("a")("n", domain_id=0, interface="eth0"))
     publishers = [node.create_publisher(STRING, "/t") for node in nodes]
     for node in nodes:
         node.create_subscription(STRING, "/t")
     await asyncio.sleep(1)
-    assert [publisher.get_subscription_count() for publisher in publishers] == [3, 3, 2, 1, 1, 2, 3]
+    assert [publisher.get_subscription_count() for publisher in publishers] == [2, 2, 1, 1, 1]
 
 
 def test_a_sample_takes_the_latency_of_both_links_and_nothing_on_its_own_host():
@@ -234,10 +228,8 @@ def test_a_limited_rate_spaces_samples_and_lets_them_queue():
     async def main(world):
         sender, receiver = world.node("a", host="a"), world.node("b", host="b")
         publisher = sender.create_publisher(STRING, "/t", SENSOR_DATA)
-        reader = receiver.create_subscription(STRING, "/t", qos=100)
-        reader = receiver.create_subscription(
-            STRING, "/t", qos=QoSProfile(reliability=SENSOR_DATA.reliability, depth=99)
-        )
+        deep = QoSProfile(reliability=SENSOR_DATA.reliability, depth=99)
+        reader = receiver.create_subscription(STRING, "/t", qos=deep)
         await publisher.wait_for_subscriptions()
         await asyncio.sleep(1)
         for _ in range(10):
@@ -351,7 +343,7 @@ async def test_a_short_partition_delays_and_a_long_one_is_a_loss_and_a_return(si
     await asyncio.sleep(1)
     before = len(events)
     sim.partition({"a"})
-    with pytest.raises(WorldError, match="cut already"):
+    with pytest.raises(bus.BusError, match="cut already"):
         sim.partition({"a"})
     publisher.publish(text("short"))
     await asyncio.sleep(3)
@@ -566,9 +558,9 @@ async def test_a_message_to_many_costs_little(sim):
     for node in nodes:
         node.create_subscription(STRING, "/t", hear)
     await asyncio.sleep(1)
-    start_s = time.process_time()
+    before = sim.loop.events
     for publisher in publishers:
         publisher.publish(text("x"))
     await asyncio.sleep(1)
     assert heard == 100 * 100
-    assert (time.process_time() - start_s) / heard < 150e-6
+    assert sim.loop.events - before <= 3 * len(publishers), "many readers share an event"

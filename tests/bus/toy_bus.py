@@ -10,7 +10,7 @@ from functools import partial
 from sfglab import bus
 from sfglab.bus.api import EndpointInfo, EndpointKind, ros_topic
 from sfglab.bus.backend import Backend
-from sfglab.bus.errors import InvalidMessageError, MessageTooLargeError
+from sfglab.bus.errors import check_size, not_cdr_error
 from sfglab.bus.graph import Graph
 from sfglab.messages import CdrError, decoder, serialize
 from sfglab.qos import Durability, History, incompatibilities
@@ -146,15 +146,14 @@ class ToyWriter(ToyEndpoint):
 
     def write(self, cdr, source_timestamp_ns=None):
         data, limit = bytes(cdr), self.asked.max_message_bytes
-        if self.asked.transport == "shm" and len(data) > limit:
-            raise MessageTooLargeError(self.asked.name, size_bytes=len(data), limit_bytes=limit)
+        if self.asked.transport == "shm":
+            check_size(self.asked.name, len(data), limit)
         try:
             if self.check is not None:
                 self.check(data)
         except CdrError as error:
-            raise InvalidMessageError(
-                self.asked.name, self.asked.type, size_bytes=len(data), reason=error.reason
-            ) from error
+            name, type_ = self.asked.name, self.asked.type
+            raise not_cdr_error(name, type_, size_bytes=len(data), reason=error.reason) from error
         stamp_ns = self.backend.clock.now_ns() if source_timestamp_ns is None else source_timestamp_ns
         self.kept.append((data, stamp_ns))
         for reader in self.peers:

@@ -13,7 +13,7 @@ import psutil
 import pytest
 from waiting import DEADLINE_S, process, until
 
-from sfglab.bus import Node, ReceiveTimeoutError
+from sfglab.bus import Node, BusTimeoutError
 from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
 from sfglab.component import argument_of, beside, config_from_argument
@@ -149,7 +149,7 @@ async def test_static_transforms_of_two_nodes_reach_whoever_joins_late_and_go_wi
     async def heard(node, count):
         late = node.create_subscription("tf2_msgs/msg/TFMessage", "/tf_static", qos=listener_qos)
         messages = [await late.take(60) for _ in range(count)]
-        with pytest.raises(ReceiveTimeoutError):
+        with pytest.raises(BusTimeoutError):
             await late.take(0.1)
         late.close()
         return {(t.header.frame_id, t.child_frame_id) for m in messages for t in m.transforms}

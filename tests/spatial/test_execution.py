@@ -230,7 +230,7 @@ def test_a_server_that_goes_away_is_an_error_and_none_at_all_another(world):
             with pytest.raises(bus.ActionServerGoneError, match="/global/go2/execute_trajectory"):
                 await execution.result()
             execution.close()
-            with pytest.raises(bus.DiscoveryTimeoutError, match="/global/spot/execute_trajectory"):
+            with pytest.raises(bus.BusTimeoutError, match="/global/spot/execute_trajectory"):
                 await execute(near, path(), "spot", timeout_s=0.1)
 
     world.run(scenario)

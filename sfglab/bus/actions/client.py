@@ -31,13 +31,7 @@ from sfglab.bus.actions.goals import (
     read_statuses,
     uuid_message,
 )
-from sfglab.bus.errors import (
-    ActionServerGoneError,
-    BusError,
-    DiscoveryTimeoutError,
-    GoalRejectedError,
-    UnknownGoalError,
-)
+from sfglab.bus.errors import ActionServerGoneError, BusError, GoalRejectedError, discovery_timeout_error
 from sfglab.bus.loop import Calls, Signal
 from sfglab.bus.pubsub import Subscription, checked_type
 from sfglab.messages import action_type, ns_from_stamp, service_type, type_name
@@ -129,16 +123,11 @@ class Router:
 
 
 class ClientGoalHandle:
-    """One accepted goal, at the client that sent it; made by `ActionClient.send_goal`.
-
-    Attributes:
-        goal_id: The goal's 16 bytes.
-        accepted_ns: When the server accepted it, by the server's clock (Unix time, nanoseconds).
-    """
+    """One accepted goal, at the client that sent it; made by `ActionClient.send_goal`."""
 
     def __init__(self, client: ActionClient, goal_id: bytes, sent: Sent, accepted_ns: int) -> None:
-        self.goal_id = goal_id
-        self.accepted_ns = accepted_ns
+        self.goal_id = goal_id  #: The goal's 16 bytes.
+        self.accepted_ns = accepted_ns  #: When the server accepted it, by its clock (Unix time, nanoseconds).
         self._client = client
         self._sent = sent
 
@@ -177,15 +166,12 @@ class ClientGoalHandle:
         self._sent.ended = True
 
     async def result(self, timeout_s: float | None = None) -> GoalResult:
-        """Return how the goal ended, waiting for its end; may be asked more than once.
-
-        Args:
-            timeout_s: How long to wait, in seconds; None: for as long as there is a server.
+        """Return how the goal ended, waiting for its end as long as there is a server; may be asked repeatedly.
 
         Raises:
-            ServiceTimeoutError: The goal did not end in time.
+            BusTimeoutError: The goal did not end in time.
             ActionServerGoneError: The server went away; asking again may find it back.
-            UnknownGoalError: The server has forgotten the goal.
+            BusError: The server has forgotten the goal.
         """
         if self._sent.result is None:
             self._sent.result = await self._client.result_of(self.goal_id, timeout_s)
@@ -194,11 +180,8 @@ class ClientGoalHandle:
     async def cancel_goal(self, timeout_s: float = 5.0) -> CancelCode:
         """Ask the server to cancel the goal, and return what it says: NONE means that the goal is CANCELING.
 
-        Args:
-            timeout_s: How long to wait for the answer, in seconds.
-
         Raises:
-            ServiceTimeoutError: No answer in time.
+            BusTimeoutError: No answer in time.
         """
         return (await self._client.cancel_goals(self.goal_id, timeout_s=timeout_s)).code
 
@@ -246,7 +229,7 @@ class ActionClient:
         """Return once a server is ready.
 
         Raises:
-            DiscoveryTimeoutError: There was none within `timeout_s`.
+            BusTimeoutError: There was none within `timeout_s`.
         """
         try:
             async with asyncio.timeout(timeout_s):
@@ -255,23 +238,21 @@ class ActionClient:
                 for topic in self._topics:
                     await topic.wait_for_publishers(timeout_s=timeout_s)
         except TimeoutError as error:
-            raise DiscoveryTimeoutError(f"action {self._name!r}: a server", timeout_s=timeout_s) from error
+            raise discovery_timeout_error(f"action {self._name!r}: a server", timeout_s) from error
 
     async def send_goal(
         self, goal: Any, feedback_callback: FeedbackCallback | None = None, timeout_s: float = 5.0
     ) -> ClientGoalHandle:
         """Send a goal and return its handle once the server has accepted it.
 
-        Args:
-            goal: A message of the action's goal type.
-            feedback_callback: Plain or async: given each feedback message of this goal.
-            timeout_s: For finding the server, and again for its answer, in seconds.
+        The callback, plain or async, is given each feedback message of this goal. The time-out is for finding
+        the server, and again for its answer, in seconds.
 
         Raises:
             GoalRejectedError: The server does not take it.
-            DiscoveryTimeoutError: There is no server.
-            ServiceTimeoutError: No answer in time. The goal may run all the same; `cancel_goals` ends it.
-            WrongTypeError: The goal is of another type.
+            BusTimeoutError: There is no server, or no answer in time. The goal may then run all the same;
+                `cancel_goals` ends it.
+            InvalidMessageError: The goal is of another type.
         """
         checked_type(goal, type_=type_name(self._action.goal), where=self._name)
         await self.wait_for_server(timeout_s)
@@ -286,7 +267,8 @@ class ActionClient:
             if response is None or not response.accepted:
                 self._router.sent.pop(goal_id, None)
         if not response.accepted:
-            raise GoalRejectedError(self._name)
+            why = "the server rejected the goal, for reasons of its own"
+            raise GoalRejectedError(f"action {self._name!r}: {why}")
         return ClientGoalHandle(self, goal_id, sent, ns_from_stamp(response.stamp))
 
     async def cancel_goals(
@@ -301,7 +283,7 @@ class ActionClient:
             timeout_s: How long to wait for the answer, in seconds.
 
         Raises:
-            ServiceTimeoutError: No answer in time.
+            BusTimeoutError: No answer in time.
         """
         request = service_type(CANCEL_GOAL).request(goal_info=goal_info(goal_id, until_ns))
         response = await self._cancel.call(request, timeout_s)
@@ -314,7 +296,10 @@ class ActionClient:
         response = await self.unless_gone(goal_id, self._result.call(request, timeout_s))
         status = GoalStatus(response.status)
         if status is GoalStatus.UNKNOWN:
-            raise UnknownGoalError(self._name, goal_id)
+            raise BusError(
+                f"action {self._name!r}: goal {goal_id.hex()} is unknown to the server; "
+                "it forgets goals once they have been over for its result timeout"
+            )
         self._router.note(goal_id, status)
         return GoalResult(status=status, result=response.result)
 
@@ -328,7 +313,8 @@ class ActionClient:
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             if not tasks[0].done():
-                raise ActionServerGoneError(self._name, goal_id)
+                goal = f"goal {goal_id.hex()} unfinished here"
+                raise ActionServerGoneError(f"action {self._name!r}: the server has gone with {goal}")
             return tasks[0].result()
         finally:
             for task in tasks:

@@ -7,14 +7,14 @@ Knows statuses, events and policies, the two topics and three services of an act
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import Enum, IntEnum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.bus.errors import GoalTransitionError
+from sfglab.machine import step
 from sfglab.messages import message_type, ns_from_stamp, stamp_from_ns
 from sfglab.names import ResourceKind, validate_ros_name
 from sfglab.qos import DEFAULT, LATCHED
@@ -84,23 +84,6 @@ def is_allowed(status: GoalStatus, event: GoalEvent) -> bool:
     return (status, event) in TRANSITIONS
 
 
-def next_status(goal_id: bytes, status: GoalStatus, event: GoalEvent) -> GoalStatus:
-    """Return the status that follows.
-
-    Args:
-        goal_id: Whose, for the error.
-        status: The status before.
-        event: What happens.
-
-    Raises:
-        GoalTransitionError: It may not happen now.
-    """
-    if not is_allowed(status, event):
-        allowed = tuple(e.name for s, e in TRANSITIONS if s is status)
-        raise GoalTransitionError(goal_id, status=status.name, event=event.name, allowed=allowed)
-    return TRANSITIONS[status, event]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Goal:
     """What a server remembers of a goal."""
@@ -151,17 +134,12 @@ class GoalBook:
         return True
 
     def apply(self, goal_id: bytes, event: GoalEvent, now_ns: int) -> GoalStatus:
-        """Return a goal's new status.
-
-        Args:
-            goal_id: Whose.
-            event: What happens to it.
-            now_ns: When, by the clock that never jumps.
+        """Return a goal's new status after an event now, by the clock that never jumps.
 
         Raises:
-            GoalTransitionError: It may not happen now.
+            IllegalInputError: It may not happen now.
         """
-        status = next_status(goal_id, self.status(goal_id), event)
+        status = step(f"goal {goal_id.hex()}", TRANSITIONS, self.status(goal_id), event)
         ended_ns = now_ns if status in TERMINAL else None
         self._goals[goal_id] = replace(self._goals[goal_id], status=status, ended_ns=ended_ns)
         return status
@@ -212,22 +190,13 @@ class ActionTopics:
 
 
 def action_topics(name: str) -> ActionTopics:
-    """Return the names below an action's.
-
-    Args:
-        name: The absolute name.
+    """Return the names below an action's absolute one.
 
     Raises:
         FqnError: It is none, or too long for an action.
     """
     below = f"{validate_ros_name(name, ResourceKind.ACTION)}/_action/"
-    return ActionTopics(
-        send_goal=f"{below}send_goal",
-        cancel_goal=f"{below}cancel_goal",
-        get_result=f"{below}get_result",
-        feedback=f"{below}feedback",
-        status=f"{below}status",
-    )
+    return ActionTopics(**{field.name: f"{below}{field.name}" for field in fields(ActionTopics)})
 
 
 def uuid_message(goal_id: bytes) -> Any:

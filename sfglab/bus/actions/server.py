@@ -54,19 +54,12 @@ class CancelResponse(Enum):
 
 
 class ServerGoalHandle:
-    """One accepted goal, on its server; given to the server's callbacks.
-
-    Args:
-        goals: All of the server's.
-        goal_id: The goal's 16 bytes, chosen by the client.
-        request: The goal message.
-        result: What requests for the result wait for.
-    """
+    """One accepted goal, on its server; given to the server's callbacks."""
 
     def __init__(self, goals: Goals, goal_id: bytes, request: Any, result: asyncio.Future[Any]) -> None:
-        self.goal_id = goal_id
-        self.request = request
-        self.result = result
+        self.goal_id = goal_id  #: The goal's 16 bytes, chosen by the client.
+        self.request = request  #: The goal message.
+        self.result = result  #: What requests for the result wait for.
         self.status = GoalStatus.ACCEPTED  #: Where the goal is in its life.
         self.canceling = asyncio.Event()  #: Set once a request to cancel was accepted.
         self.task: asyncio.Task[Any] | None = None  #: Executes it.
@@ -90,7 +83,7 @@ class ServerGoalHandle:
         """Run the execute callback in a task of its own; only once, and only for who deferred it.
 
         Raises:
-            GoalTransitionError: The goal is executed already.
+            IllegalInputError: The goal is executed already.
         """
         # A goal that was canceled while it waited is executed too: its callback has to end it.
         if self.task is not None or not self.is_cancel_requested:
@@ -100,11 +93,8 @@ class ServerGoalHandle:
     def publish_feedback(self, feedback: Any) -> None:
         """Tell everybody who listens how far the goal has come.
 
-        Args:
-            feedback: A message of the action's feedback type.
-
         Raises:
-            WrongTypeError: It is of another type.
+            InvalidMessageError: The message is of another type than the action's feedback.
         """
         self._goals.publish_feedback(self.goal_id, feedback)
 
@@ -112,7 +102,7 @@ class ServerGoalHandle:
         """End the goal as SUCCEEDED; the execute callback then returns the result.
 
         Raises:
-            GoalTransitionError: The goal has ended already, or was not executed yet.
+            IllegalInputError: The goal has ended already, or was not executed yet.
         """
         self._goals.apply(self, GoalEvent.SUCCEED)
 
@@ -135,32 +125,21 @@ ExecuteCallback = Callable[[ServerGoalHandle], Any]
 
 
 class ActionServerOptions(TypedDict, total=False):
-    """What an action server can be told beside what it does.
+    """What an action server can be told beside what it does."""
 
-    Attributes:
-        goal_callback: Plain or async: given a goal message, says whether to take it. The default takes all.
-        handle_accepted_callback: Given the handle of an accepted goal, to call its `execute` some time. The
-            default does so at once, so goals run beside each other.
-        cancel_callback: Plain or async: given a handle, says whether it may be canceled. The default, as
-            rclpy's, refuses.
-        result_timeout_s: How long a goal and its result are remembered after its end, in seconds (900). They
-            are forgotten at the first request after that.
-    """
-
-    goal_callback: GoalCallback
+    goal_callback: GoalCallback  #: Plain or async: given a goal message, says whether to take it (all).
+    #: Given the handle of an accepted goal, to call its `execute` some time. The default does so at once, so
+    #: goals run beside each other.
     handle_accepted_callback: Callable[[ServerGoalHandle], None]
+    #: Plain or async: given a handle, says whether it may be canceled. The default, as rclpy's, refuses.
     cancel_callback: CancelCallback
+    #: How long a goal and its result are remembered after its end, in seconds (900). They are forgotten at the
+    #: first request after that.
     result_timeout_s: float
 
 
 class Goals:
-    """The goals of one server, and its answers to requests about them; apart so that it never holds the node.
-
-    Args:
-        backend: Of the server's node.
-        action: The action's types.
-        execute: Does what a goal asks.
-    """
+    """The goals of a server, and its answers to requests about them; apart so that it never holds the node."""
 
     def __init__(self, backend: Backend, action: ActionType, execute: ExecuteCallback) -> None:
         self.closed = False  #: Whether the server, or its node, has ended.
@@ -184,7 +163,7 @@ class Goals:
         """Let something happen to a goal, and tell all who listen to the status.
 
         Raises:
-            GoalTransitionError: It may not happen now.
+            IllegalInputError: It may not happen now.
         """
         goal.status = self._book.apply(goal.goal_id, event, self._steady_ns())
         if event is GoalEvent.CANCEL_GOAL:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from sfglab.bus.api import HOST_KEY, NODE_KEY, SHM_KEY, SHM_PARTITION, RawEndpoint, host_id, user_data
 from sfglab.bus.backend import Backend
 from sfglab.bus.dds.discovery import Discovery, DiscoveryInfo
-from sfglab.bus.dds.endpoints import DdsReader, DdsWriter, ShmAnnouncement
-from sfglab.bus.dds.participant import DdsParticipant
+from sfglab.bus.dds.domain import DdsParticipant
+from sfglab.bus.dds.endpoints import DdsReader, DdsWriter, ShmAnnouncement, idl_type
 from sfglab.bus.graph import Graph
 
 if TYPE_CHECKING:
@@ -22,13 +22,7 @@ if TYPE_CHECKING:
 
 
 class DdsBackend(Backend):
-    """A participant of a DDS domain.
-
-    Args:
-        config: The DDS domain.
-        name: The node's full name.
-        on_error: Told about exceptions in callbacks; None logs them.
-        discovery_info: Whether ROS 2's tools shall see the node as one.
+    """A participant of a DDS domain; `discovery_info` tells whether ROS 2's tools shall see the node as one.
 
     Raises:
         DomainError: The domain cannot be joined.
@@ -59,7 +53,7 @@ class DdsBackend(Backend):
             announce = partial(self._announce, endpoint, address, writer=True)
             return ShmWriter(self.bridge, endpoint, address=address, announce=announce, notify=notify)
         handle = self.participant.create_writer(
-            endpoint.dds_topic, _idl_type(endpoint), endpoint.qos, user_data=endpoint.user_data
+            endpoint.dds_topic, idl_type(endpoint), endpoint.qos, user_data=endpoint.user_data
         )
         return DdsWriter(
             handle,
@@ -79,7 +73,7 @@ class DdsBackend(Backend):
             reader.follow(self.graph)
             return reader
         handle = self.participant.create_reader(
-            endpoint.dds_topic, _idl_type(endpoint), endpoint.qos, user_data=endpoint.user_data
+            endpoint.dds_topic, idl_type(endpoint), endpoint.qos, user_data=endpoint.user_data
         )
         return DdsReader(
             handle,
@@ -118,15 +112,9 @@ class DdsBackend(Backend):
         create = self.participant.create_writer if writer else self.participant.create_reader
         handle = create(
             endpoint.dds_topic,
-            _idl_type(endpoint),
+            idl_type(endpoint),
             endpoint.qos,
             user_data=user_data({SHM_KEY: address}),
             partition=SHM_PARTITION,
         )
         return ShmAnnouncement(handle)
-
-
-def _idl_type(endpoint: RawEndpoint) -> type[Any]:
-    from sfglab.messages.dds import idl_struct, service_half_idl_struct
-
-    return service_half_idl_struct(endpoint.type) if endpoint.is_service else idl_struct(endpoint.type)

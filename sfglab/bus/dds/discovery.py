@@ -15,7 +15,6 @@ from __future__ import annotations
 import ctypes as ct
 import os
 import struct
-from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -40,9 +39,12 @@ from sfglab.bus.dds.clib import (
     Participant,
     SampleInfo,
     library,
+    partitions,
+    profile_from_dds,
+    string_property,
+    user_data,
 )
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
-from sfglab.bus.dds.qos import partitions, profile_from_dds, string_property, user_data
 from sfglab.messages import TypeNameError, ros_type_name
 from sfglab.qos import Durability, History, QoSProfile
 
@@ -50,7 +52,7 @@ if TYPE_CHECKING:
     import asyncio
     from collections.abc import Callable, Iterable, Iterator
 
-    from sfglab.bus.dds.participant import DdsParticipant
+    from sfglab.bus.dds.domain import DdsParticipant
     from sfglab.bus.endpoints import Sample
     from sfglab.bus.graph import Graph
 
@@ -75,11 +77,7 @@ Change = tuple[bytes, EndpointInfo | None]
 
 
 def gid_bytes(distro: str | None = None) -> int:
-    """Return the size of a GID in `ros_discovery_info`.
-
-    Args:
-        distro: Name of a ROS 2 distribution; None takes the environment's ROS_DISTRO.
-    """
+    """Return the size of a GID in `ros_discovery_info` of a ROS 2 distribution; None: of ROS_DISTRO's."""
     name = os.environ.get("ROS_DISTRO", "") if distro is None else distro
     return _SHORT_GID_BYTES if name in _SHORT_GID_DISTROS else _LONG_GID_BYTES
 
@@ -110,13 +108,7 @@ def info_type(size: int) -> type[Any]:
 
 
 def pack_nodes(participant: bytes, nodes: Iterable[NodeInfo], size: int) -> bytes:
-    """Return the message that lists a participant's nodes, as CDR.
-
-    Args:
-        participant: Its 16-byte GUID.
-        nodes: Its nodes.
-        size: Bytes of a GID.
-    """
+    """Return the message that lists the nodes of a participant, by its 16-byte GUID, as CDR."""
     listed = list(nodes)
     parts = [_ENCAPSULATION, participant.ljust(size, b"\0"), struct.pack("<I", len(listed))]
     for node in listed:
@@ -127,12 +119,7 @@ def pack_nodes(participant: bytes, nodes: Iterable[NodeInfo], size: int) -> byte
 
 
 def unpack_nodes(cdr: bytes, size: int) -> tuple[bytes, tuple[NodeInfo, ...]]:
-    """Return the participant's GUID and its nodes from a message in little-endian CDR.
-
-    Args:
-        cdr: The message; Cyclone DDS has checked that it is one.
-        size: Bytes of a GID.
-    """
+    """Return the participant's GUID and its nodes from a message in little-endian CDR."""
     cursor = _Cursor(cdr, size)
     participant = cursor.gid()
     nodes = tuple(
@@ -180,16 +167,10 @@ class _Cursor:
 
 
 class DiscoveryInfo:
-    """Keeps the ROS 2 graph told of a node and its endpoints, until the participant closes.
+    """Keeps the ROS 2 graph told of a node, by its full name, and its endpoints, until the participant closes.
 
     Endpoints are listed as the graph reports them, so none that anybody makes on the participant is forgotten.
     Those of shared memory are left out: nothing is ever written there.
-
-    Args:
-        participant: The node's participant.
-        graph: The node's graph.
-        name: The node's full name.
-        loop: The node's loop.
     """
 
     def __init__(
@@ -203,7 +184,11 @@ class DiscoveryInfo:
         self._size = gid_bytes()
         handle = participant.create_writer(INFO_TOPIC, info_type(self._size), _WRITER_QOS)
         self._writer = DdsWriter(
-            handle, INFO_TOPIC, type_="ParticipantEntitiesInfo", waitset=participant.waitset, on_matched=_ignore
+            handle,
+            INFO_TOPIC,
+            type_="ParticipantEntitiesInfo",
+            waitset=participant.waitset,
+            on_matched=lambda: None,
         )
         # Who reads it is nobody's business, and a large domain would ask for it again with every participant.
         participant.waitset.detach(handle)
@@ -241,28 +226,16 @@ class DiscoveryInfo:
         self._writer.write(pack_nodes(self._guid, [node], self._size))
 
 
-def _ignore() -> None:
-    """Take no notice of a change of the matching endpoints."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Origin:
-    host: str
-    node: str
-
-
 class Discovery:
     """Reports every endpoint of the domain that appears, changes or goes.
 
-    Args:
-        participant: Who looks; its end is the reports' end.
-        on_changes: Called with changes in their order, in the thread of the participant's waitset.
+    Changes come in their order, in the thread of the participant's waitset; its end is the reports' end.
     """
 
     def __init__(self, participant: DdsParticipant, on_changes: Callable[[list[Change]], None]) -> None:
         self._participant = participant
         self._on_changes = on_changes
-        self._origins: dict[bytes, _Origin] = {}
+        self._origins: dict[bytes, tuple[str, str]] = {}  # host and node of each participant
         lib, waitset = library(), participant.waitset
         self._participants: int = lib.dds_create_reader(participant.handle, BUILTIN_PARTICIPANT, None, None)
         waitset.attach_reader(self._participants, self._read_participants)
@@ -271,11 +244,7 @@ class Discovery:
             waitset.attach_reader(reader, self._endpoint_handler(reader, kind))
 
     def read_nodes(self, on_nodes: Callable[[bytes, tuple[NodeInfo, ...]], None]) -> None:
-        """Report from now on which nodes every participant has, its complete list at every change.
-
-        Args:
-            on_nodes: Called with a participant's GUID and its nodes, in the WaitSet thread.
-        """
+        """Report in the WaitSet thread every participant's complete list of nodes, at every change."""
         size = gid_bytes()
 
         def handle(samples: list[Sample]) -> None:
@@ -313,7 +282,7 @@ class Discovery:
                 continue
             known = entries(user_data(sample.qos))
             host = known.get(HOST_KEY) or string_property(sample.qos, "__Hostname")
-            self._origins[key] = _Origin(host, known.get(NODE_KEY, ""))
+            self._origins[key] = host, known.get(NODE_KEY, "")
 
     def _change(self, sample: Any, kind: EndpointKind, *, alive: bool) -> Change:
         gid = bytes(sample.key)
@@ -321,7 +290,7 @@ class Discovery:
 
     def _info(self, sample: Any, gid: bytes, kind: EndpointKind) -> EndpointInfo:
         participant = bytes(sample.participant_key)
-        origin = self._origins.get(participant, _Origin("", ""))
+        host, node = self._origins.get(participant, ("", ""))
         dds_topic = sample.topic_name.decode(errors="replace")
         return EndpointInfo(
             kind=kind,
@@ -331,8 +300,8 @@ class Discovery:
             qos=profile_from_dds(sample.qos),
             transport="shm" if SHM_PARTITION in partitions(sample.qos) else "dds",
             participant=participant,
-            host=origin.host,
-            node=origin.node,
+            host=host,
+            node=node,
             dds_topic=dds_topic,
             user_data=user_data(sample.qos),
         )

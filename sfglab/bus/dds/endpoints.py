@@ -30,13 +30,14 @@ from sfglab.bus.dds.clib import (
     error_text,
     library,
 )
-from sfglab.bus.errors import InvalidMessageError, PublishError
+from sfglab.bus.errors import PublishError, not_cdr_error
 from sfglab.messages import serialize
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus.dds.participant import WaitSetThread
+    from sfglab.bus.api import RawEndpoint
+    from sfglab.bus.dds.domain import WaitSetThread
     from sfglab.bus.endpoints import Sample
 
 CDR_HEADER_BYTES = 4
@@ -50,6 +51,17 @@ UNKNOWN_GID = bytes(16)
 """Stands for an endpoint that was gone before anybody could look."""
 
 
+def idl_type(endpoint: RawEndpoint) -> type[Any]:
+    """Return the Cyclone DDS type of a topic's samples.
+
+    Raises:
+        UnknownTypeError: There is no definition of its type.
+    """
+    from sfglab.messages.dds import idl_struct, service_half_idl_struct
+
+    return service_half_idl_struct(endpoint.type) if endpoint.is_service else idl_struct(endpoint.type)
+
+
 def sertype_of(entity: int) -> int | None:
     """Return what the samples of a writer are made with."""
     sertype = ct.c_void_p()
@@ -60,9 +72,7 @@ def sertype_of(entity: int) -> int | None:
 def serdata_from_bytes(sertype: int | None, data: Any) -> int | None:
     """Return a new sample, unstamped, whose one reference is the caller's; None when the bytes do not parse.
 
-    Args:
-        sertype: Of the writer that it is for.
-        data: `bytes` or a contiguous NumPy array of them: CDR with its 4-byte header.
+    It is for the writer of this sertype; data are `bytes` or a contiguous NumPy array of them.
     """
     size = len(data)
     if size < CDR_HEADER_BYTES:
@@ -112,14 +122,9 @@ def delete_writer(handle: int) -> None:
 
 
 class DdsWriter:
-    """Writes CDR to a topic.
+    """Writes CDR to a topic; ROS topic and type are for error messages.
 
-    Args:
-        handle: The C handle of the writer.
-        topic: The ROS topic, for error messages.
-        type_: The ROS type, for error messages.
-        waitset: The thread that waits for changes of the matching readers.
-        on_matched: Called, in that thread, after such a change.
+    In the WaitSet thread `on_matched` is called after a change of the matching readers.
     """
 
     def __init__(
@@ -138,22 +143,13 @@ class DdsWriter:
         waitset.attach(handle, self._update_matched)
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
-        """Send one serialized message.
-
-        Args:
-            cdr: The message with its 4-byte header; any contiguous buffer.
-            source_timestamp_ns: Unix time in nanoseconds; None is now.
-
-        Raises:
-            InvalidMessageError: The bytes are no message of the topic's type.
-            PublishError: Cyclone could not send.
-        """
+        """Send one serialized message; see `Publisher.publish_raw`."""
         data = cdr if isinstance(cdr, bytes) else np.frombuffer(cdr, np.uint8)
         serdata = serdata_from_bytes(self._sertype, data)
         if not serdata:
             size = len(data)
             reason = "shorter than its header" if size < CDR_HEADER_BYTES else "Cyclone DDS cannot parse them"
-            raise InvalidMessageError(self._topic, self._type, size_bytes=size, reason=reason)
+            raise not_cdr_error(self._topic, self._type, size_bytes=size, reason=reason)
         stamp(serdata, time.time_ns() if source_timestamp_ns is None else source_timestamp_ns)
         code = library().dds_forwardcdr(self.handle, serdata)  # consumes the reference, also on failure
         if code < 0:
@@ -164,11 +160,7 @@ class DdsWriter:
         self.write(serialize(message))
 
     def loan(self, size_bytes: int) -> NoReturn:
-        """Refuse: DDS has no memory to lend.
-
-        Raises:
-            TypeError: Always.
-        """
+        """Refuse by a TypeError: DDS has no memory to lend."""
         del size_bytes
         raise TypeError(f"topic {self._topic!r}: only a publisher with transport='shm' lends memory")
 
@@ -205,11 +197,7 @@ class DdsWriter:
 
 
 class Publishers:
-    """The GUIDs of a reader's matching publishers, by the handles that samples carry.
-
-    Args:
-        reader: The C handle of the reader.
-    """
+    """The GUIDs of a reader's matching publishers, by the handles that samples carry."""
 
     def __init__(self, reader: int) -> None:
         self._reader = reader
@@ -236,11 +224,8 @@ class Publishers:
 class DdsReader:
     """Takes CDR from a topic as it arrives.
 
-    Args:
-        handle: The C handle of the reader.
-        waitset: The thread that waits for samples and for changes of the matching writers.
-        on_samples: Called with what arrived, in that thread.
-        on_matched: Called, in that thread, after the matching writers changed.
+    In the WaitSet thread `on_samples` is called with what arrived, `on_matched` after the matching writers
+    changed.
     """
 
     def __init__(
@@ -302,9 +287,6 @@ class ShmAnnouncement:
 
     A real writer or reader of the topic, with its real type and QoS but in a partition of its own, where
     nothing is ever written: discovery, leases and the graph work as for every other endpoint.
-
-    Args:
-        handle: Its C handle.
     """
 
     def __init__(self, handle: int) -> None:
@@ -319,12 +301,9 @@ class ShmAnnouncement:
 
 
 def matched_gid(function: Any, entity: int, handle: int) -> bytes:
-    """Return the GUID of a matching endpoint, zeros when it has gone.
+    """Return the GUID of what matches a reader or writer, by its instance handle, zeros when it has gone.
 
-    Args:
-        function: `dds_get_matched_publication_data` or `dds_get_matched_subscription_data`.
-        entity: The reader or writer.
-        handle: The instance handle of what matches it.
+    The function is `dds_get_matched_publication_data` or `dds_get_matched_subscription_data`.
     """
     endpoint = function(entity, handle)
     if not endpoint:

@@ -14,7 +14,6 @@ from collections import deque
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.api import RawEndpoint
 from sfglab.bus.dds.clib import (
     ANY_STATE,
     RETCODE_ERROR,
@@ -31,6 +30,7 @@ from sfglab.bus.dds.endpoints import (
     Publishers,
     bytes_from_serdata,
     delete_writer,
+    idl_type,
     serdata_from_bytes,
     sertype_of,
     source_timestamp_ns,
@@ -44,14 +44,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus.api import RawEndpoint
-    from sfglab.bus.dds.participant import DdsParticipant, WaitSetThread
+    from sfglab.bus.dds.domain import DdsParticipant, WaitSetThread
 
 _log = logging.getLogger("sfglab.bus")
-
 
 MAX_BLOCKING_NS = 5_000_000
 """How long a KEEP_ALL writer may block on slow readers, nanoseconds: meanwhile no other topic is served."""
-_log = logging.getLogger("sfglab.bus")
 # Measured for 64 bytes at full speed: sent together they cost the router a third less system time.
 _PACKET_BYTES = 1024
 _BATCH = 64
@@ -60,21 +58,15 @@ _BATCH = 64
 _MAX_KEPT = 1024
 
 
-def wire_type(dds_topic: str, type_: str) -> type[Any]:
+def wire_type(endpoint: RawEndpoint) -> type[Any]:
     """Return the Cyclone DDS type of a topic's samples.
 
-    Args:
-        dds_topic: The topic on the wire; below "rq/" and "rr/" samples begin with the frame of a service.
-        type_: As `EndpointInfo.type` names it. One that is not known here is opaque: its samples pass as they
-            are, which is said once.
+    One that is not known here is opaque: its samples pass as they are, which is said once.
     """
-    from sfglab.messages.dds import idl_struct, service_half_idl_struct
-
-    service = dds_topic.startswith(("rq/", "rr/"))
     try:
-        return service_half_idl_struct(type_) if service else idl_struct(type_)
+        return idl_type(endpoint)
     except UnknownTypeError:
-        return _opaque(type_)
+        return _opaque(endpoint.type)
 
 
 @cache
@@ -93,10 +85,7 @@ def _opaque(type_: str) -> type[Any]:
 class DdsRawWriter:
     """A raw writer in the target's domain, which lives in the forwarder's thread.
 
-    Args:
-        handle: The C handle of the writer, which batches.
-        order: Has a function called in the forwarder's thread.
-        keeps_all: Whether it may block, because it must not lose what is not acknowledged yet.
+    Its C writer batches. One that keeps all may block, because it must not lose what is not acknowledged yet.
     """
 
     def __init__(self, handle: int, order: Callable[[Callable[[], None]], None], *, keeps_all: bool) -> None:
@@ -114,11 +103,7 @@ class DdsRawWriter:
         self._order(self._end)
 
     def hand_on(self, serdata: int, size: int) -> int:
-        """Send a sample, with its next packet or at once.
-
-        Args:
-            serdata: The sample; its reference passes over, unless it has to wait.
-            size: Its CDR's length in bytes.
+        """Send a sample, whose CDR has so many bytes, with its next packet or at once.
 
         Returns:
             0; or `RETCODE_TIMEOUT`, when slow readers have to catch up first: the sample is still the caller's;
@@ -159,12 +144,7 @@ class DdsRawWriter:
 
 
 class DdsForwarder:
-    """Forwards from one live node to another; made by `Node.open_forwarder`.
-
-    Args:
-        source: Where samples come from.
-        target: Where they go to.
-    """
+    """Forwards from one live node to another; made by `Node.open_forwarder`."""
 
     def __init__(self, source: DdsParticipant, target: DdsParticipant) -> None:
         self._source = source
@@ -178,7 +158,7 @@ class DdsForwarder:
         """Read a topic in the source's domain; until its sources are judged their samples are held."""
         handle = self._source.create_reader(
             endpoint.dds_topic,
-            wire_type(endpoint.dds_topic, endpoint.type),
+            wire_type(endpoint),
             endpoint.qos,
             user_data=endpoint.user_data,
             ignore_local=True,
@@ -193,7 +173,7 @@ class DdsForwarder:
         """Write to a topic in the target's domain."""
         handle = self._target.create_writer(
             endpoint.dds_topic,
-            wire_type(endpoint.dds_topic, endpoint.type),
+            wire_type(endpoint),
             endpoint.qos,
             user_data=endpoint.user_data,
             ignore_local=True,

@@ -1,8 +1,8 @@
-"""Fan-out of a publisher's messages: who is told about which, and who still holds it, without any sockets.
+"""Fan-out of a publisher's messages: slots, who is told of which, and who still holds it; without sockets.
 
-Pure: announcements in, announcements to send out. Each subscriber has credits, the slots it may hold at
-once; beyond them its newest announcements wait here, and the oldest of those give way. So a slow or stopped
-subscriber holds at most credits plus backlog, and delays nobody.
+Pure: announcements in, announcements to send out. Each slot is counted by its users. Each subscriber has
+credits, the slots it may hold at once; beyond them its newest announcements wait here, and the oldest of those
+give way. So a slow or stopped subscriber holds at most credits plus backlog, and delays nobody.
 """
 
 from __future__ import annotations
@@ -10,12 +10,85 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
-from sfglab.bus.shm.wire import RETURN_MAX, Announcement
+from sfglab.bus.shm.wire import DATA_OFFSET_BYTES, HEADER_BYTES, PAGE_BYTES, RETURN_MAX, Announcement
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from sfglab.bus.shm.memory import SlotPool
+
+# Sizes are rounded up to four steps per octave, so at most a fifth of a slot is unused.
+_STEPS_PER_OCTAVE = 4
+
+
+class SlotPool:
+    """Slots in an arena, each counted by its users; the arena's first page is not for slots."""
+
+    def __init__(self, arena_bytes: int) -> None:
+        self.arena_bytes = arena_bytes
+        self._end = HEADER_BYTES
+        self._free: dict[int, list[int]] = {}  # capacity -> offsets
+        self._capacity: dict[int, int] = {}  # offset -> capacity, of every slot ever made
+        self._users: dict[int, int] = {}  # offset -> count, of those in use
+
+    @property
+    def slots_in_use(self) -> int:
+        """How many slots somebody uses."""
+        return len(self._users)
+
+    def acquire(self, size: int) -> tuple[int, int] | None:
+        """Return a free slot with one user, into which so many bytes fit; None when the arena is full.
+
+        Returns:
+            Its offset, and the number of bytes that were added to the arena for it (0 for a used one).
+        """
+        capacity = slot_capacity(size)
+        if not self._users and self._end + capacity > self.arena_bytes:
+            self._forget()
+        offset = self._reused(capacity)
+        if offset is not None:
+            self._users[offset] = 1
+            return offset, 0
+        if self._end + capacity > self.arena_bytes:
+            return None
+        offset = self._end
+        self._end += capacity
+        self._capacity[offset] = capacity
+        self._users[offset] = 1
+        return offset, capacity
+
+    def retain(self, offset: int) -> None:
+        """Count one more user of a slot in use."""
+        self._users[offset] += 1
+
+    def release(self, offset: int) -> None:
+        """Count one user less; without users the slot is free."""
+        self._users[offset] -= 1
+        if self._users[offset] == 0:
+            del self._users[offset]
+            self._free.setdefault(self._capacity[offset], []).append(offset)
+
+    def _forget(self) -> None:
+        """Start anew: all slots are free, but the arena is cut into sizes that nobody asks for now."""
+        self._end = HEADER_BYTES
+        self._free.clear()
+        self._capacity.clear()
+
+    def _reused(self, capacity: int) -> int | None:
+        """Take a free slot of this capacity; when the arena is full, also a larger one."""
+        if self._free.get(capacity):
+            return self._free[capacity].pop()
+        if self._end + capacity <= self.arena_bytes:
+            return None
+        larger = min((c for c, offsets in self._free.items() if c > capacity and offsets), default=None)
+        return None if larger is None else self._free[larger].pop()
+
+
+def slot_capacity(size: int) -> int:
+    """Return the bytes a slot for `size` bytes of CDR takes: whole pages, four sizes per octave."""
+    pages = -(-(size + DATA_OFFSET_BYTES) // PAGE_BYTES)
+    step = max(1, (1 << (pages.bit_length() - 1)) // _STEPS_PER_OCTAVE)
+    return -(-pages // step) * step * PAGE_BYTES
+
 
 MAX_CREDITS = 64
 """The most slots one subscriber may hold; all their datagrams fit into a socket's default buffer."""
@@ -48,9 +121,7 @@ class _Peer:
 class Fanout:
     """The subscribers of one publisher, by any key.
 
-    Args:
-        pool: Where the slots are counted.
-        history: How many of the newest messages late joiners may get; 0 is none, None all that fit.
+    Late joiners may get so many of the newest messages as the history says; 0 is none, None all that fit.
     """
 
     def __init__(self, pool: SlotPool, history: int | None) -> None:
@@ -132,11 +203,7 @@ class Fanout:
         self._release(self._leaving.pop(key, ()))
 
     def shed(self) -> bool:
-        """Make room: drop the oldest announcement of the longest backlog or, without any, of the history.
-
-        Returns:
-            Whether there was something to drop.
-        """
+        """Drop the oldest announcement of the longest backlog, else of the history; False: there is none."""
         longest = max(self._peers.values(), key=lambda peer: len(peer.backlog), default=None)
         if longest is not None and longest.backlog:
             self._pool.release(longest.backlog.popleft().offset)

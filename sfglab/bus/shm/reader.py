@@ -23,10 +23,10 @@ from sfglab.bus.api import (
 )
 from sfglab.bus.errors import BusError
 from sfglab.bus.shm.fanout import credits_of, returns_of
-from sfglab.bus.shm.memory import ArenaMap
 from sfglab.bus.shm.wire import (
     ANNOUNCE_BYTES,
     RETURN_MAX,
+    ArenaMap,
     Hello,
     ProtocolError,
     connect,
@@ -123,17 +123,7 @@ class _Link:
 
 
 class ShmReader:
-    """Connects to every matching publisher of this host and hands its messages to an inbox.
-
-    Lives on the node's loop.
-
-    Args:
-        bridge: The node's loop.
-        endpoint: Topic, type and requested QoS.
-        announce: Shows it in the graph.
-        inbox: Where messages go.
-        notify: Called when publishers come or go.
-    """
+    """Connects to every matching publisher of this host, on the node's loop, and feeds an inbox."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Sockets and datagrams between a shared-memory publisher and its subscribers, and their checks.
+"""Wire between a shared-memory publisher and its subscribers: sockets, datagrams, memory files, their checks.
 
 All numbers are little-endian; each datagram is one SOCK_SEQPACKET message. Sockets have names in the abstract
 namespace: one for each network namespace, and gone with their process.
@@ -13,15 +13,20 @@ subscriber -> publisher   RETURN   offset, offset, ...                    when l
 
 from __future__ import annotations
 
+import fcntl
+import mmap
 import os
 import socket
 import struct
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from sfglab.bus.errors import BusError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
 
 PAGE_BYTES = 4096
 HEADER_BYTES = PAGE_BYTES
@@ -113,10 +118,6 @@ def pack_announcement(announcement: Announcement) -> bytes:
 def unpack_announcement(datagram: bytes, arena_bytes: int) -> tuple[int, int, int, int]:
     """Return what an ANNOUNCE says, in the order of `Announcement`; it is inside the memory file for certain.
 
-    Args:
-        datagram: What arrived.
-        arena_bytes: The size of the mapped memory file.
-
     Raises:
         ProtocolError: It is none, or points outside.
     """
@@ -178,3 +179,79 @@ def same_user(sock: socket.socket) -> bool:
     """Return whether the peer runs as the same user as this process, or as root."""
     _, uid, _ = _UCRED.unpack(sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED.size))
     return uid in {os.geteuid(), 0}
+
+
+# --- Memory files ---------------------------------------------------------------------------------------------
+
+# linux/fcntl.h; the fcntl module lacks these in some builds.
+_F_ADD_SEALS, _F_GET_SEALS = 1033, 1034
+_F_SEAL_SEAL, _F_SEAL_SHRINK, _F_SEAL_GROW = 1, 2, 4
+
+
+class OwnArena:
+    """An anonymous memory file of fixed, sparse size: memory is only taken where it is written.
+
+    Sealed against shrinking, so that no peer can make another one read behind its end (SIGBUS). The name is
+    what /proc shows.
+    """
+
+    def __init__(self, size_bytes: int, name: str) -> None:
+        self.size_bytes = size_bytes
+        self._fd = os.memfd_create(name, os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+        try:
+            os.ftruncate(self._fd, size_bytes)
+            fcntl.fcntl(self._fd, _F_ADD_SEALS, _F_SEAL_SHRINK | _F_SEAL_GROW | _F_SEAL_SEAL)
+            # Opened again, because a descriptor passed on carries the access mode it was opened with.
+            self.reader_fd = os.open(f"/proc/self/fd/{self._fd}", os.O_RDONLY | os.O_CLOEXEC)
+            self._map = mmap.mmap(self._fd, size_bytes)
+        except BaseException:
+            os.close(self._fd)
+            raise
+        self._latest = np.frombuffer(self._map, np.uint64, 1)
+        self._bytes = memoryview(self._map)
+
+    def reserve(self, offset: int, size: int) -> None:
+        """Take memory for a new slot now, as an error is better than a fault while writing.
+
+        Raises:
+            OSError: The host or the container has not so much.
+        """
+        os.posix_fallocate(self._fd, offset, size)
+
+    def view(self, offset: int, size: int) -> memoryview:
+        """Return the writable memory of `size` bytes of CDR in the slot at `offset`."""
+        start = offset + DATA_OFFSET_BYTES
+        return self._bytes[start : start + size]
+
+    def set_latest(self, sequence: int) -> None:
+        """Tell every subscriber, without a system call, which message is the newest."""
+        self._latest[0] = sequence
+
+    def close(self) -> None:
+        """Give the memory back, as far as no subscriber maps it; views that were lent stay valid."""
+        os.close(self.reader_fd)
+        os.close(self._fd)
+        del self._latest, self._bytes, self._map
+
+
+class ArenaMap:
+    """A subscriber's view of a publisher's memory file; it keeps a descriptor of its own.
+
+    Raises:
+        BusError: The file could be truncated by a peer, or is too small to be an arena.
+    """
+
+    def __init__(self, fd: int) -> None:
+        self.size_bytes = os.fstat(fd).st_size
+        seals = fcntl.fcntl(fd, _F_GET_SEALS)
+        if not seals & _F_SEAL_SHRINK or self.size_bytes < HEADER_BYTES:
+            raise BusError("shared memory: the received file is no sealed memory file of a publisher")
+        memory = mmap.mmap(fd, self.size_bytes, flags=mmap.MAP_SHARED, prot=mmap.PROT_READ)
+        self._all: Any = np.frombuffer(memory, np.uint8)
+        #: One item, the newest sequence number, as the publisher keeps it up to date.
+        self.latest = memoryview(memory)[:8].cast("Q")
+
+    def slice(self, offset: int, size: int) -> Any:
+        """Return the read-only bytes of a message as an array that all views of it keep alive."""
+        start = offset + DATA_OFFSET_BYTES
+        return self._all[start : start + size]

@@ -10,14 +10,14 @@ from functools import partial
 from socket import send_fds, socket
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.errors import MessageTooLargeError, PublishError
-from sfglab.bus.shm.fanout import Fanout
-from sfglab.bus.shm.memory import OwnArena, SlotPool, slot_capacity
+from sfglab.bus.errors import PublishError, check_size
+from sfglab.bus.shm.fanout import Fanout, SlotPool, slot_capacity
 from sfglab.bus.shm.wire import (
     HEADER_BYTES,
     HELLO_BYTES,
     RETURN_BYTES,
     Announcement,
+    OwnArena,
     ProtocolError,
     listen,
     pack_announcement,
@@ -47,14 +47,8 @@ _ENOSPC = 28
 class ShmWriter:
     """Writes messages into shared memory and tells subscribers of this host where they are.
 
-    Lives on the node's loop; only there may it be used.
-
-    Args:
-        bridge: The node's loop.
-        endpoint: Topic, type and offered QoS, and the limit of one message's CDR.
-        address: Name of the socket that subscribers connect to.
-        announce: Shows it in the graph.
-        notify: Called when subscribers come or go.
+    Lives on the node's loop; only there may it be used. Subscribers connect to the socket whose name is the
+    address; `announce` shows it in the graph.
     """
 
     def __init__(
@@ -95,12 +89,7 @@ class ShmWriter:
         return frozenset()
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
-        """Copy serialized bytes into shared memory and announce them.
-
-        Raises:
-            MessageTooLargeError: They exceed the publisher's limit.
-            PublishError: There is no memory for them.
-        """
+        """Copy serialized bytes into shared memory and announce them; see `Publisher.publish_raw`."""
         data = memoryview(cdr).cast("B")
         if self._wanted(len(data)):
             offset = self._acquire(len(data))
@@ -117,7 +106,7 @@ class ShmWriter:
     @contextmanager
     def loan(self, size_bytes: int) -> Iterator[memoryview]:
         """Lend the memory of the next message; see `Publisher.loan`."""
-        self._check_size(size_bytes)
+        check_size(self._topic, size_bytes, self._limit_bytes)
         offset = self._acquire(size_bytes)
         try:
             yield self._arena.view(offset, size_bytes)
@@ -146,15 +135,11 @@ class ShmWriter:
         self._arena.close()
 
     def _wanted(self, size: int) -> bool:
-        self._check_size(size)
+        check_size(self._topic, size, self._limit_bytes)
         self._collect()
         if self._fanout.idle:
             self._sequence += 1
         return not self._fanout.idle
-
-    def _check_size(self, size: int) -> None:
-        if size > self._limit_bytes:
-            raise MessageTooLargeError(self._topic, size_bytes=size, limit_bytes=self._limit_bytes)
 
     def _acquire(self, size: int) -> int:
         while (slot := self._pool.acquire(size)) is None:

@@ -26,30 +26,19 @@ packets take on a link of limited rate; collisions and retries of a shared mediu
 from __future__ import annotations
 
 from sfglab.bus.sim.backend import SimNode
-from sfglab.bus.sim.loop import (
-    START_NS,
-    DeadlockError,
-    NotSimulatedError,
-    TimeLimitError,
-    WorldError,
-)
-from sfglab.bus.sim.settings import Costs, LinkModel, Timing, TraceDigest
+from sfglab.bus.sim.loop import DeadlockError, TimeLimitError
+from sfglab.bus.sim.settings import Costs, LinkModel
 from sfglab.bus.sim.wire import HostTraffic, KindBytes
 from sfglab.bus.sim.world import World, run_simulated
 
 __all__ = [
-    "START_NS",
     "Costs",
     "DeadlockError",
     "HostTraffic",
     "KindBytes",
     "LinkModel",
-    "NotSimulatedError",
     "SimNode",
     "TimeLimitError",
-    "Timing",
-    "TraceDigest",
     "World",
-    "WorldError",
     "run_simulated",
 ]

@@ -41,12 +41,10 @@ _DATA, _ACKS, _DISCOVERY, _DISCOVERY_ACKS = Load.DATA, Load.ACKS, Load.DISCOVERY
 
 
 class Accounts:
-    """What a domain's participants send and receive.
+    """What a domain's participants send and receive; of a loopback interface nothing is accounted.
 
-    Args:
-        domain: Whose they are; of one that is a loopback interface nothing is accounted.
-        network: All hosts; a multicast packet reaches them all, whether they listen or not.
-        multicast: Whether announcements and samples go by multicast; False is Cyclone's AllowMulticast=spdp.
+    A multicast packet reaches all hosts of the network, whether they listen or not; without multicast,
+    announcements and samples go as with Cyclone's AllowMulticast=spdp.
     """
 
     def __init__(self, domain: Domain, network: dict[str, Host], *, multicast: bool) -> None:
@@ -141,13 +139,7 @@ class Accounts:
             _unicast(reader.host, writer.host, _ACKS, back)
 
     def sample(self, sender: Participant, targets: dict[Participant, None], size: int) -> None:
-        """Account a sample.
-
-        Args:
-            sender: Whose writer it is.
-            targets: The participants with matching readers, on other hosts.
-            size: Its size in frames.
-        """
+        """Account a sample, by its size in frames, for the participants with readers on other hosts."""
         if self._multicast and len(targets) > 1:
             self._to_all_hosts(sender.host, _DATA, size)
             return

@@ -31,11 +31,7 @@ _OVERHEAD_BYTES = 1000
 
 
 class SimClock(Clock):
-    """The time of a simulated world.
-
-    Args:
-        loop: The world's loop.
-    """
+    """The time of a simulated world."""
 
     def __init__(self, loop: VirtualLoop) -> None:
         self._loop = loop
@@ -46,11 +42,7 @@ class SimClock(Clock):
 
 
 class SharedDecoder:
-    """CDR to messages of one type: decoded once, equal bytes give the same object while it is remembered.
-
-    Args:
-        type_: The ROS type.
-    """
+    """CDR to messages of one type: decoded once, equal bytes give the same object while it is remembered."""
 
     def __init__(self, type_: str) -> None:
         self._decode: Callable[[bytes], Any] = decoder(type_)
@@ -89,10 +81,6 @@ class SimGraph(Graph):
 
     Answers questions from the domain's indices and the node's view, and becomes a listener of every event only
     while somebody listens to all of them: thousands of nodes that watch a few topics cost what these cost.
-
-    Args:
-        participant: Whose view it is.
-        discovery: Of its domain.
     """
 
     def __init__(self, participant: Participant, discovery: Discovery) -> None:
@@ -194,14 +182,7 @@ class SimGraph(Graph):
 
 
 class SimBackend(Backend):
-    """A participant of a simulated domain.
-
-    Args:
-        participant: The node's place in its domain, which it has joined.
-        discovery: Of the domain.
-        fabric: Of the world.
-        on_error: Told about exceptions in callbacks; None logs them.
-    """
+    """A participant of a simulated domain, which it has joined."""
 
     kind = "simulated"
 

@@ -24,12 +24,7 @@ _LOOK_AGAIN_NS = NS_PER_S
 
 
 class Watch:
-    """Tells a listener of the endpoints of one kind on one topic.
-
-    Args:
-        participant: Whose view counts.
-        tell: The listener.
-    """
+    """Tells a listener of the endpoints of one kind on one topic, in a participant's view."""
 
     def __init__(self, participant: Participant, tell: Listener) -> None:
         self.participant = participant
@@ -55,14 +50,7 @@ class Watch:
 
 
 class Discovery:
-    """What makes the participants of a domain, and their endpoints, known to each other.
-
-    Args:
-        domain: Whose they are.
-        accounts: What it costs on the wire.
-        views: Who knows what.
-        network: How long news take at most.
-    """
+    """What makes the participants of a domain, and their endpoints, known to each other."""
 
     def __init__(self, domain: Domain, accounts: Accounts, views: Views, network: Network) -> None:
         self.domain = domain
@@ -75,7 +63,6 @@ class Discovery:
     def join(self, participant: Participant) -> None:
         """Let a participant in."""
         participant.born_ns = participant.ticked_ns = self._loop.now_ns
-        participant.crowd_ns = self.domain.crowd.spent_ns
         self._note("join", participant)
         self.accounts.joined(participant)
         self.domain.members[participant] = None

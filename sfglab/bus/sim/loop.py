@@ -29,11 +29,7 @@ NEVER_NS = 2**62
 _Event = tuple[int, int, "Callable[..., None]", tuple[Any, ...]]
 
 
-class SimulationError(BusError, RuntimeError):
-    """The root of what can go wrong only in a simulation."""
-
-
-class DeadlockError(SimulationError):
+class DeadlockError(BusError, RuntimeError):
     """Everybody waits and nothing is scheduled, so nothing will ever happen again."""
 
     def __init__(self, time_s: float, tasks: Iterable[asyncio.Task[object]]) -> None:
@@ -44,23 +40,12 @@ class DeadlockError(SimulationError):
         )
 
 
-class TimeLimitError(SimulationError, TimeoutError):
+class TimeLimitError(BusError, TimeoutError):
     """The simulation was not done at its virtual time limit."""
 
     def __init__(self, limit_s: float, tasks: Iterable[asyncio.Task[object]]) -> None:
         waiting = "; ".join(_places(tasks))
         super().__init__(f"not done after {limit_s:g} s of virtual time; waiting are {waiting}")
-
-
-class NotSimulatedError(SimulationError, NotImplementedError):
-    """Something that a simulated world does not have."""
-
-    def __init__(self, what: str) -> None:
-        super().__init__(f"{what} does not exist in a simulated world: it would not be reproducible")
-
-
-class WorldError(SimulationError, ValueError):
-    """A world, host or link that cannot be as asked."""
 
 
 def _places(tasks: Iterable[asyncio.Task[object]]) -> tuple[str, ...]:
@@ -77,11 +62,7 @@ def _place(coroutine: Any) -> str:
 
 
 class VirtualLoop(asyncio.BaseEventLoop):
-    """Runs coroutines in virtual time; `time` starts at 0 and counts seconds.
-
-    Args:
-        limit_s: The virtual time at which the run is given up; None is never.
-    """
+    """Runs coroutines in virtual time, up to a limit if there is one; `time` starts at 0 and counts seconds."""
 
     def __init__(self, limit_s: float | None = None) -> None:
         super().__init__()
@@ -113,8 +94,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
     def select(self, timeout_s: float | None) -> list[_Event]:
         """Advance the clock to the next instant at which something happens; return the events due then.
 
-        Args:
-            timeout_s: How long `asyncio` would wait: 0 when callbacks are ready, None for ever.
+        The time-out is how long `asyncio` would wait: 0 when callbacks are ready, None for ever.
         """
         schedule = self._schedule
         if timeout_s is None and not schedule:
@@ -153,12 +133,9 @@ class VirtualLoop(asyncio.BaseEventLoop):
         raise TimeLimitError(limit_s, asyncio.all_tasks(self))
 
     def run_in_executor(self, *_arguments: Any) -> NoReturn:  # type: ignore[override]
-        """Refuse: a thread's work would take no virtual time and could not wake the loop.
-
-        Raises:
-            NotSimulatedError: Always.
-        """
-        raise NotSimulatedError("a thread (run_in_executor, to_thread)")
+        """Refuse by a BusError: a thread's work would take no virtual time and could not wake the loop."""
+        what = "a thread (run_in_executor, to_thread)"
+        raise BusError(f"{what} does not exist in a simulated world: it would not be reproducible")
 
     def _write_to_self(self) -> None:
         """Do nothing: the loop never sleeps."""

@@ -24,12 +24,7 @@ Item = tuple[int, bytes, int]
 
 
 class Environment:
-    """What all parts of one world share: its loop, its durations, its trace and its numbers.
-
-    Args:
-        loop: Whose time it is.
-        clockwork: How long what takes.
-    """
+    """What all parts of one world share: its loop, its durations, its trace and its numbers."""
 
     def __init__(self, loop: VirtualLoop, clockwork: Clockwork) -> None:
         self.loop = loop
@@ -96,12 +91,10 @@ class Process:
     """What does one thing after the other."""
 
     free_ns: int = 0  #: When it is done with all that it has heard so far.
-    spent_ns: int = 0  #: What it has spent in all.
 
     def occupy(self, now_ns: int, cost_ns: int) -> None:
         """Let it spend time on something that it hears now, behind what it has heard before."""
         self.free_ns = max(self.free_ns, now_ns) + cost_ns
-        self.spent_ns += cost_ns
 
 
 @dataclass(eq=False, slots=True)
@@ -124,7 +117,6 @@ class Participant:
     crashed_ns: int | None = None  #: When it fell silent without a word; None otherwise.
     left_ns: int | None = None  #: When it left; None otherwise.
     last_sent_ns: int = 0  #: When it last sent a sample, as a sign of life.
-    crowd_ns: int = 0  #: What the domain's announcements had cost everybody when it joined.
     ticked_ns: int = 0  #: Until when its periodic announcements are accounted.
     #: Until when a heartbeat of its built-in writers covers what is new: of readers, of writers.
     heartbeat_until_ns: list[int] = field(default_factory=lambda: [0, 0])
@@ -235,11 +227,7 @@ class Domain:
 class Endpoint:
     """A writer or reader of one topic: whom it matches, and how the others hear of it.
 
-    Args:
-        participant: Whose it is.
-        info: What the others are shown.
-        notify: Called when what matches has changed.
-        ignores_own: Whether it matches nothing of its own participant.
+    `notify` is called when what matches has changed; with `ignores_own` nothing of its own participant does.
     """
 
     __slots__ = (

@@ -24,9 +24,7 @@ _FRAME_HEADER = slice(4, 20)
 class Reader(Endpoint):
     """Takes samples from the writers that it knows, in the order of each, and counts what was lost on the way.
 
-    Args:
-        options: As for `Endpoint`.
-        push: Given each sample.
+    Options are those of `Endpoint`; `push` is given each sample.
     """
 
     __slots__ = ("_early", "_push", "lost")
@@ -93,11 +91,7 @@ class _Entry:
 class Channel:
     """The way of one writer's samples to one participant on another host, in their order.
 
-    Args:
-        writer: Where samples come from.
-        target: Where they go to.
-        accounts: Of the domain.
-        reliable: Whether what is lost is repeated, for as long as the writer's history holds it.
+    What a reliable one loses is repeated, for as long as the writer's history holds it.
     """
 
     def __init__(self, writer: Endpoint, target: Participant, accounts: Accounts, *, reliable: bool) -> None:
@@ -149,13 +143,7 @@ class Channel:
 
 
 class Network:
-    """Delivers samples.
-
-    Args:
-        loop: Whose time it is.
-        clockwork: How long what takes.
-        random: Decides what is lost and what is late.
-    """
+    """Delivers samples; chance decides what is lost and what is late."""
 
     def __init__(self, loop: VirtualLoop, clockwork: Clockwork, random: Random) -> None:
         self.varies = False  #: Whether two packets may fare differently, so that each has to be looked at.

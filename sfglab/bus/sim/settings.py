@@ -5,12 +5,11 @@ Knows times, rates and probabilities. Refuses to know events: `world` makes them
 
 from __future__ import annotations
 
-import hashlib
-import struct
 from dataclasses import dataclass
 from typing import Self
 
-from sfglab.bus.sim.loop import WorldError
+from sfglab.errors import InvalidValueError
+from sfglab.fields import between, check_bounds
 from sfglab.units import NS_PER_S
 
 
@@ -18,22 +17,19 @@ from sfglab.units import NS_PER_S
 class LinkModel:
     """One host's link to the network, equal in both directions; between two hosts lie two of them."""
 
-    latency_s: float = 50e-6  #: How long a packet takes to cross the link, seconds.
+    latency_s: float = between(50e-6)  #: How long a packet takes to cross the link, seconds.
     #: What may come on top: drawn for each packet and link, evenly from 0 to this, seconds. Packets of one
     #: publisher stay in order, as on one path.
-    jitter_s: float = 0.0
-    loss: float = 0.0  #: Probability with which a packet is lost, drawn for each packet and link.
+    jitter_s: float = between(0.0)
+    #: Probability with which a packet is lost, drawn for each packet and link.
+    loss: float = between(0.0, 0, 1, without=(1,))
     #: Rate of Ethernet frames, bit/s; what is sent faster waits in a queue without end. None is unlimited.
     rate_bps: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("latency_s", "jitter_s"):
-            if not getattr(self, name) >= 0:
-                raise WorldError(f"link {name}: given {getattr(self, name)}, allowed are 0 s and more")
-        if not 0 <= self.loss < 1:
-            raise WorldError(f"link loss: given {self.loss}, allowed is a probability from 0 to below 1")
+        check_bounds(self)
         if self.rate_bps is not None and not self.rate_bps > 0:
-            raise WorldError(f"link rate_bps: given {self.rate_bps}, allowed are rates above 0, or None")
+            raise InvalidValueError("rate_bps", self.rate_bps, "rates above 0, or None")
 
     @property
     def varies(self) -> bool:
@@ -68,15 +64,14 @@ class Costs:
     Zero by default: then processing takes no time, and times are those of network and protocol alone.
     """
 
-    start_s: float = 0.0  #: From its start until it hears anything, seconds.
-    message_s: float = 0.0  #: For each message that one of its readers takes, seconds.
-    endpoint_s: float = 0.0  #: For each endpoint that it makes or ends, seconds.
-    announcement_s: float = 0.0  #: For each endpoint of its domains that is announced or retracted, seconds.
+    start_s: float = between(0.0)  #: From its start until it hears anything, seconds.
+    message_s: float = between(0.0)  #: For each message that one of its readers takes, seconds.
+    endpoint_s: float = between(0.0)  #: For each endpoint that it makes or ends, seconds.
+    #: For each endpoint of its domains that is announced or retracted, seconds.
+    announcement_s: float = between(0.0)
 
     def __post_init__(self) -> None:
-        for name in ("start_s", "message_s", "endpoint_s", "announcement_s"):
-            if not getattr(self, name) >= 0:
-                raise WorldError(f"costs {name}: given {getattr(self, name)}, allowed are 0 s and more")
+        check_bounds(self)
 
 
 def ns_from_s(duration_s: float) -> int:
@@ -128,21 +123,3 @@ class TraceEvent:
     what: str  #: "join", "leave", "crash", "open", "close", "send", "take", "part" or "heal".
     gid: bytes  #: Of the endpoint or participant; empty for what happens to the network.
     data: bytes  #: The sample's CDR, the topic of what is opened, the name of who joins.
-
-
-class TraceDigest:
-    """Hashes events as they happen."""
-
-    def __init__(self) -> None:
-        self.count = 0  #: How many there were.
-        self._hash = hashlib.blake2b(digest_size=16)
-
-    def __call__(self, event: TraceEvent) -> None:
-        """Take one event."""
-        self.count += 1
-        for part in (event.what.encode(), event.gid, event.data):
-            self._hash.update(struct.pack("<qI", event.time_ns, len(part)) + part)
-
-    def hexdigest(self) -> str:
-        """Return the digest of all events so far."""
-        return self._hash.hexdigest()

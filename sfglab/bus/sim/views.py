@@ -33,12 +33,9 @@ class Gap:
 
 
 def known_spans(learnt_ns: int, forgotten_ns: int, gaps: list[Gap]) -> list[tuple[int, int]]:
-    """Return from when until when an endpoint is known.
+    """Return from when until when an endpoint is known, given the same without gaps, which are in order.
 
-    Args:
-        learnt_ns: When its announcement arrives, without gaps.
-        forgotten_ns: When its retraction arrives, or its participant's lease runs out, without gaps.
-        gaps: In the order of time, apart from each other.
+    It is learnt when its announcement arrives, forgotten when its retraction does or its lease runs out.
     """
     spans = []
     start, end = learnt_ns, forgotten_ns
@@ -56,13 +53,7 @@ def known_spans(learnt_ns: int, forgotten_ns: int, gaps: list[Gap]) -> list[tupl
 
 
 class Views:
-    """The views of all participants of a world.
-
-    Args:
-        loop: Whose time it is.
-        clockwork: How long what takes.
-        seed: Decides which announcements are lost.
-    """
+    """The views of all participants of a world; the seed decides which announcements are lost."""
 
     def __init__(self, loop: VirtualLoop, clockwork: Clockwork, seed: int) -> None:
         self.partitions: list[Partition] = []  #: Those of the network so far.

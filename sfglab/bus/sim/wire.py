@@ -111,12 +111,7 @@ HELLO_ROUND_ACKS_BYTES = _frames(_RTPS + _INFO_DST + 3 * _ACKNACK)
 
 
 def data_bytes(cdr_bytes: int, *, reliable: bool) -> int:
-    """Return the size of a sample; a reliable one carries a heartbeat.
-
-    Args:
-        cdr_bytes: The CDR, its 4-byte header included.
-        reliable: The writer's reliability.
-    """
+    """Return the size of a sample with so much CDR, header included; a reliable one carries a heartbeat."""
     tail = _HEARTBEAT if reliable else 0
     whole = _RTPS + _INFO_TS + _DATA + cdr_bytes + -cdr_bytes % 4 + tail
     if whole <= _MAX_MESSAGE:
@@ -141,8 +136,7 @@ def announcement_bytes(submessage: int) -> int:
 def retold_bytes(submessages: list[int]) -> int:
     """Return the size of the announcements that a participant repeats to a newcomer, packed together.
 
-    Args:
-        submessages: The sizes of their DATA submessages; see `submessage_bytes`.
+    Given are the sizes of their DATA submessages; see `submessage_bytes`.
     """
     room = _SEDP_PACKET - _RTPS - _INFO_DST - _HEARTBEAT
     total = packed = 0
@@ -162,9 +156,6 @@ def presentation_bytes(user_data: bytes) -> int:
 
 def acquaintance_bytes(user_data: bytes) -> tuple[int, int, int]:
     """Return what a newcomer and one participant that it meets exchange, apart from announcements.
-
-    Args:
-        user_data: The participant's.
 
     Returns:
         What the newcomer multicasts, once for all; what the participant sends to it; what it sends to the

@@ -8,20 +8,21 @@ from __future__ import annotations
 
 import asyncio
 from random import Random
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack, get_args
+from typing import TYPE_CHECKING, Literal, TypedDict, TypeVar, Unpack, get_args
 
 from sfglab.bus.api import HOST_KEY, NODE_KEY, user_data
 from sfglab.bus.dds.domain import DomainConfig
+from sfglab.bus.errors import BusError
 from sfglab.bus.sim.accounts import Accounts
 from sfglab.bus.sim.backend import Fabric, SimBackend, SimNode
 from sfglab.bus.sim.discovery import Discovery
-from sfglab.bus.sim.loop import VirtualLoop, WorldError
+from sfglab.bus.sim.loop import VirtualLoop
 from sfglab.bus.sim.model import Domain, Environment, Host, Participant, Partition, Process, new_host
 from sfglab.bus.sim.network import Network, Services
 from sfglab.bus.sim.settings import Clockwork, Costs, LinkModel, Timing, TraceEvent, ns_from_s
 from sfglab.bus.sim.views import Views
 from sfglab.bus.sim.wire import HostTraffic, KindBytes
-from sfglab.units import NS_PER_S
+from sfglab.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -80,7 +81,7 @@ class World(Environment):
     ) -> None:
         loop = asyncio.get_running_loop()
         if not isinstance(loop, VirtualLoop):
-            raise WorldError("a world needs virtual time: use it inside run_simulated")
+            raise BusError("a world needs virtual time: use it inside run_simulated")
         super().__init__(loop, Clockwork.of(timing or Timing(), costs or Costs()))
         self.seed = seed
         self.random = Random(seed)  #: Draws what is left to chance; components may draw from it too.
@@ -95,12 +96,7 @@ class World(Environment):
         self._nodes: dict[SimNode, None] = {}
 
     def host(self, name: str, link: LinkModel | None = None) -> Host:
-        """Return a host, made if there is none of that name yet.
-
-        Args:
-            name: What it is called.
-            link: Its link; None keeps the one it has, or takes the world's.
-        """
+        """Return a host, made if there is none yet; without a link it keeps its own, or has the world's."""
         host = self.hosts.get(name)
         if host is None:
             self._settle()  # what was sent so far did not reach it
@@ -119,21 +115,16 @@ class World(Environment):
         reach: Reach = "network",
         **options: Unpack[NodeOptions],
     ) -> SimNode:
-        """Return a started node; it is a participant of its own.
+        """Return a started node on a host, which is made if there is none of that name yet.
 
-        Args:
-            name: The node's name.
-            host: Where it runs; made if there is none of that name yet.
-            domain_id: Its DDS domain, 0 to 232.
-            reach: Whether the domain is that of the network, or one on the host's loopback interface only.
-            options: See `NodeOptions`.
+        Its domain, 0 to 232, is that of the network, or by its reach one on the host's loopback interface only.
 
         Raises:
             DomainError: There can be no such domain.
-            WorldError: There is no such reach.
+            InvalidValueError: There is no such reach.
         """
         if reach not in get_args(Reach):
-            raise WorldError(f"node {name!r}: reach: given {reach!r}, allowed are {', '.join(get_args(Reach))}")
+            raise InvalidValueError(f"node {name!r}: reach", reach, ", ".join(get_args(Reach)))
         config = DomainConfig(domain_id=domain_id, lease_s=options.get("lease_s", 10.0))
         where = self.host(host)
         discovery = self._domain(domain_id, None if reach == "network" else where)
@@ -149,20 +140,6 @@ class World(Environment):
         self._nodes[node] = None
         return node
 
-    def opener(self, host: str) -> Callable[..., SimNode]:
-        """Return what makes nodes on a host from the arguments of a live node.
-
-        Its `interface` decides the reach: "lo" is the host's own, any other is the network. What a simulated
-        node does not know (`multicast`, `external_domain_id`) is left out.
-        """
-
-        def open_node(name: str, *, interface: str | None = None, **options: Any) -> SimNode:
-            for unknown in ("multicast", "external_domain_id"):
-                options.pop(unknown, None)
-            return self.node(name, host=host, reach="host" if interface == "lo" else "network", **options)
-
-        return open_node
-
     def set_link(self, host: str, link: LinkModel) -> None:
         """Change a host's link for what is sent from now on; discovery goes by the link at the node's start."""
         self.host(host).set_link(link)
@@ -173,16 +150,17 @@ class World(Environment):
         """Cut the network into groups of hosts that do not hear each other; those not named are one more.
 
         Raises:
-            WorldError: It is cut already, or a host is named twice.
+            BusError: It is cut already.
+            InvalidValueError: A host is named twice.
         """
         partitions = self._views.partitions
         if partitions and partitions[-1].lasts:
-            raise WorldError("partition: the network is cut already; heal it first")
+            raise BusError("partition: the network is cut already; heal it first")
         sides: dict[Host, int] = {}
         for number, group in enumerate(groups, start=1):
             for name in sorted(group):
                 if self.host(name) in sides:
-                    raise WorldError(f"partition: host {name!r} is in two groups, allowed is one")
+                    raise InvalidValueError("partition: a host in two groups", name, "one group for each")
                 sides[self.host(name)] = number
         self._settle()
         self._set_sides(sides)
@@ -223,17 +201,6 @@ class World(Environment):
         """Return how many endpoints a domain of the network has now, and how many it has had so far."""
         domain = self._domain(domain_id, None).domain
         return sum(len(t.writers) + len(t.readers) for t in domain.topics.values()), domain.announced
-
-    def spent_s(self, host: str) -> float:
-        """Return what a host's processes have spent so far by `Costs`, in seconds of one core."""
-        own_ns = sum(process.spent_ns for (where, _), process in self._processes.items() if where.name == host)
-        crowds_ns = sum(
-            member.domain.crowd.spent_ns - member.crowd_ns
-            for discovery in self._domains.values()
-            for member in discovery.domain.members
-            if member.host.name == host
-        )
-        return (own_ns + crowds_ns) / NS_PER_S
 
     def trace_to(self, sink: Callable[[TraceEvent], None] | None) -> None:
         """Give everything that happens from now on to a sink; None to nobody."""
@@ -318,15 +285,10 @@ class World(Environment):
 def run_simulated(
     main: Callable[[World], Awaitable[T]], *, limit_s: float | None = None, **options: Unpack[WorldOptions]
 ) -> T:
-    """Run a coroutine function in a world of its own and return its result.
+    """Run a coroutine function in a world of its own, which it is given, and return its result.
 
-    Inside, `asyncio.sleep`, `timeout`, `loop.time` and timers are virtual: they take no time, only order.
-
-    Args:
-        main: Given the world.
-        limit_s: The virtual time at which the run is given up, in seconds; None is never.
-        options: Those of `World`: `seed`, `link`, `timing`, `costs`, `multicast`,
-            `lean_services`.
+    Inside, `asyncio.sleep`, `timeout`, `loop.time` and timers are virtual: they take no time, only order. The
+    run is given up at a limit of virtual time, in seconds; None is never. Options are those of `World`.
 
     Raises:
         DeadlockError: Everybody waits and nothing is scheduled.

@@ -6,7 +6,7 @@ from collections import deque
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, cast
 
-from sfglab.bus.errors import InvalidMessageError, MessageTooLargeError
+from sfglab.bus.errors import check_size, not_cdr_error
 from sfglab.bus.sim.loop import START_NS
 from sfglab.bus.sim.model import Endpoint, Item, Participant
 from sfglab.bus.sim.network import Channel, Network, Reader, Services
@@ -27,9 +27,6 @@ class Audience:
 
     Each ACKNACK is accounted at once with the writer, and with the readers' hosts only when somebody asks
     or they leave: so it costs the same however many readers there are.
-
-    Args:
-        owner: Whose writer it is.
     """
 
     __slots__ = ("_owing", "_owner", "_readers", "_rounds", "remote")
@@ -83,15 +80,10 @@ class Audience:
 
 
 class Writer(Endpoint):
-    """Sends samples to the readers that it knows.
+    """Sends samples to the readers that it knows; options are those of `Endpoint`.
 
-    Args:
-        options: As for `Endpoint`.
-        network: What delivers them.
-        accounts: Of the domain.
-        services: Who asked, when replies go only there; None: replies go to all.
-        check: Raises `CdrError` for bytes that are no message; None takes all.
-        limit_bytes: The longest sample over shared memory.
+    With `services` replies go only to who asked. `check` raises `CdrError` for bytes that are no message, None
+    takes all; `limit_bytes` is the longest sample over shared memory.
     """
 
     __slots__ = (
@@ -143,20 +135,14 @@ class Writer(Endpoint):
         self._forward(serialize(message))
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
-        """Send serialized bytes.
-
-        Raises:
-            InvalidMessageError: They are no message of the topic's type; shared memory does not look.
-            MessageTooLargeError: They are above the limit of a shared-memory publisher.
-        """
+        """Send serialized bytes; see `Publisher.publish_raw`."""
         data = cdr if isinstance(cdr, bytes) else bytes(cdr)
         if self._check is not None:
             try:
                 self._check(data)
             except CdrError as error:
-                raise InvalidMessageError(
-                    self.info.topic, self.info.type, size_bytes=len(data), reason=error.reason
-                ) from error
+                topic, type_ = self.info.topic, self.info.type
+                raise not_cdr_error(topic, type_, size_bytes=len(data), reason=error.reason) from error
         self._forward(data, source_timestamp_ns)
 
     def wait_for_acks(self, _timeout_s: float) -> bool:
@@ -166,15 +152,10 @@ class Writer(Endpoint):
 
     @contextmanager
     def loan(self, size_bytes: int) -> Iterator[memoryview]:
-        """Lend memory for a sample over shared memory; leaving sends it, an exception does not.
-
-        Raises:
-            TypeError: It does not go over shared memory.
-            MessageTooLargeError: Above the limit.
-        """
+        """Lend memory for a sample over shared memory; see `Publisher.loan`."""
         if self._limit_bytes is None:
             raise TypeError(f"topic {self.info.topic!r}: only a publisher with transport='shm' lends memory")
-        self._check_size(size_bytes)
+        check_size(self.info.topic, size_bytes, self._limit_bytes)
         memory = bytearray(size_bytes)
         yield memoryview(memory)
         self._forward(bytes(memory))
@@ -231,7 +212,7 @@ class Writer(Endpoint):
     def _forward(self, cdr: bytes, source_timestamp_ns: int | None = None) -> None:
         """Send bytes that are known to be a message."""
         if self._limit_bytes is not None:
-            self._check_size(len(cdr))
+            check_size(self.info.topic, len(cdr), self._limit_bytes)
         now_ns = self._loop.now_ns
         self.sequence += 1
         item = (self.sequence, cdr, START_NS + now_ns if source_timestamp_ns is None else source_timestamp_ns)
@@ -272,11 +253,6 @@ class Writer(Endpoint):
             self._add_route(reader)
             for item in items:
                 reader.take(self, item)
-
-    def _check_size(self, size_bytes: int) -> None:
-        assert self._limit_bytes is not None
-        if size_bytes > self._limit_bytes:
-            raise MessageTooLargeError(self.info.topic, size_bytes=size_bytes, limit_bytes=self._limit_bytes)
 
     def _add_route(self, reader: Reader) -> None:
         if self._routes is None or (self._network.varies and self._is_away(reader)):

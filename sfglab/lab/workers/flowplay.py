@@ -37,7 +37,7 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from sfglab.bus.dds.participant import DdsParticipant
+    from sfglab.bus.dds.domain import DdsParticipant
     from sfglab.component import Report
 
 
@@ -331,7 +331,7 @@ def _play(player: Player, order: Report) -> None:
 async def serve(config: PartsConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
     """Play one scenario after the other until cancelled."""
     from sfglab.bus.dds.domain import DomainConfig
-    from sfglab.bus.dds.participant import DdsParticipant
+    from sfglab.bus.dds.domain import DdsParticipant
 
     domain = DomainConfig(**config.address.options())
     report({"is": "ready"})

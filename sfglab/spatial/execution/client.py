@@ -57,8 +57,7 @@ class Execution:
 
     Raises:
         FqnError: No action is given, and it is not the name of an agent.
-        DiscoveryTimeoutError: By what needs a server: there is none.
-        ServiceTimeoutError: By what asks it: it does not answer.
+        BusTimeoutError: By what needs a server, or asks it: there is none, or it does not answer.
         ActionServerGoneError: By waiting for the end: the server went away before that.
     """
 
@@ -111,8 +110,8 @@ async def send(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -> E
         **options: See `ExecuteOptions`.
 
     Raises:
-        DiscoveryTimeoutError: There is no server.
-        ServiceTimeoutError: It does not answer.
+        BusTimeoutError: There is no server.
+        BusTimeoutError: It does not answer.
     """
     execution = Execution(node, order.agent, **options)
     try:
@@ -144,8 +143,8 @@ async def execute(
         How it ended, also where the agent did not take it.
 
     Raises:
-        DiscoveryTimeoutError: There is no server.
-        ServiceTimeoutError: It does not answer.
+        BusTimeoutError: There is no server.
+        BusTimeoutError: It does not answer.
         ActionServerGoneError: It went away before the end.
     """
     order = trajectory if isinstance(trajectory, Order) else Order(agent=agent, trajectory=trajectory)
