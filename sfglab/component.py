@@ -46,9 +46,8 @@ def run_component(
 ) -> None:
     """Run a component until it is told to end; exit with status 1 and a ``failed`` report when it breaks.
 
-    Args:
-        config_class: What the process's one argument is read as.
-        serve: Serves until cancelled; is given the configuration, the function that reports, and the orders.
+    It serves until cancelled; given are its configuration, as which the process's one argument is read, the
+    function that reports, and the orders.
     """
     # Whoever started it decides when it ends; an interrupt from the terminal reaches that one as well.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -134,10 +133,9 @@ async def standard_input_lines() -> AsyncIterator[bytes]:
 
 
 def claim_standard_output() -> Callable[[Report], None]:
-    """Keep standard output for reports; whatever a library prints goes to standard error from now on.
+    """Keep standard output for reports, and return what gives one; libraries print to standard error then.
 
-    Returns:
-        A function that gives one report; nothing happens when nobody listens any more: the input ends too.
+    Nothing happens when nobody listens any more: the input ends too.
     """
     out = os.dup(1)
     os.dup2(2, 1)

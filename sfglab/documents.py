@@ -68,15 +68,7 @@ def suggestion(word: object, known: Iterable[str]) -> str:
 
 
 class Document:
-    """A YAML file's plain values and the line of each.
-
-    Args:
-        text: What stands in the file.
-        file: Its name, for messages.
-
-    Attributes:
-        value: Mappings, lists and scalars.
-        file: The file's name.
+    """A YAML file's plain values and the line of each; its name is for messages.
 
     Raises:
         DocumentError: It is not YAML, a key stands there twice, a key is not text, or there is an alias, with
@@ -92,6 +84,7 @@ class Document:
         self._seen: set[int] = set()
         try:
             node = yaml.compose(text, Loader=yaml.SafeLoader)
+            #: Mappings, lists and scalars.
             self.value = None if node is None else self._read(yaml.SafeLoader(""), node, ())
         except (yaml.YAMLError, RecursionError) as error:
             mark = getattr(error, "problem_mark", None)
@@ -194,22 +187,17 @@ class Section:
     """One mapping of a document; `close` refuses keys that nobody has read.
 
     Its readers return what stands at a key, or the default where nothing does, and raise a `DocumentError`
-    where something else stands there, or nothing and there is no default.
-
-    Args:
-        document: Where it stands, at `path`.
-        value: What stands there; a `DocumentError` where it is not a mapping.
+    where something else stands there, or nothing and there is no default; where there is no mapping, too.
     """
 
     def __init__(self, document: Document, path: KeyPath, value: Any) -> None:
+        if not isinstance(value, dict):
+            raise DocumentError(document.place(path), value, "a mapping of keys to values")
         self._document = document
         self._path = path
         self._known: set[str] = set()
         self._all_known = False
-        self._values: dict[str, Any] = {}
-        if not isinstance(value, dict):
-            raise DocumentError(document.place(path), value, "a mapping of keys to values")
-        self._values = value
+        self._values: dict[str, Any] = value
 
     @property
     def here(self) -> Place:
@@ -327,11 +315,8 @@ class Section:
         numbers, mappings by name, and unions of what differs in YAML. A field with a default may be left out;
         a `Place` is where the section stands. Metadata says what a type cannot: `named`, `read_by`,
         `matching`, `by_name`, `short_for`, `OR_NULL`. An `InvalidValueError` that the class raises is refused
-        at its field's key.
-
-        Args:
-            cls: The dataclass. Its fields' types must be importable at run time.
-            given: Fields that do not stand in the file, or were read already.
+        at its field's key. Fields' types must be importable at run time; given are fields that do not stand in
+        the file, or were read already.
 
         Raises:
             DocumentError: A key is missing or unknown, or a value is not allowed.

@@ -15,18 +15,12 @@ class SfglabError(Exception):
 
 
 class InvalidValueError(SfglabError, ValueError):
-    """A value that is not allowed where it was given.
-
-    Attributes:
-        place: Where: a field, an argument, an option, a key; of documents, a `sfglab.documents.Place`.
-        given: The value; None where nothing is given.
-        allowed: What is allowed in its place.
-    """
+    """A value that is not allowed where it was given."""
 
     def __init__(self, place: Any, given: object, allowed: str) -> None:
-        self.place = place
-        self.given = given
-        self.allowed = allowed
+        self.place = place  #: A field, an argument, an option, a key; of documents, a `sfglab.documents.Place`.
+        self.given = given  #: The value; None where nothing is given.
+        self.allowed = allowed  #: What is allowed in its place.
         super().__init__(place, given, allowed)  # all arguments, so that the error survives pickling
 
     def __str__(self) -> str:
@@ -35,14 +29,9 @@ class InvalidValueError(SfglabError, ValueError):
 
 
 class MissingExtraError(SfglabError, ImportError):
-    """An optional library is not installed.
-
-    Attributes:
-        library: The import name of what is missing.
-        extra: The extra of sfglab that brings it.
-    """
+    """An optional library is not installed."""
 
     def __init__(self, library: str, *, extra: str, purpose: str) -> None:
-        self.library = library
-        self.extra = extra
+        self.library = library  #: The import name of what is missing.
+        self.extra = extra  #: The extra of sfglab that brings it.
         super().__init__(f"{purpose} needs {library!r}, which is not installed: pip install 'sfglab[{extra}]'")

@@ -170,11 +170,8 @@ def from_json(hint: Any, value: Any) -> Any:  # noqa: PLR0911  # one return a ki
     """Return a JSON value as an annotated type: what `to_json` of such a value gave, or a value of it already.
 
     Keys that a dataclass does not have are left out, fields that are missing take their defaults: what another
-    version wrote stays readable.
-
-    Args:
-        hint: A dataclass, enum, container, union or plain type. Fields' types must be importable at run time.
-        value: The JSON value.
+    version wrote stays readable. Types are dataclasses, whose fields' types must be importable at run time,
+    enums, containers, unions and plain types.
 
     Raises:
         InvalidValueError: The value has no form in that type.

@@ -23,32 +23,20 @@ T = TypeVar("T")
 
 
 class IllegalInputError(SfglabError, RuntimeError):
-    """An input that cannot happen in this state; the state stays as it was.
-
-    Attributes:
-        machine: What the machine stands for.
-        state: The state, unchanged.
-        given: The input that does not fit.
-        allowed: The inputs that do.
-    """
+    """An input that cannot happen in this state; the state stays as it was."""
 
     def __init__(self, machine: str, state: Enum, given: Enum, allowed: tuple[Enum, ...]) -> None:
-        self.machine = machine
-        self.state = state
-        self.given = given
-        self.allowed = allowed
+        self.state = state  #: The state, unchanged.
+        self.given = given  #: The input that does not fit.
+        self.allowed = allowed  #: The inputs that do.
         names = ", ".join(sorted(i.name for i in allowed)) or "none"
         super().__init__(f"{machine} in {state.name}: given {given.name}, allowed are {names}")
 
 
 def step(name: str, table: Mapping[tuple[S, I], T], state: S, given: I) -> T:
-    """Return what a table says of an input in a state.
+    """Return what a table says of an input in a state, such as the next state and what has to be done.
 
-    Args:
-        name: What the machine stands for, in messages.
-        table: What follows by state and input, such as the next state and what has to be done.
-        state: The present state.
-        given: The input.
+    The name is what the machine stands for, in messages.
 
     Raises:
         IllegalInputError: The table does not list it.
@@ -67,10 +55,6 @@ class Machine(Generic[S, I, A]):
         start: The first state.
         wait_ns: How long the timer runs that an action arms, given the action and `now_ns`; None: that action
             ends the waiting. A move without an action leaves the timer as it is.
-
-    Attributes:
-        state: Where it stands.
-        deadline_ns: When the timer is due, on the caller's clock; None while nothing is waited for.
     """
 
     def __init__(
@@ -81,7 +65,8 @@ class Machine(Generic[S, I, A]):
         *,
         wait_ns: Callable[[A, int], int | None],
     ) -> None:
-        self.state = start
+        self.state = start  #: Where it stands.
+        #: When the timer is due, on the caller's clock; None while nothing is waited for.
         self.deadline_ns: int | None = None
         self._name = name
         self._table = table
@@ -92,11 +77,7 @@ class Machine(Generic[S, I, A]):
         return (self.state, given) in self._table
 
     def feed(self, given: I, *, now_ns: int) -> A | None:
-        """Take one input and return what the caller has to do.
-
-        Args:
-            given: What happened.
-            now_ns: The caller's clock in nanoseconds.
+        """Take one input, now by the caller's clock, and return what the caller has to do.
 
         Raises:
             IllegalInputError: The input cannot happen in this state.
@@ -123,11 +104,7 @@ class BackOff:
     _doublings: int = 0
 
     def next_ns(self, lasted_ns: int) -> int:
-        """Count one more failure and return the wait before the next try.
-
-        Args:
-            lasted_ns: How long the failed try had served; 0 when it never did.
-        """
+        """Count one more failure, which had served for a time or 0, and return the wait before the next try."""
         self.failures += 1
         if lasted_ns >= self.stable_ns:
             self._doublings = 0

@@ -19,16 +19,7 @@ from sfglab.errors import SfglabError
 from sfglab.fields import to_json
 
 if TYPE_CHECKING:
-    from collections.abc import (
-        AsyncIterator,
-        Callable,
-        Coroutine,
-        Iterable,
-        Iterator,
-        Mapping,
-        Sequence,
-    )
-    from types import TracebackType
+    from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
 
     from sfglab.component import Report
 
@@ -49,23 +40,13 @@ class ProcessFailedError(SfglabError, RuntimeError):
 
 
 class LineProcess:
-    """A process as the one that started it sees it: orders out, reports in.
+    """A process, with piped standard input and output, as its parent sees it: orders out, reports in.
 
     Its last report is ours: ``{"is": "ended", "status": ...}``, with the exit status, or below zero the signal
     that ended it.
-
-    Args:
-        name: What it is called in messages.
-        process: The process, with piped standard input and output.
-        on_report: Called with every report as it comes, also with those that `expect` returns.
-
-    Attributes:
-        on_report: As given; may be replaced.
-        readiness: What it reported when it was ready, in a group.
-        keeps: Whether reports are kept for `expect`; else only `on_report` hears them.
     """
 
-    keeps = True
+    keeps = True  #: Whether reports are kept for `expect`; else only `on_report` hears them.
 
     def __init__(
         self,
@@ -73,9 +54,10 @@ class LineProcess:
         process: asyncio.subprocess.Process,
         on_report: Callable[[Report], None] = lambda _: None,
     ) -> None:
-        self.name = name
+        self.name = name  #: What it is called in messages.
+        #: Called with every report as it comes, also with those that `expect` returns.
         self.on_report = on_report
-        self.readiness: Report = {}
+        self.readiness: Report = {}  #: What it reported when it was ready, in a group.
         self._process = process
         self._over: Report | None = None
         self._backlog: asyncio.Queue[Report] = asyncio.Queue()
@@ -90,13 +72,7 @@ class LineProcess:
         on_report: Callable[[Report], None] = lambda _: None,
         pass_fds: Sequence[int] = (),
     ) -> Self:
-        """Start a process; its standard error stays ours.
-
-        Args:
-            name: What it is called in messages.
-            argv: Program and arguments.
-            on_report: Called with every report as it comes.
-            pass_fds: File descriptors that it inherits.
+        """Start a process from program and arguments; its standard error stays ours.
 
         Raises:
             OSError: The operating system cannot.
@@ -126,9 +102,7 @@ class LineProcess:
     async def expect(self, kind: str, *, timeout_s: float | None) -> Report:
         """Return the next report of a kind; those before it have been given to `on_report` and are dropped.
 
-        Args:
-            kind: What it ``is``; ``ended`` waits for the end.
-            timeout_s: For how long at most; None waits for ever.
+        The kind ``ended`` waits for the end; without a time-out it waits for ever.
 
         Raises:
             ProcessFailedError: The process reports a failure, ends, or does not report in time.
@@ -275,9 +249,7 @@ class ProcessGroup:
         await self.start(*self._first)
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.close()
 
     def __getitem__(self, name: str) -> LineProcess:
@@ -334,12 +306,7 @@ class ProcessGroup:
     async def expect(
         self, kind: str, names: Iterable[str] | None = None, *, timeout_s: float | None
     ) -> dict[str, Report]:
-        """Return the next report of a kind of each member, by name.
-
-        Args:
-            kind: What they are.
-            names: Of whom; None: of all.
-            timeout_s: For how long at most; None waits for ever.
+        """Return the next report of a kind of each member, or of those named, by name; None waits for ever.
 
         Raises:
             ProcessFailedError: One fails, ends, or does not report in time; those that were killed are named.
@@ -350,13 +317,7 @@ class ProcessGroup:
     async def ask(
         self, kind: str, names: Iterable[str] | None = None, *, timeout_s: float | None, **order: Any
     ) -> dict[str, Report]:
-        """Give members an order and return the report of a kind with which each answers, by name.
-
-        Args:
-            kind: What the answers are.
-            names: To whom; None: to all.
-            timeout_s: How long an answer may take, seconds; None: for ever.
-            order: The order.
+        """Give members, or those named, an order and return the report of a kind that each answers, by name.
 
         Raises:
             ProcessFailedError: One fails, ends, or does not answer in time; those that were killed are named.

@@ -9,11 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from sfglab.errors import SfglabError
-
-
-class QoSError(SfglabError, ValueError):
-    """A QoS profile that no middleware could honour."""
+from sfglab.errors import InvalidValueError
 
 
 class Reliability(Enum):
@@ -51,11 +47,11 @@ class QoSProfile:
 
     def __post_init__(self) -> None:
         if self.depth < 1:
-            raise QoSError(f"QoS depth: given {self.depth}, allowed are whole numbers from 1")
+            raise InvalidValueError("QoS depth", self.depth, "whole numbers from 1")
         for name in ("deadline_ns", "lifespan_ns"):
             value = getattr(self, name)
             if value is not None and value <= 0:
-                raise QoSError(f"QoS {name}: given {value}, allowed are positive nanoseconds or None")
+                raise InvalidValueError(f"QoS {name}", value, "positive nanoseconds or None")
 
 
 DEFAULT = QoSProfile()

@@ -67,10 +67,6 @@ def sanitize_agent(hostname: str) -> str:
 def default_agent(environ: Mapping[str, str] = os.environ, hostname: str | None = None) -> str:
     """Return this agent's name: `SFG_AGENT_NAME` if set, else the sanitised host name.
 
-    Args:
-        environ: The environment.
-        hostname: The host name; None asks the operating system.
-
     Raises:
         FqnError: If the variable holds no valid name (it is never changed, and empty is not unset), or the
             host name gives none.
@@ -93,12 +89,9 @@ SHARED_FRAMES = ("map", "earth", "world")
 
 
 def prefixed_frame(frame: str, agent: str, *, shared: frozenset[str] = frozenset(SHARED_FRAMES)) -> str:
-    """Return what an agent's frame is called by everybody else.
+    """Return what an agent's frame is called by everybody else; one with a slash inside has its prefix already.
 
-    Args:
-        frame: As the agent's own nodes write it; a name with a slash inside has its prefix already.
-        agent: The agent; empty leaves the name as it is.
-        shared: Frames that are never prefixed.
+    Without an agent the name stays as it is.
     """
     frame = frame.removeprefix("/")  # as tf2 does
     return frame if not agent or "/" in frame or frame in shared else f"{agent}/{frame}"

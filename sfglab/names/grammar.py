@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from enum import Enum
+from itertools import chain
 
 from sfglab.errors import InvalidValueError
 
@@ -72,16 +73,10 @@ def max_name_length(kind: ResourceKind) -> int:
 
 
 def validate_ros_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> str:
-    """Return an absolute ROS name unchanged if it is valid.
+    """Return an absolute ROS name, such as `/local/go2/arm/_action/status`, unchanged if it is valid.
 
     Follows the design article, which is stricter than rmw in one point: rmw tolerates repeated underscores.
-
-    Args:
-        name: Absolute name, for example `/tf` or `/local/go2/arm/_action/status`.
-        kind: What the name denotes; it decides the length limit.
-
-    Returns:
-        The same name.
+    What the name denotes decides the length limit.
 
     Raises:
         FqnError: With segment `name`.
@@ -106,15 +101,8 @@ def resolve(name: str, namespace: str = "/", *, node_name: str) -> str:
     """Return the absolute form of a name as a node sees it, like `Node.resolve_topic_name` of rclpy.
 
     `/x` stays, `x` becomes `<namespace>/x`, `~/x` becomes `<namespace>/<node>/x`. Substitutions such as
-    `{node}` and remapping rules are not supported.
-
-    Args:
-        name: Absolute, relative or private name.
-        namespace: The node's namespace; like rclpy, `""` is the root and a missing first slash is added.
-        node_name: The node's name without namespace.
-
-    Returns:
-        The absolute name, within the limits of a topic; services and actions have less room.
+    `{node}` and remapping rules are not supported. As with rclpy, `""` is the root namespace and a missing
+    first slash is added. The result is within the limits of a topic; services and actions have less room.
 
     Raises:
         FqnError: With segment `namespace`, `node` or `name`.
@@ -165,17 +153,6 @@ class WireName:
     name: str  #: Absolute ROS name; of an action's parts with `/_action/` in it.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ActionNames:
-    """The DDS topics of one action: three services as (request, reply) pairs, and two topics."""
-
-    send_goal: tuple[str, str]
-    cancel_goal: tuple[str, str]
-    get_result: tuple[str, str]
-    feedback: str
-    status: str
-
-
 def dds_topic(name: str) -> str:
     """Return the DDS topic of a ROS topic: `/chatter` is `rt/chatter`.
 
@@ -195,25 +172,8 @@ def dds_service(name: str) -> tuple[str, str]:
     return _mangled(DdsRole.REQUEST, name), _mangled(DdsRole.REPLY, name)
 
 
-def dds_action(name: str) -> ActionNames:
-    """Return the eight DDS topics of an action, all below `<name>/_action/`.
-
-    Raises:
-        FqnError: If the name is not a valid absolute action name.
-    """
-    validate_ros_name(name, ResourceKind.ACTION)
-    below = f"{name}/_action/"
-    return ActionNames(
-        send_goal=dds_service(f"{below}send_goal"),
-        cancel_goal=dds_service(f"{below}cancel_goal"),
-        get_result=dds_service(f"{below}get_result"),
-        feedback=dds_topic(f"{below}feedback"),
-        status=dds_topic(f"{below}status"),
-    )
-
-
 def dds_names(name: str, kind: ResourceKind) -> tuple[str, ...]:
-    """Return every DDS topic that a topic (1), service (2) or action (8) uses.
+    """Return every DDS topic that a topic (1), service (2) or action (8, below `<name>/_action/`) uses.
 
     Raises:
         FqnError: If the name is not valid for its kind.
@@ -222,9 +182,9 @@ def dds_names(name: str, kind: ResourceKind) -> tuple[str, ...]:
         return (dds_topic(name),)
     if kind is ResourceKind.SERVICE:
         return dds_service(name)
-    action = dds_action(name)
-    services = action.send_goal + action.cancel_goal + action.get_result
-    return (*services, action.feedback, action.status)
+    below = f"{validate_ros_name(name, kind)}/_action/"
+    services = (dds_service(below + part) for part in ("send_goal", "cancel_goal", "get_result"))
+    return (*chain.from_iterable(services), dds_topic(f"{below}feedback"), dds_topic(f"{below}status"))
 
 
 def ros_name_from_dds(dds_name: str) -> WireName | None:
@@ -247,10 +207,6 @@ def router_breaks(segment: str, *, followed: bool) -> bool:
     `Request` by `Reply`, or the reverse (eProsima DDS-Pipe, RpcTopic.cpp). A segment in front of another
     must therefore not end in `rq` or `rr`, and none may contain `Request` or `Reply`. Nothing else breaks:
     neither word can arise across a border, because its capital R stands only at its beginning.
-
-    Args:
-        segment: One part of the name, without slashes.
-        followed: Whether another segment follows, that is, whether a `/` stands behind this one.
     """
     return _REQUEST in segment or _REPLY in segment or (followed and segment.endswith(("rq", "rr")))
 
@@ -259,10 +215,6 @@ def router_hazards(name: str, kind: ResourceKind = ResourceKind.SERVICE) -> tupl
     """Return the segments of a name that a DDS router breaks, in order; empty where it is routed safely.
 
     Topics are never mangled; of an action also the last segment is followed by another (`/_action`).
-
-    Args:
-        name: Absolute ROS name.
-        kind: What the name denotes.
     """
     if kind is ResourceKind.TOPIC:
         return ()

@@ -120,15 +120,10 @@ _TOPIC, _SERVICE, _ACTION = ResourceKind.TOPIC, ResourceKind.SERVICE, ResourceKi
 
 
 class Resource(_Standard):
-    """The set R: what is published, called or commanded.
+    """The set R: what is published, called or commanded."""
 
-    Attributes:
-        after: The kinds of segment it may follow.
-        kind: Topic, service or action.
-    """
-
-    after: After
-    kind: ResourceKind
+    after: After  #: The kinds of segment it may follow.
+    kind: ResourceKind  #: Topic, service or action.
 
     def __new__(cls, text: str, after: After, kind: ResourceKind) -> Self:
         """Keep the text as the value, so that `Resource("image_raw")` finds the member."""
@@ -228,11 +223,7 @@ class Custom:
 
 
 def read_standard(values: type[StandardT], text: str) -> StandardT | Suffixed[StandardT] | None:
-    """Return the standard value, with its suffix if any, that a segment spells, or None.
-
-    Args:
-        values: `Component`, `Stream` or `Resource`.
-        text: One segment, its characters already checked.
+    """Return the standard value, with its suffix if any, that a checked segment spells, or None.
 
     Raises:
         FqnError: If an underscore stands before a suffix of digits; `camera1` is the one spelling.
@@ -251,13 +242,7 @@ def read_standard(values: type[StandardT], text: str) -> StandardT | Suffixed[St
 
 
 def check_unmistakable(segment: str, text: str, *, own: type[_Standard]) -> None:
-    """Raise `FqnError` if free text could be taken for a standard value.
-
-    Args:
-        segment: Which segment it is, for the message.
-        text: The free text of an agent or a `Custom`.
-        own: The set whose values are refused with a suffix, too.
-    """
+    """Raise `FqnError` if free text could be taken for a standard value, or its own set's with a suffix."""
     for values in (Scope, Component, Stream, Resource):
         meant = [str(value) for value in values if value.value == text]
         if meant:

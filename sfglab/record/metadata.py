@@ -127,13 +127,9 @@ def _duration_yaml(duration_ns: int | None) -> str:
 
 
 def offered_qos_profiles(qos: QoSProfile) -> str:
-    """Return a profile as rosbag2 records it with a topic (rosbag2_transport, qos.cpp).
+    """Return the profile that a topic's writer offers as rosbag2 records it (rosbag2_transport, qos.cpp).
 
-    Args:
-        qos: The profile that the topic's writer offers.
-
-    Returns:
-        A YAML list with one entry; policies that sfglab does not model have ROS 2's defaults.
+    It is a YAML list with one entry; policies that sfglab does not model have ROS 2's defaults.
     """
     return (
         f"- history: {_HISTORY[qos.history]}\n"
@@ -170,16 +166,11 @@ def _is_literal(text: str) -> bool:
 
 
 def strings_from_values(name: str, values: Mapping[str, Any]) -> dict[str, str]:
-    """Return a mapping whose values are strings: text as it is, everything else as JSON.
+    """Return a mapping whose values are strings: text as it is, everything else as JSON, in the same order.
 
-    Text that looks like JSON is quoted, so that `values_from_strings` returns what went in.
-
-    Args:
-        name: What the mapping is called, for the error.
-        values: Text, numbers, None, lists, mappings, enums, dataclasses and NumPy values, nested as you like.
-
-    Returns:
-        The strings, in the same order. Tuples and arrays become lists, dataclasses mappings.
+    Text that looks like JSON is quoted, so that `values_from_strings` returns what went in. Values may be text,
+    numbers, None, lists, mappings, enums, dataclasses and NumPy values, nested as you like; tuples and arrays
+    become lists, dataclasses mappings. The mapping's name is for the error.
 
     Raises:
         LogError: A key is not text, or a value has no form in JSON.
@@ -197,12 +188,5 @@ def strings_from_values(name: str, values: Mapping[str, Any]) -> dict[str, str]:
 
 
 def values_from_strings(strings: Mapping[str, str]) -> dict[str, Any]:
-    """Return what `strings_from_values` was given: JSON where it is JSON, text elsewhere.
-
-    Args:
-        strings: A metadata record of any log.
-
-    Returns:
-        Values of JSON's types, in the same order.
-    """
+    """Return what `strings_from_values` was given: JSON where it is JSON, text elsewhere."""
     return {key: json.loads(text) if _is_literal(text) else text for key, text in strings.items()}

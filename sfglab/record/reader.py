@@ -13,16 +13,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from sfglab.messages import UnknownTypeError, decoder_from_definition, definition, deserialize
-from sfglab.record.metadata import (
-    LogError,
-    values_from_strings,
-)
+from sfglab.record.metadata import LogError, values_from_strings
 from sfglab.record.writer import TABLE_PREFIX, TIME_COLUMN
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Iterable, Iterator
-    from types import TracebackType
     from typing import BinaryIO
 
     import pandas as pd
@@ -64,24 +60,17 @@ class LogReader:
 
     A file that its writer did not finish, even one that is still being written, is read up to its last whole
     chunk at the time of opening; `truncated` says so.
-
-    Attributes:
-        path: The file.
-        truncated: Whether the file ends before its data does.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Open the file and read its index.
-
-        Args:
-            path: The file, of any recorder.
+        """Open a file of any recorder and read its index.
 
         Raises:
             LogError: There is no file, or the file is no MCAP file, or one that has neither chunks nor an
                 index.
         """
-        self.path = Path(path)
-        self.truncated = False
+        self.path = Path(path)  #: The file.
+        self.truncated = False  #: Whether the file ends before its data does.
         self._decoders: dict[int, Callable[[bytes], Any]] = {}
         try:
             self._stream: BinaryIO = self.path.open("rb")
@@ -151,13 +140,7 @@ class LogReader:
         return tuple(dict.fromkeys(index.name for index in self._summary.attachment_indexes))
 
     def metadata(self, name: str) -> dict[str, Any]:
-        """Return one metadata record.
-
-        Args:
-            name: One of `metadata_names`.
-
-        Returns:
-            What was written: text, or the values in a text that is JSON.
+        """Return one metadata record as it was written: text, or the values in a text that is JSON.
 
         Raises:
             LogError: There is none of that name, or the record is damaged.
@@ -168,13 +151,7 @@ class LogReader:
         return values_from_strings(records[name])
 
     def attachment(self, name: str) -> bytes:
-        """Return one attached file.
-
-        Args:
-            name: One of `attachment_names`.
-
-        Returns:
-            Its content.
+        """Return the content of one attached file, by its name.
 
         Raises:
             LogError: There is none of that name, or the record is damaged.
@@ -187,19 +164,16 @@ class LogReader:
     def messages(
         self, topic: str | None = None, *, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[LogMessage]:
-        """Return the recorded messages in the order of their log times.
+        """Return the recorded messages in the order of their log times; a chunk is read when its turn comes.
 
         Args:
             topic: Only this topic; None is all of them.
             start_ns: Only from this log time on, in nanoseconds.
             end_ns: Only before this log time, in nanoseconds.
 
-        Returns:
-            An iterator; a chunk is read when its turn comes.
-
         Raises:
             LogError: There is no such topic, or the end lies before the start, or while iterating: a chunk is
-                damaged, or while iterating: the log was closed.
+                damaged, or the log was closed.
         """
         found = self._found(topic, start_ns, end_ns)
         return (LogMessage(c.topic, self._type_of(c), m.log_time, m.publish_time, m.data) for _, c, m in found)
@@ -210,19 +184,10 @@ class LogReader:
         """Return the messages of a topic, deserialised by the definition in the log.
 
         Types that this process does not know are read as well. Where the definition is the one that sfglab has,
-        the messages are of the type that `sfglab.messages.message_type` returns.
-
-        Args:
-            topic: The topic.
-            start_ns: Only from this log time on, in nanoseconds.
-            end_ns: Only before this log time, in nanoseconds.
-
-        Returns:
-            An iterator, as for `messages`.
+        the messages are of the type that `sfglab.messages.message_type` returns. Arguments as of `messages`.
 
         Raises:
-            LogError: There is no such topic, or the end lies before the start, or while iterating: not CDR, or
-                no definition that can be read.
+            LogError: As of `messages`, or while iterating: not CDR, or no definition that can be read.
             CdrError: While iterating: the bytes are not of the type.
         """
         found = self._found(topic, start_ns, end_ns)
@@ -234,13 +199,7 @@ class LogReader:
         )
 
     def table(self, name: str) -> pd.DataFrame:
-        """Return a table.
-
-        Args:
-            name: One of `tables`.
-
-        Returns:
-            One line per row in the order of log times; the columns are `log_time_ns` and the fields.
+        """Return a table: rows in the order of log times; columns are `log_time_ns` and the fields.
 
         Raises:
             LogError: There is none of that name, or a chunk is damaged.
@@ -263,9 +222,7 @@ class LogReader:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _type_of(self, channel: Channel) -> str:

@@ -58,14 +58,9 @@ class Scan:
 
 
 def has_sound_index(stream: BinaryIO, size: int) -> bool:
-    """Return whether a file ends with an index that can be trusted: the library does not check its CRC.
+    """Return whether a file of so many bytes ends with an index that can be trusted; not if it was cut off.
 
-    Args:
-        stream: The file, seekable.
-        size: Its length, in bytes.
-
-    Returns:
-        False also for a file that was cut off.
+    The library does not check its CRC.
     """
     footer_start = size - _FOOTER.size - len(MAGIC)
     if footer_start < len(MAGIC):
@@ -156,14 +151,7 @@ _INDEXERS: dict[int, Callable[[Summary, int, bytes], None]] = {
 
 
 def scan(stream: BinaryIO, size: int) -> Scan:
-    """Read a file from its start and return an index of what is whole.
-
-    Args:
-        stream: The file, seekable.
-        size: Its length, in bytes.
-
-    Returns:
-        The index, with counts of messages per channel.
+    """Read a file of so many bytes from its start; return an index of what is whole, with counts per channel.
 
     Raises:
         UnchunkedError: Messages lie outside chunks.

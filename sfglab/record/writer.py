@@ -20,7 +20,6 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterator, Mapping
-    from types import TracebackType
     from typing import BinaryIO
 
     from typing_extensions import Buffer
@@ -51,15 +50,10 @@ class LogWriter:
     def __init__(
         self, path: str | os.PathLike[str], *, library: str = f"sfglab {__version__}", overwrite: bool = False
     ) -> None:
-        """Create the file and its directory.
-
-        Args:
-            path: Where, by convention ending in `.mcap`.
-            library: Who writes, for the header of the file.
-            overwrite: Whether to replace a file.
+        """Create the file, by convention ending in `.mcap`, and its directory; `library` is who writes.
 
         Raises:
-            LogError: There is a file.
+            LogError: There is a file, and it shall not be overwritten.
         """
         from mcap.writer import CompressionType, Writer
 
@@ -144,12 +138,7 @@ class LogWriter:
                 self._count(data.nbytes, int(log_time_ns))
 
     def write(self, topic: str, message: Any, *, log_time_ns: int) -> None:
-        """Append a message.
-
-        Args:
-            topic: Its topic.
-            message: A message of a registered type.
-            log_time_ns: When it happened, in nanoseconds of the run's clock; not negative.
+        """Append a message of a registered type that happened at a time in nanoseconds of the run's clock.
 
         Raises:
             CdrError: The message cannot be serialised.
@@ -169,8 +158,7 @@ class LogWriter:
         Raises:
             MessageError: The row has a field that no message can hold.
             LogError: The name is not allowed, the table has rows of another class, or the time is out of
-                range.
-            LogError: The log is closed.
+                range, or the log is closed.
         """
         if not _TABLE_NAME.fullmatch(table):
             raise LogError(f"log: given the table {table!r}, allowed are letters, digits and _")
@@ -181,11 +169,9 @@ class LogWriter:
         self.write_raw(f"{TABLE_PREFIX}{table}", name, serialize(message), log_time_ns=log_time_ns)
 
     def write_metadata(self, name: str, values: Mapping[str, Any]) -> None:
-        """Write a named mapping, such as the configuration or `run_context()`, at once.
+        """Write a named mapping, such as the configuration or `run_context()`, at once, once per log.
 
-        Args:
-            name: Its name, once per log.
-            values: Text is kept as it is, numbers, lists, mappings, enums and dataclasses as JSON.
+        Text is kept as it is, numbers, lists, mappings, enums and dataclasses as JSON.
 
         Raises:
             LogError: The name is taken, or a value has no form in JSON, or the log is closed.
@@ -195,12 +181,7 @@ class LogWriter:
             self._mcap.add_metadata(name, strings)
 
     def attach(self, name: str, data: Buffer, media_type: str) -> None:
-        """Write a file into the log, at once.
-
-        Args:
-            name: Its name, once per log.
-            data: Its content.
-            media_type: Such as `image/png`.
+        """Write a file of a media type, such as `image/png`, into the log, at once; a name stands once per log.
 
         Raises:
             LogError: The name is taken, or the log is closed.
@@ -240,9 +221,7 @@ class LogWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 
 import pytest
 from hypothesis import example, given
@@ -12,14 +13,13 @@ from sfglab.names import (
     DdsRole,
     FqnError,
     ResourceKind,
-    WireName,
-    dds_action,
     dds_names,
     dds_service,
     dds_topic,
     ros_name_from_dds,
     router_hazards,
 )
+from sfglab.names.grammar import WireName
 
 # Tokens that like to collide with the router's words stand among the ordinary ones.
 TOKENS = st.one_of(
@@ -60,19 +60,19 @@ def test_topics_and_services_have_the_names_that_rmw_gives_them():
 
 
 def test_an_action_is_three_services_and_two_topics():
-    action = dds_action("/fibonacci")
-    assert action.send_goal == (
-        "rq/fibonacci/_action/send_goalRequest",
-        "rr/fibonacci/_action/send_goalReply",
+    below = "/fibonacci/_action"
+    assert dds_names("/fibonacci", ResourceKind.ACTION) == (
+        *(
+            f"{half}{below}/{part}{word}"
+            for part in ("send_goal", "cancel_goal", "get_result")
+            for half, word in (("rq", "Request"), ("rr", "Reply"))
+        ),
+        f"rt{below}/feedback",
+        f"rt{below}/status",
     )
-    assert action.cancel_goal[0] == "rq/fibonacci/_action/cancel_goalRequest"
-    assert action.get_result[1] == "rr/fibonacci/_action/get_resultReply"
-    assert action.feedback == "rt/fibonacci/_action/feedback"
-    assert action.status == "rt/fibonacci/_action/status"
-    assert len(set(dds_names("/fibonacci", ResourceKind.ACTION))) == 8
 
 
-@pytest.mark.parametrize("make", [dds_topic, dds_service, dds_action])
+@pytest.mark.parametrize("make", [dds_topic, dds_service, partial(dds_names, kind=ResourceKind.ACTION)])
 @pytest.mark.parametrize("name", ["chatter", "/a/", "", "/a__b"])
 def test_only_valid_names_are_mapped(make, name):
     with pytest.raises(FqnError):
@@ -132,9 +132,9 @@ def test_a_service_has_no_hazard_exactly_if_the_router_pairs_its_halves(name):
 
 @given(NAMES)
 def test_an_action_has_no_hazard_exactly_if_the_router_pairs_all_its_services(name):
-    action = dds_action(name)
-    services = (action.send_goal, action.cancel_goal, action.get_result)
-    assert (not router_hazards(name, ResourceKind.ACTION)) == all(router_pairs(*pair) for pair in services)
+    *services, _feedback, _status = dds_names(name, ResourceKind.ACTION)
+    pairs = zip(services[::2], services[1::2], strict=True)
+    assert (not router_hazards(name, ResourceKind.ACTION)) == all(router_pairs(*pair) for pair in pairs)
 
 
 def test_hazards_name_the_segments_that_break():
