@@ -267,7 +267,7 @@ def qos_from_values(values: Mapping[str, Any]) -> QoSProfile:
 
     Raises:
         SettingError: A name or a value is not allowed.
-        QoSError: No middleware could honour it.
+        InvalidValueError: No middleware could honour it.
     """
     for name, kind in _ENUMS.items():
         allowed = [member.value for member in kind]

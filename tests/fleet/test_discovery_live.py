@@ -11,7 +11,7 @@ from dataclasses import replace
 import pytest
 from waiting import DEADLINE_S, process, until
 
-from sfglab.bus import Node, BusTimeoutError
+from sfglab.bus import BusTimeoutError, Node
 from sfglab.bus.address import BusAddress
 from sfglab.component import argument_of, beside, config_from_argument
 from sfglab.errors import InvalidValueError

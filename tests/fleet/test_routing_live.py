@@ -13,7 +13,7 @@ import psutil
 import pytest
 from waiting import DEADLINE_S, process, until
 
-from sfglab.bus import Node, BusTimeoutError
+from sfglab.bus import BusTimeoutError, Node
 from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
 from sfglab.component import argument_of, beside, config_from_argument

@@ -330,8 +330,7 @@ def _play(player: Player, order: Report) -> None:
 
 async def serve(config: PartsConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
     """Play one scenario after the other until cancelled."""
-    from sfglab.bus.dds.domain import DomainConfig
-    from sfglab.bus.dds.domain import DdsParticipant
+    from sfglab.bus.dds.domain import DdsParticipant, DomainConfig
 
     domain = DomainConfig(**config.address.options())
     report({"is": "ready"})
