@@ -1,3 +1,1 @@
-"""Paper A: what every agent of a fleet runs. Here so far: the decoder (section 4.3)."""
-
-__all__: list[str] = []
+"""Fleets: what every agent of one runs, after paper A, section 4, and the file that describes them all."""

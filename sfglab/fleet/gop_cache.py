@@ -99,20 +99,12 @@ class GopCache(Generic[M]):
 
     After a packet that went missing, or when a group outgrows the limits, nothing is kept until the next key
     frame: the part of a group that lacks its end is of no use to a decoder that joins.
-
-    Args:
-        limits: How much is kept at most.
-
-    Attributes:
-        size_bytes: Size of what is kept.
-        gaps: How often packets went missing.
-        overflows: How often a group outgrew the limits.
     """
 
     def __init__(self, limits: Limits | None = None) -> None:
-        self.size_bytes = 0
-        self.gaps = 0
-        self.overflows = 0
+        self.size_bytes = 0  #: Size of what is kept.
+        self.gaps = 0  #: How often packets went missing.
+        self.overflows = 0  #: How often a group outgrew the limits.
         self._limits = limits or Limits()
         self._packets: list[M] = []
         self._next_pts = 0

@@ -9,12 +9,11 @@ import pytest
 
 from sfglab.bus.address import BusAddress
 from sfglab.component import argument_of, config_from_argument
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.agent.app import Changed, Complete, Narrator, Said, SupervisorConfig, Wrote, report_from_event
 from sfglab.fleet.agent.plan import (
     COMPONENTS,
     AgentConfig,
-    PlanError,
     SideOptions,
     config_from_fleet,
     config_from_options,
@@ -83,7 +82,7 @@ def test_the_decoder_stays_inside_and_listens_to_its_own_agents_discoverer():
     ("changes", "words"),
     [
         ({"agent": "global"}, "global"),
-        ({"local": BusAddress(domain_id=233)}, "given domain 233, allowed are 0 to 232"),
+        ({"local": BusAddress(domain_id=233)}, "domain: given 233, allowed: 0 to 232"),
         ({"local": BusAddress(domain_id=0)}, "given 0, allowed: two"),
     ],
 )
@@ -94,7 +93,7 @@ def test_what_could_not_be_run_is_refused_before_anything_is_started(changes, wo
 
 def test_components_can_be_left_out():
     assert list(arguments(without(CONFIG, ["decoder"]))) == ["router", "status", "discoverer"]
-    with pytest.raises(PlanError, match="agent go2: given component 'decodre', allowed are router, "):
+    with pytest.raises(InvalidValueError, match="agent go2, component: given 'decodre', allowed: router, "):
         without(CONFIG, ["decodre"])
 
 
@@ -135,7 +134,7 @@ def test_an_agent_that_is_not_in_the_fleet_is_refused():
 def test_options_alone_need_a_domain_and_nothing_else():
     config = config_from_options("go2", None, local=SideOptions(domain_id=7), remote=SideOptions())
     assert (config.local, config.remote) == (BusAddress(domain_id=7), BusAddress(domain_id=0))
-    with pytest.raises(PlanError, match="its own domain: nothing is given, allowed are 1 to 232 or a"):
+    with pytest.raises(InvalidValueError, match="its own domain: nothing is given, allowed: 1 to 232 or a"):
         config_from_options("go2", None, local=SideOptions(), remote=SideOptions())
 
 

@@ -12,17 +12,16 @@ import sys
 import textwrap
 from contextlib import asynccontextmanager, suppress
 
-import psutil
 import pytest
+from waiting import DEADLINE_S, lives, until
 
-from sfglab.component import argument_of
+from sfglab.component import argument_of, beside
 from sfglab.fleet.agent.app import Agent, Changed, Complete, ComponentError, Said, SupervisorConfig, Wrote
 from sfglab.fleet.agent.supervision import Component, State, Timing
 
 pytestmark = [pytest.mark.live]
 
 TIMING = Timing(start_ns=10_000_000_000, stop_ns=300_000_000, backoff_ns=20_000_000, backoff_max_ns=80_000_000)
-DEADLINE_S = 60
 
 SERVES = """
 import sys
@@ -62,9 +61,9 @@ def component(name: str, code: str, *arguments: str) -> Component:
 class Watched:
     """A running agent and everything it has told."""
 
-    def __init__(self, components) -> None:
+    def __init__(self, *components, timing: Timing = TIMING) -> None:
         self.events = []
-        self.agent = Agent(components, timing=TIMING, on_event=self.events.append)
+        self.agent = Agent(components, timing=timing, on_event=self.events.append)
 
     def changes(self, name: str) -> list[Changed]:
         return [e for e in self.events if isinstance(e, Changed) and e.component == name]
@@ -75,38 +74,21 @@ class Watched:
     def reports(self, kind: str) -> list[dict]:
         return [e.report for e in self.events if isinstance(e, Said) and e.report["is"] == kind]
 
-    async def until(self, fact) -> None:
-        async with asyncio.timeout(DEADLINE_S):
-            while not fact():
-                await asyncio.sleep(0.005)
-
     async def pid(self, name: str, starts: int = 1) -> int:
         """Return the process of the given start, once it serves."""
-        await self.until(lambda: self.states(name).count(State.RUNNING) >= starts)
+        await until(lambda: self.states(name).count(State.RUNNING) >= starts)
         return [e for e in self.changes(name) if e.state is State.RUNNING][-1].pid
 
 
 @asynccontextmanager
-async def running(*components):
-    watched = Watched(components)
-    task = asyncio.create_task(watched.agent.run())
-    try:
+async def running(*components, **options):
+    """Run an agent of components, and end it in order."""
+    watched = Watched(*components, **options)
+    async with beside(watched.agent.run()) as (watched.task,):
         yield watched
         watched.agent.stop()
         async with asyncio.timeout(DEADLINE_S):
-            await task
-    finally:
-        task.cancel()
-        with suppress(asyncio.CancelledError, ComponentError):
-            await task
-
-
-def lives(pid: int) -> bool:
-    """Whether a process runs; one that has ended and that init has not collected yet does not."""
-    try:
-        return psutil.Process(pid).status() not in (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
-    except psutil.NoSuchProcess:
-        return False
+            await watched.task
 
 
 async def test_a_killed_component_is_restarted_with_back_off_and_the_others_stay():
@@ -126,7 +108,7 @@ async def test_a_killed_component_is_restarted_with_back_off_and_the_others_stay
 
 
 async def test_a_refused_configuration_ends_the_agent_with_the_components_own_sentence():
-    watched = Watched([component("status", SERVES), component("router", REFUSES)])
+    watched = Watched(component("status", SERVES), component("router", REFUSES))
     with pytest.raises(ComponentError) as caught:
         await watched.agent.run()
     assert str(caught.value) == "router: network interface: given 'wlan7', allowed are eth0, lo"
@@ -135,37 +117,30 @@ async def test_a_refused_configuration_ends_the_agent_with_the_components_own_se
 
 
 async def test_a_component_that_dies_on_import_ends_the_agent_and_its_words_are_passed_on():
-    watched = Watched([component("router", "import no_such_module")])
+    watched = Watched(component("router", "import no_such_module"))
     with pytest.raises(ComponentError, match="router: it ended with status 1"):
         await watched.agent.run()
     words = [e.line for e in watched.events if isinstance(e, Wrote)]
     assert "ModuleNotFoundError: No module named 'no_such_module'" in words
 
 
-def test_a_component_that_has_served_may_fail_and_is_tried_again():
-    async def scenario(marker):
-        code = f"import os\nif os.path.exists({marker!r}):\n{textwrap.indent(REFUSES, '    ')}\n{SERVES}"
-        async with running(component("router", code)) as watched:
-            pid = await watched.pid("router")
-            with open(marker, "w"):  # noqa: ASYNC230, PTH123 - a file that exists is all it is
-                os.kill(pid, signal.SIGKILL)
-            await watched.until(lambda: len(watched.changes("router")) > 6)
-            assert "wlan7" in [e for e in watched.changes("router") if e.state is State.BACKING_OFF][1].why
-            os.unlink(marker)  # noqa: PTH108 - as above
-            await watched.pid("router", starts=2)
-
-    marker = f"/tmp/sfglab-test-{os.getpid()}"
-    asyncio.run(scenario(marker))
+async def test_a_component_that_has_served_may_fail_and_is_tried_again(tmp_path):
+    marker = tmp_path / "marker"
+    code = f"import os\nif os.path.exists({str(marker)!r}):\n{textwrap.indent(REFUSES, '    ')}\n{SERVES}"
+    async with running(component("router", code)) as watched:
+        pid = await watched.pid("router")
+        marker.touch()
+        os.kill(pid, signal.SIGKILL)
+        await until(lambda: len(watched.changes("router")) > 6)
+        assert "wlan7" in [e for e in watched.changes("router") if e.state is State.BACKING_OFF][1].why
+        marker.unlink()
+        await watched.pid("router", starts=2)
 
 
 async def test_a_component_that_never_reports_is_replaced():
-    watched = Watched([component("router", SILENT)])
     short = Timing(start_ns=50_000_000, stop_ns=300_000_000, backoff_ns=1)
-    watched.agent = Agent([component("router", SILENT)], timing=short, on_event=watched.events.append)
-    task = asyncio.create_task(watched.agent.run())
-    await watched.until(lambda: watched.states("router").count(State.REPLACING) == 2)
-    watched.agent.stop()
-    await task
+    async with running(component("router", SILENT), timing=short) as watched:
+        await until(lambda: watched.states("router").count(State.REPLACING) == 2)
 
 
 async def test_one_that_ignores_the_order_to_end_is_ended_by_force_in_time():
@@ -177,35 +152,29 @@ async def test_one_that_ignores_the_order_to_end_is_ended_by_force_in_time():
 
 
 async def test_told_twice_it_ends_at_once():
-    watched = Watched([component("router", STUBBORN)])
-    watched.agent = Agent([component("router", STUBBORN)], on_event=watched.events.append)
-    task = asyncio.create_task(watched.agent.run())
-    pid = await watched.pid("router")
-    watched.agent.stop()
-    watched.agent.stop()
-    async with asyncio.timeout(60):  # the stop timer would take five seconds
-        await task
+    never = Timing(stop_ns=10**15)
+    async with running(component("router", STUBBORN), timing=never) as watched:
+        pid = await watched.pid("router")
+        watched.agent.stop()
     assert not lives(pid)
 
 
 @pytest.mark.parametrize("how", ["killed", "stopped", "cancelled"])
 async def test_what_a_component_has_started_ends_with_it(how):
-    watched = Watched([component("decoder", PARENT)])
-    task = asyncio.create_task(watched.agent.run())
-    pid = await watched.pid("decoder")
-    child = watched.reports("child")[0]["pid"]
-    assert lives(child)
-    if how == "killed":
-        os.kill(pid, signal.SIGKILL)
-        await watched.pid("decoder", starts=2)
-    if how == "cancelled":
-        task.cancel()
-    watched.agent.stop()
-    with suppress(asyncio.CancelledError):
-        await task
+    async with beside((watched := Watched(component("decoder", PARENT))).agent.run()) as (task,):
+        pid = await watched.pid("decoder")
+        assert lives(watched.reports("child")[0]["pid"])
+        if how == "killed":
+            os.kill(pid, signal.SIGKILL)
+            await watched.pid("decoder", starts=2)
+        if how == "cancelled":
+            task.cancel()
+        watched.agent.stop()
+        with suppress(asyncio.CancelledError):
+            await task
     assert task.cancelled() == (how == "cancelled")
     # Its pipe has ended, so it is about to be gone, if it is not yet.
-    await watched.until(lambda: not any(lives(r["pid"]) for r in watched.reports("child")))
+    await until(lambda: not any(lives(r["pid"]) for r in watched.reports("child")))
 
 
 async def test_a_listener_that_breaks_leaves_no_process():
@@ -271,7 +240,7 @@ def wait_for_end(handles) -> None:
         poll.register(fd, select.POLLIN)
     left = len(handles)
     while left:
-        ended = poll.poll(DEADLINE_S * 1000)
+        ended = poll.poll(int(DEADLINE_S * 1000))
         assert ended, f"{left} of {len(handles)} processes live on"
         for fd, _ in ended:
             poll.unregister(fd)

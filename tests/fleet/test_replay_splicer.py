@@ -36,61 +36,42 @@ class Joining:
         return self
 
 
-def test_the_replay_and_then_the_live_stream_are_decoded_without_gap_or_repetition():
-    joining = Joining().take(REPLAY, 5, 6, 7).decode()
-    assert joining.splicer.needs_replay
-    joining.take(LIVE, 8).decode()
-    assert not joining.splicer.needs_replay
-    joining.take(REPLAY, 8).take(LIVE, 9, 10).decode()
-    assert joining.decoded == [5, 6, 7, 8, 9, 10]
-    assert joining.shown == [7, 8, 9, 10]
-
-
-def test_of_a_burst_only_the_newest_picture_is_shown():
-    joining = Joining().take(REPLAY, 5, 6, 7, 8).decode()
-    assert joining.shown == [8]
-
-
-def test_a_burst_that_trickles_shows_nothing_before_its_newest_picture():
+@pytest.mark.parametrize(
+    ("arrivals", "decoded", "shown", "phase"),
+    [
+        pytest.param("R567 L8 R8 L9 LA", "56789A", "789A", "FOLLOWING", id="the replay, then the stream"),
+        pytest.param("+R5678", "5678", "8", "JOINING", id="of a burst only the newest picture"),
+        pytest.param("r5 r6 r7 R8", "5678", "8", "JOINING", id="a burst that trickles"),
+        pytest.param("L78 r56", "5678", "8", "CONNECTED", id="live packets that came before wait"),
+        pytest.param("R5678 L7", "5678", "8", "CONNECTED", id="a live stream that lags is dropped"),
+        pytest.param("R5678 L7 L89", "56789", "89", "FOLLOWING", id="until it has caught up"),
+        pytest.param("+R56 +L4", "56", "6", "JOINING", id="an older live packet connects nothing"),
+        pytest.param("+r567 +L7", "567", "7", "CONNECTED", id="the last of a connected chain is shown"),
+        pytest.param("+L89A", "A", "A", "CONNECTED", id="a live key frame ends the waiting"),
+        pytest.param("+R89AB", "AB", "B", "JOINING", id="what is left of an older group is passed over"),
+        pytest.param("+R5 +L689", "5689", "9", "FOLLOWING", id="a loss after the joining is the decoder's"),
+        pytest.param("+RFGH +LH +L01", "FGH01", "1", "FOLLOWING", id="a sender that starts anew is followed"),
+        pytest.param("R5566 R66 L7", "567", "67", "CONNECTED", id="what comes twice is decoded once"),
+        pytest.param("R5566 L66 L7", "567", "67", "FOLLOWING", id="what comes live again too"),
+    ],
+)
+def test_what_is_decoded_and_shown(arrivals, decoded, shown, phase):
+    """Arrivals are numbers of the replay (r: not to be shown) or live; with + nothing is decoded in between."""
     joining = Joining()
-    for number in (5, 6, 7):
-        joining.take(REPLAY, number, shown=False).decode()
-    assert joining.shown == []
-    assert joining.take(REPLAY, 8).decode().shown == [8]
+    for arrival in arrivals.split():
+        source, numbers = arrival.lstrip("+")[0], arrival.lstrip("+")[1:]
+        numbers = [int(digit, 36) for digit in numbers]
+        joining.take(LIVE if source == "L" else REPLAY, *numbers, shown=source != "r")
+        if not arrival.startswith("+"):
+            joining.decode()
+    joining.decode()
+    assert [joining.decoded, joining.shown] == [[int(digit, 36) for digit in text] for text in (decoded, shown)]
+    assert joining.splicer.phase.name == phase
 
 
-def test_live_packets_that_came_before_the_replay_wait_for_it():
-    joining = Joining().take(LIVE, 7, 8).decode()
-    assert joining.decoded == []
-    joining.take(REPLAY, 5, 6, shown=False).decode()
-    assert joining.decoded == [5, 6, 7, 8]
-    assert joining.shown == [8]
-    assert joining.splicer.phase is Phase.CONNECTED
-
-
-def test_a_live_stream_that_lags_behind_the_replay_is_dropped_until_it_has_caught_up():
-    joining = Joining().take(REPLAY, 5, 6, 7, 8).decode().take(LIVE, 7).decode()
-    assert not joining.splicer.needs_replay
-    joining.take(LIVE, 8, 9).decode()
-    assert joining.decoded == [5, 6, 7, 8, 9]
-    assert joining.splicer.phase is Phase.FOLLOWING
-
-
-def test_a_live_packet_older_than_the_replay_connects_nothing():
-    joining = Joining().take(REPLAY, 5, 6).take(LIVE, 4).decode()
-    assert joining.splicer.needs_replay
-    assert joining.decoded == [5, 6]
-
-
-def test_the_last_picture_of_a_connected_chain_is_shown_whatever_the_replay_says_of_it():
-    joining = Joining().take(REPLAY, 5, 6, 7, shown=False).take(LIVE, 7).decode()
-    assert joining.shown == [7]
-
-
-def test_a_live_key_frame_ends_the_waiting_at_once():
-    joining = Joining().take(LIVE, 8, 9, 10).decode()
-    assert joining.decoded == joining.shown == [10]
-    assert not joining.splicer.needs_replay
+def test_a_new_group_in_the_replay_supersedes_what_was_not_decoded_yet():
+    joining = Joining().take(REPLAY, 5, 6).decode(1).take(REPLAY, 10, 11).decode()
+    assert joining.decoded == [5, 10, 11]
 
 
 def test_without_a_keeper_the_first_live_key_frame_is_where_it_begins():
@@ -100,32 +81,12 @@ def test_without_a_keeper_the_first_live_key_frame_is_where_it_begins():
     assert joining.take(LIVE, 10, 11).decode().decoded == [10, 11]
 
 
-def test_a_new_group_in_the_replay_supersedes_what_was_not_decoded_yet():
-    joining = Joining().take(REPLAY, 5, 6).decode(1).take(REPLAY, 10, 11).decode()
-    assert joining.decoded == [5, 10, 11]
-
-
-def test_what_is_left_of_an_older_group_in_the_replay_is_passed_over():
-    joining = Joining().take(REPLAY, 8, 9, 10, 11).decode()
-    assert joining.decoded == [10, 11]
-
-
 def test_a_gap_in_the_replay_is_closed_by_the_live_stream_or_not_at_all():
     assert Joining().take(REPLAY, 5, 6, 8).take(LIVE, 7, 8, 9).decode().decoded == [5, 6, 7, 8, 9]
     stuck = Joining().take(REPLAY, 5, 6, 8).take(LIVE, 9).decode()
     assert stuck.splicer.needs_replay
     stuck.splicer.give_up()
     assert stuck.take(LIVE, 10, 11).decode().decoded == [5, 6, 10, 11], "no packet without its references"
-
-
-def test_a_loss_after_the_joining_is_left_to_the_decoder():
-    joining = Joining().take(REPLAY, 5).take(LIVE, 6, 8, 9).decode()
-    assert joining.decoded == [5, 6, 8, 9]
-
-
-def test_a_sender_that_starts_anew_is_followed():
-    joining = Joining().take(REPLAY, 15, 16, 17).take(LIVE, 17).take(LIVE, 0, 1).decode()
-    assert joining.decoded[-2:] == [0, 1]
 
 
 def test_packets_that_wait_for_one_that_never_comes_are_bounded():
@@ -190,9 +151,3 @@ def test_under_any_loss_nothing_is_decoded_without_what_it_refers_to_until_the_s
             assert joining.decoded == sorted(set(joining.decoded))
     joining.decode()
     assert not joining.decoded or joining.decoded[0] % gop == 0
-
-
-@pytest.mark.parametrize("source", list(Source))
-def test_a_packet_that_comes_twice_is_decoded_once(source):
-    joining = Joining().take(REPLAY, 5, 5, 6, 6).take(source, 6, 6).take(LIVE, 7).decode()
-    assert joining.decoded == [5, 6, 7]

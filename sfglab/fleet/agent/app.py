@@ -95,16 +95,11 @@ def report_from_event(event: AgentEvent) -> Report:
 
 
 class ComponentError(SfglabError, RuntimeError):
-    """A component cannot start as it is configured.
-
-    Attributes:
-        component: Its name.
-        why: What it said, or how it ended.
-    """
+    """A component cannot start as it is configured."""
 
     def __init__(self, component: str, why: str) -> None:
-        self.component = component
-        self.why = why
+        self.component = component  #: Its name.
+        self.why = why  #: What it said, or how it ended.
         super().__init__(why if why.startswith(component) else f"{component}: {why}")
 
 
@@ -281,11 +276,7 @@ def _how(status: int) -> str:
 
 
 class Narrator:
-    """Tells events to a person.
-
-    Args:
-        config: What the agent is.
-    """
+    """Tells the events of an agent to a person."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._config = config

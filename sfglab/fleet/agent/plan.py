@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
 from sfglab.component import argument_of
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
 from sfglab.fleet.agent.supervision import Component, Timing
 from sfglab.fleet.decoder.node import DecoderConfig
 from sfglab.fleet.discovery.listener import discovery_topic
@@ -36,10 +36,6 @@ COMPONENTS = ("router", "status", "discoverer", "keeper", "decoder")
 """The components of an agent, in the order in which they are started."""
 
 MAX_DOMAIN = 232
-
-
-class PlanError(SfglabError, ValueError):
-    """An agent that could not be run as it is described."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,14 +66,11 @@ def plan(config: AgentConfig) -> tuple[Component, ...]:
     """Return the processes of an agent, in the order of `COMPONENTS`; no keeper where there is nothing to keep.
 
     Raises:
-        PlanError: A domain is not there, or is its own and the global one.
-        SfglabError: A name, a description or a wait is not allowed.
+        SfglabError: A domain, name, description or wait is not allowed.
     """
     for address in (config.local, config.remote):
         if not 0 <= address.domain_id <= MAX_DOMAIN:
-            raise PlanError(
-                f"agent {config.agent}: given domain {address.domain_id}, allowed are 0 to {MAX_DOMAIN}"
-            )
+            raise InvalidValueError(f"agent {config.agent}, domain", address.domain_id, f"0 to {MAX_DOMAIN}")
     return tuple(
         Component(name=name, argv=(sys.executable, "-m", module, argument_of(configure(config))))
         for name, (module, configure) in _MODULES.items()
@@ -89,11 +82,11 @@ def without(config: AgentConfig, components: Iterable[str]) -> AgentConfig:
     """Return an agent that does not run some components.
 
     Raises:
-        PlanError: There is no such component.
+        InvalidValueError: There is no such component.
     """
     dropped = frozenset(components)
     for name in sorted(dropped - set(COMPONENTS)):
-        raise PlanError(f"agent {config.agent}: given component {name!r}, allowed are {', '.join(COMPONENTS)}")
+        raise InvalidValueError(f"agent {config.agent}, component", name, ", ".join(COMPONENTS))
     return replace(config, components=tuple(name for name in config.components if name not in dropped))
 
 
@@ -196,16 +189,15 @@ def config_from_options(
     Without a fleet file its own domain must be said; the global one is 0 unless something else is said.
 
     Raises:
-        PlanError: Nothing says which domain is its own.
+        InvalidValueError: Nothing says which domain is its own.
         UnknownAgentError: The fleet has no such agent.
     """
     if fleet is not None:
         base = config_from_fleet(fleet, agent)
         return replace(base, local=local.over(base.local), remote=remote.over(base.remote))
     if local.domain_id is None:
-        raise PlanError(
-            f"agent {agent}: its own domain: nothing is given, allowed are 1 to {MAX_DOMAIN} or a fleet file"
-        )
+        allowed = f"1 to {MAX_DOMAIN} or a fleet file"
+        raise InvalidValueError(f"agent {agent}: its own domain", None, allowed)
     return AgentConfig(
         agent=agent,
         local=local.over(BusAddress(domain_id=local.domain_id)),

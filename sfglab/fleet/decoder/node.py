@@ -296,7 +296,7 @@ async def run_decoder(
     Raises:
         StreamError: One of the configured streams cannot be offered.
         BusError: The local domain cannot be joined.
-        PoolError: No pipeline process can be started, as when the remote domain cannot be joined.
+        ProcessFailedError: No pipeline process can be started, as when the remote domain cannot be joined.
     """
     from sfglab.bus import Node
 

@@ -22,12 +22,11 @@ from typing import TYPE_CHECKING
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import FFMPEG_PACKET, CodecError, image_decoder
 from sfglab.component import Report, run_component
-from sfglab.errors import SfglabError
 from sfglab.fields import from_json
 from sfglab.fleet.decoder.pipeline import IMAGE_TYPE, Outputs, Statistics, run_pipeline
 from sfglab.fleet.decoder.streams import RELAY, Route
 from sfglab.messages import default_message, deserialize, serialize
-from sfglab.processes import LineProcess, Member
+from sfglab.processes import LineProcess, Member, ProcessFailedError
 
 if TYPE_CHECKING:
     from sfglab.bus import Node
@@ -149,22 +148,14 @@ REFILL_DELAY_S = 2.0
 glance gives its process back by then."""
 
 
-class PoolError(SfglabError, RuntimeError):
-    """No pipeline process can be started here."""
-
-
 Owner = Callable[["Worker", Report], None]
 
 
 class Worker(LineProcess):
-    """One pipeline process, as the decoder sees it.
-
-    Attributes:
-        is_ready: Whether it has reported that it is.
-    """
+    """One pipeline process, as the decoder sees it."""
 
     keeps = False
-    is_ready = False
+    is_ready = False  #: Whether it has reported that it is.
 
     def belong_to(self, owner: Owner) -> None:
         """Let somebody hear what it reports from now on, its end included."""
@@ -207,13 +198,15 @@ class WorkerPool:
         """Start the spares and return when they are ready.
 
         Raises:
-            PoolError: They do not start.
+            ProcessFailedError: They do not start.
         """
         await self._fill()
         while not self.warm:
             await asyncio.sleep(0.02)
             if not self._spares:
-                raise PoolError(f"decoder: a pipeline process ended while it started: {self._last_words}")
+                raise ProcessFailedError(
+                    f"decoder: a pipeline process ended while it started: {self._last_words}"
+                )
 
     async def lend(self, owner: Owner) -> Worker:
         """Return a worker for one pipeline, whose reports the owner hears; another spare starts later."""

@@ -54,18 +54,10 @@ class _Packet(Generic[M]):
 
 
 class Splicer(Generic[M]):
-    """Joins one stream once.
-
-    Args:
-        replay: Whether there is a replay to begin with; without one, packets of the live stream pass as they
-            come from the first one on.
-
-    Attributes:
-        phase: How far it is.
-    """
+    """Joins one stream once; without a replay to begin with, packets of the live stream pass as they come."""
 
     def __init__(self, *, replay: bool) -> None:
-        self.phase = Phase.JOINING if replay else Phase.FOLLOWING
+        self.phase = Phase.JOINING if replay else Phase.FOLLOWING  #: How far it is.
         self._chain: deque[_Packet[M]] = deque()  # contiguous, not decoded yet
         self._ahead: dict[int, _Packet[M]] = {}  # beyond the chain's end
         self._start: int | None = None  # of the chain, decoded part included
@@ -95,12 +87,9 @@ class Splicer(Generic[M]):
             shown: Whether its sender means its picture to be shown.
         """
         taken = _Packet(pts, is_key, shown, packet)
-        if source is Source.REPLAY:
-            if self.phase is Phase.JOINING:
-                self._take_replayed(taken)
-        elif self.phase is Phase.JOINING:
-            self._take_joining(taken)
-        else:
+        if self.phase is Phase.JOINING:
+            self._take_joining(taken, source)
+        elif source is Source.LIVE:
             self._take_following(taken)
 
     def give_up(self) -> None:
@@ -125,24 +114,18 @@ class Splicer(Generic[M]):
         self._shown_one |= show
         return Step(packet.content, show)
 
-    def _take_replayed(self, packet: _Packet[M]) -> None:
+    def _take_joining(self, packet: _Packet[M], source: Source) -> None:
         beyond = self._start is None or packet.pts > self._end
         if packet.is_key and beyond:
             self._begin(packet)
+            if source is Source.LIVE:
+                # The stream itself begins here; what is missing before it does not matter any more.
+                self._connect()
+                return
         elif beyond:
             self._ahead.setdefault(packet.pts, packet)
-        self._extend()
-
-    def _take_joining(self, packet: _Packet[M]) -> None:
-        beyond = self._start is None or packet.pts > self._end
-        if packet.is_key and beyond:
-            # The stream itself begins here; what is missing before it does not matter any more.
-            self._begin(packet)
-            self._connect()
-            return
-        self._newest_live = packet.pts
-        if beyond:
-            self._ahead.setdefault(packet.pts, packet)
+        if source is Source.LIVE:
+            self._newest_live = packet.pts
         self._extend()
 
     def _take_following(self, packet: _Packet[M]) -> None:

@@ -38,14 +38,10 @@ _TYPES = {
 
 
 class StreamError(SfglabError, ValueError):
-    """A stream that cannot be offered locally.
-
-    Attributes:
-        topic: The remote topic.
-    """
+    """A stream that cannot be offered locally."""
 
     def __init__(self, topic: str, why: str) -> None:
-        self.topic = topic
+        self.topic = topic  #: The remote topic.
         super().__init__(f"stream {topic!r}: {why}")
 
 

@@ -149,19 +149,12 @@ TRANSITIONS: dict[tuple[State, Input], tuple[State, tuple[Action, ...]]] = {
 
 
 class Lifecycle:
-    """One remote agent's state.
-
-    Args:
-        agent: Its name, for messages.
-
-    Attributes:
-        state: Where it stands.
-    """
+    """One remote agent's state; its name is for messages."""
 
     __slots__ = ("_agent", "state")
 
     def __init__(self, agent: str) -> None:
-        self.state = State.UNKNOWN
+        self.state = State.UNKNOWN  #: Where it stands.
         self._agent = agent
 
     def feed(self, given: Input) -> tuple[Action, ...]:

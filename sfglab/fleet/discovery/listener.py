@@ -64,16 +64,12 @@ class KnownAgents:
     """The remote agents that are there now.
 
     An event of a new publisher means that the discoverer was started again and knows nothing: what its
-    predecessor said holds for a grace period, and agents that are not announced again by then are withdrawn.
-
-    Args:
-        grace_ns: That period. It must cover a discoverer's start: hearing the last heartbeats and asking.
-
-    Attributes:
-        deadline_ns: When `expire` has to be called, on the caller's clock; None while nothing is waited for.
+    predecessor said holds for a grace period, and agents that are not announced again by then are withdrawn. It
+    must cover a discoverer's start: hearing the last heartbeats and asking.
     """
 
     def __init__(self, *, grace_ns: int = 10_000_000_000) -> None:
+        #: When `expire` has to be called, on the caller's clock; None while nothing is waited for.
         self.deadline_ns: int | None = None
         self._grace_ns = grace_ns
         self._publisher = _NOBODY
@@ -95,9 +91,12 @@ class KnownAgents:
             return None
         if publisher_gid not in (self._publisher, _NOBODY):
             self._replace_publisher(publisher_gid, now_ns)
-        self._confirm(event.agent)
+        self._unconfirmed.discard(event.agent)
+        if not self._unconfirmed:
+            self.deadline_ns = None
         if event.event == event.LOST:
-            return self._withdraw(event.agent)
+            known = self._metadata.pop(event.agent, None)
+            return None if known is None else Withdrawn(agent=event.agent)
         if self._metadata.get(event.agent) == event.metadata:
             return None
         self._metadata[event.agent] = event.metadata
@@ -118,15 +117,6 @@ class KnownAgents:
         self._publisher = gid
         self._unconfirmed = set(self._metadata)
         self.deadline_ns = now_ns + self._grace_ns if self._unconfirmed else None
-
-    def _confirm(self, agent: str) -> None:
-        self._unconfirmed.discard(agent)
-        if not self._unconfirmed:
-            self.deadline_ns = None
-
-    def _withdraw(self, agent: str) -> Withdrawn | None:
-        known = self._metadata.pop(agent, None)
-        return None if known is None else Withdrawn(agent=agent)
 
 
 async def agent_changes(node: Node, topic: str, known: KnownAgents | None = None) -> AsyncIterator[Change]:

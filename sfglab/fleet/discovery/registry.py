@@ -120,11 +120,6 @@ class Registry:
         timing: The waits.
         limits: The bounds.
         on_move: Called with every transition.
-
-    Attributes:
-        counts: How often what happened: ``heard``, ``dropped_<reason>``, ``asked``, ``answered``,
-            ``failed`` (of these ``mismatched``: answered with something else), ``abandoned``,
-            ``ignored_answers`` (to queries that had been given up), ``evicted``.
     """
 
     def __init__(
@@ -135,6 +130,9 @@ class Registry:
         limits: Limits | None = None,
         on_move: Callable[[Move], None] | None = None,
     ) -> None:
+        #: How often what happened: ``heard``, ``dropped_<reason>``, ``asked``, ``answered``, ``failed`` (of
+        #: these ``mismatched``: answered with something else), ``abandoned``, ``ignored_answers`` (to queries
+        #: that had been given up), ``evicted``.
         self.counts: Counter[str] = Counter()
         self._timing = timing or Timing()
         self._limits = limits or Limits()
@@ -152,7 +150,9 @@ class Registry:
         if remote is None:
             if not self._make_room():
                 return self.refuse(Refusal.FULL)
-            remote = self._add(heartbeat)
+            version = heartbeat.incarnation, heartbeat.revision
+            remote = _Remote(Lifecycle(heartbeat.agent), self._fresh_backoff(), version)
+            self._remotes[heartbeat.agent] = remote
         given = _input_of(heartbeat, remote)
         if given is None:
             return self.refuse(Refusal.STALE)
@@ -162,7 +162,9 @@ class Registry:
         if given is Input.RESTARTED:
             remote.backoff = self._fresh_backoff()
         remote.heard_ns = now_ns
-        remote.silent_ns = now_ns + self._silence_ns(heartbeat)
+        remote.silent_ns = (
+            now_ns + round(self._timing.missed * heartbeat.period_s * 1e9) + self._timing.slack_ns
+        )
         return self._feed(heartbeat.agent, given, now_ns)
 
     def refuse(self, why: Refusal) -> list[Order]:
@@ -235,13 +237,6 @@ class Registry:
             return None
         return _order(Action.DISCOVERED, agent, remote)
 
-    def _add(self, heartbeat: Heartbeat) -> _Remote:
-        remote = _Remote(
-            Lifecycle(heartbeat.agent), self._fresh_backoff(), (heartbeat.incarnation, heartbeat.revision)
-        )
-        self._remotes[heartbeat.agent] = remote
-        return remote
-
     def _make_room(self) -> bool:
         """Evict who has been silent longest of those that are no use to anybody, if there is no place."""
         if len(self._remotes) < self._limits.max_agents:
@@ -291,9 +286,6 @@ class Registry:
             self.counts["abandoned"] += 1
             remote.query = None
         return order
-
-    def _silence_ns(self, heartbeat: Heartbeat) -> int:
-        return round(self._timing.missed * heartbeat.period_s * 1e9) + self._timing.slack_ns
 
     def _fresh_backoff(self) -> BackOff:
         timing = self._timing

@@ -3,28 +3,13 @@
 from __future__ import annotations
 
 from sfglab.fleet.lint.linter import CHECKS, lint, lint_file
-from sfglab.fleet.lint.report import (
-    AgentLoad,
-    Announcements,
-    Discovery,
-    Finding,
-    Hearing,
-    Report,
-    Severity,
-    render,
-    render_findings,
-)
+from sfglab.fleet.lint.report import Finding, Severity, render, render_findings
 from sfglab.fleet.lint.uses import Meeting, Use, View
 
 __all__ = [
     "CHECKS",
-    "AgentLoad",
-    "Announcements",
-    "Discovery",
     "Finding",
-    "Hearing",
     "Meeting",
-    "Report",
     "Severity",
     "Use",
     "View",

@@ -158,6 +158,7 @@ def check_topics_cross(view: View) -> Iterator[Finding]:
 
 def _deaf(name: str, meeting: Meeting, *, crosses: bool) -> Iterator[Finding]:
     speakers = {use.agent for use in meeting.speakers}
+    publishers = ", ".join(sorted(speakers))
     for use in meeting.hearers:
         if use.agent in speakers or (crosses and speakers):
             continue
@@ -166,7 +167,7 @@ def _deaf(name: str, meeting: Meeting, *, crosses: bool) -> Iterator[Finding]:
                 severity=Severity.ERROR,
                 code="does-not-cross",
                 place=use.place,
-                what=f"{use.agent} subscribes {name}, which {_listed(speakers)} publishes, and never hears it",
+                what=f"{use.agent} subscribes {name}, which {publishers} publishes, and never hears it",
                 why="no forwarding rule lets it cross (paper A, Table 1)",
                 remedy=f"publish it below /global/, as {_global_form(name, min(speakers))}",
             )
@@ -270,7 +271,7 @@ def check_publishers(view: View) -> Iterator[Finding]:
         except FqnError:
             continue
         if owner in agents:
-            others = _listed({agent for agent in agents if agent != owner})
+            others = ", ".join(sorted(agent for agent in agents if agent != owner))
             yield Finding(
                 severity=Severity.WARNING,
                 code="two-publishers",
@@ -279,10 +280,6 @@ def check_publishers(view: View) -> Iterator[Finding]:
                 why="subscribers hear both and cannot tell them apart",
                 remedy="publish under the own agent's name, or remove one publisher",
             )
-
-
-def _listed(agents: set[str]) -> str:
-    return ", ".join(sorted(agents))
 
 
 def _global_form(name: str, agent: str) -> str:

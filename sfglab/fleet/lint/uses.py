@@ -62,18 +62,11 @@ class Meeting:
 
 
 class View:
-    """A fleet seen by name.
-
-    Args:
-        fleet: The fleet.
-
-    Attributes:
-        fleet: The same.
-        uses: Who uses what, in the order of the file.
-    """
+    """A fleet seen by name."""
 
     def __init__(self, fleet: Fleet) -> None:
-        self.fleet = fleet
+        self.fleet = fleet  #: As given.
+        #: Who uses what, in the order of the file.
         self.uses = tuple(use for agent in fleet.agents for use in _uses_of(agent, fleet))
 
     @cached_property

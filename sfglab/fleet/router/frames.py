@@ -25,16 +25,11 @@ if TYPE_CHECKING:
 
 
 class FrameClashError(SfglabError, ValueError):
-    """A transform that would move a frame of somebody else.
-
-    Attributes:
-        direction: Which way it was to cross the border.
-        frame: Its child, as given.
-    """
+    """A transform that would move a frame of somebody else."""
 
     def __init__(self, direction: Direction, frame: str, allowed: str) -> None:
-        self.direction = direction
-        self.frame = frame
+        self.direction = direction  #: Which way it was to cross the border.
+        self.frame = frame  #: Its child, as given.
         super().__init__(f"{direction.value} transform: given the child frame {frame!r}, allowed are {allowed}")
 
 
@@ -120,11 +115,7 @@ class FrameCounts:
 
 
 class TransformGate:
-    """Lets an agent's transforms out under its prefix, and those of others in if they clash with nothing.
-
-    Args:
-        frames: The agent's frames.
-    """
+    """Lets an agent's transforms out under its prefix, and those of others in if they clash with nothing."""
 
     def __init__(self, frames: Frames) -> None:
         self.counts = FrameCounts()

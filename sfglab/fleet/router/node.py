@@ -45,16 +45,11 @@ _PEER = struct.Struct("3i")  # struct ucred: pid, uid, gid
 
 
 class RouterRunningError(SfglabError, RuntimeError):
-    """Another router serves the pair of domains on this host.
-
-    Attributes:
-        domains: The two domain ids, sorted.
-        pid: The other's process id; None when it cannot be seen from here.
-    """
+    """Another router serves the pair of domains on this host."""
 
     def __init__(self, domains: tuple[int, int], pid: int | None) -> None:
-        self.domains = domains
-        self.pid = pid
+        self.domains = domains  #: The two domain ids, sorted.
+        self.pid = pid  #: The other's process id; None when it cannot be seen from here.
         who = "a process out of sight" if pid is None else f"process {pid}"
         super().__init__(
             f"router between the domains {domains[0]} and {domains[1]}: {who} on this host is one already, "

@@ -20,14 +20,10 @@ if TYPE_CHECKING:
 
 
 class DescriptionError(SfglabError, ValueError):
-    """A description that others could not use.
-
-    Attributes:
-        place: Which part of it.
-    """
+    """A description that others could not use."""
 
     def __init__(self, place: str, why: str) -> None:
-        self.place = place
+        self.place = place  #: Which part of it.
         super().__init__(f"agent description, {place}: {why}")
 
 
