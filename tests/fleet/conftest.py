@@ -109,17 +109,15 @@ def serve(domains):
             remote=remote, local=local, streams=streams, discovery_topic=discovery_topic, linger_s=0.05
         )
         decoder = Decoder()
-        async with Node("camera", **asdict(remote)) as far, Node("viewer", **asdict(local)) as near:
-            task = asyncio.create_task(run_decoder(config, on_status=decoder.note, on_ready=decoder.is_ready))
-            ready = asyncio.create_task(decoder.ready.wait())
-            try:
-                await asyncio.wait({task, ready}, return_when=asyncio.FIRST_COMPLETED, timeout=60)
-                if task.done():
-                    task.result()
-                yield far, near, decoder
-            finally:
-                ready.cancel()
-                task.cancel()
-                await asyncio.gather(task, return_exceptions=True)
+        decoding = run_decoder(config, on_status=decoder.note, on_ready=decoder.is_ready)
+        async with (
+            Node("camera", **asdict(remote)) as far,
+            Node("viewer", **asdict(local)) as near,
+            beside(decoding) as (task,),
+        ):
+            await until(lambda: decoder.ready.is_set() or task.done())
+            if task.done():
+                task.result()
+            yield far, near, decoder
 
     return serving

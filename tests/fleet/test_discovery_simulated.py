@@ -9,6 +9,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 import pytest
 
 from sfglab.bus.sim import LinkModel, run_simulated
+from sfglab.component import beside
 from sfglab.fleet.discovery.listener import (
     DISCOVERY_EVENT,
     DISCOVERY_QOS,
@@ -31,21 +32,11 @@ from sfglab.qos import LATCHED
 
 
 @asynccontextmanager
-async def running(body):
-    task = asyncio.create_task(body)
-    try:
-        yield task
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-
-
-@asynccontextmanager
 async def status(world, agent):
     """An agent's status provider on a host of its own."""
     async with (
         world.node("status", host=agent) as node,
-        running(StatusProvider(node, StatusSettings(agent=agent)).run()),
+        beside(StatusProvider(node, StatusSettings(agent=agent)).run()),
     ):
         yield
 
@@ -60,7 +51,7 @@ async def discoverer(world, agent="station"):
             events.append((round(asyncio.get_running_loop().time(), 2), news.agent, news.event))
 
         found = AgentDiscoverer(node, DiscoverySettings(agent=agent), on_event=note)
-        async with running(found.run()) as task:
+        async with beside(found.run()) as (task,):
             yield found, events
             assert not task.done(), task.exception()
 
@@ -173,7 +164,7 @@ def test_a_consumer_that_comes_after_a_thousand_events_still_hears_of_everybody(
             world.node("status", host="busy") as node,
         ):
             provider = StatusProvider(node, StatusSettings(agent="busy"))
-            async with running(provider.run()):
+            async with beside(provider.run()):
                 for number in range(1100):
                     await asyncio.sleep(0.1)
                     provider.update(AgentDescription(software=(str(number),)))

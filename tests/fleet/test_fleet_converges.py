@@ -16,6 +16,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from waiting import DEADLINE_S, lives
 
 from sfglab.bus.address import BusAddress
 from sfglab.component import argument_of
@@ -29,6 +30,7 @@ from sfglab.fleet.status.heartbeat import Schedule
 from sfglab.lab.testbed import Testbed
 from sfglab.lab.workers.camera import CameraConfig
 from sfglab.names import Component, Resource, RosFqnBuilder, Scope, Stream
+from sfglab.processes import LineProcess
 
 pytestmark = [pytest.mark.live, pytest.mark.slow]
 
@@ -38,7 +40,6 @@ AGENTS = {
     "pi1": ("router", "status", "discoverer"),
     "station": ("router", "status", "discoverer", "decoder"),
 }
-DEADLINE_S = 60
 SEED = 7
 # Short, yet a process that starves on a busy machine for a second is not taken for lost.
 SCHEDULE = Schedule(startup_period_s=0.4, steady_period_s=0.4, startup_s=0)
@@ -86,46 +87,33 @@ def sensor_of(agent: str) -> SensorDescription:
     return SensorDescription(name="camera_front", streams=(stream,))
 
 
-def lives(pid: int) -> bool:
-    try:
-        return psutil.Process(pid).status() not in (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
-    except psutil.NoSuchProcess:
-        return False
+class Talker(LineProcess):
+    """A process and the reports that it has given."""
 
-
-class Talker:
-    """A process and the JSON lines that it has said."""
-
-    def __init__(self, process) -> None:
-        self.process = process
-        self.reports = []
-        self.listening = asyncio.create_task(self.listen())
+    keeps = False
 
     @classmethod
-    async def start(cls, argv):
-        pipe = asyncio.subprocess.PIPE
-        return cls(await asyncio.create_subprocess_exec(*argv, stdin=pipe, stdout=pipe, limit=1 << 22))
-
-    async def listen(self) -> None:
-        while line := await self.process.stdout.readline():
-            self.reports.append(json.loads(line))
-        await self.process.wait()
+    async def begin(cls, argv):
+        talker = await cls.start(argv[-2], argv)
+        talker.reports = []
+        talker.on_report = talker.reports.append
+        return talker
 
     async def end(self) -> int:
-        self.process.stdin.close()
-        try:
-            async with asyncio.timeout(DEADLINE_S):
-                await self.listening
-        finally:
-            with suppress(ProcessLookupError):
-                self.process.kill()
-        return self.process.returncode
+        await self.close(grace_s=DEADLINE_S)
+        return self.status
+
+    def family(self) -> set[int]:
+        """Return the pids of the process and all below it; none when it is gone."""
+        with suppress(psutil.NoSuchProcess):
+            return {self.pid, *(child.pid for child in psutil.Process(self.pid).children(recursive=True))}
+        return set()
 
 
 class RunningAgent(Talker):
     """A supervisor as it is seen from outside: by its reports."""
 
-    def pid(self, component: str) -> int | None:
+    def pid_of(self, component: str) -> int | None:
         """Return the process of a component that serves; None while it does not."""
         mine = [r for r in self.reports if r["is"] == "component" and r["component"] == component]
         return mine[-1]["pid"] if mine and mine[-1]["state"] == "running" else None
@@ -150,11 +138,6 @@ class RunningAgent(Talker):
         states = {r["component"]: r["state"] for r in self.reports if r["is"] == "component"}
         lines = [r["line"] for r in self.reports if r["is"] == "line"]
         return f"{states}, heard {self.events()}, streams {self.streams()}, {lines[-20:]}"
-
-    def family(self) -> set[int]:
-        """Return the pids of the supervisor and all below it."""
-        root = psutil.Process(self.process.pid)
-        return {root.pid, *(child.pid for child in root.children(recursive=True))}
 
 
 class Fleet:
@@ -188,7 +171,7 @@ class Fleet:
     async def start_agent(self, name: str) -> None:
         config = argument_of(SupervisorConfig.of_agent(self.config(name)))
         argv = self.testbed.argv(name, [sys.executable, "-m", "sfglab.fleet.agent.app", config])
-        self.agents[name] = await RunningAgent.start(argv)
+        self.agents[name] = await RunningAgent.begin(argv)
 
     async def start(self) -> None:
         for name in AGENTS:
@@ -200,12 +183,12 @@ class Fleet:
             encoder="libx264",
         )
         argv = [sys.executable, "-m", "sfglab.lab.workers.camera", argument_of(camera)]
-        self.camera = await Talker.start(self.testbed.argv("go2", argv))
+        self.camera = await Talker.begin(self.testbed.argv("go2", argv))
         self.others.append(self.camera)
         image, _ = routes_of_topic(stream_of("go2"))
         order = json.dumps([self.local("station").options(), image.local_topic])
         argv = self.testbed.argv("station", [sys.executable, "-c", VIEWER, order])
-        self.viewer = await Talker.start(argv)
+        self.viewer = await Talker.begin(argv)
         self.others.append(self.viewer)
 
     async def until(self, what: str, fact) -> None:
@@ -220,12 +203,10 @@ class Fleet:
 
     def note_pids(self) -> None:
         for talker in (*self.agents.values(), *self.others):
-            with suppress(psutil.NoSuchProcess):
-                root = psutil.Process(talker.process.pid)
-                self.seen |= {root.pid, *(child.pid for child in root.children(recursive=True))}
+            self.seen |= talker.family()
 
     def all_serve(self) -> bool:
-        return all(all(map(agent.pid, AGENTS[name])) for name, agent in self.agents.items())
+        return all(all(map(agent.pid_of, AGENTS[name])) for name, agent in self.agents.items())
 
     def all_know_each_other(self) -> bool:
         return all(
@@ -271,7 +252,7 @@ class Fleet:
 
     def kill(self, agent: str, component: str) -> None:
         """Kill a component's process, if there is one that serves."""
-        pid = self.agents[agent].pid(component)
+        pid = self.agents[agent].pid_of(component)
         if pid is not None:
             self.kills.append((agent, component, time.time_ns()))
             os.kill(pid, signal.SIGKILL)
@@ -322,7 +303,7 @@ def test_a_component_that_is_killed_comes_back_and_the_fleet_converges(world, ag
         await fleet.is_together()
         marks = fleet.mark()
         crashes, family = victim.crashes(component), victim.family()
-        below = {p.pid for p in psutil.Process(victim.pid(component)).children(recursive=True)}
+        below = {p.pid for p in psutil.Process(victim.pid_of(component)).children(recursive=True)}
         await asyncio.sleep(random.Random(f"{SEED} {agent} {component}").uniform(0, 0.5))
         fleet.kill(agent, component)
         await fleet.until("it is missed", lambda: victim.crashes(component) == crashes + 1)
@@ -354,8 +335,8 @@ def test_no_stream_outlives_an_agent_that_ended_while_nobody_watched(world):
         assert station.streams()[image.local_topic] == "IDLE"
         gone = fleet.agents.pop("pi1")
         fleet.kill("station", "discoverer")
-        os.kill(gone.process.pid, signal.SIGKILL)
-        await gone.listening
+        gone.signal(signal.SIGKILL)
+        await gone.wait()
         await fleet.until("its stream is withdrawn", lambda: station.streams()[image.local_topic] == "GONE")
         await fleet.shows_new_pictures()
         await fleet.start_agent("pi1")

@@ -11,6 +11,7 @@ import pytest
 
 from sfglab.bus.sim import LinkModel, run_simulated
 from sfglab.codecs import TABLE_2, H264Encoder, ffmpeg_packet_fields
+from sfglab.component import beside
 from sfglab.fleet.decoder.pipeline import PATIENCE_S, Statistics, run_pipeline
 from sfglab.fleet.decoder.streams import Route
 from sfglab.fleet.gop_cache import FFMPEG_PACKET, KeeperSettings, StreamKeeper, replay_topic
@@ -94,10 +95,8 @@ def first_picture(
         async with agent(world, "edge", shoot, *([keep] if keeper else [])), agent(world, "station") as near:
             await asyncio.sleep(5 + (joined + 0.5) / fps)
             joined_s = asyncio.get_running_loop().time()
-            running = asyncio.create_task(run_pipeline(route, (), remote=near, outputs=screen, counts=counts))
-            await asyncio.sleep(FRAMES / fps)
-            running.cancel()
-            await asyncio.gather(running, return_exceptions=True)
+            async with beside(run_pipeline(route, (), remote=near, outputs=screen, counts=counts)):
+                await asyncio.sleep(FRAMES / fps)
             return joined_s
 
     joined_s = run_simulated(main, seed=1, link=link, limit_s=60)

@@ -237,10 +237,13 @@ class Fleet(RuleBasedStateMachine):
         for domain, source in self.world.plain():
             got = self.world.copies(domain, source)
             for other, sink in self.world.plain():
-                if source.kind is not PUB or sink.kind is not SUB:
-                    continue
-                heard = other == domain or POLICY.crosses(source.dds_topic, Direction.OUTWARD)
-                assert got.get(sink.gid, 0) == (matches(source, sink) and heard)
+                if source.kind is PUB and sink.kind is SUB:
+                    crosses = POLICY.crosses(source.dds_topic, Direction.OUTWARD)
+                    wanted = self.copies_wanted(domain, other, crosses=crosses) * matches(source, sink)
+                    assert got.get(sink.gid, 0) == wanted
+
+    def copies_wanted(self, domain, other, *, crosses) -> int:
+        return other == domain or crosses
 
     @rule()
     def what_is_open_is_what_is_used(self):
@@ -281,16 +284,8 @@ class DoubledFleet(Fleet):
     agents = (1, 1)
     names = ("host/1", "host/1")
 
-    @rule()
-    def every_subscription_hears_what_it_should_once(self):
-        self.world.settle()
-        for domain, source in self.world.plain():
-            got = self.world.copies(domain, source)
-            for other, sink in self.world.plain():
-                if source.kind is PUB and matches(source, sink):
-                    crosses = POLICY.crosses(source.dds_topic, Direction.OUTWARD)
-                    twice = {GLOBAL, 1} == {domain, other} and crosses
-                    assert got.get(sink.gid, 0) == (1 if other == domain else 2 * twice)
+    def copies_wanted(self, domain, other, *, crosses) -> int:
+        return 1 if other == domain else 2 * (crosses and {domain, other} == {GLOBAL, 1})
 
 
 class CrossedFleet(Fleet):
@@ -425,111 +420,78 @@ def test_shared_memory_shows_itself_in_dds_but_is_no_business_of_the_router():
     assert one.open == {}
 
 
-class Client:
-    """A client's two halves, which discovery tells of one by one."""
+class Services:
+    """A server, and clients whose two halves discovery tells of one by one, behind one router."""
 
-    def __init__(self, world, domain, participant=b"", name="") -> None:
-        self.world, self.domain = world, domain
-        self.participant = participant or world.gid()
-        self.user_data = user_data({"clientid": name}) if name else b""
+    def __init__(self, server: int, client: int) -> None:
+        self.world, self.router, _ = two_agents()
+        self.client = client
+        self.participants: dict[str, bytes] = {}
+        for kind, topic in ((SUB, REQUESTS), (PUB, REPLIES)):
+            self.world.add(server, plain(self.world, kind, topic))
 
-    def half(self, kind, topic) -> EndpointInfo:
-        made = replace(plain(self.world, kind, topic), user_data=self.user_data, participant=self.participant)
-        return self.world.add(self.domain, made)
+    def half(self, who: str, kind: EndpointKind) -> EndpointInfo:
+        """Tell of a half of a client; those called by one letter and numbers share a participant."""
+        participant = self.participants.setdefault(who[0], self.world.gid())
+        tag = user_data({"clientid": who}) if who[1:] else b""
+        made = plain(self.world, kind, REQUESTS if kind is PUB else REPLIES)
+        return self.world.add(self.client, replace(made, user_data=tag, participant=participant))
 
-    def request_writer(self) -> EndpointInfo:
-        return self.half(PUB, REQUESTS)
+    def hear(self) -> None:
+        for side in 2 * tuple(Side):
+            while self.router.heard[side]:
+                self.router.hear(side)
 
-    def reply_reader(self) -> EndpointInfo:
-        return self.half(SUB, REPLIES)
-
-
-def serving(world, domain) -> None:
-    world.add(domain, plain(world, SUB, REQUESTS))
-    world.add(domain, plain(world, PUB, REPLIES))
-
-
-def hear_all(*routers) -> None:
-    for router in routers * 2:
-        for side in Side:
-            while router.heard[side]:
-                router.hear(side)
-
-
-def passing(router, writer) -> bool:
-    """Return whether a publisher's samples go somewhere."""
-    return any(to for (_, source), to in router.judged.items() if source == writer.gid)
-
-
-def held(router, writer) -> bool:
-    return all(source != writer.gid for _, source in router.judged)
+    def passes(self, writer: EndpointInfo) -> bool | None:
+        """Return whether a publisher's samples go somewhere; None while they are held."""
+        goals = [to for (_, source), to in self.router.judged.items() if source == writer.gid]
+        return any(goals) if goals else None
 
 
 @pytest.mark.parametrize(("server", "client"), [(1, GLOBAL), (GLOBAL, 1)])
-def test_a_request_waits_until_the_reader_of_its_reply_is_known(server, client):
-    world, one, _ = two_agents()
-    serving(world, server)
-    asking = Client(world, client)
-    writer = asking.request_writer()
-    hear_all(one)
-    assert held(one, writer)
-    asking.reply_reader()
-    hear_all(one)
-    assert passing(one, writer)
-    assert {s.path.dds_topic for s in one.open if isinstance(s, WriterSpec)} == {REQUESTS, REPLIES}
-
-
-def test_a_request_does_not_wait_for_a_reader_that_was_known_before():
-    world, one, _ = two_agents()
-    serving(world, 1)
-    asking = Client(world, GLOBAL)
-    asking.reply_reader()
-    writer = asking.request_writer()
-    hear_all(one)
-    assert passing(one, writer)
-    assert one.plan.deadline_ns is None
+@pytest.mark.parametrize(
+    "steps",
+    [
+        pytest.param("a asks, held, a listens, passes", id="until that is known"),
+        pytest.param("a listens, a asks, passes", id="not if that was known before"),
+        pytest.param("b listens, a asks, held, a listens, passes", id="another client's does not count"),
+        pytest.param("p1 listens, p2 asks, held, p2 listens, passes", id="nor one of the same participant"),
+        pytest.param("a listens, a leaves, a asks, held", id="one that left lingers, and hears nothing"),
+    ],
+)
+def test_a_request_waits_for_the_reader_of_its_reply(server, client, steps):
+    services = Services(server, client)
+    for step in steps.split(", "):
+        who, _, what = step.rpartition(" ")
+        if what == "asks":
+            writer = services.half(who, PUB)
+        elif what == "listens":
+            reader = services.half(who, SUB)
+        elif what == "leaves":
+            services.world.remove(client, reader.gid)
+        services.hear()
+        if what == "held":
+            assert services.passes(writer) is None
+        elif what == "passes":
+            assert services.passes(writer)
+            assert services.router.plan.deadline_ns is None
+            writers = {s.path.dds_topic for s in services.router.open if isinstance(s, WriterSpec)}
+            assert writers == {REQUESTS, REPLIES}
 
 
 def test_a_request_does_not_wait_for_ever_and_a_client_that_left_is_forgotten():
-    world, one, _ = two_agents()
-    serving(world, 1)
-    silent, gone = (Client(world, GLOBAL).request_writer() for _ in range(2))
-    hear_all(one)
+    services = Services(1, GLOBAL)
+    world, one = services.world, services.router
+    silent, gone = (services.half(who, PUB) for who in "ab")
+    services.hear()
     assert one.plan.deadline_ns == PATIENCE_NS
     world.remove(GLOBAL, gone.gid)
-    hear_all(one)
+    services.hear()
     world.now_ns = SECOND
     one.tick()
-    assert held(one, gone)
+    assert services.passes(gone) is None
     assert [a.source for a in one.done if isinstance(a, Forget)] == [gone.gid]
     world.now_ns = PATIENCE_NS
     one.tick()
-    assert passing(one, silent)
+    assert services.passes(silent)
     assert one.plan.deadline_ns is None
-
-
-def test_another_clients_reader_does_not_let_a_request_pass():
-    world, one, _ = two_agents()
-    serving(world, 1)
-    shared = world.gid()
-    for known, new in (
-        (Client(world, GLOBAL), Client(world, GLOBAL)),
-        (Client(world, GLOBAL, shared, "1"), Client(world, GLOBAL, shared, "2")),
-    ):
-        known.reply_reader()
-        writer = new.request_writer()
-        hear_all(one)
-        assert held(one, writer)
-        new.reply_reader()
-        hear_all(one)
-        assert passing(one, writer)
-
-
-def test_a_reader_that_left_does_not_let_a_request_pass():
-    world, one, _ = two_agents()
-    serving(world, 1)
-    asking = Client(world, GLOBAL)
-    world.remove(GLOBAL, asking.reply_reader().gid)
-    writer = asking.request_writer()
-    hear_all(one)
-    assert held(one, writer), "it lingers, and hears nothing"

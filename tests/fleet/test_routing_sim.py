@@ -7,6 +7,7 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 
 from sfglab.bus.sim import LinkModel, run_simulated
+from sfglab.component import beside
 from sfglab.fleet.router.node import Router, RouterSettings
 from sfglab.messages import default_message, message_type
 from sfglab.qos import LATCHED, QoSProfile
@@ -20,18 +21,15 @@ DEEP = QoSProfile(depth=1000)
 @asynccontextmanager
 async def fleet(world):
     """One node of each agent in its own domain, behind the agent's router to the network's domain 0."""
-    nodes, routers, tasks = {}, {}, []
+    nodes, routers = {}, {}
     for agent in AGENTS:
         places = {"host": agent, "domain_id": 7, "reach": "host"}
         nodes[agent] = world.node(f"of_{agent}", **places)
         near = world.node("router", **places, process="router")
         far = world.node("router", host=agent, process="router")
         routers[agent] = Router(near, far, RouterSettings(agent=agent))
-        tasks.append(asyncio.create_task(routers[agent].run()))
-    yield nodes, routers
-    for task in tasks:
-        task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
+    async with beside(*(router.run() for router in routers.values())):
+        yield nodes, routers
 
 
 async def take_all(subscription, seconds: float) -> list:
@@ -135,13 +133,11 @@ def test_the_status_is_told_at_every_change_and_every_five_seconds():
         router = Router(
             near, far, RouterSettings(agent="a"), on_status=lambda s: told.append((world.now_ns, s))
         )
-        task = asyncio.create_task(router.run())
-        await asyncio.sleep(22)
-        quiet = len(told)
-        world.node("one", domain_id=7).create_subscription(STRING, "/global/x")
-        await asyncio.sleep(2)
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
+        async with beside(router.run()):
+            await asyncio.sleep(22)
+            quiet = len(told)
+            world.node("one", domain_id=7).create_subscription(STRING, "/global/x")
+            await asyncio.sleep(2)
         return [round(time_ns / 1e9) for time_ns, _ in told[:quiet]], told[quiet:]
 
     times, after = run_simulated(main, limit_s=1000)
