@@ -96,6 +96,16 @@ async def beside(*bodies: Coroutine[Any, Any, None]) -> AsyncIterator[list[async
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
+async def is_set_before(event: asyncio.Event, time_s: float) -> bool:
+    """Wait for an event until a time of the loop's clock; return whether it came."""
+    try:
+        async with asyncio.timeout_at(time_s):
+            await event.wait()
+    except TimeoutError:
+        return False
+    return True
+
+
 async def _until_told(body: Awaitable[None], orders: asyncio.Queue[Report]) -> None:
     serving = asyncio.ensure_future(body)
     hearing = asyncio.create_task(_hear(orders))

@@ -221,13 +221,7 @@ class Replayed:
 
 
 class StreamKeeper:
-    """Keeps and replays streams for one agent.
-
-    Args:
-        node: Node in the agent's own domain.
-        settings: What it keeps.
-        on_replay: Told about every replay.
-    """
+    """Keeps and replays streams in an agent's own domain; `on_replay` is told about every replay."""
 
     def __init__(
         self, node: Node, settings: KeeperSettings, *, on_replay: Callable[[Replayed], None] = lambda _: None

@@ -27,9 +27,7 @@ from sfglab.fleet.agent.supervision import (
     Action,
     Component,
     ComponentProcess,
-    Ended,
     Input,
-    Printed,
     State,
     Supervision,
     Timing,
@@ -42,7 +40,6 @@ if TYPE_CHECKING:
     from sfglab.bus.address import BusAddress
     from sfglab.component import Report
     from sfglab.fleet.agent.plan import AgentConfig
-    from sfglab.fleet.agent.supervision import Heard
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,13 +115,7 @@ class _Unit:
 
 
 class Agent:
-    """The components of one agent, supervised.
-
-    Args:
-        components: The processes to run.
-        timing: The waits of every component.
-        on_event: Called with everything that happens.
-    """
+    """The components of one agent, supervised; `on_event` is called with everything that happens."""
 
     def __init__(
         self,
@@ -136,7 +127,7 @@ class Agent:
         timing = timing or Timing()
         self._units = [_Unit(c, Supervision(c.name, timing)) for c in components]
         self._on_event = on_event
-        self._events: asyncio.Queue[tuple[_Unit, Heard] | None] = asyncio.Queue()
+        self._events: asyncio.Queue[tuple[_Unit, Report] | None] = asyncio.Queue()
         self._refusal: ComponentError | None = None
         self._complete = False
 
@@ -187,32 +178,33 @@ class Agent:
             if unit.life.due(_now_ns()):
                 await self._feed(unit, Input.TIMER)
 
-    async def _handle(self, event: tuple[_Unit, Heard] | None) -> None:
+    async def _handle(self, event: tuple[_Unit, Report] | None) -> None:
         if event is None:
             await self._stop_all()
             return
         unit, heard = event
-        if isinstance(heard, Ended):
-            await self._ended(unit, heard)
-        elif isinstance(heard, Printed):
-            self._on_event(Wrote(component=unit.name, line=heard.line))
-        elif heard.values["is"] == "ready":
-            await self._feed(unit, Input.READY)
-            self._tell_when_complete()
-        elif heard.values["is"] == "failed":
-            unit.failure = str(heard.values.get("why", ""))
-        else:
-            self._on_event(Said(component=unit.name, report=heard.values))
+        match heard["is"]:
+            case "ended":
+                await self._ended(unit, heard["status"])
+            case "line":
+                self._on_event(Wrote(component=unit.name, line=heard["line"]))
+            case "ready":
+                await self._feed(unit, Input.READY)
+                self._tell_when_complete()
+            case "failed":
+                unit.failure = str(heard.get("why", ""))
+            case _:
+                self._on_event(Said(component=unit.name, report=heard))
 
     async def _stop_all(self) -> None:
         for unit in self._units:
             await self._feed(unit, Input.TOLD_TO_STOP)
 
-    async def _ended(self, unit: _Unit, ended: Ended) -> None:
-        why = unit.failure or _how(ended.status)
+    async def _ended(self, unit: _Unit, status: int) -> None:
+        why = unit.failure or _how(status)
         unit.process, unit.failure = None, ""
         before = unit.life.state
-        action = unit.life.ended(willingly=ended.status >= 0, now_ns=_now_ns())
+        action = unit.life.ended(willingly=status >= 0, now_ns=_now_ns())
         if unit.life.state is not before:
             self._tell(unit, why)
         await self._carry_out(unit, action, why)
@@ -241,9 +233,9 @@ class Agent:
             unit.process = await ComponentProcess.start(unit.component, hear)
         except OSError as error:
             unit.failure = str(error)
-            hear(Ended(-signal.SIGABRT))
+            hear({"is": "ended", "status": -signal.SIGABRT})
 
-    def _hear(self, unit: _Unit, heard: Heard) -> None:
+    def _hear(self, unit: _Unit, heard: Report) -> None:
         self._events.put_nowait((unit, heard))
 
     def _tell_when_complete(self) -> None:

@@ -18,12 +18,14 @@ import os
 import signal
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sfglab.machine import BackOff, ProcessLife
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from sfglab.component import Report
 
 
 class State(Enum):
@@ -112,12 +114,7 @@ class Timing:
 
 
 class Supervision(ProcessLife[State, Input, Action]):
-    """One component's state, its timer and its count of crashes.
-
-    Args:
-        name: The component's name, for messages.
-        timing: The waits.
-    """
+    """One component's state, its timer and its count of crashes; its name is for messages."""
 
     READY = Input.READY
     BACK_OFF = Action.BACK_OFF
@@ -151,45 +148,23 @@ class Component:
     argv: tuple[str, ...]  #: Program and arguments.
 
 
-@dataclass(frozen=True, slots=True)
-class Reported:
-    """A report on standard output: one JSON object."""
-
-    values: dict[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class Printed:
-    """A line on standard error, or what should have been a report and is none."""
-
-    line: str
-
-
-@dataclass(frozen=True, slots=True)
-class Ended:
-    """The process is gone, and so is everything it had started."""
-
-    status: int  #: Its exit status; below zero, the signal that ended it.
-
-
-Heard = Reported | Printed | Ended
-
-
 class ComponentProcess:
     """A running component.
 
     Args:
         process: The process, leader of its own session, with three pipes.
-        hear: Takes everything that is heard of it; `Ended` is the last.
+        hear: Takes everything that is heard of it: its reports, ``{"is": "line", "line"}`` for a line on
+            standard error or one that should have been a report and is none, and at last, when it and all that
+            it had started is gone, ``{"is": "ended", "status"}``: below zero, the signal that ended it.
     """
 
-    def __init__(self, process: asyncio.subprocess.Process, hear: Callable[[Heard], None]) -> None:
+    def __init__(self, process: asyncio.subprocess.Process, hear: Callable[[Report], None]) -> None:
         self._process = process
         self._hear = hear
         self._listening = asyncio.create_task(self._listen())
 
     @classmethod
-    async def start(cls, component: Component, hear: Callable[[Heard], None]) -> ComponentProcess:
+    async def start(cls, component: Component, hear: Callable[[Report], None]) -> ComponentProcess:
         """Start a component.
 
         Raises:
@@ -218,7 +193,7 @@ class ComponentProcess:
 
     def kill(self) -> None:
         """End it and what it has started by force."""
-        # Until `Ended` was heard, somebody in the group lives, so that nobody else can have its number.
+        # Until its end was heard, somebody in the group lives, so that nobody else can have its number.
         if not self._listening.done():
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGKILL)
@@ -229,7 +204,7 @@ class ComponentProcess:
         await self._listening
 
     async def _listen(self) -> None:
-        words = asyncio.create_task(self._pass_on(self._process.stderr, Printed))
+        words = asyncio.create_task(self._pass_on(self._process.stderr, _printed))
         await self._pass_on(self._process.stdout, _report_from_line)
         # Standard output is the component's own, so it has ended; standard error is shared by all it has
         # started and ends with the last of them.
@@ -237,23 +212,28 @@ class ComponentProcess:
         if not words.done():
             self.kill()
         await words
-        self._hear(Ended(await self._process.wait()))
+        self._hear({"is": "ended", "status": await self._process.wait()})
 
     async def _pass_on(
-        self, stream: asyncio.StreamReader | None, value_from_line: Callable[[str], Heard]
+        self, stream: asyncio.StreamReader | None, value_from_line: Callable[[str], Report]
     ) -> None:
         assert stream is not None
         try:
             while line := await stream.readline():
                 self._hear(value_from_line(line.decode(errors="replace").rstrip()))
         except ValueError:
-            self._hear(Printed(f"a line of more than {LINE_LIMIT_BYTES} bytes; it is ended for that"))
+            self._hear(_printed(f"a line of more than {LINE_LIMIT_BYTES} bytes; it is ended for that"))
             self.kill()
 
 
-def _report_from_line(line: str) -> Heard:
+def _printed(line: str) -> Report:
+    return {"is": "line", "line": line}
+
+
+def _report_from_line(line: str) -> Report:
     try:
-        values = json.loads(line)
+        report = json.loads(line)
     except ValueError:
-        return Printed(line)
-    return Reported(values) if isinstance(values, dict) and "is" in values else Printed(line)
+        return _printed(line)
+    own = isinstance(report, dict) and "is" in report and report["is"] not in ("line", "ended")
+    return report if own else _printed(line)

@@ -95,13 +95,7 @@ class Statistics:
 
 
 class Outputs:
-    """The local publishers of one topic: one for each transport that somebody wants.
-
-    Args:
-        local: The node on the local domain.
-        type_: ROS type of the local topic.
-        topic: The local topic.
-    """
+    """The local publishers of one topic of a ROS type: one for each transport that somebody wants."""
 
     def __init__(self, local: Node, type_: str, topic: str) -> None:
         self._local = local

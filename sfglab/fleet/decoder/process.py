@@ -44,13 +44,7 @@ class WorkerConfig:
 
 
 class PipelineWorker:
-    """Takes orders, runs one pipeline at a time, reports.
-
-    Args:
-        remote: Node on the remote streams' domain.
-        local: Node on the local domain.
-        report: Takes a report for the decoder.
-    """
+    """Takes orders, runs one pipeline at a time from `remote` to `local`, and reports."""
 
     def __init__(self, remote: Node, local: Node, report: Callable[[Report], None]) -> None:
         self._remote = remote
@@ -167,12 +161,7 @@ class Worker(LineProcess):
 
 
 class WorkerPool:
-    """Starts, lends, takes back and ends workers.
-
-    Args:
-        config: What every worker is told.
-        spares: How many warm workers wait.
-    """
+    """Starts, lends, takes back and ends workers, of which so many spares wait warm."""
 
     def __init__(self, config: WorkerConfig, *, spares: int = 1) -> None:
         self._command = Member(name=_NAME, module="sfglab.fleet.decoder.process", config=config).command

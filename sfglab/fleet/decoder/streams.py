@@ -67,15 +67,7 @@ def routes_of_topic(topic: str) -> tuple[Route, Route]:
     if fqn.resource not in _TYPES:
         allowed = ", ".join(sorted(resource.value for resource in _TYPES))
         raise StreamError(topic, f"its type does not follow from its name; known are the resources {allowed}")
-    type_, codec = _TYPES[fqn.resource]
-    image = Route(
-        agent=str(fqn.agent),
-        source_topic=topic,
-        source_type=type_,
-        codec=codec,
-        local_topic=_local_image(fqn),
-        replay_topic=_replay(topic, type_),
-    )
+    image = _image(fqn, topic, *_TYPES[fqn.resource])
     return image, _camera_info(image, str(replace(fqn, resource=Resource.CAMERA_INFO)))
 
 
@@ -95,14 +87,7 @@ def _routes_of_stream(agent: str, stream: Any) -> Iterable[Route]:
     fqn = _remote_stream(stream.topic)
     if fqn.agent != agent:
         raise StreamError(stream.topic, f"agent {agent!r} lists it, but it bears another agent's name")
-    image = Route(
-        agent=agent,
-        source_topic=stream.topic,
-        source_type=stream.type,
-        codec=stream.codec,
-        local_topic=stream.decoded_topic or _local_image(fqn),
-        replay_topic=_replay(stream.topic, stream.type),
-    )
+    image = _image(fqn, stream.topic, stream.type, stream.codec, stream.decoded_topic)
     yield image
     if stream.camera_info_topic:
         yield _camera_info(image, stream.camera_info_topic)
@@ -118,8 +103,15 @@ def _camera_info(image: Route, topic: str) -> Route:
     )
 
 
-def _replay(topic: str, type_: str) -> str:
-    return (replay_topic(topic) or "") if type_ == FFMPEG_PACKET else ""
+def _image(fqn: RosFqn, topic: str, type_: str, codec: str, local_topic: str = "") -> Route:
+    return Route(
+        agent=str(fqn.agent),
+        source_topic=topic,
+        source_type=type_,
+        codec=codec,
+        local_topic=local_topic or str(replace(fqn, scope=Scope.LOCAL, resource=Resource.IMAGE_RAW)),
+        replay_topic=(replay_topic(topic) or "") if type_ == FFMPEG_PACKET else "",
+    )
 
 
 def _remote_stream(topic: str) -> RosFqn:
@@ -131,10 +123,6 @@ def _remote_stream(topic: str) -> RosFqn:
     if not fqn.is_global or fqn.component is None:
         raise StreamError(topic, "needed is a name in the global scope with an agent and a component")
     return fqn
-
-
-def _local_image(fqn: RosFqn) -> str:
-    return str(replace(fqn, scope=Scope.LOCAL, resource=Resource.IMAGE_RAW))
 
 
 class Demand:
@@ -260,11 +248,7 @@ class Timing:
 
 
 class Lifecycle(ProcessLife[State, Input, Action]):
-    """One pipeline's state, its timer and its count of crashes.
-
-    Args:
-        timing: The waits.
-    """
+    """One pipeline's state, its timer and its count of crashes."""
 
     READY = Input.STARTED
     BACK_OFF = Action.BACK_OFF

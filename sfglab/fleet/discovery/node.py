@@ -20,7 +20,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import beside, run_component
+from sfglab.component import beside, is_set_before, run_component
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.discovery.lifecycle import Action
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, HISTORY, discovery_topic
@@ -45,11 +45,9 @@ if TYPE_CHECKING:
 
 
 class History:
-    """The agents of the last events.
+    """The agents of the last events, of which `depth` are kept for consumers that come late.
 
-    Args:
-        depth: How many events are kept for consumers that come late. With more agents than that, what is
-            repeated pushes out what has to be repeated.
+    With more agents than that, what is repeated pushes out what has to be repeated.
     """
 
     def __init__(self, depth: int) -> None:
@@ -113,13 +111,9 @@ class DiscoveryStatus:
 
 
 class AgentDiscoverer:
-    """The node that tells its agent who else is there.
+    """The node on an agent's local domain that tells it who else is there.
 
-    Args:
-        node: Node on the agent's local domain.
-        settings: Whose, and how.
-        on_event: Called with every discovery event, after it was published.
-        on_move: Called with every transition of a remote agent's life.
+    `on_event` is called with every discovery event, after it was published, `on_move` with every transition.
     """
 
     def __init__(
@@ -189,20 +183,11 @@ class AgentDiscoverer:
             since_ns = now_ns
             deadlines = (self._registry.deadline_ns, since_ns + _TICK_NS)
             wake_ns = min(deadline for deadline in deadlines if deadline is not None)
-            rearmed = await self._sleep_until(wake_ns)
+            rearmed = await is_set_before(self._rearmed, wake_ns / 1e9)
             now_ns = _now_ns() if rearmed else max(_now_ns(), wake_ns)  # a timer may be early by its resolution
             if now_ns - wake_ns > _OVERSLEPT_NS:
                 self._registry.overslept(since_ns, now_ns)
             self._carry_out(self._registry.due(now_ns))
-
-    async def _sleep_until(self, deadline_ns: int) -> bool:
-        """Wait until the loop's clock says so; return True at once when there may be an earlier deadline."""
-        try:
-            async with asyncio.timeout_at(deadline_ns / 1e9):
-                await self._rearmed.wait()
-        except TimeoutError:
-            return False
-        return True
 
     def _carry_out(self, orders: Iterable[Order]) -> None:
         for order in orders:

@@ -113,13 +113,9 @@ class _Remote:
 
 
 class Registry:
-    """The remote agents, and what has to be done about them.
+    """The agents other than the discoverer's own, and what has to be done about them.
 
-    Args:
-        agent: The discoverer's own agent.
-        timing: The waits.
-        limits: The bounds.
-        on_move: Called with every transition.
+    `on_move` is called with every transition.
     """
 
     def __init__(

@@ -78,28 +78,15 @@ class _Bucket:
         return True
 
 
-@dataclass(slots=True)
-class _Own:
-    """The heartbeats that are taken for the own agent's."""
-
-    publisher_gid: bytes
-    incarnation: int
-
-
 class Screen:
-    """The checks that need nothing but the heartbeat, who published it, and when.
-
-    Args:
-        agent: The discoverer's own agent.
-        limits: The bounds.
-    """
+    """The checks by a discoverer's agent that need nothing but the heartbeat, who published it, and when."""
 
     def __init__(self, agent: str, limits: Limits) -> None:
         self._agent = agent
         self._limits = limits
         self._total = _Bucket(limits.total_per_s, limits.total_burst, 0)
         self._buckets: OrderedDict[bytes, _Bucket] = OrderedDict()
-        self._own: _Own | None = None
+        self._own: tuple[int, bytes] | None = None  # its last incarnation and publisher
 
     def check(self, heartbeat: Heartbeat, publisher_gid: bytes, *, now_ns: int) -> Refusal | None:
         """Return why a heartbeat of a publisher does not count, or None if it does."""
@@ -127,11 +114,9 @@ class Screen:
 
         With two of them alive, the older one's heartbeats are counted as spoofed, for as long as it lives.
         """
-        own = self._own
-        if own is None or heartbeat.incarnation > own.incarnation:
-            self._own = _Own(publisher_gid, heartbeat.incarnation)
-            return Refusal.OWN
-        return Refusal.OWN if publisher_gid == own.publisher_gid else Refusal.SPOOFED
+        if self._own is None or heartbeat.incarnation > self._own[0]:
+            self._own = heartbeat.incarnation, publisher_gid
+        return Refusal.OWN if publisher_gid == self._own[1] else Refusal.SPOOFED
 
 
 def _well_formed(heartbeat: Heartbeat) -> bool:

@@ -44,12 +44,9 @@ class _Watch:
 
 
 class Interest:
-    """Watches in one domain the counterparts of what another has.
+    """Watches in the domain of a graph the counterparts of what another domain has.
 
-    Args:
-        graph: Of the domain that is watched.
-        hear: Given what happens there to counterparts, and that they have gone when nothing here meets them
-            any more.
+    `hear` is given what happens to counterparts, and that they have gone when nothing meets them any more.
     """
 
     def __init__(self, graph: Graph, hear: Callable[[EndpointEvent], None]) -> None:
@@ -164,7 +161,7 @@ class Carrier:
         for action in actions:
             match action:
                 case Open(what=ReaderSpec() | WriterSpec() as spec):
-                    self._try_to_open(spec)
+                    self._open_one(spec)
                 case Close(what=ReaderSpec() | WriterSpec() as spec):
                     self._close(spec)
                 case Judge(reader=reader, source=source, writer=writer):
@@ -179,22 +176,19 @@ class Carrier:
                 thing.close()
         self._open.clear()
 
-    def _try_to_open(self, spec: ReaderSpec | WriterSpec) -> None:
-        try:
-            self._open_one(spec)
-        except BusError:
-            # A topic that cannot be served must not end the others.
-            _log.exception("%s %s cannot be forwarded", spec.path.direction.value, spec.path.dds_topic)
-
     def _open_one(self, spec: ReaderSpec | WriterSpec) -> None:
         path = spec.path
         forwarder = self._forwarders[path.direction]
         endpoint = RawEndpoint(dds_topic=path.dds_topic, type=path.type, qos=spec.qos, user_data=self._tag)
         opened = self._open.setdefault(path, _OpenPath())
-        if isinstance(spec, ReaderSpec):
-            opened.readers[spec] = forwarder.open(endpoint)
-        else:
-            opened.writers[spec] = forwarder.open_writer(endpoint)
+        try:
+            if isinstance(spec, ReaderSpec):
+                opened.readers[spec] = forwarder.open(endpoint)
+            else:
+                opened.writers[spec] = forwarder.open_writer(endpoint)
+        except BusError:
+            # A topic that cannot be served must not end the others.
+            _log.exception("%s %s cannot be forwarded", path.direction.value, path.dds_topic)
 
     def _close(self, spec: ReaderSpec | WriterSpec) -> None:
         opened = self._open[spec.path]

@@ -24,7 +24,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import run_component, run_until_interrupted
+from sfglab.component import is_set_before, run_component, run_until_interrupted
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.policy import TABLE_1, ForwardRule, Policy, Side
 from sfglab.fleet.router.carrier import Carrier, Interest
@@ -211,7 +211,9 @@ class Router:
             if self._catch_up(now_ns) or now_ns >= report_ns:
                 report_ns = now_ns + round(STATUS_PERIOD_S * 1e9)
                 self._on_status(self.status)
-            await self._wait(report_ns)
+            deadline_ns = self._plan.deadline_ns
+            due_ns = report_ns if deadline_ns is None else min(report_ns, deadline_ns)
+            await is_set_before(self._woken, due_ns / 1e9)
 
     def _catch_up(self, now_ns: int) -> bool:
         """Take in what was heard and what lingered long enough; return whether that changed anything."""
@@ -220,16 +222,6 @@ class Router:
         actions = self._plan.feed(heard, now_ns=now_ns)
         self._carrier.carry_out(actions)
         return bool(actions)
-
-    async def _wait(self, report_ns: int) -> None:
-        """Return when something was heard, when the plan's deadline is reached, or when a report is due."""
-        deadline_ns = self._plan.deadline_ns
-        due_ns = report_ns if deadline_ns is None else min(report_ns, deadline_ns)
-        try:
-            async with asyncio.timeout_at(due_ns / 1e9):
-                await self._woken.wait()
-        except TimeoutError:
-            return
 
 
 def _now_ns() -> int:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab import __version__
 from sfglab.bus.address import BusAddress
-from sfglab.component import beside, run_component
+from sfglab.component import beside, is_set_before, run_component
 from sfglab.fleet.status.description import AgentDescription, DescriptionError, accelerators, software
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
@@ -53,12 +53,9 @@ class StatusSettings:
 
 
 class StatusProvider:
-    """The node that says that its agent is alive, and what it is.
+    """The node on an agent's local domain that says that it is alive, and what it is.
 
-    Args:
-        node: Node on the agent's local domain.
-        settings: What is said, and when.
-        on_beat: Called with every heartbeat that was sent.
+    `on_beat` is called with every heartbeat that was sent.
     """
 
     def __init__(
@@ -112,19 +109,10 @@ class StatusProvider:
             next_ns = self._settings.schedule.next_ns(elapsed_ns)
             self._updated.clear()
             self._publish(publisher, elapsed_ns, next_ns)
-            updated = await self._sleep_until(start_s + next_ns / 1e9)
+            updated = await is_set_before(self._updated, start_s + next_ns / 1e9)
             elapsed_ns = round((asyncio.get_running_loop().time() - start_s) * 1e9)
             if not updated:
                 elapsed_ns = max(elapsed_ns, next_ns)  # a timer may be early by its resolution
-
-    async def _sleep_until(self, time_s: float) -> bool:
-        """Wait until the loop's clock says so; return True at once when the description is updated."""
-        try:
-            async with asyncio.timeout_at(time_s):
-                await self._updated.wait()
-        except TimeoutError:
-            return False
-        return True
 
     def _publish(self, publisher: Publisher, elapsed_ns: int, next_ns: int) -> None:
         heartbeat = Heartbeat(
