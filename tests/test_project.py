@@ -29,7 +29,7 @@ SIBLINGS_APART = {"fleet", "arp", "soc", "spatial"}
 MOST_LINES = 500
 MOST_BODY_LINES = 50
 NO_NOUN = re.compile(r"(?:What|Who|Whose|Whatever|How|Where|Which)\b")
-NOUNS_PENDING = {"lab", "soc"}
+NOUNS_PENDING = {"lab"}
 """Parts whose modules may still begin with another word."""
 
 

@@ -10,7 +10,6 @@ from sfglab.soc.build_cfg import build_cfg
 from sfglab.soc.graph import (
     EdgeKind,
     Graph,
-    GraphError,
     Implementation,
     Node,
     Placement,
@@ -38,7 +37,6 @@ from sfglab.soc.mapping import (
 )
 from sfglab.soc.placement import (
     ZCU104,
-    PlacementError,
     Platform,
     assess,
     place_nodes,
@@ -49,11 +47,9 @@ __all__ = [
     "CommunicationMapping",
     "EdgeKind",
     "Graph",
-    "GraphError",
     "Implementation",
     "Node",
     "Placement",
-    "PlacementError",
     "Platform",
     "Topic",
     "TopicMapping",

@@ -11,7 +11,8 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from sfglab.soc.graph import GraphError, TopicMapping
+from sfglab.errors import InvalidValueError
+from sfglab.soc.graph import TopicMapping
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -54,7 +55,7 @@ def build_cfg(graph: Graph, *, name: str = "application") -> str:
         name: Name of the application.
 
     Raises:
-        GraphError: A topic of a node in hardware has no type that is a ROS message, or a name cannot be quoted.
+        InvalidValueError: A topic of a node in hardware has no ROS message type, or a name cannot be quoted.
     """
     placed = [node for node in graph.nodes if node.in_hardware]
     touched = [topic for topic in graph.topics if graph.in_hardware.intersection(topic.members)]
@@ -127,14 +128,14 @@ def _message_type(topic: Topic) -> tuple[str, str]:
     found = _TYPE.fullmatch(topic.type)
     if found is None:
         allowed = "a ROS message type such as 'sensor_msgs/msg/Image'"
-        raise GraphError(f"topics.{topic.name}.type", topic.type or None, allowed)
+        raise InvalidValueError(f"topics.{topic.name}.type", topic.type or None, allowed)
     return found[1], found[2]
 
 
 def _check_name(key: str, name: str) -> None:
     """ReconROS splits a resource's arguments at commas and blanks, quoted or not."""
     if not _QUOTED.fullmatch(name):
-        raise GraphError(key, name, "names without blanks, commas and quotes in a build.cfg")
+        raise InvalidValueError(key, name, "names without blanks, commas and quotes in a build.cfg")
 
 
 def _identifiers(names: Iterable[str]) -> dict[str, str]:

@@ -9,11 +9,12 @@ was read from a written text is written byte by byte the same. Refuses to know w
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.documents import Document, DocumentError, Place, suggestion
+from sfglab.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -46,30 +47,6 @@ class EdgeKind(Enum):
 
     PUBLISH = "publish"
     SUBSCRIBE = "subscribe"
-
-
-class GraphError(DocumentError):
-    """A graph, or a file of one, does not say what it must say.
-
-    Args:
-        key: Where, from the top, as in ``topics./image.publishers``; empty for the whole graph.
-        given: What stands there; None where nothing does.
-        allowed: What is allowed in its place.
-        file: Name of the file, empty where there is none.
-        line: Line of the file, 0 where it is not known.
-    """
-
-    def __init__(self, key: str, given: object, allowed: str, file: str = "", line: int = 0) -> None:
-        super().__init__(Place(file=file, key=key, line=line), given, allowed)
-        self.args = key, given, allowed, file, line  # all arguments, so that the error survives pickling
-
-    @property
-    def key(self) -> str:
-        """Where, from the top."""
-        return self.place.key
-
-    def __str__(self) -> str:
-        return super().__str__() if str(self.place) else f"graph{super().__str__()}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,6 +94,9 @@ class Topic:
         return tuple(dict.fromkeys((*self.publishers, *self.subscribers)))
 
 
+_Member = TypeVar("_Member", Node, Topic)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
 class Edge:
     """One edge of E."""
@@ -135,8 +115,9 @@ class Graph:
     """A computation graph, valid from its making on.
 
     Raises:
-        GraphError: A name is empty or stands twice, an edge names a node that there is not or stands twice, a
-            topic has no publisher, a number has no meaning, or a hardware-mapped topic has a node in software.
+        InvalidValueError: A name is empty or stands twice, an edge names a node that there is not or stands
+            twice, a topic has no publisher, a number has no meaning, or a hardware-mapped topic has a node in
+            software.
     """
 
     nodes: tuple[Node, ...]  #: N, in the order in which they were named.
@@ -157,23 +138,17 @@ class Graph:
         """Return a node by its name.
 
         Raises:
-            GraphError: There is none of that name.
+            InvalidValueError: There is none of that name.
         """
-        for node in self.nodes:
-            if node.name == name:
-                return node
-        raise _unknown("nodes", name, [node.name for node in self.nodes])
+        return _named("nodes", name, self.nodes)
 
     def topic(self, name: str) -> Topic:
         """Return a topic by its name.
 
         Raises:
-            GraphError: There is none of that name.
+            InvalidValueError: There is none of that name.
         """
-        for topic in self.topics:
-            if topic.name == name:
-                return topic
-        raise _unknown("topics", name, [topic.name for topic in self.topics])
+        return _named("topics", name, self.topics)
 
     def edges(self) -> Iterator[Edge]:
         """Yield E, topic by topic, publications first."""
@@ -196,7 +171,7 @@ class Graph:
         """Return the same graph with other implementations of topics; those that are not named stay.
 
         Raises:
-            GraphError: A topic is not there, or cannot be mapped so.
+            InvalidValueError: A topic is not there, or cannot be mapped so.
         """
         for name in mappings:
             self.topic(name)
@@ -207,7 +182,7 @@ class Graph:
         """Return the same graph with nodes placed anew, and so with all topics in software again.
 
         Raises:
-            GraphError: A node is not there.
+            InvalidValueError: A node is not there.
         """
         for name in placements:
             self.node(name)
@@ -216,28 +191,35 @@ class Graph:
         return replace(self, nodes=nodes, topics=topics)
 
 
-def _unknown(key: str, name: str, known: Iterable[str]) -> GraphError:
+def _named(key: str, name: str, members: Iterable[_Member]) -> _Member:
+    known = {member.name: member for member in members}
+    if name not in known:
+        raise _unknown(key, name, known)
+    return known[name]
+
+
+def _unknown(key: str, name: str, known: Iterable[str]) -> InvalidValueError:
     listed = sorted(known)
     shown = ", ".join(listed[:12]) + (", ..." if len(listed) > 12 else "")
-    return GraphError(key, name, f"one of {shown}{suggestion(name, listed)}" if listed else "none at all")
+    return InvalidValueError(
+        key, name, f"one of {shown}{suggestion(name, listed)}" if listed else "none at all"
+    )
 
 
 def _check_names(key: str, names: list[str]) -> None:
     if "" in names:
-        raise GraphError(key, "", "names that are not empty")
+        raise InvalidValueError(key, "", "names that are not empty")
     for name, times in Counter(names).items():
         if times > 1:
-            raise GraphError(f"{key}.{name}", name, f"each name once, and it is defined {times} times")
+            raise InvalidValueError(f"{key}.{name}", name, f"each name once, and it is defined {times} times")
 
 
 def _check_node(node: Node) -> None:
-    key = f"nodes.{node.name}"
+    key, hardware = f"nodes.{node.name}", node.hardware or Implementation()
     _check_not_negative(f"{key}.rate_hz", node.rate_hz)
     _check_not_negative(f"{key}.software_s", node.software_s)
-    if node.hardware is not None:
-        _check_not_negative(f"{key}.hardware.lut", node.hardware.lut)
-        _check_not_negative(f"{key}.hardware.bram", node.hardware.bram)
-        _check_not_negative(f"{key}.hardware.time_s", node.hardware.time_s)
+    for field in fields(hardware):
+        _check_not_negative(f"{key}.hardware.{field.name}", getattr(hardware, field.name))
 
 
 def _check_topic(topic: Topic, known: Mapping[str, Node]) -> None:
@@ -247,20 +229,22 @@ def _check_topic(topic: Topic, known: Mapping[str, Node]) -> None:
             if name not in known:
                 raise _unknown(f"{key}.{part}", name, known)
             if times > 1:
-                raise GraphError(f"{key}.{part}", name, f"each node once, and it stands there {times} times")
+                raise InvalidValueError(
+                    f"{key}.{part}", name, f"each node once, and it stands there {times} times"
+                )
     if not topic.publishers:
-        raise GraphError(f"{key}.publishers", None, "at least one node that publishes the topic")
+        raise InvalidValueError(f"{key}.publishers", None, "at least one node that publishes the topic")
     _check_not_negative(f"{key}.size_bytes", topic.size_bytes)
     _check_not_negative(f"{key}.rate_hz", topic.rate_hz)
     outside = [name for name in topic.members if not known[name].in_hardware]
     if topic.mapping is TopicMapping.HARDWARE and outside:
         allowed = f"software or gateway, as {outside[0]!r} is placed in software"
-        raise GraphError(f"{key}.mapping", topic.mapping.value, allowed)
+        raise InvalidValueError(f"{key}.mapping", topic.mapping.value, allowed)
 
 
 def _check_not_negative(key: str, value: float | None) -> None:
     if value is not None and not 0 <= value < float("inf"):
-        raise GraphError(key, value, "a finite number from 0")
+        raise InvalidValueError(key, value, "a finite number from 0")
 
 
 _WIDTH = 110
@@ -274,13 +258,9 @@ def load_graph(path: Path) -> Graph:
         path: A YAML file, such as ``data/graphs/figure_8.yaml``.
 
     Raises:
-        GraphError: It cannot be read, or does not say what it must; says where.
+        DocumentError: It cannot be read, or does not say what it must; says where.
     """
-    try:
-        document = Document.of_file(path)
-    except DocumentError as error:
-        raise _graph_error(error) from error
-    return _read(document)
+    return _read(Document.of_file(path))
 
 
 def read_graph(text: str, *, file: str = "graph.yaml") -> Graph:
@@ -291,13 +271,9 @@ def read_graph(text: str, *, file: str = "graph.yaml") -> Graph:
         file: Its name, for messages.
 
     Raises:
-        GraphError: It does not say what it must; says where.
+        DocumentError: It does not say what it must; says where.
     """
-    try:
-        document = Document(text, file)
-    except DocumentError as error:
-        raise _graph_error(error) from error
-    return _read(document)
+    return _read(Document(text, file))
 
 
 def graph_text(graph: Graph) -> str:
@@ -334,50 +310,48 @@ def save_graph(graph: Graph, path: Path) -> None:
     """Write a graph into a file.
 
     Raises:
-        GraphError: The file cannot be written.
+        InvalidValueError: The file cannot be written.
     """
     try:
         path.write_text(graph_text(graph), encoding="utf-8")
     except OSError as error:
-        raise GraphError("", str(path), f"a file that can be written ({error})") from error
+        raise InvalidValueError("graph", str(path), f"a file that can be written ({error})") from error
 
 
 def _node_values(node: Node) -> dict[str, Any]:
     hardware = node.hardware
-    values: dict[str, Any] = {"placement": node.placement.value}
-    if node.rate_hz:
-        values["rate_hz"] = float(node.rate_hz)
-    if node.software_s:
-        values["software_s"] = float(node.software_s)
-    if hardware is not None:
-        numbers = {"lut": hardware.lut, "bram": float(hardware.bram), "time_s": float(hardware.time_s)}
-        values["hardware"] = numbers
-    return values
+    return {"placement": node.placement.value} | _present(
+        rate_hz=float(node.rate_hz) or None,
+        software_s=float(node.software_s) or None,
+        hardware=hardware
+        and {"lut": hardware.lut, "bram": float(hardware.bram), "time_s": float(hardware.time_s)},
+    )
 
 
 def _topic_values(topic: Topic) -> dict[str, Any]:
-    values = {
-        "type": topic.type or None,
-        "size_bytes": topic.size_bytes,
-        "rate_hz": None if topic.rate_hz is None else float(topic.rate_hz),
-        "publishers": list(topic.publishers),
-        "subscribers": list(topic.subscribers) or None,
-        "mapping": None if topic.mapping is TopicMapping.SOFTWARE else topic.mapping.value,
-    }
+    return _present(
+        type=topic.type or None,
+        size_bytes=topic.size_bytes,
+        rate_hz=None if topic.rate_hz is None else float(topic.rate_hz),
+        publishers=list(topic.publishers),
+        subscribers=list(topic.subscribers) or None,
+        mapping=None if topic.mapping is TopicMapping.SOFTWARE else topic.mapping.value,
+    )
+
+
+def _present(**values: Any) -> dict[str, Any]:
     return {key: value for key, value in values.items() if value is not None}
-
-
-def _graph_error(error: DocumentError, file: str = "") -> GraphError:
-    place = error.place
-    return GraphError(place.key, error.given, error.allowed, place.file or file, place.line)
 
 
 def _read(document: Document) -> Graph:
     """Read a graph; what the graph itself refuses gets the file's name."""
     try:
         return _read_graph(document.section())
-    except DocumentError as error:
-        raise _graph_error(error, document.file) from error
+    except DocumentError:
+        raise
+    except InvalidValueError as error:
+        place = Place(file=document.file, key=error.place)
+        raise DocumentError(place, error.given, error.allowed) from error
 
 
 def _read_graph(top: Section) -> Graph:

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from sfglab.soc.graph import Graph, GraphError, Node, Topic
+from sfglab.documents import DocumentError, Place
+from sfglab.soc.graph import Graph, Node, Topic
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -66,7 +68,7 @@ def graph_from_log(log: LogReader) -> ImportedGraph:
         log: An open log, of any recorder.
 
     Raises:
-        GraphError: The metadata record is not what `graph_metadata` returns.
+        DocumentError: The metadata record is not what `graph_metadata` returns.
         LogError: The log is damaged.
     """
     owners = _owners(log)
@@ -162,9 +164,8 @@ def _owners(log: LogReader) -> Mapping[str, tuple[tuple[str, ...], tuple[str, ..
     for topic, sides in log.metadata(METADATA).items():
         found = [sides.get(key, []) for key in ("publishers", "subscribers")] if isinstance(sides, dict) else []
         if not found or not all(isinstance(s, list) and all(isinstance(n, str) for n in s) for s in found):
-            raise GraphError(
-                f"{METADATA}.{topic}", sides, "lists of names as publishers and subscribers", log.path.name
-            )
+            place = Place(file=log.path.name, key=f"{METADATA}.{topic}")
+            raise DocumentError(place, sides, "lists of names as publishers and subscribers")
         owners[topic] = (tuple(found[0]), tuple(found[1]))
     return owners
 
@@ -176,4 +177,4 @@ def _traffic(log: LogReader, topic: str) -> tuple[int | None, float | None]:
         return None, None
     size_bytes = round(sum(len(message.cdr) for message in found) / len(found))
     duration_ns = found[-1].log_time_ns - found[0].log_time_ns
-    return size_bytes, (len(found) - 1) * 1e9 / duration_ns if duration_ns else None
+    return size_bytes, (len(found) - 1) * NS_PER_S / duration_ns if duration_ns else None

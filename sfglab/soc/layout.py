@@ -1,4 +1,4 @@
-"""Where a graph's nodes and topics stand in its picture: in layers, from the first publisher on.
+"""Places of a graph's nodes and topics in its picture: in layers, from the first publisher on.
 
 Sugiyama's method: edges that close a cycle are turned round, layers follow the longest path, edges that pass
 layers bend there, each layer is ordered by the medians of its neighbours, swept forth and back, and the order

@@ -11,7 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from sfglab.soc.graph import EdgeKind, GraphError, TopicMapping
+from sfglab.errors import InvalidValueError
+from sfglab.soc.graph import EdgeKind, TopicMapping
 from sfglab.soc.memory import (
     STORED,
     Judge,
@@ -186,7 +187,7 @@ def transfer_s(graph: Graph, topic: Topic, *, judge: Judge = Judge.LAST, costs: 
         costs: The model's constants.
 
     Raises:
-        GraphError: The topic's size is unknown.
+        InvalidValueError: The topic's size is unknown.
     """
     return max(judged_s(transfer_times(setup, costs), setup, judge) for setup in _setups(graph, topic))
 
@@ -215,7 +216,9 @@ def faster_by_gateway(*, judge: Judge = Judge.LAST, costs: Costs = STORED) -> Ca
 def _setups(graph: Graph, topic: Topic) -> list[Setup]:
     """Return the model's view of a topic, once for each side from which it is published."""
     if topic.size_bytes is None:
-        raise GraphError(f"topics.{topic.name}.size_bytes", None, "the size of a message, to know its time")
+        raise InvalidValueError(
+            f"topics.{topic.name}.size_bytes", None, "the size of a message, to know its time"
+        )
     placed = graph.in_hardware
     hardware = len(placed.intersection(topic.subscribers))
     sides = {Side.HARDWARE if name in placed else Side.SOFTWARE: None for name in topic.publishers}

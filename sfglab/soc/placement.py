@@ -28,8 +28,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.errors import SfglabError
-from sfglab.soc.graph import EdgeKind, GraphError, Implementation, Placement, TopicMapping
+from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.soc.graph import EdgeKind, Implementation, Placement, TopicMapping
 from sfglab.soc.mapping import carriages_per_message, map_communication
 from sfglab.soc.memory import STORED
 
@@ -60,9 +60,9 @@ class Platform:
     def __post_init__(self) -> None:
         for key in ("lut", "bram", "gateway_lut", "gateway_bram", "carriage_s", "gateway_s"):
             if not 0 <= getattr(self, key) < float("inf"):
-                raise GraphError(f"platform.{key}", getattr(self, key), "a finite number from 0")
+                raise InvalidValueError(f"platform.{key}", getattr(self, key), "a finite number from 0")
         if not 0 < self.bytes_per_s < float("inf"):
-            raise GraphError("platform.bytes_per_s", self.bytes_per_s, "a finite number above 0")
+            raise InvalidValueError("platform.bytes_per_s", self.bytes_per_s, "a finite number above 0")
 
 
 def platform_from_costs(name: str, *, lut: int, bram: float, costs: Costs = STORED) -> Platform:
@@ -123,7 +123,7 @@ def assess(graph: Graph, platform: Platform) -> Load:
     """Return what a graph takes, with nodes and topics as they are mapped.
 
     Raises:
-        GraphError: A topic that crosses has no size or no rate.
+        InvalidValueError: A topic that crosses has no size or no rate.
     """
     placed = [node for node in graph.nodes if node.in_hardware]
     gateways = len(graph.mapped_to(TopicMapping.GATEWAY))
@@ -141,7 +141,7 @@ def topic_load(graph: Graph, topic: Topic, platform: Platform) -> float:
     """Return the seconds that a topic's messages take of the memory interface each second, as it is mapped.
 
     Raises:
-        GraphError: It crosses, and its size or rate is unknown.
+        InvalidValueError: It crosses, and its size or rate is unknown.
     """
     carriages = carriages_per_message(graph, topic)
     if carriages == 0:
@@ -178,9 +178,11 @@ def gateway_load(topic: Topic, platform: Platform) -> float:
 
 def _traffic(topic: Topic) -> tuple[int, float]:
     if topic.size_bytes is None:
-        raise GraphError(f"topics.{topic.name}.size_bytes", None, "the size of a message, to know its cost")
+        raise InvalidValueError(
+            f"topics.{topic.name}.size_bytes", None, "the size of a message, to know its cost"
+        )
     if topic.rate_hz is None:
-        raise GraphError(f"topics.{topic.name}.rate_hz", None, "messages per second, to know their cost")
+        raise InvalidValueError(f"topics.{topic.name}.rate_hz", None, "messages per second, to know their cost")
     return topic.size_bytes, topic.rate_hz
 
 
@@ -188,10 +190,6 @@ _MS = 1e3
 """The programme counts in milliseconds each second: numbers near 1 suit the solver's tolerances."""
 
 _GAP = 1e-7
-
-
-class PlacementError(SfglabError, ValueError):
-    """The fixed nodes do not fit, or the solver found no mapping."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -233,8 +231,8 @@ def build_programme(
         fixed: Nodes whose placement is given.
 
     Raises:
-        GraphError: A fixed node is not there, or a topic has no size or no rate.
-        PlacementError: A node that is fixed in hardware has no implementation there.
+        InvalidValueError: A fixed node is not there, or a topic has no size or no rate.
+        SfglabError: A node that is fixed in hardware has no implementation there.
     """
     import cvxpy as cp
 
@@ -269,8 +267,8 @@ def place_nodes(
             the best of all it may be.
 
     Raises:
-        GraphError: A fixed node is not there, or a topic has no size or no rate.
-        PlacementError: The fixed nodes do not fit or have no implementation, or no mapping was found in time.
+        InvalidValueError: A fixed node is not there, or a topic has no size or no rate.
+        SfglabError: The fixed nodes do not fit or have no implementation, or no mapping was found in time.
     """
     programme = build_programme(graph, platform, fixed=fixed)
     _refuse_what_does_not_fit(graph, platform, fixed or {})
@@ -278,7 +276,7 @@ def place_nodes(
     mapped = _read(programme, graph, platform)
     load = assess(mapped, platform)
     if not load.fits(platform):
-        raise PlacementError(f"node mapping: HiGHS gave a mapping that does not fit {platform.name}: {load}")
+        raise SfglabError(f"node mapping: HiGHS gave a mapping that does not fit {platform.name}: {load}")
     return NodeMapping(graph=mapped, load=load, bound_s=min(bound_s, load.total_s))
 
 
@@ -301,7 +299,7 @@ def _bounds(graph: Graph, fixed: Mapping[str, Placement]) -> tuple[NDArray[np.fl
     """Return the least and the largest value of x for each node."""
     for name, placement in fixed.items():
         if graph.node(name).hardware is None and placement is Placement.HARDWARE:
-            raise PlacementError(f"node {name!r}: fixed in hardware, where it has no implementation")
+            raise SfglabError(f"node {name!r}: fixed in hardware, where it has no implementation")
     low = [float(fixed.get(node.name) is Placement.HARDWARE) for node in graph.nodes]
     free = [
         node.hardware is not None and fixed.get(node.name) is not Placement.SOFTWARE for node in graph.nodes
@@ -349,7 +347,7 @@ def _refuse_what_does_not_fit(graph: Graph, platform: Platform, fixed: Mapping[s
     parts = [n.hardware for n in graph.nodes if n.hardware and fixed.get(n.name) is Placement.HARDWARE]
     lut, bram = sum(part.lut for part in parts), sum(part.bram for part in parts)
     if lut > platform.lut or bram > platform.bram:
-        raise PlacementError(
+        raise SfglabError(
             f"node mapping: the nodes fixed in hardware take {lut} LUT and {bram:g} BRAM, "
             f"{platform.name} has {platform.lut} and {platform.bram:g}"
         )
@@ -366,9 +364,9 @@ def _solve(problem: Any, time_limit_s: float) -> float:
         try:
             problem.solve(solver=cp.HIGHS, **options)
         except cp.error.SolverError as error:
-            raise PlacementError(f"node mapping: HiGHS failed: {error}") from error
+            raise SfglabError(f"node mapping: HiGHS failed: {error}") from error
     if problem.status not in {cp.OPTIMAL, cp.USER_LIMIT} or problem.value is None:
-        raise PlacementError(f"node mapping: HiGHS ended with status {problem.status!r} and no mapping")
+        raise SfglabError(f"node mapping: HiGHS ended with status {problem.status!r} and no mapping")
     return _bound_ms(problem) / _MS
 
 

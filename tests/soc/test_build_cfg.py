@@ -10,7 +10,8 @@ import pytest
 from graph_strategies import GRAPHS, chain, graphs
 from hypothesis import given, settings
 
-from sfglab.soc import Graph, GraphError, Node, Placement, Topic, build_cfg, load_graph, map_communication
+from sfglab.errors import InvalidValueError
+from sfglab.soc import Graph, Node, Placement, Topic, build_cfg, load_graph, map_communication
 
 HW, SW = Placement.HARDWARE, Placement.SOFTWARE
 IMAGE = "sensor_msgs/msg/Image"
@@ -110,11 +111,11 @@ def test_every_graph_with_plain_names_is_read_as_it_was_written(graph):
 
 
 def test_a_topic_without_a_message_type_and_a_name_with_a_blank_are_refused():
-    with pytest.raises(GraphError, match=r"topics\.ab\.type: nothing is given, allowed: a ROS message type"):
+    with pytest.raises(InvalidValueError, match=r"topics\.ab\.type: nothing is given, allowed: a ROS message"):
         build_cfg(chain(HW, SW))
-    with pytest.raises(GraphError, match=r"nodes: given 'my node', allowed: names without blanks"):
+    with pytest.raises(InvalidValueError, match=r"nodes: given 'my node', allowed: names without blanks"):
         build_cfg(Graph(nodes=(Node(name="my node", placement=HW),)))
     topic = Topic(name="a, b", publishers=("n",), type=IMAGE)
-    with pytest.raises(GraphError, match=r"topics: given 'a, b'"):
+    with pytest.raises(InvalidValueError, match=r"topics: given 'a, b'"):
         build_cfg(Graph(nodes=(Node(name="n", placement=HW),), topics=(topic,)))
     assert "ROSGateway" not in build_cfg(chain(SW, SW))

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from sfglab.soc.driving import Camera, Judge, Rules, Scene, Stack, make_town, run_lap
+from sfglab.soc.driving import NODES, Camera, Judge, Rules, Scene, Stack, Stopwatch, make_town, run_lap
 from sfglab.soc.driving.car import CarState
-from sfglab.soc.driving.control import LightDetector
+from sfglab.soc.driving.nodes import LightDetector
 from sfglab.soc.driving.town import Light, Place, Road, Signals
 
 TOWN = make_town(np.random.default_rng(1))
@@ -53,16 +53,11 @@ def test_a_circle_s_road_has_its_length_and_runs_along_its_tangent():
     assert road.at(0.0) == pytest.approx((1, 0, math.pi / 2), abs=1e-3)
 
 
-def test_a_light_that_rests_in_red_turns_green_its_wait_after_a_car_came_near():
-    light = Light(stop_m=5.0, wait_s=6.0)
-    assert light.red_since_s(100.0, None) == -math.inf
-    assert light.red_since_s(105.9, 100.0) == -math.inf
-    assert light.red_since_s(106.0, 100.0) is None
-
-
-def test_a_light_by_the_clock_is_red_for_six_of_twelve_seconds():
-    light = Light(stop_m=5.0, offset_s=1.0)
-    assert [light.red_since_s(t, None) for t in (1.0, 6.9, 7.0, 12.9, 13.0)] == [1.0, 1.0, None, None, 13.0]
+def test_a_light_rests_in_red_until_its_wait_after_a_car_came_near_or_is_red_for_six_of_twelve_seconds():
+    resting, clocked = Light(stop_m=5.0, wait_s=6.0), Light(stop_m=5.0, offset_s=1.0)
+    assert resting.red_since_s(100.0, None) == resting.red_since_s(105.9, 100.0) == -math.inf
+    assert resting.red_since_s(106.0, 100.0) is None
+    assert [clocked.red_since_s(t, None) for t in (1.0, 6.9, 7.0, 12.9, 13.0)] == [1.0, 1.0, None, None, 13.0]
 
 
 def test_a_light_notices_a_car_only_before_its_line():
@@ -164,18 +159,17 @@ def test_the_judge_fails_a_car_that_steers_the_wrong_way():
     assert not verdict.passed
 
 
-def test_a_clock_gives_each_node_its_time():
+def test_a_clock_gives_each_node_its_time_in_every_frame():
     ticks = iter(range(0, 10**9, 1000))
-    lap = run_lap(1, stack=Stack(Camera(), lambda: next(ticks)), rules=Rules(timeout_s=0.5))
-    assert set(lap.node_s) == {
-        "camera",
-        "compensation",
-        "gaussian_blur",
-        "lane_planner",
-        "polyfit",
-        "red_light_detection",
-        "green_light_detection",
-        "visual_odometry",
-        "lane_control",
-    }
+    stack = Stack(Camera(), lambda: next(ticks))
+    lap = run_lap(1, stack=stack, rules=Rules(timeout_s=0.4))
+    timed = {ports.node for ports in NODES if ports.subscribes} - {"car"} | {"camera"}
+    assert set(stack.timed.frames_ns) == set(lap.node_s) == timed
+    assert {len(times) for times in stack.timed.frames_ns.values()} == {lap.frames}
     assert lap.node_s["polyfit"] == pytest.approx(1e-6)
+
+
+def test_a_stopwatch_without_a_clock_only_calls():
+    stopwatch = Stopwatch()
+    assert stopwatch("node", max, 1, 2) == 2
+    assert stopwatch.frames_ns == {}

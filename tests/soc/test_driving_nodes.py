@@ -11,17 +11,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sfglab.errors import InvalidValueError
 from sfglab.soc import load_graph
-from sfglab.soc.driving import NODES, Camera, CameraError
+from sfglab.soc.driving import NODES, Camera
 from sfglab.soc.driving.car import CarState, Chassis, Drive, drive
-from sfglab.soc.driving.control import Colour, LaneControl, LightDetector, find_lamps
-from sfglab.soc.driving.lane import (
+from sfglab.soc.driving.nodes import (
     WHITE,
     YELLOW,
     BirdView,
+    Colour,
     Lane,
+    LaneControl,
+    LightDetector,
     blur,
     compensate,
+    find_lamps,
     fit_lane,
     lane_mask,
     marking_mask,
@@ -73,7 +77,7 @@ def test_the_ground_s_homography_undoes_the_projection():
 
 
 def test_a_camera_below_the_ground_is_refused():
-    with pytest.raises(CameraError, match="above the ground"):
+    with pytest.raises(InvalidValueError, match="mount_m: given .*, allowed: above zero"):
         Camera(mount_m=-0.1)
 
 
@@ -110,6 +114,7 @@ def test_compensation_removes_stuck_pixels_and_keeps_an_edge():
     assert set(np.unique(clean)) == {0, 255}
     assert (clean[:, :160] == 0).all()
     assert (clean[:, 160:] == 255).all()
+    assert compensate(grey_image()).shape == (240, 320, 3), "of one level alone"
 
 
 def test_the_stretch_takes_the_darkest_to_0_the_brightest_to_255_and_never_swaps_levels():
@@ -117,10 +122,6 @@ def test_the_stretch_takes_the_darkest_to_0_the_brightest_to_255_and_never_swaps
     table = stretch(ramp)
     assert (table[60], table[180]) == (0, 255)
     assert (np.diff(table.astype(int)) >= 0).all()
-
-
-def test_an_image_of_one_level_is_compensated_too():
-    assert compensate(grey_image()).shape == (240, 320, 3)
 
 
 def test_the_blur_spreads_a_point_and_keeps_the_sum():
@@ -170,25 +171,13 @@ def test_a_drawn_lane_is_found_again_within_2_cm_where_the_car_aims(lane):
         assert found.y_m(x_m) == pytest.approx(lane.y_m(x_m), abs=0.02)
 
 
-@pytest.mark.parametrize("level", [YELLOW, WHITE])
-def test_one_line_is_enough(level):
+def test_one_line_is_enough_and_lines_beyond_it_and_across_do_not_move_the_lane():
     mask = lane_mask(drawn(STRAIGHT), VIEW)
-    found = fit_lane(np.where(mask == level, mask, 0).astype(np.uint8), VIEW)
-    assert found is not None
-    assert found.y_m(0.9) == pytest.approx(0.0, abs=0.02)
-
-
-def test_a_white_line_beyond_the_yellow_one_and_a_stop_line_do_not_move_the_lane():
-    mask = lane_mask(drawn(STRAIGHT), VIEW)
-    mask[:, 80:85] = WHITE
-    mask[120:125, 140:180] = WHITE
-    found = fit_lane(mask, VIEW)
-    assert found is not None
-    assert found.y_m(0.9) == pytest.approx(0.0, abs=0.02)
-
-
-def test_an_empty_mask_shows_no_lane():
-    assert fit_lane(np.zeros((240, 320), np.uint8), VIEW) is None
+    more = mask.copy()
+    more[:, 80:85] = more[120:125, 140:180] = WHITE  # one beyond the yellow line, and a stop line
+    for seen in (np.where(mask == YELLOW, mask, 0), np.where(mask == WHITE, mask, 0), more):
+        assert fit_lane(seen.astype(np.uint8), VIEW).y_m(0.9) == pytest.approx(0.0, abs=0.02)
+    assert fit_lane(mask * 0, VIEW) is None
 
 
 # lights
@@ -267,11 +256,7 @@ def test_planar_motion_is_found_among_a_quarter_of_wrong_matches(x, y, yaw, seed
     found = planar_motion(before, now)
     assert found is not None
     assert (found.x_m, found.y_m, found.yaw_rad) == pytest.approx((x, y, yaw), abs=1e-6)
-
-
-def test_seven_points_are_too_few_for_a_motion():
-    points = np.random.default_rng(0).uniform(0, 1, (7, 2))
-    assert planar_motion(points, points) is None
+    assert planar_motion(before[-7:], now[-7:]) is None, "too few"
 
 
 @given(METRES, METRES, st.floats(-3, 3), METRES, METRES)

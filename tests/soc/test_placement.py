@@ -12,14 +12,13 @@ from graph_strategies import GRAPHS, chain
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.soc import (
     ZCU104,
     Graph,
-    GraphError,
     Implementation,
     Node,
     Placement,
-    PlacementError,
     Platform,
     Topic,
     TopicMapping,
@@ -191,23 +190,23 @@ def test_a_topic_of_unknown_size_or_rate_is_refused_by_name():
     graph = chain(SW, HW)
     for key in ("size_bytes", "rate_hz"):
         unknown = replace(graph, topics=(replace(graph.topics[0], **{key: None}),))
-        with pytest.raises(GraphError, match=rf"topics\.ab\.{key}: nothing is given"):
+        with pytest.raises(InvalidValueError, match=rf"topics\.ab\.{key}: nothing is given"):
             place_nodes(unknown, ZCU104)
-        with pytest.raises(GraphError, match=rf"topics\.ab\.{key}"):
+        with pytest.raises(InvalidValueError, match=rf"topics\.ab\.{key}"):
             assess(unknown, ZCU104)
 
 
 def test_fixed_nodes_that_are_not_there_or_do_not_fit_are_refused():
     graph = Graph(nodes=(Node(name="a", hardware=Implementation(lut=2000)), Node(name="b")))
-    with pytest.raises(PlacementError, match="take 2000 LUT and 0 BRAM, small has 1000 and 10"):
+    with pytest.raises(SfglabError, match="take 2000 LUT and 0 BRAM, small has 1000 and 10"):
         place_nodes(graph, SMALL, fixed={"a": HW})
-    with pytest.raises(PlacementError, match="'b': fixed in hardware, where it has no implementation"):
+    with pytest.raises(SfglabError, match="'b': fixed in hardware, where it has no implementation"):
         place_nodes(graph, SMALL, fixed={"b": HW})
-    with pytest.raises(GraphError, match="nodes: given 'z'"):
+    with pytest.raises(InvalidValueError, match="nodes: given 'z'"):
         place_nodes(graph, SMALL, fixed={"z": SW})
-    with pytest.raises(GraphError, match=r"platform\.bytes_per_s: given 0"):
+    with pytest.raises(InvalidValueError, match=r"platform\.bytes_per_s: given 0"):
         replace(SMALL, bytes_per_s=0)
-    with pytest.raises(GraphError, match=r"platform\.lut: given -1"):
+    with pytest.raises(InvalidValueError, match=r"platform\.lut: given -1"):
         replace(SMALL, lut=-1)
 
 

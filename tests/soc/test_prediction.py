@@ -8,8 +8,8 @@ import pytest
 from graph_strategies import GRAPHS, graphs
 from hypothesis import given, settings
 
+from sfglab.errors import InvalidValueError
 from sfglab.soc import (
-    GraphError,
     TopicMapping,
     faster_by_gateway,
     load_graph,
@@ -77,5 +77,5 @@ def test_with_the_rule_no_topic_is_slower_than_with_all_in_software(graph):
 
 def test_a_topic_of_unknown_size_is_refused_by_name():
     graph = sized(None)
-    with pytest.raises(GraphError, match=r"topics\.A\.size_bytes: nothing is given"):
+    with pytest.raises(InvalidValueError, match=r"topics\.A\.size_bytes: nothing is given"):
         map_communication(graph, gateway=faster_by_gateway())

@@ -1,14 +1,14 @@
 """The driving application of paper C, section 6, Fig. 9: a car in a simulated town, closed loop.
 
-What the nodes live in: `town`, `scene` (ground and camera's images), `car` (with its camera's optics). The
-nodes: `lane` (compensation, blur, lane planner, polyfit), `control` (light detection and lane control),
-`odometry`. Over them `loop` with the judge; beside them `chain`, the chain's transfers on a system-on-chip.
+The world: `town`, `scene` (ground and camera's images), `car` (with its camera's optics). The nodes: `nodes`
+(compensation, blur, lane planner, polyfit, light detection, lane control) and `odometry`. Over them `loop` with
+the judge; beside them `chain`, the chain's transfers on a system-on-chip.
 """
 
 from __future__ import annotations
 
-from sfglab.soc.driving.car import Camera, CameraError
-from sfglab.soc.driving.chain import CHAIN, SHARED_TOPIC, Chain, ChainError
+from sfglab.soc.driving.car import Camera
+from sfglab.soc.driving.chain import CHAIN, SHARED_TOPIC, Chain
 from sfglab.soc.driving.loop import NODES, Frame, Judge, Lap, Rules, Stack, Stopwatch, run_lap
 from sfglab.soc.driving.scene import Scene
 from sfglab.soc.driving.town import Town, make_town
@@ -18,9 +18,7 @@ __all__ = [
     "NODES",
     "SHARED_TOPIC",
     "Camera",
-    "CameraError",
     "Chain",
-    "ChainError",
     "Frame",
     "Judge",
     "Lap",

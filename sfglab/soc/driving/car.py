@@ -1,4 +1,4 @@
-"""The car: where its camera stands and what it projects where, and the kinematic bicycle model of its drive.
+"""The car: its camera, with what that projects where, and the kinematic bicycle model of its drive.
 
 Vehicle frame: origin on the ground below the camera, which stands over the rear axle; x forward, y left, z
 up, in metres. Image: u to the right, v down, in pixels. A pinhole without distortion, pitched down. Refuses to
@@ -14,14 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.errors import SfglabError
+from sfglab.fields import between, check_bounds
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-
-class CameraError(SfglabError, ValueError):
-    """A camera that could not see the road."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,17 +29,13 @@ class Camera:
     width.
     """
 
-    width: int = 320  #: Pixels a row.
-    height: int = 240  #: Rows.
-    mount_m: float = 0.35  #: Height above the ground.
-    pitch_rad: float = math.radians(6.0)  #: Downwards.
+    width: int = between(320, 16)  #: Pixels a row.
+    height: int = between(240, 16)  #: Rows.
+    mount_m: float = between(0.35, without=(0,))  #: Height above the ground.
+    pitch_rad: float = between(math.radians(6.0), 0, 1, without=(1,))  #: Downwards.
 
     def __post_init__(self) -> None:
-        if min(self.width, self.height) < 16 or self.mount_m <= 0 or not 0 <= self.pitch_rad < 1:
-            raise CameraError(
-                f"camera of {self.width} x {self.height} pixels, {self.mount_m} m high, pitched "
-                f"{self.pitch_rad} rad: wants 16 x 16 pixels or more, above the ground, 0 <= pitch < 1 rad"
-            )
+        check_bounds(self)
 
     @property
     def focal_px(self) -> float:

@@ -45,10 +45,6 @@ Order = tuple[str, ...]
 """Readers of a software-mapped topic, as they are served."""
 
 
-class ChainError(SfglabError, ValueError):
-    """A graph in which there is no such chain."""
-
-
 @dataclass(frozen=True)  # without slots: what is computed stays
 class Chain:
     """The chain's transfers in a graph."""
@@ -59,11 +55,10 @@ class Chain:
     costs: Costs = STORED  #: The memory model's constants.
 
     def __post_init__(self) -> None:
-        """Refuse a graph that has no chain, or one that the model cannot time."""
         if self._topics[0].name != SHARED_TOPIC:
-            raise ChainError(f"graph {self.graph.name}: {CHAIN[0]} must reach {CHAIN[1]} over {SHARED_TOPIC}")
+            raise SfglabError(f"graph {self.graph.name}: {CHAIN[0]} must reach {CHAIN[1]} over {SHARED_TOPIC}")
         if {CHAIN[0], CHAIN[1]} - self.graph.in_hardware:
-            raise ChainError(f"graph {self.graph.name}: {CHAIN[0]} and {CHAIN[1]} must be in hardware")
+            raise SfglabError(f"graph {self.graph.name}: {CHAIN[0]} and {CHAIN[1]} must be in hardware")
 
     @cached_property
     def _topics(self) -> list[Topic]:
@@ -73,7 +68,7 @@ class Chain:
         for topic in self.graph.topics:
             if before in topic.publishers and after in topic.subscribers and topic.size_bytes:
                 return topic
-        raise ChainError(f"graph {self.graph.name}: no topic with a size goes from {before} to {after}")
+        raise SfglabError(f"graph {self.graph.name}: no topic with a size goes from {before} to {after}")
 
     @cached_property
     def orders(self) -> tuple[Order, ...]:

@@ -13,8 +13,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.soc.driving.car import Camera, CarState, Chassis, Drive, drive
-from sfglab.soc.driving.control import Colour, LaneControl, LightDetector
-from sfglab.soc.driving.lane import BirdView, Lane, blur, compensate, fit_lane, lane_mask
+from sfglab.soc.driving.nodes import (
+    BirdView,
+    Colour,
+    Lane,
+    LaneControl,
+    LightDetector,
+    blur,
+    compensate,
+    fit_lane,
+    lane_mask,
+)
 from sfglab.soc.driving.odometry import Pose, VisualOdometry
 from sfglab.soc.driving.scene import Scene
 from sfglab.soc.driving.town import LANE_M, Signals, make_town

@@ -1,4 +1,4 @@
-"""What the car's camera sees: the ground warped, boxes and lights stood on it, a camera's noise over all.
+"""The pictures of the car's camera: the ground warped, boxes and lights stood on it, a camera's noise over all.
 
 The ground is one picture from above: grass, asphalt, lines. Knows the town and the car's true pose, and turns
 them into pixels, which are all that the nodes get.

@@ -14,7 +14,7 @@ import numpy as np
 from sfglab.lab.experiments.driving.analysis import lines_of, pictures
 from sfglab.lab.experiments.driving.lap import lane_points, road_lines
 from sfglab.soc.driving import Camera
-from sfglab.soc.driving.lane import WHITE, YELLOW, BirdView
+from sfglab.soc.driving.nodes import WHITE, YELLOW, BirdView
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
