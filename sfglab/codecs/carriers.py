@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -66,14 +66,6 @@ class CompressedImageFields:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CompressedVideoFields:
-    """The fields of CompressedVideo without its time and frame."""
-
-    data: bytes  #: One access unit, Annex B.
-    format: str  #: ``"h264"``.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class FfmpegEncoding:
     """What the `encoding` field of FFMPEGPacket says."""
 
@@ -97,11 +89,6 @@ def ffmpeg_packet_fields(frame: EncodedFrame, settings: H264Settings) -> FfmpegP
         is_bigendian=False,
         data=frame.data,
     )
-
-
-def compressed_video_fields(frame: EncodedFrame) -> CompressedVideoFields:
-    """Return one encoded frame as Foxglove takes it: no B-frames, parameter sets in each key frame."""
-    return CompressedVideoFields(data=frame.data, format="h264")
 
 
 def compressed_depth_fields(
@@ -170,33 +157,6 @@ class DecodedImage:
     intact: bool
 
 
-class ImageDecoder(Protocol):
-    """Whatever turns the messages of one stream into pictures."""
-
-    @property
-    def waiting_for_keyframe(self) -> bool:
-        """Whether messages of a video are passed over until a key frame comes."""
-
-    def feed(self, message: Any) -> tuple[DecodedImage, ...]:
-        """Decode one message of the stream's type; its pictures come out at once or never.
-
-        Raises:
-            CodecError: If it cannot be decoded; the next messages may be.
-        """
-
-    def skip(self, message: Any) -> None:
-        """Take one message whose picture nobody wants, so that the next ones can be decoded.
-
-        Cheaper than `feed`: nothing is converted to pixels.
-
-        Raises:
-            CodecError: As `feed`.
-        """
-
-    def reset(self) -> None:
-        """Forget the stream's past, as after a pause."""
-
-
 def image_decoder(type_name: str, codec_hint: str | None = None) -> ImageDecoder:
     """Return a decoder for one stream of messages.
 
@@ -224,7 +184,7 @@ def image_decoder(type_name: str, codec_hint: str | None = None) -> ImageDecoder
         raise CodecUnavailableError(hint, reason=f"not a known codec; allowed are {', '.join(_HINTS)}")
     if hint in _LOADED_WITH:
         importlib.import_module(_LOADED_WITH[hint])
-    return _StreamDecoder(reader, hint)
+    return ImageDecoder(reader, hint)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -263,8 +223,8 @@ def _read_compressed_image(message: Any) -> _Content:
     )
 
 
-class _StreamDecoder:
-    """The decoder of one stream, whatever its messages; see `ImageDecoder`."""
+class ImageDecoder:
+    """A decoder from the messages of one stream, whatever their type, to pictures; see `image_decoder`."""
 
     def __init__(self, read: Callable[[Any], _Content], codec_hint: str) -> None:
         self._read = read
@@ -279,7 +239,11 @@ class _StreamDecoder:
         return self._video is not None and self._video.state is DecoderState.WAITING_FOR_KEYFRAME
 
     def feed(self, message: Any) -> tuple[DecodedImage, ...]:
-        """Decode one message."""
+        """Decode one message of the stream's type; its pictures come out at once or never.
+
+        Raises:
+            CodecError: It cannot be decoded; the next messages may be.
+        """
         content = self._read(message)
         codec = self._codec(content)
         if codec in _VIDEO:
@@ -295,14 +259,20 @@ class _StreamDecoder:
         return (DecodedImage(array=array, encoding=encoding, is_key=True, intact=True),)
 
     def skip(self, message: Any) -> None:
-        """Keep up with the stream without a picture; a still image is passed over unread."""
+        """Take one message whose picture nobody wants, so that the next ones can be decoded.
+
+        Cheaper than `feed`: nothing is converted to pixels, and a still image is passed over unread.
+
+        Raises:
+            CodecError: As `feed`.
+        """
         content = self._read(message)
         codec = self._codec(content)
         if codec in _VIDEO:
             self._decode_packet(codec, content)
 
     def reset(self) -> None:
-        """Forget the reference frames and the count of packets."""
+        """Forget the stream's past, as after a pause: the reference frames and the count of packets."""
         self._next_pts, self._intact = None, True
         if self._video is not None:
             self._video.reset()

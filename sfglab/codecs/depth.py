@@ -152,9 +152,9 @@ def _metres(pixels: NDArray[np.uint16], quant_a: float, quant_b: float) -> NDArr
 
 def _compressed(pixels: NDArray[np.uint16], codec: str, png_level: int) -> bytes:
     if codec == "rvl":
-        from sfglab.codecs import rvl  # numba takes 0.3 s to import
+        from sfglab.codecs.rvl import encode  # numba takes 0.3 s to import
 
-        return _RVL_SIZE.pack(pixels.shape[1], pixels.shape[0]) + rvl.encode(pixels)
+        return _RVL_SIZE.pack(pixels.shape[1], pixels.shape[0]) + encode(pixels)
     if codec == "png":
         from sfglab.codecs.still import encode_png
 
@@ -164,12 +164,12 @@ def _compressed(pixels: NDArray[np.uint16], codec: str, png_level: int) -> bytes
 
 def _decompressed(body: memoryview, codec: str) -> NDArray[np.uint16]:
     if codec == "rvl":
-        from sfglab.codecs import rvl
+        from sfglab.codecs.rvl import decode
 
         if len(body) < _RVL_SIZE.size:
             raise BitstreamError("rvl", reason="cut before the image size", size_bytes=len(body))
         columns, rows = _RVL_SIZE.unpack_from(body)
-        return rvl.decode(body[_RVL_SIZE.size :], (rows, columns))
+        return decode(body[_RVL_SIZE.size :], (rows, columns))
     from sfglab.codecs.still import decode_still
 
     image = decode_still(bytes(body))

@@ -72,9 +72,6 @@ class H264Encoder:
             image_bgr: Pixels, shape (height, width, 3), uint8.
             force_key: Whether to make it a key frame out of turn; the next regular one comes a GOP later.
 
-        Returns:
-            One frame.
-
         Raises:
             CodecError: If the image does not fit the settings, or the encoder keeps it back or fails.
         """
@@ -103,22 +100,19 @@ class VideoDecoder:
     Args:
         codec: ``"h264"`` or ``"hevc"``.
         decoder: The FFmpeg decoder.
-        threads: Threads for the slices of one frame.
 
     Raises:
         CodecError: If the decoder cannot be opened.
     """
 
-    def __init__(self, codec: str, *, decoder: str, threads: int = 1) -> None:
-        if threads < 1:
-            raise CodecError(f"decoder threads: given {threads}, allowed are whole numbers from 1")
+    def __init__(self, codec: str, *, decoder: str) -> None:
         self.codec = codec  #: As given.
         self.decoder_name = decoder  #: The FFmpeg decoder that was opened.
         self.state = DecoderState.WAITING_FOR_KEYFRAME  #: Whether a key frame is still awaited.
         self.refused_packets = 0  #: Packets passed over while waiting for a key frame.
         self.broken_packets = 0  #: Packets in which a fault was found.
         try:
-            self._session = DecoderSession(decoder, threads=threads)
+            self._session = DecoderSession(decoder)
         except (av.FFmpegError, ValueError) as error:
             raise CodecError(f"decoder {decoder!r} cannot be opened: {why(error)}") from error
 
@@ -209,12 +203,11 @@ class H264Decoder(VideoDecoder):
     """A decoder for one H.264 stream.
 
     Args:
-        threads: Threads for the slices of one frame; 640 x 360 gains nothing from a second.
         decoder: ``"auto"`` for the first that works here, hardware first, or an FFmpeg decoder.
 
     Raises:
         CodecUnavailableError: If the named decoder does not work on this machine.
     """
 
-    def __init__(self, threads: int = 1, decoder: str = "auto") -> None:
-        super().__init__("h264", decoder=choose_decoder(decoder).name, threads=threads)
+    def __init__(self, decoder: str = "auto") -> None:
+        super().__init__("h264", decoder=choose_decoder(decoder).name)

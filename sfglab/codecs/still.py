@@ -18,9 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-JPEG_QUALITY = 95
-"""The default of compressed_image_transport."""
-
+_JPEG_QUALITY = 95  # the default of compressed_image_transport
 _PNG_START = b"\x89PNG\r\n\x1a\n"
 _JPEG_START = b"\xff\xd8"
 
@@ -42,21 +40,18 @@ def encode_png(image: NDArray[Any], *, level: int) -> bytes:
     return _encode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, level])
 
 
-def encode_jpeg(image: NDArray[np.uint8], *, quality: int = JPEG_QUALITY) -> bytes:
+def encode_jpeg(image: NDArray[np.uint8]) -> bytes:
     """Compress a picture with loss.
 
     Args:
         image: Pixels, shape (rows, columns) or (rows, columns, 3), uint8, colours as BGR.
-        quality: From 1 to 100.
 
     Raises:
         CodecError: If JPEG cannot hold such an array.
     """
-    if image.dtype != np.uint8 or not 1 <= quality <= 100:
-        raise CodecError(
-            f"JPEG: given {image.dtype} at quality {quality}, allowed is uint8 at qualities from 1 to 100"
-        )
-    return _encode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if image.dtype != np.uint8:
+        raise CodecError(f"JPEG: given {image.dtype}, allowed is uint8")
+    return _encode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
 
 
 def decode_still(data: bytes) -> NDArray[Any]:

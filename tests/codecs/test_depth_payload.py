@@ -20,17 +20,14 @@ from sfglab.codecs import (
 
 HOLE_STEP_PLANE = np.array([[0, 0, 5, 6, 6]], np.uint16)
 WORD = bytes.fromhex("0020a123")  # worked by hand in test_rvl.py
+COLOURS = cv2.imencode(".png", np.zeros((4, 4, 3), np.uint8))[1].tobytes()
 A, B = 10100.0, -1009.0  # 100 * 101, and 1 - A / 10
 
 
-def test_an_rvl_payload_is_header_columns_rows_words():
+def test_a_payload_is_a_header_and_columns_rows_words_or_a_file():
     depth_format, data = encode_depth(HOLE_STEP_PLANE)
     assert str(depth_format) == "16UC1; compressedDepth rvl"
     assert data == struct.pack("<iff", 0, 0.0, 0.0) + struct.pack("<II", 5, 1) + WORD
-    assert len(data) == 12 + 8 + 4
-
-
-def test_a_png_payload_is_header_and_file():
     depth_format, data = encode_depth(HOLE_STEP_PLANE, codec="png", png_level=1)
     assert str(depth_format) == "16UC1; compressedDepth png"
     assert data[:12] == bytes(12)
@@ -127,17 +124,10 @@ def test_other_format_strings_are_refused(text):
         parse_depth_format(text)
 
 
-def test_without_an_encoding_the_header_tells_whether_it_was_quantised():
-    nameless = DepthFormat(encoding="", codec="rvl")
-    _, plain = encode_depth(HOLE_STEP_PLANE)
-    _, quantised = encode_depth(np.ones((1, 3), np.float32))
-    assert decode_depth(plain, nameless)[1] == "16UC1"
-    assert decode_depth(quantised, nameless)[1] == "32FC1"
-
-
-def test_the_name_of_a_16_bit_encoding_is_kept():
-    _, data = encode_depth(HOLE_STEP_PLANE)
-    assert decode_depth(data, DepthFormat(encoding="mono16", codec="rvl"))[1] == "mono16"
+def test_without_an_encoding_the_header_tells_whether_it_was_quantised_and_a_16_bit_name_is_kept():
+    (_, plain), (_, quantised) = encode_depth(HOLE_STEP_PLANE), encode_depth(np.ones((1, 3), np.float32))
+    for data, named, wanted in ((plain, "", "16UC1"), (quantised, "", "32FC1"), (plain, "mono16", "mono16")):
+        assert decode_depth(data, DepthFormat(encoding=named, codec="rvl"))[1] == wanted
 
 
 @pytest.mark.parametrize(
@@ -150,6 +140,7 @@ def test_the_name_of_a_16_bit_encoding_is_kept():
         ("16UC1", "rvl", bytes(12) + struct.pack("<II", 2**31, 2**31) + WORD, "claims"),
         ("16UC1", "rvl", bytes(12) + struct.pack("<II", 5, 2) + WORD, "before the last pixel"),
         ("16UC1", "png", bytes(12) + b"no png", "neither"),
+        ("16UC1", "png", bytes(12) + COLOURS, "one channel of 16 bits"),
         ("32FC1", "rvl", bytes(12) + struct.pack("<II", 5, 1) + WORD, "A = 0.0"),
         ("32FC1", "rvl", struct.pack("<iffII", 0, np.nan, 0, 5, 1) + WORD, "A = nan"),
         ("32FC1", "rvl", struct.pack("<iffII", 0, 1, np.inf, 5, 1) + WORD, "B = inf"),
@@ -158,12 +149,6 @@ def test_the_name_of_a_16_bit_encoding_is_kept():
 def test_faulty_payloads_are_refused_with_the_reason(encoding, codec, data, fault):
     with pytest.raises(BitstreamError, match=fault):
         decode_depth(data, DepthFormat(encoding=encoding, codec=codec))
-
-
-def test_a_png_of_another_kind_is_no_depth():
-    picture = cv2.imencode(".png", np.zeros((4, 4, 3), np.uint8))[1].tobytes()
-    with pytest.raises(BitstreamError, match="one channel of 16 bits"):
-        decode_depth(bytes(12) + picture, DepthFormat(encoding="16UC1", codec="png"))
 
 
 def test_hostile_quantisers_give_numbers_and_no_warning():

@@ -21,12 +21,8 @@ def test_png_is_lossless_for_all_it_can_hold(shape, dtype):
     assert np.array_equal(decode_still(encode_png(picture, level=3)), picture)
 
 
-def test_jpeg_comes_close():
-    decoded = decode_still(encode_jpeg(PICTURE))
-    assert np.abs(decoded.astype(int) - PICTURE).mean() < 6
-
-
-def test_grey_jpeg_stays_grey():
+def test_jpeg_comes_close_and_grey_stays_grey():
+    assert np.abs(decode_still(encode_jpeg(PICTURE)).astype(int) - PICTURE).mean() < 6
     assert decode_still(encode_jpeg(PICTURE[:, :, 0])).shape == (48, 64)
 
 
@@ -42,20 +38,10 @@ def jpeg_claiming(width: int, height: int) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("data", "claim"),
+    ("data", "fault"),
     [
         (png_claiming(2**31 - 1, 2**31 - 1), "2147483647 x 2147483647"),
         (jpeg_claiming(65535, 65534), "65535 x 65534"),
-    ],
-)
-def test_bombs_are_refused_by_their_header(data, claim):
-    with pytest.raises(BitstreamError, match=claim):
-        decode_still(data)
-
-
-@pytest.mark.parametrize(
-    ("data", "fault"),
-    [
         (b"", "nothing"),
         (b"GIF89a", "47 49 46"),
         (b"\xff\xd8", "no start of frame"),
@@ -66,7 +52,7 @@ def test_bombs_are_refused_by_their_header(data, claim):
         (jpeg_claiming(5, 5), "cut or damaged"),
     ],
 )
-def test_what_is_no_picture_is_refused(data, fault):
+def test_what_is_no_picture_and_a_bomb_by_its_header_are_refused(data, fault):
     with pytest.raises(BitstreamError, match=fault):
         decode_still(data)
 

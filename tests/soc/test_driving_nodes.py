@@ -77,7 +77,7 @@ def test_the_ground_s_homography_undoes_the_projection():
 
 
 def test_a_camera_below_the_ground_is_refused():
-    with pytest.raises(InvalidValueError, match="mount_m: given .*, allowed: above zero"):
+    with pytest.raises(InvalidValueError, match=r"mount_m: given .*, allowed: above zero"):
         Camera(mount_m=-0.1)
 
 
