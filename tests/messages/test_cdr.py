@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import mmap
+import re
 import struct
 import zlib
 from contextlib import suppress
@@ -26,8 +27,8 @@ from sfglab.messages import (
 )
 from sfglab.messages.store import parse_definition, type_store
 
-STRINGS = ("", "a", "abc", "abcd", "grün", "字")
 FUZZED = ("sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/Imu", "std_msgs/msg/String")
+SENSORS = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo")
 
 
 def image(pixels):
@@ -59,12 +60,10 @@ def test_golden_bytes_of_an_agent_heartbeat():
     )
 
 
-@pytest.mark.parametrize("text", STRINGS)
+@pytest.mark.parametrize("text", ["", "a", "abc", "abcd", "grün", "字"])
 def test_bytes_are_a_multiple_of_four_and_come_back(text):
-    message = message_type("std_msgs/msg/String")(data=text)
-    cdr = serialize(message)
+    cdr = serialize(message_type("std_msgs/msg/String")(data=text))
     assert len(cdr) % 4 == 0
-    assert len(cdr) == serialized_size(message)
     assert deserialize(cdr, "std_msgs/msg/String").data == text
 
 
@@ -91,15 +90,12 @@ def test_arrays_are_read_only_views_of_any_buffer(container):
     assert np.shares_memory(pixels, np.frombuffer(data, np.uint8))
     assert not pixels.flags.writeable
     assert pixels.tolist() == list(range(251))
-
-
-def test_wide_numbers_are_views_too():
-    message = default_message("std_msgs/msg/Float64MultiArray")
-    message.data = np.linspace(0, 1, 7)
-    cdr = serialize(message)
-    read = deserialize(cdr, type(message))
-    assert np.shares_memory(read.data, np.frombuffer(cdr, np.uint8))
-    assert read.data.tolist() == message.data.tolist()
+    wide = default_message("std_msgs/msg/Float64MultiArray")
+    wide.data = np.linspace(0, 1, 7)
+    cdr = serialize(wide)
+    read = deserialize(cdr, type(wide)).data
+    assert np.shares_memory(read, np.frombuffer(cdr, np.uint8))
+    assert read.tolist() == wide.data.tolist()
 
 
 def test_big_endian_is_read():
@@ -130,24 +126,24 @@ def test_a_field_that_does_not_fit_is_named(field, value, complaint):
         serialize_into(message, bytearray(100))
 
 
-def test_fields_deep_inside_are_named_with_their_path():
-    transforms = default_message("tf2_msgs/msg/TFMessage")
-    transforms.transforms = [default_message("geometry_msgs/msg/TransformStamped") for _ in range(2)]
-    transforms.transforms[1].transform.rotation.w = "one"
-    with pytest.raises(CdrError, match=r"transforms\[1\]\.transform\.rotation\.w: given 'one'"):
-        serialize(transforms)
-    imu = default_message("sensor_msgs/msg/Imu")
-    imu.angular_velocity_covariance = np.zeros(8)
-    with pytest.raises(CdrError, match="array length"):
-        serialize(imu)
-    wide = message_type("std_msgs/msg/Float64MultiArray")(
-        layout=default_message("std_msgs/msg/MultiArrayLayout"), data=np.zeros(8)[::2]
-    )
-    with pytest.raises(CdrError, match=r"data: given an array of shape \(4,\), allowed is one contiguous"):
-        serialize(wide)
-    small = message_type("std_msgs/msg/Float32")(data=1e300)
-    with pytest.raises(CdrError, match="float"):
-        serialize(small)
+@pytest.mark.parametrize(
+    ("name", "path", "value", "complaint"),
+    [
+        ("tf2_msgs/msg/TFMessage", "transforms[1].transform.rotation.w", "one", "given 'one'"),
+        ("sensor_msgs/msg/Imu", "angular_velocity_covariance", np.zeros(8), "array length"),
+        ("std_msgs/msg/Float64MultiArray", "data", np.zeros(8)[::2], "shape (4,), allowed is one contiguous"),
+        ("std_msgs/msg/Float32", "data", 1e300, "float"),
+    ],
+)
+def test_fields_deep_inside_are_named_with_their_path(name, path, value, complaint):
+    message = holder = default_message(name)
+    if name == "tf2_msgs/msg/TFMessage":
+        message.transforms = [default_message("geometry_msgs/msg/TransformStamped") for _ in range(2)]
+        holder = message.transforms[1].transform.rotation
+        complaint = f"{path}: {complaint}"
+    setattr(holder, path.rpartition(".")[2], value)
+    with pytest.raises(CdrError, match=re.escape(complaint)):
+        serialize(message)
 
 
 def test_what_is_no_message_is_no_message():
@@ -162,7 +158,7 @@ def test_a_buffer_that_is_too_small_is_left_alone():
     assert buffer == b"\xff" * 10
 
 
-@pytest.mark.parametrize("name", FUZZED)
+@pytest.mark.parametrize("name", FUZZED + SENSORS)
 def test_truncated_bytes_are_an_error_at_every_length(name, random_message):
     cdr = serialize(random_message(np.random.default_rng(3), name))
     for length in range(len(cdr) - 4):
@@ -172,15 +168,10 @@ def test_truncated_bytes_are_an_error_at_every_length(name, random_message):
 
 
 @settings(max_examples=300, deadline=None)
-@given(st.sampled_from(FUZZED), st.binary(max_size=200))
-def test_arbitrary_bytes_are_a_message_or_an_error(name, body):
-    with suppress(CdrError):
-        assert deserialize(b"\0\1\0\0" + body, name).__msgtype__ == name
-
-
-@settings(max_examples=300, deadline=None)
 @given(st.sampled_from(FUZZED), st.data())
-def test_damaged_bytes_are_a_message_or_an_error(name, data):
+def test_arbitrary_and_damaged_bytes_are_a_message_or_an_error(name, data):
+    with suppress(CdrError):
+        assert deserialize(b"\0\1\0\0" + data.draw(st.binary(max_size=200)), name).__msgtype__ == name
     message = default_message(name)
     if name == "tf2_msgs/msg/TFMessage":
         message.transforms = [default_message("geometry_msgs/msg/TransformStamped")]

@@ -60,34 +60,33 @@ def fields(type_):
 
 def test_an_action_is_three_parts_and_the_wrappers_of_the_ros_2_design():
     action = action_type(FOLLOW)
-    assert fields(action.goal) == {"agent", "trajectory"}
-    assert fields(action.result) == {"error_code", "text", "final_pose"}
-    assert fields(action.feedback) == {"progress", "time_from_start", "pose", "distance_error"}
-    assert fields(action.send_goal.request) == {"goal_id", "goal"}
-    assert fields(action.send_goal.response) == {"accepted", "stamp"}
-    assert fields(action.get_result.request) == {"goal_id"}
-    assert fields(action.get_result.response) == {"status", "result"}
-    assert fields(action.feedback_message) == {"goal_id", "feedback"}
+    parts = [action.goal, action.result, action.feedback, action.feedback_message]
+    parts += [half for s in (action.send_goal, action.get_result) for half in (s.request, s.response)]
+    assert [" ".join(sorted(fields(part))) for part in parts] == [
+        "agent trajectory",
+        "error_code final_pose text",
+        "distance_error pose progress time_from_start",
+        "feedback goal_id",
+        "goal goal_id",
+        "accepted stamp",
+        "goal_id",
+        "result status",
+    ]
 
 
 def test_dds_knows_the_wrappers_by_the_names_of_rosidl():
     from sfglab.messages.dds import idl_struct, service_idl_struct
 
     action = action_type(FOLLOW)
+    services = (action.send_goal.name, action.get_result.name, "action_msgs/srv/CancelGoal")
+    structs = [struct for name in services for struct in service_idl_struct(name)]
+    structs += [idl_struct(type_) for type_ in (action.feedback_message, action.goal)]
     stem = "sfglab_interfaces::action::dds_::FollowTrajectory"
-    assert [s.__idl_typename__ for s in service_idl_struct(action.send_goal.name)] == [
-        f"{stem}_SendGoal_Request_",
-        f"{stem}_SendGoal_Response_",
-    ]
-    assert [s.__idl_typename__ for s in service_idl_struct(action.get_result.name)] == [
-        f"{stem}_GetResult_Request_",
-        f"{stem}_GetResult_Response_",
-    ]
-    assert idl_struct(action.feedback_message).__idl_typename__ == f"{stem}_FeedbackMessage_"
-    assert idl_struct(action.goal).__idl_typename__ == f"{stem}_Goal_"
-    assert [s.__idl_typename__ for s in service_idl_struct("action_msgs/srv/CancelGoal")] == [
-        "action_msgs::srv::dds_::CancelGoal_Request_",
-        "action_msgs::srv::dds_::CancelGoal_Response_",
+    assert [struct.__idl_typename__ for struct in structs] == [
+        *(f"{stem}_{part}_" for part in ("SendGoal_Request", "SendGoal_Response")),
+        *(f"{stem}_{part}_" for part in ("GetResult_Request", "GetResult_Response")),
+        *(f"action_msgs::srv::dds_::CancelGoal_{part}_" for part in ("Request", "Response")),
+        *(f"{stem}_{part}_" for part in ("FeedbackMessage", "Goal")),
     ]
 
 
@@ -141,11 +140,6 @@ def test_an_unknown_action_is_told_its_neighbours():
 
 def test_the_codes_of_cancel_goal_are_those_of_action_msgs():
     response = service_type("action_msgs/srv/CancelGoal").response
-    codes = [
-        response.ERROR_NONE,
-        response.ERROR_REJECTED,
-        response.ERROR_UNKNOWN_GOAL_ID,
-        response.ERROR_GOAL_TERMINATED,
-    ]
-    assert codes == [0, 1, 2, 3]
+    names = ("NONE", "REJECTED", "UNKNOWN_GOAL_ID", "GOAL_TERMINATED")
+    assert [getattr(response, f"ERROR_{name}") for name in names] == [0, 1, 2, 3]
     assert serialize(response(return_code=1, goals_canceling=[])) == b"\0\1\0\0" + b"\1\0\0\0" + b"\0" * 4

@@ -17,7 +17,6 @@ from sfglab.messages import (
     dds_type_name,
     default_message,
     definition,
-    deserialize,
     message_type,
     message_types,
     ns_from_stamp,
@@ -55,10 +54,6 @@ def test_constants_are_class_attributes():
     phases = message_type("sfglab_interfaces/msg/AgentHeartbeat")
     assert (event.DISCOVERED, event.UPDATED, event.LOST, event.RETURNED, event.RESTARTED) == (0, 1, 2, 3, 4)
     assert (phases.STARTUP, phases.STEADY) == (0, 1)
-
-
-def test_gid_has_the_24_bytes_of_humble():
-    assert default_message("rmw_dds_common/msg/Gid").data.shape == (24,)
 
 
 def test_every_line_of_our_interfaces_has_a_comment():
@@ -114,16 +109,11 @@ def test_a_default_message_is_zero_and_empty_all_the_way_down():
     assert (image.header.stamp.sec, image.header.frame_id, image.height) == (0, "", 0)
     assert image.data.dtype == np.uint8
     assert image.data.size == 0
+    assert default_message("rmw_dds_common/msg/Gid").data.shape == (24,), "as in Humble"
     imu = default_message(message_type("sensor_msgs/msg/Imu"))
     assert imu.orientation_covariance.tolist() == [0.0] * 9
     assert imu.orientation.w == 0.0
     assert imu.orientation_covariance is not default_message("sensor_msgs/msg/Imu").orientation_covariance
-
-
-def test_every_default_message_survives_serialisation():
-    for name in message_types():
-        cdr = serialize(default_message(name))
-        assert serialize(deserialize(cdr, name)) == cdr
 
 
 def test_a_name_is_registered_once():
@@ -153,23 +143,17 @@ def test_names_are_mapped_as_rosidl_does_both_ways(ros, dds):
     assert ros_type_name(dds) == ros
 
 
-def test_every_type_of_the_store_comes_back_from_its_dds_name():
-    for name in message_types():
-        assert ros_type_name(dds_type_name(name)) == name
-
-
 @pytest.mark.parametrize(
-    "name", ["std_msgs/String", "String", "", "std_msgs/msg/String_", "a/b/msg/C", "9a/msg/B"]
+    ("read", "said", "names"),
+    [
+        (dds_type_name, "package/msg/Name", "std_msgs/String String std_msgs/msg/String_ a/b/msg/C 9a/msg/B"),
+        (ros_type_name, "dds_", "std_msgs::msg::String DDS::Time std_msgs::msg::dds_::String bool"),
+    ],
 )
-def test_other_forms_are_no_ros_names(name):
-    with pytest.raises(TypeNameError, match="package/msg/Name"):
-        dds_type_name(name)
-
-
-@pytest.mark.parametrize("name", ["std_msgs::msg::String", "DDS::Time", "std_msgs::msg::dds_::String", "bool"])
-def test_types_of_other_dds_applications_are_no_ros_types(name):
-    with pytest.raises(TypeNameError, match="dds_"):
-        ros_type_name(name)
+def test_other_forms_and_types_of_other_dds_applications_are_no_ros_types(read, said, names):
+    for name in ("", *names.split()):
+        with pytest.raises(TypeNameError, match=said):
+            read(name)
 
 
 @given(st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1))
@@ -179,7 +163,7 @@ def test_stamps_are_exact_to_the_nanosecond(stamp_ns):
     assert ns_from_stamp(stamp) == stamp_ns
 
 
-@pytest.mark.parametrize("stamp_ns", [2**31 * 10**9, -(2**31) * 10**9 - 1])
-def test_a_time_beyond_32_bit_seconds_is_refused(stamp_ns):
-    with pytest.raises(MessageError, match=f"given {stamp_ns} ns.*int32"):
-        stamp_from_ns(stamp_ns)
+def test_a_time_beyond_32_bit_seconds_is_refused():
+    for stamp_ns in (2**31 * 10**9, -(2**31) * 10**9 - 1):
+        with pytest.raises(MessageError, match=f"given {stamp_ns} ns.*int32"):
+            stamp_from_ns(stamp_ns)
