@@ -161,7 +161,7 @@ def test_a_buffer_that_is_too_small_is_left_alone():
 @pytest.mark.parametrize("name", FUZZED + SENSORS)
 def test_truncated_bytes_are_an_error_at_every_length(name, random_message):
     cdr = serialize(random_message(np.random.default_rng(3), name))
-    for length in range(len(cdr) - 4):
+    for length in range(len(cdr) - 3):  # up to three bytes of padding may be missing
         with pytest.raises(CdrError) as error:
             deserialize(cdr[:length], name)
         assert error.value.size_bytes == length

@@ -65,11 +65,7 @@ def test_a_chain_is_drawn_in_one_line():
     layout = layered_layout(chain(SW, HW, SW))
     assert [layout.places[node_vertex(name)] for name in "abc"] == [(0, 0), (2, 0), (4, 0)]
     assert layout.places[topic_vertex("ab")] == (1, 0)
-
-
-def test_the_same_graph_is_laid_out_the_same_way():
-    graph = load_graph(GRAPHS / "driving.yaml")
-    assert layered_layout(graph) == layered_layout(load_graph(GRAPHS / "driving.yaml"))
+    assert layered_layout(chain(SW, HW, SW)) == layout, "the same every time"
 
 
 @pytest.mark.parametrize("name", ["figure_8", "driving"])
@@ -127,9 +123,6 @@ def test_frames_of_long_names_stand_apart():
 
 
 def test_names_in_dollars_are_drawn_as_they_are():
-    graph = Graph(
-        nodes=(Node(name="$x^{$"),), topics=(Topic(name="a$_b", publishers=("$x^{$",), subscribers=("$x^{$",)),)
-    )
-    figure = Figure(layout="constrained")
-    draw_graph(figure.subplots(), graph)
-    figure.savefig(BytesIO(), format="png")
+    topic = Topic(name="a$_b", publishers=("$x^{$",), subscribers=("$x^{$",))
+    ax = drawn(Graph(nodes=(Node(name="$x^{$"),), topics=(topic,)))
+    ax.figure.savefig(BytesIO(), format="png")

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.lab.experiments.transfer.placing import random_graph
 from sfglab.soc import (
     ZCU104,
     Graph,
@@ -57,60 +58,32 @@ def best_of_all(graph, platform, fixed):
     return best
 
 
-def random_graph(rng, nodes, topics, *, most=4):
-    """Nodes with and without hardware, topics of all sizes; areas near those of the small platform."""
-    made = [
-        Node(
-            name=f"n{i}",
-            rate_hz=float(rng.choice([1, 10, 30])),
-            software_s=float(rng.uniform(0, 0.01)),
-            hardware=Implementation(
-                lut=int(rng.integers(0, 500)),
-                bram=float(rng.integers(0, 10)) / 2,
-                time_s=float(rng.uniform(0, 0.01)),
-            )
-            if rng.random() < 0.85
-            else None,
-        )
-        for i in range(nodes)
-    ]
-    names = [node.name for node in made]
-
-    def some(least, count):
-        return tuple(
-            str(n) for n in rng.choice(names, size=min(nodes, rng.integers(least, count)), replace=False)
-        )
-
-    return Graph(
-        nodes=tuple(made),
-        topics=tuple(
-            Topic(
-                name=f"t{i}",
-                publishers=some(1, 3),
-                subscribers=some(0, most + 1),
-                size_bytes=int(10 ** rng.uniform(1, 6.5)),
-                rate_hz=float(rng.choice([0, 1, 10, 30])),
-            )
-            for i in range(topics)
-        ),
-    )
+def drawn(rng, nodes, share=0.35):
+    """A random graph, and a platform that holds a share of all its hardware."""
+    graph = random_graph(rng, nodes)
+    parts = [node.hardware for node in graph.nodes if node.hardware]
+    lut, bram = sum(part.lut for part in parts), sum(part.bram for part in parts)
+    area = {"lut": int(share * lut), "bram": share * bram, "gateway_lut": 690, "gateway_bram": 0.5}
+    return graph, Platform(name="drawn", **area, **TIMES)
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.integers(0, 2**32), st.integers(1, 6), st.integers(0, 4))
-def test_no_placement_with_any_gateways_is_better_than_the_one_found(seed, nodes, topics):
+@given(st.integers(0, 2**32), st.integers(1, 6), st.sampled_from([0.2, 0.5, 0.8]))
+def test_no_placement_with_any_gateways_is_better_than_the_one_found(seed, nodes, share):
     rng = np.random.default_rng(seed)
-    graph = random_graph(rng, nodes, topics)
+    graph, platform = drawn(rng, nodes, share)
     fixed = {
-        n.name: HW if n.hardware and n.hardware.lut < 100 else SW for n in graph.nodes if rng.random() < 0.15
+        n.name: HW if n.hardware and n.hardware.lut < platform.lut / 10 else SW
+        for n in graph.nodes
+        if rng.random() < 0.15
     }
-    found = place_nodes(graph, SMALL, fixed=fixed)
-    assert found.load.total_s == pytest.approx(best_of_all(graph, SMALL, fixed), rel=1e-6, abs=1e-9)
+    found = place_nodes(graph, platform, fixed=fixed)
+    assert found.load.total_s == pytest.approx(best_of_all(graph, platform, fixed), rel=1e-6, abs=1e-9)
     assert found.optimal
-    assert found.load.fits(SMALL)
+    assert found.load.fits(platform)
     assert all(found.graph.node(name).placement is placement for name, placement in fixed.items())
     assert all(node.hardware is not None for node in found.graph.nodes if node.in_hardware)
-    assert found.load == assess(found.graph, SMALL)
+    assert found.load == assess(found.graph, platform)
 
 
 def test_the_driving_graph_is_placed_as_brute_force_places_it():
@@ -121,22 +94,14 @@ def test_the_driving_graph_is_placed_as_brute_force_places_it():
     assert 0 < len(found.graph.in_hardware) < 7
 
 
-def large_graph(nodes, seed=1):
-    """As many nodes as wanted, 0.6 topics for each, and a platform that holds 35 % of all their hardware."""
-    graph = random_graph(np.random.default_rng(seed), nodes, int(0.6 * nodes), most=6)
-    parts = [node.hardware for node in graph.nodes if node.hardware]
-    lut, bram = sum(part.lut for part in parts), sum(part.bram for part in parts)
-    return graph, Platform(name="large", lut=int(0.35 * lut), bram=0.35 * bram, gateway_lut=20, **TIMES)
-
-
 def test_fifty_nodes_are_placed_best_of_all():
-    graph, platform = large_graph(50)
+    graph, platform = drawn(np.random.default_rng(1), 50)
     found = place_nodes(graph, platform, time_limit_s=120)  # quiet, it takes less than ten
     assert found.optimal
 
 
 def test_knowing_gateways_and_communication_is_never_worse_than_not_knowing():
-    graph, platform = large_graph(40)
+    graph, platform = drawn(np.random.default_rng(1), 40)
     found = place_nodes(graph, platform)
     silent = replace(graph, topics=())
     blind = place_nodes(silent, platform).graph.in_hardware
@@ -219,7 +184,7 @@ def test_the_programme_counts_what_the_assessment_counts():
 
 
 def test_a_search_that_a_limit_stops_leaves_a_mapping_with_its_gap():
-    graph, platform = large_graph(300)
+    graph, platform = drawn(np.random.default_rng(1), 300)
     found = place_nodes(graph, platform, time_limit_s=1e-3)  # what HiGHS's heuristics find at once
     assert found.load.fits(platform)
     assert 0 <= found.bound_s < found.load.total_s
