@@ -49,19 +49,11 @@ class _Fake:
     changed: asyncio.Event = field(default_factory=asyncio.Event)
 
 
-class Fakes:
-    """The agents, and what they do about their orders.
-
-    Args:
-        node: Where they are.
-        late_s: How long a late answer takes, seconds.
-        report: Takes what is reported.
-    """
+class _Fakes:
+    """The agents, and what they do about their orders."""
 
     def __init__(self, node: Node, late_s: float, report: Callable[[Report], None]) -> None:
-        self._node = node
-        self._late_s = late_s
-        self._report = report
+        self._node, self._late_s, self._report = node, late_s, report
         self._fakes: dict[str, _Fake] = {}
 
     def obey(self, order: Report) -> None:
@@ -111,11 +103,11 @@ class Fakes:
 
 
 async def serve(config: FakeConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
-    """Be the process."""
+    """Obey until cancelled."""
     from sfglab.bus import Node
 
     async with Node("false_agents", **config.address.options()) as node:
-        fakes = Fakes(node, config.late_s, report)
+        fakes = _Fakes(node, config.late_s, report)
         report({"is": "ready"})
         while True:
             fakes.obey(await orders.get())

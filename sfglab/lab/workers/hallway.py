@@ -32,7 +32,8 @@ from sfglab.arp.hallway import (
 )
 from sfglab.bus.address import BusAddress
 from sfglab.component import run_component
-from sfglab.messages import message_type
+from sfglab.messages import default_message, message_type
+from sfglab.processes import START_LIMIT_S
 from sfglab.qos import QoSProfile
 
 if TYPE_CHECKING:
@@ -76,14 +77,8 @@ def command_topic(robot: str) -> str:
     return f"/{robot}/command"
 
 
-class Robot:
-    """One robot: sensing, actuation, and the physics between them.
-
-    Args:
-        node: Where it stands.
-        config: What it is told.
-        report: Takes reports.
-    """
+class _Robot:
+    """One robot: sensing, actuation, and the physics between them."""
 
     def __init__(self, node: Node, config: HallwayConfig, report: Callable[[Report], None]) -> None:
         self._node, self._config, self._report = node, config, report
@@ -119,12 +114,11 @@ class Robot:
             )  # also without time to spare: messages need their turn
 
     def _tell(self, now_ns: int, wound_rad: float) -> None:
-        x, y, heading = self._world.poses[self._number].tolist()
         self._report(
             {
                 "is": "pose",
                 "t_s": now_ns / 1e9,
-                "pose": [x, y, heading],
+                "pose": self._world.poses[self._number].tolist(),
                 "clearance_m": float(self._world.clearance_m[self._number]),
                 "wound_rad": wound_rad,
                 "held": self._cache.counters.held,
@@ -145,14 +139,8 @@ class Robot:
         self._actuation.hear(Command.from_velocities(twist.linear.x, twist.angular.z))
 
 
-class StationShell:
-    """The station's nodes on their topics.
-
-    Args:
-        node: Where it stands.
-        config: What it is told.
-        report: Takes reports.
-    """
+class _Station:
+    """The station's nodes on their topics."""
 
     def __init__(self, node: Node, config: HallwayConfig, report: Callable[[Report], None]) -> None:
         self._node, self._config, self._report = node, config, report
@@ -187,20 +175,9 @@ class StationShell:
 
     def _publish(self, robot: int) -> None:
         command = self._station.commands[robot]
-        twist = message_type(COMMAND)
-        vector = message_type("geometry_msgs/msg/Vector3")
-        self.publishers[robot].publish(
-            twist(
-                linear=vector(x=command.speed_m_s, y=0.0, z=0.0),
-                angular=vector(x=0.0, y=0.0, z=command.turn_rad_s),
-            )
-        )
-
-
-async def _matched(shell: Robot | StationShell) -> None:
-    """Return when every publisher has its subscription."""
-    while any(publisher.get_subscription_count() == 0 for publisher in shell.publishers):  # noqa: ASYNC110 - no event
-        await asyncio.sleep(0.05)
+        twist = default_message(COMMAND)
+        twist.linear.x, twist.angular.z = command.speed_m_s, command.turn_rad_s
+        self.publishers[robot].publish(twist)
 
 
 async def serve(config: HallwayConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
@@ -208,8 +185,9 @@ async def serve(config: HallwayConfig, report: Callable[[Report], None], orders:
     from sfglab.bus import Node
 
     async with Node(config.role, **config.address.options()) as node:
-        shell = (StationShell if config.role == STATION else Robot)(node, config, report)
-        await _matched(shell)
+        shell = (_Station if config.role == STATION else _Robot)(node, config, report)
+        for publisher in shell.publishers:
+            await publisher.wait_for_subscriptions(1, timeout_s=START_LIMIT_S)
         report({"is": "ready"})
         await orders.get()  # to start
         await shell.run()

@@ -68,12 +68,7 @@ class RosNodesConfig:
 
 
 class _Poller:
-    """What one node's graph shows of the other agents' nodes.
-
-    Args:
-        stack: The node.
-        own: GUID prefixes of its own agent's nodes.
-    """
+    """What one node's graph shows of the other agents' nodes; `own` are GUID prefixes of its own agent's."""
 
     def __init__(self, stack: RosStack, own: frozenset[bytes]) -> None:
         lib = library()
@@ -132,12 +127,7 @@ class _Poller:
 
 
 class _RosNodes:
-    """The nodes of one agent.
-
-    Args:
-        config: Which, and where.
-        report: Takes reports.
-    """
+    """The nodes of one agent."""
 
     def __init__(self, config: RosNodesConfig, report: Callable[[dict[str, Any]], None]) -> None:
         self._report = report

@@ -2,7 +2,7 @@
 
 Publishes on all topics that it is given, once or at a rate, and keeps count of what arrives from whom: how
 often, in which order, with which time stamp. Sees every endpoint of its domain. Orders and reports are JSON
-lines; see `TestPeer.obey`.
+lines; see `_TestPeer.obey`.
 """
 
 from __future__ import annotations
@@ -104,19 +104,11 @@ class PeerConfig:
     rate_hz: float  #: Messages a second on every topic that is not latched.
 
 
-class TestPeer:
-    """A test peer on its node.
-
-    Args:
-        node: Where it stands.
-        config: What it does.
-        report: Takes reports.
-    """
+class _TestPeer:
+    """A test peer on its node."""
 
     def __init__(self, node: Node, config: PeerConfig, report: Callable[[Report], None]) -> None:
-        self._node = node
-        self._config = config
-        self._report = report
+        self._node, self._config, self._report = node, config, report
         self._heard: dict[tuple[str, str], ReceiveStatistics] = defaultdict(ReceiveStatistics)
         self._last_s = 0.0
         self._endpoints: set[tuple[str, str, str, str]] = set()
@@ -205,15 +197,10 @@ class TestPeer:
         party = self._config.party
         if topic.type != TRANSFORMS:
             return message_type(topic.type)(data=f"{party} {number} {stamp_ns}")
-        frame = "probe" if self._config.behind_router else f"{party}/probe"
-        header = message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(stamp_ns), frame_id="map")
-        vector, turn = (message_type(f"geometry_msgs/msg/{name}") for name in ("Vector3", "Quaternion"))
-        transform = message_type("geometry_msgs/msg/Transform")(
-            translation=vector(x=float(number), y=0.0, z=0.0), rotation=turn(x=0.0, y=0.0, z=0.0, w=1.0)
-        )
-        stamped = message_type("geometry_msgs/msg/TransformStamped")(
-            header=header, child_frame_id=frame, transform=transform
-        )
+        stamped = default_message("geometry_msgs/msg/TransformStamped")
+        stamped.header.stamp, stamped.header.frame_id = stamp_from_ns(stamp_ns), "map"
+        stamped.child_frame_id = "probe" if self._config.behind_router else f"{party}/probe"
+        stamped.transform.translation.x, stamped.transform.rotation.w = float(number), 1.0
         return message_type(TRANSFORMS)(transforms=[stamped])
 
     async def _listen(self, subscription: Subscription, name: str) -> None:
@@ -235,13 +222,8 @@ class TestPeer:
         source = owner if slash else self._config.party
         stamp_ns = ns_from_stamp(transform.header.stamp)
         named = bool(slash) is not (self._config.behind_router and source == self._config.party)
-        shared = transform.header.frame_id == "map"
-        return (
-            source,
-            int(transform.transform.translation.x),
-            stamp_ns,
-            named and shared and frame in {"probe", ""},
-        )
+        named = named and transform.header.frame_id == "map" and frame in {"probe", ""}
+        return source, int(transform.transform.translation.x), stamp_ns, named
 
     async def _quiet(self) -> None:
         """Return when nothing has arrived for a while."""
@@ -292,7 +274,7 @@ async def serve(config: PeerConfig, report: Callable[[Report], None], orders: as
     from sfglab.bus import Node
 
     async with Node(config.party, **config.address.options()) as node:
-        await TestPeer(node, config, report).serve(orders)
+        await _TestPeer(node, config, report).serve(orders)
 
 
 if __name__ == "__main__":

@@ -2,8 +2,9 @@
 
 Stands for any node that consumes a camera stream. It is started once and told when to look and how:
 ``standard`` (receive and decode for itself), ``proxy`` (take decoded pictures from shared memory) or
-``network`` (receive and throw away); or, with a path, to record the stream. Reads every pixel of every
-frame and the number drawn into it, so that its report proves what it saw. Orders and reports are JSON lines.
+``network`` (receive and throw away); or, with a path, to record the stream. A topic in the order takes the
+place of the mode's configured one. Reads every pixel of every frame and the number drawn into it, so that its
+report proves what it saw. Orders and reports are JSON lines.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import asyncio
 import contextlib
 import time
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -97,41 +98,22 @@ class Seen:
 
     def report(self) -> dict[str, Any]:
         """Return the counts as JSON values."""
-        return {
-            "is": "seen",
-            "frames": self.frames,
-            "unreadable": self.unreadable,
-            "missed": self.missed,
-            "disordered": self.disordered,
-            "broken": self.broken,
-            "checksum": self.checksum,
-            "pairs": list(self.pairs),
-            "ages_ns": list(self.ages_ns),
-            "sightings": list(self.sightings),
-        }
+        values = {f.name: getattr(self, f.name) for f in fields(self) if not f.name.startswith("_")}
+        return {"is": "seen"} | {k: list(v) if isinstance(v, deque) else v for k, v in values.items()}
 
 
-class Viewer:
-    """One viewer process: takes orders, looks, reports.
-
-    Args:
-        config: Where the streams are.
-        report: Takes a report.
-    """
+class _Viewer:
+    """One viewer process: takes orders, looks, reports."""
 
     def __init__(self, config: ViewerConfig, report: Callable[[Report], None]) -> None:
-        self._config = config
-        self._report = report
+        self._config, self._report = config, report
         self._looking: asyncio.Task[None] | None = None
         self._seen = Seen()
         self._ordered_ns = 0
         self._nodes: dict[str, Any] = {}
 
     async def run(self, orders: asyncio.Queue[Report]) -> None:
-        """Obey orders until cancelled.
-
-        An order to look names the mode, and may name a topic in place of the configured one of that mode.
-        """
+        """Obey orders until cancelled."""
         async with contextlib.AsyncExitStack() as stack:
             if self._config.joined:
                 await self._join(stack)
@@ -265,8 +247,8 @@ class Viewer:
 
 
 async def serve(config: ViewerConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
-    """Be the process."""
-    await Viewer(config, report).run(orders)
+    """Obey until cancelled."""
+    await _Viewer(config, report).run(orders)
 
 
 if __name__ == "__main__":
