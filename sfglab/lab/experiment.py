@@ -22,9 +22,9 @@ from sfglab.lab.bench import Bench, Options, as_row
 from sfglab.lab.claims import Finding, How, Measured
 from sfglab.lab.figures import house_style
 from sfglab.lab.paths import find_project
-from sfglab.lab.progress import progress_bar
 from sfglab.lab.runs import COMPLETION, PART_SUFFIX, SMOKE, Run, new_log
 from sfglab.lab.sweep import Workers, journals, sweep
+from sfglab.lab.sweep.run import progress_bar
 from sfglab.lab.testbed import Testbed
 from sfglab.record import LogError, LogWriter, run_context
 

@@ -8,7 +8,7 @@ import pytest
 
 from sfglab.deploy.preparing import load_source, prepare
 from sfglab.deploy.release import SOURCE, make_release
-from sfglab.lab.bundle_meanings import meaning_of
+from sfglab.lab.checks.fleet_files import meaning_of
 from sfglab.lab.experiments.deployment import exp
 from sfglab.lab.experiments.deployment.containers import container_checks
 

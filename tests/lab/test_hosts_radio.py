@@ -17,8 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.lab.hosts import HostsError, Network
-from sfglab.lab.hosts.air import Air
 from sfglab.lab.hosts.radio import RadioCounters
+from sfglab.lab.hosts.radio_relay import Air
 from sfglab.qos import QoSProfile, Reliability
 from sfglab.rtps import Flow, Medium, Scenario, run
 

@@ -21,7 +21,7 @@ from types import MappingProxyType, TracebackType
 from typing import IO, TYPE_CHECKING, Any, Literal, Self
 
 from sfglab.errors import InvalidValueError
-from sfglab.fields import between, check_bounds
+from sfglab.fields import between, check_bounds, from_json
 from sfglab.lab.hosts.host import (
     ENTER,
     Host,
@@ -408,4 +408,5 @@ class Network:
         """
         if not self._on_radio:
             raise HostsError("this network has no radio: call `set_radio` first")
-        return RadioCounters.of(self._channel.request("radio_counters"))
+        counters: RadioCounters = from_json(RadioCounters, self._channel.request("radio_counters"))
+        return counters

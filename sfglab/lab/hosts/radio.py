@@ -14,6 +14,8 @@ import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from sfglab.units import NS_PER_S
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -23,15 +25,20 @@ _END_TIMEOUT_S = 2.0
 _MAX_ANSWER_BYTES = 65536
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True)
 class RadioHost:
     """What one host has done with the medium since it was set."""
 
-    frames: int  #: Frames that it sent.
-    bytes_: int  #: Their bytes: Ethernet header and payload, no checksum.
-    airtime_s: float  #: How long they were on air, seconds.
-    queue_full: int  #: Frames that found its queue full.
-    lost: int  #: Frames of it that a receiver did not get, each receiver counted.
+    frames: int = 0  #: Frames that it sent.
+    bytes_: int = 0  #: Their bytes: Ethernet header and payload, no checksum.
+    airtime_ns: int = 0  #: How long they were on air, nanoseconds.
+    queue_full: int = 0  #: Frames that found its queue full.
+    lost: int = 0  #: Frames of it that a receiver did not get, each receiver counted.
+
+    @property
+    def airtime_s(self) -> float:
+        """`airtime_ns` in seconds."""
+        return self.airtime_ns / NS_PER_S
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,12 +54,6 @@ class RadioCounters:
     #: Frames that the kernel dropped because the relay did not take them, or did not take from it.
     overrun: int = 0
     elapsed_s: float = 0.0  #: How long ago the medium was set, seconds.
-
-    @classmethod
-    def of(cls, values: dict[str, Any]) -> RadioCounters:
-        """Return what the relay reported."""
-        hosts = {name: RadioHost(**host) for name, host in values.pop("hosts").items()}
-        return cls(hosts=hosts, **values)
 
     @property
     def lost(self) -> int:
@@ -105,11 +106,7 @@ class Relay:
             raise
 
     def request(self, operation: str, **arguments: Any) -> dict[str, Any]:
-        """Ask the relay and wait for its answer.
-
-        Args:
-            operation: ``start``, ``set`` or ``counters``.
-            arguments: What it takes.
+        """Ask the relay, to ``start``, ``set`` or give its ``counters``, and wait for its answer.
 
         Raises:
             OSError: The relay is gone, late, or refuses.

@@ -1,9 +1,15 @@
 """The relay of a radio, a process between the hosts' cables: ``python -m sfglab.lab.hosts.radio_relay FD``.
 
-Takes every frame that a host sends (packet(7)), lets `air` say when it arrives, and hands it to its receivers
-then. A frame to a group reaches every other host and is on air once; a loss is drawn for each receiver. The
-kernel's time of arrival counts, and frames end on `air`'s schedule, so the relay's own slowness adds delay,
-which it counts, and lowers no rate. It ends when its control socket does.
+Takes every frame that a host sends (packet(7)), lets the medium say when it arrives, and hands it to its
+receivers then. A frame to a group reaches every other host and is on air once; a loss is drawn for each
+receiver. It ends when its control socket does.
+
+The medium is a pure machine: frames at times in, frames at later times out, all in nanoseconds of one clock
+that the caller reads. Its rules are those of the model of RTPS, frame for frame, and airtime and turns its very
+functions: queues with drop-tail at the hosts, one frame on air at a time, turns among hosts that have something
+to send, airtime stretched by contention, then latency. The kernel's time of arrival counts, and a frame's end
+follows from the end of the one before, not from when somebody looked: the relay's own slowness adds delay,
+which it counts, and lowers no rate.
 """
 
 from __future__ import annotations
@@ -17,11 +23,136 @@ import socket
 import struct
 import sys
 import time
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections import deque
+from dataclasses import asdict, dataclass, field
+from typing import Any, Generic, NamedTuple, TypeVar
 
-from sfglab.lab.hosts.air import Air, Sent
+from sfglab.lab.hosts.radio import RadioHost
 from sfglab.rtps import Medium
+from sfglab.rtps.model import next_sender
+from sfglab.units import NS_PER_S
+
+F = TypeVar("F")
+
+
+class Sent(NamedTuple, Generic[F]):
+    """A frame that arrives."""
+
+    due_ns: int  #: When it arrives.
+    host: int  #: Who sent it.
+    frame: F  #: The frame.
+
+
+@dataclass(slots=True)
+class _Transmitter(Generic[F]):
+    """What sends one frame at a time; its hosts take turns."""
+
+    hosts: tuple[int, ...]
+    next_: int = 0
+    free_ns: int = 0
+    on_air: Sent[F] | None = None
+
+
+class _Waiting(NamedTuple, Generic[F]):
+    since_ns: int
+    size_bytes: int
+    frame: F
+
+
+@dataclass(slots=True)
+class _State(Generic[F]):
+    queues: list[deque[_Waiting[F]]]
+    transmitters: list[_Transmitter[F]] = field(default_factory=list)
+    flight: deque[Sent[F]] = field(default_factory=deque)
+
+
+class Air(Generic[F]):
+    """The medium.
+
+    Args:
+        hosts: How many there are.
+        medium: What it is like.
+
+    Attributes:
+        use: What each host has done with it; losses are the caller's to count.
+    """
+
+    def __init__(self, hosts: int, medium: Medium) -> None:
+        self.use = [RadioHost() for _ in range(hosts)]
+        self._state: _State[F] = _State([deque() for _ in range(hosts)])
+        self.change(medium)
+
+    def change(self, medium: Medium) -> None:
+        """Go on with another medium and new counters; what is on air keeps its time, what waits, waits on."""
+        state = self._state
+        state.flight.extend(t.on_air for t in state.transmitters if t.on_air is not None)
+        free_ns = max((t.free_ns for t in state.transmitters), default=0)
+        everybody = tuple(range(len(self.use)))
+        groups = [everybody] if medium.shared else [(host,) for host in everybody]
+        state.transmitters = [_Transmitter(group, free_ns=free_ns) for group in groups]
+        self._medium = medium
+        self.use = [RadioHost() for _ in everybody]
+        for transmitter in state.transmitters:
+            self._start(transmitter)
+
+    def offer(self, host: int, frame: F, *, size_bytes: int, now_ns: int) -> bool:
+        """Put a frame into a host's queue; False when it is full. Time must have been advanced to now.
+
+        Args:
+            host: Who sends.
+            frame: What.
+            size_bytes: Bytes on the medium.
+            now_ns: When it came.
+        """
+        queue = self._state.queues[host]
+        if len(queue) >= self._medium.queue_frames:
+            self.use[host].queue_full += 1
+            return False
+        queue.append(_Waiting(now_ns, size_bytes, frame))
+        for transmitter in self._state.transmitters:
+            # A frame that finds the medium free is on air at once and takes no place in the queue.
+            if host in transmitter.hosts and transmitter.on_air is None:
+                self._start(transmitter)
+        return True
+
+    def advance(self, until_ns: int) -> list[Sent[F]]:
+        """Return the frames that have arrived until a time, this time included, in order."""
+        state = self._state
+        for transmitter in state.transmitters:
+            while transmitter.on_air is not None and transmitter.free_ns <= until_ns:
+                state.flight.append(transmitter.on_air)
+                transmitter.on_air = None
+                self._start(transmitter)
+        arrived = [sent for sent in state.flight if sent.due_ns <= until_ns]
+        if arrived:
+            state.flight = deque(sent for sent in state.flight if sent.due_ns > until_ns)
+        return arrived if self._medium.shared else sorted(arrived, key=lambda sent: sent.due_ns)
+
+    def next_ns(self) -> int | None:
+        """Return when something happens next; None: not before a frame is offered."""
+        times = [t.free_ns for t in self._state.transmitters if t.on_air is not None]
+        times += [sent.due_ns for sent in self._state.flight]
+        return min(times, default=None)
+
+    def _start(self, transmitter: _Transmitter[F]) -> None:
+        """Put the next frame on air: of the host whose turn it is among those that wait by then."""
+        queues = self._state.queues
+        waiting = [host for host in transmitter.hosts if queues[host]]
+        if not waiting:
+            return
+        start_ns = max(transmitter.free_ns, min(queues[host][0].since_ns for host in waiting))
+        ready = {host for host in waiting if queues[host][0].since_ns <= start_ns}
+        host, contenders = next_sender([host in ready for host in range(len(queues))], transmitter.next_)
+        entry = queues[host].popleft()
+        airtime_ns = self._medium.airtime_ns(entry.size_bytes, contenders)
+        transmitter.next_ = host + 1
+        transmitter.free_ns = start_ns + airtime_ns
+        transmitter.on_air = Sent(transmitter.free_ns + self._medium.latency_ns, host, entry.frame)
+        use = self.use[host]
+        use.frames += 1
+        use.bytes_ += entry.size_bytes
+        use.airtime_ns += airtime_ns
+
 
 # linux/if_ether.h, linux/if_packet.h, asm-generic/socket.h, linux/prctl.h
 _ETH_P_ALL = 0x0003
@@ -35,7 +166,6 @@ _START_BYTES = 65536
 # Frames that are taken from one host before the others are looked at.
 _BATCH = 64
 _GROUP_BIT = 1
-_S = 1_000_000_000
 _LATE_AFTER_NS = 2_000_000
 
 
@@ -67,11 +197,11 @@ class _Kept:
         return {
             "delivered": self.delivered,
             "late": self.late,
-            "late_after_s": _LATE_AFTER_NS / _S,
-            "late_mean_s": self.late_sum_ns / max(1, self.delivered) / _S,
-            "late_most_s": self.late_most_ns / _S,
+            "late_after_s": _LATE_AFTER_NS / NS_PER_S,
+            "late_mean_s": self.late_sum_ns / max(1, self.delivered) / NS_PER_S,
+            "late_most_s": self.late_most_ns / NS_PER_S,
             "overrun": self.overrun,
-            "elapsed_s": (time.time_ns() - self.since_ns) / _S,
+            "elapsed_s": (time.time_ns() - self.since_ns) / NS_PER_S,
         }
 
 
@@ -98,7 +228,7 @@ def _take(sock: socket.socket, host: int) -> list[_Arrival]:
         except BlockingIOError:
             break
         seconds, nanoseconds = struct.unpack_from("@ll", ancillary[0][2])
-        arrivals.append(_Arrival(seconds * _S + nanoseconds, host, frame))
+        arrivals.append(_Arrival(seconds * NS_PER_S + nanoseconds, host, frame))
     return arrivals
 
 
@@ -111,7 +241,6 @@ class _Relay:
         self._air: Air[bytes] | None = None
         self._medium: Medium
         self._random = random.Random()
-        self._lost = [0] * len(ports)
         self._kept = _Kept(time.time_ns())
 
     def set(self, *, medium: dict[str, Any], seed: int) -> dict[str, Any]:
@@ -121,7 +250,6 @@ class _Relay:
         else:
             self._air.change(self._medium)
         self._random.seed(seed)
-        self._lost = [0] * len(self._names)
         self._overrun()  # forgets, as reading resets it
         self._kept = _Kept(time.time_ns())
         return {}
@@ -129,17 +257,8 @@ class _Relay:
     def counters(self) -> dict[str, Any]:
         assert self._air is not None
         self._kept.overrun += self._overrun()
-        hosts = {
-            name: {
-                "frames": use.frames,
-                "bytes_": use.bytes_,
-                "airtime_s": use.airtime_ns / _S,
-                "queue_full": use.queue_full,
-                "lost": lost,
-            }
-            for name, use, lost in zip(self._names, self._air.use, self._lost, strict=True)
-        }
-        return {"hosts": hosts, **self._kept.report()}
+        hosts = zip(self._names, map(asdict, self._air.use), strict=True)
+        return {"hosts": dict(hosts), **self._kept.report()}
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         return self.set(**request) if request.pop("op") == "set" else self.counters()
@@ -159,22 +278,22 @@ class _Relay:
 
     def _pause_s(self) -> float | None:
         next_ns = self._air.next_ns() if self._air is not None else None
-        return None if next_ns is None else max(0, next_ns - time.time_ns()) / _S
+        return None if next_ns is None else max(0, next_ns - time.time_ns()) / NS_PER_S
 
     def _go_on(self, arrivals: list[_Arrival]) -> None:
         air = self._air
         if air is None:
             return  # the medium is not set yet: there is none
         for arrival in arrivals:
-            self._deliver(air.advance(arrival.t_ns))
+            self._deliver(air, air.advance(arrival.t_ns))
             air.offer(arrival.host, arrival.frame, size_bytes=len(arrival.frame), now_ns=arrival.t_ns)
-        self._deliver(air.advance(time.time_ns()))
+        self._deliver(air, air.advance(time.time_ns()))
 
-    def _deliver(self, sent: list[Sent[bytes]]) -> None:
+    def _deliver(self, air: Air[bytes], sent: list[Sent[bytes]]) -> None:
         for due_ns, host, frame in sent:
             for receiver in self._receivers(host, frame):
                 if self._random.random() < self._medium.loss:
-                    self._lost[host] += 1
+                    air.use[host].lost += 1
                     continue
                 try:
                     self._sockets[receiver].send(frame)

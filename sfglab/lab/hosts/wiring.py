@@ -26,13 +26,13 @@ from pyroute2.nftables.expressions import genex, verdict
 from pyroute2.nftables.main import NFTables
 
 from sfglab.lab.hosts.enter import CLONE_NEWNET, setns
+from sfglab.lab.hosts.host import INTERFACE
 from sfglab.lab.hosts.network import Link, LinkCounters
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
-INTERFACE = "eth0"
 _BRIDGE = "br0"
 _SUBNET = "10.77.0."
 _FIRST, _LAST = 2, 254
@@ -101,25 +101,20 @@ class Wiring:
         return int(netlink.link_lookup(ifname=name)[0])
 
     @contextlib.contextmanager
-    def inside(self, namespace: int) -> Iterator[Any]:
-        """Open a netlink socket inside a host; the process itself is back in its own namespace.
-
-        Args:
-            namespace: Descriptor of the host's network namespace.
-        """
+    def _standing_in(self, namespace: int) -> Iterator[None]:
         setns(namespace, CLONE_NEWNET)
         try:
-            netlink = IPRoute()
+            yield
         finally:
             setns(self._own, CLONE_NEWNET)
-        with netlink:
-            yield netlink
+
+    def inside(self, namespace: int) -> Any:
+        """Return a netlink socket inside a host, by its namespace's descriptor; the process stays outside."""
+        with self._standing_in(namespace):
+            return IPRoute()
 
     def plug(self, pid: int) -> Port:
-        """Connect the network namespace of a process to the bridge and configure it as a host.
-
-        Args:
-            pid: The process that holds the namespace.
+        """Connect the network namespace that a process holds to the bridge and configure it as a host.
 
         Raises:
             NetlinkError: The kernel refuses.
@@ -130,38 +125,21 @@ class Wiring:
             raise OSError(f"a network has room for {_LAST - _FIRST + 1} hosts")
         self._next += 1
         outer = f"p{number}"
-        peer = {
-            "ifname": INTERFACE,
-            "net_ns_pid": pid,
-            "address": _mac(number),
-            "IFLA_GSO_MAX_SEGS": _NO_OFFLOAD,
-        }
-        self.netlink.link(
-            "add", ifname=outer, kind="veth", master=self._bridge, peer=peer, IFLA_GSO_MAX_SEGS=_NO_OFFLOAD
-        )
+        single = {"IFLA_GSO_MAX_SEGS": _NO_OFFLOAD}
+        peer = {"ifname": INTERFACE, "net_ns_pid": pid, "address": _mac(number), **single}
+        self.netlink.link("add", ifname=outer, kind="veth", master=self._bridge, peer=peer, **single)
         outer_index = self._index(self.netlink, outer)
         namespace = os.open(f"/proc/{pid}/ns/net", os.O_RDONLY)
         inner_index = self._configure(namespace, f"{_SUBNET}{number}")
         _set_up(self.netlink, outer_index)
         return Port(
-            number=number,
-            outer=outer,
-            outer_index=outer_index,
-            inner_index=inner_index,
-            namespace=namespace,
+            number=number, outer=outer, outer_index=outer_index, inner_index=inner_index, namespace=namespace
         )
 
     def take_out(self, port: Port) -> None:
-        """Take a host off the bridge, for a relay of frames to take its place.
-
-        Args:
-            port: Where the host is plugged in.
-        """
-        setns(port.namespace, CLONE_NEWNET)
-        try:
+        """Take a host off the bridge, for a relay of frames to take its place."""
+        with self._standing_in(port.namespace):
             _compute_checksums(INTERFACE)
-        finally:
-            setns(self._own, CLONE_NEWNET)
         self.netlink.link("set", index=port.outer_index, master=0)
 
     def put_back(self, port: Port) -> None:
@@ -200,12 +178,8 @@ def _compare(operation: Cmp, data: bytes) -> Any:
 
 def _numgen() -> dict[str, Any]:
     """Draw a random number below a million; pyroute2's `genex` does not know this attribute prefix."""
-    attributes = [
-        ("NFTA_NG_DREG", Regs.NFT_REG_1),
-        ("NFTA_NG_MODULUS", _MILLION),
-        ("NFTA_NG_TYPE", _RANDOM),
-        ("NFTA_NG_OFFSET", 0),
-    ]
+    values = {"DREG": Regs.NFT_REG_1, "MODULUS": _MILLION, "TYPE": _RANDOM, "OFFSET": 0}
+    attributes = [(f"NFTA_NG_{name}", value) for name, value in values.items()]
     return {"attrs": [("NFTA_EXPR_NAME", "numgen"), ("NFTA_EXPR_DATA", {"attrs": attributes})]}
 
 
@@ -229,15 +203,8 @@ def _set_rate(netlink: Any, index: int, link: Link) -> None:
     if any(message.get_attr("TCA_KIND") == "tbf" for message in netlink.get_qdiscs(index=index)):
         netlink.tc("del", index=index, handle=_HANDLE, parent=TC_H_ROOT)
     if link.rate_bps is not None:
-        netlink.tc(
-            "add",
-            "tbf",
-            index=index,
-            handle=_HANDLE,
-            rate=round(link.rate_bps / 8),
-            burst=link.burst_bytes,
-            limit=link.limit_bytes,
-        )
+        bucket = {"rate": round(link.rate_bps / 8), "burst": link.burst_bytes, "limit": link.limit_bytes}
+        netlink.tc("add", "tbf", index=index, handle=_HANDLE, **bucket)
 
 
 def _overflow(netlink: Any, index: int) -> int:
@@ -266,10 +233,6 @@ class Shaping:
     def set_link(self, port: Port, link: Link) -> None:
         """Replace everything that was set at a port.
 
-        Args:
-            port: Where the host is plugged in.
-            link: The new properties.
-
         Raises:
             NetlinkError: The kernel refuses, for want of a module or of permission.
         """
@@ -293,11 +256,7 @@ class Shaping:
             self._nft.rule("add", table=table, chain=chain, expressions=[_lossy(table, key, per_million)])
 
     def counters(self, port: Port) -> LinkCounters:
-        """Read what a port has lost since its link was set.
-
-        Args:
-            port: Where the host is plugged in.
-        """
+        """Read what a port has lost since its link was set."""
         lost = {"up": (0, 0), "down": (0, 0)}
         for rule in self._nft.get_rules() if port.outer in self._lossy else ():
             if rule.get_attr("NFTA_RULE_TABLE") == port.outer:

@@ -13,12 +13,12 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.hosts.enter import CLONE_NEWNET, unshare
+from sfglab.lab.hosts.host import INTERFACE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-INTERFACE = "eth0"
 _SUBNET = "10.88.0."
 _MACHINE, _FIRST = 1, 2
 _LO = 1
