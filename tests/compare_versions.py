@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import inspect
 import itertools
 import json
 import math
@@ -21,7 +20,7 @@ import shutil
 import subprocess
 import sys
 import time
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -42,9 +41,8 @@ class Run:
     only: frozenset[str] | None = None  # topics that are compared; None: all
     but: frozenset[str] = frozenset()  # topics that are not
     columns: frozenset[str] = frozenset()  # of tables, that are not compared
-    live: bool = (
-        False  # whether a live part comes after what is compared: two would disturb each other, one may fail
-    )
+    # Whether a live part comes after what is compared: two would disturb each other, one may fail.
+    live: bool = False
 
 
 TIMED = (
@@ -107,21 +105,11 @@ def show(tree: Path, log: Path, folder: Path) -> None:
 
 def execute(name: str, path: Path) -> None:
     """Run an experiment into a log."""
+    from sfglab.lab.bench import Options
     from sfglab.lab.experiments import experiment
 
-    target, how = experiment(name), RUNS[name]
-    if hasattr(target, "measure"):  # on the kit
-        from sfglab.lab.bench import Options
-
-        asyncio.run(target.run("smoke", path=path, options=Options(**how.options), **how.changes))
-        return
-    config = target.Config.of_profile("smoke")
-    known = {f.name for f in fields(config)}
-    config = replace(config, **{k: v for k, v in how.changes.items() if k in known})
-    takes = inspect.signature(target.run).parameters
-    ended = target.run(config, path, **{k: v for k, v in how.options.items() if k in takes})
-    if inspect.iscoroutine(ended):
-        asyncio.run(ended)
+    how = RUNS[name]
+    asyncio.run(experiment(name).run("smoke", path=path, options=Options(**how.options), **how.changes))
 
 
 def _start(tree: Path, *what: str) -> subprocess.Popen[str]:

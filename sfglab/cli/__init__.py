@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import logging
 import sys
-from typing import Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
 from sfglab import __version__
 from sfglab.cli import deploy, experiments, fleet, mapping, mocap, plan, view
 from sfglab.errors import SfglabError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 __all__ = ["app", "main"]
 
@@ -25,14 +28,32 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-experiments.add_to(app)
-fleet.add_to(app)
-app.add_typer(deploy.app, name="deploy")
-app.add_typer(plan.app, name="follow")
-mapping.add_to(app)
-mocap.add_to(app)
-plan.add_to(app)
-view.add_to(app)
+_COMMANDS: dict[str, Callable[..., None]] = {
+    "doctor": experiments.doctor,
+    "reproduce": experiments.reproduce,
+    "figures": experiments.figures,
+    "claims": experiments.claims,
+    "log": experiments.show_log,
+    "router": fleet.router,
+    "decoder": fleet.decoder,
+    "camera": fleet.camera,
+    "qos": mapping.qos,
+    "map": mapping.map_graph,
+    "plan": plan.plan,
+    "view": view.view,
+}
+_GROUPS = {
+    "agent": fleet.agent_app,
+    "fleet": fleet.fleet_app,
+    "deploy": deploy.app,
+    "follow": plan.app,
+    "mocap": mocap.mocap_app,
+    "frames": mocap.frames_app,
+}
+for _name, _command in _COMMANDS.items():
+    app.command(_name)(_command)
+for _name, _group in _GROUPS.items():
+    app.add_typer(_group, name=_name)
 
 
 def main() -> NoReturn:

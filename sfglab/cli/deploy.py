@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sfglab.deploy.errors import DeployError
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
@@ -151,7 +153,6 @@ def apply(
 
       sfglab deploy apply data/fleets/esslingen.yaml --agent go2 --tag 0.6.0-1a2b3c4d5e6f
     """
-    from sfglab.deploy.errors import DeployError
     from sfglab.deploy.rollout import render_prospects
 
     failed = False
@@ -177,7 +178,6 @@ def releases(fleet: _Fleet, agent: _Agents = None, root: _Root = None) -> None:
       sfglab deploy releases data/fleets/esslingen.yaml --agent go2
     """
     from sfglab.deploy.deployment import HOME
-    from sfglab.deploy.errors import DeployError
     from sfglab.deploy.rollout import releases as kept
     from sfglab.deploy.transport import transport_to
     from sfglab.fleet.fleet_file import load_fleet
@@ -220,7 +220,6 @@ def _prospects(
     """Yield what would happen to each agent, and what makes it happen; one's failure is not the others'."""
     from functools import partial
 
-    from sfglab.deploy.errors import DeployError
     from sfglab.deploy.preparing import prepare
     from sfglab.deploy.release import SOURCE, make_release
     from sfglab.deploy.rollout import Prospect, apply_plan, look_and_plan, released, steps

@@ -8,12 +8,7 @@ from typing import Annotated
 
 import typer
 
-
-def add_to(app: typer.Typer) -> None:
-    """Add these commands to a program."""
-    for command in (doctor, reproduce, figures, claims):
-        app.command()(command)
-    app.command("log")(show_log)
+from sfglab.lab.paths import find_project
 
 
 def doctor() -> None:
@@ -48,7 +43,6 @@ def reproduce(
     from sfglab.lab.experiment import PROFILES
     from sfglab.lab.ledger import compute_ledger
     from sfglab.lab.notebooks import NotebookError, find_notebooks, read_parameters, run_notebooks
-    from sfglab.lab.paths import find_project
 
     if profile not in PROFILES:
         raise NotebookError(f"--profile: given {profile!r}, allowed are {', '.join(PROFILES)}")
@@ -70,7 +64,6 @@ def reproduce(
 def figures() -> None:
     """Draw all figures again, from logs alone."""
     from sfglab.lab.ledger import redraw_figures
-    from sfglab.lab.paths import find_project
 
     project = find_project()
     for name, files in redraw_figures(project).items():
@@ -83,7 +76,6 @@ def claims(
     """Print the ledger: what the papers said, what we measured, and the verdict."""
     from sfglab.lab.claims import render
     from sfglab.lab.ledger import compute_ledger
-    from sfglab.lab.paths import find_project
 
     entries = compute_ledger(find_project())
     typer.echo(json.dumps([e.as_json() for e in entries], indent=2) if as_json else render(entries))
@@ -110,7 +102,6 @@ def show_log(
 def _list_runs() -> None:
     from sfglab.lab.experiments import EXPERIMENTS
     from sfglab.lab.ledger import find_log, logs_of
-    from sfglab.lab.paths import find_project
     from sfglab.tables import text_table
 
     project = find_project()

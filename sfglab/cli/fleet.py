@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sfglab.component import run
 
+if TYPE_CHECKING:
+    from sfglab.fleet.agent.plan import AgentConfig
+
 fleet_app = typer.Typer(
     help="A fleet file: what crosses its borders, and routers' configurations for it.", no_args_is_help=True
 )
+agent_app = typer.Typer(
+    help="An agent of a fleet: router, status provider, discoverer, decoder.", no_args_is_help=True
+)
+_GlobalDomain = Annotated[int | None, typer.Option(help="The domain that all agents share; 0.")]
+_GlobalInterface = Annotated[str | None, typer.Option(help="Interface towards the other agents.")]
 
 
 @fleet_app.command()
@@ -82,25 +90,14 @@ def check(
     raise typer.Exit(any(finding.severity is Severity.ERROR for finding in findings))
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add these commands to a program."""
-    agent = typer.Typer(
-        help="An agent of a fleet: router, status provider, discoverer, decoder.", no_args_is_help=True
-    )
-    agent.command("up")(agent_up)
-    app.add_typer(agent, name="agent")
-    for command in (router, decoder, camera):
-        app.command()(command)
-    app.add_typer(fleet_app, name="fleet")
-
-
+@agent_app.command("up")
 def agent_up(
     domain: Annotated[int | None, typer.Option(help="The agent's own DDS domain, 1 to 101.")] = None,
     interface: Annotated[
         str | None, typer.Option(help="Interface of its own domain; lo keeps it inside.")
     ] = None,
-    global_domain: Annotated[int | None, typer.Option(help="The domain that all agents share; 0.")] = None,
-    global_interface: Annotated[str | None, typer.Option(help="Interface towards the other agents.")] = None,
+    global_domain: _GlobalDomain = None,
+    global_interface: _GlobalInterface = None,
     fleet: Annotated[Path | None, typer.Option(help="A fleet file that describes the agent.")] = None,
     agent: Annotated[
         str | None, typer.Option(help="Its name; SFG_AGENT_NAME, else the host's name, when not given.")
@@ -127,24 +124,16 @@ def agent_up(
     """
     from sfglab.fleet.agent import plan
     from sfglab.fleet.agent.app import serve_agent
-    from sfglab.fleet.agent.plan import SideOptions, config_from_options
-    from sfglab.fleet.fleet_file import load_fleet
-    from sfglab.names import default_agent
 
-    config = config_from_options(
-        agent or default_agent(),
-        load_fleet(fleet) if fleet is not None else None,
-        local=SideOptions(domain_id=domain, interface=interface),
-        remote=SideOptions(domain_id=global_domain, interface=global_interface),
-    )
+    config = _agent_config(agent, fleet, (domain, interface), (global_domain, global_interface))
     run(serve_agent(plan.without(config, without or ()), typer.echo, as_json=as_json))
 
 
 def router(
     domain: Annotated[int | None, typer.Option(help="The agent's own DDS domain.")] = None,
     interface: Annotated[str | None, typer.Option(help="Interface of its own domain.")] = None,
-    global_domain: Annotated[int | None, typer.Option(help="The domain that all agents share; 0.")] = None,
-    global_interface: Annotated[str | None, typer.Option(help="Interface towards the other agents.")] = None,
+    global_domain: _GlobalDomain = None,
+    global_interface: _GlobalInterface = None,
     fleet: Annotated[Path | None, typer.Option(help="A fleet file: domains, policy and frames.")] = None,
     agent: Annotated[str | None, typer.Option(help="Name of the agent.")] = None,
     prefix_frames: Annotated[
@@ -161,23 +150,29 @@ def router(
     """
     from dataclasses import replace
 
-    from sfglab.fleet.agent.plan import SideOptions, config_from_options, router_config
-    from sfglab.fleet.fleet_file import load_fleet
+    from sfglab.fleet.agent.plan import router_config
     from sfglab.fleet.router.node import serve_terminal
-    from sfglab.names import default_agent
 
     if domain is None and fleet is None:
         raise typer.BadParameter("nothing is given, allowed: a domain, or a fleet file", param_hint="--domain")
-    described = config_from_options(
-        agent or default_agent(),
-        load_fleet(fleet) if fleet is not None else None,
-        local=SideOptions(domain_id=domain, interface=interface),
-        remote=SideOptions(domain_id=global_domain, interface=global_interface),
-    )
-    config = router_config(described)
+    config = router_config(_agent_config(agent, fleet, (domain, interface), (global_domain, global_interface)))
     if prefix_frames is not None:
         config = replace(config, prefix_frames=prefix_frames)
     run(serve_terminal(config, typer.echo))
+
+
+_Side = tuple[int | None, str | None]
+
+
+def _agent_config(agent: str | None, fleet: Path | None, local: _Side, remote: _Side) -> AgentConfig:
+    """Return an agent as the command line and the fleet file describe it; sides are domain and interface."""
+    from sfglab.fleet.agent.plan import SideOptions, config_from_options
+    from sfglab.fleet.fleet_file import load_fleet
+    from sfglab.names import default_agent
+
+    sides = [SideOptions(domain_id=domain, interface=interface) for domain, interface in (local, remote)]
+    described = load_fleet(fleet) if fleet is not None else None
+    return config_from_options(agent or default_agent(), described, local=sides[0], remote=sides[1])
 
 
 def decoder(
@@ -208,13 +203,10 @@ def decoder(
     from sfglab.names import Resource, RosFqnBuilder, Scope
 
     local = BusAddress(domain_id=domain, interface=interface)
-    remote = (
-        local
-        if remote_domain is None and remote_interface is None
-        else BusAddress(
-            domain_id=domain if remote_domain is None else remote_domain, interface=remote_interface
-        )
-    )
+    remote = local
+    if remote_domain is not None or remote_interface is not None:
+        far_domain = domain if remote_domain is None else remote_domain
+        remote = BusAddress(domain_id=far_domain, interface=remote_interface)
     discovery = RosFqnBuilder().scope(Scope.LOCAL).resource(Resource.AGENT_DISCOVERY_EVENT).build()
     config = DecoderConfig(
         remote=remote,

@@ -239,12 +239,6 @@ def map_graph(
         _write_verilog(mapping.gateways, verilog)
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add these commands to a program."""
-    app.command()(qos)
-    app.command("map")(map_graph)
-
-
 def _mapped(graph: Graph, rule: _Rule | None) -> CommunicationMapping:
     from sfglab.soc import faster_by_gateway, map_communication
 

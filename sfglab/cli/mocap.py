@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from sfglab.spatial.mocap.tracking import MocapSource
 
 
+mocap_app = typer.Typer(help="Motion capture: publish it, and calibrate it.", no_args_is_help=True)
+frames_app = typer.Typer(help="Trees of frames.", no_args_is_help=True)
+frames_app.callback()(lambda: None)  # with a single command typer would leave its name out
 _POSES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
 
 
@@ -34,6 +37,7 @@ class _Type(StrEnum):
     TRANSFORM = "transform"
 
 
+@mocap_app.command("run")
 def mocap_run(
     file: Annotated[Path, typer.Argument(help="Which object is which frame, e.g. data/mocap/two_agents.yaml")],
     domain: Annotated[int, typer.Option(help="DDS domain of the agents' transforms.")],
@@ -70,10 +74,11 @@ def mocap_run(
     mapping = load_mapping(file)
     topics = _topics(topic or [], mapping)
     make = _source(vicon=vicon, topics=topics, type_=type_, log=log, synthetic=synthetic)
-    options = {"domain_id": domain, **({} if interface is None else {"interface": interface})}
+    options = {"domain_id": domain, "interface": interface}
     run(_serve(mapping, make, options, agent=agent, trees=trees, duration=duration))
 
 
+@mocap_app.command("offset")
 def mocap_offset(
     log: Annotated[Path, typer.Argument(help="A log with /tf of the robot and the poses of its object.")],
     object_: Annotated[str, typer.Option("--object", help="The object's id, as it is called in the mapping.")],
@@ -109,6 +114,7 @@ def mocap_offset(
     typer.echo(_offset_yaml(object_, base, estimate_offset(pairs, height_m=height_m)), nl=False)
 
 
+@frames_app.command("lint")
 def frames_lint(
     log: Annotated[Path | None, typer.Argument(help="A log, of any recorder.")] = None,
     domain: Annotated[int | None, typer.Option(help="A DDS domain to listen to instead.")] = None,
@@ -139,11 +145,7 @@ def frames_lint(
         with LogReader(log) as reader:
             fill_from_log(reader, buffer)
     else:
-        run(
-            _listen(
-                buffer, {"domain_id": domain, **({} if interface is None else {"interface": interface})}, listen
-            )
-        )
+        run(_listen(buffer, {"domain_id": domain, "interface": interface}, listen))
     names = frozenset(filter(None, agents.split(",")))
     findings = lint_frames(buffer.edges, rule=FrameRule(agents=names) if names else None, root=root)
     for finding in findings:
@@ -151,18 +153,6 @@ def frames_lint(
     typer.echo(f"{len(buffer.frames)} frames, {len(findings)} findings")
     if findings or not buffer.frames:
         raise typer.Exit(1)
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the commands to the program."""
-    mocap = typer.Typer(help="Motion capture: publish it, and calibrate it.", no_args_is_help=True)
-    mocap.command("run")(mocap_run)
-    mocap.command("offset")(mocap_offset)
-    app.add_typer(mocap, name="mocap")
-    frames = typer.Typer(help="Trees of frames.", no_args_is_help=True)
-    frames.callback()(lambda: None)  # with a single command typer would leave its name out
-    frames.command("lint")(frames_lint)
-    app.add_typer(frames, name="frames")
 
 
 def _topics(given: list[str], mapping: MocapMapping) -> dict[str, str]:
@@ -180,6 +170,7 @@ def _source(
     *, vicon: str | None, topics: dict[str, str], type_: _Type, log: Path | None, synthetic: bool
 ) -> Callable[[Node, MocapMapping, contextlib.ExitStack], MocapSource]:
     """Return what makes the source on a node, of exactly one kind."""
+    from sfglab.record import LogReader
     from sfglab.spatial.mocap.sources import LogSource, TopicSource, ViconSource
 
     kinds = [name for name, on in (("--vicon", vicon), ("--log", log), ("--synthetic", synthetic)) if on]
@@ -201,15 +192,9 @@ def _source(
             return _synthetic(mapping, clock)
         if log is None:
             return TopicSource(node, topics, type_=_POSES[type_ is _Type.TRANSFORM])
-        return LogSource(stack.enter_context(_opened(log)), topics, clock=clock)
+        return LogSource(stack.enter_context(LogReader(log)), topics, clock=clock)
 
     return make
-
-
-def _opened(log: Path) -> LogReader:
-    from sfglab.record import LogReader
-
-    return LogReader(log)
 
 
 def _synthetic(mapping: MocapMapping, clock: Any) -> MocapSource:

@@ -68,11 +68,6 @@ def plan(
         typer.echo(f"{scene.name}: has changes that were not saved; the file is as it was saved last", err=True)
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(plan)
-
-
 app = typer.Typer(
     help="Trajectories carried out: a simulated agent, and sending an agent along its trajectory.",
     no_args_is_help=True,

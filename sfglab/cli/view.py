@@ -13,9 +13,9 @@ import typer
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
-    from sfglab.view import Report, Session, ViewOptions
+    from sfglab.view import Session, ViewOptions
 
 
 _SERVED_PORT = 9876
@@ -81,11 +81,6 @@ def view(
     if domain is not None or interface is not None:
         raise SfglabError("--domain and --interface: given with a log, which is on no bus")
     _logged(log, options)
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command("view")(view)
 
 
 def _default_place() -> Sequence[str]:
@@ -161,14 +156,8 @@ def _tell(session: Session) -> None:
     reports = report_of(session)
     shown = sum(report.shown for report in reports)
     typer.echo(f"{len(reports)} displays, {shown} updates shown")
-    for line in _lines(reports):
-        typer.echo(line)
-
-
-def _lines(reports: Iterable[Report]) -> Iterable[str]:
     for report in reports:
-        if not (report.errors or report.dropped):
-            continue
-        failed = f", {report.errors} not shown: {report.last_error}" if report.errors else ""
-        where = ", ".join(report.topics)
-        yield f"{report.display} ({where}): {report.dropped} of {report.received} messages dropped{failed}"
+        if report.errors or report.dropped:
+            failed = f", {report.errors} not shown: {report.last_error}" if report.errors else ""
+            place = f"{report.display} ({', '.join(report.topics)})"
+            typer.echo(f"{place}: {report.dropped} of {report.received} messages dropped{failed}")

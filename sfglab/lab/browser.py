@@ -18,13 +18,12 @@ import time
 import urllib.request
 from contextlib import suppress
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import MissingExtraError, SfglabError
 
 if TYPE_CHECKING:
     from pathlib import Path
-    from types import TracebackType
 
 
 _START_S = 90.0
@@ -49,7 +48,7 @@ class BrowserError(SfglabError, RuntimeError):
 
 
 class Browser:
-    """One page in an engine; a context that leaves no process behind.
+    """One page in an engine, to be closed.
 
     Args:
         width: Of the page, in pixels.
@@ -68,26 +67,11 @@ class Browser:
         self._engine = _start(port, width, height)
         try:
             self._socket = client.connect(_address(self._engine, port), max_size=None, open_timeout=_START_S)
-            self.call(
-                "Emulation.setDeviceMetricsOverride",
-                width=width,
-                height=height,
-                deviceScaleFactor=1,
-                mobile=False,
-            )
+            screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+            self.call("Emulation.setDeviceMetricsOverride", **screen)
         except BaseException:
             _stop(self._engine)
             raise
-
-    def __enter__(self) -> Self:
-        """Return itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """End the engine with all its processes."""
-        self.close()
 
     def close(self) -> None:
         """End the engine with all its processes; again is harmless."""
@@ -183,9 +167,8 @@ def _library(name: str) -> Any:
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
-        raise MissingExtraError(
-            name.split(".", maxsplit=1)[0], extra="dev", purpose="a browser without a screen"
-        ) from error
+        library = name.partition(".")[0]
+        raise MissingExtraError(library, extra="dev", purpose="a browser without a screen") from error
     except ImportError as error:
         raise BrowserError(f"browser: the engine needs a system library: {error}") from error
 

@@ -25,13 +25,8 @@ class ExampleMachine:
     description: str  #: What it is, and where its facts are from.
     files: Mapping[str, str]  #: Contents by path below its root; empty for device nodes.
     links: Mapping[str, str]  #: Targets of symbolic links by path below its root.
-    elf: Architecture | str  #: Architecture of its programs; text for one that there are no images for.
+    elf: str  #: Architecture of its programs as containers call it; there are not images for every one.
     expected: Accelerator  #: The accelerator that its images must be made for.
-
-    @property
-    def elf_name(self) -> str:
-        """Return the architecture's name in container images."""
-        return self.elf.value if isinstance(self.elf, Architecture) else self.elf
 
 
 def write_example(example: ExampleMachine, folder: Path) -> Path:
@@ -47,7 +42,7 @@ def write_example(example: ExampleMachine, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     if any(folder.iterdir()):
         raise DeployError(f"{folder}: given for an example's root, allowed: an empty folder, but it has files")
-    number = next(machine for machine, name in MACHINES.items() if name == example.elf_name)
+    number = next(machine for machine, name in MACHINES.items() if name == example.elf)
     contents = {"usr/bin/sh": elf_header(number)}
     contents |= {path: text.encode() for path, text in example.files.items()}
     links = {"bin": "usr/bin", **example.links}
@@ -67,7 +62,7 @@ def _made(
     system: str,
     *parts: Mapping[str, str],
     links: Mapping[str, str] | None = None,
-    elf: Architecture | str | None = None,
+    elf: str = "",
 ) -> ExampleMachine:
     """Return a machine; one with a device tree has an ARM processor, any other AMD64, unless it is given."""
     files = _system(system)
@@ -78,7 +73,7 @@ def _made(
         description=description,
         files=files,
         links=links or (_TREE_LINK if is_board else {}),
-        elf=elf or (Architecture.ARM64 if is_board else Architecture.AMD64),
+        elf=elf or (Architecture.ARM64 if is_board else Architecture.AMD64).value,
         expected=expected,
     )
 
@@ -96,10 +91,6 @@ def _system(name: str) -> dict[str, str]:
 def _board(model: str, *compatible: str) -> dict[str, str]:
     names = "".join(f"{name}\0" for name in compatible)
     return {f"{_TREE}/model": f"{model}\0", f"{_TREE}/compatible": names}
-
-
-def _tegra(release: str) -> dict[str, str]:
-    return {"etc/nv_tegra_release": release}
 
 
 def _pc(vendor: str, product: str) -> dict[str, str]:
@@ -149,10 +140,10 @@ EXAMPLES: dict[str, ExampleMachine] = {
             "NVIDIA Jetson Orin NX Engineering Reference Developer Kit",
             *("nvidia,p3768-0000+p3767-0000", "nvidia,p3767-0000", "nvidia,tegra234"),
         ),
-        _tegra(
-            "# R36 (release), REVISION: 4.3, GCID: 38968081, BOARD: generic, EABI: aarch64, "
-            "DATE: Wed Jan  8 01:49:37 UTC 2025\n# KERNEL_VARIANT: oot\n"
-        ),
+        {
+            "etc/nv_tegra_release": "# R36 (release), REVISION: 4.3, GCID: 38968081, BOARD: generic, "
+            "EABI: aarch64, DATE: Wed Jan  8 01:49:37 UTC 2025\n# KERNEL_VARIANT: oot\n"
+        },
         _nodes("nvmap", "nvhost-ctrl-gpu", "nvhost-gpu", "nvhost-nvdec", "nvgpu/igpu0/ctrl"),
         _nodes("nvidia0", "nvidiactl", "nvidia-modeset", "v4l2-nvdec", "v4l2-nvenc"),
         _nodes("dri/card0", "dri/renderD128"),
@@ -163,10 +154,10 @@ EXAMPLES: dict[str, ExampleMachine] = {
         "Jetson Xavier NX, JetPack 4.6: L4T R32's files",
         "Ubuntu 18.04.6 LTS",
         _board("NVIDIA Jetson Xavier NX Developer Kit", "nvidia,p3449-0000+p3668-0000", "nvidia,tegra194"),
-        _tegra(
-            "# R32 (release), REVISION: 7.1, GCID: 29818004, BOARD: t186ref, EABI: aarch64, "
-            "DATE: Sat Feb 19 17:07:00 UTC 2022\n"
-        ),
+        {
+            "etc/nv_tegra_release": "# R32 (release), REVISION: 7.1, GCID: 29818004, BOARD: t186ref, "
+            "EABI: aarch64, DATE: Sat Feb 19 17:07:00 UTC 2022\n"
+        },
         _nodes("nvmap", "nvhost-ctrl", "nvhost-gpu", "nvhost-msenc", "nvhost-nvdec", "nvidiactl"),
     ),
     "workstation_rtx": _made(

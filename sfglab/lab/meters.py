@@ -41,23 +41,8 @@ class ProcessStat:
     reaped_ns: int = 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CpuSample:
-    """CPU time of a tree since the first sample."""
-
-    t_ns: int  #: When it was taken.
-    cpu_ns_total: int  #: CPU time of all processes, alive or ended, in nanoseconds; never falls.
-    per_pid: Mapping[int, int]  #: The part of each living process itself, in nanoseconds.
-    ended: int  #: Processes that were seen before and ended since the previous sample.
-
-
 def tree(parents: Mapping[int, int], roots: Iterable[int]) -> set[int]:
-    """Return all processes that descend from some roots, the roots that exist included.
-
-    Args:
-        parents: The parent of each process.
-        roots: Where to start.
-    """
+    """Return all processes that descend from roots, those that exist included, by each one's parent."""
     children: dict[int, list[int]] = {}
     for pid, parent in parents.items():
         children.setdefault(parent, []).append(pid)
@@ -108,22 +93,18 @@ class CpuLedger:
         """Return the start of each living process; one that its parent left behind (a daemon) still belongs."""
         return {pid: account.last.started_ns for pid, account in self._accounts.items()}
 
-    def update(self, t_ns: int, readings: Mapping[int, ProcessStat], *, clock_ns: int) -> CpuSample:
+    def update(self, readings: Mapping[int, ProcessStat], *, clock_ns: int) -> int:
         """Enter the readings of all processes of the tree.
 
         Args:
-            t_ns: Stamp of the sample.
             readings: One for each living process; who is missing has ended.
             clock_ns: The time of reading on the clock of `ProcessStat.started_ns`.
 
         Returns:
-            The sums so far.
+            CPU time of all processes since the first update, alive or ended, in nanoseconds; never falls.
         """
-        gone = [
-            pid
-            for pid, account in self._accounts.items()
-            if pid not in readings or readings[pid].started_ns != account.last.started_ns
-        ]
+        started_ns = {pid: reading.started_ns for pid, reading in readings.items()}
+        gone = [pid for pid, began_ns in self.started_ns.items() if started_ns.get(pid) != began_ns]
         ended = [self._accounts.pop(pid) for pid in gone]
         for pid, reading in readings.items():
             self._enter(pid, reading)
@@ -136,8 +117,7 @@ class CpuLedger:
         # Reaped times come in ticks of 10 ms, rounded down: without this the sum could fall by one.
         self._total_ns = max(self._total_ns, self._settled_ns + living_ns)
         self._last_ns = clock_ns
-        own = {pid: account.own_ns for pid, account in sorted(self._accounts.items())}
-        return CpuSample(t_ns=t_ns, cpu_ns_total=self._total_ns, per_pid=own, ended=len(ended))
+        return self._total_ns
 
     def _enter(self, pid: int, reading: ProcessStat) -> None:
         account = self._accounts.get(pid)
@@ -174,15 +154,12 @@ class MeterRow:
     window_s: float  #: Its length in seconds.
     label: str  #: What was measured.
     cpu_percent: float | None  #: CPU time of its processes; 100 is one core.
-    processes_ended: int  #: Processes of it that ended meanwhile, whose last reading is in `cpu_percent`.
     rx_bps: float | None  #: Bits per second received at its interface.
     tx_bps: float | None  #: Bits per second sent there.
-    rx_packets_per_s: float | None  #: Frames per second received there.
     #: All other work on the machine, on all cores together: busy time minus everything labelled. The kernel
     #: gives busy time in ticks of 10 ms for each core.
     machine_cpu_percent: float
     steal_percent: float  #: Time that the hypervisor gave to others.
-    load1: float  #: Load average of the last minute.
 
 
 def counted(before: int, after: int) -> int:
@@ -190,10 +167,6 @@ def counted(before: int, after: int) -> int:
 
     The kernel's counters have 64 bits and do not wrap in a lifetime, so one that fell was started anew, and
     what it shows is what it has counted since.
-
-    Args:
-        before: The earlier reading.
-        after: The later reading.
     """
     return after - before if after >= before else after
 
@@ -233,58 +206,30 @@ def _read(pid: int, stat: ProcessStat) -> ProcessStat:
 
 
 class CpuMeter:
-    """CPU time of some processes, by default with all their descendants.
+    """CPU time of some processes with all their descendants.
 
     Args:
         pids: The processes, or a function that names them anew at each sample. Processes are followed from the
             first sample that sees them to their end, never into a later owner of their pid.
-        include_children: Whether descendants count too.
     """
 
-    def __init__(self, pids: Pids, *, include_children: bool = True) -> None:
+    def __init__(self, pids: Pids) -> None:
         self._pids = pids
-        self._include_children = include_children
         self._ledger = CpuLedger()
 
-    def sample(self, now_ns: int, table: Mapping[int, ProcessStat] | None = None) -> CpuSample:
-        """Read the processes' clocks.
+    def sample(self, table: Mapping[int, ProcessStat] | None = None) -> int:
+        """Read the processes' clocks; return the CPU time since the first sample, in nanoseconds.
 
         Args:
-            now_ns: Stamp of the sample.
             table: What `process_table` has just returned; read anew when None.
-
-        Returns:
-            The CPU time since the first sample, whose own total is 0.
         """
         clock_ns = time.clock_gettime_ns(time.CLOCK_BOOTTIME) // _TICK_NS * _TICK_NS
         table = process_table() if table is None else table
         roots, self._pids = (self._pids(), self._pids) if callable(self._pids) else (self._pids, ())
         known = self._ledger.started_ns
         wanted = {pid for pid in known if pid in table and table[pid].started_ns == known[pid]} | {*roots}
-        if self._include_children:
-            wanted = tree({pid: stat.parent for pid, stat in table.items()}, wanted)
-        readings = {pid: _read(pid, table[pid]) for pid in wanted if pid in table}
-        if not self._include_children:
-            readings = {pid: replace(reading, reaped_ns=0) for pid, reading in readings.items()}
-        return self._ledger.update(now_ns, readings, clock_ns=clock_ns)
-
-
-class InterfaceMeter:
-    """Bytes and frames at a host's interface since the previous sample.
-
-    Args:
-        host: Where to look.
-    """
-
-    def __init__(self, host: CountsBytes) -> None:
-        self._host = host
-        self._before: InterfaceBytes | None = None
-
-    def sample(self) -> InterfaceBytes:
-        """Return what came and went since the previous sample; nothing at the first."""
-        now = self._host.interface_bytes()
-        before, self._before = self._before or now, now
-        return type(now)(*(counted(old, new) for old, new in zip(before, now, strict=True)))
+        wanted = tree({pid: stat.parent for pid, stat in table.items()}, wanted)
+        return self._ledger.update({pid: _read(pid, table[pid]) for pid in wanted}, clock_ns=clock_ns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -292,7 +237,8 @@ class _Reading:
     """All meters at one end of a window."""
 
     t_ns: int
-    cpu: Mapping[str, CpuSample]
+    cpu_ns: Mapping[str, int]
+    traffic: Mapping[str, InterfaceBytes]
     labelled_ns: int
     busy_ns: int
     steal_ns: int
@@ -311,7 +257,7 @@ class Window:
         self._cpu = {label: CpuMeter(pids) for label, pids in zip(cpu, roots, strict=True)}
         # A process may be below several labels, but is taken from the machine's load once.
         self._union = CpuMeter(lambda: {pid for pids in roots for pid in (pids() if callable(pids) else pids)})
-        self._interfaces = {label: InterfaceMeter(host) for label, host in interfaces.items()}
+        self._interfaces = interfaces
         self._before: _Reading | None = None
 
     def sample(self, now_ns: int) -> list[MeterRow]:
@@ -324,43 +270,42 @@ class Window:
             One row for each label, in order of label; none at the first sample, which only opens a window.
         """
         table = process_table()
-        cpu = {label: meter.sample(now_ns, table) for label, meter in self._cpu.items()}
-        traffic = {label: meter.sample() for label, meter in self._interfaces.items()}
-        labelled_ns = self._union.sample(now_ns, table).cpu_ns_total
         times = psutil.cpu_times()  # guest time is contained in user and nice
         busy_s = times.user + times.nice + times.system + times.irq + times.softirq
         now = _Reading(
             t_ns=now_ns,
-            cpu=cpu,
-            labelled_ns=labelled_ns,
+            cpu_ns={label: meter.sample(table) for label, meter in self._cpu.items()},
+            traffic={label: host.interface_bytes() for label, host in self._interfaces.items()},
+            labelled_ns=self._union.sample(table),
             busy_ns=round(busy_s * NS_PER_S),
             steal_ns=round(times.steal * NS_PER_S),
         )
         before, self._before = self._before, now
         if before is None:
             return []
-        return [_row(label, before, now, traffic.get(label)) for label in sorted({*cpu, *traffic})]
+        return [_row(label, before, now) for label in sorted({*self._cpu, *self._interfaces})]
 
 
-def _row(label: str, before: _Reading, after: _Reading, traffic: InterfaceBytes | None) -> MeterRow:
+def _row(label: str, before: _Reading, after: _Reading) -> MeterRow:
     """Turn the readings at both ends of a window into one label's row."""
     window_ns = max(1, after.t_ns - before.t_ns)
     window_s = window_ns / NS_PER_S
-    cpu, cpu_before = after.cpu.get(label), before.cpu.get(label)
-    used_ns = cpu.cpu_ns_total - cpu_before.cpu_ns_total if cpu and cpu_before else None
+    used_ns = after.cpu_ns[label] - before.cpu_ns[label] if label in after.cpu_ns else None
+    rx_bps = tx_bps = None
+    if label in after.traffic:
+        old, new = before.traffic[label], after.traffic[label]
+        rx_bps = BITS_PER_BYTE * counted(old.rx_bytes, new.rx_bytes) / window_s
+        tx_bps = BITS_PER_BYTE * counted(old.tx_bytes, new.tx_bytes) / window_s
     busy_ns = after.busy_ns - before.busy_ns
     return MeterRow(
         t_ns=after.t_ns,
         window_s=window_s,
         label=label,
         cpu_percent=None if used_ns is None else 100 * used_ns / window_ns,
-        processes_ended=cpu.ended if cpu else 0,
-        rx_bps=BITS_PER_BYTE * traffic.rx_bytes / window_s if traffic else None,
-        tx_bps=BITS_PER_BYTE * traffic.tx_bytes / window_s if traffic else None,
-        rx_packets_per_s=traffic.rx_packets / window_s if traffic else None,
+        rx_bps=rx_bps,
+        tx_bps=tx_bps,
         machine_cpu_percent=100 * max(0, busy_ns - after.labelled_ns + before.labelled_ns) / window_ns,
         steal_percent=100 * (after.steal_ns - before.steal_ns) / window_ns,
-        load1=os.getloadavg()[0],
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import os
 import re
 import socket
 import sys
@@ -13,48 +12,25 @@ import pytest
 from sfglab.errors import SfglabError
 from sfglab.lab import doctor
 from sfglab.lab.doctor import Finding, Level, diagnose, render
+from sfglab.lab.hosts import Capability, LinkControlError, Network
 
-TOPICS = [
-    "Python and libraries",
-    "network namespaces",
-    "rate and loss control",
-    "cores, memory, load",
-    "CPU clock",
-    "UDP receive buffer",
-    "shared memory",
-    "multicast on the loopback",
-    "DDS",
-    "H.264",
-    "Rerun viewer (optional)",
-]
+TOPICS = [check.topic for check in doctor._CHECKS]
 
 
 def examined(topic):
     return doctor._examine(next(check for check in doctor._CHECKS if check.topic == topic))
 
 
-@pytest.fixture(scope="module")
-def findings():
-    return {finding.topic: finding for finding in diagnose()}
-
-
 @pytest.mark.live
-def test_every_topic_has_a_finding_with_a_consequence(findings):
-    assert list(findings) == TOPICS
-    assert all(finding.said and finding.consequence for finding in findings.values())
-    assert not [finding for finding in findings.values() if "check itself failed" in finding.said]
-
-
-@pytest.mark.live
-def test_libraries_are_named_with_their_versions(findings):
-    said = findings["Python and libraries"].said
-    assert f"numpy {importlib.metadata.version('numpy')}" in said
-    assert f"Python {sys.version_info.major}.{sys.version_info.minor}" in said
-
-
-@pytest.mark.live
-def test_the_report_names_no_path_of_the_machine_nor_its_name(findings):
-    text = render(list(findings.values()))
+def test_every_topic_has_a_finding_with_a_consequence_and_names_no_path_of_the_machine_nor_its_name():
+    findings = diagnose()
+    assert [finding.topic for finding in findings] == TOPICS
+    assert all(finding.said and finding.consequence for finding in findings)
+    assert not [finding for finding in findings if "check itself failed" in finding.said]
+    libraries = findings[0].said
+    assert f"numpy {importlib.metadata.version('numpy')}" in libraries
+    assert f"Python {sys.version_info.major}.{sys.version_info.minor}" in libraries
+    text = render(findings)
     assert not re.findall(r"(?<!\w)/(?!dev/shm|proc/|sys/)\w+/\w+", text)
     assert not re.search(rf"\b{re.escape(socket.gethostname())}\b", text)
 
@@ -77,14 +53,8 @@ def test_a_finding_is_rendered_as_what_was_found_and_what_follows():
 
 
 def test_without_namespaces_experiments_say_what_they_do_instead(monkeypatch):
-    class Refused:
-        @staticmethod
-        def available():
-            from sfglab.lab.hosts import Capability
-
-            return Capability(ok=False, how="none", reason="unshare: Operation not permitted")
-
-    monkeypatch.setattr("sfglab.lab.hosts.Network", Refused)
+    refused = Capability(ok=False, how="none", reason="unshare: Operation not permitted")
+    monkeypatch.setattr(Network, "available", lambda: refused)
     finding = examined("network namespaces")
     assert finding.level is Level.MISSING
     assert "Operation not permitted" in finding.said
@@ -94,8 +64,6 @@ def test_without_namespaces_experiments_say_what_they_do_instead(monkeypatch):
 @pytest.mark.netns
 @pytest.mark.parametrize("refused", ["rate_bps", "loss"])
 def test_half_a_link_control_is_called_limited(monkeypatch, refused):
-    from sfglab.lab.hosts import LinkControlError, Network
-
     def set_link(self, name, **link):
         if refused in link:
             raise LinkControlError(name, "Operation not supported (errno 95)")
@@ -106,16 +74,18 @@ def test_half_a_link_control_is_called_limited(monkeypatch, refused):
     assert ("loss" if refused == "rate_bps" else "rate") in finding.said
 
 
-def test_a_small_receive_buffer_is_called_limited(monkeypatch):
-    monkeypatch.setattr(doctor, "_RECEIVE_BUFFER_BYTES", 1 << 30)
-    finding = examined("UDP receive buffer")
+@pytest.mark.parametrize(
+    ("topic", "place", "value", "word"),
+    [
+        ("UDP receive buffer", "sfglab.lab.doctor._RECEIVE_BUFFER_BYTES", 1 << 30, "rmem_max"),
+        ("cores, memory, load", "os.getloadavg", lambda: (64.0, 64.0, 64.0), "noisy"),
+    ],
+)
+def test_a_small_receive_buffer_and_a_busy_machine_are_called_limited(monkeypatch, topic, place, value, word):
+    monkeypatch.setattr(place, value)
+    finding = examined(topic)
     assert finding.level is Level.LIMITED
-    assert "rmem_max" in finding.consequence
-
-
-def test_a_busy_machine_is_called_noisy(monkeypatch):
-    monkeypatch.setattr(os, "getloadavg", lambda: (64.0, 64.0, 64.0))
-    assert "noisy" in examined("cores, memory, load").consequence
+    assert word in finding.consequence
 
 
 def test_dds_that_hangs_or_crashes_is_missing_and_said_why(monkeypatch):

@@ -18,7 +18,6 @@ from sfglab.lab.hosts import InterfaceBytes
 from sfglab.lab.meters import (
     CpuLedger,
     CpuMeter,
-    InterfaceMeter,
     ProcessStat,
     Window,
     counted,
@@ -62,71 +61,46 @@ def used(own_ns, parent=0, reaped_ns=0, started_ns=0):
 FAMILY = {1: used(10), 2: used(20, parent=1), 3: used(30, parent=2)}
 
 
-@pytest.mark.parametrize(
-    ("steps", "totals", "ended"),
-    [
-        pytest.param([{1: used(700)}, {1: used(900)}], [0, 200], 0, id="a sum starts at zero"),
-        pytest.param(
-            [{1: used(0)}, {1: used(5), 2: used(40, 1, started_ns=1)}],
-            [0, 45],
-            0,
-            id="a child born between samples counts from its birth",
-        ),
-        pytest.param(
-            [{1: used(0)}, {1: used(0)}, {1: used(0), 2: used(900)}, {1: used(0), 2: used(950)}],
-            [0, 0, 0, 50],
-            0,
-            id="an old process that joins counts from when it was first seen",
-        ),
-        pytest.param(
-            [{1: used(0), 2: used(0, 1)}, {1: used(0), 2: used(30, 1)}, {1: used(0)}],
-            [0, 30, 30],
-            1,
-            id="the last reading of an ended child is kept",
-        ),
-        pytest.param(
-            [{1: used(0), 2: used(0, 1)}, {1: used(0), 2: used(30, 1)}, {1: used(0, reaped_ns=80)}],
-            [0, 30, 80],
-            1,
-            id="what a child did after its last reading is found at its parent",
-        ),
-        pytest.param(
-            [{1: used(0, reaped_ns=500)}, {1: used(10, reaped_ns=560)}],
-            [0, 70],
-            0,
-            id="a child that no sample saw is found at its parent",
-        ),
-        pytest.param(
-            [{pid: used(0, stat.parent) for pid, stat in FAMILY.items()}, FAMILY, {}],
-            [0, 60, 60],
-            3,
-            id="a whole family that ends keeps its sum",
-        ),
-        pytest.param(
-            [{1: used(0)}, {1: used(50)}, {1: used(7, started_ns=2)}],
-            [0, 50, 57],
-            1,
-            id="a reused pid is another process",
-        ),
-        pytest.param(
-            [
-                {1: used(0), 2: used(0, 1)},
-                {1: used(0, reaped_ns=40), 2: used(19, 1)},
-                {1: used(0, reaped_ns=50)},
-            ],
-            [0, 59, 59],
-            1,
-            id="a sum never falls when ticks round down",
-        ),
-    ],
-)
-def test_the_ledger_adds_up_what_a_tree_has_used(steps, totals, ended):
+LEDGERS = {
+    "a sum starts at zero": ([{1: used(700)}, {1: used(900)}], [0, 200]),
+    "a child born between samples counts from its birth": (
+        [{1: used(0)}, {1: used(5), 2: used(40, 1, started_ns=1)}],
+        [0, 45],
+    ),
+    "an old process that joins counts from when it was first seen": (
+        [{1: used(0)}, {1: used(0)}, {1: used(0), 2: used(900)}, {1: used(0), 2: used(950)}],
+        [0, 0, 0, 50],
+    ),
+    "the last reading of an ended child is kept": (
+        [{1: used(0), 2: used(0, 1)}, {1: used(0), 2: used(30, 1)}, {1: used(0)}],
+        [0, 30, 30],
+    ),
+    "what a child did after its last reading is found at its parent": (
+        [{1: used(0), 2: used(0, 1)}, {1: used(0), 2: used(30, 1)}, {1: used(0, reaped_ns=80)}],
+        [0, 30, 80],
+    ),
+    "a child that no sample saw is found at its parent": (
+        [{1: used(0, reaped_ns=500)}, {1: used(10, reaped_ns=560)}],
+        [0, 70],
+    ),
+    "a whole family that ends keeps its sum": (
+        [{pid: used(0, stat.parent) for pid, stat in FAMILY.items()}, FAMILY, {}],
+        [0, 60, 60],
+    ),
+    "a reused pid is another process": ([{1: used(0)}, {1: used(50)}, {1: used(7, started_ns=2)}], [0, 50, 57]),
+    "a sum never falls when ticks round down": (
+        [{1: used(0), 2: used(0, 1)}, {1: used(0, reaped_ns=40), 2: used(19, 1)}, {1: used(0, reaped_ns=50)}],
+        [0, 59, 59],
+    ),
+}
+
+
+@pytest.mark.parametrize(("steps", "totals"), LEDGERS.values(), ids=LEDGERS)
+def test_the_ledger_adds_up_what_a_tree_has_used(steps, totals):
     """Step n happens at n on the processes' clock."""
     ledger = CpuLedger()
-    samples = [ledger.update(number, step, clock_ns=number) for number, step in enumerate(steps)]
-    assert [sample.cpu_ns_total for sample in samples] == totals
-    assert samples[-1].ended == ended
-    assert set(samples[-1].per_pid) == set(steps[-1])
+    assert [ledger.update(step, clock_ns=number) for number, step in enumerate(steps)] == totals
+    assert set(ledger.started_ns) == set(steps[-1])
 
 
 @given(st.data())
@@ -137,7 +111,7 @@ def test_the_ledger_is_exact_for_any_tree_whose_parents_wait(data):
 
     def sample():
         readings = {p: used(own[p], parents[p], reaped[p], started[p]) for p in parents}
-        return ledger.update(clock, readings, clock_ns=clock).cpu_ns_total
+        return ledger.update(readings, clock_ns=clock)
 
     assert sample() == 0
     for action in data.draw(st.lists(st.sampled_from(["fork", "work", "end", "sample"]), max_size=60)):
@@ -183,11 +157,9 @@ def burn(process, seconds):
 @pytest.mark.live
 def test_a_known_cpu_time_is_measured_within_three_percent(burner):
     meter = CpuMeter([burner.pid])
-    assert meter.sample(0).cpu_ns_total == 0
+    assert meter.sample() == 0
     used_s = float(burn(burner, 0.2))
-    sample = meter.sample(1)
-    assert sample.cpu_ns_total == pytest.approx(used_s * 1e9, rel=0.03)
-    assert list(sample.per_pid) == [burner.pid]
+    assert meter.sample() == pytest.approx(used_s * 1e9, rel=0.03)
 
 
 @pytest.mark.live
@@ -231,30 +203,25 @@ def test_a_process_below_two_labels_is_taken_from_the_machines_load_once(burner)
 def test_children_that_live_and_die_between_samples_are_counted():
     with subprocess.Popen([*PYTHON, PARENT], stdin=-1, stdout=-1, text=True) as parent:
         parent.stdout.readline()
-        meter, alone = CpuMeter([parent.pid]), CpuMeter([parent.pid], include_children=False)
-        for each in (meter, alone):
-            each.sample(0)
+        meter = CpuMeter([parent.pid])
+        meter.sample()
         burn(parent, 0.1)
-        total_ns = meter.sample(1).cpu_ns_total
-        alone_ns = alone.sample(1).cpu_ns_total
+        total_ns = meter.sample()
         parent.kill()
     # The kernel tells of them in ticks of 10 ms.
     assert total_ns == pytest.approx(300 * MS, rel=0.1, abs=20 * MS)
-    assert alone_ns < 50 * MS, "without children, only the forking is left"
 
 
 @pytest.mark.live
-def test_a_process_that_dies_keeps_what_it_used_and_is_reported(burner):
+def test_a_process_that_dies_keeps_what_it_used(burner):
     meter = CpuMeter([burner.pid])
-    meter.sample(0)
+    meter.sample()
     burn(burner, 0.1)
-    alive = meter.sample(1)
+    alive_ns = meter.sample()
     burner.kill()
     burner.wait()
-    dead = meter.sample(2)
-    assert alive.cpu_ns_total >= 100 * MS
-    assert (dead.cpu_ns_total, dead.ended, dead.per_pid) == (alive.cpu_ns_total, 1, {})
-    assert meter.sample(3).ended == 0
+    assert meter.sample() == alive_ns >= 100 * MS
+    assert meter._ledger.started_ns == {}
 
 
 @pytest.mark.live
@@ -277,14 +244,16 @@ sys.stdin.readline()
     with subprocess.Popen([*PYTHON, code], stdin=-1, stdout=-1, text=True, bufsize=1) as process:
         grandchild, middle = map(int, process.stdout.readline().split())
         meter = CpuMeter([process.pid])
-        assert {grandchild, middle} < set(meter.sample(0).per_pid)
+        meter.sample()
+        assert {grandchild, middle} < set(meter._ledger.started_ns)
         os.kill(middle, signal.SIGKILL)
         assert burn(process, "go") == "done\n", "orphaned, hence a daemon"
-        sample = meter.sample(1)
+        total_ns = meter.sample()
+        followed = set(meter._ledger.started_ns)
         process.stdin.close()
-    assert sample.ended == 1
-    assert grandchild in sample.per_pid
-    assert sample.cpu_ns_total >= 90 * MS
+    assert grandchild in followed
+    assert middle not in followed
+    assert total_ns >= 90 * MS
 
 
 @pytest.mark.live
@@ -320,8 +289,7 @@ def test_rates_come_from_two_readings_and_the_window():
     assert window.sample(0) == []
     (row,) = window.sample(2_000_000_000)
     assert (row.label, row.t_ns, row.window_s) == ("consumer", 2_000_000_000, 2.0)
-    assert (row.rx_bps, row.tx_bps, row.rx_packets_per_s) == (4000, 1000, 10)
-    assert (row.cpu_percent, row.processes_ended) == (None, 0)
+    assert (row.rx_bps, row.tx_bps, row.cpu_percent) == (4000, 1000, None)
 
 
 def test_a_label_may_have_processes_and_an_interface():
@@ -335,9 +303,10 @@ def test_a_label_may_have_processes_and_an_interface():
 def test_a_counter_that_fell_was_started_anew():
     assert counted(5, 8) == 3
     assert counted(2**40, 100) == 100
-    meter = InterfaceMeter(Counter((900, 900, 9, 9), (10, 20, 1, 2)))
-    assert meter.sample() == (0, 0, 0, 0)
-    assert meter.sample() == (10, 20, 1, 2)
+    window = Window(cpu={}, interfaces={"edge": Counter((900, 900, 9, 9), (10, 20, 1, 2))})
+    window.sample(0)
+    (row,) = window.sample(8_000_000_000)
+    assert (row.rx_bps, row.tx_bps) == (10, 20)
 
 
 @pytest.mark.parametrize(("duration_s", "period_s"), [(1.0, 0.0), (1.0, -1.0), (0.1, 0.2)])

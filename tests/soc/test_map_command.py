@@ -6,11 +6,10 @@ import re
 from pathlib import Path
 
 import pytest
-import typer
 from graph_strategies import GRAPHS
 from typer.testing import CliRunner
 
-from sfglab.cli import mapping
+from sfglab.cli import app
 from sfglab.errors import SfglabError
 from sfglab.soc import TopicMapping, load_graph
 
@@ -20,9 +19,6 @@ FIGURE_8, DRIVING = str(GRAPHS / "figure_8.yaml"), str(GRAPHS / "driving.yaml")
 @pytest.fixture
 def call():
     """Call the command as a program of its own; return what it printed."""
-    app = typer.Typer()
-    mapping.add_to(app)
-    app.callback()(lambda: None)
 
     def run(*arguments):
         done = CliRunner().invoke(app, ["map", *arguments])

@@ -9,12 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 import yaml
 from typer.testing import CliRunner
 
 from sfglab.cli import app
-from sfglab.cli import mocap as command
 from sfglab.errors import SfglabError
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.names import TF, TF_STATIC
@@ -31,8 +29,6 @@ POSE = "geometry_msgs/msg/PoseStamped"
 
 def call(*arguments, status=0):
     """Call the commands as a program; return what was printed."""
-    app = typer.Typer()
-    command.add_to(app)
     done = CliRunner().invoke(app, arguments)
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         raise done.exception

@@ -2,6 +2,7 @@
 
 import math
 import time
+from contextlib import closing
 
 import machine
 import numpy as np
@@ -24,7 +25,7 @@ def browser():
         made = Browser(1200, 700)
     except (MissingExtraError, BrowserError) as error:
         machine.skip("browser", str(error))
-    with made:
+    with closing(made):
         yield made
 
 
@@ -101,7 +102,7 @@ def test_a_second_browser_sees_what_the_first_one_does(planner, browser):
     browser.open(planner.url)
     browser.press("obstacle")
     until(planner, lambda e: e.scene.objects)
-    with Browser(640, 400) as other:
+    with closing(Browser(640, 400)) as other:
         other.open(planner.url)
         other.find("obstacle 1 #1")
         browser.press("agent")

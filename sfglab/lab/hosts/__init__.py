@@ -15,7 +15,7 @@ from sfglab.lab.hosts.host import (
     InterfaceBytes,
     LinkControlError,
 )
-from sfglab.lab.hosts.network import Capability, Link, LinkCounters, Network
+from sfglab.lab.hosts.network import Capability, Link, Network
 from sfglab.lab.hosts.radio import RadioCounters, RadioHost
 
 __all__ = [
@@ -26,7 +26,6 @@ __all__ = [
     "InterfaceBytes",
     "Link",
     "LinkControlError",
-    "LinkCounters",
     "Network",
     "RadioCounters",
     "RadioHost",

@@ -19,7 +19,6 @@ import signal
 import socket
 import sys
 import traceback
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from pyroute2.netlink.exceptions import NetlinkError
@@ -103,9 +102,6 @@ class _Hub:
         self._shaping.set_link(self._ports[name], Link(**link))
         return {}
 
-    def link_counters(self, *, name: str) -> dict[str, Any]:
-        return asdict(self._shaping.counters(self._ports[name]))
-
     def set_radio(self, *, medium: dict[str, Any], seed: int) -> dict[str, Any]:
         if self._relay is None:
             for port in self._ports.values():
@@ -129,7 +125,6 @@ class _Hub:
         operations: dict[str, Callable[..., dict[str, Any]]] = {
             "add_host": self.add_host,
             "set_link": self.set_link,
-            "link_counters": self.link_counters,
             "set_radio": self.set_radio,
             "end_radio": self.end_radio,
             "radio_counters": self.radio_counters,

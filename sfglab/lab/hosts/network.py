@@ -89,18 +89,6 @@ class Link:
         return round(self.loss * 1_000_000)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinkCounters:
-    """What a link has lost since it was last set; up is from the host into the network, down the reverse."""
-
-    lost_up_packets: int = 0  #: Frames from the host dropped by `Link.loss`.
-    lost_up_bytes: int = 0  #: Their bytes, without the Ethernet header.
-    lost_down_packets: int = 0  #: Frames to the host dropped by `Link.loss`.
-    lost_down_bytes: int = 0  #: Their bytes, without the Ethernet header.
-    overflow_up_packets: int = 0  #: Frames from the host that found the queue full.
-    overflow_down_packets: int = 0  #: Frames to the host that found the queue full.
-
-
 _ANSWER_TIMEOUT_S = 20.0
 _END_TIMEOUT_S = 10.0
 _MAX_ANSWER_BYTES = 65536
@@ -357,16 +345,6 @@ class Network:
             self._channel.request("set_link", name=name, **asdict(link))
         except PermissionError as error:
             raise LinkControlError(name, str(error)) from error
-
-    def link_counters(self, name: str) -> LinkCounters:
-        """Return what a host's link has lost since it was last set.
-
-        Raises:
-            InvalidValueError: There is no such host.
-            HostsError: The network is closed or lost.
-        """
-        self._check(name)
-        return LinkCounters(**self._channel.request("link_counters", name=name))
 
     def set_radio(self, medium: Medium, *, seed: int = 0) -> None:
         """Join the hosts by a medium that they share instead of the Ethernet, or change that medium.

@@ -27,10 +27,11 @@ from pyroute2.nftables.main import NFTables
 
 from sfglab.lab.hosts.enter import CLONE_NEWNET, setns
 from sfglab.lab.hosts.host import INTERFACE
-from sfglab.lab.hosts.network import Link, LinkCounters
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from sfglab.lab.hosts.network import Link
 
 
 _BRIDGE = "br0"
@@ -184,7 +185,7 @@ def _numgen() -> dict[str, Any]:
 
 
 def _lossy(interface: str, key: Meta, per_million: int) -> list[Any]:
-    """Compile ``iifname|oifname X numgen random mod 1000000 < P counter drop``."""
+    """Compile ``iifname|oifname X numgen random mod 1000000 < P drop``."""
     register = Regs.NFT_REG_1
     swap = {"sreg": register, "dreg": register, "op": _HTON, "len": 4, "size": 4}
     return [
@@ -194,7 +195,6 @@ def _lossy(interface: str, key: Meta, per_million: int) -> list[Any]:
         # Comparison is bytewise, the random number is in the machine's order.
         genex("byteorder", swap),
         _compare(Cmp.NFT_CMP_LT, struct.pack(">I", per_million)),
-        genex("counter", {"bytes": 0, "packets": 0}),
         *verdict(_DROP),
     ]
 
@@ -207,23 +207,8 @@ def _set_rate(netlink: Any, index: int, link: Link) -> None:
         netlink.tc("add", "tbf", index=index, handle=_HANDLE, **bucket)
 
 
-def _overflow(netlink: Any, index: int) -> int:
-    for message in netlink.get_qdiscs(index=index):
-        if message.get_attr("TCA_KIND") == "tbf":
-            return int(message.get_attr("TCA_STATS")["drop"])
-    return 0
-
-
-def _drops(rule: Any) -> tuple[int, int]:
-    for expression in rule.get_attr("NFTA_RULE_EXPRESSIONS"):
-        if expression.get_attr("NFTA_EXPR_NAME") == "counter":
-            data = expression.get_attr("NFTA_EXPR_DATA")
-            return data.get_attr("NFTA_COUNTER_PACKETS"), data.get_attr("NFTA_COUNTER_BYTES")
-    return 0, 0
-
-
 class Shaping:
-    """Sets and reads the links of a network; lives in the hub."""
+    """Sets the links of a network; lives in the hub."""
 
     def __init__(self, wiring: Wiring) -> None:
         self._wiring = wiring
@@ -254,20 +239,3 @@ class Shaping:
         for chain, (hook, key) in _CHAINS.items():
             self._nft.chain("add", table=table, name=chain, hook=hook, type="filter", policy=_ACCEPT)
             self._nft.rule("add", table=table, chain=chain, expressions=[_lossy(table, key, per_million)])
-
-    def counters(self, port: Port) -> LinkCounters:
-        """Read what a port has lost since its link was set."""
-        lost = {"up": (0, 0), "down": (0, 0)}
-        for rule in self._nft.get_rules() if port.outer in self._lossy else ():
-            if rule.get_attr("NFTA_RULE_TABLE") == port.outer:
-                lost[rule.get_attr("NFTA_RULE_CHAIN")] = _drops(rule)
-        with self._wiring.inside(port.namespace) as netlink:
-            overflow_up = _overflow(netlink, port.inner_index)
-        return LinkCounters(
-            lost_up_packets=lost["up"][0],
-            lost_up_bytes=lost["up"][1],
-            lost_down_packets=lost["down"][0],
-            lost_down_bytes=lost["down"][1],
-            overflow_up_packets=overflow_up,
-            overflow_down_packets=_overflow(self._wiring.netlink, port.outer_index),
-        )

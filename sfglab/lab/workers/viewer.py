@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from sfglab.component import Report
 
 
-MODES = ("standard", "proxy", "network")
 PAIRS_KEPT = 30
 IMAGE = "sensor_msgs/msg/Image"
 
