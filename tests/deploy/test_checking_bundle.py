@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
 from esslingen import FLEET, RELEASE
 
 from sfglab.deploy.deployment import deployment_of
@@ -40,14 +41,17 @@ def rules(severity=Severity.ERROR, **options):
 UNIT = {"systemd/a.service": BundleFile(text="unit")}
 
 
-def test_our_own_rules_are_asked_of_their_files_and_errors_fail():
-    verdict = of("ours", UNIT, own=[rules()])["systemd/a.service"]
-    assert (verdict.state, verdict.says) == (State.FAILS, "line 3: unit is wrong in a.service")
-    assert of("ours", UNIT, own=[rules(Severity.INFO)])["systemd/a.service"].state is State.HOLDS
-
-
-def test_a_file_that_our_rules_are_for_must_be_there():
-    assert of("ours", {}, own=[rules()])["systemd/*.service"].state is State.FAILS
+@pytest.mark.parametrize(
+    ("files", "severity", "state", "says"),
+    [
+        (UNIT, Severity.ERROR, State.FAILS, "line 3: unit is wrong in a.service"),
+        (UNIT, Severity.INFO, State.HOLDS, ""),
+        ({}, Severity.ERROR, State.FAILS, "there is no such file"),
+    ],
+)
+def test_our_own_rules_are_asked_of_their_files_which_must_be_there(files, severity, state, says):
+    (verdict,) = of("ours", files, own=[rules(severity)]).values()
+    assert (verdict.state, verdict.says) == (state, says)
 
 
 def test_a_program_that_our_rules_miss_is_listed_as_skipped():
@@ -65,14 +69,12 @@ def test_rules_that_refuse_a_file_fail_it():
 
 
 def test_anothers_router_needs_its_file_and_it_must_be_the_policys():
-    dds = deployed(RouterSoftware.DDS_ROUTER)
-    check = "router's file"
+    dds, check = deployed(RouterSoftware.DDS_ROUTER), "router's file"
     assert of(check, {}, dds)[ROUTER].says == "there is no such file"
     good = render_router(FLEET, "go2", "dds-router")
-    assert of(check, {ROUTER: BundleFile(text=good)}, dds)[ROUTER].state is State.HOLDS
-    open_ = good.replace('"rt/tf"', '"rt/*"')
-    assert of(check, {ROUTER: BundleFile(text=open_)}, dds)[ROUTER].state is State.FAILS
-    assert of(check, {ROUTER: BundleFile(text="a: [")}, dds)[ROUTER].state is State.FAILS
+    texts = {good: State.HOLDS, good.replace('"rt/tf"', '"rt/*"'): State.FAILS, "a: [": State.FAILS}
+    for text, state in texts.items():
+        assert of(check, {ROUTER: BundleFile(text=text)}, dds)[ROUTER].state is state
     assert of(check, {}) == {}
 
 

@@ -41,20 +41,16 @@ def test_the_papers_fleet_passes_its_check():
     assert ", 0 failed" in done.output
 
 
-@pytest.mark.parametrize("broken", BROKEN, ids=lambda broken: broken.fault)
+@pytest.mark.parametrize("broken", [BROKEN[0], BROKEN[1]], ids=lambda broken: broken.fault)
 def test_a_broken_fleet_is_refused_in_words_that_name_the_fault(broken, tmp_path):
+    """One that cannot be read and one that cannot be deployed; the experiment has them all."""
     path = tmp_path / "fleet.yaml"
     path.write_text(break_fleet(FLEET.read_text(), broken))
     done = call("check", path)
-    said = f"{done.output} {done.exception if isinstance(done.exception, SfglabError) else ''}"
     assert done.exit_code == 1
     assert isinstance(done.exception, SfglabError | SystemExit)
-    words = " ".join(said.split())  # lines are wrapped
+    words = " ".join(f"{done.output} {done.exception}".split())  # lines are wrapped
     assert [word for word in broken.words if word not in words] == []
-
-
-def test_there_are_ten_broken_fleets_and_more():
-    assert len({broken.fault for broken in BROKEN}) >= 10
 
 
 def test_a_fleet_is_planned_applied_and_taken_back_on_a_folder_in_place_of_a_machine(tmp_path):
@@ -90,18 +86,17 @@ def test_files_are_rendered_into_a_folder_for_each_agent(tmp_path):
     assert len(list((tmp_path / "go2" / "image").glob("*.whl"))) == 1
 
 
-def test_an_unknown_agent_is_one_sentence_with_those_that_are_there(tmp_path):
-    done = call("render", FLEET, "-o", tmp_path, "--agent", "go3")
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--agent", "go3"), "did you mean 'go2'?"),
+        (("--agent", "workstation", "--accelerator", "cuba"), "did you mean 'cuda'?"),
+    ],
+)
+def test_an_unknown_name_is_one_sentence_with_the_likely_one(options, words, tmp_path):
+    done = call("render", FLEET, "-o", tmp_path, *options)
     assert isinstance(done.exception, SfglabError)
-    assert "did you mean 'go2'?" in str(done.exception)
-
-
-def test_an_accelerator_on_the_command_line_counts_more_than_the_file(tmp_path):
-    done = call("render", FLEET, "-o", tmp_path, "--agent", "workstation", "--accelerator", "vaapi")
-    assert done.exit_code == 0
-    assert "/dev/dri:/dev/dri" in (tmp_path / "workstation" / "compose.yaml").read_text()
-    refused = call("render", FLEET, "-o", tmp_path, "--agent", "workstation", "--accelerator", "cuba")
-    assert "did you mean 'cuda'?" in str(refused.exception)
+    assert words in str(done.exception)
 
 
 def test_a_machine_that_cannot_be_reached_for_detection_does_not_keep_the_others_from_their_plan(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -11,10 +12,11 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import psutil
 import pytest
-from esslingen import FLEET, LOCK, RELEASE
+from esslingen import FLEET, RELEASE
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -26,6 +28,9 @@ from sfglab.deploy.dockerfile_check import check_dockerfile, parse_dockerfile
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PROGRAM
 from sfglab.fleet.fleet_file import Accelerator, Architecture, RosDistribution
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 HADOLINT = Path(sys.executable).parent / "hadolint"
 SHELLCHECK = Path(sys.executable).parent / "shellcheck"
@@ -50,15 +55,11 @@ def combinations() -> list[Deployment]:
     ]
 
 
-def possible() -> list[Deployment]:
-    found = []
+def possible() -> Iterator[Deployment]:
     for made in combinations():
-        try:
+        with contextlib.suppress(DeployError):
             base_of(made)
-        except DeployError:
-            continue
-        found.append(made)
-    return found
+            yield made
 
 
 def test_every_combination_has_a_pinned_base_or_an_error_with_place_given_and_allowed():
@@ -72,30 +73,19 @@ def test_every_combination_has_a_pinned_base_or_an_error_with_place_given_and_al
         assert re.fullmatch(pattern, words)
 
 
-def test_ros_decides_the_distribution():
-    for made in possible():
-        release = {RosDistribution.HUMBLE: "jammy", RosDistribution.JAZZY: "noble"}.get(made.common.ros)
-        assert release in {None, base_of(made).distribution.value}
-
-
 @pytest.mark.parametrize(
     ("accelerator", "architecture", "ros", "words"),
     [
-        (
-            Accelerator.JETSON,
-            Architecture.ARM64,
-            RosDistribution.JAZZY,
-            "allowed at deployment.ros with it: none, humble",
-        ),
-        (Accelerator.CUDA, Architecture.ARM64, RosDistribution.NONE, "allowed with it: amd64"),
-        (Accelerator.ROCM, Architecture.ARM64, RosDistribution.NONE, "allowed with it: amd64"),
-        (Accelerator.JETSON, Architecture.AMD64, RosDistribution.NONE, "allowed with it: arm64"),
+        ("jetson", "arm64", "jazzy", "allowed at deployment.ros with it: none, humble"),
+        ("cuda", "arm64", "none", "allowed with it: amd64"),
+        ("rocm", "arm64", "none", "allowed with it: amd64"),
+        ("jetson", "amd64", "none", "allowed with it: arm64"),
     ],
 )
 def test_what_no_maker_offers_is_refused(accelerator, architecture, ros, words):
-    made = replace(with_ros(deployment(architecture=architecture), ros), accelerator=accelerator)
+    made = with_ros(deployment(architecture=Architecture(architecture)), RosDistribution(ros))
     with pytest.raises(DeployError, match=words):
-        base_of(made)
+        base_of(replace(made, accelerator=Accelerator(accelerator)))
 
 
 def test_a_workspace_without_ros_is_refused():
@@ -130,8 +120,10 @@ def test_shellcheck_finds_nothing_in_the_entrypoint(tmp_path, launch):
     assert (said.returncode, said.stdout) == (0, "")
 
 
-def test_only_arm64_compiles_cyclone():
+def test_only_arm64_compiles_cyclone_and_ros_decides_the_distribution():
     for made in possible():
+        release = {RosDistribution.HUMBLE: "jammy", RosDistribution.JAZZY: "noble"}.get(made.common.ros)
+        assert release in {None, base_of(made).distribution.value}
         files = image_files(made)
         arm = made.host.architecture is Architecture.ARM64
         assert ("AS cyclonedds" in files["Dockerfile"].text) is arm
@@ -141,8 +133,7 @@ def test_only_arm64_compiles_cyclone():
 
 def test_without_ros_nothing_of_it_is_in_the_images():
     text = image_files(with_ros(deployment(), RosDistribution.NONE))["Dockerfile"].text
-    assert "packages.ros.org" not in text
-    assert "/opt/ros" not in text
+    assert not re.search("packages.ros.org|/opt/ros", text)
 
 
 def test_the_workspace_is_built_apart_and_copied():
@@ -187,27 +178,9 @@ def test_any_text_can_be_a_label(text):
     assert quoted.count("$") == quoted.count("\\$")
 
 
-def tag_of(made: Deployment) -> str:
-    return bundle_of(made, b"").tag
-
-
-def test_equal_contents_have_equal_tags_and_any_change_another():
-    made = deployment()
-    tag = tag_of(made)
-    assert tag == tag_of(deployment())
-    assert tag.startswith("1.2.3-")
-    others = [
-        replace(made, release=replace(RELEASE, wheel_sha256="cd" * 32)),
-        replace(made, release=replace(RELEASE, fleet_text="fleet: other\n")),
-        replace(made, release=replace(RELEASE, lock=LOCK.replace("tqdm==", "tqdm==9"))),
-        deployment(launch=("true",)),
-        deployment(packages=("vim-tiny",)),
-    ]
-    assert len({tag, *map(tag_of, others)}) == len(others) + 1
-
-
 def test_a_tag_has_no_character_that_tags_may_not_have():
-    assert tag_of(replace(deployment(), release=replace(RELEASE, version="1.2+x"))).startswith("1.2-x-")
+    made = replace(deployment(), release=replace(RELEASE, version="1.2+x"))
+    assert bundle_of(made, b"").tag.startswith("1.2-x-")
 
 
 class Container:

@@ -73,25 +73,26 @@ def test_what_only_looks_like_a_broken_rule_is_none(line):
 def test_an_unpinned_image_is_found_where_it_is_used(image):
     assert codes(GOOD.replace("${BASE}", image)) == [("unpinned-image", 3)]
 
-
-def test_a_default_that_is_not_pinned_is_found():
-    assert codes(GOOD.replace("12.11", "latest")) == [("unpinned-image", 3)]
+    assert codes(GOOD.replace("12.11", "latest")) == [("unpinned-image", 3)], "also where it is a default"
 
 
-def test_layers_must_be_there_in_order_and_on_each_other():
-    assert codes(GOOD.replace("AS adapter", "AS middle").replace("FROM adapter", "FROM middle")) == [
-        ("layers", 3)
-    ]
-    assert codes(GOOD.replace("FROM adapter", "FROM base")) == [("layers", 8)]
-    assert [code for code, _ in codes("RUN true\n")] == ["no-stage", "layers"]
+DEVELOPMENT = "FROM application AS development\nUSER {}\n"
+NOBODY = "USER 10001:10001\n"
 
 
-def test_root_is_found_in_the_last_stage_and_in_the_application():
-    assert codes(GOOD.replace("USER 10001:10001\n", "")) == [("runs-as-root", 8)]
-    assert codes(GOOD + "FROM application AS development\nUSER root\n") == [("runs-as-root", 10)]
-    assert codes(GOOD.replace("USER 10001:10001\n", "FROM application AS development\nUSER 1\n")) == [
-        ("runs-as-root", 8)
-    ]
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        (GOOD.replace("AS adapter", "AS middle").replace("FROM adapter", "FROM middle"), [("layers", 3)]),
+        (GOOD.replace("FROM adapter", "FROM base"), [("layers", 8)]),
+        ("RUN true\n", [("no-stage", 0), ("layers", 0)]),
+        (GOOD.replace(NOBODY, ""), [("runs-as-root", 8)]),
+        (GOOD + DEVELOPMENT.format("root"), [("runs-as-root", 10)]),
+        (GOOD.replace(NOBODY, DEVELOPMENT.format(1)), [("runs-as-root", 8)]),
+    ],
+)
+def test_layers_stand_on_each_other_and_neither_the_last_nor_the_application_is_roots(text, found):
+    assert codes(text) == found
 
 
 def test_continued_lines_and_here_documents_are_one_instruction():

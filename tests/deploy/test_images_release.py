@@ -9,7 +9,6 @@ import shutil
 import subprocess
 import time
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 
 import psutil
@@ -98,30 +97,20 @@ def test_a_second_version_of_a_wheel_says_so_everywhere(wheel, tmp_path):
     assert other.name.startswith("sfglab-9.9-")
     assert b'__version__ = "9.9"' in archive.read("sfglab/__init__.py")
     assert b"\nVersion: 9.9\n" in archive.read("sfglab-9.9.dist-info/METADATA")
-    recorded = {
-        line.split(",")[0] for line in archive.read("sfglab-9.9.dist-info/RECORD").decode().splitlines()
-    }
-    assert recorded == set(archive.namelist())
+    record = archive.read("sfglab-9.9.dist-info/RECORD").decode()
+    assert {line.split(",")[0] for line in record.splitlines()} == set(archive.namelist())
 
 
 def test_the_build_command_names_all_that_matters():
     command = build_command(Path("/x"), deployment_of(FLEET, "go2", RELEASE), "localhost/esslingen/go2:t")
     assert (command[:2], command[-1]) == (["buildah", "build"], "/x")
-    wanted = (
-        "platform=linux/arm64",
-        "target=application",
-        "tag=localhost/esslingen/go2:t",
-        "build-arg=OFFLINE=1",
-    )
-    assert {f"--{word}" for word in wanted} <= set(command)
-
-
-def test_a_builder_that_there_is_not_is_refused():
-    with pytest.raises(DeployError, match="does not start"):
-        run_heard(["/nowhere/at/all"], print)
+    wanted = "--platform=linux/arm64 --target=application --tag=localhost/esslingen/go2:t --build-arg=OFFLINE=1"
+    assert set(wanted.split()) <= set(command)
 
 
 def test_a_build_hands_on_its_lines_and_its_last_words_when_it_fails():
+    with pytest.raises(DeployError, match="does not start"):
+        run_heard(["/nowhere/at/all"], print)
     heard: list[str] = []
     with pytest.raises(DeployError, match=r"status 3; its last words:\none\ntwo"):
         run_heard(["sh", "-c", "echo one; echo two >&2; exit 3"], heard.append)
@@ -145,21 +134,15 @@ def test_an_interrupted_build_ends_with_its_children(tmp_path, reason):
             time.sleep(0.01)
 
 
-def test_a_wheel_that_nobody_has_is_named(tmp_path, monkeypatch):
-    monkeypatch.setenv("PIP_NO_INDEX", "1")
-    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
-    lock = f"sfglab-no-such-thing==1 --hash=sha256:{'ab' * 32}\n"
-    with pytest.raises(DeployError, match=r"Python 3\.11 on arm64: pip said .*sfglab-no-such-thing"):
-        wheelhouse(lock, tmp_path, "3.11", Architecture.ARM64)
-
-
 def test_wheels_are_fetched_for_the_other_machine_by_their_digests(wheel, tmp_path, monkeypatch):
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
     monkeypatch.setenv("PIP_FIND_LINKS", str(wheel.parent))
-    release = replace(RELEASE, wheel_sha256=hashlib.sha256(wheel.read_bytes()).hexdigest())
-    lock = f"sfglab=={__version__} --hash=sha256:{release.wheel_sha256}\n"
+    digest = hashlib.sha256(wheel.read_bytes()).hexdigest()
+    lock = f"sfglab=={__version__} --hash=sha256:{digest}\n"
     (fetched,) = wheelhouse(lock, tmp_path, "3.12", Architecture.ARM64)
     assert fetched.read_bytes() == wheel.read_bytes()
     with pytest.raises(DeployError, match="HASHES"):
-        wheelhouse(lock.replace(release.wheel_sha256, "ab" * 32), tmp_path, "3.12", Architecture.ARM64)
+        wheelhouse(lock.replace(digest, "ab" * 32), tmp_path, "3.12", Architecture.ARM64)
+    with pytest.raises(DeployError, match=r"Python 3\.12 on arm64: pip said .*sfglab-no-such-thing"):
+        wheelhouse(lock.replace("sfglab", "sfglab-no-such-thing"), tmp_path, "3.12", Architecture.ARM64)
