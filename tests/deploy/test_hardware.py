@@ -30,11 +30,8 @@ def machine(tmp_path):
     """Detection on an example, with files added, changed or (None) removed."""
 
     def build(name, **changes):
-        files = {**EXAMPLES[name].files, **changes}
-        example = replace(
-            EXAMPLES[name], files={path: text for path, text in files.items() if text is not None}
-        )
-        return detect(write_example(example, tmp_path / "root"))
+        files = {path: text for path, text in {**EXAMPLES[name].files, **changes}.items() if text is not None}
+        return detect(write_example(replace(EXAMPLES[name], files=files), tmp_path / "root"))
 
     return build
 
@@ -61,12 +58,8 @@ def test_each_example_gets_the_accelerator_it_is_made_for(name, machine):
     found = machine(name)
     assert found.accelerator is EXAMPLES[name].expected
     assert [item.accelerator for item in found.evidence] == list(PREFERENCE)
+    assert set(PREFERENCE) == set(Accelerator)
     check_honest(found)
-
-
-def test_the_order_of_choice_names_every_accelerator_once():
-    assert sorted(RANK, key=lambda member: member.value) == sorted(Accelerator, key=lambda member: member.value)
-    assert len(PREFERENCE) == len(Accelerator)
 
 
 @names
@@ -107,21 +100,16 @@ def test_binary_junk_in_any_files_is_read_as_nothing_known(name, junk, data):
 
 
 @names
-def test_device_nodes_are_judged_by_path_and_never_opened(name, machine, tmp_path):
+def test_pipes_folders_and_loops_in_place_of_files_are_read_as_absent_and_never_opened(name, machine, tmp_path):
     machine(name)
-    for path in EXAMPLES[name].files:
+    files = {path: tmp_path / "root" / path for path in sorted(EXAMPLES[name].files)}
+    for path, place in files.items():
         if path.startswith("dev/"):
-            (tmp_path / "root" / path).unlink()
-            os.mkfifo(tmp_path / "root" / path)  # opening it would wait for ever
+            place.unlink()
+            os.mkfifo(place)  # opening it would wait for ever
     assert detect(tmp_path / "root").accelerator is EXAMPLES[name].expected
-
-
-@names
-def test_pipes_folders_and_loops_in_place_of_files_are_read_as_absent(name, machine, tmp_path):
-    machine(name)
     makers = (os.mkfifo, os.mkdir, lambda path: path.symlink_to(path.name))
-    for number, path in enumerate(sorted(EXAMPLES[name].files)):
-        place = tmp_path / "root" / path
+    for number, place in enumerate(files.values()):
         place.unlink()
         makers[number % 3](place)
     check_honest(detect(tmp_path / "root"))
@@ -223,7 +211,7 @@ NO_TEGRA_NODES = {path: None for path in EXAMPLES["jetson_orin_nx"].files if pat
             "raspberry_pi_5",
             {},
             V4L2,
-            "an HEVC decoder only: H.264 is encoded and decoded by the processor",
+            "HEVC decoder only: H.264 is encoded and decoded by the processor",
             V4L2,
         ),
         ("raspberry_pi_4", {}, V4L2, "H.264 encoder and decoder in hardware", V4L2),
@@ -252,12 +240,6 @@ def test_a_container_is_given_the_chosen_ones_nodes_and_groups_alone(machine, na
     found = machine(name, **changes)
     assert found.devices == tuple(devices.split())
     assert {group.name: group.gid for group in found.groups} == groups
-
-
-def test_a_steam_deck_says_that_it_has_kfd_and_what_it_is(machine):
-    found = machine("steam_deck")
-    assert "/dev/kfd" in [source.path for source in found.evidence_of(ROCM).sources]
-    assert found.model == "Valve Galileo"
 
 
 @pytest.mark.parametrize(
@@ -312,33 +294,27 @@ def test_programs_headers_tell_the_architecture_or_what_else_it_is(tmp_path, num
     (tmp_path / "bin/sh").write_bytes(elf_header(number, bits=bits))
     architecture, reason = find_architecture(MachineFiles(tmp_path))
     if bits == 64 and known in {"amd64", "arm64"}:
-        assert architecture is Architecture(known)
-        assert reason == "from the ELF header of /bin/sh"
+        assert (architecture, reason) == (Architecture(known), "from the ELF header of /bin/sh")
     else:
         assert architecture is None
         assert reason.endswith("there are no images for it, allowed: amd64, arm64")
 
 
-def test_a_loader_tells_the_architecture_where_there_is_no_shell(tmp_path):
-    (tmp_path / "lib").mkdir()
-    (tmp_path / "lib/ld-linux-aarch64.so.1").write_bytes(elf_header(183))
-    architecture, reason = find_architecture(MachineFiles(tmp_path))
-    assert architecture is Architecture.ARM64
-    assert reason == "from the ELF header of /lib/ld-linux-aarch64.so.1"
-
-
-def test_another_machine_s_root_without_programs_has_no_architecture(tmp_path):
+def test_a_loader_tells_the_architecture_where_there_is_no_shell_and_without_it_nothing_does(tmp_path):
     architecture, reason = find_architecture(MachineFiles(tmp_path))
     assert architecture is None
     assert reason.startswith("not known: no program with an ELF header")
+    (tmp_path / "lib").mkdir()
+    (tmp_path / "lib/ld-linux-aarch64.so.1").write_bytes(elf_header(183))
+    found = find_architecture(MachineFiles(tmp_path))
+    assert found == (Architecture.ARM64, "from the ELF header of /lib/ld-linux-aarch64.so.1")
 
 
 def test_only_the_own_root_asks_the_kernel_for_its_architecture(monkeypatch):
     monkeypatch.setattr(MachineFiles, "head", lambda *_: None)
     monkeypatch.setattr(platform, "machine", lambda: "aarch64")
-    architecture, reason = find_architecture(MachineFiles(Path("/")))
-    assert architecture is Architecture.ARM64
-    assert reason == "from the kernel's own name for it"
+    found = find_architecture(MachineFiles(Path("/")))
+    assert found == (Architecture.ARM64, "from the kernel's own name for it")
 
 
 def test_this_machine_is_detected_without_a_word_against_its_own_files():

@@ -7,7 +7,6 @@ import pytest
 from sfglab.codecs.probe import DECODERS, ENCODERS, probe_encoder
 from sfglab.deploy.hardware.detection import codecs_found, detect, expected_codecs
 from sfglab.deploy.hardware.machine import CodecRole, render_machine
-from sfglab.fleet.fleet_file import Accelerator
 from sfglab.lab.example_machines import EXAMPLES, write_example
 
 ENCODER, DECODER = CodecRole.ENCODER, CodecRole.DECODER
@@ -38,20 +37,16 @@ def expected(machine):
 )
 def test_each_machine_lets_one_expect_its_own_codecs_and_the_processor_s(name, codecs, tmp_path):
     assert expected(machine_of(name, tmp_path)) == codecs | SOFTWARE
+    assert codecs | SOFTWARE <= {(codec, ENCODER) for codec in ENCODERS} | {
+        (codec, DECODER) for codec in DECODERS
+    }
 
 
 def test_an_orin_nano_has_no_encoder(tmp_path):
-    machine_of("jetson_orin_nx", tmp_path)
-    root = tmp_path / "jetson_orin_nx"
+    root = write_example(EXAMPLES["jetson_orin_nx"], tmp_path / "nano")
     model = "NVIDIA Jetson Orin Nano Developer Kit\0"
     (root / "sys/firmware/devicetree/base/model").write_text(model, encoding="utf-8")
     assert expected(detect(root)) == {("h264_nvmpi", DECODER)} | SOFTWARE
-
-
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_expected_codecs_are_ones_that_are_tried(name, tmp_path):
-    tried = {(codec, ENCODER) for codec in ENCODERS} | {(codec, DECODER) for codec in DECODERS}
-    assert expected(machine_of(name, tmp_path)) <= tried
 
 
 def test_all_codecs_are_tried_here_and_joined_with_what_the_machine_promises(tmp_path):
@@ -72,11 +67,14 @@ def test_a_report_tells_for_every_accelerator_what_was_found_and_why(tmp_path):
     machine = machine_of("steam_deck", tmp_path)
     text = render_machine(machine)
     lines = text.splitlines()
-    assert "Model:            Valve Galileo" in lines
-    assert "Accelerator:      vaapi" in lines
-    assert "Groups:           render (992)" in lines
-    assert "* vaapi   found: graphics of AMD with a video engine" in lines
-    assert "          chosen: encodes and decodes H.264" in lines
+    assert set(lines) >= {
+        "Model:            Valve Galileo",
+        "Accelerator:      vaapi",
+        "Groups:           render (992)",
+        "* vaapi   found: graphics of AMD with a video engine",
+        "          chosen: encodes and decodes H.264",
+        "          - /dev/kfd",
+    }
     for item in machine.evidence:
         assert any(line[2:].startswith(item.accelerator.value) and item.reason in line for line in lines)
         assert all(f"          - {source}" in lines for source in item.sources)
@@ -95,4 +93,3 @@ def test_a_report_with_codecs_has_a_row_for_each(tmp_path):
 def test_a_report_names_an_architecture_that_has_no_images(tmp_path):
     text = render_machine(machine_of("riscv_board", tmp_path))
     assert "Architecture:     riscv64, from the ELF header of /bin/sh: there are no images for it" in text
-    assert machine_of("laptop_intel", tmp_path).accelerator is Accelerator.VAAPI
