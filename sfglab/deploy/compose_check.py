@@ -38,19 +38,13 @@ if TYPE_CHECKING:
 
 AGENT, ROUTER = "agent", "router"
 _NVIDIA = (Accelerator.CUDA, Accelerator.JETSON)
+_DRI = ("/dev/dri", "/dev/dri/*")
 _NODES: dict[Accelerator, tuple[str, ...]] = {
-    Accelerator.JETSON: ("/dev/nv*", "/dev/dri", "/dev/dri/*"),
+    Accelerator.JETSON: ("/dev/nv*", *_DRI),
     Accelerator.CUDA: ("/dev/nvidia*",),
-    Accelerator.ROCM: ("/dev/kfd", "/dev/dri", "/dev/dri/*"),
-    Accelerator.VAAPI: ("/dev/dri", "/dev/dri/*"),
-    Accelerator.V4L2: (
-        "/dev/video*",
-        "/dev/media*",
-        "/dev/dma_heap",
-        "/dev/dma_heap/*",
-        "/dev/dri",
-        "/dev/dri/*",
-    ),
+    Accelerator.ROCM: ("/dev/kfd", *_DRI),
+    Accelerator.VAAPI: _DRI,
+    Accelerator.V4L2: ("/dev/video*", "/dev/media*", "/dev/dma_heap", "/dev/dma_heap/*", *_DRI),
     Accelerator.NONE: (),
 }
 """Device nodes by which accelerators are driven on Linux."""
@@ -183,9 +177,8 @@ def _networks(project: Project) -> Iterator[str]:
         mode = service.get("network_mode")
         allowed = (None, "none", "host") if name in on_host else (None, "none")
         if mode not in allowed:
-            words = (
-                "its own network, because the fleet file does not say host" if name == AGENT else "host or none"
-            )
+            own = "its own network, because the fleet file does not say host"
+            words = own if name == AGENT else "host or none"
             yield f"services.{name}.network_mode: given {mode!r}, allowed: {words}"
 
 
@@ -299,44 +292,31 @@ _ASSIGNMENT = re.compile(r"^(?:export )?([A-Za-z_]\w*)=", re.MULTILINE)
 
 
 def check_compose(files: Mapping[str, BundleFile], deployment: Deployment) -> tuple[Verdict, ...]:
-    """Return one verdict about each rule for the agent's project and for its overlay for development.
-
-    Args:
-        files: The agent's folder.
-        deployment: What the fleet file says, which decides about networks and devices.
-    """
+    """Return one verdict about each rule for the agent's project and for its overlay for development."""
     verdicts: list[Verdict] = []
     base: dict[str, Any] = {}
     variables = _defined(files)
     for name in (BASE, OVERLAY):
         try:
             values = _services_of(files, name)
-        except DeployError as error:
+        except (DeployError, DocumentError) as error:
             verdicts.append(Verdict(check=SCHEMA, subject=name, state=State.FAILS, says=str(error)))
             continue
         verdicts.append(verdict_of(SCHEMA, name, _by_schema, values))
         project = Project(
             values=values, base=base, overlay=name == OVERLAY, deployment=deployment, variables=variables
         )
-        verdicts += _by_rules(project, name)
+        asked = (rule for rule in RULES if rule.overlay or not project.overlay)
+        verdicts += (verdict_of(rule.name, name, rule.wrong, project) for rule in asked)
         base = values
     return tuple(verdicts)
-
-
-def _by_rules(project: Project, name: str) -> Iterator[Verdict]:
-    for rule in RULES:
-        if rule.overlay or not project.overlay:
-            yield verdict_of(rule.name, name, rule.wrong, project)
 
 
 def _services_of(files: Mapping[str, BundleFile], name: str) -> dict[str, Any]:
     """Return a project with services that rules can be asked about."""
     if name not in files:
         raise DeployError("there is no such file")
-    try:
-        values: Any = Document(files[name].text, name).value
-    except DocumentError as error:
-        raise DeployError(str(error)) from error
+    values: Any = Document(files[name].text, name).value
     services = values.get("services") if isinstance(values, dict) else None
     if not isinstance(services, dict) or not all(isinstance(service, dict) for service in services.values()):
         raise DeployError("services: allowed is a mapping of services, each a mapping")

@@ -68,10 +68,7 @@ RULES: Rules[Editor, KeyPath] = Rules()
 
 
 def check_editor(files: Mapping[str, BundleFile]) -> tuple[Finding, ...]:
-    """Return what is wrong with the development container and the settings of VS Code.
-
-    Args:
-        files: The agent's whole folder, because the editor's files speak of others in it.
+    """Return what is wrong with the development container and the settings of VS Code in an agent's folder.
 
     Raises:
         MissingProgramError: The library that reads JSON Schema is not installed.
@@ -82,7 +79,18 @@ def check_editor(files: Mapping[str, BundleFile]) -> tuple[Finding, ...]:
     findings += [finding for name, document in read.items() for finding in check_shape(document, SHAPES[name])]
     if findings:  # what files say of each other is asked once all can be read
         return tuple(findings)
-    editor = _editor({name: document.value for name, document in read.items()}, files)
+    values: dict[str, Any] = {name: document.value for name, document in read.items()}
+    launch, tasks = values[LAUNCH], values[TASKS]
+    editor = Editor(
+        container=values[CONTAINER],
+        recommended=values[EXTENSIONS].get("recommendations", []),
+        profiles=launch["configurations"],
+        inputs=[entry["id"] for entry in launch.get("inputs", ())],
+        settings=values[SETTINGS],
+        tasks=tasks["tasks"],
+        task_inputs=[str(entry.get("id")) for entry in tasks.get("inputs", ())],
+        files=files,
+    )
     return tuple(RULES.broken(editor, lambda path: read[str(path[0])].place(path[1:])))
 
 
@@ -95,20 +103,6 @@ def _read(files: Mapping[str, BundleFile], name: str) -> Document | Finding:
     except (ValueError, DocumentError) as error:
         what = f"given what is no JSON ({error}), allowed: JSON without comments"
     return Finding(severity=Severity.ERROR, code="schema", place=Place(file=name), what=what, why=_WHY)
-
-
-def _editor(values: dict[str, Any], files: Mapping[str, BundleFile]) -> Editor:
-    launch, tasks = values[LAUNCH], values[TASKS]
-    return Editor(
-        container=values[CONTAINER],
-        recommended=values[EXTENSIONS].get("recommendations", []),
-        profiles=launch["configurations"],
-        inputs=[entry["id"] for entry in launch.get("inputs", ())],
-        settings=values[SETTINGS],
-        tasks=tasks["tasks"],
-        task_inputs=[str(entry.get("id")) for entry in tasks.get("inputs", ())],
-        files=files,
-    )
 
 
 def _listed(value: Any) -> list[Any]:

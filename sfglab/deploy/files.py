@@ -21,10 +21,6 @@ class BundleFile:
 def render(name: str, **values: Any) -> str:
     """Return a file of the folder ``templates`` with its holes filled; ``value | sh`` quotes for a shell.
 
-    Args:
-        name: File name of the template.
-        values: What its holes are filled with.
-
     Raises:
         jinja2.UndefinedError: A hole has no value.
     """

@@ -61,12 +61,7 @@ class Rules(Generic[Asked, Where]):
         return added
 
     def broken(self, asked: Asked, place: Callable[[Where], Place]) -> Iterator[Finding]:
-        """Yield a finding for each place where a rule is broken, rule by rule.
-
-        Args:
-            asked: What the rules are asked about.
-            place: Turns what rules call a place into one of a file.
-        """
+        """Yield a finding for each place where a rule is broken, which `place` turns into one of a file."""
         for rule in self.rules:
             for where, what, remedy in rule.find(asked):
                 yield Finding(

@@ -45,11 +45,7 @@ class Readable(Protocol):
 
 
 def check_shape(document: Readable, shape: str) -> tuple[Finding, ...]:
-    """Return where a document has not the shape that it must have, each fault once.
-
-    Args:
-        document: The document.
-        shape: Name of the shape's file without suffix.
+    """Return where a document has not the shape of a file of ``schemas`` (without suffix), each fault once.
 
     Raises:
         MissingProgramError: The library that reads JSON Schema is not installed.

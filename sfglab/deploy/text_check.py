@@ -89,18 +89,12 @@ SHELLCHECK = "shellcheck"
 STARTS = "programs can be started"
 
 
-def shell_scripts(files: Mapping[str, BundleFile]) -> dict[str, BundleFile]:
-    """Return the scripts among files: by their suffix, or by a first line that names a shell."""
-    return {name: file for name, file in files.items() if name.endswith(".sh") or _shebang(file.text)}
-
-
 def check_shell(files: Mapping[str, BundleFile]) -> tuple[Verdict, ...]:
-    """Return two verdicts about each script: by ShellCheck, and on its permissions.
+    """Return two verdicts about each script of a folder: by ShellCheck, and on its permissions.
 
-    Args:
-        files: The agent's whole folder, because scripts read each other.
+    A script has the suffix ``.sh``, or a first line that names a shell. Scripts may read each other.
     """
-    scripts = shell_scripts(files)
+    scripts = {name: file for name, file in files.items() if name.endswith(".sh") or _shebang(file.text)}
     if not scripts:
         says = "there is no shell script among the files"
         return (Verdict(check=SHELLCHECK, subject="*.sh", state=State.SKIPPED, says=says),)

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 ANALYZE = "systemd-analyze"
 STAND_INS = ("docker.service",)
 UNIT_FOLDERS = ("/etc/systemd/system", "/run/systemd/system", "/usr/lib/systemd/system", "/lib/systemd/system")
-_STAND_IN = "[Service]\nExecStart=/bin/true\n"
 _TIMEOUT_S = 30.0
 _NAME = re.compile(r"[\w:.@-]+\.service", re.ASCII)
 _SAYS = re.compile(r"(?P<file>[^\s:]+\.service):(?:(?P<line>\d+):)? (?P<what>.+)")
@@ -34,20 +33,11 @@ _MISSING = re.compile(r"Command (\S+) is not executable")
 
 
 class Unit:
-    """A unit's sections: the values of each key, in their order.
-
-    Args:
-        text: The unit; lines that end in a backslash go on.
-        name: Its file name.
-
-    Attributes:
-        value: Values by section and key.
-        odd: Numbers of the lines that assign nothing.
-    """
+    """A unit's sections: the values of each key, in their order; lines that end in a backslash go on."""
 
     def __init__(self, text: str, name: str) -> None:
-        self.value: dict[str, dict[str, list[str]]] = {}
-        self.odd: list[int] = []
+        self.value: dict[str, dict[str, list[str]]] = {}  #: Values by section and key.
+        self.odd: list[int] = []  #: Numbers of the lines that assign nothing.
         self._name = name
         self._lines: dict[KeyPath, int] = {}
         section = ""
@@ -78,11 +68,7 @@ class Unit:
 
 
 def check_unit(text: str, name: str) -> tuple[Finding, ...]:
-    """Return what is wrong with a service unit, the worst first.
-
-    Args:
-        text: The unit.
-        name: Its file name, as in ``sfglab-go2.service``.
+    """Return what is wrong with a service unit of a name as ``sfglab-go2.service``, the worst first.
 
     Raises:
         DeployError: The name is no service's.
@@ -107,30 +93,25 @@ def _verify(text: str, name: str) -> Iterator[Finding]:
         path.write_text(text, encoding="utf-8")
         for unit in STAND_INS:
             if not any(Path(place, unit).exists() for place in UNIT_FOLDERS):
-                Path(folder, unit).write_text(_STAND_IN, encoding="utf-8")
+                Path(folder, unit).write_text("[Service]\nExecStart=/bin/true\n", encoding="utf-8")
                 why = "a stand-in took its place in the check"
                 yield _remark("stand-in", name, f"this machine has no {unit}", why)
-        yield from _said(_run(path), name)
-
-
-def _run(path: Path) -> str:
-    # The colon at the end adds systemd's own folders.
-    environment = {**os.environ, "SYSTEMD_UNIT_PATH": f"{path.parent}:", "LC_ALL": "C", "SYSTEMD_COLORS": "0"}
-    try:
-        done = subprocess.run(
-            [ANALYZE, "verify", "--man=no", str(path)],
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=_TIMEOUT_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired as error:
-        raise DeployError(
-            f"{path.name}: {ANALYZE} verify has not ended after {_TIMEOUT_S:g} s, allowed: that it does"
-        ) from error
-    said: str = done.stderr
-    return said
+        # The colon at the end adds systemd's own folders.
+        settings = {"SYSTEMD_UNIT_PATH": f"{folder}:", "LC_ALL": "C", "SYSTEMD_COLORS": "0"}
+        try:
+            done = subprocess.run(
+                [ANALYZE, "verify", "--man=no", str(path)],
+                env=os.environ | settings,
+                capture_output=True,
+                text=True,
+                timeout=_TIMEOUT_S,
+                check=False,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise DeployError(
+                f"{name}: {ANALYZE} verify has not ended after {_TIMEOUT_S:g} s, allowed: that it does"
+            ) from error
+    yield from _said(done.stderr, name)
 
 
 def _said(output: str, name: str) -> Iterator[Finding]:

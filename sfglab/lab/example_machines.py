@@ -30,11 +30,7 @@ class ExampleMachine:
 
 
 def write_example(example: ExampleMachine, folder: Path) -> Path:
-    """Write an example's files below a folder and return it, to be given to `detect`.
-
-    Args:
-        example: The machine.
-        folder: Becomes its root; must be empty or not exist.
+    """Write an example's files below a folder, which becomes its root for `detect`, and return that.
 
     Raises:
         DeployError: There is something in the folder.

@@ -112,10 +112,8 @@ def with_version(wheel: Path, folder: Path, version: str) -> Path:
 
 
 def _record(text: str, was: str, new: str) -> str:
-    paths = [
-        line.split(",", 1)[0].replace(f"{was}.dist-info", f"{new}.dist-info") for line in text.splitlines()
-    ]
-    return "".join(f"{path},,\n" for path in paths)
+    paths = (line.split(",", 1)[0] for line in text.splitlines())
+    return "".join(f"{path.replace(f'{was}.dist-info', f'{new}.dist-info')},,\n" for path in paths)
 
 
 TOOLS = ("buildah", "debootstrap")
@@ -166,13 +164,7 @@ class _Workshop:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def run(self, image: str, *program: str, user: str = "") -> tuple[int, str]:
-        """Run a program in a new container of an image; return its status and words.
-
-        Args:
-            image: The image.
-            program: The program and its arguments.
-            user: Who runs it; empty: the image's own.
-        """
+        """Run a program in a new container of an image, as its own user or another; return status and words."""
         container = self.ask("from", "--pull-never", image).stdout.strip()
         who = (f"--user={user}",) if user else ()
         try:
@@ -305,22 +297,18 @@ def _ask_image(shop: _Workshop, image: str, deployment: Deployment) -> Iterator[
     yield _check("it runs as nobody special", (status, words) == (0, str(USER_ID)), words)
     for arguments in (("--version",), ("agent", "up", "--help"), ("router", "--help")):
         status, words = shop.run(image, _ENTRYPOINT, *arguments)
-        yield _check(f"`sfglab {' '.join(arguments)}` answers", status == 0, _first(words))
+        yield _check(f"`sfglab {' '.join(arguments)}` answers", status == 0, words.partition("\n")[0])
     status, words = shop.run(image, "touch", f"{VENV}/written")
-    yield _check("its user cannot change what it runs", status != 0 and "denied" in words, _first(words))
+    yield _check(
+        "its user cannot change what it runs", status != 0 and "denied" in words, words.partition("\n")[0]
+    )
     search = ("find", "/root", "/home", "/var/cache", "-name", "*.whl", "-o", "-path", "*/pip/*")
     status, words = shop.run(image, *search, user="0:0")
     yield _check("no downloads are left in it", (status, words) == (0, ""), words)
 
 
 def build_command(folder: Path, deployment: Deployment, image: str) -> list[str]:
-    """Return the command that builds an agent's application image on the trial's base, without a package index.
-
-    Args:
-        folder: The agent's files.
-        deployment: The agent on its machine.
-        image: Repository and tag.
-    """
+    """Return the command that builds an agent's application image on the trial's base, without an index."""
     return [
         *("buildah", "build", "--layers", f"--platform=linux/{deployment.host.architecture.value}"),
         *("--target=application", f"--tag={image}", f"--build-arg=BASE_IMAGE={BASE}", "--build-arg=OFFLINE=1"),
@@ -363,7 +351,3 @@ def _fresh_steps(said: list[str]) -> list[str]:
 
 def _check(check: str, holds: bool, seen: str) -> CheckRow:  # noqa: FBT001 - it is the answer
     return held(check, [(seen, holds)])
-
-
-def _first(words: str) -> str:
-    return words.partition("\n")[0]

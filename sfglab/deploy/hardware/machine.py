@@ -99,12 +99,7 @@ class Machine:
 
 
 def render_machine(machine: Machine, codecs: Sequence[CodecFound] | None = None) -> str:
-    """Return a report of a machine.
-
-    Args:
-        machine: The machine.
-        codecs: What `codecs_found` found; None leaves them out.
-    """
+    """Return a report of a machine, with what `codecs_found` found unless it is None."""
     lines = [*_head(machine), "", "Accelerators, in order of preference:"]
     for item in machine.evidence:
         lines += _evidence(item)

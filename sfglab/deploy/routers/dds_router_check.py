@@ -151,30 +151,30 @@ def _one_side(config: Config) -> Iterator[Broken[KeyPath]]:
         yield Broken(("participants",), f"{len(sides)} participant beside echoes")
 
 
-def _route_lists(config: Config) -> Iterator[tuple[KeyPath, list[Config]]]:
-    yield ("routes",), config.get("routes") or []
-    for position, item in enumerate(config.get("topic-routes") or ()):
-        yield ("topic-routes", position, "routes"), item["routes"]
+def _routes(config: Config) -> Iterator[tuple[KeyPath, Config, list[str]]]:
+    """Yield each route with its place and the sources of those before it."""
+    topics = enumerate(config.get("topic-routes") or ())
+    lists = [(("topic-routes", position, "routes"), item["routes"]) for position, item in topics]
+    for path, routes in ((("routes",), config.get("routes") or []), *lists):
+        for position, route in enumerate(routes):
+            yield (*path, position), route, [earlier["src"] for earlier in routes[:position]]
 
 
 @RULES.add("route", "the configuration is refused")
 def _unknown_route(config: Config) -> Iterator[Broken[KeyPath]]:
     known = [item["name"] for item in config["participants"]]
-    for path, routes in _route_lists(config):
-        for position, route in enumerate(routes):
-            unknown = [repr(name) for name in (route["src"], *route.get("dst", ())) if name not in known]
-            if unknown:
-                what = f"route of {', '.join(unknown)}, which is no participant"
-                yield Broken((*path, position), what, f"participants are {', '.join(known)}")
+    for path, route, _ in _routes(config):
+        unknown = [repr(name) for name in (route["src"], *route.get("dst", ())) if name not in known]
+        if unknown:
+            what = f"route of {', '.join(unknown)}, which is no participant"
+            yield Broken(path, what, f"participants are {', '.join(known)}")
 
 
 @RULES.add("route", "one is lost")
 def _second_route(config: Config) -> Iterator[Broken[KeyPath]]:
-    for path, routes in _route_lists(config):
-        sources = [route["src"] for route in routes]
-        for position, source in enumerate(sources):
-            if source in sources[:position]:
-                yield Broken((*path, position), f"a second route of {source!r}")
+    for path, route, earlier in _routes(config):
+        if route["src"] in earlier:
+            yield Broken(path, f"a second route of {route['src']!r}")
 
 
 @RULES.add(
@@ -182,12 +182,9 @@ def _second_route(config: Config) -> Iterator[Broken[KeyPath]]:
 )
 def _repeater_route(config: Config) -> Iterator[Broken[KeyPath]]:
     repeaters = {item["name"] for item in config["participants"] if item.get("repeater")}
-    for path, routes in _route_lists(config):
-        for position, route in enumerate(routes):
-            source = route["src"]
-            if source in repeaters and source not in route.get("dst", ()):
-                what = f"repeater {source!r} has a route that does not lead to itself"
-                yield Broken((*path, position), what)
+    for path, route, _ in _routes(config):
+        if route["src"] in repeaters and route["src"] not in route.get("dst", ()):
+            yield Broken(path, f"repeater {route['src']!r} has a route that does not lead to itself")
 
 
 @RULES.add("half-open", "services are forwarded only where requests and replies are both allowed")
@@ -246,10 +243,8 @@ def _differences(asked: tuple[Config, Policy]) -> Iterator[Broken[KeyPath]]:
     names = probe_names([*_names(config), *(rule.pattern for rule in policy.rules)])
     crosses = {name: any(policy.crosses(name, way) for way in Direction) for name in names}
     wrong = [name for name in names if accepts(config, name) is not crosses[name]]
-    for should, words in (
-        (False, "crosses, and the policy keeps it"),
-        (True, "stays, and the policy lets it cross"),
-    ):
+    kinds = {False: "crosses, and the policy keeps it", True: "stays, and the policy lets it cross"}
+    for should, words in kinds.items():
         found = [name for name in wrong if crosses[name] is should]
         if found:
             others = f", and {len(found) - 1} more like it" if len(found) > 1 else ""
