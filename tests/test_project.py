@@ -29,8 +29,6 @@ SIBLINGS_APART = {"fleet", "arp", "soc", "spatial"}
 MOST_LINES = 500
 MOST_BODY_LINES = 50
 NO_NOUN = re.compile(r"(?:What|Who|Whose|Whatever|How|Where|Which)\b")
-NOUNS_PENDING = {"lab"}
-"""Parts whose modules may still begin with another word."""
 
 
 def normal(requirement: str) -> str:
@@ -122,7 +120,7 @@ def test_modules_and_functions_have_a_size_and_a_beginning():
         lines = len(path.read_text("utf-8").splitlines())
         if lines > MOST_LINES:
             wrong.append(f"{module}: {lines} lines, at most {MOST_LINES}")
-        if NO_NOUN.match(ast.get_docstring(tree) or "") and part_of(module) not in NOUNS_PENDING:
+        if NO_NOUN.match(ast.get_docstring(tree) or ""):
             wrong.append(f"{module}: its docstring begins with no noun")
         for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):

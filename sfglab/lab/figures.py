@@ -1,4 +1,4 @@
-"""How figures look and how they are saved: one style, one `save`, one JSON twin beside each picture.
+"""Figures: one style, one `save`, one JSON twin beside each picture.
 
 A picture is written as deterministic SVG and as PNG; the twin says from which log, parameters and versions
 it comes and which numbers it shows, so that nobody has to guess whether a figure is current. Drawing itself

@@ -1,4 +1,4 @@
-"""What is run, in interleaved pairs, every reading kept: the stage's cells, one after the other."""
+"""Runs in interleaved pairs, every reading kept: the stage's cells, one after the other."""
 
 from __future__ import annotations
 

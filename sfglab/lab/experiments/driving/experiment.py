@@ -1,4 +1,4 @@
-"""What is driven and timed: laps by seeds, the chain frame by frame, and what the memory model adds.
+"""Runs of driving: laps by seeds, the chain frame by frame, and what the memory model adds.
 
 Node times are processor time on this machine with OpenCV in one thread, as a node's one executor runs: what a
 node works, not what it waits while others have the processor. Laps may run beside each other; the chain is

@@ -1,4 +1,4 @@
-"""What is run: looks at all paths, interleaved, at phases drawn over the group of pictures."""
+"""Runs of latency: looks at all paths, interleaved, at phases drawn over the group of pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is run: paper A, section 4.2, at three lengths; heartbeats first, then every transition."""
+"""Runs of the life cycle: paper A, section 4.2, at three lengths; heartbeats first, then every transition."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is done to a discoverer so that it takes every transition of its table.
+"""Script that leads a discoverer through every transition of its table.
 
 A `Puppet` is a false agent that is led step by step: each step waits until the discoverer has taken the
 transition that it is meant to provoke. A script that is too slow for the discoverer's waits, as on a machine

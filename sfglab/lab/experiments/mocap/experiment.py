@@ -1,4 +1,4 @@
-"""What is run: trees and their checks, faults of cameras, estimates of the offset, and the live rounds."""
+"""Runs of motion capture: trees with their checks, faults of cameras, estimates of the offset, live rounds."""
 
 from __future__ import annotations
 

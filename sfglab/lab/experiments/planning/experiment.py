@@ -1,4 +1,4 @@
-"""What is run: the checks, the drawn example, and a scene's agents on their way over the action."""
+"""Runs of planning: the checks, the drawn example, and a scene's agents on their way over the action."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is run: the policy's checks, then who hears what of whom, and what is seen in the global domain."""
+"""Runs of routing: the policy's checks, then who hears what of whom, and what is seen in the global domain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is run, and the rows that it writes, one class a table."""
+"""Configuration of the transfer experiment, and the rows that it writes, one class a table."""
 
 from __future__ import annotations
 
