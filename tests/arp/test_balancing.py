@@ -77,8 +77,5 @@ def test_infeasible_depth_names_equation_5():
 def test_meaningless_input_is_refused(values):
     with pytest.raises(InvalidValueError):
         BalanceInput(**{"rate_max_hz": 100, **values})
-
-
-def test_unknown_weight_is_refused():
     with pytest.raises(InvalidValueError, match="weight"):
         balance(BalanceInput(topics=(3,), rate_max_hz=100), weight=1)

@@ -51,12 +51,8 @@ def test_the_front_has_a_line_for_each_price():
 
 
 def test_a_higher_price_of_latency_takes_less_of_the_medium():
-    dds = ("--vendor", "cyclone_dds")
-
-    def taken(price):
-        return int(re.search(r"time (\d+) %", call(PAPER_B, *dds, "--latency-price", price))[1])
-
-    assert taken("500") < taken("1")
+    dear, cheap = (call(PAPER_B, "--vendor", "cyclone_dds", "--latency-price", price) for price in ("500", "1"))
+    assert int(re.search(r"time (\d+) %", dear)[1]) < int(re.search(r"time (\d+) %", cheap)[1])
 
 
 def test_files_are_written_into_a_folder_and_named(tmp_path):

@@ -14,12 +14,7 @@ def test_table_1_gives_the_sizes_of_python_objects(sensor):
 
 def test_what_travels_is_smaller():
     sizes = {name: cdr_bytes(sensor) for name, sensor in SENSORS.items()}
-    assert sizes == {
-        "lidar": 8,
-        "flame": 8,
-        "dht11": 8,
-        "imu": 8,
-        "ultrasonic": 8,
+    assert sizes == dict.fromkeys(("lidar", "flame", "dht11", "imu", "ultrasonic"), 8) | {
         "pir": 20,
         "light": 16,
     }

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import pickle
 from pathlib import Path
 
 import pytest
 
 from sfglab.arp.robots import ROBOTS, SENSORS
 from sfglab.arp.topics import load_topics, read_topics
-from sfglab.documents import DocumentError, Place
+from sfglab.documents import DocumentError
 from sfglab.qos import Durability, Reliability
 from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Medium
 
@@ -70,26 +69,16 @@ def line(text: str) -> str:
     ("text", "message"),
     [
         ("", r"^t\.yaml:1: nothing is given, allowed: a mapping"),
-        ("topics: [", r"^t\.yaml:1: given .*, allowed: YAML"),
         ("topics: {}", r"topics: given \{\}, allowed: one topic at least"),
-        ("topics: 3", r"topics: given 3, allowed: a mapping"),
         ("topics: {a: {}}", r"topics\.a: given 'a', allowed: a full topic name"),
         (line("to: s, size_bytes: 8"), r"topics\./a\.from: nothing is given, allowed: 'from' is needed here"),
-        (line("from: r, to: s"), r"topics\./a\.size_bytes: nothing is given"),
         (line("from: r, to: r, size_bytes: 8"), r"topics\./a\.to: given 'r', allowed: another host"),
         (
             line("from: r, to: s, size_bytes: -1"),
             r"/a\.size_bytes: given -1, allowed: a whole number from 0 to 64000",
         ),
-        (line("from: r, to: s, size_bytes: x"), r"/a\.size_bytes: given 'x'"),
         (line("from: r, to: s, size_bytes: 8, weight: 0"), r"/a\.weight: given 0, allowed: a number above"),
-        (line("from: r, to: s, size_bytes: 8, weight: .nan"), r"/a\.weight: given nan"),
-        (line("from: r, to: s, size_bytes: 8, weight: true"), r"/a\.weight: given True"),
         (line("from: r, to: s, size_bytes: 8, wieght: 2"), r"/a\.wieght: .*did you mean 'weight'\?"),
-        (
-            line("from: r, to: s, size_bytes: 8, reliability: sure"),
-            r"/a\.reliability: given 'sure', allowed: best_effort or reliable",
-        ),
         (
             line("from: r, to: s, size_bytes: 8, rate_min_hz: 9, rate_max_hz: 5"),
             r"/a\.rate_min_hz: given 9, allowed: up to the topic's rate_max_hz, 5",
@@ -99,11 +88,9 @@ def line(text: str) -> str:
         (f"link: {{shared: 1}}\n{ONE}", r"link\.shared: given 1, allowed: true or false"),
         (f"link: {{rate: 1}}\n{ONE}", r"link\.rate: given 'rate', allowed: contention, .*rate_mbps"),
         (f"agents: [moon]\n{ONE}", r"agents: given \['moon'\], allowed: a list of hosts among robot, station"),
-        (f"agents: 3\n{ONE}", r"agents: given 3"),
         (f"agents: [[1]]\n{ONE}", r"agents: given \[\[1\]\]"),
         (f"colour: red\n{ONE}", r"colour: given 'colour', allowed: agents, link"),
         (f"timing: {{nack_delay_ms: 0}}\n{ONE}", r"timing\.nack_delay_ms: given 0"),
-        (f"{ONE}  /a: {{from: x, to: y, size_bytes: 8}}\n", r"/a.*each key once"),
     ],
 )
 def test_each_mistake_is_named_by_file_topic_and_key(text, message):
@@ -114,8 +101,3 @@ def test_each_mistake_is_named_by_file_topic_and_key(text, message):
 def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(DocumentError, match=r"none\.yaml: .*readable text file"):
         load_topics(tmp_path / "none.yaml")
-
-
-def test_refusals_survive_pickling():
-    error = DocumentError(Place(file="t.yaml", key="topics./a", line=2), 3, "a text")
-    assert str(pickle.loads(pickle.dumps(error))) == str(error)  # noqa: S301 - our own bytes

@@ -95,23 +95,12 @@ def foreign_log(path, *, name, encoding="ros2msg", message_encoding="cdr", text=
         writer.finish()
 
 
-def test_types_that_only_the_log_knows_are_decoded(tmp_path):
-    foreign_log(tmp_path / "foreign.mcap", name="their_pkg/msg/Thing")
+@pytest.mark.parametrize("name", ["their_pkg/msg/Thing", "std_msgs/msg/String"])
+def test_unknown_types_and_other_versions_are_decoded_by_the_logs_own_definition(tmp_path, name):
+    foreign_log(tmp_path / "foreign.mcap", name=name)
     with LogReader(tmp_path / "foreign.mcap") as log:
         [entry] = log.decoded("/foreign")
-    assert (entry.type_name, entry.log_time_ns, entry.publish_time_ns, entry.message.x) == (
-        "their_pkg/msg/Thing",
-        5,
-        4,
-        7,
-    )
-
-
-def test_another_version_of_a_type_is_decoded_by_the_logs_own_definition(tmp_path):
-    foreign_log(tmp_path / "foreign.mcap", name="std_msgs/msg/String")
-    with LogReader(tmp_path / "foreign.mcap") as log:
-        [entry] = log.decoded("/foreign")
-    assert entry.message.x == 7
+    assert (entry.type_name, entry.log_time_ns, entry.publish_time_ns, entry.message.x) == (name, 5, 4, 7)
 
 
 @pytest.mark.parametrize(

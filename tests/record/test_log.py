@@ -10,21 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from sfglab.messages import (
-    CdrError,
-    MessageError,
-    UnknownTypeError,
-    default_message,
-    message_type,
-    serialize,
-)
+from sfglab.messages import CdrError, MessageError, UnknownTypeError, default_message, message_type, serialize
 from sfglab.qos import DEFAULT, LATCHED
-from sfglab.record import (
-    LogError,
-    LogReader,
-    LogWriter,
-    TopicInfo,
-)
+from sfglab.record import LogError, LogReader, LogWriter, TopicInfo
 
 TEXT = "std_msgs/msg/String"
 WRITER_INTERNALS_FAIL = OSError(28, "No space left on device")
@@ -188,18 +176,20 @@ def test_closing_twice_is_closing_once_and_nothing_follows(path):
         list(reader.messages())
 
 
-@pytest.mark.parametrize("content", [b"", b"\x89MCAP", b"SQLite format 3\0" * 10])
-def test_a_file_that_is_no_log_is_one_clear_error(path, content):
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "no such file"),
+        (b"", "the file is empty"),
+        (b"\x89MCAP", "not an MCAP file"),
+        (b"SQLite format 3\0" * 10, "not an MCAP file"),
+    ],
+)
+def test_a_file_that_is_no_log_is_one_clear_error(path, content, message):
     path.parent.mkdir()
-    path.write_bytes(content)
-    with pytest.raises(
-        LogError, match=f"log {path}: " + ("the file is empty" if not content else "not an MCAP file")
-    ):
-        LogReader(path)
-
-
-def test_a_missing_file_is_one_clear_error(path):
-    with pytest.raises(LogError, match="no such file"):
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(LogError, match=f"log {path}: {message}"):
         LogReader(path)
 
 
