@@ -67,13 +67,8 @@ def plan(
 ) -> Plan:
     """Return rates and depths for topics on a link, with a vendor's timing; raises what `pareto_front` does.
 
-    Args:
-        topics: The topics.
-        medium: The link.
-        vendor: Timing of the reliability protocol.
-        latency_price_hz: What a second of mean latency costs, in freshness; None: the point of the Pareto front
-            at which readers are expected to be up to date for the largest share of time.
-        limits: What must be kept; None: the usual ones.
+    The price is what a second of mean latency costs, in freshness; None: the point of the Pareto front at which
+    readers are expected to be up to date for the largest share of time. Without limits the usual ones are kept.
     """
     if latency_price_hz is None:
         front = pareto_front(topics, medium, vendor, limits=limits)

@@ -14,7 +14,7 @@ from typing import Any
 from sfglab.messages import message_type, serialize
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Sensor:
     """One row of Table 1."""
 
@@ -29,73 +29,25 @@ class Sensor:
 
 
 _FLOAT, _BOOL, _STRING = "std_msgs/msg/Float32", "std_msgs/msg/Bool", "std_msgs/msg/String"
+_LIDAR = "turns 10 times a second (data sheet), so one direction has a new range as often"
+_FLAME = "a threshold switch; a flame or a lamp now and then is assumed"
+_DHT11 = "one reading a second, whole degrees (data sheet); a new one every ten seconds is assumed"
+_IMU = "1000 readings a second (data sheet), and noise makes each of them differ"
+_PIR = "holds its output for 3 s at least (data sheet)"
+_LIGHT = "a threshold switch; somebody passing every ten seconds is assumed"
 
 SENSORS = {
     sensor.name: sensor
     for sensor in (
+        Sensor("lidar", "SLAMTEC A2M8", _FLOAT, 1.25, 24, 0.1, _LIDAR),
+        Sensor("flame", "AYNEF flame sensor module", _BOOL, False, 28, 30.0, _FLAME),
+        Sensor("dht11", "HiLetgo DHT11", _FLOAT, 22.0, 24, 10.0, _DHT11),
+        Sensor("imu", "HiLetgo MPU-6050", _FLOAT, 0.02, 24, 0.001, _IMU),
         Sensor(
-            name="lidar",
-            model="SLAMTEC A2M8",
-            type=_FLOAT,
-            example=1.25,
-            table_bytes=24,
-            change_s=0.1,
-            why="turns 10 times a second (data sheet), so one direction has a new range as often",
+            "ultrasonic", "ELEGOO HC-SR04", _FLOAT, 0.73, 24, 0.06, "one measurement takes 60 ms (data sheet)"
         ),
-        Sensor(
-            name="flame",
-            model="AYNEF flame sensor module",
-            type=_BOOL,
-            example=False,
-            table_bytes=28,
-            change_s=30.0,
-            why="a threshold switch; a flame or a lamp now and then is assumed",
-        ),
-        Sensor(
-            name="dht11",
-            model="HiLetgo DHT11",
-            type=_FLOAT,
-            example=22.0,
-            table_bytes=24,
-            change_s=10.0,
-            why="one reading a second, whole degrees (data sheet); a new one every ten seconds is assumed",
-        ),
-        Sensor(
-            name="imu",
-            model="HiLetgo MPU-6050",
-            type=_FLOAT,
-            example=0.02,
-            table_bytes=24,
-            change_s=0.001,
-            why="1000 readings a second (data sheet), and noise makes each of them differ",
-        ),
-        Sensor(
-            name="ultrasonic",
-            model="ELEGOO HC-SR04",
-            type=_FLOAT,
-            example=0.73,
-            table_bytes=24,
-            change_s=0.06,
-            why="one measurement takes 60 ms (data sheet)",
-        ),
-        Sensor(
-            name="pir",
-            model="HiLetgo HC-SR501",
-            type=_STRING,
-            example="not detect",
-            table_bytes=59,
-            change_s=3.0,
-            why="holds its output for 3 s at least (data sheet)",
-        ),
-        Sensor(
-            name="light",
-            model="VKLSVAN photosensitive sensor module",
-            type=_STRING,
-            example="light",
-            table_bytes=54,
-            change_s=10.0,
-            why="a threshold switch; somebody passing every ten seconds is assumed",
-        ),
+        Sensor("pir", "HiLetgo HC-SR501", _STRING, "not detect", 59, 3.0, _PIR),
+        Sensor("light", "VKLSVAN photosensitive sensor module", _STRING, "light", 54, 10.0, _LIGHT),
     )
 }
 """Paper B, Table 1, by name."""

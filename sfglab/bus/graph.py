@@ -25,11 +25,8 @@ class Graph:
     """All endpoints of the node's domain, its own included.
 
     Lives on the node's loop. Discovery goes on in the background: right after the start of a node the graph
-    is incomplete, so wait with `wait_for` or read `events`.
-
-    Args:
-        loop: The node's loop.
-        read_nodes: Called once, when somebody first asks for nodes: lets `learn_nodes` be called.
+    is incomplete, so wait with `wait_for` or read `events`. When somebody first asks for nodes, `read_nodes` is
+    called once and lets `learn_nodes` be called.
     """
 
     def __init__(

@@ -52,11 +52,7 @@ def compiled(function: _F) -> _F:
 class World:
     """What compiled code takes for a run; there it has the fields of all its parts.
 
-    Args:
-        parts: Tuples of contiguous arrays, whose names differ; `Params` and `State`.
-
-    Attributes:
-        address: Of the block, for compiled code.
+    Parts are tuples of contiguous arrays, whose names differ: `Params` and `State`.
     """
 
     def __init__(self, *parts: NamedTuple) -> None:
@@ -64,7 +60,7 @@ class World:
         self._arrays = {name: array for part in parts for name, array in part._asdict().items()}
         words = [word for a in self._arrays.values() for word in (a.ctypes.data, *a.shape)]
         self._block = np.array(words, np.int64)
-        self.address = self._block.ctypes.data
+        self.address = self._block.ctypes.data  #: Of the block, for compiled code.
         # Where Numba looks, without a call of Python.
         self._numba_type_ = _WorldType(tuple((name, nb.typeof(a)) for name, a in self._arrays.items()))
 

@@ -33,7 +33,7 @@ _PIVOT = (1.5, 1.0)  # inside the ring, and seen from everywhere on the middle l
 _BOX_LONG_M, _BOX_DEEP_M = 0.3, 0.2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Box:
     """A cardboard box at a wall, 0.3 m along it and 0.2 m deep."""
 
@@ -95,30 +95,9 @@ def winding_rad(x: float, y: float) -> float:
 
 
 AREAS = (
-    Area(
-        robot="robot1",
-        boxes=(
-            Box(leg=4, along_m=2.0, side="left"),
-            Box(leg=4, along_m=3.4, side="right"),
-            Box(leg=5, along_m=2.0, side="left"),
-        ),
-    ),
-    Area(
-        robot="robot2",
-        boxes=(
-            Box(leg=4, along_m=1.7, side="right"),
-            Box(leg=4, along_m=3.0, side="left"),
-            Box(leg=5, along_m=1.7, side="right"),
-        ),
-    ),
-    Area(
-        robot="robot3",
-        boxes=(
-            Box(leg=3, along_m=1.0, side="right"),
-            Box(leg=4, along_m=2.6, side="left"),
-            Box(leg=5, along_m=2.3, side="right"),
-        ),
-    ),
+    Area(robot="robot1", boxes=(Box(4, 2.0, "left"), Box(4, 3.4, "right"), Box(5, 2.0, "left"))),
+    Area(robot="robot2", boxes=(Box(4, 1.7, "right"), Box(4, 3.0, "left"), Box(5, 1.7, "right"))),
+    Area(robot="robot3", boxes=(Box(3, 1.0, "right"), Box(4, 2.6, "left"), Box(5, 2.3, "right"))),
 )
 """The three areas. Each has three boxes that leave 0.8 m, at places of its own."""
 

@@ -104,11 +104,7 @@ class CancelPlan:
 
 
 class GoalBook:
-    """All goals of one server.
-
-    Args:
-        result_timeout_ns: How long a goal is remembered after its end.
-    """
+    """All goals of one server, each of which is remembered for a time after its end."""
 
     def __init__(self, result_timeout_ns: int) -> None:
         self._timeout_ns = result_timeout_ns

@@ -219,26 +219,19 @@ def qos_object(user_data: bytes = b"") -> Iterator[int]:
 
 
 class EndpointOptions(TypedDict, total=False):
-    """What a reader or writer may have beside its profile; see `endpoint_qos`."""
+    """What a reader or writer may have beside its profile."""
 
-    user_data: bytes
-    partition: str
-    ignore_local: bool
-    max_samples: int
-    batching: bool
-    max_blocking_ns: int
+    user_data: bytes  #: USER_DATA.
+    partition: str  #: PARTITION.
+    ignore_local: bool  #: Whether it never matches endpoints of its own participant.
+    max_samples: int  #: How many a reader that keeps all may hold, after which senders wait for it.
+    batching: bool  #: Whether a writer sends only when it is flushed or a packet is full.
+    max_blocking_ns: int  #: How long a writer may block when it keeps all.
 
 
 @contextmanager
 def endpoint_qos(profile: QoSProfile, **more: Unpack[EndpointOptions]) -> Iterator[int]:
-    """Yield the C QoS object of a reader or writer.
-
-    Args:
-        profile: In ROS 2's terms.
-        more: USER_DATA; a PARTITION; whether it never matches endpoints of its own participant; how many
-            samples a reader that keeps all may hold, after which senders wait for it; whether a writer sends
-            only when it is flushed or a packet is full; how long it may block when it keeps all.
-    """
+    """Yield the C QoS object of a reader or writer, whose profile is in ROS 2's terms."""
     lib = library()
     history = _HISTORY.index(profile.history)
     depth = profile.depth if profile.history is History.KEEP_LAST else _UNLIMITED

@@ -45,52 +45,36 @@ class NodeOptions(TypedDict, total=False):
 
 
 class WorldOptions(TypedDict, total=False):
-    """Keyword arguments of `World`."""
+    """How a world is made."""
 
-    seed: int
-    link: LinkModel
-    timing: Timing
-    costs: Costs
-    multicast: bool
+    seed: int  #: Decides everything that is left to chance (0).
+    link: LinkModel  #: The link of every host that has none of its own.
+    timing: Timing  #: How long the middleware takes.
+    costs: Costs  #: How long processes take for what they hear.
+    multicast: bool  #: Whether announcements, and samples for more than one other host, go by multicast (True).
+    #: Hand a service's reply only to the participant that asked, not to all who have a client of that service
+    #: and would ignore it (False). Bytes are accounted, and costs charged, as if all had got it: without this,
+    #: n clients of n services cost n**3 deliveries.
     lean_services: bool
 
 
 class World(Environment):
-    """Hosts on a network, and the nodes on them; inside a `VirtualLoop`.
+    """Hosts on a network, and the nodes on them; inside a `VirtualLoop`."""
 
-    Args:
-        seed: Decides everything that is left to chance.
-        link: The link of every host that has none of its own.
-        timing: How long the middleware takes.
-        costs: How long processes take for what they hear.
-        multicast: Whether announcements, and samples for more than one other host, go by multicast.
-        lean_services: Hand a service's reply only to the participant that asked, not to all who have a client
-            of that service and would ignore it. Bytes are accounted, and costs charged, as if all had got it:
-            without this, n clients of n services cost n**3 deliveries.
-    """
-
-    def __init__(  # noqa: PLR0913 - what a world can be set to, by keyword
-        self,
-        seed: int = 0,
-        *,
-        link: LinkModel | None = None,
-        timing: Timing | None = None,
-        costs: Costs | None = None,
-        multicast: bool = True,
-        lean_services: bool = False,
-    ) -> None:
+    def __init__(self, **options: Unpack[WorldOptions]) -> None:
         loop = asyncio.get_running_loop()
         if not isinstance(loop, VirtualLoop):
             raise BusError("a world needs virtual time: use it inside run_simulated")
-        super().__init__(loop, Clockwork.of(timing or Timing(), costs or Costs()))
-        self.seed = seed
-        self.random = Random(seed)  #: Draws what is left to chance; components may draw from it too.
+        super().__init__(loop, Clockwork.of(options.get("timing", Timing()), options.get("costs", Costs())))
+        self.seed = options.get("seed", 0)
+        self.random = Random(self.seed)  #: Draws what is left to chance; components may draw from it too.
         self.hosts: dict[str, Host] = {}  #: By name.
-        self._views = Views(loop, self.clockwork, seed)
+        self._views = Views(loop, self.clockwork, self.seed)
         self._network = Network(loop, self.clockwork, self.random)
-        self._fabric = Fabric(self._network, Services() if lean_services else None, self.random)
-        self._multicast = multicast
-        self._link = link or LinkModel()
+        services = Services() if options.get("lean_services") else None
+        self._fabric = Fabric(self._network, services, self.random)
+        self._multicast = options.get("multicast", True)
+        self._link = options.get("link", LinkModel())
         self._domains: dict[tuple[int, Host | None], Discovery] = {}
         self._processes: dict[tuple[Host, str], Process] = {}
         self._nodes: dict[SimNode, None] = {}
