@@ -15,7 +15,6 @@ from waiting import process, until
 
 from sfglab.errors import SfglabError
 from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
-from sfglab.fleet.decoder.streams import StreamError
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS
 from sfglab.messages import default_message, ns_from_stamp, stamp_from_ns
 from sfglab.processes import ProcessFailedError
@@ -176,12 +175,6 @@ async def test_agents_come_and_go_by_discovery_events(serve):
         discoverer.publish(discovery_event("RETURNED"))
         await decoder.reaches("RUNNING")
         await right_pictures(subscription, 12)
-
-
-def test_a_stream_that_cannot_be_offered_is_refused_before_anything_starts(domains):
-    config = DecoderConfig(remote=domains[0], local=domains[1], streams=("/local/go2/camera/color/ffmpeg",))
-    with pytest.raises(StreamError, match="global scope"):
-        asyncio.run(run_decoder(config, on_status=lambda _: None))
 
 
 @pytest.mark.parametrize("side", ["local", "remote"])

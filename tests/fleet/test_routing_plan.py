@@ -14,7 +14,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved, user_data
 from sfglab.fleet.policy import Direction, Policy, ReaderSpec, Side, WriterSpec
 from sfglab.fleet.router.plan import PATIENCE_NS, ROUTER_KEY, Close, Forget, Judge, Open, Plan
-from sfglab.qos import DEFAULT, LATCHED, SENSOR_DATA, Durability, incompatibilities
+from sfglab.qos import DEFAULT, LATCHED, SENSOR_DATA, incompatibilities
 
 SECOND = 10**9
 POLICY = Policy()
@@ -377,38 +377,6 @@ def test_a_source_that_goes_is_forgotten_and_its_latched_writer_with_it():
     assert [type(a) for a in one.done] == [Forget, Close]
     assert one.done[1].what.source == leaving.gid
     assert [spec.source for spec in one.open if isinstance(spec, WriterSpec)] == [kept.gid]
-
-
-def test_a_weaker_source_replaces_the_reader_and_a_stronger_wish_brings_it_back():
-    world, one, _ = two_agents()
-    world.add(1, plain(world, SUB, "rt/global/b/pose"))
-    world.settle()
-    (announced,) = one.open
-    assert announced.qos.reliability is DEFAULT.reliability
-    world.add(GLOBAL, plain(world, PUB, "rt/global/b/pose", SENSOR_DATA))
-    world.settle()
-    readers = [spec for spec in one.open if isinstance(spec, ReaderSpec)]
-    assert [r.qos.reliability for r in readers] == [SENSOR_DATA.reliability]
-    world.add(GLOBAL, plain(world, PUB, "rt/global/b/pose", DEFAULT))
-    world.settle()
-    readers = [spec for spec in one.open if isinstance(spec, ReaderSpec)]
-    assert {r.qos.reliability for r in readers} == {SENSOR_DATA.reliability, DEFAULT.reliability}
-
-
-def test_best_effort_subscriptions_cause_no_reliable_hop_but_latched_samples_are_always_fetched():
-    world, one, _ = two_agents()
-    world.add(1, plain(world, SUB, "rt/global/b/pose", SENSOR_DATA))
-    world.add(GLOBAL, plain(world, PUB, "rt/global/b/pose", DEFAULT))
-    world.add(1, plain(world, SUB, "rt/global/b/map", SENSOR_DATA))
-    world.add(GLOBAL, plain(world, PUB, "rt/global/b/map", replace(LATCHED, depth=300)))
-    world.settle()
-    by_topic = {s.path.dds_topic: s for s in one.open if isinstance(s, ReaderSpec)}
-    assert by_topic["rt/global/b/pose"].qos.reliability is SENSOR_DATA.reliability
-    assert by_topic["rt/global/b/map"].qos.durability is Durability.TRANSIENT_LOCAL
-    assert by_topic["rt/global/b/map"].qos.reliability is DEFAULT.reliability
-    assert by_topic["rt/global/b/map"].qos.depth == 300
-    offered = {s.path.dds_topic: s.qos for s in one.open if isinstance(s, WriterSpec)}
-    assert offered == {"rt/global/b/pose": DEFAULT, "rt/global/b/map": replace(LATCHED, depth=300)}
 
 
 def test_shared_memory_shows_itself_in_dds_but_is_no_business_of_the_router():
