@@ -103,11 +103,8 @@ def test_a_fleet_file_says_everything():
     assert config.remote == BusAddress(domain_id=3, interface="wlan0")
     router = config_from_argument(RouterConfig, arguments(config)["router"])
     assert router.rules == FLEET.policy.rules
-    assert (router.prefix_frames, router.shared_frames, router.placed_by_others) == (
-        False,
-        ("hall",),
-        ("base",),
-    )
+    assert not router.prefix_frames
+    assert (router.shared_frames, router.placed_by_others) == (("hall",), ("base",))
     sensors = config_from_argument(StatusConfig, arguments(config)["status"]).settings.description.sensors
     assert [s.name for s in sensors] == ["camera_front"]
     assert sensors[0].streams[0].topic == "/global/go2/camera_front/color/ffmpeg"

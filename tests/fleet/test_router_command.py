@@ -8,7 +8,6 @@ import pytest
 from typer.testing import CliRunner
 
 from sfglab.cli import app, main
-from sfglab.errors import SfglabError
 
 
 def call(*arguments: str):
@@ -51,8 +50,3 @@ def test_a_wrong_value_is_one_sentence(arguments, said, monkeypatch, capsys):
     assert captured.err.startswith("sfglab: ")
     assert said in captured.err
     assert captured.err.count("\n") == 1
-
-
-def test_what_is_wrong_is_an_error_of_ours():
-    with pytest.raises(SfglabError):
-        raise call("--domain", "400").exception
