@@ -23,10 +23,6 @@ from sfglab.qos import SENSOR_DATA
 pytestmark = [pytest.mark.live]
 
 
-def run(coroutine):
-    return asyncio.run(coroutine)
-
-
 def level_of(image) -> float:
     """What the camera drew, read from the decoded pixels."""
     return float(np.median(image.data))
@@ -84,10 +80,9 @@ async def test_a_killed_pipeline_is_replaced_and_subscribers_see_pictures_again(
         await right_pictures(subscription)
         for pid in decoder.pool.pids:
             os.kill(pid, signal.SIGKILL)
-        await decoder.reaches("BACKING_OFF")
+        await until(lambda: "BACKING_OFF" in decoder.states[LOCAL])
         await decoder.reaches("RUNNING")
-        while subscription.get_publisher_count() == 0:
-            await asyncio.sleep(0.01)
+        await until(subscription.get_publisher_count)
         await right_pictures(subscription, 20)
         assert decoder.status[LOCAL].crashes >= 1
 
