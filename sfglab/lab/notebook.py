@@ -44,12 +44,7 @@ async def run(exp: Experiment[C], profile: str, log: str = "", **changes: Any) -
 
 
 def picture(run: Run[Any], name: str) -> Image:
-    """Return one of a run's figures as a picture for the notebook.
-
-    Args:
-        run: The run.
-        name: The figure.
-    """
+    """Return one of a run's figures as a picture for the notebook."""
     return image_of(experiment(run.experiment).draw(name, run)[0])
 
 
@@ -64,11 +59,7 @@ def image_of(figure: Figure) -> Image:
 
 
 def words(frame: pd.DataFrame) -> Styler:
-    """Return a table whose texts are shown in full, for those that are made to be read.
-
-    Args:
-        frame: The table.
-    """
+    """Return a table whose texts are shown in full, for those that are made to be read."""
     style = frame.style.format(escape="html").hide(axis="index")
     style.set_table_styles([{"selector": "td, th", "props": "text-align: left; white-space: normal"}])
     return style.set_uuid("words")  # equal tables are equal output
@@ -122,11 +113,7 @@ def _excuse(entry: Entry, run: Run[Any], may_deviate: Sequence[str]) -> str:
 
 
 def ledger_table(profile: str | None = None) -> pd.DataFrame:
-    """Return the whole ledger, computed from the logs that are there.
-
-    Args:
-        profile: Profile whose runs are preferred.
-    """
+    """Return the whole ledger, computed from the logs that are there; runs of the profile are preferred."""
     return _table(ledger.compute_ledger(find_project(), profile=profile))
 
 

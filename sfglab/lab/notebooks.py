@@ -50,10 +50,7 @@ _say = partial(print, file=sys.stderr, flush=True)
 
 
 def read_parameters(pairs: Sequence[str]) -> dict[str, Any]:
-    """Read parameters as a command line gives them.
-
-    Args:
-        pairs: ``name=value``, where the value is read as YAML: numbers are numbers, the rest is text.
+    """Read parameters ``name=value`` of a command line, values as YAML: numbers are numbers, the rest is text.
 
     Raises:
         NotebookError: One is not of this form.
@@ -93,11 +90,7 @@ def _one_notebook(name: str, every: Sequence[Path]) -> Path:
 
 
 def check_parameters(path: Path, given: Mapping[str, Any]) -> None:
-    """Refuse parameters that the notebook does not declare, and a notebook that declares none.
-
-    Args:
-        path: The notebook.
-        given: Parameters by name.
+    """Refuse parameters, by name, that the notebook does not declare, and a notebook that declares none.
 
     Raises:
         NotebookError: No cell or several are tagged ``parameters``, or a name is not declared there.
@@ -139,12 +132,7 @@ def _read(path: Path) -> NotebookNode:
 
 
 def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> None:
-    """Run one notebook and keep the executed copy, also when it fails.
-
-    Args:
-        path: The notebook.
-        output: Where the executed copy goes.
-        parameters: Values for its ``parameters`` cell.
+    """Run one notebook with these parameters and keep the executed copy as `output`, also when it fails.
 
     Raises:
         NotebookError: The parameters do not fit, or a cell raised; says which.
@@ -218,11 +206,9 @@ def _run_one(path: Path, project: Project, parameters: Mapping[str, Any], *, wri
 
 
 def normalise(notebook: NotebookNode, project: Project) -> NotebookNode:
-    """Return an executed notebook without what changes from run to run for no reason.
+    """Return an executed notebook, changed in place, without what changes from run to run for no reason.
 
-    Args:
-        notebook: The executed notebook; it is changed in place.
-        project: The checkout, whose path is taken out of the outputs.
+    The project's path is taken out of the outputs.
     """
     notebook.metadata = {"language_info": {"name": "python"}}
     notebook.cells = [c for c in notebook.cells if "injected-parameters" not in c.metadata.get("tags", ())]

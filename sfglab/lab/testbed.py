@@ -36,9 +36,6 @@ def held_domains(count: int = 1) -> Iterator[list[int]]:
     A domain is held by a name among Linux's abstract sockets, which belongs to the network namespace as the
     domain's ports do, and which goes with the process.
 
-    Args:
-        count: How many.
-
     Raises:
         SfglabError: So many are not free.
     """

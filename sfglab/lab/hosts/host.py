@@ -212,9 +212,6 @@ class Host:
         whatever starts processes, e.g. ``asyncio.create_subprocess_exec(*host.argv(command))``. Exit status 125
         says that the host is gone, 126 and 127 that the command cannot be run or found.
 
-        Args:
-            command: Program and arguments.
-
         Raises:
             HostsError: The network is closed.
         """
@@ -224,11 +221,7 @@ class Host:
         return [*wrapper, *(os.fspath(part) for part in command)]
 
     def popen(self, command: Sequence[str | os.PathLike[str]], **options: Any) -> subprocess.Popen[Any]:
-        """Start a process inside this host; it ends with the network at the latest.
-
-        Args:
-            command: Program and arguments.
-            options: Anything that `subprocess.Popen` takes.
+        """Start a process inside this host, with options of `subprocess.Popen`; it ends with the network.
 
         Raises:
             HostsError: The network is closed.
@@ -241,12 +234,9 @@ class Host:
     def run(
         self, command: Sequence[str | os.PathLike[str]], timeout_s: float, **options: Any
     ) -> subprocess.CompletedProcess[Any]:
-        """Run a process inside this host to its end, by default with its output captured as text.
+        """Run a process inside this host for `timeout_s` seconds at most, with options of `subprocess.run`.
 
-        Args:
-            command: Program and arguments.
-            timeout_s: Time after which it is killed, in seconds.
-            options: Anything that `subprocess.run` takes.
+        By default its output is captured as text.
 
         Raises:
             HostsError: The network is closed.

@@ -179,14 +179,7 @@ class Channel:
         return result
 
     def request(self, operation: str, /, **arguments: Any) -> dict[str, Any]:
-        """Ask the hub and wait for its answer.
-
-        Args:
-            operation: One of the hub's operations.
-            arguments: What the operation takes.
-
-        Returns:
-            What the operation returns.
+        """Ask the hub for one of its operations and wait for what it returns.
 
         Raises:
             HostsError: The hub is gone, late, or failed.

@@ -141,12 +141,7 @@ async def serve(config: CameraConfig, report: Callable[[Report], None], _: async
 
 
 async def run_camera(config: CameraConfig, say: Callable[[str], None]) -> None:
-    """Shoot for a person at a terminal, until interrupted or terminated.
-
-    Args:
-        config: What and where.
-        say: Takes a line of progress.
-    """
+    """Shoot for a person at a terminal, who is told of progress, until interrupted or terminated."""
     total, (_, topic) = 0, config.places[0]
 
     def count(frames: list[_Sent]) -> None:

@@ -25,10 +25,7 @@ _LO = 1
 
 
 def enter_container(bridge: str) -> None:
-    """Move this process into a network of its own that hangs on a bridge.
-
-    Args:
-        bridge: Name of the bridge's interface on the machine.
+    """Move this process into a network of its own that hangs on a bridge, given its interface on the machine.
 
     Raises:
         NetlinkError: The kernel refuses.
