@@ -168,15 +168,6 @@ async def test_all_goals_or_those_until_a_time_are_canceled_at_once(node):
         assert (nothing.code, nothing.goal_ids) == (Code.NONE, ())
 
 
-async def test_without_a_cancel_callback_nothing_is_canceled(node):
-    steps = Steps()
-    async with pair(node, steps) as (_, _, _, client):
-        handle = await client.send_goal(goal(1))
-        assert await handle.cancel_goal() is Code.REJECTED
-        steps.go_on.set()
-        assert (await handle.result()).status is Status.SUCCEEDED
-
-
 async def test_a_callback_that_fails_or_says_nothing_aborts_its_goal(node):
     reported = []
 
@@ -405,12 +396,13 @@ async def test_a_forgotten_node_ends_its_action_server(domain_id):
     assert gone() is None
 
 
-async def test_the_result_outlives_requests_that_end(node):
+async def test_the_result_outlives_requests_that_end_and_nobody_cancels_without_a_callback(node):
     steps = Steps()
     async with pair(node, steps) as (_, _, _, client):
         handle = await client.send_goal(goal(2))
         impatient = asyncio.create_task(handle.result())
         await steps.begun.wait()
+        assert await handle.cancel_goal() is Code.REJECTED
         impatient.cancel()
         with suppress(asyncio.CancelledError):
             await impatient

@@ -116,8 +116,8 @@ def test_the_environments_distribution_chooses_the_layout(monkeypatch, distro, s
 
 
 def test_a_nodes_full_name_has_its_namespace():
-    assert NodeInfo(namespace="/", name="a", participant=b"").full_name == "/a"
-    assert NodeInfo(namespace="/x/y", name="a", participant=b"").full_name == "/x/y/a"
+    for namespace, full in (("/", "/a"), ("/x/y", "/x/y/a")):
+        assert NodeInfo(namespace=namespace, name="a", participant=b"").full_name == full
 
 
 @pytest.mark.live
@@ -164,14 +164,11 @@ async def test_the_graph_names_nodes_while_they_live_and_hides_how_it_knows(doma
         quiet.create_publisher(STRING, "/t")
         async with node(domain_id, "there", namespace="/far") as there:
             topic = there.create_publisher(STRING, "/t")
-            seen = await here.graph.wait_for(
+            assert await here.graph.wait_for(
                 lambda: [n.writers for n in here.graph.nodes()][:1] == [(topic.gid,)]
             )
-            assert seen
-            assert [(n.namespace, n.name, n.participant) for n in here.graph.nodes()] == [
-                ("/far", "there", there.guid),
-                ("/", "here", here.guid),
-            ]
+            named = [(n.namespace, n.name, n.participant) for n in here.graph.nodes()]
+            assert named == [("/far", "there", there.guid), ("/", "here", here.guid)]
             await here.graph.wait_for(lambda: len(here.graph.publishers("/t")) == 2)
             assert set(here.graph.topics()) == {"/t"}
         assert await here.graph.wait_for(lambda: [n.name for n in here.graph.nodes()] == ["here"])
@@ -188,13 +185,12 @@ async def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_asked_
         listed = NodeInfo(namespace="/demo", name="talker", participant=ros.guid, writers=(talker,))
         info.write(pack_nodes(ros.guid, [listed], 24))
         async with node(domain_id) as here:
-            assert await here.graph.wait_for(lambda: here.graph.publishers("/chatter") != ())
-            assert here.graph.publishers("/chatter")[0].node == ""
-            here.graph.nodes()
-            assert await here.graph.wait_for(
-                lambda: here.graph.publishers("/chatter")[0].node == "/demo/talker"
-            )
-            assert listed in here.graph.nodes()
+            graph = here.graph
+            assert await graph.wait_for(lambda: graph.publishers("/chatter") != ())
+            assert graph.publishers("/chatter")[0].node == ""
+            graph.nodes()
+            assert await graph.wait_for(lambda: graph.publishers("/chatter")[0].node == "/demo/talker")
+            assert listed in graph.nodes()
 
 
 @pytest.mark.live

@@ -26,9 +26,6 @@ String = message_type(STRING)
 DEEP = QoSProfile(history=History.KEEP_ALL)
 
 
-# The switch, pure.
-
-
 @given(st.lists(st.tuples(st.sampled_from("ABC"), st.sampled_from(["take", "open", "shut", "forget"]))))
 def test_samples_of_a_source_keep_their_order_and_none_is_both_sent_and_dropped(steps):
     sent, dropped, taken = [], [], []
@@ -58,9 +55,6 @@ def test_what_waits_for_a_judgement_is_bounded_and_the_oldest_goes_first():
     assert dropped == [0, 1, 2]
     switch.judge(b"s", "exit")
     assert sent == list(range(3, HELD_SAMPLES + 3))
-
-
-# Real DDS.
 
 
 @asynccontextmanager
@@ -240,12 +234,8 @@ async def test_a_service_passes_with_its_frames(pair_ids, until):
 
 
 def _writer_of(node, dds_topic):
-    found = [
-        e.gid
-        for e in node.graph.endpoints()
-        if e.dds_topic == dds_topic and e.kind is bus.EndpointKind.PUBLISHER and e.participant != node.guid
-    ]
-    return found[0] if found else None
+    ends = (e for e in node.graph.endpoints() if e.dds_topic == dds_topic and e.participant != node.guid)
+    return next((e.gid for e in ends if e.kind is bus.EndpointKind.PUBLISHER), None)
 
 
 @pytest.mark.live

@@ -17,6 +17,7 @@ import pytest
 from sfglab import bus
 from sfglab.messages import message_type
 from sfglab.names import FqnError
+from sfglab.qos import LATCHED
 
 pytestmark = pytest.mark.live
 
@@ -196,28 +197,20 @@ async def test_without_multicast_nodes_of_one_host_find_each_other(domain_id, ch
         node.create_publisher(String, "/t", LATCHED).publish(String(data="unicast"))
         await hear()
     """
-    from sfglab.qos import LATCHED
-
     async with node(domain_id, multicast="false") as here, child(talker):
         subscription = here.create_subscription(STRING, "/t", qos=LATCHED)
         assert (await subscription.take(60)).data == "unicast"
 
 
-DEAF = """
-async with Node("deaf", domain_id={domain_id}, interface="lo", lease_s=10.0) as node:
-    node.create_subscription("std_msgs/msg/String", "/t")
-    say(ready=True)
-    await hear()
-"""
-
-
-async def test_closing_a_publisher_does_not_wait_for_a_reader_that_acknowledges_nothing(
-    domain_id, child, until
-):
-    async with node(domain_id) as here, child(DEAF.format(domain_id=domain_id)) as deaf:
+async def test_closing_a_publisher_waits_for_no_reader_that_acknowledges_nothing(domain_id, child, until):
+    listener = f"""
+    async with Node("deaf", domain_id={domain_id}, interface="lo", lease_s=10.0) as node:
+        node.create_subscription("{STRING}", "/t")
+        await hear()
+    """
+    async with node(domain_id) as here, child(listener) as deaf:
         publisher = here.create_publisher(STRING, "/t")
-        await deaf.hear()
-        await publisher.wait_for_subscriptions()
+        await publisher.wait_for_subscriptions(timeout_s=60)
         deaf.process.send_signal(signal.SIGSTOP)
         # Until it has stopped, it may acknowledge.
         await until(lambda: psutil.Process(deaf.process.pid).status() == psutil.STATUS_STOPPED)
