@@ -34,8 +34,10 @@ import psutil
 from sfglab.bus import Node
 from sfglab.messages import default_message, serialize
 from sfglab.qos import SENSOR_DATA
-from sfglab.view import Bridge, RerunCanvas, Session, SinkError, open_canvas
-from sfglab.view.rerunning import rerun
+from sfglab.view.bridge import Bridge
+from sfglab.view.rerunning import RerunCanvas, open_canvas, rerun
+from sfglab.view.session import Session
+from sfglab.view.visualizer import SinkError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

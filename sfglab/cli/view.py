@@ -15,7 +15,8 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sfglab.view import Session, ViewOptions
+    from sfglab.view.app import ViewOptions
+    from sfglab.view.session import Session
 
 
 _SERVED_PORT = 9876
@@ -63,7 +64,7 @@ def view(
 
       sfglab view bag/ --to serve:0.0.0.0:9876   # elsewhere: rerun rerun+http://HOST:9876/proxy
     """
-    from sfglab.view import ViewOptions
+    from sfglab.view.app import ViewOptions
 
     options = ViewOptions(
         to=tuple(to or _default_place()),
@@ -98,7 +99,7 @@ def _default_place() -> Sequence[str]:
 
 
 def _logged(log: Path, options: ViewOptions) -> None:
-    from sfglab.view import view_log
+    from sfglab.view.app import view_log
 
     def stay(session: Session) -> None:
         """Tell what was shown, and keep a server up until Ctrl-C: it has the data."""
@@ -117,7 +118,7 @@ def _live(options: ViewOptions, domain: int, interface: str | None) -> None:
 
     from sfglab.bus import Node
     from sfglab.component import run
-    from sfglab.view import view_live
+    from sfglab.view.app import view_live
 
     sessions: list[Session] = []
 
@@ -151,7 +152,7 @@ def _announce(options: ViewOptions) -> bool:
 
 def _tell(session: Session) -> None:
     """Sum up, and say one line for each display of which not everything was shown."""
-    from sfglab.view import report_of
+    from sfglab.view.app import report_of
 
     reports = report_of(session)
     shown = sum(report.shown for report in reports)

@@ -1,9 +1,9 @@
 """The view: what a fleet sees and how it hears itself, in the Rerun viewer (paper A, section 4.5).
 
 Visualizers are small classes with declared inputs, QoS, synchronisation and rate budget, found through entry
-points (group ``sfglab.visualizers``). A `Session` adds, removes and tunes them at run time; a `Bridge` feeds
-them from the bus, `view_log` from an MCAP file or a bag; `open_canvas` sends what they draw to a viewer, a
-notebook or a ``.rrd`` file. Rerun comes with the extra ``view``.
+points (group ``sfglab.visualizers``). A session adds, removes and tunes them at run time (`session`, `panel`);
+a bridge feeds them from the bus (`bridge`), a log from an MCAP file or a bag (`arrivals`), both for `app`;
+`rerunning` sends what they draw to a viewer, a notebook or a ``.rrd`` file. Rerun is in the extra ``view``.
 
 A visualizer of your own is a class in your package:
 
@@ -12,8 +12,8 @@ A visualizer of your own is a class in your package:
 
     class Battery(Visualizer):
         name = "battery"
-        inputs = (Input(role="state", type="sensor_msgs/msg/BatteryState"),)
-        parameters = (Parameter(name="scale", default=100.0, help="what a full battery is drawn as"),)
+        inputs = (Input("state", "sensor_msgs/msg/BatteryState"),)
+        parameters = (Parameter("scale", 100.0, "what a full battery is drawn as"),)
 
         def show(self, update, canvas):
             canvas.log(self.entity, rr.Scalars([update.only.percentage * self["scale"]]))
@@ -29,48 +29,17 @@ and an entry point in your ``pyproject.toml``:
 
 from __future__ import annotations
 
-from sfglab.view.app import Report, ViewOptions, report_of, view_live, view_log
-from sfglab.view.arrivals import Arrival
-from sfglab.view.bridge import Bridge
-from sfglab.view.errors import ContentError, SessionError, SettingError, SinkError, SourceError, ViewError
-from sfglab.view.registry import available, find
-from sfglab.view.rerunning import RerunCanvas, blueprint, layout_of_fleet, open_canvas
-from sfglab.view.session import Display, Session
-from sfglab.view.stage import replay
 from sfglab.view.sync import Approximate, Exact, Independent, Latest
-from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer, entity_of_topic
+from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
 
 __all__ = [
     "Approximate",
-    "Arrival",
-    "Bridge",
     "Canvas",
-    "ContentError",
-    "Display",
     "Exact",
     "Independent",
     "Input",
     "Latest",
     "Parameter",
-    "Report",
-    "RerunCanvas",
-    "Session",
-    "SessionError",
-    "SettingError",
-    "SinkError",
-    "SourceError",
     "Update",
-    "ViewError",
-    "ViewOptions",
     "Visualizer",
-    "available",
-    "blueprint",
-    "entity_of_topic",
-    "find",
-    "layout_of_fleet",
-    "open_canvas",
-    "replay",
-    "report_of",
-    "view_live",
-    "view_log",
 ]

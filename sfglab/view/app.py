@@ -95,7 +95,7 @@ def view_log(
 
     Raises:
         LogError: There is no such file.
-        SourceError: It cannot be read.
+        SfglabError: It cannot be read.
         SinkError: What is shown cannot be sent.
         MissingExtraError: Rerun is not installed.
     """

@@ -11,14 +11,15 @@ import functools
 import heapq
 import struct
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from sfglab.errors import SfglabError
 from sfglab.messages import decoder, message_type, message_types, ns_from_stamp
 from sfglab.messages.store import type_store
 from sfglab.record import LogReader
 from sfglab.units import NS_PER_S
-from sfglab.view.errors import SourceError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
@@ -90,59 +91,47 @@ def _from_message(message: Any) -> int:
     return 0
 
 
+@dataclass(frozen=True, slots=True)
 class Log:
     """A log to read once or several times; made by `open_log`."""
 
-    @property
-    def topics(self) -> dict[str, str]:
-        """Type by topic."""
-        raise NotImplementedError
-
-    def arrivals(self, topics: Collection[str]) -> Iterator[Arrival]:
-        """Yield the messages of some topics in the order in which they were received."""
-        raise NotImplementedError
+    topics: dict[str, str]  #: Type by topic.
+    #: From some topics to their messages, in the order in which they were received.
+    arrivals: Callable[[Collection[str]], Iterator[Arrival]]
 
 
-class _Mcap(Log):
-    def __init__(self, reader: LogReader) -> None:
-        self._reader = reader
+def _of_mcap(reader: LogReader) -> Log:
+    """Return an MCAP file's log; types that this process does not know are decoded by its definitions."""
+    types = {topic: info.type_name for topic, info in reader.topics.items()}
 
-    @property
-    def topics(self) -> dict[str, str]:
-        return {topic: info.type_name for topic, info in self._reader.topics.items()}
-
-    def arrivals(self, topics: Collection[str]) -> Iterator[Arrival]:
-        """Types that this process does not know are decoded by the log's own definitions."""
-        known = set(message_types())
-        foreign = [topic for topic in topics if self.topics.get(topic) not in known]
-        sources = [self._foreign(topic) for topic in foreign]
-        return heapq.merge(self._ours(set(topics) - set(foreign)), *sources, key=lambda a: a.received_ns)
-
-    def _ours(self, topics: Collection[str]) -> Iterator[Arrival]:
-        for entry in self._reader.messages():
+    def ours(topics: Collection[str]) -> Iterator[Arrival]:
+        for entry in reader.messages():
             if entry.topic in topics:
                 yield Arrival(entry.topic, entry.type_name, entry.log_time_ns, entry.cdr)
 
-    def _foreign(self, topic: str) -> Iterator[Arrival]:
-        for entry in self._reader.decoded(topic):
+    def decoded_by_file(topic: str) -> Iterator[Arrival]:
+        for entry in reader.decoded(topic):
             yield Arrival(topic, entry.type_name, entry.log_time_ns, b"", entry.message)
 
+    def arrivals(topics: Collection[str]) -> Iterator[Arrival]:
+        known = set(message_types())
+        foreign = [topic for topic in topics if types.get(topic) not in known]
+        sources = map(decoded_by_file, foreign)
+        return heapq.merge(ours(set(topics) - set(foreign)), *sources, key=lambda a: a.received_ns)
 
-class _Bag(Log):
-    def __init__(self, reader: Any) -> None:
-        self._reader = reader
+    return Log(types, arrivals)
 
-    @property
-    def topics(self) -> dict[str, str]:
-        return {connection.topic: connection.msgtype for connection in self._reader.connections}
 
-    def arrivals(self, topics: Collection[str]) -> Iterator[Arrival]:
-        wanted = [connection for connection in self._reader.connections if connection.topic in topics]
+def _of_bag(reader: Any) -> Log:
+    def arrivals(topics: Collection[str]) -> Iterator[Arrival]:
+        wanted = [connection for connection in reader.connections if connection.topic in topics]
         if not wanted:  # rosbags takes none for all
             return
-        for connection, received_ns, data in self._reader.messages(connections=wanted):
-            message = self._reader.deserialize(data, connection.msgtype)
+        for connection, received_ns, data in reader.messages(connections=wanted):
+            message = reader.deserialize(data, connection.msgtype)
             yield Arrival(connection.topic, connection.msgtype, received_ns, b"", message)
+
+    return Log({connection.topic: connection.msgtype for connection in reader.connections}, arrivals)
 
 
 @contextmanager
@@ -153,14 +142,13 @@ def open_log(path: str | Path) -> Iterator[Log]:
         path: An MCAP file, also one that was cut off; a rosbag2 directory or its file; a ROS 1 bag.
 
     Raises:
-        LogError: There is no such MCAP file.
-        LogError: The MCAP file cannot be read.
-        SourceError: Any other cannot be.
+        LogError: There is no such MCAP file, or it cannot be read.
+        SfglabError: Any other cannot be read.
     """
     path = Path(path)
     if path.suffix == ".mcap":
         with LogReader(path) as reader:
-            yield _Mcap(reader)
+            yield _of_mcap(reader)
         return
     from rosbags.highlevel import AnyReader, AnyReaderError
 
@@ -169,10 +157,10 @@ def open_log(path: str | Path) -> Iterator[Log]:
         bag_reader = AnyReader([bag], default_typestore=type_store())
         bag_reader.open()
     except (AnyReaderError, OSError) as error:
-        raise SourceError(
+        raise SfglabError(
             f"log {path}: given what rosbags does not read, allowed an MCAP or a bag: {error}"
         ) from error
     try:
-        yield _Bag(bag_reader)
+        yield _of_bag(bag_reader)
     finally:
         bag_reader.close()

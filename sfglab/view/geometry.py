@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.view.errors import ContentError
+from sfglab.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -45,17 +45,17 @@ def pixels(image: Any) -> NDArray[Any]:
         Shape (height, width) or (height, width, channels); a view on the message where that is possible.
 
     Raises:
-        ContentError: The encoding is not known, or the sizes do not fit the data.
+        InvalidValueError: The encoding is not known, or the sizes do not fit the data.
     """
     if image.encoding not in _CHANNELS:
-        raise ContentError("image encoding", image.encoding, f"{', '.join(_CHANNELS)}")
+        raise InvalidValueError("image encoding", image.encoding, f"{', '.join(_CHANNELS)}")
     dtype, channels = np.dtype(_CHANNELS[image.encoding][0]), _CHANNELS[image.encoding][1]
     row_bytes = image.width * channels * dtype.itemsize
     step = image.step or row_bytes
     if step < row_bytes or len(image.data) < step * image.height:
         given = f"{len(image.data)} bytes with step {image.step}"
         needed = f"at least {image.height} rows of {row_bytes} bytes"
-        raise ContentError("image data", given, needed)
+        raise InvalidValueError("image data", given, needed)
     rows = np.asarray(image.data[: step * image.height]).reshape(image.height, step)[:, :row_bytes]
     array = np.ascontiguousarray(rows).view(dtype)
     if dtype.itemsize > 1 and bool(image.is_bigendian) != (sys.byteorder == "big"):
@@ -78,12 +78,12 @@ def pinhole_matrix(info: Any) -> NDArray[np.float64]:
     That is the left part of P where it is given, else K; distortion is not applied.
 
     Raises:
-        ContentError: Neither has positive focal lengths.
+        InvalidValueError: Neither has positive focal lengths.
     """
     projection = np.asarray(info.p, dtype=np.float64).reshape(3, 4)[:, :3]
     matrix = projection if projection[0, 0] > 0 else np.asarray(info.k, dtype=np.float64).reshape(3, 3)
     if not (np.isfinite(matrix).all() and matrix[0, 0] > 0 and matrix[1, 1] > 0):
-        raise ContentError("camera info, K", matrix.tolist(), "positive focal lengths")
+        raise InvalidValueError("camera info, K", matrix.tolist(), "positive focal lengths")
     return matrix
 
 
@@ -139,12 +139,12 @@ def cloud_points(cloud: Any) -> tuple[NDArray[np.float32], NDArray[Any]]:
         Points; and the same points as a structured array with the cloud's own field names.
 
     Raises:
-        ContentError: It has no x, y, z, or its sizes do not fit its data.
+        InvalidValueError: It has no x, y, z, or its sizes do not fit its data.
     """
     records = _records(cloud)
     if not {"x", "y", "z"} <= set(records.dtype.names or ()):
         names = ", ".join(records.dtype.names or ()) or "none"
-        raise ContentError("point cloud, fields", names, "x, y, z among others")
+        raise InvalidValueError("point cloud, fields", names, "x, y, z among others")
     points = np.column_stack([records[axis].astype(np.float32) for axis in "xyz"])
     finite = np.isfinite(points).all(axis=1)
     return points[finite], records[finite]
@@ -188,7 +188,7 @@ def covariance_ellipsoid(covariance: NDArray[Any]) -> tuple[NDArray[np.float64],
         return None
     variances, axes = np.linalg.eigh((matrix + matrix.T) / 2)
     if variances[0] < -1e-9 * variances[-1]:
-        raise ContentError("covariance, eigenvalue", float(variances[0]), "none below 0")
+        raise InvalidValueError("covariance, eigenvalue", float(variances[0]), "none below 0")
     axes[:, 0] *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
     return np.sqrt(np.maximum(variances, 0)), Rotation.from_matrix(axes).as_quat()
 
@@ -205,4 +205,4 @@ def _records(cloud: Any) -> NDArray[Any]:
         return np.ascontiguousarray(data[:, :row_bytes]).reshape(-1).view(dtype)
     except ValueError as error:
         given = f"{len(cloud.data)} bytes as {cloud.height} rows of {cloud.row_step}"
-        raise ContentError("point cloud data", given, f"what fits its fields ({error})") from error
+        raise InvalidValueError("point cloud data", given, f"what fits its fields ({error})") from error

@@ -11,11 +11,9 @@ from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import MissingExtraError
+from sfglab.errors import InvalidValueError, MissingExtraError
 from sfglab.qos import Durability, QoSProfile, Reliability
-from sfglab.view.errors import SessionError, ViewError
-from sfglab.view.registry import available
-from sfglab.view.session import Change, Changed
+from sfglab.view.session import Change, Changed, available
 
 if TYPE_CHECKING:
     from sfglab.view.session import Display, Session
@@ -64,11 +62,12 @@ class Panel:
         """Return the widget of one parameter of a display; setting its value tunes the display.
 
         Raises:
-            SessionError: There is no such display or parameter.
+            InvalidValueError: There is no such display or parameter.
         """
         self._session.display(id_)
         if (id_, name) not in self._tuned:
-            raise SessionError("parameter", name, [known for of, known in self._tuned if of == id_])
+            known = sorted(known for of, known in self._tuned if of == id_)
+            raise InvalidValueError("parameter", name, ", ".join(known) or "none")
         return self._tuned[id_, name]
 
     def close(self) -> None:
@@ -167,7 +166,7 @@ class Panel:
 
         try:
             action()
-        except ViewError as error:
+        except InvalidValueError as error:
             self._said.value = escape(str(error))
             return False
         self._said.value = ""

@@ -14,11 +14,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import MissingExtraError
+from sfglab.errors import InvalidValueError, MissingExtraError, SfglabError
 from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT
 from sfglab.units import NS_PER_S
-from sfglab.view.errors import SettingError, SinkError, ViewError
-from sfglab.view.visualizer import AGENTS, agent_root, entity_of_topic
+from sfglab.view.visualizer import AGENTS, SinkError, agent_root, entity_of_topic
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -109,19 +108,15 @@ class RerunCanvas:
         """Lay the viewer out."""
         self.recording.send_blueprint(blueprint)
 
-    def show_in_notebook(self, *, width: int = 950, height: int = 600) -> None:
+    def show_in_notebook(self) -> None:
         """Show the recording below the running cell, and keep it up to date while the notebook's kernel lives.
-
-        Args:
-            width: Pixels.
-            height: Pixels.
 
         Raises:
             MissingExtraError: The notebook's part of Rerun is not installed.
         """
         if find_spec("rerun_notebook") is None:
             raise MissingExtraError("rerun_notebook", extra="view", purpose="the view in a notebook")
-        self.recording.notebook_show(width=width, height=height)
+        self.recording.notebook_show(width=950, height=600)
 
     def settle(self, size_bytes: int) -> None:
         """Wait until the sinks have taken everything, if much is on its way or the last time was a second ago.
@@ -173,13 +168,13 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%"
 
     Raises:
         MissingExtraError: Rerun is not installed.
-        SettingError: There is no such kind of place, or no place at all.
+        InvalidValueError: There is no such kind of place, or no place at all.
         SinkError: It cannot be opened.
     """
     if not to:
-        raise SettingError("to", to, "at least one place")
+        raise InvalidValueError("to", to, "at least one place")
     if NOTEBOOK in to and len(to) > 1:
-        raise SettingError("to", to, "the notebook alone, or other places")
+        raise InvalidValueError("to", to, "the notebook alone, or other places")
     config = rr.ChunkBatcherConfig.LOW_LATENCY()
     config.flush_num_bytes = _IMAGE_BYTES
     recording = rr.RecordingStream(title, batcher_config=config)
@@ -190,7 +185,7 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%"
         sinks = [sink for place in to if (sink := _sink(place, recording, memory)) is not None]
         if sinks:
             recording.set_sinks(*sinks)
-    except ViewError:
+    except SfglabError:
         raise
     except (RuntimeError, ValueError, OSError) as error:
         raise SinkError(f"{where} cannot be opened: {error}") from error
@@ -211,14 +206,14 @@ def _sink(place: str, recording: Any, memory: str) -> Any:
         return rr.GrpcServerSink(*_bound(place, rest), server_memory_limit=memory)
     if place == NOTEBOOK:
         return None
-    raise SettingError("to", place, _PLACES)
+    raise InvalidValueError("to", place, _PLACES)
 
 
 def _bound(place: str, rest: str) -> tuple[str, int]:
     """Return address and port to wait at; only this host is served unless another address is given."""
     address, _, port = rest.rpartition(":")
     if not (port or "9876").isdecimal():
-        raise SettingError("to", place, _PLACES)
+        raise InvalidValueError("to", place, _PLACES)
     bound = address or "127.0.0.1", int(port or 9876)
     with closing(socket.socket()) as probe:  # the server itself would tell only its log
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -1,30 +1,117 @@
-"""Displays of a view: visualizers added, removed and tuned at run time, and kept in files as plain values.
+"""Displays of a view: visualizers that are installed; added, removed and tuned at run time.
 
 The model behind every panel and command line, as RViz's list of displays is. Pure: it knows which visualizers
 look at which topics; it refuses to know where messages come from and how they are drawn (`stage`), and tells
 whoever listens what has changed.
+
+A package offers visualizers of its own under entry points of the group ``sfglab.visualizers``. One that cannot
+be loaded is told and left out, so that somebody else's mistake costs nobody their view.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Any, TypeVar
+from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sfglab.fields import from_json, to_json
-from sfglab.qos import Durability, History, QoSProfile, Reliability
-from sfglab.view.errors import SessionError, SettingError
-from sfglab.view.registry import available, find
+from sfglab.errors import InvalidValueError
 from sfglab.view.slot import Slot
-from sfglab.view.sync import Approximate, Exact, Independent, Latest, SyncPolicy
+from sfglab.view.visualizer import Visualizer
+from sfglab.view.visualizers.clouds import CompressedDepthCloud, DepthCloud, LaserScan, PointCloud
+from sfglab.view.visualizers.fleet import AgentStatus, Communication
+from sfglab.view.visualizers.images import (
+    CameraModel,
+    CompressedImage,
+    CompressedImageVideo,
+    FfmpegVideo,
+    FoxgloveVideo,
+    Image,
+)
+from sfglab.view.visualizers.markers import Marker, MarkerArray
+from sfglab.view.visualizers.poses import Imu, Odometry, Path, Pose, StaticTransforms, Transforms
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
-    from sfglab.view.visualizer import Input, Visualizer
+    from sfglab.qos import QoSProfile
+    from sfglab.view.sync import SyncPolicy
+    from sfglab.view.visualizer import Input
 
 
-T = TypeVar("T")
+GROUP = "sfglab.visualizers"
+"""The entry points' group."""
+
+BUILT_IN: tuple[type[Visualizer], ...] = (
+    Image,
+    CompressedImage,
+    CameraModel,
+    FfmpegVideo,
+    FoxgloveVideo,
+    CompressedImageVideo,
+    DepthCloud,
+    CompressedDepthCloud,
+    PointCloud,
+    LaserScan,
+    Transforms,
+    StaticTransforms,
+    Pose,
+    Path,
+    Odometry,
+    Imu,
+    Marker,
+    MarkerArray,
+    AgentStatus,
+    Communication,
+)
+"""All of them, in the order in which they offer themselves for a topic."""
+
+
+class Registry(NamedTuple):
+    """Visualizers that were found."""
+
+    kinds: dict[str, type[Visualizer]]  #: Visualizers by name, ours first.
+    broken: tuple[str, ...]  #: What could not be loaded, one sentence each.
+
+
+def available() -> Registry:
+    """Return all visualizers that are installed now; one of ours is never replaced."""
+    kinds = {kind.name: kind for kind in BUILT_IN}
+    broken = []
+    for entry in sorted(entry_points(group=GROUP), key=lambda e: (e.name, e.value)):
+        kind = _load(entry)
+        if isinstance(kind, str):
+            broken.append(kind)
+        elif kinds.setdefault(kind.name, kind) is not kind:
+            broken.append(
+                f"visualizer {entry.value!r}: the name {kind.name!r} is taken by {kinds[kind.name]!r}"
+            )
+    return Registry(kinds, tuple(broken))
+
+
+def find(name: str) -> type[Visualizer]:
+    """Return a visualizer by its name.
+
+    Raises:
+        InvalidValueError: None of that name is installed.
+    """
+    kinds = available().kinds
+    if name not in kinds:
+        raise InvalidValueError("visualizer", name, _listed(kinds))
+    return kinds[name]
+
+
+def _load(entry: EntryPoint) -> type[Visualizer] | str:
+    """Return the class, or one sentence that says why there is none."""
+    try:
+        kind = entry.load()
+    except Exception as error:  # noqa: BLE001 - foreign code may raise anything while it is imported
+        return f"visualizer {entry.value!r}: cannot be loaded: {type(error).__name__}: {error}"
+    if not (isinstance(kind, type) and issubclass(kind, Visualizer)):
+        return f"visualizer {entry.value!r}: given {kind!r}, allowed is a class derived from Visualizer"
+    if not isinstance(getattr(kind, "name", None), str) or not getattr(kind, "inputs", ()):
+        return f"visualizer {entry.value!r}: it lacks a name or inputs"
+    return kind
 
 
 class Changed(Enum):
@@ -78,8 +165,8 @@ class Session:
     """The displays.
 
     Raises:
-        SessionError: By every method that takes an id or a role: there is none.
-        SettingError: By every method that takes a value: it is not allowed, or there is nothing of that name.
+        InvalidValueError: By every method that takes an id, a role or a value: there is none of that name, or
+            it is not allowed.
     """
 
     def __init__(self) -> None:
@@ -95,7 +182,7 @@ class Session:
     def display(self, id_: str) -> Display:
         """Return a display."""
         if id_ not in self._displays:
-            raise SessionError("display", id_, self._displays)
+            raise InvalidValueError("display", id_, _listed(self._displays))
         return self._displays[id_]
 
     def add(
@@ -115,8 +202,7 @@ class Session:
             qos: What is requested instead of what the visualizer declares, by role.
 
         Raises:
-            SessionError: There is no such visualizer.
-            SettingError: A topic is missing, or a value not allowed.
+            InvalidValueError: There is no such visualizer, a topic is missing, or a value not allowed.
         """
         kind = find(kind) if isinstance(kind, str) else kind
         topics = {kind.inputs[0].role: topics} if isinstance(topics, str) else topics
@@ -172,7 +258,7 @@ class Session:
         display = self.display(id_)
         for role, profile in (qos or {}).items():
             if role not in display.visualizer.topics:
-                raise SessionError("role", role, display.visualizer.topics)
+                raise InvalidValueError("role", role, _listed(display.visualizer.topics))
             display.qos[role] = profile
         display.sync = sync or display.sync
         display.slot = _slot(display.visualizer, display.sync, display.slot.budget.max_hz)
@@ -200,36 +286,6 @@ class Session:
             listener(Change(what=Changed.ADDED, display=display))
         return lambda: self._listeners.remove(listener)
 
-    def to_values(self) -> list[dict[str, Any]]:
-        """Return the displays as plain values, to be kept in a file."""
-        return [
-            {
-                "kind": display.visualizer.name,
-                "topics": dict(display.visualizer.topics),
-                "settings": display.visualizer.settings,
-                "max_hz": display.slot.budget.max_hz,
-                "enabled": display.enabled,
-                "qos": to_json(display.qos),
-                "sync": sync_to_values(display.sync),
-            }
-            for display in self.displays
-        ]
-
-    def add_values(self, values: list[dict[str, Any]]) -> None:
-        """Add displays from what `to_values` returned.
-
-        Raises:
-            SessionError: A visualizer is not installed.
-            SettingError: A value is not allowed.
-        """
-        for value in values:
-            display = self.add(value["kind"], value["topics"], value.get("settings"))
-            if "max_hz" in value:
-                self.limit(display.id, value["max_hz"])
-            self.enable(display.id, enabled=value.get("enabled", True))
-            qos = {role: qos_from_values(profile) for role, profile in value.get("qos", {}).items()}
-            self.rewire(display.id, qos=qos, sync=sync_from_values(value["sync"]) if "sync" in value else None)
-
     def _tell(self, what: Changed, display: Display) -> None:
         for listener in tuple(self._listeners):
             listener(Change(what=what, display=display))
@@ -256,47 +312,5 @@ def _bound(kind: type[Visualizer], topic: str, topics: Mapping[str, str]) -> dic
     return bound
 
 
-_POLICIES: dict[str, type[SyncPolicy]] = {
-    kind.__name__.lower(): kind for kind in (Independent, Exact, Approximate, Latest)
-}
-_ENUMS = {"reliability": Reliability, "durability": Durability, "history": History}
-
-
-def qos_from_values(values: Mapping[str, Any]) -> QoSProfile:
-    """Return the profile that values stand for; what is left out has its default.
-
-    Raises:
-        SettingError: A name or a value is not allowed.
-        InvalidValueError: No middleware could honour it.
-    """
-    for name, kind in _ENUMS.items():
-        allowed = [member.value for member in kind]
-        if name in values and values[name] not in allowed:
-            raise SettingError(name, values[name], ", ".join(allowed))
-    return _from_values("qos", QoSProfile, values)
-
-
-def sync_to_values(policy: SyncPolicy) -> dict[str, Any]:
-    """Return a policy as plain values."""
-    return {"policy": type(policy).__name__.lower(), **to_json(policy)}
-
-
-def sync_from_values(values: Mapping[str, Any]) -> SyncPolicy:
-    """Return the policy that values stand for.
-
-    Raises:
-        SettingError: There is no such policy, or a value is not allowed.
-    """
-    given = dict(values)
-    name = given.pop("policy", None)
-    if name not in _POLICIES:
-        raise SettingError("policy", name, ", ".join(_POLICIES))
-    return _from_values(name, _POLICIES[name], given)
-
-
-def _from_values(what: str, kind: type[T], values: Mapping[str, Any]) -> T:
-    known = [field.name for field in fields(kind)]  # type: ignore[arg-type]
-    if unknown := sorted(values.keys() - set(known)):
-        raise SettingError(what, unknown, ", ".join(known) or "nothing")
-    made: T = from_json(kind, values)
-    return made
+def _listed(known: Iterable[str]) -> str:
+    return ", ".join(sorted(known)) or "none"

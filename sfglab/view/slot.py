@@ -12,8 +12,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
+from sfglab.errors import InvalidValueError
 from sfglab.units import NS_PER_S
-from sfglab.view.errors import SettingError
 from sfglab.view.sync import Matched, SyncPolicy, synchronizer
 
 if TYPE_CHECKING:
@@ -152,7 +152,7 @@ class RateBudget:
     @max_hz.setter
     def max_hz(self, value: float | None) -> None:
         if value is not None and not 0 < value < float("inf"):
-            raise SettingError("max_hz", value, "positive numbers, or None for no limit")
+            raise InvalidValueError("max_hz", value, "positive numbers, or None for no limit")
         self._max_hz, self._next_ns = value, None
 
     def allows(self, now_ns: int) -> bool:

@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Protocol
 from sfglab.errors import SfglabError
 from sfglab.units import NS_PER_S
 from sfglab.view.arrivals import Arrival, capture_ns, decoded
-from sfglab.view.errors import SinkError
 from sfglab.view.session import Change, Changed, Display
-from sfglab.view.visualizer import Canvas, TopicHealth, Update
+from sfglab.view.visualizer import Canvas, SinkError, TopicHealth, Update
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -14,7 +14,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from sfglab.view.errors import SettingError
+from sfglab.errors import InvalidValueError
 
 T = TypeVar("T")
 
@@ -49,7 +49,7 @@ class Approximate:
     def __post_init__(self) -> None:
         _check_depth(self.depth)
         if self.slop_ns < 0:
-            raise SettingError("slop_ns", self.slop_ns, "nanoseconds from 0")
+            raise InvalidValueError("slop_ns", self.slop_ns, "nanoseconds from 0")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -315,4 +315,4 @@ def _last_until(queue: deque[tuple[int, T]], pivot_ns: int) -> int:
 
 def _check_depth(depth: int) -> None:
     if depth < 1:
-        raise SettingError("depth", depth, "whole numbers from 1")
+        raise InvalidValueError("depth", depth, "whole numbers from 1")

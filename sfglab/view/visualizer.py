@@ -2,8 +2,8 @@
 
     class Range(Visualizer):
         name = "range"
-        inputs = (Input(role="range", type="sensor_msgs/msg/Range"),)
-        parameters = (Parameter(name="radius_m", default=0.02, minimum=0.001, help="line radius, m"),)
+        inputs = (Input("range", "sensor_msgs/msg/Range"),)
+        parameters = (Parameter("radius_m", 0.02, "line radius, m", minimum=0.001),)
 
         def show(self, update, canvas):
             ...
@@ -20,13 +20,13 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
+from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.names import FqnError, parse
 from sfglab.qos import SENSOR_DATA, QoSProfile
-from sfglab.view.errors import SettingError
 from sfglab.view.sync import Independent, SyncPolicy
 
 if TYPE_CHECKING:
@@ -35,12 +35,13 @@ if TYPE_CHECKING:
     from sfglab.bus import EndpointEvent
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Input:
     """A topic that a visualizer needs."""
 
     role: str  #: What the visualizer calls it.
     type: str  #: ROS type of its messages.
+    _: KW_ONLY
     pattern: str = "*"  #: Topics that it offers itself for; ``*`` stands for any characters.
     #: Last segment of the topic beside the first input's that this one is bound to by itself, such as
     #: ``camera_info``; empty for none.
@@ -84,6 +85,10 @@ class TopicHealth:
     lost: int  #: Messages that the transport knows not to have arrived.
 
 
+class SinkError(SfglabError, OSError):
+    """A place that what is shown cannot be sent to; nothing more is shown there."""
+
+
 class Canvas(Protocol):
     """What a visualizer draws on."""
 
@@ -110,7 +115,7 @@ class Visualizer(ABC):
         agent: Whose topic the first one is; None for nobody's.
 
     Raises:
-        SettingError: A value is not allowed, or a role is missing or unknown.
+        InvalidValueError: A value is not allowed, or a role is missing or unknown.
     """
 
     name: ClassVar[str]  #: Under which it is added; unique among all that are installed.
@@ -138,7 +143,7 @@ class Visualizer(ABC):
         """Change one parameter; it counts from the next update.
 
         Raises:
-            SettingError: There is no such parameter, or the value is not allowed.
+            InvalidValueError: There is no such parameter, or the value is not allowed.
         """
         self._settings = check_all(self.parameters, {**self._settings, name: value})
 
@@ -164,10 +169,10 @@ def _checked_topics(kind: type[Visualizer], topics: Mapping[str, str]) -> dict[s
     roles = [given.role for given in kind.inputs]
     for role in topics:
         if role not in roles:
-            raise SettingError("role", role, f"in {kind.name}: {', '.join(roles)}")
+            raise InvalidValueError("role", role, f"in {kind.name}: {', '.join(roles)}")
     missing = [i.role for i in kind.inputs if not i.optional and i.role not in topics]
     if missing:
-        raise SettingError("topics", dict(topics), f"with all of: {', '.join(missing)}")
+        raise InvalidValueError("topics", dict(topics), f"with all of: {', '.join(missing)}")
     return {role: topics[role] for role in roles if role in topics}
 
 
@@ -201,13 +206,14 @@ Setting = bool | int | float | str
 """What a parameter can hold."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Parameter:
     """One thing to tune."""
 
     name: str  #: A Python identifier.
     default: Setting  #: Its first value, which also says its type.
     help: str  #: What it does, for people, with its unit.
+    _: KW_ONLY
     minimum: float | None = None  #: Smallest number; None for no bound.
     maximum: float | None = None  #: Largest number; None for no bound.
     choices: tuple[str, ...] = ()  #: The allowed texts; empty allows all.
@@ -233,7 +239,7 @@ class Parameter:
         """Return a value in the parameter's type.
 
         Raises:
-            SettingError: It is of another type or out of range.
+            InvalidValueError: It is of another type or out of range.
         """
         checked = self._converted(value)
         if isinstance(checked, str):
@@ -243,14 +249,14 @@ class Parameter:
             high = math.inf if self.maximum is None else self.maximum
             fits = math.isfinite(checked) and low <= checked <= high
         if not fits:
-            raise SettingError(self.name, value, self.allowed)
+            raise InvalidValueError(self.name, value, self.allowed)
         return checked
 
     def _converted(self, value: object) -> Setting:
         if self.kind is float and isinstance(value, int) and not isinstance(value, bool):
             return float(value)
         if type(value) is not self.kind:
-            raise SettingError(self.name, value, self.allowed)
+            raise InvalidValueError(self.name, value, self.allowed)
         return value
 
 
@@ -258,10 +264,10 @@ def check_all(parameters: Iterable[Parameter], values: Mapping[str, object]) -> 
     """Return a value for every parameter: the given one, checked, or the default.
 
     Raises:
-        SettingError: A value is not allowed, or belongs to no parameter.
+        InvalidValueError: A value is not allowed, or belongs to no parameter.
     """
     known = {parameter.name: parameter for parameter in parameters}
     for name in values:
         if name not in known:
-            raise SettingError(name, values[name], f"a parameter: {', '.join(known) or 'none'}")
+            raise InvalidValueError(name, values[name], f"a parameter: {', '.join(known) or 'none'}")
     return {name: parameter.check(values.get(name, parameter.default)) for name, parameter in known.items()}

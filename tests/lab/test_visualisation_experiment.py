@@ -29,7 +29,7 @@ from sfglab.lab.experiments.visualisation import checks, exp, latency_table
 from sfglab.lab.experiments.visualisation.analysis import check_memory
 from sfglab.lab.experiments.visualisation.stage import BOUND_BYTES
 from sfglab.view import Latest
-from sfglab.view.registry import BUILT_IN
+from sfglab.view.session import BUILT_IN
 from sfglab.view.sync import synchronizer
 
 pytest.importorskip("rerun", reason="the extra 'view' is not installed")

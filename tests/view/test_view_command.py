@@ -127,8 +127,8 @@ def test_what_does_not_go_together_is_one_sentence(tmp_path, monkeypatch, argume
 
 PANEL = """
 from IPython.display import display
-from sfglab.view import Session
 from sfglab.view.panel import Panel
+from sfglab.view.session import Session
 
 session = Session()
 panel = Panel(session)

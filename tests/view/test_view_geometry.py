@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from sfglab.errors import InvalidValueError
 from sfglab.messages import default_message, message_type
-from sfglab.view import ContentError
 from sfglab.view.geometry import (
     cloud_colors,
     cloud_points,
@@ -59,11 +59,11 @@ def test_an_image_that_contradicts_itself_is_refused(make_image):
     message = make_image(np.zeros((4, 5), np.uint8), "mono8")
     message.height = 400
     with pytest.raises(
-        ContentError, match="image data: given '20 bytes with step 5', allowed: at least 400 rows"
+        InvalidValueError, match="image data: given '20 bytes with step 5', allowed: at least 400 rows"
     ):
         pixels(message)
     message.encoding = "yuv9"
-    with pytest.raises(ContentError, match="image encoding: given 'yuv9', allowed: mono8"):
+    with pytest.raises(InvalidValueError, match="image encoding: given 'yuv9', allowed: mono8"):
         pixels(message)
 
 
@@ -102,7 +102,7 @@ def test_the_rectified_matrix_is_p_and_k_only_without_it():
     info.p = np.hstack([2 * K, np.zeros((3, 1))]).reshape(-1)
     assert np.array_equal(pinhole_matrix(info), 2 * K)
     info.p, info.k = np.zeros(12), np.zeros(9)
-    with pytest.raises(ContentError, match="positive focal lengths"):
+    with pytest.raises(InvalidValueError, match="positive focal lengths"):
         pinhole_matrix(info)
 
 
@@ -159,11 +159,11 @@ def test_a_colour_packed_into_a_float_is_the_same_colour():
 
 def test_a_cloud_without_coordinates_or_with_too_little_data_is_refused():
     records = np.zeros(4, np.dtype([("x", "<f4"), ("y", "<f4")]))
-    with pytest.raises(ContentError, match="point cloud, fields: given 'x, y', allowed: x, y, z"):
+    with pytest.raises(InvalidValueError, match="point cloud, fields: given 'x, y', allowed: x, y, z"):
         cloud_points(cloud(records))
     message = cloud(np.zeros(4, np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])))
     message.data = message.data[:-1]
-    with pytest.raises(ContentError, match="point cloud data"):
+    with pytest.raises(InvalidValueError, match="point cloud data"):
         cloud_points(message)
 
 
@@ -187,5 +187,5 @@ def test_the_ellipsoid_of_a_covariance_has_its_axes_and_their_lengths(sigmas, se
 
 def test_no_covariance_draws_nothing_and_an_impossible_one_is_refused():
     assert covariance_ellipsoid(np.zeros(9)) is None
-    with pytest.raises(ContentError, match="eigenvalue: given -1"):
+    with pytest.raises(InvalidValueError, match="eigenvalue: given -1"):
         covariance_ellipsoid(np.diag([-1.0, 1, 1]))

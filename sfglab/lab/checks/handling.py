@@ -7,15 +7,17 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus import Node
+from sfglab.errors import InvalidValueError
 from sfglab.lab.checks import CheckRow, facts_row
 from sfglab.lab.workers.sights import CAMERA_TOPIC
 from sfglab.qos import DEFAULT, Reliability
-from sfglab.view import Bridge, Session, SettingError
+from sfglab.view.bridge import Bridge
+from sfglab.view.session import Session
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.view import Display
+    from sfglab.view.session import Display
 
     Requested = Callable[[], list[Reliability]]
 
@@ -110,7 +112,7 @@ async def _tuned(handled: _Handled, display: Display) -> dict[str, bool]:
     try:
         handled.session.tune(display.id, "opacity", 7.0)
         refused = False
-    except SettingError:
+    except InvalidValueError:
         refused = display.visualizer.settings["opacity"] == 0.25
     return {"before": before == 1.0, "after": after, "what is not allowed is refused": refused}
 

@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING
 from sfglab.lab.checks import CheckRow, facts_row
 from sfglab.lab.checks.recordings import read_recording
 from sfglab.messages import default_message, serialize
-from sfglab.view import Arrival, Session, available, open_canvas, replay
+from sfglab.view.arrivals import Arrival
+from sfglab.view.rerunning import open_canvas
+from sfglab.view.session import Session, available
+from sfglab.view.stage import replay
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -173,7 +173,7 @@ def check_sources(parts: tuple[Part, ...], logged: Recording, live: Recording) -
 
 def check_fleet(fleet: Fleet, recorded: Path) -> Iterator[CheckRow]:
     """Check that the layout of a recording is that of the fleet file: its agents, and their cameras."""
-    from sfglab.view import entity_of_topic
+    from sfglab.view.visualizer import entity_of_topic
 
     texts = " ".join(read_blueprint(recorded))
     streams = [(a.name, s.topic) for a in fleet.agents for sensor in a.sensors for s in sensor.streams]

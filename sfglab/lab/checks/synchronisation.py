@@ -12,7 +12,11 @@ from sfglab.lab.checks import CheckRow, Checks
 from sfglab.lab.checks.fleet_scene import CAMERA, SIZE, back_projected, camera_info, image_message
 from sfglab.lab.checks.recordings import read_recording
 from sfglab.messages import serialize
-from sfglab.view import Approximate, Arrival, Exact, Session, open_canvas, replay
+from sfglab.view import Approximate, Exact
+from sfglab.view.arrivals import Arrival
+from sfglab.view.rerunning import open_canvas
+from sfglab.view.session import Session
+from sfglab.view.stage import replay
 from sfglab.view.sync import synchronizer
 
 if TYPE_CHECKING:

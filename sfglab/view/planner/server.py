@@ -13,13 +13,10 @@ import socket
 import threading
 from contextlib import nullcontext
 from html import escape
-from pathlib import Path
 from typing import TYPE_CHECKING, Self, TypeVar
 
 from sfglab.errors import SfglabError
 from sfglab.spatial.scene.conflicts import conflicts
-from sfglab.spatial.scene.editor import Editor
-from sfglab.view.errors import ViewError
 from sfglab.view.planner.context import Context, JobQueue, Part, quiet, viser
 from sfglab.view.planner.panels import Hierarchy, Inspector, Timeline, Warnings
 from sfglab.view.planner.toolbar import Toolbar
@@ -29,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.spatial.scene.conflicts import Conflict
-    from sfglab.spatial.scene.editor import Change
+    from sfglab.spatial.scene.editor import Change, Editor
     from sfglab.spatial.scene.tree import Scene
 
 
@@ -104,10 +101,6 @@ class ConflictWatch:
             return None
 
 
-class PlannerError(ViewError, OSError):
-    """The editor cannot be served where it was asked to be."""
-
-
 class Planner:
     """An editor, served; a context that ends with the server stopped. A notebook's cell shows it.
 
@@ -121,7 +114,7 @@ class Planner:
 
     Raises:
         MissingExtraError: viser is not installed.
-        PlannerError: The port is taken.
+        SfglabError: The port is taken.
     """
 
     def __init__(
@@ -250,25 +243,6 @@ class Planner:
             self._server.stop()
 
 
-def show_planner(scene: Path | str | Editor, *, port: int = 0, height_px: int = 700) -> Planner:
-    """Return an editor to look at in a notebook's cell, or at its `url`.
-
-    The browser must reach this machine at 127.0.0.1, as it does where JupyterLab runs on the same one.
-
-    Args:
-        scene: A scene file, which need not exist yet, or an editor.
-        port: The port; 0 for any that is free.
-        height_px: In the notebook.
-
-    Raises:
-        SceneError: The file is no scene.
-        MissingExtraError: viser is not installed.
-        PlannerError: The port is taken.
-    """
-    editor = scene if isinstance(scene, Editor) else Editor.open(Path(scene))
-    return Planner(editor, port=port, height_px=height_px)
-
-
 def _check_free(host: str, port: int) -> None:
     try:
         with socket.create_server((host, port)):
@@ -276,12 +250,10 @@ def _check_free(host: str, port: int) -> None:
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
             raise _taken(host, port) from error
-        raise PlannerError(f"--port: given {host}:{port}, which cannot be served ({error.strerror})") from error
+        raise SfglabError(f"--port: given {host}:{port}, which cannot be served ({error.strerror})") from error
     except OverflowError as error:
-        raise PlannerError(f"--port: given {port}, allowed: 0 to 65535") from error
+        raise SfglabError(f"--port: given {port}, allowed: 0 to 65535") from error
 
 
-def _taken(host: str, port: int) -> PlannerError:
-    return PlannerError(
-        f"--port: given {port}, which something else uses on {host}; allowed: a free port, or 0"
-    )
+def _taken(host: str, port: int) -> SfglabError:
+    return SfglabError(f"--port: given {port}, which something else uses on {host}; allowed: a free port, or 0")

@@ -1,1 +1,1 @@
-"""Visualizers that come with sfglab, by what they show; `sfglab.view.registry` lists them."""
+"""Visualizers that come with sfglab, by what they show; `sfglab.view.session` lists them."""

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab.codecs import COMPRESSED_IMAGE, decode_depth, parse_depth_format
+from sfglab.errors import InvalidValueError
 from sfglab.qos import LATCHED, SENSOR_DATA
-from sfglab.view.errors import ContentError
 from sfglab.view.geometry import (
     cloud_colors,
     cloud_points,
@@ -27,23 +27,14 @@ if TYPE_CHECKING:
 
 
 _RADIUS = Parameter(
-    name="radius_m",
-    default=0.0,
-    minimum=0.0,
-    maximum=1.0,
-    help="radius of a point, m; 0: the same on the screen",
+    "radius_m", 0.0, "radius of a point, m; 0: the same on the screen", minimum=0.0, maximum=1.0
 )
 _SCREEN_RADIUS = -1.5
 """Rerun takes a negative radius as one in pixels of the screen, whatever the distance."""
 
-_INFO = Input(
-    role="info",
-    type="sensor_msgs/msg/CameraInfo",
-    sibling="camera_info",
-    steady=True,
-    qos=replace(LATCHED, depth=SENSOR_DATA.depth),
-)
-_COLOR = Input(role="color", type="sensor_msgs/msg/Image", optional=True)
+_INFO_QOS = replace(LATCHED, depth=SENSOR_DATA.depth)
+_INFO = Input("info", "sensor_msgs/msg/CameraInfo", sibling="camera_info", steady=True, qos=_INFO_QOS)
+_COLOR = Input("color", "sensor_msgs/msg/Image", optional=True)
 
 
 class _DepthPoints(Visualizer):
@@ -53,10 +44,8 @@ class _DepthPoints(Visualizer):
     max_hz = 15.0
     parameters = (
         _RADIUS,
-        Parameter(name="decimation", default=4, minimum=1, maximum=64, help="take every n-th row and column"),
-        Parameter(
-            name="depth_max_m", default=10.0, minimum=0.1, maximum=1000.0, help="leave out what is farther, m"
-        ),
+        Parameter("decimation", 4, "take every n-th row and column", minimum=1, maximum=64),
+        Parameter("depth_max_m", 10.0, "leave out what is farther, m", minimum=0.1, maximum=1000.0),
     )
 
     def show(self, update: Update, canvas: Canvas) -> None:
@@ -82,21 +71,21 @@ class _DepthPoints(Visualizer):
 def _check_camera(frame: str, shape: tuple[int, ...], info: Any) -> None:
     """Refuse the calibration of another camera, or of another size."""
     if frame and info.header.frame_id and info.header.frame_id != frame:
-        raise ContentError("camera info, frame", info.header.frame_id, repr(frame))
+        raise InvalidValueError("camera info, frame", info.header.frame_id, repr(frame))
     size = (info.height, info.width)
     if any(size) and size != shape:
-        raise ContentError("camera info, size", f"{size[1]} x {size[0]}", f"{shape[1]} x {shape[0]}")
+        raise InvalidValueError("camera info, size", f"{size[1]} x {size[0]}", f"{shape[1]} x {shape[0]}")
 
 
 class DepthCloud(_DepthPoints):
     """Points of a raw depth picture."""
 
     name = "depth_cloud"
-    inputs = (Input(role="depth", type="sensor_msgs/msg/Image", pattern="*depth*"), _INFO, _COLOR)
+    inputs = (Input("depth", "sensor_msgs/msg/Image", pattern="*depth*"), _INFO, _COLOR)
 
     def _depth(self, message: Any) -> NDArray[Any]:
         if message.encoding not in ("16UC1", "mono16", "32FC1"):
-            raise ContentError("depth encoding", message.encoding, "16UC1, mono16, 32FC1")
+            raise InvalidValueError("depth encoding", message.encoding, "16UC1, mono16, 32FC1")
         return pixels(message)
 
 
@@ -104,7 +93,7 @@ class CompressedDepthCloud(_DepthPoints):
     """Points of a depth picture in RVL or PNG."""
 
     name = "compressed_depth_cloud"
-    inputs = (Input(role="depth", type=COMPRESSED_IMAGE, pattern="*depth*"), _INFO, _COLOR)
+    inputs = (Input("depth", COMPRESSED_IMAGE, pattern="*depth*"), _INFO, _COLOR)
 
     def _depth(self, message: Any) -> NDArray[Any]:
         return decode_depth(bytes(message.data), parse_depth_format(message.format))[0]
@@ -114,14 +103,12 @@ class PointCloud(Visualizer):
     """A ``PointCloud2``, coloured by its ``rgb``, or by one of its fields."""
 
     name = "point_cloud"
-    inputs = (Input(role="cloud", type="sensor_msgs/msg/PointCloud2"),)
+    inputs = (Input("cloud", "sensor_msgs/msg/PointCloud2"),)
     max_hz = 15.0
     parameters = (
         _RADIUS,
-        Parameter(name="decimation", default=1, minimum=1, maximum=1000, help="take every n-th point"),
-        Parameter(
-            name="color_by", default="", help="field that colours the points; empty: rgb, intensity or z"
-        ),
+        Parameter("decimation", 1, "take every n-th point", minimum=1, maximum=1000),
+        Parameter("color_by", "", "field that colours the points; empty: rgb, intensity or z"),
     )
 
     def show(self, update: Update, canvas: Canvas) -> None:
@@ -135,7 +122,7 @@ class PointCloud(Visualizer):
     def _colors(self, records: NDArray[Any]) -> NDArray[np.uint8]:
         names = records.dtype.names or ()
         if self["color_by"] and self["color_by"] not in names:
-            raise ContentError("color_by", self["color_by"], f"the fields {', '.join(names)}")
+            raise InvalidValueError("color_by", self["color_by"], f"the fields {', '.join(names)}")
         own = cloud_colors(records) if self["color_by"] in ("", "rgb", "rgba") else None
         field = self["color_by"] or ("intensity" if "intensity" in names else "z")
         return colors_by_value(records[field]) if own is None else own
@@ -145,7 +132,7 @@ class LaserScan(Visualizer):
     """The hits of a laser scanner."""
 
     name = "laser_scan"
-    inputs = (Input(role="scan", type="sensor_msgs/msg/LaserScan"),)
+    inputs = (Input("scan", "sensor_msgs/msg/LaserScan"),)
     parameters = (_RADIUS,)
 
     def show(self, update: Update, canvas: Canvas) -> None:

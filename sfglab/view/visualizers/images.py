@@ -19,9 +19,9 @@ from sfglab.codecs import (
     parse_ffmpeg_encoding,
 )
 from sfglab.codecs.libav import nal_unit_types
+from sfglab.errors import InvalidValueError
 from sfglab.fleet.gop_cache import FLAG_KEY
 from sfglab.qos import COMPRESSED_STREAM, LATCHED
-from sfglab.view.errors import ContentError
 from sfglab.view.geometry import DEPTH_ENCODINGS, pinhole_matrix, pixels
 from sfglab.view.rerunning import rr
 from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
@@ -30,12 +30,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-_OPACITY = Parameter(
-    name="opacity", default=1.0, minimum=0.0, maximum=1.0, help="1 hides what is behind the picture"
-)
-_DEPTH_RANGE = Parameter(
-    name="depth_max_m", default=10.0, minimum=0.1, maximum=1000.0, help="depth that has the last colour, m"
-)
+_OPACITY = Parameter("opacity", 1.0, "1 hides what is behind the picture", minimum=0.0, maximum=1.0)
+_DEPTH_RANGE = Parameter("depth_max_m", 10.0, "depth that has the last colour, m", minimum=0.1, maximum=1000.0)
 _MODELS = {"rgb8": "RGB", "bgr8": "BGR", "8UC3": "BGR", "rgba8": "RGBA", "bgra8": "BGRA"}
 
 
@@ -60,7 +56,7 @@ class Image(Visualizer):
     """Raw pictures, and depth by its encoding."""
 
     name = "image"
-    inputs = (Input(role="image", type="sensor_msgs/msg/Image"),)
+    inputs = (Input("image", "sensor_msgs/msg/Image"),)
     parameters = (_OPACITY, _DEPTH_RANGE)
 
     def show(self, update: Update, canvas: Canvas) -> None:
@@ -82,7 +78,7 @@ class CompressedImage(Visualizer):
     """
 
     name = "compressed_image"
-    inputs = (Input(role="image", type=COMPRESSED_IMAGE),)
+    inputs = (Input("image", COMPRESSED_IMAGE),)
     parameters = (_OPACITY, _DEPTH_RANGE)
 
     def show(self, update: Update, canvas: Canvas) -> None:
@@ -99,7 +95,9 @@ class CompressedImage(Visualizer):
             return
         kind = next((kind for name, kind in _MEDIA.items() if name in text), None)
         if kind is None:
-            raise ContentError("compressed image format", message.format, "jpeg, png, h264 or compressedDepth")
+            raise InvalidValueError(
+                "compressed image format", message.format, "jpeg, png, h264 or compressedDepth"
+            )
         canvas.log(self.entity, rr.EncodedImage(contents=data, media_type=kind, opacity=self["opacity"]))
 
 
@@ -110,13 +108,9 @@ class CameraModel(Visualizer):
     """A camera's pinhole: hangs its pictures in space as a pyramid."""
 
     name = "camera_info"
-    inputs = (Input(role="info", type="sensor_msgs/msg/CameraInfo", qos=LATCHED),)
+    inputs = (Input("info", "sensor_msgs/msg/CameraInfo", qos=LATCHED),)
     max_hz = 1.0
-    parameters = (
-        Parameter(
-            name="distance_m", default=0.5, minimum=0.01, maximum=100.0, help="size of the pyramid in space, m"
-        ),
-    )
+    parameters = (Parameter("distance_m", 0.5, "size of the pyramid in space, m", minimum=0.01, maximum=100.0),)
 
     def show(self, update: Update, canvas: Canvas) -> None:
         """Draw the camera."""
@@ -161,10 +155,8 @@ class _Video(Visualizer):
     max_hz = None
     queue = 60  # two groups of pictures, as the stream's own QoS: a shorter queue would break every group
     parameters = (
-        Parameter(name="opacity", default=1.0, minimum=0.0, maximum=1.0, help="1 hides what is behind"),
-        Parameter(
-            name="wait_for_key", default=True, help="after a loss, show nothing until the next key frame"
-        ),
+        Parameter("opacity", 1.0, "1 hides what is behind", minimum=0.0, maximum=1.0),
+        Parameter("wait_for_key", True, "after a loss, show nothing until the next key frame"),
     )
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -175,7 +167,7 @@ class _Video(Visualizer):
     def _sample(self, update: Update, canvas: Canvas, codec: str, *, is_key: bool, frame: str) -> None:
         """Pass one access unit on, if what it refers to was passed on as well."""
         if codec not in _CODECS:
-            raise ContentError("video codec", codec, f"{', '.join(_CODECS)}")
+            raise InvalidValueError("video codec", codec, f"{', '.join(_CODECS)}")
         if codec != self._codec:
             self._codec, self._complete = codec, False
             canvas.log(self.entity, rr.VideoStream(_CODECS[codec], opacity=self["opacity"]), static=True)
@@ -191,7 +183,7 @@ class FfmpegVideo(_Video):
     """What ffmpeg_image_transport sends; it counts its packets, so also a loss on the way is noticed."""
 
     name = "ffmpeg_video"
-    inputs = (Input(role="video", type=FFMPEG_PACKET, qos=COMPRESSED_STREAM),)
+    inputs = (Input("video", FFMPEG_PACKET, qos=COMPRESSED_STREAM),)
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -212,7 +204,7 @@ class FoxgloveVideo(_Video):
     """Foxglove's message, which carries its own time and frame."""
 
     name = "compressed_video"
-    inputs = (Input(role="video", type=COMPRESSED_VIDEO, qos=COMPRESSED_STREAM),)
+    inputs = (Input("video", COMPRESSED_VIDEO, qos=COMPRESSED_STREAM),)
 
     def show(self, update: Update, canvas: Canvas) -> None:
         """Pass one access unit on."""
@@ -226,7 +218,7 @@ class CompressedImageVideo(_Video):
     """H.264 in a ``CompressedImage`` whose format says so; other formats are `CompressedImage`'s."""
 
     name = "compressed_image_video"
-    inputs = (Input(role="video", type=COMPRESSED_IMAGE, qos=COMPRESSED_STREAM),)
+    inputs = (Input("video", COMPRESSED_IMAGE, qos=COMPRESSED_STREAM),)
 
     def show(self, update: Update, canvas: Canvas) -> None:
         """Pass one access unit on, if it is one."""

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.errors import InvalidValueError
 from sfglab.messages import ns_from_stamp
 from sfglab.qos import DEFAULT
-from sfglab.view.errors import ContentError
 from sfglab.view.rerunning import rr
 from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
 from sfglab.view.visualizers.poses import pose_arrays
@@ -34,9 +34,7 @@ class _Markers(Visualizer):
     max_hz = None
     queue = 100
     tick_hz = 10.0
-    parameters = (
-        Parameter(name="most", default=1000, minimum=1, maximum=100_000, help="markers shown at a time"),
-    )
+    parameters = (Parameter("most", 1000, "markers shown at a time", minimum=1, maximum=100_000),)
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -57,13 +55,13 @@ class _Markers(Visualizer):
         elif marker.action == _ADD:
             self._draw(entity, marker, update, canvas)
         else:
-            raise ContentError("marker action", marker.action, "0 (add), 2 (delete), 3 (delete all)")
+            raise InvalidValueError("marker action", marker.action, "0 (add), 2 (delete), 3 (delete all)")
 
     def _draw(self, entity: str, marker: Any, update: Update, canvas: Canvas) -> None:
         draw = _SHAPES.get(marker.type)
         if draw is None:
             allowed = f"{', '.join(map(str, _SHAPES))}; meshes are not loaded"
-            raise ContentError("marker type", marker.type, allowed)
+            raise InvalidValueError("marker type", marker.type, allowed)
         shape = draw(marker)
         if entity in self._shown and self._shown[entity][0] != marker.type:
             self._clear(entity, canvas)
@@ -84,7 +82,7 @@ class Marker(_Markers):
     """One marker a message."""
 
     name = "marker"
-    inputs = (Input(role="marker", type="visualization_msgs/msg/Marker", qos=DEFAULT),)
+    inputs = (Input("marker", "visualization_msgs/msg/Marker", qos=DEFAULT),)
 
     def show(self, update: Update, canvas: Canvas) -> None:
         """Draw or take away one marker."""
@@ -95,7 +93,7 @@ class MarkerArray(_Markers):
     """Several markers a message."""
 
     name = "marker_array"
-    inputs = (Input(role="markers", type="visualization_msgs/msg/MarkerArray", qos=DEFAULT),)
+    inputs = (Input("markers", "visualization_msgs/msg/MarkerArray", qos=DEFAULT),)
 
     def show(self, update: Update, canvas: Canvas) -> None:
         """Draw or take away each marker; one that cannot be drawn does not keep the others back."""
@@ -103,7 +101,7 @@ class MarkerArray(_Markers):
         for marker in update.only.markers:
             try:
                 self._apply(marker, update, canvas)
-            except ContentError as error:
+            except InvalidValueError as error:
                 failed = error
         if failed is not None:
             raise failed
@@ -219,7 +217,7 @@ def _triangles(marker: Any) -> Any:
     """Every three points are a triangle, scaled by the marker's scale before they are moved."""
     points = _points(marker, _scale(marker))
     if len(points) % 3:
-        raise ContentError("triangle list, points", len(points), "a multiple of 3")
+        raise InvalidValueError("triangle list, points", len(points), "a multiple of 3")
     colors = np.broadcast_to(_colors(marker), (len(points), 4)) if len(points) else None
     return rr.Mesh3D(vertex_positions=points, vertex_colors=colors)
 

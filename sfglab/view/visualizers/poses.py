@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.errors import InvalidValueError
 from sfglab.messages import ns_from_stamp
 from sfglab.qos import DEFAULT, LATCHED, QoSProfile
-from sfglab.view.errors import ContentError
 from sfglab.view.geometry import covariance_ellipsoid
 from sfglab.view.rerunning import rr
 from sfglab.view.slot import RateBudget
@@ -25,9 +26,9 @@ _MOST_FRAMES = 10_000
 
 _AXES = np.array([(255, 60, 60), (60, 220, 60), (80, 120, 255)], np.uint8)
 _AXIS_LENGTH = Parameter(
-    name="axis_length_m", default=0.3, minimum=0.0, maximum=100.0, help="length of the axes, m; 0 hides them"
+    "axis_length_m", 0.3, "length of the axes, m; 0 hides them", minimum=0.0, maximum=100.0
 )
-_WIDTH = Parameter(name="width_m", default=0.01, minimum=0.001, maximum=1.0, help="radius of a line, m")
+_WIDTH = Parameter("width_m", 0.01, "radius of a line, m", minimum=0.001, maximum=1.0)
 
 
 def pose_arrays(pose: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -38,7 +39,7 @@ def pose_arrays(pose: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         care, are no rotation.
 
     Raises:
-        ContentError: A number is not finite.
+        InvalidValueError: A number is not finite.
     """
     position = np.array([pose.position.x, pose.position.y, pose.position.z])
     return position, _unit(pose.orientation, position)
@@ -47,7 +48,7 @@ def pose_arrays(pose: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def _unit(rotation: Any, position: NDArray[np.float64]) -> NDArray[np.float64]:
     quaternion = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
     if not (np.isfinite(quaternion).all() and np.isfinite(position).all()):
-        raise ContentError("pose", [*position.tolist(), *quaternion.tolist()], "finite numbers")
+        raise InvalidValueError("pose", [*position.tolist(), *quaternion.tolist()], "finite numbers")
     length = np.linalg.norm(quaternion)
     return quaternion / length if length > 0 else np.array([0.0, 0.0, 0.0, 1.0])
 
@@ -70,14 +71,12 @@ class Transforms(Visualizer):
     """
 
     name = "tf"
-    inputs = (Input(role="tf", type=_TF, pattern="*/tf", qos=QoSProfile(depth=100)),)
+    inputs = (Input("tf", _TF, pattern="*/tf", qos=QoSProfile(depth=100)),)
     max_hz = None
     queue = 200
     parameters = (
         _AXIS_LENGTH,
-        Parameter(
-            name="frame_hz", default=50.0, minimum=0.1, maximum=1000.0, help="rate of one frame at most, Hz"
-        ),
+        Parameter("frame_hz", 50.0, "rate of one frame at most, Hz", minimum=0.1, maximum=1000.0),
     )
     _static = False
 
@@ -96,7 +95,7 @@ class Transforms(Visualizer):
 
     def _budget(self, frame: str) -> RateBudget:
         if frame not in self._budgets and len(self._budgets) >= _MOST_FRAMES:
-            raise ContentError("frame", frame, f"{_MOST_FRAMES} frames at most")
+            raise InvalidValueError("frame", frame, f"{_MOST_FRAMES} frames at most")
         budget = self._budgets.setdefault(frame, RateBudget(self["frame_hz"]))
         if budget.max_hz != self["frame_hz"]:
             budget.max_hz = self["frame_hz"]
@@ -123,14 +122,7 @@ class StaticTransforms(Transforms):
     """The fixed part of the frame tree."""
 
     name = "tf_static"
-    inputs = (
-        Input(
-            role="tf",
-            type=_TF,
-            pattern="*/tf_static",
-            qos=QoSProfile(durability=LATCHED.durability, depth=100),
-        ),
-    )
+    inputs = (Input("tf", _TF, pattern="*/tf_static", qos=replace(LATCHED, depth=100)),)
     _static = True
 
 
@@ -138,7 +130,7 @@ class Pose(Visualizer):
     """A ``PoseStamped`` as its axes."""
 
     name = "pose"
-    inputs = (Input(role="pose", type="geometry_msgs/msg/PoseStamped", qos=DEFAULT),)
+    inputs = (Input("pose", "geometry_msgs/msg/PoseStamped", qos=DEFAULT),)
     parameters = (_AXIS_LENGTH, _WIDTH)
 
     def show(self, update: Update, canvas: Canvas) -> None:
@@ -151,7 +143,7 @@ class Path(Visualizer):
     """A ``nav_msgs/msg/Path`` as a line."""
 
     name = "path"
-    inputs = (Input(role="path", type="nav_msgs/msg/Path", qos=DEFAULT),)
+    inputs = (Input("path", "nav_msgs/msg/Path", qos=DEFAULT),)
     max_hz = 10.0
     parameters = (_WIDTH,)
 
@@ -167,14 +159,12 @@ class Odometry(Visualizer):
     """A ``nav_msgs/msg/Odometry``: axes, the way it came, and how sure it is."""
 
     name = "odometry"
-    inputs = (Input(role="odometry", type="nav_msgs/msg/Odometry", qos=DEFAULT),)
+    inputs = (Input("odometry", "nav_msgs/msg/Odometry", qos=DEFAULT),)
     parameters = (
         _AXIS_LENGTH,
         _WIDTH,
-        Parameter(name="trail", default=500, minimum=0, maximum=10_000, help="positions that are remembered"),
-        Parameter(
-            name="sigmas", default=3.0, minimum=0.0, maximum=10.0, help="size of the ellipsoid; 0 hides it"
-        ),
+        Parameter("trail", 500, "positions that are remembered", minimum=0, maximum=10_000),
+        Parameter("sigmas", 3.0, "size of the ellipsoid; 0 hides it", minimum=0.0, maximum=10.0),
     )
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -215,7 +205,7 @@ class Imu(Visualizer):
     """An inertial measurement as curves: angular velocity in rad/s, acceleration in m/s^2."""
 
     name = "imu"
-    inputs = (Input(role="imu", type="sensor_msgs/msg/Imu"),)
+    inputs = (Input("imu", "sensor_msgs/msg/Imu"),)
     max_hz = 100.0
     queue = 20
 

@@ -18,8 +18,8 @@ from sfglab.lab.experiment import Actor, Experiment, Link, Setup
 from sfglab.lab.experiments.visualisation import stage
 from sfglab.lab.paths import find_project
 from sfglab.lab.testbed import held_domains
-from sfglab.view import ViewOptions, open_canvas, view_log
-from sfglab.view.rerunning import rerun
+from sfglab.view.app import ViewOptions, view_log
+from sfglab.view.rerunning import open_canvas, rerun
 
 if TYPE_CHECKING:
     from sfglab.lab.bench import Bench

@@ -24,16 +24,18 @@ from sfglab.lab.workers.sights import CAMERA_HZ, CAMERA_TOPIC, picture
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 from sfglab.qos import DEFAULT
 from sfglab.record import LogWriter
-from sfglab.view import Bridge, Session, ViewOptions, view_live
-from sfglab.view.app import session_for
+from sfglab.view.app import ViewOptions, session_for, view_live
+from sfglab.view.bridge import Bridge
 from sfglab.view.rerunning import WINDOW_BYTES, rerun
+from sfglab.view.session import Session
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from sfglab.lab.checks.fleet_scene import Part
     from sfglab.lab.checks.recordings import Recording
-    from sfglab.view import Display, RerunCanvas
+    from sfglab.view.rerunning import RerunCanvas
+    from sfglab.view.session import Display
 
 
 ADDED_MS = 5.0
