@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.buffer import FrameBuffer
-from sfglab.spatial.mocap.core import BridgeCore
+from sfglab.spatial.mocap.bridge import BridgeCore
 from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
 from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, synthetic_captures
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from sfglab.bus import Node
     from sfglab.record import LogReader
     from sfglab.spatial.frames.buffer import FrameBuffer
-    from sfglab.spatial.mocap.core import BridgeCore, MocapObjectStatus
+    from sfglab.spatial.mocap.bridge import BridgeCore, MocapObjectStatus
     from sfglab.spatial.mocap.mapping import MocapMapping
     from sfglab.spatial.mocap.offset import OffsetEstimate
     from sfglab.spatial.mocap.tracking import MocapSource

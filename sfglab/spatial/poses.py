@@ -79,17 +79,16 @@ class Pose:
         return cls._trusted(position, quat)
 
     @classmethod
-    def from_rotation(cls, position_m: Iterable[float], rotation: Rotation, *, place: str = "pose") -> Self:
+    def from_rotation(cls, position_m: Iterable[float], rotation: Rotation) -> Self:
         """Return a pose from a position and one SciPy rotation."""
-        return cls.at(position_m, rotation.as_quat(), place=place)
+        return cls.at(position_m, rotation.as_quat())
 
     @classmethod
-    def from_matrix(cls, matrix: NDArray[np.float64], *, place: str = "pose") -> Self:
+    def from_matrix(cls, matrix: NDArray[np.float64]) -> Self:
         """Return the pose of a homogeneous matrix.
 
         Args:
             matrix: Shape (4, 4); its rotation is brought to the nearest orthogonal one.
-            place: Where it comes from, for the message.
 
         Raises:
             PoseError: It has another shape, is not finite, or mirrors.
@@ -99,13 +98,13 @@ class Pose:
 
         matrix = np.asarray(matrix, dtype=np.float64)
         if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.linalg.det(matrix[:3, :3]) <= 0:
-            raise PoseError(place, matrix.tolist(), "a finite 4 x 4 matrix whose determinant is above 0")
-        return cls.from_rotation(matrix[:3, 3], Rotation.from_matrix(matrix[:3, :3]), place=place)
+            raise PoseError("pose", matrix.tolist(), "a finite 4 x 4 matrix whose determinant is above 0")
+        return cls.from_rotation(matrix[:3, 3], Rotation.from_matrix(matrix[:3, :3]))
 
     @classmethod
-    def from_yaw(cls, position_m: Iterable[float], yaw_rad: float, *, place: str = "pose") -> Self:
+    def from_yaw(cls, position_m: Iterable[float], yaw_rad: float) -> Self:
         """Return a pose that is turned about z only."""
-        return cls.at(position_m, (0.0, 0.0, math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)), place=place)
+        return cls.at(position_m, (0.0, 0.0, math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)))
 
     @classmethod
     def from_msg(cls, message: Any, *, place: str = "pose") -> Self:

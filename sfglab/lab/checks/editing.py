@@ -88,7 +88,7 @@ def _any(editor: Editor, rng: np.random.Generator, kind: type[Any]) -> int:
     return int(rng.choice(known)) if known else 10**6
 
 
-def _edited(rng: np.random.Generator) -> tuple[Editor, list[str]]:
+def edited(rng: np.random.Generator) -> tuple[Editor, list[str]]:
     """Return an editor after some edits and undos, and the text after each step that can be undone."""
     editor = _begun(rng)
     texts = [scene_text(editor.scene)]
@@ -108,7 +108,7 @@ def _edited(rng: np.random.Generator) -> tuple[Editor, list[str]]:
 
 @checks.trial("any edits, undone and done again, give the same bytes at every step")
 def _undo_and_redo(rng: np.random.Generator) -> str:
-    editor, texts = _edited(rng)
+    editor, texts = edited(rng)
     for text in texts[-2::-1]:
         label = editor.undo_label
         if not editor.undo() or scene_text(editor.scene) != text:
@@ -122,7 +122,7 @@ def _undo_and_redo(rng: np.random.Generator) -> str:
 
 @checks.trial("an edit that is refused changes nothing")
 def _refused_edits_change_nothing(rng: np.random.Generator) -> str:
-    editor, _ = _edited(rng)
+    editor, _ = edited(rng)
     before, label = editor.scene, editor.undo_label
     wrong: tuple[Command, ...] = (
         Rename(id=10**6, name="x"),
@@ -141,7 +141,7 @@ def _refused_edits_change_nothing(rng: np.random.Generator) -> str:
 
 @checks.trial("a scene's text reads back as the same scene and the same text")
 def _text_reads_back(rng: np.random.Generator) -> str:
-    editor, _ = _edited(rng)
+    editor, _ = edited(rng)
     text = scene_text(editor.scene)
     scene = read_scene(text)
     return "" if scene == editor.scene and scene_text(scene) == text else text[:200]
@@ -266,7 +266,7 @@ def survives_kills(rng: np.random.Generator, count: int) -> CheckRow:
 def _two_scenes(folder: Path, rng: np.random.Generator) -> list[str]:
     texts = []
     for name in ("a.yaml", "b.yaml"):
-        editor, _ = _edited(rng)
+        editor, _ = edited(rng)
         path = editor.add("trajectory", "long")
         for _ in range(200):
             editor.insert_waypoint(path, pose=random_pose(rng))

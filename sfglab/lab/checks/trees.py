@@ -15,7 +15,7 @@ from sfglab.lab.checks import NOTHING, Checks
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.buffer import FrameBuffer, FrameError
 from sfglab.spatial.frames.lint import FrameRule, lint_frames
-from sfglab.spatial.mocap.core import MocapTrees, mocap_trees
+from sfglab.spatial.mocap.bridge import MocapTrees, mocap_trees
 from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
 from sfglab.spatial.mocap.tracking import Capture
 

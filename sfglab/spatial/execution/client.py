@@ -25,23 +25,15 @@ if TYPE_CHECKING:
     from sfglab.bus import ClientGoalHandle, Node
     from sfglab.spatial.execution.orders import ActionDialect, Feedback
     from sfglab.spatial.scene.tree import Scene
-    from sfglab.spatial.trajectory.path import Trajectory
 
 
 class ExecuteOptions(TypedDict, total=False):
-    """How a trajectory is sent.
+    """How a trajectory is sent."""
 
-    Attributes:
-        action: The action's name; ``/global/<agent>/execute_trajectory`` where it is not given.
-        dialect: How orders are said in its type; our own `FOLLOW_TRAJECTORY` where it is not given.
-        on_feedback: Called with what the server says on the way.
-        timeout_s: For finding the server, and again for its answer, in seconds (5).
-    """
-
-    action: str
-    dialect: ActionDialect
-    on_feedback: Callable[[Feedback], None]
-    timeout_s: float
+    action: str  #: The action's name; ``/global/<agent>/execute_trajectory`` where it is not given.
+    dialect: ActionDialect  #: How orders are said in its type; `FOLLOW_TRAJECTORY` where it is not given.
+    on_feedback: Callable[[Feedback], None]  #: Called with what the server says on the way.
+    timeout_s: float  #: For finding the server, and again for its answer, in seconds (5).
 
 
 class Execution:
@@ -122,21 +114,18 @@ async def send(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -> E
     return execution
 
 
-async def execute(
-    node: Node, trajectory: Trajectory | Order, agent: str = "", **options: Unpack[ExecuteOptions]
-) -> Ended:
+async def execute(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -> Ended:
     """Send an agent along a trajectory and return how it ended.
 
     A task that awaits this and is cancelled cancels the goal, and ends only when the agent stands.
 
     ```python
-    ended = await execute(node, trajectory, "go2", on_feedback=print)
+    ended = await execute(node, Order(agent="go2", trajectory=trajectory), on_feedback=print)
     ```
 
     Args:
         node: Who sends.
-        trajectory: Where to be when, in the frame ``map``; or a whole order, as `scene_orders` makes them.
-        agent: Who moves; not needed with an order.
+        order: Trajectory and agent, as `scene_orders` makes them.
         **options: See `ExecuteOptions`.
 
     Returns:
@@ -147,7 +136,6 @@ async def execute(
         BusTimeoutError: It does not answer.
         ActionServerGoneError: It went away before the end.
     """
-    order = trajectory if isinstance(trajectory, Order) else Order(agent=agent, trajectory=trajectory)
     execution = Execution(node, order.agent, **options)
     begun = asyncio.ensure_future(execution.begin(order))
     try:

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.spatial.frames.history import History, Insertion
 from sfglab.spatial.poses import Pose
 from sfglab.units import NS_PER_MS, NS_PER_S
 
 if TYPE_CHECKING:
+    from sfglab.spatial.frames.kernel import Insertion
     from sfglab.spatial.poses import StampedTransform
 
 
@@ -83,7 +83,7 @@ class FrameBuffer:
         from sfglab.spatial.frames import kernel  # numba takes 0.5 s to import, here rather than at a look-up
 
         self._kernel = kernel
-        self._history = History(None if history_s is None else round(history_s * NS_PER_S))
+        self._history = kernel.History(None if history_s is None else round(history_s * NS_PER_S))
         self._index: dict[str, int] = {}
         self._names: list[str] = []
         self._edges: dict[tuple[str, str, bool, str], Edge] = {}

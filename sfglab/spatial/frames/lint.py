@@ -90,7 +90,7 @@ class FrameFinding:
 
 
 def lint_frames(
-    edges: Iterable[Edge], *, rule: FrameRule | None = None, root: str | None = None, slack_ns: int = 0
+    edges: Iterable[Edge], *, rule: FrameRule | None = None, root: str | None = None
 ) -> tuple[FrameFinding, ...]:
     """Judge a tree.
 
@@ -98,7 +98,6 @@ def lint_frames(
         edges: As `FrameBuffer.edges` has them.
         rule: Which names are allowed; None allows all.
         root: The one root that there should be; None allows any one.
-        slack_ns: How far stamps may step back before it is a finding: senders on several paths overtake.
 
     Returns:
         Findings: parents, loops, roots, names, time.
@@ -113,7 +112,7 @@ def lint_frames(
         *_loops(parents),
         *_roots(parents, root),
         *_names(edges, rule),
-        *_backwards(edges, slack_ns),
+        *_backwards(edges),
     )
 
 
@@ -209,9 +208,9 @@ def _names(edges: Sequence[Edge], rule: FrameRule | None) -> Iterator[FrameFindi
             yield FrameFinding("name", (frame,), problem)
 
 
-def _backwards(edges: Sequence[Edge], slack_ns: int) -> Iterator[FrameFinding]:
+def _backwards(edges: Sequence[Edge]) -> Iterator[FrameFinding]:
     for edge in edges:
-        if edge.backwards and edge.back_ns > slack_ns:
+        if edge.backwards:
             yield FrameFinding(
                 "backwards",
                 (edge.child,),

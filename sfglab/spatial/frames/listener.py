@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.errors import SfglabError
-from sfglab.names import SHARED_FRAMES, TF, TF_STATIC, prefixed_frame
+from sfglab.names import TF, TF_STATIC, prefixed_frame
 from sfglab.qos import Durability, QoSProfile
 from sfglab.spatial.frames.buffer import ExtrapolationError, NotConnectedError, UnknownFrameError
 from sfglab.spatial.poses import StampedTransform
@@ -33,7 +33,6 @@ TF_STATIC_QOS = QoSProfile(depth=100, durability=Durability.TRANSIENT_LOCAL)
 """tf2_ros: StaticListenerQoS; a broadcaster offers depth 1, or more if it splits its transforms."""
 
 _log = logging.getLogger(__name__)
-_SHARED = frozenset(SHARED_FRAMES)
 
 
 class TransformIntake:
@@ -42,17 +41,15 @@ class TransformIntake:
     Args:
         buffer: Where transforms go.
         agent: Whose frames those without prefix are; empty leaves names as they are.
-        shared: Frames that are never prefixed.
 
     Attributes:
         taken: How many transforms ended in each way (`Insertion.value`).
         refused: How many were refused, by the error's name.
     """
 
-    def __init__(self, buffer: FrameBuffer, *, agent: str = "", shared: frozenset[str] = _SHARED) -> None:
+    def __init__(self, buffer: FrameBuffer, *, agent: str = "") -> None:
         self._buffer = buffer
         self._agent = agent
-        self._shared = shared
         self._said: set[tuple[str, str]] = set()
         self.taken: Counter[str] = Counter()
         self.refused: Counter[str] = Counter()
@@ -71,9 +68,7 @@ class TransformIntake:
     def _renamed(self, value: StampedTransform) -> StampedTransform:
         if not self._agent:
             return value
-        parent, child = (
-            prefixed_frame(f, self._agent, shared=self._shared) for f in (value.parent, value.child)
-        )
+        parent, child = (prefixed_frame(f, self._agent) for f in (value.parent, value.child))
         return replace(value, parent=parent, child=child)
 
     def _refuse(self, child: str, error: SfglabError) -> None:
@@ -96,13 +91,10 @@ class FramesListener(TransformIntake):
         node: The node that subscribes.
         buffer: Where transforms go.
         agent: Whose frames those without prefix are; empty leaves names as they are.
-        shared: Frames that are never prefixed.
     """
 
-    def __init__(
-        self, node: Node, buffer: FrameBuffer, *, agent: str = "", shared: frozenset[str] = _SHARED
-    ) -> None:
-        super().__init__(buffer, agent=agent, shared=shared)
+    def __init__(self, node: Node, buffer: FrameBuffer, *, agent: str = "") -> None:
+        super().__init__(buffer, agent=agent)
         self._node = node
         self._subscriptions: list[Subscription] = []
         self._tasks: list[asyncio.Task[None]] = []
@@ -154,16 +146,12 @@ class FramesListener(TransformIntake):
             self._changed.set()
 
 
-def fill_from_log(
-    reader: LogReader, buffer: FrameBuffer, *, agent: str = "", shared: frozenset[str] = _SHARED
-) -> TransformIntake:
+def fill_from_log(reader: LogReader, buffer: FrameBuffer) -> TransformIntake:
     """Take all transforms of a log.
 
     Args:
         reader: The log, of any recorder.
         buffer: Where transforms go; for a whole log one with ``history_s=None``.
-        agent: Whose frames those without prefix are; empty leaves names as they are.
-        shared: Frames that are never prefixed.
 
     Returns:
         What was taken and what was refused.
@@ -171,7 +159,7 @@ def fill_from_log(
     Raises:
         LogError: The log has neither /tf nor /tf_static.
     """
-    intake = TransformIntake(buffer, agent=agent, shared=shared)
+    intake = TransformIntake(buffer)
     topics = [topic for topic in (TF_STATIC, TF) if topic in reader.topics]
     for topic in topics or [TF]:
         for recorded in reader.decoded(topic):

@@ -1,7 +1,9 @@
-"""The bridge as a node: a source in, /tf and a status out; every decision is the core's.
+"""The bridge: captures in, transforms and a status out.
 
-The status, `sfglab_interfaces/msg/MocapStatus`, has a topic by the schema of paper A, section 4.1: it is
-global, so it crosses the routers, and the fleet's tools see from anywhere what the cameras see.
+`BridgeCore` decides, without clock and socket. It keeps three times of everything that is published: when the
+cameras saw it, which is its stamp, when it arrived here and when it left. `MocapBridge` is its node. The
+status, `sfglab_interfaces/msg/MocapStatus`, has a topic by the schema of paper A, section 4.1: it is global, so
+it crosses the routers, and the fleet's tools see from anywhere what the cameras see.
 """
 
 from __future__ import annotations
@@ -9,26 +11,226 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from dataclasses import dataclass
+import statistics
+from collections import Counter, deque
+from contextlib import aclosing
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.names import TF, Custom, RosFqnBuilder, Scope
 from sfglab.qos import Durability, QoSProfile
-from sfglab.spatial.frames.buffer import FrameBuffer
+from sfglab.spatial.frames.buffer import FrameBuffer, FrameError
 from sfglab.spatial.frames.listener import TF_QOS, TRANSFORMS, FramesListener
-from sfglab.spatial.mocap.core import BridgeCore
-from sfglab.spatial.mocap.tracking import TrackState, Verdict
+from sfglab.spatial.mocap.mapping import PlacingError, direct_name, direct_transforms, place_via_proxy
+from sfglab.spatial.mocap.tracking import Track, TrackState, Verdict, judge
+from sfglab.spatial.poses import Pose, StampedTransform
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sfglab.bus import Node, Publisher
-    from sfglab.spatial.mocap.core import Latency, MocapObjectStatus
-    from sfglab.spatial.mocap.mapping import MocapMapping
-    from sfglab.spatial.mocap.tracking import Capture, MocapSource
+    from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
+    from sfglab.spatial.mocap.tracking import Capture, MocapSource, Sight
 
 
 _log = logging.getLogger(__name__)
+
+_WINDOW = 1000
+
+
+@dataclass(slots=True)
+class Latency:
+    """A delay over the last 1000 transforms."""
+
+    largest_ns: int | None = None  #: The largest one ever; None before the first.
+    recent: deque[int] = field(default_factory=lambda: deque(maxlen=_WINDOW))  #: The last ones, in ns.
+
+    def add(self, delay_ns: int) -> None:
+        """Take one more."""
+        self.recent.append(delay_ns)
+        self.largest_ns = delay_ns if self.largest_ns is None else max(self.largest_ns, delay_ns)
+
+    @property
+    def median_ns(self) -> float | None:
+        """Its median; None before the first."""
+        return statistics.median(self.recent) if self.recent else None
+
+
+@dataclass(slots=True)
+class MocapObjectStatus:
+    """How it stands with one object."""
+
+    mapped: MappedObject  #: Which frame it stands for.
+    track: Track = field(default_factory=Track)  #: What is remembered of it.
+    frame: str = ""  #: The frame that was published for it last; empty before the first.
+    published: int = 0  #: How many transforms left.
+    #: How many believed poses could not be published, because the agent's tree did not allow it.
+    unplaced: int = 0
+    absent: int = 0  #: In how many captures it did not occur at all.
+    verdicts: Counter[str] = field(default_factory=Counter)  #: How many sights got each `Verdict.value`.
+    capture_ns: int | None = None  #: The stamp of the last transform; None before the first.
+    receipt_latency: Latency = field(default_factory=Latency)  #: From capture to receipt.
+    publication_latency: Latency = field(default_factory=Latency)  #: From receipt to publication.
+    problem: str = ""  #: Why the last believed pose was not published; empty when it was.
+    problem_kind: str = ""  #: The error's name.
+
+    @property
+    def object_id(self) -> str:
+        """Its id in the capture system."""
+        return self.mapped.id
+
+    @property
+    def state(self) -> TrackState:
+        """What is known of it."""
+        return self.track.state
+
+
+class BridgeCore:
+    """Turns captures into transforms that keep every agent's tree whole.
+
+    Args:
+        mapping: Which object stands for which frame.
+        buffer: The agents' own transforms, which somebody feeds.
+        reach_s: How far those may be continued when they lag behind the cameras.
+
+    Attributes:
+        captures: How many captures came.
+        dropped: How many frame numbers are missing between those that came.
+        unmapped: Ids of objects that came and that the mapping does not have, with how often.
+    """
+
+    def __init__(self, mapping: MocapMapping, buffer: FrameBuffer, *, reach_s: float = 0.1) -> None:
+        self._mapping = mapping
+        self._buffer = buffer
+        self._reach_ns = round(reach_s * NS_PER_S)
+        self._objects = {id_: MocapObjectStatus(mapped) for id_, mapped in mapping.objects.items()}
+        self._holders: dict[str, str] = {}
+        self._number: int | None = None
+        self.captures = 0
+        self.dropped = 0
+        self.unmapped: Counter[str] = Counter()
+
+    def take(self, capture: Capture, now_ns: int) -> tuple[StampedTransform, ...]:
+        """Take one capture.
+
+        Args:
+            capture: All objects at one time.
+            now_ns: The present, which is the time of publication.
+
+        Returns:
+            What is to be published, stamped with the capture time.
+        """
+        self._count(capture)
+        transforms = []
+        for id_, object_ in self._objects.items():
+            if id_ not in capture.sights:
+                object_.absent += 1
+            elif transform := self._placed(object_, capture.sights[id_], capture, now_ns):
+                transforms.append(transform)
+        return tuple(transforms)
+
+    @property
+    def world(self) -> str:
+        """The frame in which the capture system measures."""
+        return self._mapping.world
+
+    @property
+    def statuses(self) -> tuple[MocapObjectStatus, ...]:
+        """How it stands with every object of the mapping; they go on changing."""
+        return tuple(self._objects.values())
+
+    def verdicts(self, object_id: str) -> dict[str, int]:
+        """Return how many sights of an object got each verdict (`Verdict.value`).
+
+        Raises:
+            KeyError: The mapping has no such object.
+        """
+        return dict(self._objects[object_id].verdicts)
+
+    def _count(self, capture: Capture) -> None:
+        self.captures += 1
+        self.unmapped.update(id_ for id_ in capture.sights if id_ not in self._objects)
+        if capture.number is None:
+            return
+        if self._number is not None and capture.number > self._number:
+            self.dropped += capture.number - self._number - 1
+        self._number = capture.number  # a lower one is a server that began anew
+
+    def _placed(
+        self, object_: MocapObjectStatus, sight: Sight, capture: Capture, now_ns: int
+    ) -> StampedTransform | None:
+        object_.track, verdict = judge(object_.track, sight, capture.capture_ns, self._mapping.limits)
+        object_.verdicts[verdict.value] += 1
+        if not verdict.believed or not isinstance(sight, Pose):
+            return None
+        try:
+            transform = self._transform(object_.mapped, sight, capture.capture_ns)
+        except (FrameError, PlacingError) as error:
+            object_.unplaced += 1
+            object_.problem_kind, object_.problem = type(error).__name__, str(error)
+            return None
+        object_.published += 1
+        object_.problem_kind, object_.problem, object_.frame = "", "", transform.child
+        object_.capture_ns = capture.capture_ns
+        object_.receipt_latency.add(capture.receipt_ns - capture.capture_ns)
+        object_.publication_latency.add(now_ns - capture.receipt_ns)
+        return transform
+
+    def _transform(self, mapped: MappedObject, pose: Pose, capture_ns: int) -> StampedTransform:
+        world = self._mapping.world
+        seen = StampedTransform(parent=world, child=mapped.id, stamp_ns=capture_ns, pose=pose)
+        transform = place_via_proxy(self._buffer, mapped, seen, reach_ns=self._reach_ns)
+        holder = self._holders.setdefault(transform.child, mapped.id)
+        if holder != mapped.id:
+            raise PlacingError(transform.child, f"object {holder!r} moves it already")
+        return transform
+
+
+_ROBOT, _CAMERAS = "robot", "mocap"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MocapTrees:
+    """One robot's tree with motion capture joined to it in three ways; see `lint_frames` for what is wrong."""
+
+    direct: FrameBuffer  #: With the direct receiver's transforms: Fig. 6, left.
+    #: With the same under the right names, as if the receiver could be told: "even if this naming conflict were
+    #: resolved".
+    renamed: FrameBuffer
+    proxy: FrameBuffer  #: With the bridge's: Fig. 6, right.
+
+
+def mocap_trees(
+    description: Sequence[StampedTransform], mapping: MocapMapping, captures: Sequence[Capture]
+) -> MocapTrees:
+    """Join captures to a robot's tree in three ways.
+
+    Args:
+        description: The robot's own frames, all static.
+        mapping: Which object stands for which frame.
+        captures: What the cameras say.
+    """
+    direct, renamed, proxy = (_described(description) for _ in range(3))
+    right = {direct_name(id_): mapped.via for id_, mapped in mapping.objects.items()}
+    core = BridgeCore(mapping, proxy)
+    for capture in captures:
+        for transform in direct_transforms(capture, world=mapping.world):
+            direct.insert(transform, authority=_CAMERAS)
+            child = right.get(transform.child, transform.child)
+            renamed.insert(replace(transform, child=child), authority=_CAMERAS)
+        for transform in core.take(capture, capture.receipt_ns):
+            proxy.insert(transform, authority=_CAMERAS)
+    return MocapTrees(direct=direct, renamed=renamed, proxy=proxy)
+
+
+def _described(description: Sequence[StampedTransform]) -> FrameBuffer:
+    buffer = FrameBuffer()
+    for transform in description:
+        buffer.insert(transform, static=True, authority=_ROBOT)
+    return buffer
+
 
 STATUS = "sfglab_interfaces/msg/MocapStatus"
 STATUS_QOS = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
@@ -139,7 +341,7 @@ class MocapBridge:
         status = self._node.create_publisher(STATUS, status_topic(self._options.agent), STATUS_QOS)
         telling = asyncio.create_task(self._tell(status))
         try:
-            async with FramesListener(self._node, self.buffer), self._source.captures() as captures:
+            async with FramesListener(self._node, self.buffer), aclosing(self._source.captures()) as captures:
                 async for capture in captures:
                     self._pass_on(capture, publisher)
         finally:

@@ -14,7 +14,6 @@ import asyncio
 import importlib
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import aclosing, asynccontextmanager
 from functools import partial
 from heapq import merge
 from typing import TYPE_CHECKING, Any
@@ -26,7 +25,7 @@ from sfglab.spatial.poses import Pose, PoseError
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncGenerator, AsyncIterator, Iterator, Mapping
+    from collections.abc import AsyncGenerator, Iterator, Mapping
 
     from sfglab.bus import Clock, Node
     from sfglab.qos import QoSProfile
@@ -84,16 +83,18 @@ class TopicSource:
         self._came = asyncio.Event()
         self.overflowed = 0
 
-    @asynccontextmanager
-    async def captures(self) -> AsyncIterator[AsyncIterator[Capture]]:
-        """Subscribe."""
+    async def captures(self) -> AsyncGenerator[Capture, None]:
+        """Subscribe, and yield what comes."""
         subscriptions = [
             self._node.create_subscription(self._type, topic, partial(self._hear, id_), self._qos)
             for id_, topic in self._topics.items()
         ]
         try:
-            async with aclosing(self._heard()) as captures:
-                yield captures
+            while True:
+                while self._queue:
+                    yield self._queue.popleft()
+                self._came.clear()
+                await self._came.wait()
         finally:
             for subscription in subscriptions:
                 subscription.close()
@@ -102,13 +103,6 @@ class TopicSource:
         self.overflowed += len(self._queue) == _QUEUE
         self._queue.append(capture_of(object_id, message, self._node.get_clock().now_ns()))
         self._came.set()
-
-    async def _heard(self) -> AsyncGenerator[Capture, None]:
-        while True:
-            while self._queue:
-                yield self._queue.popleft()
-            self._came.clear()
-            await self._came.wait()
 
 
 class LogSource:
@@ -137,17 +131,12 @@ class LogSource:
         streams = [self._stream(id_, topic) for id_, topic in self._topics.items()]
         return merge(*streams, key=lambda capture: capture.receipt_ns)
 
-    @asynccontextmanager
-    async def captures(self) -> AsyncIterator[AsyncIterator[Capture]]:
-        """Begin with the first one."""
-        async with aclosing(self._paced()) as captures:
-            yield captures
-
     def _stream(self, object_id: str, topic: str) -> Iterator[Capture]:
         for recorded in self._reader.decoded(topic):
             yield capture_of(object_id, recorded.message, recorded.log_time_ns)
 
-    async def _paced(self) -> AsyncGenerator[Capture, None]:
+    async def captures(self) -> AsyncGenerator[Capture, None]:
+        """Yield all captures at the pace of the log, if there is a clock."""
         ahead_ns: int | None = None
         for capture in self.recorded():
             if self._clock is not None:
@@ -183,9 +172,8 @@ class ViconSource:
             ) from error
         self._host, self._clock = host, clock
 
-    @asynccontextmanager
-    async def captures(self) -> AsyncIterator[AsyncIterator[Capture]]:
-        """Connect.
+    async def captures(self) -> AsyncGenerator[Capture, None]:
+        """Connect, and yield what is sent.
 
         Raises:
             MocapError: The Tracker does not answer, or refuses a setting; also later, when the connection ends.
@@ -195,8 +183,12 @@ class ViconSource:
         with ThreadPoolExecutor(1, thread_name_prefix="vicon") as thread:
             try:
                 await loop.run_in_executor(thread, self._connect, client)
-                async with aclosing(self._frames(client, thread)) as captures:
-                    yield captures
+                while True:
+                    capture = await loop.run_in_executor(thread, self._frame, client)
+                    if capture is not None:
+                        yield capture
+                    else:
+                        await asyncio.sleep(_NO_FRAME_PAUSE_S)
             finally:
                 await loop.run_in_executor(thread, client.disconnect)
 
@@ -211,15 +203,6 @@ class ViconSource:
     def _demand(self, what: str, result: Any) -> None:
         if result != self._library.Result.Success:
             raise MocapError(f"Vicon Tracker at {self._host}: asked to {what}, it answered {result.name}")
-
-    async def _frames(self, client: Any, thread: ThreadPoolExecutor) -> AsyncGenerator[Capture, None]:
-        loop = asyncio.get_running_loop()
-        while True:
-            capture = await loop.run_in_executor(thread, self._frame, client)
-            if capture is not None:
-                yield capture
-            else:
-                await asyncio.sleep(_NO_FRAME_PAUSE_S)
 
     def _frame(self, client: Any) -> Capture | None:
         result = client.get_frame()

@@ -7,7 +7,6 @@ the truth. `SyntheticSource` plays them in a node's time.
 from __future__ import annotations
 
 import math
-from contextlib import aclosing, asynccontextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,7 @@ from sfglab.spatial.poses import Pose
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncGenerator, AsyncIterator, Iterator, Mapping, Sequence
+    from collections.abc import AsyncGenerator, Iterator, Mapping, Sequence
 
     import numpy as np
 
@@ -173,14 +172,9 @@ class SyntheticSource:
         self._objects, self._config, self._rng = objects, config, rng
         self._clock, self._duration_s, self._start_ns = clock, duration_s, start_ns
 
-    @asynccontextmanager
-    async def captures(self) -> AsyncIterator[AsyncIterator[Capture]]:
+    async def captures(self) -> AsyncGenerator[Capture, None]:
         """Begin at time 0 of the ways."""
         start_ns = self._clock.now_ns() if self._start_ns is None else self._start_ns
-        async with aclosing(self._play(start_ns)) as captures:
-            yield captures
-
-    async def _play(self, start_ns: int) -> AsyncGenerator[Capture, None]:
         for made in synthetic_captures(
             self._objects, self._config, self._rng, start_ns=start_ns, duration_s=self._duration_s
         ):

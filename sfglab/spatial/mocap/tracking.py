@@ -18,8 +18,7 @@ from sfglab.spatial.poses import Pose
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Mapping
-    from contextlib import AbstractAsyncContextManager
+    from collections.abc import AsyncGenerator, Mapping
 
 
 class MocapError(SfglabError):
@@ -50,8 +49,8 @@ class Capture:
 class MocapSource(Protocol):
     """Anything that captures come from."""
 
-    def captures(self) -> AbstractAsyncContextManager[AsyncIterator[Capture]]:
-        """Open the source; leaving the context closes it."""
+    def captures(self) -> AsyncGenerator[Capture, None]:
+        """Open the source with the first one that is asked for; closing the generator closes it."""
 
 
 class TrackState(Enum):

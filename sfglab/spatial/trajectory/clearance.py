@@ -116,7 +116,6 @@ class Approach:
 
     time_s: float  #: When.
     distance_m: float  #: Between their centres.
-    clearance_m: float  #: Between their hulls; negative where they overlap.
     position_a_m: Vec3  #: Where the first is then.
     position_b_m: Vec3  #: Where the second is then.
     tolerance_m: float  #: The true least distance is at most this much smaller; 0 for polylines.
@@ -127,42 +126,31 @@ class ObstacleApproach:
     """The moment at which an agent is closest to a body, or deepest inside."""
 
     time_s: float  #: When.
-    clearance_m: float  #: Between the agent's hull and the surface; negative where they overlap.
+    clearance_m: float  #: Between the agent's centre and the surface; negative inside.
     position_m: Vec3  #: Where the agent's centre is then.
     tolerance_m: float  #: The true least clearance is at most this much smaller; 0 for polylines.
 
 
-def closest_approach(
-    a: Trajectory, b: Trajectory, *, radii_m: float = 0.0, hold: bool = True, tolerance_m: float = TOLERANCE_M
-) -> Approach | None:
-    """Return when and where two trajectories are closest.
+def closest_approach(a: Trajectory, b: Trajectory, *, tolerance_m: float = TOLERANCE_M) -> Approach:
+    """Return when and where two are closest, who both stand before their start and after their end.
 
     Args:
-        a: One, in the same frame and time as the other.
+        a: One trajectory, in the same frame and time as the other.
         b: The other.
-        radii_m: Sum of the agents' radii.
-        hold: Both stand before their start and after their end; else only the time they share counts.
         tolerance_m: What a spline may be off.
-
-    Returns:
-        The closest approach; None where, without holding, they share no time.
     """
-    edges = (min, max) if hold else (max, min)
-    start_s, end_s = edges[0](_span(a)[0], _span(b)[0]), edges[1](_span(a)[1], _span(b)[1])
-    if start_s > end_s:
-        return None
     one, other = motion_of(a), motion_of(b)
+    start_s = float(min(one.times_s[0], other.times_s[0]))
+    end_s = float(max(one.times_s[-1], other.times_s[-1]))
 
     def relative(at_s: NDArray[np.float64]) -> NDArray[np.float64]:
         return one.positions(at_s) - other.positions(at_s)
 
     chords = _chords((one, other), start_s, end_s)
     time_s, off_m = _least(chords, relative, _OriginMinimum(), tolerance_m / 2.0)
-    distance_m = float(np.linalg.norm(relative(np.array([time_s]))))
     return Approach(
         time_s=time_s,
-        distance_m=distance_m,
-        clearance_m=distance_m - radii_m,
+        distance_m=float(np.linalg.norm(relative(np.array([time_s])))),
         position_a_m=_position(a, time_s),
         position_b_m=_position(b, time_s),
         tolerance_m=2.0 * off_m,
@@ -174,7 +162,6 @@ def closest_to_shape(
     shape: Shape,
     shape_pose: Pose,
     *,
-    radius_m: float = 0.0,
     tolerance_m: float = TOLERANCE_M,
 ) -> ObstacleApproach:
     """Return when and where a trajectory is closest to a body, or deepest inside it.
@@ -183,7 +170,6 @@ def closest_to_shape(
         trajectory: In the same frame as the body's pose.
         shape: The body.
         shape_pose: Where its centre is, and how it is turned.
-        radius_m: The agent's radius.
         tolerance_m: What a spline may be off.
     """
     motion = motion_of(trajectory)
@@ -193,19 +179,14 @@ def closest_to_shape(
         inside: NDArray[np.float64] = turned.apply(motion.positions(at_s) - shape_pose.position_m)
         return inside
 
-    chords = _chords((motion,), *_span(trajectory))
+    chords = _chords((motion,), float(motion.times_s[0]), float(motion.times_s[-1]))
     time_s, off_m = _least(chords, relative, _ShapeMinimum(shape), tolerance_m / 2.0)
     return ObstacleApproach(
         time_s=time_s,
-        clearance_m=float(shape.distances_m(relative(np.array([time_s])))[0]) - radius_m,
+        clearance_m=float(shape.distances_m(relative(np.array([time_s])))[0]),
         position_m=_position(trajectory, time_s),
         tolerance_m=2.0 * off_m,
     )
-
-
-def _span(trajectory: Trajectory) -> tuple[float, float]:
-    times = motion_of(trajectory).times_s
-    return float(times[0]), float(times[-1])
 
 
 def _position(trajectory: Trajectory, time_s: float) -> Vec3:

@@ -88,9 +88,9 @@ class Trajectory:
         return cls(waypoints=listed, interpolation=interpolation)
 
     @classmethod
-    def standing(cls, pose: Pose, time_ns: int = 0) -> Trajectory:
+    def standing(cls, pose: Pose) -> Trajectory:
         """Return the trajectory of whoever stays where they are."""
-        return cls.of([(time_ns, pose)])
+        return cls.of([(0, pose)])
 
 
 def in_frame(trajectory: Trajectory, target_from_source: Pose) -> Trajectory:

@@ -11,7 +11,7 @@ from sfglab.lab.experiments.mocap.recordings import confusion_of, fault_checks, 
 from sfglab.lab.experiments.mocap.stage import HOSTS, live_rows, live_tree, members, play
 from sfglab.processes import ProcessGroup
 from sfglab.spatial import Pose
-from sfglab.spatial.mocap.core import mocap_trees
+from sfglab.spatial.mocap.bridge import mocap_trees
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -18,7 +18,7 @@ from sfglab.lab.checks.trees import AGENT, OBJECT, WORLD, figure_6
 from sfglab.lab.experiments.mocap.robot import FAULTY, MOTION
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.buffer import FrameBuffer
-from sfglab.spatial.mocap.core import BridgeCore
+from sfglab.spatial.mocap.bridge import BridgeCore
 from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
 from sfglab.spatial.mocap.offset import estimate_offset, pose_pairs
 from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, synthetic_captures

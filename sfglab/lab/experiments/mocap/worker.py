@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections import Counter
-from contextlib import AsyncExitStack, aclosing, asynccontextmanager, suppress
+from contextlib import AsyncExitStack, aclosing, suppress
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +40,7 @@ from sfglab.spatial.mocap.mapping import direct_transforms
 from sfglab.spatial.mocap.synthetic import SyntheticSource
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
+    from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 
     from sfglab.bus import Node, Publisher
     from sfglab.bus.api import MessageInfo
@@ -97,19 +97,15 @@ class _Tee:
         self._source, self._publishers = source, publishers
         self.receipts: list[tuple[int, int]] = []
 
-    @asynccontextmanager
-    async def captures(self) -> AsyncIterator[AsyncIterator[Capture]]:
+    async def captures(self) -> AsyncGenerator[Capture, None]:
         """Open the source."""
-        async with self._source.captures() as captures, aclosing(self._passed(captures)) as passed:
-            yield passed
-
-    async def _passed(self, captures: AsyncIterator[Capture]) -> AsyncGenerator[Capture, None]:
-        async for capture in captures:
-            self.receipts.append((capture.capture_ns, capture.receipt_ns))
-            yield capture
-            for transform in direct_transforms(capture, world=WORLD):
-                _send([self._publishers["direct"]], [transform])
-                _send([self._publishers["renamed"]], [replace(transform, child=OBJECT)])
+        async with aclosing(self._source.captures()) as captures:
+            async for capture in captures:
+                self.receipts.append((capture.capture_ns, capture.receipt_ns))
+                yield capture
+                for transform in direct_transforms(capture, world=WORLD):
+                    _send([self._publishers["direct"]], [transform])
+                    _send([self._publishers["renamed"]], [replace(transform, child=OBJECT)])
 
 
 class _Bridge:
