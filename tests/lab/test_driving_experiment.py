@@ -15,7 +15,7 @@ from sfglab.lab.experiments.driving.film import film, frames_of
 from sfglab.lab.experiments.driving.lap import PICTURE_SIZE, Recorder
 from sfglab.lab.sweep import Workers
 from sfglab.soc.driving import CHAIN, Camera, Rules, Stack, make_town, run_lap
-from sfglab.view import ViewOptions, view_log
+from sfglab.view.app import ViewOptions, view_log
 
 HERE = Options(workers=Workers(count=1, threads=True))
 SMALL = {"laps": 2, "lap": LapPoint(limit_s=1.5), "chain": ChainPoint(limit_s=0.4)}

@@ -19,7 +19,7 @@ from sfglab.spatial import Pose
 from sfglab.spatial.frames.buffer import FrameBuffer
 from sfglab.spatial.frames.lint import lint_frames
 from sfglab.spatial.frames.listener import fill_from_log
-from sfglab.spatial.mocap.core import mocap_trees
+from sfglab.spatial.mocap.bridge import mocap_trees
 
 ROOT = Path(__file__).parents[2]
 JOINED = mocap_trees(*trees.figure_6(), trees.captures_of([Pose()]))

@@ -70,6 +70,10 @@ def path(length_m=0.3, duration_s=0.6, interpolation=Interpolation.POLYLINE):
     )
 
 
+def order(*length_and_duration, agent="go2"):
+    return Order(agent=agent, trajectory=path(*length_and_duration))
+
+
 async def until(predicate):
     async with asyncio.timeout(60):
         while not predicate():
@@ -81,7 +85,7 @@ def test_an_agent_goes_along_a_trajectory_and_says_how_it_gets_on(world):
         heard = []
         async with node("go2") as far, node("planner") as near, TrajectoryServer(far, "go2") as server:
             assert server.action_name == "/global/go2/execute_trajectory" == action_name("go2")
-            ended = await execute(near, path(), "go2", on_feedback=heard.append)
+            ended = await execute(near, order(), on_feedback=heard.append)
             assert not server.busy
         assert ended.outcome is Outcome.SUCCEEDED
         assert not ended.text
@@ -127,7 +131,7 @@ def test_a_task_that_is_cancelled_leaves_an_agent_that_stands(world):
             node("planner") as near,
             TrajectoryServer(far, "go2", setup=setup) as server,
         ):
-            task = asyncio.create_task(execute(near, path(8.0, 10.0), "go2"))
+            task = asyncio.create_task(execute(near, order(8.0, 10.0)))
             await until(lambda: server.state.speed_m_s > 0.3)
             task.cancel()
             with pytest.raises(asyncio.CancelledError):
@@ -142,7 +146,7 @@ def test_a_task_that_is_cancelled_leaves_an_agent_that_stands(world):
 def test_a_task_that_is_cancelled_while_it_sends_leaves_nobody_moving(after_s):
     async def scenario(node):
         async with node("go2") as far, node("planner") as near, TrajectoryServer(far, "go2") as server:
-            task = asyncio.create_task(execute(near, path(8.0, 10.0), "go2"))
+            task = asyncio.create_task(execute(near, order(8.0, 10.0)))
             await asyncio.sleep(after_s)
             task.cancel()
             with pytest.raises(asyncio.CancelledError):
@@ -172,7 +176,7 @@ def test_what_an_agent_does_not_take_ends_at_once_with_the_reason(world):
             ended = await execute(near, spot, action=server.action_name)
             assert (ended.outcome, ended.text) == (Outcome.UNKNOWN_AGENT, "agent: given 'spot', allowed: 'go2'")
             for dialect in (empty, reversed_):
-                ended = await execute(near, path(), "go2", dialect=dialect)
+                ended = await execute(near, order(), dialect=dialect)
                 assert ended.outcome is Outcome.INVALID_TRAJECTORY
             assert server.state.pose == Pose()
 
@@ -190,9 +194,9 @@ def test_a_server_that_does_not_explain_rejects():
     async def scenario(node):
         setup = AgentSetup(explain=False)
         async with node("go2") as far, node("planner") as near, TrajectoryServer(far, "go2", setup=setup):
-            ended = await execute(near, path(), "spot", action=action_name("go2"))
+            ended = await execute(near, order(agent="spot"), action=action_name("go2"))
             assert ended.outcome is Outcome.REJECTED
-            assert (await execute(near, path(), "go2")).outcome is Outcome.SUCCEEDED
+            assert (await execute(near, order())).outcome is Outcome.SUCCEEDED
 
     Simulated().run(scenario)
 
@@ -208,7 +212,7 @@ def test_a_second_goal_is_refused_or_takes_the_place_of_the_first(world, preempt
         ):
             first = await send(near, Order(agent="go2", trajectory=path(0.5, 1.0)))
             await until(lambda: server.busy)
-            second = await execute(near, path(0.2, 0.3), "go2")
+            second = await execute(near, order(0.2, 0.3))
             if preempt:
                 assert second.outcome is Outcome.SUCCEEDED
                 assert (await first.result()).outcome is Outcome.OVERTAKEN
@@ -231,7 +235,7 @@ def test_a_server_that_goes_away_is_an_error_and_none_at_all_another(world):
                 await execution.result()
             execution.close()
             with pytest.raises(bus.BusTimeoutError, match="/global/spot/execute_trajectory"):
-                await execute(near, path(), "spot", timeout_s=0.1)
+                await execute(near, order(agent="spot"), timeout_s=0.1)
 
     world.run(scenario)
 
@@ -273,7 +277,7 @@ def test_poses_odometry_and_transforms_say_the_same(world):
             near.create_subscription("geometry_msgs/msg/PoseStamped", "/global/go2/pose", poses.append)
             near.create_subscription("nav_msgs/msg/Odometry", "/global/go2/odometry", odometries.append)
             async with FramesListener(near, buffer), TrajectoryServer(far, "go2"):
-                await execute(near, path(), "go2")
+                await execute(near, order())
                 await until(lambda: poses and odometries)
             stamps = {(m.header.stamp.sec, m.header.stamp.nanosec): m for m in odometries}
             common = [(p, o) for p in poses if (o := stamps.get((p.header.stamp.sec, p.header.stamp.nanosec)))]
@@ -316,7 +320,7 @@ def test_another_type_of_action_is_served_by_a_dialect_of_its_own(world):
             far.create_action_server(dialect.type, "/follow_path", follow)
             heard = []
             ended = await execute(
-                near, path(), "go2", action="/follow_path", dialect=dialect, on_feedback=heard.append
+                near, order(), action="/follow_path", dialect=dialect, on_feedback=heard.append
             )
         assert ended == Ended(outcome=Outcome.SUCCEEDED)
         assert [f.share for f in heard] == [0.5]

@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from sfglab.bus import Node
 from sfglab.documents import DocumentError
@@ -18,10 +16,16 @@ from sfglab.messages import deserialize, message_type, ns_from_stamp, serialize
 from sfglab.names import TF_STATIC
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.buffer import ExtrapolationError, FrameBuffer, UnknownFrameError
-from sfglab.spatial.frames.lint import FrameRule, lint_frames, roots_of
+from sfglab.spatial.frames.lint import lint_frames
 from sfglab.spatial.frames.listener import TF_STATIC_QOS, TRANSFORMS, FramesListener
-from sfglab.spatial.mocap.bridge import STATUS, STATUS_QOS, MocapBridge, status_message, status_topic
-from sfglab.spatial.mocap.core import BridgeCore, mocap_trees
+from sfglab.spatial.mocap.bridge import (
+    STATUS,
+    STATUS_QOS,
+    BridgeCore,
+    MocapBridge,
+    status_message,
+    status_topic,
+)
 from sfglab.spatial.mocap.mapping import (
     MappedObject,
     MocapMapping,
@@ -58,18 +62,6 @@ def robot_tree():
     for transform in ROBOT:
         buffer.insert(transform, static=True)
     return buffer
-
-
-def test_figure_6_the_direct_receiver_breaks_the_tree_in_these_ways():
-    """That the proxy frame does not, and where it stands, is checked in `sfglab.lab.checks.trees`."""
-    seen = Capture(number=0, capture_ns=S, receipt_ns=S, sights={"agent_x/markers": Pose()})
-    trees = mocap_trees(ROBOT, FIG_6, [seen])
-    rule = FrameRule(agents=frozenset({"agent_x"}))
-    left = lint_frames(trees.direct.edges, rule=rule)
-    assert {f.code for f in left} == {"second-root", "name"}
-    assert [f.frames for f in left if f.code == "name"] == [("agent_x_markers",)]
-    assert roots_of(trees.direct.edges) == ("agent_x/base", "map")
-    assert {f.code for f in lint_frames(trees.renamed.edges, rule=rule)} == {"two-parents", "second-root"}
 
 
 def test_equation_4_in_known_numbers():
@@ -187,28 +179,6 @@ def test_live_the_bridge_joins_a_robots_tree_to_the_world(domain_id, caplog):
     with caplog.at_level(logging.WARNING):
         asyncio.run(main())
     assert all("'agent_x/markers' is unknown" in r.message for r in caplog.records)
-
-
-def random_pose(rng):
-    return Pose.at(rng.normal(size=3).tolist(), rng.normal(size=4).tolist())
-
-
-@settings(max_examples=50, deadline=None)
-@given(st.integers(0, 2**32), st.integers(1, 12))
-def test_whatever_the_robots_tree_the_proxy_stands_where_it_was_seen_and_the_tree_stays_whole(seed, size):
-    rng = np.random.default_rng(seed)
-    buffer = FrameBuffer()
-    for child in range(1, size + 1):
-        parent, static = int(rng.integers(child)), bool(rng.integers(2))
-        for stamp_ns in (0,) if static else (0, 2 * S):
-            buffer.insert(frame(f"a/{parent}", f"a/{child}", random_pose(rng), stamp_ns), static=static)
-    via, seen = f"a/{rng.integers(size + 1)}", random_pose(rng)
-    core = BridgeCore(MocapMapping(world="map", objects={"o": MappedObject(id="o", via=via)}), buffer)
-    (transform,) = core.take(Capture(number=0, capture_ns=S, receipt_ns=S, sights={"o": seen}), S)
-    assert transform.child == "a/0"
-    buffer.insert(transform)
-    assert buffer.look_up("map", via, S).same_as(seen, within_m=1e-9, within_rad=1e-6)
-    assert lint_frames(buffer.edges, root="map", rule=FrameRule(agents=frozenset({"a"}))) == ()
 
 
 TWO = read_mapping("world: map\nobjects: {x: {via: a/markers}, y: {via: b/markers}}")

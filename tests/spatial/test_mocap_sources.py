@@ -7,6 +7,7 @@ import enum
 import sys
 import threading
 import types
+from contextlib import aclosing
 
 import numpy as np
 import pytest
@@ -118,7 +119,7 @@ def test_vicon_frames_are_taken_with_capture_time_units_and_order(client):
     taken = []
 
     async def main():
-        async with ViconSource("tracker:801", clock=Clock()).captures() as captures:
+        async with aclosing(ViconSource("tracker:801", clock=Clock()).captures()) as captures:
             async for capture in captures:
                 taken.append(capture)  # noqa: PERF401 - it ends with an error
 
@@ -140,8 +141,7 @@ def test_a_tracker_that_does_not_answer_is_one_error(client):
     client.answer = Result.ClientConnectionFailed
 
     async def main():
-        async with ViconSource("nowhere", clock=Clock()).captures():
-            pytest.fail("it connected")
+        await anext(ViconSource("nowhere", clock=Clock()).captures())
 
     with pytest.raises(MocapError, match="asked to connect, it answered ClientConnectionFailed"):
         asyncio.run(main())
@@ -167,18 +167,19 @@ def test_topics_become_captures_with_the_stamp_of_the_header(domain_id):
                 for id_ in ("a", "b")
             }
             source = TopicSource(node, {"a": "/a", "b": "/b"})
-            async with source.captures() as captures, asyncio.timeout(15):
+            async with aclosing(source.captures()) as captures, asyncio.timeout(60):
+                coming = asyncio.ensure_future(anext(captures))
                 for publisher in publishers.values():
                     await publisher.wait_for_subscriptions()
                 publishers["a"].publish(pose_message(5 * S, TURN))
-                first = await anext(captures)
+                first = await coming
                 broken = pose_message(6 * S, TURN)
                 broken.pose.position.x = float("nan")
                 publishers["b"].publish(broken)
                 second = await anext(captures)
             now_ns = node.get_clock().now_ns()
         assert (first.number, first.capture_ns, first.sights) == (None, 5 * S, {"a": TURN})
-        assert now_ns - 15 * S < first.receipt_ns <= now_ns
+        assert now_ns - 60 * S < first.receipt_ns <= now_ns
         assert second.sights == {"b": Lapse.INVALID}
         assert source.overflowed == 0
 
@@ -207,8 +208,8 @@ def test_a_log_is_replayed_in_the_order_and_at_the_pace_of_receipt(log):
     clock = Clock()
 
     async def main(reader):
-        async with LogSource(reader, {"a": "/a", "b": "/b"}, clock=clock).captures() as captures:
-            return [capture async for capture in captures]
+        source = LogSource(reader, {"a": "/a", "b": "/b"}, clock=clock)
+        return [capture async for capture in source.captures()]
 
     with LogReader(log) as reader:
         taken = asyncio.run(main(reader))
