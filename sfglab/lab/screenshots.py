@@ -48,9 +48,11 @@ from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.commands import SetPose, Several, Stretch
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.objects import SceneError
-from sfglab.view import Arrival, Session, blueprint, layout_of_fleet, open_canvas, replay
+from sfglab.view.arrivals import Arrival
 from sfglab.view.planner.server import Planner
-from sfglab.view.rerunning import Camera
+from sfglab.view.rerunning import Camera, blueprint, layout_of_fleet, open_canvas
+from sfglab.view.session import Session
+from sfglab.view.stage import replay
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
