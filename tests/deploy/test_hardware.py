@@ -1,4 +1,4 @@
-"""Accelerator detection on made-up roots: what is found, why, and that nothing odd makes it fail or lie."""
+"""Detection on made-up roots: accelerators and codecs, why, how they are told, and that nothing makes it lie."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sfglab.codecs.probe import DECODERS, ENCODERS, probe_encoder
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.hardware.accelerators import gfx_name
 from sfglab.deploy.hardware.board import MACHINES, elf_header, find_architecture
-from sfglab.deploy.hardware.detection import PREFERENCE, detect
+from sfglab.deploy.hardware.detection import PREFERENCE, codecs_found, detect, expected_codecs
 from sfglab.deploy.hardware.files import MachineFiles
-from sfglab.deploy.hardware.machine import DeviceGroup
+from sfglab.deploy.hardware.machine import CodecRole, DeviceGroup, render_machine
 from sfglab.fleet.fleet_file import Accelerator, Architecture
 from sfglab.lab.example_machines import EXAMPLES, write_example
 
@@ -54,17 +55,12 @@ def check_honest(machine):
 
 
 @names
-def test_each_example_gets_the_accelerator_it_is_made_for(name, machine):
+def test_each_gets_its_accelerator_and_without_any_one_file_none_that_is_not_there(name, machine, tmp_path):
     found = machine(name)
     assert found.accelerator is EXAMPLES[name].expected
     assert [item.accelerator for item in found.evidence] == list(PREFERENCE)
     assert set(PREFERENCE) == set(Accelerator)
     check_honest(found)
-
-
-@names
-def test_removing_any_one_file_neither_fails_nor_chooses_what_is_not_found(name, machine, tmp_path):
-    machine(name)
     root = tmp_path / "root"
     for path in sorted(path for path in root.rglob("*") if path.is_file() or path.is_symlink()):
         away = tmp_path / "away"
@@ -325,3 +321,77 @@ def test_an_example_is_not_written_over_something(tmp_path):
     write_example(EXAMPLES["container"], tmp_path / "root")
     with pytest.raises(DeployError, match="an empty folder, but it has files"):
         write_example(EXAMPLES["wsl2"], tmp_path / "root")
+
+
+ENCODER, DECODER = CodecRole.ENCODER, CodecRole.DECODER
+TRIED = {ENCODER: ENCODERS, DECODER: DECODERS}
+SOFTWARE = {("libx264", ENCODER), ("h264", DECODER)}
+
+
+def expected(machine):
+    return {(codec.name, codec.role) for codec in expected_codecs(machine)}
+
+
+@pytest.mark.parametrize(
+    ("name", "codecs"),
+    [
+        ("jetson_orin_nx", {("h264_nvmpi", ENCODER), ("h264_nvmpi", DECODER)}),
+        ("workstation_rtx", {("h264_nvenc", ENCODER), ("h264_cuvid", DECODER)}),
+        ("wsl2", {("h264_nvenc", ENCODER), ("h264_cuvid", DECODER)}),
+        ("desktop_rocm", {("h264_vaapi", ENCODER)}),
+        ("steam_deck", {("h264_vaapi", ENCODER)}),
+        ("laptop_intel", {("h264_vaapi", ENCODER), ("h264_qsv", ENCODER), ("h264_qsv", DECODER)}),
+        ("raspberry_pi_4", {("h264_v4l2m2m", ENCODER), ("h264_v4l2m2m", DECODER)}),
+        ("raspberry_pi_5", set()),
+        ("virtual_machine", set()),
+    ],
+)
+def test_each_machine_lets_one_expect_its_own_codecs_and_the_processor_s(name, codecs, machine):
+    assert expected(machine(name)) == codecs | SOFTWARE
+    assert codecs | SOFTWARE <= {(codec, role) for role in CodecRole for codec in TRIED[role]}
+
+
+def test_an_orin_nano_has_no_encoder(machine):
+    model = {"sys/firmware/devicetree/base/model": "NVIDIA Jetson Orin Nano Developer Kit\0"}
+    assert expected(machine("jetson_orin_nx", **model)) == {("h264_nvmpi", DECODER)} | SOFTWARE
+
+
+def test_all_codecs_are_tried_here_and_told_beside_what_the_machine_promises(machine):
+    found = machine("raspberry_pi_4")
+    rows = {(row.name, row.role): row for row in codecs_found(found)}
+    assert list(rows) == [(name, role) for role in CodecRole for name in TRIED[role]]
+    assert {key for key, row in rows.items() if row.expected} == expected(found)
+    assert rows["h264_v4l2m2m", DECODER].why == "stateful V4L2 codec of the board"
+    assert rows["h264_nvenc", ENCODER].why == "not what this machine's v4l2 is used through"
+    for name in ENCODERS:
+        probe = probe_encoder(name)
+        assert (rows[name, ENCODER].works, rows[name, ENCODER].tried) == (probe.works, probe.reason)
+    assert rows["libx264", ENCODER].works
+    assert rows["h264", DECODER].works
+    text = render_machine(found, tuple(rows.values()))
+    for row in rows.values():
+        expected_and_works = f"{'yes' if row.expected else 'no':8} {'yes' if row.works else 'no':6}"
+        assert f"  {row.name:14} {row.role.value:8} {expected_and_works} {row.tried}; {row.why}\n" in text
+
+
+def test_a_report_tells_for_every_accelerator_what_was_found_and_why(machine):
+    found = machine("steam_deck")
+    text = render_machine(found)
+    lines = text.splitlines()
+    assert set(lines) >= {
+        "Model:            Valve Galileo",
+        "Accelerator:      vaapi",
+        "Groups:           render (992)",
+        "* vaapi   found: graphics of AMD with a video engine",
+        "          chosen: encodes and decodes H.264",
+        "          - /dev/kfd",
+    }
+    for item in found.evidence:
+        assert any(line[2:].startswith(item.accelerator.value) and item.reason in line for line in lines)
+        assert all(f"          - {source}" in lines for source in item.sources)
+    assert "PyAV" not in text
+
+
+def test_a_report_names_an_architecture_that_has_no_images(machine):
+    text = render_machine(machine("riscv_board"))
+    assert "Architecture:     riscv64, from the ELF header of /bin/sh: there are no images for it" in text

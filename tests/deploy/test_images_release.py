@@ -1,4 +1,4 @@
-"""Wheels that are the same twice, releases that say where they come from, and builders that end when told."""
+"""Wheels that are the same twice, releases that say where they come from, and images of a real builder."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from esslingen import FLEET, PROJECT, RELEASE
+from esslingen import FILE, FLEET, PROJECT, RELEASE
 
 from sfglab import __version__
 from sfglab.deploy.deployment import deployment_of
@@ -21,8 +21,9 @@ from sfglab.deploy.errors import DeployError
 from sfglab.deploy.programs import run_heard
 from sfglab.deploy.release import build_wheel, make_release
 from sfglab.fleet.fleet_file import Architecture
-from sfglab.lab.trial_build import build_command, wheelhouse, with_version
+from sfglab.lab.trial_build import build_command, trial_build, wheelhouse, why_not, with_version
 
+CACHE = os.environ.get("SFGLAB_TEST_CACHE")
 MEMBERS = ("pyproject.toml", "README.md", "LICENSE", "requirements.lock")
 
 
@@ -146,3 +147,25 @@ def test_wheels_are_fetched_for_the_other_machine_by_their_digests(wheel, tmp_pa
         wheelhouse(lock.replace(digest, "ab" * 32), tmp_path, "3.12", Architecture.ARM64)
     with pytest.raises(DeployError, match=r"Python 3\.12 on arm64: pip said .*sfglab-no-such-thing"):
         wheelhouse(lock.replace("sfglab", "sfglab-no-such-thing"), tmp_path, "3.12", Architecture.ARM64)
+
+
+def test_a_machine_without_tools_is_told_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    release, _ = make_release(PROJECT, "")
+    (check,) = trial_build(deployment_of(FLEET, "pi1", release), tmp_path / "w", tmp_path, print)
+    assert check.why == "buildah, debootstrap not installed (apt install buildah debootstrap)"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(bool(why_not()), reason=why_not() or "can run")
+@pytest.mark.skipif(CACHE is None, reason="downloads 300 MB: name a folder to keep them in SFGLAB_TEST_CACHE")
+def test_every_promise_holds_in_a_real_image(tmp_path):
+    said: list[str] = []
+    release, data = make_release(PROJECT, FILE.read_text())
+    deployment = deployment_of(FLEET, "workstation", release)
+    wheel = tmp_path / release.wheel
+    wheel.write_bytes(data)
+    checks = trial_build(deployment, wheel, tmp_path, said.append, cache=Path(CACHE or tmp_path))
+    assert [check for check in checks if check.held < check.checked] == [], "\n".join(said[-30:])
+    assert len(checks) == 12
+    assert list(tmp_path.iterdir()) == [wheel]

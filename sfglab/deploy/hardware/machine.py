@@ -66,15 +66,12 @@ class DeviceGroup:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CodecFound:
-    """One codec, as expected and as tried."""
+class CodecFound(ExpectedCodec):
+    """One codec, as expected (or why not) and as tried."""
 
-    name: str  #: FFmpeg's name.
-    role: CodecRole  #: Encoder or decoder.
     expected: bool  #: Whether the machine lets one expect it.
     works: bool  #: Whether it encoded or decoded in this process.
     tried: str  #: What was seen when it was tried.
-    why: str  #: Why it is expected or not.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
