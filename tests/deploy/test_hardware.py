@@ -1,4 +1,4 @@
-"""Detection on made-up roots: accelerators and codecs, why, how they are told, and that nothing makes it lie."""
+"""Detection on made-up roots: accelerators and codecs, why, how they are told, and that nothing fools it."""
 
 from __future__ import annotations
 
