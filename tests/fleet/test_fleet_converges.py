@@ -12,7 +12,6 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from pathlib import Path
 
 import psutil
 import pytest
@@ -267,10 +266,8 @@ class Fleet:
 @pytest.fixture(scope="module")
 def world():
     """The fleet and the loop it lives in, which runs only while a test or another wait does."""
-    before = {p.name for p in Path("/dev/shm").iterdir()}
     with Testbed(*AGENTS) as testbed, asyncio.Runner() as runner:
         fleet = Fleet(testbed, 100 + 4 * (os.getpid() % 25))
-        fleet.shm_before = before
         try:
             runner.run(fleet.start())
             yield fleet, runner.run
@@ -386,4 +383,3 @@ def test_the_fleet_ends_in_order_and_leaves_nothing(world):
             fleet.testbed.argv(name, ["cat", "/proc/net/unix"]), capture_output=True, text=True, check=True
         )
         assert "sfglab" not in sockets.stdout
-    assert {p.name for p in Path("/dev/shm").iterdir()} - fleet.shm_before == set()
