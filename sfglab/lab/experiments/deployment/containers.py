@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 OUTSIDER = "outsider"
-MEETING_S = 30.0
+MEETING_S = 120.0
 LOOKING_S = 2.0
 _GRACE_S = 10.0
 _SFGLAB = (sys.executable, "-c", "from sfglab.cli import main; main()")
