@@ -55,11 +55,10 @@ class Dynamics:
 
     #: Never exceeded, whatever is asked for; the yaw rate's bounds the whole turn's rate.
     limits: Limits = field(default_factory=Limits)
-    lag_s: float = between(
-        0.1, 0, math.inf, without=(math.inf,)
-    )  #: Time constant of the velocity; 0: only the limits hold it back.
+    #: Time constant of the velocity; 0: only the limits hold it back.
+    lag_s: float = between(0.1, without=(math.inf,))
     #: How much velocity is added to a target's for every metre that is missing.
-    gain_per_s: float = between(2.0, 0, math.inf, without=(0, math.inf))
+    gain_per_s: float = between(2.0, without=(0, math.inf))
 
     def __post_init__(self) -> None:
         check_bounds(self)

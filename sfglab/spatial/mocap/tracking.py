@@ -111,13 +111,12 @@ TRANSITIONS: dict[tuple[TrackState, Verdict], TrackState] = {
 class Limits:
     """What no object outdoes, and how long an impossible place must be held to be believed."""
 
-    speed_m_s: float = between(10.0, 0, without=(0,))  #: The highest speed.
-    turn_rad_s: float = between(12.0, 0, without=(0,))  #: The highest rate of turn.
-    slack_m: float = between(0.02, 0, without=(0,))  #: How far apart two poses may always be, for noise.
-    slack_rad: float = between(0.2, 0, without=(0,))  #: By how much two poses may always differ in orientation.
-    believe_after_s: float = between(
-        0.5, 0, without=(0,)
-    )  #: After how long at an impossible place the object is believed to be there.
+    speed_m_s: float = between(10.0, without=(0,))  #: The highest speed.
+    turn_rad_s: float = between(12.0, without=(0,))  #: The highest rate of turn.
+    slack_m: float = between(0.02, without=(0,))  #: How far apart two poses may always be, for noise.
+    slack_rad: float = between(0.2, without=(0,))  #: By how much two poses may always differ in orientation.
+    #: After how long at an impossible place the object is believed to be there.
+    believe_after_s: float = between(0.5, without=(0,))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -236,9 +236,7 @@ class SetTime:
 
     def apply(self, scene: Scene) -> Scene:
         """Return the scene with the waypoint at its new time."""
-        draft = Draft(scene)
-        draft.put(replace(scene.of_kind(self.id, WaypointObject), time_ns=self.time_ns))
-        return draft.scene()
+        return _with(scene, replace(scene.of_kind(self.id, WaypointObject), time_ns=self.time_ns))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
