@@ -184,6 +184,14 @@ class Costs:
             if (value := getattr(self, item.name)) < 0:
                 raise InvalidValueError(f"costs: {item.name}", value, "from 0")
 
+    def published_s(self, message_bytes: float) -> float:
+        """Return the seconds of a message's publication on a software-mapped topic."""
+        return self.publish_s + self.publish_s_per_byte * message_bytes
+
+    def delivery_s(self, message_bytes: float) -> float:
+        """Return the seconds of a message's delivery to one reader."""
+        return self.deliver_s + self.deliver_s_per_byte * message_bytes
+
 
 STORED = Costs(
     memory=MemoryInterface(write_latency_cycles=8.758),
@@ -297,7 +305,7 @@ def transfer_times(setup: Setup, costs: Costs = STORED) -> Times:
 def _over_smt(setup: Setup, costs: Costs) -> tuple[float, float]:
     """Return times over main memory alone."""
     x, readers = setup.message_bytes, setup.hardware + setup.software
-    start_s = _published_s(x, costs)
+    start_s = costs.published_s(x)
     if setup.publisher is Side.HARDWARE:
         start_s += costs.endpoint_s + costs.memory.write_s(x) + costs.delegate_s
     read_s = start_s + _all_read_s(setup.hardware, readers, x, costs) + costs.endpoint_s
@@ -312,7 +320,7 @@ def _over_hmt(setup: Setup, costs: Costs) -> tuple[float, float]:
 def _over_gateway(setup: Setup, costs: Costs) -> tuple[float, float]:
     """Return times through a gateway; the readers of its SMT are the software nodes and the core."""
     x, memory = setup.message_bytes, costs.memory
-    smt_s = _published_s(x, costs) + _delivered_s(setup.software + 1, x, costs)
+    smt_s = costs.published_s(x) + _delivered_s(setup.software + 1, x, costs)
     if setup.publisher is Side.SOFTWARE:
         forward_s = costs.delegate_s + costs.endpoint_s + memory.memory_to_stream_s(x)
         return smt_s + forward_s + costs.endpoint_s, smt_s
@@ -324,17 +332,9 @@ def _over_gateway(setup: Setup, costs: Costs) -> tuple[float, float]:
 _PATHS = {Transport.SMT: _over_smt, Transport.HMT: _over_hmt, Transport.GATEWAY: _over_gateway}
 
 
-def _published_s(message_bytes: int, costs: Costs) -> float:
-    return costs.publish_s + costs.publish_s_per_byte * message_bytes
-
-
-def _delivery_s(message_bytes: int, costs: Costs) -> float:
-    return costs.deliver_s + costs.deliver_s_per_byte * message_bytes
-
-
 def _delivered_s(readers: int, message_bytes: int, costs: Costs) -> float:
     """Return the mean delay of one reader among several: its place is (readers + 1) / 2."""
-    return (readers + 1) / 2 * _delivery_s(message_bytes, costs)
+    return (readers + 1) / 2 * costs.delivery_s(message_bytes)
 
 
 def _all_read_s(hardware: int, readers: int, message_bytes: int, costs: Costs) -> float:
@@ -344,7 +344,7 @@ def _all_read_s(hardware: int, readers: int, message_bytes: int, costs: Costs) -
     are, and the last reader finds it free. The mean place of the first of h among r readers is (r + 1)/(h + 1),
     and h times that of the last.
     """
-    place = (readers + 1) / (hardware + 1) * _delivery_s(message_bytes, costs)
+    place = (readers + 1) / (hardware + 1) * costs.delivery_s(message_bytes)
     read_s = costs.memory.read_s(message_bytes)
     return costs.delegate_s + max(place + hardware * read_s, hardware * place + read_s)
 

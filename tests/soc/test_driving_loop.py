@@ -35,12 +35,9 @@ def test_no_building_stands_on_the_road_or_in_another(seed):
             assert apart > other.radius_m + building.radius_m
 
 
-def test_a_seed_is_a_town():
+def test_a_seed_is_a_town_where_a_point_beside_a_lane_is_found_where_it_was_put():
     again = make_town(np.random.default_rng(1))
     assert (again.lights, again.buildings) == (TOWN.lights, TOWN.buildings)
-
-
-def test_the_place_of_a_point_beside_a_lane_is_where_it_was_put():
     x, y, _ = TOWN.lane.at(12.0, 0.1)
     place = TOWN.lane.place(x, y)
     assert (place.along_m, place.left_m) == pytest.approx((12.0, 0.1), abs=0.03)
@@ -117,15 +114,13 @@ def test_a_line_crossed_at_red_is_run_unless_it_had_just_turned_red():
 
 def test_a_car_out_of_its_lane_is_over_and_has_failed():
     judge = judged([(0.0, 0.0, 0.2, 0.9)], [None] * 5)
-    assert judge.over
-    assert not judge.verdict().passed
+    assert (judge.over, judge.verdict().passed) == (True, False)
 
 
-def test_a_stop_before_a_red_light_is_obeyed_and_one_far_away_is_not():
-    stop = TOWN.lights[0].stop_m
-    red = [-math.inf, *[None] * 4]
-    assert judged([(5.0, stop - 0.4, 0.0, 0.0)], red).verdict().red_lights_obeyed == 1
-    assert judged([(5.0, stop - 2.5, 0.0, 0.0)], red).verdict().red_lights_obeyed == 0
+@pytest.mark.parametrize(("before_m", "obeyed"), [(0.4, 1), (2.5, 0)])
+def test_a_stop_before_a_red_light_is_obeyed_and_one_far_away_is_not(before_m, obeyed):
+    judge = judged([(5.0, TOWN.lights[0].stop_m - before_m, 0.0, 0.0)], [-math.inf, *[None] * 4])
+    assert judge.verdict().red_lights_obeyed == obeyed
 
 
 # closed loop

@@ -61,19 +61,15 @@ def test_the_nodes_hear_and_say_what_the_graph_of_fig_9_has():
 # camera
 
 
-def test_a_ground_point_straight_ahead_lies_under_the_image_s_middle_and_one_to_the_left_left_of_it():
-    pixels, depth = Camera().project(np.array([[2.0, 0.0, 0.0], [2.0, 0.5, 0.0]]))
+def test_a_ground_point_to_the_left_lies_left_of_the_middle_and_the_ground_s_homography_undoes_it():
+    camera, points = Camera(), np.array([[2.0, 0.0, 0.0], [2.0, 0.5, 0.0], [1.3, -0.2, 0.0]])
+    pixels, depth = camera.project(points)
     assert pixels[0, 0] == pytest.approx(160)
-    assert pixels[0, 1] > Camera().horizon_row
+    assert pixels[0, 1] > camera.horizon_row
     assert pixels[1, 0] < pixels[0, 0]
     assert (depth > 0).all()
-
-
-def test_the_ground_s_homography_undoes_the_projection():
-    camera = Camera()
-    pixels, _ = camera.project(np.array([[1.3, -0.2, 0.0]]))
-    raw = camera.ground_from_image @ np.append(pixels[0], 1.0)
-    assert raw[:2] / raw[2] == pytest.approx([1.3, -0.2])
+    raw = np.column_stack([pixels, np.ones(3)]) @ camera.ground_from_image.T
+    assert raw[:, :2] / raw[:, 2:] == pytest.approx(points[:, :2])
 
 
 def test_a_camera_below_the_ground_is_refused():
@@ -93,13 +89,10 @@ def test_a_car_at_constant_yaw_rate_comes_back_to_where_it_was():
     assert (car.x_m, car.y_m, car.yaw_rad) == pytest.approx((start.x_m, start.y_m, start.yaw_rad), abs=1e-6)
 
 
-def test_a_car_brakes_as_hard_as_it_can_and_no_harder():
-    car = drive(CarState(speed_mps=0.9), Drive(), dt_s=0.1, chassis=Chassis())
-    assert car.speed_mps == pytest.approx(0.75)
-
-
-def test_a_car_whose_steering_is_off_leaves_the_straight_line_it_was_told():
-    off = drive(CarState(speed_mps=0.9), Drive(speed_mps=0.9), dt_s=1.0, chassis=Chassis(steer_bias_rad=0.02))
+def test_a_car_brakes_as_hard_as_it_can_and_leaves_its_line_where_its_steering_is_off():
+    car, chassis = CarState(speed_mps=0.9), Chassis(steer_bias_rad=0.02)
+    assert drive(car, Drive(), dt_s=0.1, chassis=Chassis()).speed_mps == pytest.approx(0.75)
+    off = drive(car, Drive(speed_mps=0.9), dt_s=1.0, chassis=chassis)
     assert off.yaw_rad == pytest.approx(0.9 * math.tan(0.02) / 0.26)
 
 
@@ -147,9 +140,8 @@ def drawn(lane: Lane) -> np.ndarray:
     image, x = grey_image(), np.linspace(0.4, 4.0, 200)
     middle = lane.offset_m + lane.slope * x + lane.bend_per_m * x * x
     for side, bgr in ((0.25, (40, 190, 225)), (-0.25, (235, 240, 240))):
-        left, right = ([np.stack([x, middle + side + half, 0 * x], axis=1)] for half in (0.025, -0.025))
-        outline = np.vstack([left[0], right[0][::-1]])
-        pixels = Camera().project(outline)[0]
+        left, right = (np.stack([x, middle + side + half, 0 * x], axis=1) for half in (0.025, -0.025))
+        pixels = Camera().project(np.vstack([left, right[::-1]]))[0]
         cv2.fillPoly(image, [np.rint(pixels).astype(np.int32)], bgr)
     return image
 
@@ -191,10 +183,8 @@ def test_a_lamp_is_found_by_its_own_colour_only_with_place_and_radius(bgr, colou
     assert lamp.radius == pytest.approx(9, abs=1.2)
     other = Colour.GREEN if colour is Colour.RED else Colour.RED
     assert find_lamps(image, other) == []
-
-
-def test_a_vivid_bar_is_no_lamp():
-    assert find_lamps(cv2.rectangle(grey_image(), (100, 80), (160, 90), RED, cv2.FILLED), Colour.RED) == []
+    bar = cv2.rectangle(grey_image(), (100, 80), (160, 90), bgr, cv2.FILLED)
+    assert find_lamps(bar, colour) == [], "not round"
 
 
 @pytest.mark.parametrize(("radius", "found"), [(4, False), (10, True), (20, False)])

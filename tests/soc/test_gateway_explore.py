@@ -39,13 +39,10 @@ def broken(state: State, given: Input, to: State) -> Table:
 def test_within_the_bound_every_interleaving_delivers_everything_once_in_order_without_echo(bound):
     found = explore(bound)
     assert found.counterexample is None
+    if bound == Bound():
+        assert (found.worlds, found.steps, found.depth) == (2490, 5648, 58), "as recorded"
     if all((*bound.software, *bound.hardware)):
         assert set(State) - found.visited <= {State.DROP_HMT_HOLDING}  # takes two messages from software
-
-
-def test_an_exploration_is_as_large_as_recorded():
-    found = explore(Bound())
-    assert (found.worlds, found.steps, found.depth) == (2490, 5648, 58)
 
 
 def test_without_echoes_the_filters_only_let_pass():
@@ -58,18 +55,8 @@ def test_without_echoes_the_filters_only_let_pass():
     ("state", "given", "to", "violated"),
     [
         (State.FILTER_SMT, Input.OWN, State.CLAIM, "echoed to the side that it came from"),
-        (State.FILTER_HMT, Input.OWN, State.TO_MEMORY, "echoed to the side that it came from"),
-        (State.FILTER_HMT_HOLDING, Input.OWN, State.TO_MEMORY_HOLDING, "echoed to the side that it came from"),
         (State.FILTER_SMT, Input.FOREIGN, State.REQUEST, "asks for the next message before .* lost"),
         (State.FILTER_HMT, Input.FOREIGN, State.DROP_HMT, "lost"),
-        (State.FILTER_HMT_HOLDING, Input.FOREIGN, State.DROP_HMT_HOLDING, "lost"),
-        (State.CANCEL_WAIT, Input.ANSWERED, State.PUBLISH, "asks for the next message before .* lost"),
-        (
-            State.PUBLISH_WAIT_HOLDING,
-            Input.PUBLISHED,
-            State.REQUEST,
-            "asks for the next message before .* lost",
-        ),
         (State.TO_MEMORY, Input.DONE, State.PUBLISH, "ANSWERED comes unexpected in PUBLISH_WAIT"),
         (State.PUBLISH, Input.SENT, State.REQUEST, "PUBLISHED comes unexpected in POLL_OSIF"),
         (State.PUBLISH_WAIT, Input.PUBLISHED, State.PUBLISH, "publishes an output message that nobody wrote"),
@@ -101,10 +88,8 @@ def test_of_all_arrows_bent_anywhere_only_three_pass_and_these_change_nothing_bu
 
 def test_a_core_that_sends_without_claiming_waits_forever_for_itself():
     found = explore(Bound(), broken(State.FILTER_SMT, Input.FOREIGN, State.TO_HMT)).counterexample
-    assert found is not None
     assert found.property == "deadlock: messages are under way and nothing can move any more"
-    assert found.last.state is State.TO_HMT
-    assert found.last.topic is not None
+    assert (found.last.state, found.last.topic is None) == (State.TO_HMT, False)
     assert "hardware publisher 1 offers 1.0" in found.trace
 
 
@@ -118,9 +103,7 @@ def test_without_a_claim_the_port_has_to_store_every_message_that_hardware_may_s
 
 
 def test_a_delegate_that_does_not_hear_the_cancel_deadlocks():
-    found = explore(Bound(listens_while_blocked=False)).counterexample
-    assert found is not None
-    assert found.property.startswith("deadlock")
+    assert explore(Bound(listens_while_blocked=False)).counterexample.property.startswith("deadlock")
 
 
 def test_a_delegate_that_answers_request_and_cancel_confuses_the_core_and_the_story_says_how():

@@ -9,21 +9,8 @@ from graph_strategies import GRAPHS, graphs
 from hypothesis import given, settings
 
 from sfglab.errors import InvalidValueError
-from sfglab.soc import (
-    TopicMapping,
-    faster_by_gateway,
-    load_graph,
-    map_communication,
-    transfer_s,
-)
-from sfglab.soc.memory import (
-    Judge,
-    Setup,
-    Side,
-    Transport,
-    break_even_bytes,
-    transfer_times,
-)
+from sfglab.soc import TopicMapping, faster_by_gateway, load_graph, map_communication, transfer_s
+from sfglab.soc.memory import Judge, Setup, Side, Transport, break_even_bytes, transfer_times
 
 EXAMPLE = load_graph(GRAPHS / "figure_8.yaml")
 
@@ -32,13 +19,9 @@ def sized(size_bytes):
     return replace(EXAMPLE, topics=tuple(replace(t, size_bytes=size_bytes) for t in EXAMPLE.topics))
 
 
-def test_large_messages_of_the_paper_s_example_are_mapped_as_the_paper_maps_them():
-    by_size = map_communication(sized(10_000_000), gateway=faster_by_gateway())
-    assert by_size == map_communication(sized(10_000_000))
-
-
-def test_small_messages_get_no_gateway_though_the_paper_s_rule_gives_them_one():
-    small = sized(100)
+def test_large_messages_are_mapped_as_the_paper_maps_them_and_small_ones_get_no_gateway():
+    large, small = sized(10_000_000), sized(100)
+    assert map_communication(large, gateway=faster_by_gateway()) == map_communication(large)
     assert map_communication(small).gateways.mapped_to(TopicMapping.GATEWAY) == ("A", "C", "E")
     by_size = map_communication(small, gateway=faster_by_gateway()).gateways
     assert by_size.mapped_to(TopicMapping.GATEWAY) == ()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import random
-
 import pytest
 from walked_core import Core
 
@@ -36,20 +34,6 @@ def clocked(steps):
     return seen
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_control_and_table_agree_in_every_cycle_of_a_random_schedule(seed):
-    dice = random.Random(seed)
-
-    def steps(core):
-        for _ in range(1500):
-            fits = dice.random() < 0.6
-            choice = sorted(core.waits_for, key=rtl.core.code) if fits else [*Input, None]
-            yield dice.choice(choice), dice.getrandbits(64)
-
-    seen = clocked(steps)
-    assert [shown for shown, _ in seen] == [wanted for _, wanted in seen]
-
-
 def way(start, goal):
     """A shortest sequence of inputs from one state to another."""
     found, front = {start: []}, [start]
@@ -75,7 +59,8 @@ def test_control_and_table_agree_on_every_input_in_every_state():
                 for item in way(core.state, state):
                     yield item, 7
                 reached.add((core.state, given))
-                yield given, 9
+                yield None, 8
+                yield given, 2**64 - 9
 
     seen = clocked(steps)
     assert [shown for shown, _ in seen] == [wanted for _, wanted in seen]

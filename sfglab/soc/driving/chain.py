@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sfglab.soc.graph import Graph, Topic
+    from sfglab.soc.memory import Times
 
 
 CHAIN = ("compensation", "gaussian_blur", "lane_planner", "polyfit", "lane_control")
@@ -77,42 +78,34 @@ class Chain:
 
     @cached_property
     def fixed_s(self) -> dict[str, float]:
-        """Seconds on the chain's other topics, the same in both versions, by topic."""
-        return {topic.name: self._fixed_s(topic) for topic in self._topics[1:]}
+        """Seconds on the chain's other topics, the same in both versions, by topic.
 
-    def _fixed_s(self, topic: Topic) -> float:
-        """Return the transfer of a topic that has no gateway: a stream in hardware, else main memory."""
-        hardware = len(self.graph.in_hardware.intersection(topic.subscribers))
-        software = len(topic.subscribers) - hardware
-        times = transfer_times(
-            Setup(
-                publisher=Side.HARDWARE,
-                transport=Transport.SMT if software else Transport.HMT,
-                message_bytes=topic.size_bytes or 0,
-                hardware=hardware,
-                software=software,
-            ),
-            self.costs,
-        )
-        found = times.software_s if software else times.hardware_s
-        assert found is not None, "the topic has a subscriber of that side"
-        return found
+        They have no gateway: they are streams where all readers are in hardware, else in main memory.
+        """
+        found = {}
+        for topic in self._topics[1:]:
+            streams = self.graph.in_hardware.issuperset(topic.subscribers)
+            times = self._times(topic, Transport.HMT if streams else Transport.SMT)
+            found[topic.name] = times.hardware_s if streams else times.software_s
+        return {name: time_s for name, time_s in found.items() if time_s is not None}
 
     @cached_property
     def gateway_s(self) -> float:
         """Seconds from the compensation to the blur through a gateway, where no order is left to chance."""
-        readers = self._topics[0].subscribers
-        hardware = len(self.graph.in_hardware.intersection(readers))
-        setup = Setup(
-            publisher=Side.HARDWARE,
-            transport=Transport.GATEWAY,
-            message_bytes=self._topics[0].size_bytes or 0,
-            hardware=hardware,
-            software=len(readers) - hardware,
-        )
-        found = transfer_times(setup, self.costs).hardware_s
+        found = self._times(self._topics[0], Transport.GATEWAY).hardware_s
         assert found is not None, "the blur is in hardware"
         return found
+
+    def _times(self, topic: Topic, transport: Transport) -> Times:
+        hardware = len(self.graph.in_hardware.intersection(topic.subscribers))
+        setup = Setup(
+            publisher=Side.HARDWARE,
+            transport=transport,
+            message_bytes=topic.size_bytes or 0,
+            hardware=hardware,
+            software=len(topic.subscribers) - hardware,
+        )
+        return transfer_times(setup, self.costs)
 
     @cached_property
     def smt_s(self) -> dict[Order, float]:
@@ -127,9 +120,8 @@ class Chain:
         """
         costs, memory = self.costs, self.costs.memory
         size_bytes = self._topics[0].size_bytes or 0
-        published_s = costs.publish_s + costs.publish_s_per_byte * size_bytes
-        start_s = costs.endpoint_s + memory.write_s(size_bytes) + costs.delegate_s + published_s
-        deliver_s = costs.deliver_s + costs.deliver_s_per_byte * size_bytes
+        sent_s = costs.endpoint_s + memory.write_s(size_bytes) + costs.delegate_s
+        start_s, deliver_s = sent_s + costs.published_s(size_bytes), costs.delivery_s(size_bytes)
         # Ports of the memory interface in the graph's order; it decides turns of one chunk, 0.7 us.
         readers = [name for name in self._topics[0].subscribers if name in self.graph.in_hardware]
         releases_s = [start_s + (order.index(name) + 1) * deliver_s + costs.delegate_s for name in readers]
