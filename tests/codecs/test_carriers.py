@@ -116,16 +116,13 @@ def test_a_skipped_packet_that_is_broken_or_a_still_image_is_treated_as_it_would
     image_decoder(COMPRESSED_IMAGE, "png").skip(SimpleNamespace(format="bgr8; png compressed bgr8", data=b""))
 
 
-def test_a_missing_packet_taints_the_pictures_up_to_the_next_key_frame(stream):
+def test_a_missing_packet_taints_pictures_up_to_the_next_key_frame_also_of_a_sender_that_starts_anew(
+    stream,
+):
     decoder = image_decoder(FFMPEG_PACKET)
     intact = {p.pts: decoder.feed(p)[0].intact for p in packets(stream, 0, 35) if p.pts != 10}
     assert [pts for pts, whole in intact.items() if not whole] == list(range(11, 30))
-
-
-def test_a_sender_that_starts_anew_is_followed_from_its_key_frame(stream):
-    decoder = image_decoder(FFMPEG_PACKET)
-    intact = [decoder.feed(p)[0].intact for p in (*packets(stream, 30, 35), *packets(stream, 0, 2))]
-    assert intact == [True] * 7
+    assert [decoder.feed(p)[0].intact for p in packets(stream, 0, 2)] == [True] * 2
 
 
 def test_reset_forgets_the_stream_which_goes_on_with_a_key_frame(stream):
@@ -241,10 +238,10 @@ def test_h264_in_a_compressed_image_and_in_a_compressed_video_decodes(stream):
         assert np.array_equal(image.array, expected)
 
 
-@pytest.mark.parametrize("text", ["", "tiff", "bgr8; tiff compressed "])
-def test_a_compressed_image_of_another_kind_is_refused(text):
-    with pytest.raises(CodecUnavailableError):
-        image_decoder(COMPRESSED_IMAGE).feed(SimpleNamespace(format=text, data=b"abc"))
+def test_a_compressed_image_of_another_kind_is_refused():
+    for text in ("", "tiff", "bgr8; tiff compressed "):
+        with pytest.raises(CodecUnavailableError):
+            image_decoder(COMPRESSED_IMAGE).feed(SimpleNamespace(format=text, data=b"abc"))
 
 
 @pytest.mark.skipif("libx265" not in av.codecs_available, reason="this build of FFmpeg cannot make H.265")

@@ -83,22 +83,16 @@ def test_a_forced_key_frame_can_be_joined_and_restarts_the_gop(pictures):
     assert psnr_db(decoded, pictures[7]) > 25
 
 
-def test_the_decoder_writes_into_the_array_it_is_given(stream):
-    out = np.zeros((360, 640, 3), np.uint8)
-    (decoded,) = H264Decoder().decode_bgr(stream[0].data, out)
-    (again,) = H264Decoder().decode_bgr(stream[0].data)
-    assert decoded is out
-    assert np.array_equal(out, again)
-
-
-def test_widths_that_need_padded_rows_come_out_contiguous(pictures):
-    settings = H264Settings(width=322, height=182, fps=30, bitrate_bps=2_000_000, gop=10)
+def test_widths_that_need_padded_rows_come_out_contiguous_also_into_a_given_array(pictures):
     picture = pictures[0][:182, :322]
-    (frame,) = H264Encoder(settings).encode(picture)
+    (frame,) = H264Encoder(replace(SMALL, width=322, height=182)).encode(picture)
     (decoded,) = H264Decoder().decode_bgr(frame.data)
     assert decoded.shape == (182, 322, 3)
     assert decoded.flags.c_contiguous
     assert psnr_db(decoded, picture) > 25
+    out = np.zeros((182, 322, 3), np.uint8)
+    assert H264Decoder().decode_bgr(frame.data, out)[0] is out
+    assert np.array_equal(out, decoded)
 
 
 def test_the_size_may_change_in_mid_stream(pictures, stream):
@@ -111,21 +105,16 @@ def test_the_size_may_change_in_mid_stream(pictures, stream):
     assert decoder.decode_bgr(stream[0].data)
 
 
-def test_packets_before_the_first_key_frame_are_refused_and_counted(stream):
-    decoder = H264Decoder()
-    assert [decoder.decode(frame.data) for frame in stream[25:30]] == [()] * 5
-    assert decoder.state is DecoderState.WAITING_FOR_KEYFRAME
-    assert (decoder.refused_packets, decoder.broken_packets) == (5, 0)
-    assert len(decoder.decode(stream[30].data)) == 1
-    assert decoder.state is DecoderState.DECODING
-
-
-def test_joining_late_gives_the_same_pixels_as_having_watched_all_along(stream):
+def test_joining_late_refuses_packets_up_to_a_key_frame_and_then_gives_the_same_pixels(stream):
     early, late = H264Decoder(), H264Decoder()
     for frame in stream[:30]:
         early.decode(frame.data)
+    assert [late.decode(frame.data) for frame in stream[25:30]] == [()] * 5
+    assert late.state is DecoderState.WAITING_FOR_KEYFRAME
+    assert (late.refused_packets, late.broken_packets) == (5, 0)
     for frame in stream[30:40]:
         assert np.array_equal(early.decode_bgr(frame.data)[0], late.decode_bgr(frame.data)[0])
+    assert late.state is DecoderState.DECODING
 
 
 def test_after_lost_packets_pictures_go_on_and_are_exact_again_at_the_next_key_frame(stream):
@@ -299,11 +288,9 @@ def test_h264_starts_at_an_idr_slice_or_parameter_sets(units, entry):
     assert is_entry_point(annexb(*units), codec="h264") is entry
 
 
-@pytest.mark.parametrize(
-    ("kind", "entry"), [(0, False), (1, False), (16, True), (19, True), (21, True), (32, True)]
-)
-def test_h265_starts_at_an_irap_slice_or_parameter_sets(kind, entry):
-    assert is_entry_point(annexb(bytes([kind << 1, 1]) + b"abc"), codec="hevc") is entry
+def test_h265_starts_at_an_irap_slice_or_parameter_sets():
+    for kind, entry in ((0, False), (1, False), (16, True), (19, True), (21, True), (32, True)):
+        assert is_entry_point(annexb(bytes([kind << 1, 1]) + b"abc"), codec="hevc") is entry
 
 
 def test_every_candidate_gets_a_verdict_with_a_reason():

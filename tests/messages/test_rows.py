@@ -7,15 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from sfglab.messages import (
-    MessageError,
-    definition,
-    deserialize,
-    row_message,
-    row_type,
-    serialize,
-    type_name,
-)
+from sfglab.messages import MessageError, definition, deserialize, row_message, row_type, serialize, type_name
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -73,13 +65,8 @@ def test_a_row_comes_back_field_by_field():
     assert (read.sent, read.mean_s, read.lossless, read.agent, read.side) == (3, 0.25, True, "r1", "with proxy")
     assert (read.samples_s.tolist(), read.sizes.tolist(), read.names) == ([0.5, 1.5], [], ["a", ""])
     assert read.image.tolist() == [0, 1, 2]
-
-
-def test_numpy_scalars_and_strided_arrays_are_values_too():
-    message = row_message(
-        row(sent=np.int64(4), mean_s=np.float32(0.5), image=np.arange(8, dtype=np.uint8)[::2])
-    )
-    assert deserialize(serialize(message), row_type(LatencyRow)).image.tolist() == [0, 2, 4, 6]
+    numpy = row(sent=np.int64(4), mean_s=np.float32(0.5), image=np.arange(8, dtype=np.uint8)[::2])
+    assert deserialize(serialize(row_message(numpy)), row_type(LatencyRow)).image.tolist() == [0, 2, 4, 6]
 
 
 @pytest.mark.parametrize(
