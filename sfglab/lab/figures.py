@@ -1,4 +1,4 @@
-"""Figures: one style, one `save`, one JSON twin beside each picture.
+"""Figures: one style, one `save`, one JSON twin beside each picture; films.
 
 A picture is written as deterministic SVG and as PNG; the twin says from which log, parameters and versions
 it comes and which numbers it shows, so that nobody has to guess whether a figure is current. Drawing itself
@@ -8,15 +8,21 @@ is done by the experiments, in functions that take axes.
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
+    import pandas as pd
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
 
 # Okabe and Ito's palette, distinct for all common kinds of colour blindness; ordered by lightness so that
@@ -31,6 +37,31 @@ COLORS = {
 MARKERS = {"standard": "o", "proxy": "s", "network": "^", "third": "D", "fourth": "v"}
 PAPER_STYLE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.4, "alpha": 0.75}
 """How a paper's own line is drawn beside ours: dashed, in the colour of what it states."""
+
+
+def series(key: str) -> dict[str, Any]:
+    """Return the colour and the marker of a series, by its key in `COLORS`."""
+    return {"color": COLORS[key], "marker": MARKERS[key]}
+
+
+def grouped_bars(
+    axes: Axes, table: pd.DataFrame, colors: Iterable[str], *, width: float
+) -> list[NDArray[np.floating]]:
+    """Draw a group of bars a line of a table, a bar a column; return where each column's bars stand.
+
+    Args:
+        axes: Where.
+        table: Heights.
+        colors: One a column.
+        width: Of a group; 1 leaves no space between groups.
+    """
+    each, places = width / len(table.columns), range(len(table.columns))
+    spots = [np.arange(len(table)) + (place - (len(places) - 1) / 2) * each for place in places]
+    for at, column, color in zip(spots, table.columns, colors, strict=False):
+        axes.bar(at, table[column], each, label=column, color=color)
+    axes.grid(visible=False, axis="x")
+    return spots
+
 
 _RC: dict[Any, Any] = {
     "figure.dpi": 110,
@@ -81,3 +112,29 @@ def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file as hexadecimal digits."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def mp4(
+    images: Iterable[NDArray[np.uint8]], size: tuple[int, int], *, fps: int, crf: int, pixels: str
+) -> bytes:
+    """Return pictures as an MP4 file, the same file for the same pictures.
+
+    Args:
+        images: Each of shape (height, width, 3).
+        size: Width and height, both even.
+        fps: Pictures a second.
+        crf: H.264's constant rate factor: higher is smaller and worse.
+        pixels: The order of colours: ``rgb24`` or ``bgr24``.
+    """
+    import av
+
+    buffer = io.BytesIO()
+    # One thread, so that the same pictures give the same file.
+    with av.open(buffer, "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=fps, options={"crf": str(crf), "threads": "1"})
+        stream.width, stream.height = size
+        stream.pix_fmt = "yuv420p"
+        for image in images:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format=pixels)))
+        container.mux(stream.encode(None))
+    return buffer.getvalue()

@@ -13,35 +13,21 @@ import pandas as pd
 import pytest
 
 from sfglab.lab.claims import How, Verdict, judge, load_claims
-from sfglab.lab.experiments.transfer import exp, hardware
-from sfglab.lab.experiments.transfer import run as parts
+from sfglab.lab.experiments.transfer import exp, hardware, stage
 from sfglab.lab.experiments.transfer.analysis import bars, bars_of, live_speed_up, rtl_residual, stated
 from sfglab.lab.experiments.transfer.experiment import CrossingRow
 from sfglab.lab.experiments.transfer.hardware import IN, OUT, READS, WRITE, bars_with_cycles
-from sfglab.lab.experiments.transfer.modelled import JUDGES, MODELS
 from sfglab.lab.experiments.transfer.placing import (
-    _cost_s,
-    _platform,
+    cost_s,
     greedy_placement,
     placed_rows,
+    platform_for,
     random_graph,
 )
+from sfglab.lab.experiments.transfer.stage import JUDGES, MODELS
 from sfglab.soc import TopicMapping, place_nodes
-from sfglab.soc.memory import (
-    STORED,
-    Setup,
-    Side,
-    Transport,
-    constants,
-    faster_transport,
-)
-from sfglab.soc.paper_values import (
-    SUBSCRIBERS,
-    Panel,
-    residuals,
-    speed_ups,
-    tendencies,
-)
+from sfglab.soc.memory import STORED, Setup, Side, Transport, constants, faster_transport
+from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS, Panel, residuals, speed_ups, tendencies
 
 ROOT = Path(__file__).parents[2]
 CLAIMS = {"C-HWHW", "C-HWSW", "C-SWHW", "C-SWSW"}
@@ -112,11 +98,9 @@ def test_the_simulated_hardware_takes_the_model_s_cycles(run):
 
 def test_areas_are_those_of_the_synthesis(monkeypatch):
     rtl = pytest.importorskip("sfglab.soc.rtl", reason="the extra rtl is not installed")
-
-    area = rtl.Area(luts=285, ram_cells=10, flip_flops=300, carries=12, block_rams=0)
-    monkeypatch.setattr(rtl, "gateway_area", lambda _subscribers: area)
-    rows = list(hardware.area_rows((2,)))
-    assert [(row["subscribers"], row["luts"], row["flip_flops"]) for row in rows] == [(2, 285, 300)]
+    area = {"luts": 285, "ram_cells": 10, "flip_flops": 300, "carries": 12, "block_rams": 0}
+    monkeypatch.setattr(rtl, "gateway_area", lambda _subscribers: rtl.Area(**area))
+    assert list(hardware.area_rows((2,))) == [{"subscribers": 2, **area}]
 
 
 def test_cycles_that_are_the_model_s_give_the_model_s_bars():
@@ -127,12 +111,8 @@ def test_cycles_that_are_the_model_s_give_the_model_s_bars():
         READS: 4 * memory.read_cycles,
         WRITE: memory.write_cycles,
     }
-    models = {
-        path: {"path": path, "subscribers": 4, "fixed_cycles": 0.0, "chunk_cycles": cycles}
-        for path, cycles in chunk.items()
-    }
     wanted = [bar for bar in speed_ups() if bar.subscribers == 4]
-    found = bars_with_cycles(models)
+    found = bars_with_cycles(4, chunk)
     assert [bar["smt_s"] for bar in found] == pytest.approx([bar.smt_s for bar in wanted])
     assert [bar["gateway_s"] for bar in found] == pytest.approx([bar.gateway_s for bar in wanted])
 
@@ -152,19 +132,15 @@ def test_the_break_even_size_is_where_the_faster_one_changes(run):
     chunk_bytes = STORED.memory.chunk_bytes
     for row in run["break_even"].itertuples():
         if row.worth and row.from_bytes > chunk_bytes:
-            below, at = (
-                faster_transport(
-                    Setup(
-                        publisher=Side(row.publisher),
-                        transport=Transport.SMT,
-                        message_bytes=size,
-                        hardware=row.subscribers,
-                    ),
-                    JUDGES[row.judge],
-                )
-                for size in (row.from_bytes - chunk_bytes, row.from_bytes)
+            setup = Setup(
+                publisher=Side(row.publisher),
+                transport=Transport.SMT,
+                message_bytes=row.from_bytes,
+                hardware=row.subscribers,
             )
-            assert (below, at) == (Transport.SMT, Transport.GATEWAY)
+            below = replace(setup, message_bytes=row.from_bytes - chunk_bytes)
+            faster = [faster_transport(one, JUDGES[row.judge]) for one in (below, setup)]
+            assert faster == [Transport.SMT, Transport.GATEWAY]
 
 
 def test_a_rule_that_knows_sizes_is_never_predicted_slower_than_another(run):
@@ -183,23 +159,23 @@ def test_placements_are_the_best_of_all_and_not_worse_than_simpler_ones(run):
 
 def test_a_greedy_placement_fits_and_ignores_topics():
     graph = random_graph(np.random.default_rng(3), 30)
-    platform = _platform(graph)
+    platform = platform_for(graph)
     chosen = greedy_placement(graph, platform)
     assert chosen
     assert chosen == greedy_placement(replace(graph, topics=()), platform)
-    assert math.isfinite(_cost_s(graph, chosen, (), platform))
+    assert math.isfinite(cost_s(graph, chosen, (), platform))
 
 
 def test_what_a_placed_graph_costs_is_what_the_programme_says():
     graph = random_graph(np.random.default_rng(1), 12)
-    platform = _platform(graph)
+    platform = platform_for(graph)
     found = place_nodes(graph, platform)
     gateways = tuple(found.graph.mapped_to(TopicMapping.GATEWAY))
-    assert _cost_s(graph, found.graph.in_hardware, gateways, platform) == pytest.approx(found.load.total_s)
+    assert cost_s(graph, found.graph.in_hardware, gateways, platform) == pytest.approx(found.load.total_s)
 
 
 def test_the_same_seed_gives_the_same_simulated_rows(tmp_path, monkeypatch):
-    monkeypatch.setattr(parts, "what_is_missing", lambda: {"rtl": "not asked here", "synthesis": "neither"})
+    monkeypatch.setattr(stage, "what_is_missing", lambda: {"rtl": "not asked here", "synthesis": "neither"})
     few = {"refits": 1, "most_subscribers": 1, "sizes": 2, "large_graphs": 0, "live_rounds": 0}
     first, again, other = (
         asyncio.run(exp.run("smoke", path=tmp_path / f"{n}.mcap", seed=seed, **few))
@@ -212,7 +188,8 @@ def test_the_same_seed_gives_the_same_simulated_rows(tmp_path, monkeypatch):
 
 
 def test_small_graphs_stay_within_their_number_of_nodes():
-    rows = list(placed_rows({"small": (5, 6)}, np.random.default_rng(0)))
+    config = exp.config("smoke", small_graphs=5, small_nodes=6, large_graphs=0)
+    rows = list(placed_rows(config, np.random.default_rng(0)))
     assert {row["nodes"] for row in rows} <= {5, 6}
     assert len(rows) == 5
 
@@ -241,8 +218,8 @@ def test_known_live_times_are_found_again(run):
     assert live_speed_up(made, Panel.SOFTWARE_TO_HARDWARE, 4, 1000) is None
 
 
-def test_profiles_cover_the_paper_s_twelve_configurations():
-    for profile in ("quick", "paper"):
-        config = exp.config(profile)
-        assert len(config.live_bytes) * len(config.live_subscribers) == 12
-        assert config.rtl_subscribers == SUBSCRIBERS
+@pytest.mark.parametrize("profile", ["quick", "paper"])
+def test_profiles_cover_the_paper_s_twelve_configurations(profile):
+    config = exp.config(profile)
+    assert (config.live_bytes, config.live_subscribers) == (MESSAGE_BYTES, SUBSCRIBERS)
+    assert config.rtl_subscribers == SUBSCRIBERS

@@ -8,24 +8,8 @@ mapping gains that knows sizes, and node mapping against brute force.
 
 from __future__ import annotations
 
-from sfglab.lab.experiments.transfer import figures, figures_beyond, run
-from sfglab.lab.experiments.transfer.analysis import (
-    fit_meaning,
-    live_agreement,
-    live_note,
-    live_table,
-    memory_speed_ups,
-)
+from sfglab.lab.experiments.transfer import figures, stage
+from sfglab.lab.experiments.transfer.analysis import fit_meaning, live_table, memory_speed_ups
 from sfglab.lab.experiments.transfer.experiment import exp
 
-__all__ = [
-    "exp",
-    "figures",
-    "figures_beyond",
-    "fit_meaning",
-    "live_agreement",
-    "live_note",
-    "live_table",
-    "memory_speed_ups",
-    "run",
-]
+__all__ = ["exp", "figures", "fit_meaning", "live_table", "memory_speed_ups", "stage"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pandas as pd
 
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.transfer.experiment import Config, exp
+from sfglab.lab.experiments.transfer.hardware import IN, OUT, READS, WRITE
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import bootstrap, exactly
 from sfglab.soc.memory import Origin
@@ -25,7 +27,6 @@ if TYPE_CHECKING:
 MAIN = "stored"
 """The constants by which claims are judged; the other set is told beside."""
 
-SIDES = {"hardware": "hardware_ns", "software": "software_ns"}
 _MS_PER_NS = 1e-6
 
 
@@ -63,12 +64,6 @@ def live_speed_up(run: Run[Config], panel: Panel, subscribers: int, message_byte
     """Return the ratio of the medians of both transports across processes; None: it was not measured.
 
     Repetitions, in which both were measured right after each other, are resampled as pairs.
-
-    Args:
-        run: The run.
-        panel: From whom to whom.
-        subscribers: Processes on the hardware's side.
-        message_bytes: Size of the message.
     """
     pairs = _pairs(run, panel, subscribers, message_bytes)
     if pairs.empty:
@@ -78,85 +73,66 @@ def live_speed_up(run: Run[Config], panel: Panel, subscribers: int, message_byte
         smt, gateway = np.median(groups[0], axis=0)
         return float(smt / gateway)
 
-    return bootstrap([pairs[["smt", "gateway"]].to_numpy(dtype=np.float64)], ratio, unit="times as fast")
+    return bootstrap([pairs.to_numpy(dtype=np.float64)], ratio, unit="times as fast")
 
 
 def _pairs(run: Run[Config], panel: Panel, subscribers: int, message_bytes: int) -> pd.DataFrame:
-    """Return ns over both transports, a line a repetition."""
+    """Return ns over both transports, ``smt`` and ``gateway``, a line a repetition."""
     publisher, receiver = panel.value.split(" to ")
+    cell = {"publisher": publisher, "subscribers": subscribers, "message_bytes": message_bytes}
     table = run["crossing"]
-    if table.empty:
-        return pd.DataFrame({"smt": [], "gateway": []})
-    chosen = table[
-        (table["publisher"] == publisher)
-        & (table["subscribers"] == subscribers)
-        & (table["message_bytes"] == message_bytes)
-    ]
-    return chosen.pivot_table(index="repeat", columns="transport", values=SIDES[receiver]).reindex(
-        columns=["smt", "gateway"]
-    )
+    chosen = table[(table[list(cell)] == list(cell.values())).all(axis=1)]
+    pairs = chosen.pivot_table(index="repeat", columns="transport", values=f"{receiver}_ns")
+    return pairs.reindex(columns=["smt", "gateway"])
 
 
 def live_table(run: Run[Config]) -> pd.DataFrame:
     """Return every live cell: both medians in ms, speed-up with interval, the model's, repetitions."""
-    lines = []
-    for panel in Panel:
-        for count, size in _cells(run):
-            cell = _pairs(run, panel, count, size)
-            medians = cell[["smt", "gateway"]].median() * _MS_PER_NS
-            speed_up = live_speed_up(run, panel, count, size)
-            bar = bars_of(run, panel, subscribers=count).set_index("message_bytes")["ratio"]
-            assert speed_up, "the cell was measured"
-            lines.append(
-                {
-                    "panel": panel.value,
-                    "subscribers": count,
-                    "message_bytes": size,
-                    "smt_ms": float(medians["smt"]),
-                    "gateway_ms": float(medians["gateway"]),
-                    "speed_up": speed_up.value,
-                    "low": speed_up.low,
-                    "high": speed_up.high,
-                    "model": float(bar.get(size, np.nan)),
-                    "repeats": len(cell),
-                }
-            )
-    return pd.DataFrame(lines)
+    rows = run["crossing"]
+    cells = sorted(set(zip(rows["subscribers"].tolist(), rows["message_bytes"].tolist(), strict=True)))
+    return pd.DataFrame([_live_line(run, panel, *cell) for panel in Panel for cell in cells])
+
+
+def _live_line(run: Run[Config], panel: Panel, count: int, size: int) -> dict[str, Any]:
+    cell, speed_up = _pairs(run, panel, count, size), live_speed_up(run, panel, count, size)
+    medians = cell.median() * _MS_PER_NS
+    bars = bars_of(run, panel, subscribers=count).set_index("message_bytes")["ratio"]
+    assert speed_up, "the cell was measured"
+    return {
+        "panel": panel.value,
+        "subscribers": count,
+        "message_bytes": size,
+        "smt_ms": float(medians["smt"]),
+        "gateway_ms": float(medians["gateway"]),
+        "speed_up": speed_up.value,
+        "low": speed_up.low,
+        "high": speed_up.high,
+        "model": float(bars.get(size, np.nan)),
+        "repeats": len(cell),
+    }
 
 
 def live_agreement(table: pd.DataFrame) -> tuple[int, int, int]:
     """Return how many bars there are, how many of them say which is faster, and how many as the model does.
 
-    A transport is faster where the whole interval lies on one side of 1.
-
-    Args:
-        table: As from `live_table`.
+    Of a table as from `live_table`. A transport is faster where the whole interval lies on one side of 1.
     """
     decided = table[(table["low"] > 1) | (table["high"] < 1)]
     same = (decided["speed_up"] > 1) == (decided["model"] > 1)
     return len(table), len(decided), int(same.sum())
 
 
-def _cells(run: Run[Config]) -> list[tuple[int, int]]:
-    """Return subscribers and sizes that were measured."""
-    known = (
-        run["crossing"][["subscribers", "message_bytes"]]
-        .drop_duplicates()
-        .sort_values(["subscribers", "message_bytes"])
-    )
-    return [(int(count), int(size)) for count, size in known.to_numpy()]
-
-
 def live_note(run: Run[Config]) -> str:
     """Return under which conditions the live part ran."""
-    if run["crossing"].empty:
+    rows, machine = run["crossing"], run.metadata("run")["machine"]
+    if rows.empty:
         return "nothing ran live"
-    cores, most = run.metadata("run")["machine"]["usable_cores"], run["crossing"]["subscribers"].max()
-    load, times = run["crossing"]["load"].median(), run["crossing"]["repeat"].nunique()
-    waits = f"; up to {most + 3} processes share them, so they wait for each other" if most + 3 > cores else ""
-    return (
-        f"{cores} cores of {run.metadata('run')['machine']['cpu']}{waits}; {times} repetitions, load {load:.1f}"
+    cores, processes = machine["usable_cores"], rows["subscribers"].max() + 3
+    waits = (
+        f"; up to {processes} processes share them, so they wait for each other" if processes > cores else ""
     )
+    load, times = rows["load"].median(), rows["repeat"].nunique()
+    return f"{cores} cores of {machine['cpu']}{waits}; {times} repetitions, load {load:.1f}"
 
 
 def memory_speed_ups(run: Run[Config]) -> pd.DataFrame:
@@ -164,18 +140,14 @@ def memory_speed_ups(run: Run[Config]) -> pd.DataFrame:
 
     Towards hardware: all readers' turns against one read and a broadcast; from hardware, with the write before.
     """
-    lines = []
-    for count, group in run["law"].groupby("subscribers"):
-        chunk = group.set_index("path")["chunk_cycles"]
-        reads, write = chunk["shared reads"], chunk["write"]
-        lines.append(
-            {
-                "subscribers": count,
-                "hardware to hardware": (write + reads) / chunk["gateway, stream to memory"],
-                "software to hardware": reads / chunk["gateway, memory to stream"],
-            }
-        )
-    return pd.DataFrame(lines)
+    chunk = run["law"].pivot_table(index="subscribers", columns="path", values="chunk_cycles")
+    if chunk.empty:
+        return pd.DataFrame()
+    both = {
+        "hardware to hardware": (chunk[WRITE] + chunk[READS]) / chunk[IN],
+        "software to hardware": chunk[READS] / chunk[OUT],
+    }
+    return pd.DataFrame(both).reset_index()
 
 
 def rtl_residual(run: Run[Config]) -> float | None:
@@ -187,22 +159,9 @@ def rtl_residual(run: Run[Config]) -> float | None:
 
 
 def fit_meaning(run: Run[Config], model: str = MAIN) -> dict[str, str]:
-    """Return what the model's agreement with the stated numbers is worth, for the ledger.
-
-    Args:
-        run: The run.
-        model: Which set of constants.
-    """
-    numbers, constants, refits, tendencies, variants = (
-        table[table["model"] == model]
-        for table in (
-            stated(run),
-            run["constant"],
-            run["refit"],
-            run["tendency"],
-            run["variant"],
-        )
-    )
+    """Return what the agreement of one set of constants with the stated numbers is worth, for the ledger."""
+    tables = (stated(run), *(run[name] for name in ("constant", "refit", "tendency", "variant")))
+    numbers, constants, refits, tendencies, variants = (t[t["model"] == model] for t in tables)
     fitted = (constants["origin"] == Origin.FITTED.value).sum()
     ended = refits["rms"].dropna()
     best = (ended < ended.min() * 1.001).sum()
@@ -221,18 +180,21 @@ def fit_meaning(run: Run[Config], model: str = MAIN) -> dict[str, str]:
     }
 
 
+Ratios = pd.Series
+"""Speed-ups of a panel by subscribers and size."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Asked:
     """What a claim asks of its panel."""
 
     panel: Panel  #: From whom to whom.
-    #: Which of the panel's speed-ups it is about, by subscribers and size.
-    bar: Callable[[pd.Series[float]], tuple[int, int]]
+    bar: Callable[[Ratios], tuple[int, int]]  #: Which of its speed-ups it is about, by subscribers and size.
     slower: bool = False  #: The figure is how many times as slow; else how many times as fast.
-    other: Callable[[pd.Series[float]], str]  #: What else the paper states of the panel, beside ours.
+    other: Callable[[Ratios], str]  #: What else the paper states of the panel, beside ours.
     unit: str  #: Of the figure.
 
-    def value(self, ratios: pd.Series[float]) -> float:
+    def value(self, ratios: Ratios) -> float:
         """Return the claim's figure."""
         ratio = float(ratios[self.bar(ratios)])
         return 1 / ratio if self.slower else ratio
@@ -241,13 +203,12 @@ class _Asked:
 _SMALL, _LARGE, _MANY = MESSAGE_BYTES[0], MESSAGE_BYTES[-1], SUBSCRIBERS[-1]
 
 
-def _small(ratios: pd.Series[float]) -> str:
+def _small(ratios: Ratios) -> str:
     return ", ".join(f"{ratios[count, _SMALL]:.3f} with {count} nodes" for count in SUBSCRIBERS)
 
 
-def _largest(ratios: pd.Series[float]) -> tuple[int, int]:
-    cells = [(count, size) for count in SUBSCRIBERS for size in MESSAGE_BYTES]
-    return max(cells, key=lambda cell: float(ratios[cell]))
+def _largest(ratios: Ratios) -> tuple[int, int]:
+    return max(product(SUBSCRIBERS, MESSAGE_BYTES), key=lambda cell: float(ratios[cell]))
 
 
 _ASKED = {
@@ -279,8 +240,7 @@ _ASKED = {
 }
 
 
-def _ratios(run: Run[Config], panel: Panel, model: str = MAIN) -> pd.Series[float]:
-    """Return a panel's speed-ups by subscribers and size."""
+def _ratios(run: Run[Config], panel: Panel, model: str = MAIN) -> Ratios:
     return bars_of(run, panel, model=model).set_index(["subscribers", "message_bytes"])["ratio"]
 
 

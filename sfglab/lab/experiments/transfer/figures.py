@@ -1,4 +1,7 @@
-"""Figures 6 and 7 of paper C redrawn from a log, by the model and live, with what the paper states."""
+"""Figures 6 and 7 of paper C redrawn from a log, by the model and live, and what follows beyond the paper.
+
+Beyond: residuals, break-even sizes, and node mapping against brute force and simpler ways.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,15 @@ from sfglab.lab.experiments.transfer.analysis import (
     MAIN,
     bars,
     bars_of,
+    fit_meaning,
     live_agreement,
     live_note,
     live_table,
+    rtl_residual,
     stated,
 )
 from sfglab.lab.experiments.transfer.experiment import Config, exp
-from sfglab.lab.figures import COLORS, PAPER_STYLE
+from sfglab.lab.figures import COLORS, PAPER_STYLE, series
 from sfglab.soc.paper_values import Panel
 
 if TYPE_CHECKING:
@@ -28,9 +33,12 @@ if TYPE_CHECKING:
 
 
 TRANSPORT_COLORS = {"smt": COLORS["standard"], "gateway": COLORS["proxy"]}
-NODE_COLORS = ("#E69F00", COLORS["fourth"], COLORS["third"])
-NODE_MARKERS = ("o", "s", "^")
-NODE_LINES: tuple[Any, ...] = (":", "--", "-")
+NODE_STYLES: dict[int, dict[str, Any]] = {
+    2: {"color": "#E69F00", "marker": "o", "linestyle": ":"},
+    4: {"color": COLORS["fourth"], "marker": "s", "linestyle": "--"},
+    8: {"color": COLORS["third"], "marker": "^", "linestyle": "-"},
+}
+"""By number of hardware subscribers."""
 SIZE_LABELS = {10_000: "10 kB", 100_000: "100 kB", 1_000_000: "1 MB", 10_000_000: "10 MB"}
 _RATIO_TICKS = (0.25, 0.5, 1, 2, 4, 8, 16)
 _MS_PER_S = 1e3
@@ -40,21 +48,24 @@ _MS_PER_S = 1e3
 def draw_transfer(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the model's transfer times (above) and speed-ups (below), with RTL markers and the stated ends."""
     grid = figure.subplots(2, len(Panel), sharex=True, sharey="row")
-    for place, panel in enumerate(Panel):
-        times, ratios = grid[0, place], grid[1, place]
-        _draw_times(times, bars_of(run, panel))
-        _draw_ratios(ratios, bars_of(run, panel), line=True)
-        _draw_ratios(ratios, bars_of(run, panel, model="rtl"), line=False)
+    for times, ratios, panel in zip(*grid, Panel, strict=True):
+        table = bars_of(run, panel)
+        for transport, color in TRANSPORT_COLORS.items():
+            for count in _counts(table):
+                _draw_times(times, table, count, table[f"{transport}_s"] * _MS_PER_S, color)
+        _draw_ratios(ratios, table, markersize=4)
+        _draw_ratios(
+            ratios, bars_of(run, panel, model="rtl"), markersize=9, markerfacecolor="none", linestyle=""
+        )
         _draw_stated(ratios, run, panel)
         times.set_title(panel.value)
-    _finish(grid)
-    _legend_of_times(grid[0, 3], "gateway, any number of subscribers")
-    _legend_of_ratios(grid[1, 1], run, "hollow: with RTL's cycles\ndashed: stated ends")
-    figure.suptitle(_title(run))
-    return {
-        "bars": bars(run).to_dict(orient="list"),
-        "stated": stated(run).to_dict(orient="list"),
-    }
+    _finish(grid, run, "gateway, any number of subscribers", "hollow: with RTL's cycles\ndashed: stated ends")
+    worst = stated(run)[stated(run)["model"] == MAIN]["residual"].abs().max()
+    figure.suptitle(
+        "A gateway pays for large messages and many hardware subscribers, and costs time towards software "
+        f"(model, all stated ends within {worst:.1%})"
+    )
+    return {"bars": bars(run).to_dict(orient="list"), "stated": stated(run).to_dict(orient="list")}
 
 
 @exp.figure("transfer_live", size=(13.5, 6.6), when=lambda run: not run["crossing"].empty)
@@ -62,79 +73,49 @@ def draw_live_transfer(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw medians across processes with their intervals, and the model's speed-ups as thin lines."""
     table = live_table(run)
     grid = figure.subplots(2, len(Panel), sharex=True, sharey="row")
-    for place, panel in enumerate(Panel):
-        times, ratios = grid[0, place], grid[1, place]
-        chosen = table[table["panel"] == panel.value]
-        _draw_live(times, ratios, chosen)
+    for times, ratios, panel in zip(*grid, Panel, strict=True):
+        chosen = table[table["panel"] == panel.value].sort_values("message_bytes")
+        for count in _counts(chosen):
+            for transport, color in TRANSPORT_COLORS.items():
+                _draw_times(times, chosen, count, chosen[f"{transport}_ms"], color)
+            _draw_live_ratios(ratios, chosen[chosen["subscribers"] == count], count)
         times.set_title(panel.value)
-    _finish(grid)
-    _legend_of_times(grid[0, 3], "gateway")
-    _legend_of_ratios(grid[1, 1], run, "thin: the board's model")
-    figure.suptitle(f"{_live_title(table)}\n{live_note(run)}", fontsize="medium")
-    agreement = dict(zip(("bars", "decided", "as the model"), live_agreement(table), strict=True))
+    _finish(grid, run, "gateway", "thin: the board's model")
+    all_, decided, same = live_agreement(table)
+    said = f"Across processes {decided} of {all_} bars say which is faster, {same} of them as the model does"
+    figure.suptitle(f"{said}\n{live_note(run)}", fontsize="medium")
     return {
         "live": table.to_dict(orient="list"),
         "conditions": live_note(run),
-        "agreement": agreement,
+        "agreement": {"bars": all_, "decided": decided, "as the model": same},
     }
-
-
-def _title(run: Run[Config]) -> str:
-    worst = stated(run)[stated(run)["model"] == MAIN]["residual"].abs().max()
-    return (
-        "A gateway pays for large messages and many hardware subscribers, and costs time towards software "
-        f"(model, all stated ends within {worst:.1%})"
-    )
-
-
-def _live_title(table: pd.DataFrame) -> str:
-    bars, decided, same = live_agreement(table)
-    return f"Across processes {decided} of {bars} bars say which is faster, {same} of them as the model does"
 
 
 def _counts(table: pd.DataFrame) -> list[int]:
     return sorted(int(count) for count in table["subscribers"].unique())
 
 
-def _draw_times(axes: Axes, bars: pd.DataFrame) -> None:
-    for transport, color in TRANSPORT_COLORS.items():
-        for place, count in enumerate(_counts(bars)):
-            chosen = bars[bars["subscribers"] == count]
-            axes.plot(
-                chosen["message_bytes"],
-                chosen[f"{transport}_s"] * _MS_PER_S,
-                color=color,
-                linestyle=NODE_LINES[place],
-                marker=NODE_MARKERS[place],
-                markersize=4,
-            )
+def _style(count: int) -> dict[str, Any]:
+    return NODE_STYLES.get(count, NODE_STYLES[8])
 
 
-def _draw_ratios(axes: Axes, bars: pd.DataFrame, *, line: bool) -> None:
-    for count in _counts(bars):
-        chosen = bars[bars["subscribers"] == count]
-        place = _place(count)
-        axes.plot(
-            chosen["message_bytes"],
-            chosen["ratio"],
-            color=NODE_COLORS[place],
-            linestyle=NODE_LINES[place] if line else "",
-            marker=NODE_MARKERS[place],
-            markersize=4 if line else 9,
-            markerfacecolor=NODE_COLORS[place] if line else "none",
-        )
+def _draw_times(axes: Axes, table: pd.DataFrame, count: int, ms: pd.Series[float], color: str) -> None:
+    chosen = table["subscribers"] == count
+    style = {**_style(count), "color": color}
+    axes.plot(table["message_bytes"][chosen], ms[chosen], **style, markersize=4)
 
 
-def _place(count: int) -> int:
-    """Return which of the colours and markers a number of hardware subscribers has."""
-    return {2: 0, 4: 1}.get(count, 2)
+def _draw_ratios(axes: Axes, table: pd.DataFrame, **style: Any) -> None:
+    for count in _counts(table):
+        chosen = table[table["subscribers"] == count]
+        axes.plot(chosen["message_bytes"], chosen["ratio"], **{**_style(count), **style})
 
 
 def _draw_stated(axes: Axes, run: Run[Config], panel: Panel) -> None:
     table = stated(run)
-    numbers = table[(table["model"] == MAIN) & (table["panel"] == panel.value)]
-    for value in numbers["stated"]:
-        largest = value == numbers["stated"].max()
+    numbers = table[(table["model"] == MAIN) & (table["panel"] == panel.value)]["stated"]
+    for value in numbers:
+        largest = value == numbers.max()
         axes.axhline(value, color="black", **PAPER_STYLE)
         # Where the lines are not: they all leave the upper left and the lower right corner free.
         axes.annotate(
@@ -149,32 +130,19 @@ def _draw_stated(axes: Axes, run: Run[Config], panel: Panel) -> None:
         )
 
 
-def _draw_live(times: Axes, ratios: Axes, chosen: pd.DataFrame) -> None:
-    for count in _counts(chosen):
-        cell = chosen[chosen["subscribers"] == count].sort_values("message_bytes")
-        place = _place(count)
-        for transport, color in TRANSPORT_COLORS.items():
-            times.plot(
-                cell["message_bytes"],
-                cell[f"{transport}_ms"],
-                color=color,
-                linestyle=NODE_LINES[place],
-                marker=NODE_MARKERS[place],
-                markersize=4,
-            )
-        around = np.array([cell["speed_up"] - cell["low"], cell["high"] - cell["speed_up"]]).clip(min=0)
-        # Shifted apart, so that intervals do not cover each other.
-        shifted = cell["message_bytes"] * 1.15 ** (place - 1)
-        style: dict[str, Any] = {
-            "color": NODE_COLORS[place],
-            "marker": NODE_MARKERS[place],
-            "linestyle": NODE_LINES[place],
-        }
-        ratios.errorbar(shifted, cell["speed_up"], yerr=around, markersize=5, capsize=2, **style)
-        ratios.plot(cell["message_bytes"], cell["model"], color=NODE_COLORS[place], linewidth=0.9, alpha=0.7)
+def _draw_live_ratios(axes: Axes, cell: pd.DataFrame, count: int) -> None:
+    style = _style(count)
+    around = np.array([cell["speed_up"] - cell["low"], cell["high"] - cell["speed_up"]]).clip(min=0)
+    # Shifted apart, so that intervals do not cover each other.
+    shifted = cell["message_bytes"] * 1.15 ** (list(NODE_STYLES.values()).index(style) - 1)
+    axes.errorbar(shifted, cell["speed_up"], yerr=around, markersize=5, capsize=2, **style)
+    axes.plot(cell["message_bytes"], cell["model"], color=style["color"], linewidth=0.9, alpha=0.7)
 
 
-def _finish(grid: Any) -> None:
+def _finish(grid: Any, run: Run[Config], gateway: str, more: str) -> None:
+    """Set scales and labels; draw both legends: `gateway` is its label, `more` says what else is drawn."""
+    from matplotlib.lines import Line2D
+
     for axes in grid.flat:
         axes.set_xscale("log")
         axes.set_xticks(list(SIZE_LABELS), list(SIZE_LABELS.values()))
@@ -188,28 +156,237 @@ def _finish(grid: Any) -> None:
         axes.set_xlabel("message")
     grid[0, 0].set_ylabel("transfer time (ms)")
     grid[1, 0].set_ylabel("gateway's speed-up (times as fast)")
-
-
-def _legend_of_times(axes: Axes, gateway: str) -> None:
-    from matplotlib.lines import Line2D
-
     labels = {"smt": "software-mapped topic", "gateway": gateway}
     handles = [Line2D([], [], color=TRANSPORT_COLORS[name], label=label) for name, label in labels.items()]
-    axes.legend(handles=handles, loc="upper left")
+    grid[0, 3].legend(handles=handles, loc="upper left")
+    counts = {count: f"{count} hardware subscribers" for count in _counts(bars(run))}
+    handles = [Line2D([], [], label=label, **_style(count)) for count, label in counts.items()]
+    small = {"fontsize": "small", "title_fontsize": "small"}
+    grid[1, 1].legend(handles=handles, title=more, loc="upper left", **small)
 
 
-def _legend_of_ratios(axes: Axes, run: Run[Config], more: str) -> None:
-    from matplotlib.lines import Line2D
+# --- Residuals ------------------------------------------------------------------------------------------------
 
-    handles = [
-        Line2D(
-            [],
-            [],
-            color=NODE_COLORS[_place(count)],
-            marker=NODE_MARKERS[_place(count)],
-            linestyle=NODE_LINES[_place(count)],
-            label=f"{count} hardware subscribers",
-        )
-        for count in _counts(bars(run))
-    ]
-    axes.legend(handles=handles, title=more, loc="upper left", fontsize="small", title_fontsize="small")
+MODEL_STYLES = {MAIN: ("proxy", "core stores a chunk"), "cut-through": ("standard", "core cuts through")}
+PATH_LABELS = {
+    "gateway, memory to stream": "gateway\nout",
+    "gateway, stream to memory": "gateway\nin",
+    "shared reads": "shared\nreads",
+    "write": "write",
+}
+_ASKED_STATED, _ASKED_RTL = 10.0, 5.0
+"""What is asked: per cent of the stated numbers and of the hardware's cycles."""
+
+
+@exp.figure("transfer_residuals", size=(13.5, 4.6))
+def draw_residuals(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw how far the model is from the stated numbers, what assumptions change, and RTL against model."""
+    left, assumed, cycles = figure.subplots(1, 3, width_ratios=[1.5, 1, 1])
+    _draw_residuals(left, run)
+    _draw_variants(assumed, run)
+    _draw_cycles(cycles, run)
+    meaning = fit_meaning(run)
+    figure.suptitle(f"Model against paper and hardware. {meaning['fit'].split(':')[0].capitalize()}")
+    return {
+        "stated": stated(run).to_dict(orient="list"),
+        "variants": run["variant"].to_dict(orient="list"),
+        "cycles": run["cycles"].to_dict(orient="list"),
+        "meaning": meaning,
+    }
+
+
+def _draw_residuals(axes: Axes, run: Run[Config]) -> None:
+    for shift, (model, (key, label)) in zip((-0.15, 0.15), MODEL_STYLES.items(), strict=True):
+        chosen = stated(run)[stated(run)["model"] == model]
+        heights = np.arange(len(chosen)) + shift
+        axes.plot(chosen["residual"] * 100, heights, **series(key), linestyle="", label=label)
+        labels = [f"{row.panel}: {row.stated:.3g}" for row in chosen.itertuples()]
+    axes.set_yticks(range(len(labels)), labels)
+    axes.invert_yaxis()
+    axes.axvspan(-_ASKED_STATED, _ASKED_STATED, color="0.93", zorder=0)
+    axes.axvline(0, color="black", linewidth=0.8)
+    axes.set_xlabel("model against stated speed-up (%)")
+    worst = stated(run).groupby("model")["residual"].apply(lambda part: part.abs().max() * 100)
+    axes.set_title(
+        f"Stated numbers: {worst[MAIN]:.1f} % off at most ({worst['cut-through']:.1f} % cut through)"
+    )
+    axes.legend(loc="lower left")
+
+
+def _draw_variants(axes: Axes, run: Run[Config]) -> None:
+    names = run["variant"]["constant"].str.removesuffix("_cycles").str.removesuffix("_s").str.replace("_", " ")
+    labels = names + run["variant"]["factor"].map(" x{:g}".format)
+    order = list(labels.unique())
+    for shift, (model, (key, _)) in zip((-0.15, 0.15), MODEL_STYLES.items(), strict=True):
+        mine = run["variant"]["model"] == model
+        heights = [order.index(label) + shift for label in labels[mine]]
+        axes.plot(run["variant"]["worst"][mine] * 100, heights, **series(key), linestyle="")
+    axes.set_yticks(range(len(order)), order)
+    axes.invert_yaxis()
+    axes.axvspan(0, _ASKED_STATED, color="0.93", zorder=0)
+    axes.set_xlim(left=0)
+    axes.set_xlabel("largest residual after a new fit (%)")
+    axes.set_title("An assumed constant halved or doubled")
+
+
+def _draw_cycles(axes: Axes, run: Run[Config]) -> None:
+    worst = rtl_residual(run)
+    axes.axhspan(-_ASKED_RTL, _ASKED_RTL, color="0.93", zorder=0)
+    axes.set_ylim(-1.2 * _ASKED_RTL, 1.2 * _ASKED_RTL)
+    axes.axhline(0, color="black", linewidth=0.8)
+    axes.set_ylabel("model against simulated cycles (%)")
+    axes.set_xticks(range(len(PATH_LABELS)), list(PATH_LABELS.values()))
+    if worst is None:
+        axes.set_title("The hardware was not simulated")
+        return
+    ran = run["cycles"][run["cycles"]["simulated"]]
+    for place, (count, part) in enumerate(ran.groupby("subscribers")):
+        spots = [list(PATH_LABELS).index(path) + 0.15 * (place - 1) for path in part["path"]]
+        off = (part["model_cycles"] / part["rtl_cycles"] - 1) * 100
+        style = series(("standard", "proxy", "third")[place % 3])
+        axes.plot(spots, off, **style, linestyle="", label=f"{count} subscribers")
+    axes.legend(loc="lower right")
+    axes.set_title(f"RTL: {worst:.2%} off at most")
+
+
+# --- Break-even sizes -----------------------------------------------------------------------------------------
+
+JUDGE_STYLES = {
+    "hardware": ("standard", "-", "last hardware subscriber"),
+    "software": ("proxy", "-", "software subscriber"),
+    "last": ("third", "--", "whoever is last"),
+}
+RULE_STYLES = {
+    "paper": ("standard", "-", "the paper's rule"),
+    "size-aware": ("proxy", "--", "by predicted time"),
+}
+_NEVER_BYTES = 2.0**33
+_BYTE_TICKS = {1_000: "1 kB", **SIZE_LABELS}
+
+
+@exp.figure("transfer_break_even", size=(13.5, 4.6))
+def draw_break_even(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw from which size on a gateway is faster, and what a rule that knows sizes gains in Fig. 8."""
+    first, second, third = figure.subplots(1, 3, width_ratios=[1, 1, 1.1])
+    for axes, publisher in ((first, "hardware"), (second, "software")):
+        _draw_break_even(axes, run, publisher)
+    second.sharey(first)
+    second.legend(loc="upper right")
+    gain = _draw_rules(third, run)
+    figure.suptitle(
+        "From which message size a gateway is faster depends on who waits; "
+        f"in Fig. 8 the paper's rule costs up to {gain:.0%} more than one that knows sizes"
+    )
+    return {
+        "break_even": run["break_even"].to_dict(orient="list"),
+        "sized": run["sized_mapping"].to_dict(orient="list"),
+    }
+
+
+def _draw_break_even(axes: Axes, run: Run[Config], publisher: str) -> None:
+    table = run["break_even"]
+    for judge, (key, line, label) in JUDGE_STYLES.items():
+        part = table[(table["publisher"] == publisher) & (table["judge"] == judge)].sort_values("subscribers")
+        sizes = np.where(part["worth"], part["from_bytes"], _NEVER_BYTES)
+        axes.plot(part["subscribers"], sizes, **series(key), linestyle=line, markersize=4, label=label)
+    axes.set_yscale("log")
+    axes.minorticks_off()
+    large = {100_000_000: "100 MB", 1_000_000_000: "1 GB", int(_NEVER_BYTES): "never"}
+    ticks = {256: "any", **_BYTE_TICKS, **large}
+    axes.set_yticks(list(ticks), list(ticks.values()))
+    axes.set_xticks(range(2, int(table["subscribers"].max()) + 1, 2))
+    axes.set_xlabel("hardware subscribers")
+    axes.set_ylabel("faster by a gateway from this message size")
+    axes.set_title(f"{publisher} publishes")
+
+
+def _draw_rules(axes: Axes, run: Run[Config]) -> float:
+    """Draw predicted times against no gateway at all; return what the paper's rule costs more at most."""
+    table = run["sized_mapping"]
+    times = table.pivot_table(index="message_bytes", columns="rule", values="predicted_s")
+    for rule, (key, line, label) in RULE_STYLES.items():
+        relative = times[rule] / times["none"]
+        axes.plot(times.index, relative, **series(key), markersize=4, linestyle=line, label=label)
+    chosen = table[table["rule"] == "size-aware"].set_index("message_bytes")["gateways"]
+    for size in chosen.index[chosen.diff().fillna(1) != 0]:
+        where = (size, times["size-aware"][size] / times["none"][size])
+        style: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": "small"}
+        axes.annotate(f"{chosen[size]} gateways", where, xytext=(0, -16), **style)
+    axes.axhline(1, color="black", linewidth=0.8)
+    axes.set_xscale("log")
+    ticks = {100: "100 B", **_BYTE_TICKS}
+    axes.set_xticks(list(ticks), list(ticks.values()))
+    axes.minorticks_off()
+    axes.set_xlabel("size of every message")
+    axes.set_ylabel("predicted time, against no gateway (times)")
+    axes.set_title("The example of Fig. 8, topics' times added")
+    axes.legend(loc="lower left")
+    return float((times["paper"] / times["size-aware"]).max() - 1)
+
+
+# --- Node mapping ---------------------------------------------------------------------------------------------
+
+BASELINES = {
+    "same_without_gateways": "same placement,\nno gateways",
+    "greedy_with_gateways": "blind greedy,\nwith gateways",
+    "greedy": "blind greedy,\nno gateways",
+    "software": "all in\nsoftware",
+}
+_ASKED_S = 10.0
+"""What is asked for 50 nodes, seconds."""
+
+
+@exp.figure("node_mapping", size=(13.5, 4.4))
+def draw_node_mapping(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw node mapping against brute force, against simpler ways, and how long it takes."""
+    placed = run["placed"]
+    small, large = (placed[placed["kind"] == kind] for kind in ("small", "large"))
+    exact, others, times = figure.subplots(1, 3, width_ratios=[1, 1.6, 1])
+    axes_range = [0, 1.1 * small["placed"].max()]
+    exact.plot(axes_range, axes_range, color="black", linewidth=0.8)
+    exact.plot(small["brute_force"], small["placed"], **series("proxy"), linestyle="")
+    exact.set_xlabel("least cost, by brute force (s each second)")
+    exact.set_ylabel("cost of the programme's mapping (s each second)")
+    equal = int((np.abs(small["placed"] / small["brute_force"] - 1) < 1e-6).sum())
+    exact.set_title(f"{equal} of {len(small)} small graphs: the best of all")
+    _draw_baselines(others, small, large)
+    _draw_seconds(times, placed)
+    figure.suptitle(
+        f"Node mapping with gateways: proved best for {int(placed['optimal'].sum())} of {len(placed)} "
+        f"random graphs, {large['nodes'].max()} nodes in {large['seconds'].max():.2f} s at most"
+    )
+    # What was not computed is null in the twin: NaN is no JSON.
+    shown = placed.astype(object).where(placed.notna(), None)
+    return {"placed": shown.to_dict(orient="list")}
+
+
+def _draw_baselines(axes: Axes, small: pd.DataFrame, large: pd.DataFrame) -> None:
+    for place, name in enumerate(BASELINES):
+        for shift, part, key in ((-0.12, small, "third"), (0.12, large, "proxy")):
+            ratios = part[name] / part["placed"]
+            label = f"{_nodes(part)} nodes" if place == 0 else None
+            spots = np.full(len(ratios), place + shift)
+            axes.plot(spots, ratios, **series(key), markersize=5, alpha=0.7, linestyle="", label=label)
+    axes.axhline(1, color="black", linewidth=0.8)
+    axes.set_xticks(range(len(BASELINES)), list(BASELINES.values()))
+    axes.set_ylabel("cost against the programme's mapping (times)")
+    axes.set_title(
+        f"Ignoring communication costs {(large['greedy'] / large['placed']).median():.2f} times "
+        "as much (large graphs, median)"
+    )
+    axes.legend(loc="upper left")
+
+
+def _nodes(part: pd.DataFrame) -> str:
+    least, most = part["nodes"].min(), part["nodes"].max()
+    return str(least) if least == most else f"{least} to {most}"
+
+
+def _draw_seconds(axes: Axes, placed: pd.DataFrame) -> None:
+    axes.plot(placed["nodes"], placed["seconds"], **series("proxy"), linestyle="")
+    axes.axhline(_ASKED_S, color=COLORS["standard"], **PAPER_STYLE)
+    axes.annotate("asked", (placed["nodes"].min(), _ASKED_S), va="bottom")
+    axes.set_yscale("log")
+    axes.set_xlabel("nodes")
+    axes.set_ylabel("time of the programme (s)")
+    axes.set_title("One programme, solver loaded")

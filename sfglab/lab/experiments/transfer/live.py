@@ -14,6 +14,7 @@ import socket
 import zlib
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -43,12 +44,8 @@ class Cell:
 
 def cells_of(config: Config) -> list[Cell]:
     """Return every cell once."""
-    return [
-        Cell(publisher=publisher, message_bytes=size, subscribers=count)
-        for publisher in ("hardware", "software")
-        for count in config.live_subscribers
-        for size in config.live_bytes
-    ]
+    cells = product(("hardware", "software"), config.live_subscribers, config.live_bytes)
+    return [Cell(publisher=side, message_bytes=size, subscribers=count) for side, count, size in cells]
 
 
 class Crossing:
@@ -60,9 +57,6 @@ class Crossing:
         readers: Processes on the hardware's side that subscribe, at most.
         largest_bytes: Size of the largest message.
         seed: Of the messages' contents.
-
-    Attributes:
-        pids: Process by name.
     """
 
     def __init__(self, readers: int, largest_bytes: int, seed: int) -> None:
@@ -71,11 +65,6 @@ class Crossing:
         self._data = random_bytes(largest_bytes, seed)
         self._group = ProcessGroup(lambda _host, command: command)
         self._rounds = 0
-
-    @property
-    def pids(self) -> dict[str, int]:
-        """Process id by name."""
-        return {name: self._group[name].pid for name in self._group}
 
     async def __aenter__(self) -> Self:
         # What is passed on is closed here at once: a link ends when the process at its other end does.
@@ -91,18 +80,13 @@ class Crossing:
         await self._group.close()
 
     async def carry(self, item: Round) -> dict[str, Any]:
-        """Carry one message and check what arrived.
-
-        Args:
-            item: The message and its way.
-
-        Returns:
-            ``began_ns`` and, by name, when each receiver had read it (CLOCK_MONOTONIC).
+        """Carry one message, check what arrived, and return by name how long each receiver took to have it, ns.
 
         Raises:
             ProcessFailedError: A process ended or stayed silent, or a content is not what was published.
         """
-        receivers = [*self._readers[: _readers_of(item)], "subscriber"]
+        readers = sum(name.startswith("reader") for name in (*item.order, *item.woken))
+        receivers = [*self._readers[:readers], "subscriber"]
         source = "publisher" if item.publisher == "hardware" else "software"
         involved = {*receivers, "software", source, *(["gateway"] if item.gateway else [])}
         wanted = zlib.crc32(message_of(self._data, item))
@@ -114,28 +98,28 @@ class Crossing:
         wrong = [name for name in receivers if contents[name]["crc"] != wanted]
         if wrong:
             raise ProcessFailedError(f"crossing: {', '.join(wrong)} did not get what was published, in {item}")
-        return {
-            "began_ns": done[source]["began_ns"],
-            **{name: done[name]["done_ns"] for name in receivers},
-        }
+        return {name: done[name]["done_ns"] - done[source]["began_ns"] for name in receivers}
 
-    async def measure(self, cell: Cell, rng: np.random.Generator, *, gateway: bool) -> tuple[Round, int, int]:
-        """Carry one message of a cell.
+    async def measure(self, cell: Cell, rng: np.random.Generator, *, gateway: bool) -> dict[str, Any]:
+        """Carry one message of a cell and return its row, but for the repetition.
 
         Args:
             cell: What is carried.
             rng: Draws the order of deliveries: the paper does not state one.
             gateway: Through a gateway; else over a software-mapped topic.
-
-        Returns:
-            The round, and ns until the last process of the hardware's side and the software subscriber.
         """
-        readers = self._readers[: cell.subscribers]
+        readers, load = self._readers[: cell.subscribers], os.getloadavg()[0]
         item = _round(cell, readers, rng, gateway=gateway, number=self._rounds)
         self._rounds += 1
-        had = await self.carry(item)
-        last_ns = max(had[name] for name in readers)
-        return item, last_ns - had["began_ns"], had["subscriber"] - had["began_ns"]
+        took_ns = await self.carry(item)
+        return {
+            **asdict(cell),
+            "transport": "gateway" if gateway else "smt",
+            "place": item.order.index("subscriber"),
+            "hardware_ns": max(took_ns[name] for name in readers),
+            "software_ns": took_ns["subscriber"],
+            "load": load,
+        }
 
     def _links(self, passed: ExitStack) -> tuple[int, dict[str, dict[str, int]]]:
         """Return the shared memory and everybody's ends of all links."""
@@ -172,10 +156,6 @@ class Crossing:
         return Member(name=name, module=_MODULE, config=config, pass_fds=passed)
 
 
-def _readers_of(item: Round) -> int:
-    return sum(name.startswith("reader") for name in (*item.order, *item.woken))
-
-
 def _round(cell: Cell, readers: list[str], rng: np.random.Generator, *, gateway: bool, number: int) -> Round:
     """Return a cell's message: who gets it from whom, in drawn orders."""
     delivered, woken = [*readers, "subscriber"], []
@@ -195,9 +175,6 @@ def _round(cell: Cell, readers: list[str], rng: np.random.Generator, *, gateway:
 async def crossings(config: Config) -> AsyncGenerator[dict[str, Any]]:
     """Measure every cell in every repetition, both kinds of topic in drawn order right after each other.
 
-    Args:
-        config: Cells and repetitions.
-
     Raises:
         ProcessFailedError: A process failed, or a message arrived wrong.
     """
@@ -211,22 +188,5 @@ async def crossings(config: Config) -> AsyncGenerator[dict[str, Any]]:
         for repeat in range(config.live_rounds):
             for place in rng.permutation(len(cells)):
                 for gateway in rng.permutation([False, True]):
-                    yield await _row(crossing, cells[place], rng, gateway=bool(gateway), repeat=repeat)
-
-
-async def _row(
-    crossing: Crossing, cell: Cell, rng: np.random.Generator, *, gateway: bool, repeat: int
-) -> dict[str, Any]:
-    load = os.getloadavg()[0]
-    item, hardware_ns, software_ns = await crossing.measure(cell, rng, gateway=gateway)
-    return {
-        "repeat": repeat,
-        "publisher": cell.publisher,
-        "transport": "gateway" if gateway else "smt",
-        "message_bytes": cell.message_bytes,
-        "subscribers": cell.subscribers,
-        "place": item.order.index("subscriber"),
-        "hardware_ns": hardware_ns,
-        "software_ns": software_ns,
-        "load": load,
-    }
+                    row = await crossing.measure(cells[place], rng, gateway=bool(gateway))
+                    yield {**row, "repeat": repeat}

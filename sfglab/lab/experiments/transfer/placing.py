@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
-from itertools import combinations, product
+from itertools import chain, combinations, compress, product
 from typing import TYPE_CHECKING, Any
 
 from sfglab.soc import (
@@ -27,43 +27,30 @@ if TYPE_CHECKING:
 
     import numpy as np
 
+    from sfglab.lab.experiments.transfer.experiment import Config
     from sfglab.soc import Platform
 
 
 TOPICS_PER_NODE = 0.6
 AREA_SHARE = 0.5
 """The platform holds this share of all nodes' hardware, so that placing is a choice."""
+TIME_LIMIT_S = 10.0
+"""For one programme."""
 
 
-def placed_rows(
-    kinds: dict[str, tuple[int, int]], rng: np.random.Generator, *, time_limit_s: float = 10.0
-) -> Iterator[dict[str, Any]]:
-    """Return random graphs, placed.
-
-    Args:
-        kinds: Number of graphs and of nodes, by kind; ``small`` graphs have 5 nodes up to that number and are
-            also placed by brute force.
-        rng: Draws graphs.
-        time_limit_s: For one programme.
-    """
+def placed_rows(config: Config, rng: np.random.Generator) -> Iterator[dict[str, Any]]:
+    """Return drawn graphs, placed; the small ones, of 5 nodes and more, are also placed by brute force."""
     # What only the first programme of a process costs, loading the solver, is not asked here.
     import cvxpy  # noqa: F401 - loaded for its own sake
 
-    for kind, (graphs, most) in kinds.items():
-        for number in range(graphs):
-            small = kind == "small"
-            graph = random_graph(rng, int(rng.integers(5, most + 1)) if small else most)
-            platform = _platform(graph)
-            yield _placed(kind, number, graph, platform, time_limit_s)
+    for number in range(config.small_graphs):
+        yield _placed("small", number, random_graph(rng, int(rng.integers(5, config.small_nodes + 1))))
+    for number in range(config.large_graphs):
+        yield _placed("large", number, random_graph(rng, config.large_nodes))
 
 
 def random_graph(rng: np.random.Generator, nodes: int) -> Graph:
-    """Return nodes of which most could be hardware, and topics from 100 B to 10 MB.
-
-    Args:
-        rng: Draws it.
-        nodes: Number of nodes.
-    """
+    """Draw a graph of so many nodes, most of which could be hardware, and topics from 100 B to 10 MB."""
     made = tuple(_node(rng, f"n{place}") for place in range(nodes))
     names = [node.name for node in made]
     topics = tuple(_topic(rng, f"t{place}", names) for place in range(max(1, int(TOPICS_PER_NODE * nodes))))
@@ -96,16 +83,16 @@ def _topic(rng: np.random.Generator, name: str, names: list[str]) -> Topic:
     )
 
 
-def _platform(graph: Graph) -> Platform:
-    """Return the paper's board, with less area."""
+def platform_for(graph: Graph) -> Platform:
+    """Return the paper's board with `AREA_SHARE` of a graph's hardware."""
     parts = [node.hardware for node in graph.nodes if node.hardware]
     lut, bram = sum(part.lut for part in parts), sum(part.bram for part in parts)
     return replace(ZCU104, name="drawn", lut=int(AREA_SHARE * lut), bram=AREA_SHARE * bram)
 
 
-def _placed(kind: str, number: int, graph: Graph, platform: Platform, time_limit_s: float) -> dict[str, Any]:
-    began = time.perf_counter()
-    found = place_nodes(graph, platform, time_limit_s=time_limit_s)
+def _placed(kind: str, number: int, graph: Graph) -> dict[str, Any]:
+    platform, began = platform_for(graph), time.perf_counter()
+    found = place_nodes(graph, platform, time_limit_s=TIME_LIMIT_S)
     seconds = time.perf_counter() - began
     greedy = greedy_placement(graph, platform)
     return {
@@ -119,79 +106,59 @@ def _placed(kind: str, number: int, graph: Graph, platform: Platform, time_limit
         "seconds": seconds,
         "placed": found.load.total_s,
         "brute_force": brute_force_s(graph, platform) if kind == "small" else math.nan,
-        "same_without_gateways": _cost_s(graph, found.graph.in_hardware, (), platform),
-        "greedy": _cost_s(graph, greedy, (), platform),
-        "greedy_with_gateways": _cost_s(graph, greedy, _paying(graph, greedy, platform), platform),
-        "software": _cost_s(graph, frozenset(), (), platform),
+        "same_without_gateways": cost_s(graph, found.graph.in_hardware, (), platform),
+        "greedy": cost_s(graph, greedy, (), platform),
+        "greedy_with_gateways": cost_s(graph, greedy, _paying(graph, greedy, platform), platform),
+        "software": cost_s(graph, frozenset(), (), platform),
     }
 
 
 def greedy_placement(graph: Graph, platform: Platform) -> frozenset[str]:
-    """Return a placement that knows nothing of topics: by time saved per share of the area, while it fits.
+    """Return a placement that knows nothing of topics: by time saved per share of the area, while it fits."""
 
-    Args:
-        graph: Its placements do not matter.
-        platform: The area.
-    """
+    def gain(node: Node, part: Implementation) -> float:
+        area = part.lut / max(platform.lut, 1) + part.bram / max(platform.bram, 1e-9)
+        return (software_load(node) - hardware_load(node)) / max(area, 1e-9)
 
-    def share(part: Implementation) -> float:
-        return part.lut / max(platform.lut, 1) + part.bram / max(platform.bram, 1e-9)
-
-    saved = {node.name: software_load(node) - hardware_load(node) for node in graph.nodes if node.hardware}
-    parts = {node.name: node.hardware for node in graph.nodes if node.hardware}
+    able = [(node, node.hardware) for node in graph.nodes if node.hardware]
     chosen: list[str] = []
     lut, bram = 0, 0.0
-    for name in sorted(saved, key=lambda key: saved[key] / max(share(parts[key]), 1e-9), reverse=True):
-        part = parts[name]
-        if saved[name] > 0 and lut + part.lut <= platform.lut and bram + part.bram <= platform.bram:
-            chosen.append(name)
+    for node, part in sorted(able, key=lambda pair: gain(*pair), reverse=True):
+        if gain(node, part) > 0 and lut + part.lut <= platform.lut and bram + part.bram <= platform.bram:
+            chosen.append(node.name)
             lut, bram = lut + part.lut, bram + part.bram
     return frozenset(chosen)
 
 
 def brute_force_s(graph: Graph, platform: Platform) -> float:
-    """Return the least cost of all placements with all choices of gateways, without the programme.
-
-    Args:
-        graph: A small one.
-        platform: Areas and times.
-    """
+    """Return the least cost of all placements with all choices of gateways, without the programme."""
     able = [node.name for node in graph.nodes if node.hardware]
-    best = math.inf
-    for sides in product((False, True), repeat=len(able)):
-        there = frozenset(name for name, inside in zip(able, sides, strict=True) if inside)
-        for chosen in _choices(graph, there):
-            best = min(best, _cost_s(graph, there, chosen, platform))
-    return best
+    there = (frozenset(compress(able, sides)) for sides in product((False, True), repeat=len(able)))
+    return min(cost_s(graph, one, chosen, platform) for one in there for chosen in _choices(graph, one))
 
 
 def _choices(graph: Graph, there: frozenset[str]) -> Iterator[tuple[str, ...]]:
     """Return every set of topics that could be at gateways."""
     mixed = [t.name for t in graph.topics if 0 < len(there.intersection(t.members)) < len(t.members)]
-    for count in range(len(mixed) + 1):
-        yield from combinations(mixed, count)
+    return chain.from_iterable(combinations(mixed, count) for count in range(len(mixed) + 1))
 
 
-def _cost_s(graph: Graph, there: frozenset[str], gateways: tuple[str, ...], platform: Platform) -> float:
+def cost_s(graph: Graph, there: frozenset[str], gateways: tuple[str, ...], platform: Platform) -> float:
     """Return what a placement with given gateways costs; infinite where it does not fit."""
     load = assess(_mapped(graph, there, gateways), platform)
     return load.total_s if load.fits(platform) else math.inf
 
 
 def _mapped(graph: Graph, there: frozenset[str], gateways: tuple[str, ...]) -> Graph:
-    placed = graph.with_placements(
-        {n.name: Placement.HARDWARE if n.name in there else Placement.SOFTWARE for n in graph.nodes}
-    )
+    sides = {n.name: Placement.HARDWARE if n.name in there else Placement.SOFTWARE for n in graph.nodes}
+    placed = graph.with_placements(sides)
     return map_communication(placed, gateway=lambda _, topic: topic.name in gateways).gateways
 
 
 def _paying(graph: Graph, there: frozenset[str], platform: Platform) -> tuple[str, ...]:
     """Return the topics that are cheaper at a gateway, the best first, while gateways fit."""
     without = _mapped(graph, there, ())
-    saved = {
-        topic.name: topic_load(without, topic, platform) - gateway_load(topic, platform)
-        for topic in without.topics
-    }
+    saved = {t.name: topic_load(without, t, platform) - gateway_load(t, platform) for t in without.topics}
     chosen: tuple[str, ...] = ()
     for name in sorted(saved, key=lambda key: saved[key], reverse=True):
         more = (*chosen, name)

@@ -1,0 +1,186 @@
+"""The parts of the run: the memory interface's model, node mapping, simulated hardware, and processes.
+
+The model gives Fig. 6 and 7, its fit run anew, and what follows for mapping.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import aclosing, suppress
+from dataclasses import replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sfglab.fields import to_json
+from sfglab.lab.experiments.transfer.experiment import Config, exp
+from sfglab.lab.experiments.transfer.hardware import area_rows, hardware_rows, what_is_missing
+from sfglab.lab.experiments.transfer.live import cells_of, crossings
+from sfglab.lab.experiments.transfer.placing import placed_rows
+from sfglab.lab.paths import find_project
+from sfglab.soc import (
+    TopicMapping,
+    carriages_per_message,
+    faster_by_gateway,
+    load_graph,
+    map_communication,
+    transfer_s,
+)
+from sfglab.soc.mapping import more_than_one_hardware_subscriber
+from sfglab.soc.memory import (
+    CUT_THROUGH,
+    LARGEST_BYTES,
+    STORED,
+    Judge,
+    Setup,
+    Side,
+    Transport,
+    break_even_bytes,
+    constants,
+    faster_transport,
+    fitted_values,
+    with_values,
+)
+from sfglab.soc.paper_values import FitError, fit, residuals, sensitivity, speed_ups, tendencies
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.lab.bench import Bench
+    from sfglab.soc import Graph, Topic
+    from sfglab.soc.memory import Costs
+
+
+MODELS = {"stored": STORED, "cut-through": CUT_THROUGH}
+"""Both sets of constants; the first is the better fit and the one that claims are judged by."""
+
+SPREAD = 2.5
+"""A fit starts with every constant up to this factor from the committed one."""
+
+JUDGES = {"hardware": Judge.HARDWARE, "software": Judge.SOFTWARE, "last": Judge.LAST}
+
+RULES: dict[str, Callable[[Graph, Topic], bool]] = {
+    "none": lambda _graph, _topic: False,
+    "paper": more_than_one_hardware_subscriber,
+    "size-aware": faster_by_gateway(judge=Judge.LAST),
+}
+"""Topics that get a gateway: none, by section 5's rule, or by predicted time to the last subscriber."""
+
+GRAPH_FILE = "graphs/figure_8.yaml"
+_GRID = np.unique(np.geomspace(STORED.memory.chunk_bytes, LARGEST_BYTES, 200).astype(int))
+
+
+def _generators(config: Config) -> tuple[np.random.Generator, np.random.Generator]:
+    """Return what draws fits, and what draws graphs."""
+    fits, graphs = np.random.SeedSequence(config.seed).spawn(2)
+    return np.random.default_rng(fits), np.random.default_rng(graphs)
+
+
+@exp.part("model", timed=False)
+def model(bench: Bench[Config]) -> None:
+    """Write what the model says of Fig. 6 and 7, its fit run anew, and what follows for mapping."""
+    rng, _ = _generators(bench.config)
+    for name, costs in MODELS.items():
+        of = {"model": name}
+        bench.write_all("bar", (of | to_json(bar) for bar in speed_ups(costs)))
+        for one in residuals(costs):
+            numbers = {"stated": one.paper, "found": one.model}
+            bench.write("stated", {**of, "panel": one.panel.value, "text": one.text, **numbers})
+        for said, holds in tendencies(costs):
+            bench.write("tendency", {**of, "panel": said.panel.value, "text": said.text, "holds": holds})
+        _write_fits(bench, name, costs, rng)
+        for other in sensitivity(costs):
+            changed = {"constant": other.name, "factor": other.factor}
+            bench.write("variant", {**of, **changed, "rms": other.fit.rms, "worst": other.worst})
+    _write_break_even(bench)
+    _write_sized_mappings(bench)
+
+
+def _write_fits(bench: Bench[Config], name: str, costs: Costs, rng: np.random.Generator) -> None:
+    """Fit from drawn starts, and put the best fit's constants beside the committed ones."""
+    fitted, best = fitted_values(costs), None
+    for start in range(bench.config.refits):
+        factors = np.exp(rng.uniform(-math.log(SPREAD), math.log(SPREAD), len(fitted)))
+        drawn = {key: value * float(f) for (key, value), f in zip(fitted.items(), factors, strict=True)}
+        came_to = {"rms": math.nan, "shift": math.nan}
+        with suppress(FitError):
+            ended = fit(with_values(costs, drawn))
+            again = fitted_values(ended.costs)
+            shift = max(abs(again[key] / value - 1) for key, value in fitted.items())
+            came_to = {"rms": ended.rms, "shift": shift}
+            best = ended if best is None or ended.rms < best.rms else best
+        farthest = float(np.exp(np.abs(np.log(factors)).max()))
+        bench.write("refit", {"model": name, "start": start, "farthest": farthest, **came_to})
+    for item, refitted in zip(constants(costs), constants(best.costs if best else costs), strict=True):
+        row = to_json(item)
+        bench.write("constant", {"model": name, "constant": row.pop("name"), **row, "refitted": refitted.value})
+
+
+def _write_break_even(bench: Bench[Config]) -> None:
+    """Write the size from which on a gateway is faster, for every publisher, judge and number."""
+    for side in Side:
+        for name, judge in JUDGES.items():
+            for count in range(1, bench.config.most_subscribers + 1):
+                setup = Setup(publisher=side, transport=Transport.SMT, message_bytes=1, hardware=count)
+                found = break_even_bytes(setup, judge)
+                of = {"publisher": side.value, "judge": name, "subscribers": count}
+                came_to = {"worth": found is not None, "from_bytes": found or 0}
+                bench.write("break_even", {**of, **came_to, "changes": _changes(setup, judge)})
+
+
+def _changes(setup: Setup, judge: Judge) -> int:
+    """Return how often the faster transport changes from the smallest to the largest size."""
+    faster = [faster_transport(replace(setup, message_bytes=int(size)), judge) for size in _GRID]
+    return sum(one is not other for one, other in pairwise(faster))
+
+
+def _write_sized_mappings(bench: Bench[Config]) -> None:
+    """Map the graph of Fig. 8 by each rule, all its messages of one size after the other."""
+    graph = load_graph(find_project().data / GRAPH_FILE)
+    for size in np.geomspace(100, 10_000_000, bench.config.sizes).round().astype(int):
+        topics = tuple(replace(topic, size_bytes=int(size)) for topic in graph.topics)
+        for name, rule in RULES.items():
+            mapped = map_communication(replace(graph, topics=topics), gateway=rule).gateways
+            chosen = mapped.mapped_to(TopicMapping.GATEWAY)
+            row = {
+                "message_bytes": int(size),
+                "rule": name,
+                "gateways": len(chosen),
+                "topics": ", ".join(chosen),
+                "predicted_s": sum(transfer_s(mapped, topic) for topic in mapped.topics),
+                "carriages": float(sum(carriages_per_message(mapped, topic) for topic in mapped.topics)),
+            }
+            bench.write("sized_mapping", row)
+
+
+@exp.part("node mapping", total=lambda config: config.small_graphs + config.large_graphs, timed=False)
+def node_mapping(bench: Bench[Config]) -> None:
+    """Place random graphs."""
+    for row in placed_rows(bench.config, _generators(bench.config)[1]):
+        bench.write("placed", row)
+        bench.advance(f"{row['nodes']} nodes")
+
+
+@exp.part("hardware", total=lambda config: 20 * len(config.rtl_subscribers) + config.areas, timed=False)
+def hardware(bench: Bench[Config]) -> None:
+    """Simulate and synthesise the hardware, where that is installed; what is missing is written down."""
+    config, missing = bench.config, what_is_missing()
+    bench.metadata("missing", missing)
+    if "rtl" not in missing:
+        for table, row in hardware_rows(config.rtl_subscribers, config.rtl_check_bytes):
+            bench.write(table, row)
+            if table == "cycles":
+                bench.advance(row["path"])
+    if config.areas and "synthesis" not in missing:
+        bench.write_all("area", area_rows(config.rtl_subscribers))
+
+
+@exp.part("live", total=lambda config: 2 * config.live_rounds * len(cells_of(config)), timed=False)
+async def live(bench: Bench[Config]) -> None:
+    """Carry messages across processes."""
+    if bench.config.live_rounds:
+        async with aclosing(crossings(bench.config)) as rows:
+            async for row in rows:
+                bench.write("crossing", row)
+                bench.advance(f"{row['publisher']}, {row['message_bytes']} B")
