@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
-from sfglab.errors import SfglabError
+from sfglab.documents import OR_NULL, Document, Section, read_by
+from sfglab.errors import InvalidValueError
 from sfglab.tables import columns
 
 if TYPE_CHECKING:
@@ -19,14 +20,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sfglab.lab.stats import Estimate
-
-
-_KEYS = {"id", "where", "says", "paper", "unit", "band", "better", "experiment"}
-_REQUIRED = _KEYS - {"better"}
-
-
-class ClaimsError(SfglabError, ValueError):
-    """The ledger's file is not what it should be."""
 
 
 class How(Enum):
@@ -54,12 +47,19 @@ class Claim:
     id: str  #: Short, stable name.
     where: str  #: Paper and place.
     says: str  #: The statement.
-    paper: float | None  #: The paper's figure in `unit`; None where the statement is not a number.
+    #: The paper's figure in `unit`; None where the statement is not a number.
+    paper: float | None = field(metadata=read_by(Section.get))
     unit: str  #: Unit of the paper's figure and of ours.
     band: tuple[float, float]  #: Lowest and highest figure that counts as reproduced.
-    #: ``above`` or ``below``: the end of the band beyond which our figure is better; None: neither.
-    better: str | None = None
-    experiment: str | None = None  #: Name of the experiment that measures it; None: there is none yet.
+    #: The end of the band beyond which our figure is better; None: neither.
+    better: Literal["above", "below"] | None = None
+    #: Name of the experiment that measures it; None: there is none yet.
+    experiment: str | None = field(metadata=OR_NULL)
+
+    def __post_init__(self) -> None:
+        low, high = self.band
+        if low > high:
+            raise InvalidValueError("band", [low, high], "[low, high]")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,47 +108,18 @@ class Entry:
 
 
 def load_claims(path: Path) -> list[Claim]:
-    """Read and check the papers' side of the ledger.
-
-    Args:
-        path: ``data/claims.yaml``.
+    """Read and check the papers' side of the ledger, ``data/claims.yaml``.
 
     Raises:
-        ClaimsError: The file is missing or an entry is wrong; says which entry and what is allowed.
+        DocumentError: The file is missing or an entry is wrong; says where and what is allowed.
     """
-    import yaml
-
-    try:
-        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
-        raise ClaimsError(f"{path.name}: {error}") from error
-    if not isinstance(raw, list):
-        raise ClaimsError(f"{path.name}: given {type(raw).__name__}, needed is a list of claims")
-    claims = [_claim(path.name, position, entry) for position, entry in enumerate(raw, start=1)]
-    ids = [c.id for c in claims]
-    repeated = sorted({i for i in ids if ids.count(i) > 1})
-    if repeated:
-        raise ClaimsError(f"{path.name}: {', '.join(repeated)} stands there more than once")
-    return claims
-
-
-def _claim(file: str, position: int, entry: object) -> Claim:
-    place = f"{file}: entry {position}"
-    if not isinstance(entry, dict):
-        raise ClaimsError(f"{place}: given {type(entry).__name__}, needed is a mapping")
-    place += f" ({entry.get('id', 'no id')})"
-    unknown, missing = set(entry) - _KEYS, _REQUIRED - set(entry)
-    if unknown or missing:
-        raise ClaimsError(
-            f"{place}: unknown keys {sorted(unknown) or 'none'}, missing keys {sorted(missing) or 'none'}; "
-            f"allowed are {', '.join(sorted(_KEYS))}"
-        )
-    band = entry["band"]
-    if not (isinstance(band, list) and len(band) == 2 and band[0] <= band[1]):
-        raise ClaimsError(f"{place}: band: given {band!r}, needed is [low, high]")
-    if entry.get("better") not in (None, "above", "below"):
-        raise ClaimsError(f"{place}: better: given {entry['better']!r}, allowed are above and below")
-    return Claim(**{**entry, "band": (float(band[0]), float(band[1]))})
+    claims: dict[str, Claim] = {}
+    for entry in Document.of_file(path).items():
+        claim = entry.read(Claim)
+        if claim.id in claims:
+            raise entry.refusal("id", claim.id, "each claim once")
+        claims[claim.id] = claim
+    return list(claims.values())
 
 
 def judge(claim: Claim, measured: Measured | None) -> Verdict:

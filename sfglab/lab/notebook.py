@@ -21,7 +21,7 @@ from sfglab.lab.runs import SMOKE
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from IPython.display import Image
+    from IPython.display import Image, Video
     from matplotlib.figure import Figure
     from pandas.io.formats.style import Styler
 
@@ -56,6 +56,13 @@ def image_of(figure: Figure) -> Image:
     with house_style():
         figure.savefig(buffer, format="png", dpi=90)
     return Image(buffer.getvalue(), format="png")
+
+
+def video(mp4: bytes, width: int) -> Video:
+    """Return a film for the notebook, so many pixels wide."""
+    from IPython.display import Video
+
+    return Video(mp4, embed=True, mimetype="video/mp4", width=width)
 
 
 def words(frame: pd.DataFrame) -> Styler:

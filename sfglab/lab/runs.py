@@ -137,6 +137,11 @@ def derived(function: Callable[Concatenate[Run[C], P], T]) -> Callable[Concatena
     return cast("Callable[Concatenate[Run[C], P], T]", once)
 
 
+def lines_of(table: pd.DataFrame) -> list[Any]:
+    """Return a table's lines, each with its columns as attributes."""
+    return list(table.itertuples())
+
+
 def new_log(project: Project, name: str, profile: str) -> Path:
     """Return the path of a new run's log, in order of time by its name.
 

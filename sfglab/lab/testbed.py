@@ -132,7 +132,7 @@ class Testbed:
 
     def argv(self, host: str, command: Sequence[str]) -> list[str]:
         """Return the command line that runs a command on a host."""
-        return self._network.hosts[host].argv(command) if self._network else list(command)
+        return self._network.argv(host, command) if self._network else list(command)
 
     def interface(self, host: str) -> str:
         """Return the name of a host's interface to the others."""

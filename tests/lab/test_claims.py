@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from sfglab.lab.claims import Claim, ClaimsError, How, Measured, Verdict, entry_for, judge, load_claims, render
+from sfglab.documents import DocumentError
+from sfglab.lab.claims import Claim, How, Measured, Verdict, entry_for, judge, load_claims, render
 from sfglab.lab.stats import Estimate
 
 LEDGER = Path(__file__).parents[2] / "data" / "claims.yaml"
@@ -51,7 +52,15 @@ IDS = [
 
 
 def claim(**changes) -> Claim:
-    values = {"id": "X", "where": "A 1", "says": "s", "paper": 5.0, "unit": "u", "band": (4.0, 6.0)}
+    values = {
+        "id": "X",
+        "where": "A 1",
+        "says": "s",
+        "paper": 5.0,
+        "unit": "u",
+        "band": (4.0, 6.0),
+        "experiment": None,
+    }
     return Claim(**{**values, **changes})
 
 
@@ -104,26 +113,28 @@ def test_the_table_counts_the_verdicts():
     assert text.splitlines()[-1] == "1 reproduced, 1 not yet"
 
 
+GOOD = "id: A, where: w, says: s, paper: 1, unit: u, band: [1, 2], experiment: null"
+
+
 @pytest.mark.parametrize(
     ("yaml", "message"),
     [
-        ("{}", "needed is a list"),
-        ("- 3", "entry 1: given int"),
-        ("- {id: A}", "entry 1 .A.: .*missing keys"),
-        ("- {id: A, where: w, says: s, paper: 1, unit: u, band: [2, 1], experiment: null}", "band: given"),
+        ("{}", "claims.yaml:1: .*allowed: a list"),
+        ("- 3", r"claims.yaml:1: \[0\]: given 3, allowed: a mapping"),
+        ("- {id: A}", "'where' is needed here"),
         (
-            "- {id: A, where: w, says: s, paper: 1, unit: u, band: [1, 2], experiment: null, x: 1}",
-            "unknown keys",
+            f"- {{{GOOD.replace('band: [1, 2]', 'band: [2, 1]')}}}",
+            r"band: given \[2, 1\], allowed: \[low, high\]",
         ),
-        (
-            "- {id: A, where: w, says: s, paper: 1, unit: u, band: [1, 2], experiment: null, better: up}",
-            "better",
-        ),
-        ("[", "while parsing"),
+        (f"- {{{GOOD}, x: 1}}", "x: given 'x', allowed: band, better"),
+        (f"- {{{GOOD}, better: up}}", "better: given 'up', allowed: above or below"),
+        (f"- {{{GOOD.replace(', experiment: null', '')}}}", "'experiment' is needed here"),
+        (f"- {{{GOOD}}}\n- {{{GOOD}}}", r"claims.yaml:2: \[1\].id: given 'A', allowed: each claim once"),
+        ("[", "allowed: YAML"),
     ],
 )
 def test_a_broken_ledger_is_refused_with_the_place(tmp_path, yaml, message):
     file = tmp_path / "claims.yaml"
     file.write_text(yaml)
-    with pytest.raises(ClaimsError, match=message):
+    with pytest.raises(DocumentError, match=message):
         load_claims(file)

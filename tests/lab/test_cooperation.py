@@ -23,11 +23,11 @@ from sfglab.lab.experiments.cooperation.experiment import (
     Point,
     SimulatedRun,
     points_of,
+    rate_and_depth,
     run_point,
     scenario_of,
-    setting_of,
 )
-from sfglab.lab.experiments.cooperation.film import frames_of
+from sfglab.lab.experiments.cooperation.figures import frames_of
 from sfglab.lab.workers.hallway import COMMAND
 from sfglab.messages import default_message, serialized_size
 from sfglab.qos import QoSProfile
@@ -78,11 +78,10 @@ def test_methods_differ_in_what_they_say_they_do():
 
 def test_optimised_settings_are_those_of_equation_6():
     for rate in RATES_HZ:
-        setting = setting_of(Point(method="OPT", rate_max_hz=rate, depth=OPTIMUM))
-        assert setting.rate_hz == pytest.approx(rate / 9 - 1, abs=1e-4)
-        assert setting.depth == int(5000 * (rate / 9 - 1) / rate - 1)
-    assert setting_of(Point(method="OPT", rate_max_hz=100, depth=10)).depth == 10
-    assert setting_of(Point(method="none", rate_max_hz=100, depth=10)).rate_hz == 100
+        found = rate_and_depth(Point(method="OPT", rate_max_hz=rate, depth=OPTIMUM))
+        assert found == (pytest.approx(rate / 9 - 1, abs=1e-4), int(5000 * (rate / 9 - 1) / rate - 1))
+    assert rate_and_depth(Point(method="OPT", rate_max_hz=100, depth=10))[1] == 10
+    assert rate_and_depth(Point(method="none", rate_max_hz=100, depth=10)) == (100, 10)
 
 
 def test_a_scenario_has_eight_beams_up_and_one_command_down_for_each_robot():

@@ -11,7 +11,7 @@ from sfglab.lab.bench import Options
 from sfglab.lab.experiments.driving import analysis, experiment, lap
 from sfglab.lab.experiments.driving.analysis import chain_ms, parts_ms, pictures, ratio, saved_ms
 from sfglab.lab.experiments.driving.experiment import MAPPINGS, PAPER_MS, ChainPoint, LapPoint, exp
-from sfglab.lab.experiments.driving.film import film, frames_of
+from sfglab.lab.experiments.driving.figures import film, frames_of
 from sfglab.lab.experiments.driving.lap import PICTURE_SIZE, Recorder
 from sfglab.lab.sweep import Workers
 from sfglab.soc.driving import CHAIN, Camera, Rules, Stack, make_town, run_lap

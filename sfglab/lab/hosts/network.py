@@ -33,7 +33,7 @@ from sfglab.lab.hosts.host import (
 from sfglab.lab.hosts.radio import RadioCounters
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from sfglab.rtps import Medium
 
@@ -279,6 +279,10 @@ class Network:
     def hosts(self) -> Mapping[str, Host]:
         """Return the hosts by name."""
         return MappingProxyType(self._hosts)
+
+    def argv(self, host: str, command: Sequence[str | os.PathLike[str]]) -> list[str]:
+        """Return the command line that runs a command inside a host; as `Host.argv`."""
+        return self._hosts[host].argv(command)
 
     def add_host(self, name: str) -> Host:
         """Add a host to the network; the first one has the address 10.77.0.2, the next one 10.77.0.3.

@@ -9,7 +9,7 @@ import numpy as np
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.balancing.experiment import SHOWN, Config, exp
 from sfglab.lab.experiments.balancing.optimum import mean_topics
-from sfglab.lab.figures import COLORS, MARKERS
+from sfglab.lab.figures import COLORS, MARKERS, grouped_bars
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import exactly
 
@@ -100,15 +100,12 @@ _SHADES = ("third", "proxy", "fourth", "standard")
 def draw_caches(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw what the local cache holds back of each sensor's readings, a group of bars a sensor."""
     table, axes = saved(run), figure.subplots()
-    width = 0.8 / len(table.columns)
-    for place, (rate, color) in enumerate(zip(table.columns, _SHADES, strict=False)):
-        spots = np.arange(len(table)) + (place - (len(table.columns) - 1) / 2) * width
-        axes.bar(spots, 100 * table[rate], width, label=f"{rate} Hz", color=COLORS[color])
+    shown = (100 * table).rename(columns=lambda rate: f"{rate} Hz")
+    grouped_bars(axes, shown, [COLORS[shade] for shade in _SHADES], width=0.8)
     change = run["table_one"].set_index("sensor")["change_s"]
     names = [f"{name}\nchanges every\n{change[name]:g} s" for name in table.index]
     axes.set_xticks(range(len(table)), names, fontsize=8)
     axes.set(ylabel="readings held back (%)", ylim=(0, 100))
-    axes.grid(visible=False, axis="x")
     axes.legend(title="sensor read at", ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.28))
     figure.suptitle(
         f"Local cache: read {table.columns[-1]} times a second, a sensor repeats itself in "

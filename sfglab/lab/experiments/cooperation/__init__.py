@@ -7,9 +7,8 @@ the reliability model of `sfglab.rtps` between the nodes; and the same nodes liv
 
 from __future__ import annotations
 
-from sfglab.lab.experiments.cooperation import figures
 from sfglab.lab.experiments.cooperation.analysis import courses, difference, failures, rates, staleness
 from sfglab.lab.experiments.cooperation.experiment import exp
-from sfglab.lab.experiments.cooperation.film import film, show_film
+from sfglab.lab.experiments.cooperation.figures import film
 
-__all__ = ["courses", "difference", "exp", "failures", "figures", "film", "rates", "show_film", "staleness"]
+__all__ = ["courses", "difference", "exp", "failures", "film", "rates", "staleness"]

@@ -29,27 +29,12 @@ _Z = 1.959963984540054  # of 95 %
 
 @derived
 def courses(run: Run[Config], table: str = "course") -> pd.DataFrame:
-    """Return one line a run with ``success``.
-
-    Args:
-        run: The run.
-        table: ``course`` or ``contrast``.
-    """
+    """Return one line a run, of the table ``course`` or ``contrast``, with ``success``."""
     return run[table].assign(success=run[table]["end"] == End.SUCCESS.value)
 
 
-def lines_of(table: pd.DataFrame) -> list[Any]:
-    """Return a table's lines, each with its columns as attributes."""
-    return list(table.itertuples())
-
-
 def wilson(successes: int, runs: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share, which stays sensible at 0 and 1 (E. B. Wilson, JASA 22, 1927).
-
-    Args:
-        successes: How often it came off.
-        runs: Of how many, 1 at least.
-    """
+    """Return the 95 % interval of a share, which stays sensible at 0 and 1 (E. B. Wilson, JASA 22, 1927)."""
     share, z2 = successes / runs, _Z**2
     middle = (share + z2 / (2 * runs)) / (1 + z2 / runs)
     half = _Z / (1 + z2 / runs) * math.sqrt(share * (1 - share) / runs + z2 / (4 * runs**2))
@@ -62,13 +47,10 @@ def rates(courses: pd.DataFrame, *keys: str) -> pd.DataFrame:
 
     Args:
         courses: A line a run.
-        keys: Columns that make a group.
+        keys: Columns that make a group, ``method`` among them.
     """
-    order = {name: number for number, name in enumerate(METHODS)}
-    grouped = courses.groupby(list(keys), sort=True)["success"].agg(["sum", "count"])
-    table = grouped.rename(columns={"sum": "successes", "count": "runs"}).reset_index()
-    if "method" in table:
-        table = table.sort_values("method", key=lambda names: names.map(order), kind="stable")
+    grouped = courses.groupby(list(keys), sort=True)["success"].agg(successes="sum", runs="count").reset_index()
+    table = grouped.sort_values("method", key=lambda names: names.map(list(METHODS).index), kind="stable")
     bounds = [wilson(int(s), int(n)) for s, n in zip(table["successes"], table["runs"], strict=True)]
     return table.assign(
         rate=table["successes"] / table["runs"],
@@ -84,9 +66,8 @@ def failures(courses: pd.DataFrame) -> pd.DataFrame:
     counts = failed.assign(how=who).pivot_table(
         index="method", columns="how", values="seed", aggfunc="count", fill_value=0
     )
-    counts.insert(0, End.SUCCESS.value, courses.groupby("method")["success"].sum())
     named = counts.reindex([name for name in METHODS if name in set(courses["method"])], fill_value=0)
-    named[End.SUCCESS.value] = courses.groupby("method")["success"].sum()
+    named.insert(0, End.SUCCESS.value, courses.groupby("method")["success"].sum())
     return named.astype(int)
 
 
@@ -99,14 +80,7 @@ def staleness(courses: pd.DataFrame) -> pd.DataFrame:
 
 @derived
 def contrasts(run: Run[Config]) -> pd.DataFrame:
-    """Return success rates by method, as they are and in each contrast, at the rates contrasted.
-
-    Args:
-        run: The run.
-
-    Returns:
-        A line a method; none where nothing was contrasted.
-    """
+    """Return success rates, a line a method: as they are and in each contrast, at the rates contrasted."""
     more, rows = courses(run, "contrast"), courses(run)
     if more.empty:
         return pd.DataFrame()
@@ -156,10 +130,10 @@ def _details(run: Run[Config]) -> dict[str, str]:
     rows = courses(run)
     details = {
         f"success, {row.method}": f"{row.rate:.2f} [{row.low:.2f}, {row.high:.2f}] of {row.runs} runs"
-        for row in lines_of(rates(rows, "method"))
+        for row in rates(rows, "method").itertuples()
     }
     compared = rows[rows["method"].isin(("none", "OPT+LC"))]
-    for row in lines_of(rates(compared, "method", "rate_max_hz")):
+    for row in rates(compared, "method", "rate_max_hz").itertuples():
         details[f"success, {row.method}, Rmax {row.rate_max_hz} Hz"] = f"{row.successes} of {row.runs}"
     for method, counts in failures(rows).iterrows():
         said = [f"{how} {count}" for how, count in counts.items() if count and how != End.SUCCESS.value]

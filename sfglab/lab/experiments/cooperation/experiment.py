@@ -29,12 +29,17 @@ from sfglab.arp.hallway import (
     judge,
 )
 from sfglab.arp.robots import METHODS, PLAN_S, RATES_HZ, TAKE_S
+from sfglab.lab.bench import as_row
 from sfglab.lab.experiment import Actor, Experiment, Link, Setup, seeded
 from sfglab.qos import DEFAULT, QoSProfile
 from sfglab.rtps import PRESETS, Flow, Medium, Scenario, Session
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
     from sfglab.rtps import Outcome
 
 DEPTHS = (1, 10, 1000)
@@ -105,22 +110,14 @@ class Point:
     medium: Medium = _MEDIUM  #: What carries the frames.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Setting:
-    """What a point comes to."""
-
-    rate_hz: float  #: Rate of each topic.
-    depth: int  #: Depth of each writer's and reader's history.
-
-
-def setting_of(point: Point) -> Setting:
-    """Return the rate and the depth of a point: those of Table 2, or with OPT those of Eq. 6."""
+def rate_and_depth(point: Point) -> tuple[float, int]:
+    """Return each topic's rate, Hz, and each history's depth: those of Table 2, or with OPT those of Eq. 6."""
     if not METHODS[point.method].optimised:
-        return Setting(rate_hz=float(point.rate_max_hz), depth=point.depth)
+        return float(point.rate_max_hz), point.depth
     best = balance(BalanceInput(topics=_TOPICS, rate_max_hz=float(point.rate_max_hz)))
     # The solver's digits end somewhere; beyond the sixth they are noise.
     depth = int(round(best.depth, 6)) if point.depth == OPTIMUM else point.depth
-    return Setting(rate_hz=round(best.rate_hz, 6), depth=depth)
+    return round(best.rate_hz, 6), depth
 
 
 def points_of(config: Config) -> list[Point]:
@@ -150,22 +147,17 @@ def contrasts_of(config: Config) -> list[Point]:
 
 
 def scenario_of(point: Point, *, seed: int) -> Scenario:
-    """Return a point's topics over its medium.
-
-    Args:
-        point: The point.
-        seed: Of when in its period each topic begins: nobody starts 27 nodes in step.
-    """
-    method, setting = METHODS[point.method], setting_of(point)
-    phases = iter(np.random.default_rng((seed, 1)).uniform(0, 1 / setting.rate_hz, 9 * len(ROBOTS)).tolist())
-    qos = QoSProfile(depth=setting.depth, deadline_ns=round(NS_PER_S / setting.rate_hz))
+    """Return a point's topics over its medium; the seed says when in its period each of the 27 begins."""
+    method, (rate_hz, depth) = METHODS[point.method], rate_and_depth(point)
+    phases = iter(np.random.default_rng((seed, 1)).uniform(0, 1 / rate_hz, 9 * len(ROBOTS)).tolist())
+    qos = QoSProfile(depth=depth, deadline_ns=round(NS_PER_S / rate_hz))
     beams = [
         Flow(
             name=beam_flow(robot, beam),
             source=robot,
             target="station",
             size_bytes=BEAM_BYTES,
-            rate_hz=setting.rate_hz,
+            rate_hz=rate_hz,
             phase_s=next(phases),
             qos=qos,
             executor=f"{robot}/localisation",
@@ -182,7 +174,7 @@ def scenario_of(point: Point, *, seed: int) -> Scenario:
             source="station",
             target=robot,
             size_bytes=COMMAND_BYTES,
-            rate_hz=setting.rate_hz,
+            rate_hz=rate_hz,
             phase_s=next(phases),
             qos=qos,
             executor=robot,
@@ -245,7 +237,7 @@ class CourseRow:
 
 
 @exp.table("track")
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class TrackRow:
     """Where a robot was, in one of the runs that are drawn."""
 
@@ -264,10 +256,7 @@ class SimulatedRun:
     Args:
         point: The point.
         seed: Of physics and medium.
-        tracked: Name of the run whose tracks are kept; empty: none.
-
-    Attributes:
-        tracks: Where every robot was at each turn of the LIDAR, if tracked.
+        tracked: Name of the run whose `tracks` are kept, each turn of the LIDAR; empty: none.
     """
 
     def __init__(self, point: Point, seed: int, *, tracked: str = "") -> None:
@@ -288,11 +277,7 @@ class SimulatedRun:
         self.tracks: list[TrackRow] = []
 
     def run(self, limit_s: float = LIMIT_S) -> CourseRow:
-        """Drive until it ends.
-
-        Args:
-            limit_s: When it is given up.
-        """
+        """Drive until it ends, or is given up."""
         for flow in self._commands:
             self._session.set_value(flow, STOP.number)
         steps, verdict = 0, None
@@ -340,57 +325,45 @@ class SimulatedRun:
     def _track(self, now_s: float) -> None:
         if not self._tracked:
             return
-        for robot, (x, y, heading) in zip(ROBOTS, self._world.poses.tolist(), strict=True):
-            track = TrackRow(
-                run=self._tracked,
-                robot=robot,
-                t_s=now_s,
-                x_m=x,
-                y_m=y,
-                heading_rad=heading,
-                manoeuvre=self._station.manoeuvre.value,
-            )
-            self.tracks.append(track)
+        manoeuvre = self._station.manoeuvre.value
+        for robot, (x_m, y_m, heading_rad) in zip(ROBOTS, self._world.poses.tolist(), strict=True):
+            self.tracks.append(TrackRow(self._tracked, robot, now_s, x_m, y_m, heading_rad, manoeuvre))
 
     def _row(self, verdict: Verdict, now_ns: int) -> CourseRow:
-        point, setting, outcome = self._point, setting_of(self._point), self._session.outcome()
-        counts = outcome.counts
-        beam_p50_ms, beam_p99_ms, arrived = _latencies(outcome, list(self._beams))
-        command_p50_ms, command_p99_ms, _ = _latencies(outcome, list(self._commands))
+        outcome, (rate_hz, depth) = self._session.outcome(), rate_and_depth(self._point)
         published = sum(len(outcome.flows[flow].fate) for flow in self._beams)
+        beams_ms, commands_ms = _latencies_ms(outcome, self._beams), _latencies_ms(outcome, self._commands)
         stale_s, stale_flow = _stalest(outcome, now_ns)
-        return CourseRow(
-            method=point.method,
-            rate_max_hz=point.rate_max_hz,
-            depth=point.depth,
-            vendor=point.vendor,
-            loss=point.medium.loss,
-            seed=self._seed,
-            rate_hz=setting.rate_hz,
-            depth_used=setting.depth,
-            end=verdict.end.value,
-            robot="" if verdict.robot < 0 else ROBOTS[verdict.robot],
-            ended_s=now_ns / NS_PER_S,
-            wound=float(self._world.wound_rad().min() / math.tau),
-            airtime=counts["airtime_ns"] / now_ns,
-            beams_sent=published,
-            beams_lost=1 - arrived / published if published else math.nan,
-            **{name: counts[name] for name in ("held", "compared", "processed", "queue_full")},
-            beam_p50_ms=beam_p50_ms,
-            beam_p99_ms=beam_p99_ms,
-            command_p50_ms=command_p50_ms,
-            command_p99_ms=command_p99_ms,
-            stale_s=stale_s,
-            stale_flow=stale_flow,
-        )
+        row = {
+            "loss": self._point.medium.loss,
+            "seed": self._seed,
+            "rate_hz": rate_hz,
+            "depth_used": depth,
+            "end": verdict.end.value,
+            "robot": "" if verdict.robot < 0 else ROBOTS[verdict.robot],
+            "ended_s": now_ns / NS_PER_S,
+            "wound": float(self._world.wound_rad().min() / math.tau),
+            "airtime": outcome.counts["airtime_ns"] / now_ns,
+            "beams_sent": published,
+            "beams_lost": 1 - len(beams_ms) / published if published else math.nan,
+            **{name: outcome.counts[name] for name in ("held", "compared", "processed", "queue_full")},
+            **_percentiles("beam", beams_ms),
+            **_percentiles("command", commands_ms),
+            "stale_s": stale_s,
+            "stale_flow": stale_flow,
+        }
+        made: CourseRow = as_row(CourseRow, row, self._point)
+        return made
 
 
-def _latencies(outcome: Outcome, flows: list[str]) -> tuple[float, float, int]:
-    """Return the median and the 99th percentile of flows' latencies, milliseconds, and how many arrived."""
-    samples = np.concatenate([outcome.flows[flow].latency_ns for flow in flows]) / 1e6
-    if not len(samples):
-        return math.nan, math.nan, 0
-    return float(np.percentile(samples, 50)), float(np.percentile(samples, 99)), len(samples)
+def _latencies_ms(outcome: Outcome, flows: Iterable[str]) -> NDArray[np.float64]:
+    return np.concatenate([outcome.flows[flow].latency_ns for flow in flows]) / 1e6
+
+
+def _percentiles(name: str, samples_ms: NDArray[np.float64]) -> dict[str, float]:
+    """Return the median and the 99th percentile by their columns; NaN of nothing."""
+    found = np.percentile(samples_ms, (50, 99)).tolist() if len(samples_ms) else (math.nan, math.nan)
+    return {f"{name}_p50_ms": found[0], f"{name}_p99_ms": found[1]}
 
 
 def _stalest(outcome: Outcome, now_ns: int) -> tuple[float, str]:

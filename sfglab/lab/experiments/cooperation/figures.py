@@ -1,4 +1,7 @@
-"""Figures 16, 17 and 18 of paper B, redrawn from a run, and what was out of date when a run failed."""
+"""Figures 16, 17 and 18 of paper B, redrawn from a run, what was out of date when a run failed, and films.
+
+In films the walls are drawn once by matplotlib; robots and beams are drawn onto that picture.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +9,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.arp.hallway import AREAS, HALF_WIDTH_M, HOME, RADIUS_M, WAYPOINTS, course_length_m
+from sfglab.arp.hallway import AREAS, BEAMS_DEG, HALF_WIDTH_M, HOME, RADIUS_M, WAYPOINTS, course_length_m
 from sfglab.arp.robots import METHODS
-from sfglab.lab.experiments.cooperation.analysis import contrasts, courses, difference, lines_of, rates
+from sfglab.lab.experiments.cooperation.analysis import contrasts, courses, difference, rates
 from sfglab.lab.experiments.cooperation.experiment import Config, exp
-from sfglab.lab.figures import COLORS, MARKERS
+from sfglab.lab.experiments.cooperation.stage import scan_at
+from sfglab.lab.figures import COLORS, MARKERS, grouped_bars, house_style, mp4
+from sfglab.lab.runs import lines_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from sfglab.lab.runs import Run
 
@@ -64,8 +70,7 @@ def _draw_rates(axes: Axes, courses: pd.DataFrame) -> None:
     deep = rates(courses[courses["depth"] > 0], "method", "depth")
     for position, row in enumerate(lines_of(table)):
         optimised = METHODS[row.method].optimised
-        color = COLORS["third" if optimised else "proxy"]
-        axes.bar(position, row.rate, color=color, width=0.6)
+        axes.bar(position, row.rate, color=COLORS["third" if optimised else "proxy"], width=0.6)
         error = [[row.rate - row.low], [row.high - row.rate]]
         axes.errorbar(position, row.rate, yerr=error, color="black", capsize=3)
         for one in lines_of(deep[deep["method"] == row.method]):
@@ -175,25 +180,17 @@ def draw_staleness(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 def draw_contrasts(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the success rates as they are beside those of each contrast."""
     table, axes = contrasts(run), figure.subplots()
-    width = 0.8 / len(table.columns)
-    for place, (kind, color) in enumerate(zip(table.columns, COLORS.values(), strict=False)):
-        spots = np.arange(len(table)) + (place - (len(table.columns) - 1) / 2) * width
-        axes.bar(spots, table[kind], width, color=color, label=kind)
-        for spot, rate in zip(spots, table[kind], strict=True):
-            _say_rate(axes, float(spot), float(rate))
+    spots = grouped_bars(axes, table, COLORS.values(), width=0.8)
+    for at, kind in zip(spots, table.columns, strict=True):
+        for spot, rate in zip(at.tolist(), table[kind], strict=True):
+            said, turn = ("not run", 90) if np.isnan(rate) else (f"{rate:.2f}", 0)
+            where = (spot, np.nan_to_num(rate))
+            axes.annotate(said, where, ha="center", va="bottom", fontsize=7, rotation=turn)
     axes.set_xticks(range(len(table)), list(table.index))
     axes.set(ylabel="runs that succeeded", ylim=(0, 1.12))
-    axes.grid(visible=False, axis="x")
     figure.legend(loc="outside lower center", ncols=len(table.columns))
     figure.suptitle("What keeps OPT+LC from completing the round, asked from the other side")
     return {str(kind): table[kind].dropna().to_dict() for kind in table.columns}
-
-
-def _say_rate(axes: Axes, spot: float, rate: float) -> None:
-    if np.isnan(rate):
-        axes.annotate("not run", (spot, 0), ha="center", va="bottom", fontsize=7, rotation=90)
-    else:
-        axes.annotate(f"{rate:.2f}", (spot, rate), ha="center", va="bottom", fontsize=7)
 
 
 @exp.figure("cooperation_live", size=(10.2, 3.6), when=lambda run: bool((run["track"]["run"] == "live").any()))
@@ -229,3 +226,79 @@ def apart_m(tracks: pd.DataFrame) -> float:
         within = nearest < len(both[1]) - 1
         worst = max(worst, float(distances.min(axis=1)[within].max(initial=0.0)))
     return worst
+
+
+# --- Films ----------------------------------------------------------------------------------------------------
+
+_SPEED = 5  # times real time
+_FPS = 10
+_SIZE = (9.6, 3.2)  # inches, at 100 dots each
+_GREY = (170, 170, 170)
+
+
+def film(run: Run[Config], name: str) -> bytes:
+    """Return a drawn run as an MP4 file, five times as fast as it was."""
+    return mp4(frames_of(run, name), (960, 320), fps=_FPS, crf=27, pixels="rgb24")
+
+
+def frames_of(run: Run[Config], name: str) -> Iterator[NDArray[np.uint8]]:
+    """Yield the pictures of a drawn run's film, RGB, shape (height, width, 3)."""
+    tracks = run["track"][run["track"]["run"] == name]
+    background, panels = _background(run, name)
+    moments = [rows for _, rows in tracks.groupby("t_s")]
+    step = max(1, round(_SPEED / _FPS / 0.1))
+    trails: dict[str, list[list[int]]] = {area.robot: [] for area in AREAS}
+    for rows in [*moments[::step], *[moments[-1]] * _FPS]:  # stands still for a second at its end
+        yield _picture(background.copy(), panels, rows, trails, bytes.fromhex(RUN_COLORS[name][1:]))
+
+
+def _background(run: Run[Config], name: str) -> tuple[NDArray[np.uint8], dict[str, Axes]]:
+    """Return the empty areas as a picture, and each robot's axes in it."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    example = run.metadata("examples")[name]
+    with house_style():
+        figure = Figure(figsize=_SIZE, dpi=100)
+        canvas = FigureCanvasAgg(figure)
+        panels = dict(zip([area.robot for area in AREAS], figure.subplots(1, len(AREAS)), strict=True))
+        for robot, axes in panels.items():
+            draw_area(axes, robot)
+            axes.set_title(robot, fontsize=9)
+        figure.suptitle(f"{example['method']}, Rmax {example['rate_max_hz']} Hz: {example['end']}", fontsize=10)
+        canvas.draw()  # type: ignore[no-untyped-call]
+        image = np.asarray(canvas.buffer_rgba())[:, :, :3].copy()  # type: ignore[no-untyped-call]
+    return image, panels
+
+
+def _picture(
+    image: NDArray[np.uint8],
+    panels: dict[str, Axes],
+    rows: pd.DataFrame,
+    trails: dict[str, list[list[int]]],
+    color: Sequence[int],
+) -> NDArray[np.uint8]:
+    import cv2
+
+    def pixels(robot: str, points: NDArray[np.float64]) -> list[list[int]]:
+        x, y = panels[robot].transData.transform(points).T
+        found: list[list[int]] = np.rint(np.column_stack((x, image.shape[0] - y))).astype(np.int32).tolist()
+        return found
+
+    for (robot, way), area, row in zip(trails.items(), AREAS, lines_of(rows), strict=True):
+        middle_m, heading = np.array((row.x_m, row.y_m)), row.heading_rad
+        ranges, angles = scan_at(area, row.x_m, row.y_m, heading), heading + np.radians(BEAMS_DEG)
+        seen = np.isfinite(ranges)
+        ends = middle_m + (ranges[seen] * np.array((np.cos(angles[seen]), np.sin(angles[seen])))).T
+        nose = middle_m + RADIUS_M * np.array((np.cos(heading), np.sin(heading)))
+        edge = (row.x_m + RADIUS_M, row.y_m)
+        middle, (edge_x, _), tip, *beams = pixels(robot, np.vstack((middle_m, edge, nose, ends)))
+        way.append(middle)
+        for end in beams:
+            cv2.line(image, middle, end, _GREY, 1, cv2.LINE_AA)
+        cv2.polylines(image, [np.array(way, np.int32)], isClosed=False, color=color, thickness=1)
+        cv2.circle(image, middle, max(2, edge_x - middle[0]), color, -1, cv2.LINE_AA)
+        cv2.line(image, middle, tip, (0, 0, 0), 1, cv2.LINE_AA)
+    said, where = f"{rows['t_s'].iloc[0]:5.1f} s   {rows['manoeuvre'].iloc[0]}", (12, image.shape[0] - 10)
+    cv2.putText(image, said, where, cv2.FONT_HERSHEY_SIMPLEX, 0.42, (0, 0, 0), 1, cv2.LINE_AA)
+    return image

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from contextlib import suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -36,13 +37,14 @@ from sfglab.lab.experiments.cooperation.experiment import (
     SimulatedRun,
     TrackRow,
     exp,
-    setting_of,
+    rate_and_depth,
 )
 from sfglab.lab.hosts import Network
 from sfglab.lab.workers.hallway import STATION, HallwayConfig
-from sfglab.messages import default_message, message_type, stamp_from_ns
+from sfglab.messages import default_message, message_type
 from sfglab.processes import Member, ProcessGroup
 from sfglab.rtps import Medium
+from sfglab.spatial.poses import header_msg
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -80,14 +82,8 @@ def drive_again(bench: Bench[Config]) -> None:
     examples = examples_of(bench.rows["course"])
     bench.metadata("examples", {name: asdict(row) for name, row in examples.items()})
     for name, row in examples.items():
-        point = Point(
-            method=row.method,
-            rate_max_hz=row.rate_max_hz,
-            depth=row.depth,
-            vendor=row.vendor,
-            medium=Medium(loss=row.loss),
-        )
-        tracked = SimulatedRun(point, row.seed, tracked=name)
+        same = {key: getattr(row, key) for key in ("method", "rate_max_hz", "depth", "vendor")}
+        tracked = SimulatedRun(Point(**same, medium=Medium(loss=row.loss)), row.seed, tracked=name)
         # Written out, because a NaN is not equal to itself.
         assert repr(tracked.run()) == repr(row), "the same point and seed are the same run"
         _write_tracks(bench, tracked.tracks)
@@ -126,7 +122,7 @@ def _write_messages(log: LogWriter, tracks: Sequence[TrackRow]) -> None:
 
 def _new(type_name: str, frame: str, now_ns: int) -> Any:
     message = default_message(type_name)
-    message.header = message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(now_ns), frame_id=frame)
+    message.header = header_msg(frame, now_ns)
     return message
 
 
@@ -210,18 +206,12 @@ async def drive(bench: Bench[Config]) -> None:
 
 
 class LiveDrive:
-    """What the processes of a live drive have said so far.
-
-    Attributes:
-        tracks: Where every robot was at each turn of its LIDAR.
-        verdict: How it ended; None: it did not, or the time was over.
-        radio: What the radio did; None before the end.
-    """
+    """What the processes of a live drive have said so far."""
 
     def __init__(self) -> None:
-        self.tracks: list[TrackRow] = []
-        self.verdict: Verdict | None = None
-        self.radio: RadioCounters | None = None
+        self.tracks: list[TrackRow] = []  #: Where every robot was at each turn of its LIDAR.
+        self.verdict: Verdict | None = None  #: How it ended; None: it did not, or the time was over.
+        self.radio: RadioCounters | None = None  #: What the radio did; None before the end.
         self._last: dict[str, Report] = {}
         self._stopped_by: int | None = None
         self._manoeuvre = Manoeuvre.STOP.value
@@ -234,16 +224,8 @@ class LiveDrive:
             self._manoeuvre = report["manoeuvre"]
         elif report["is"] == "pose":
             self._last[name] = report
-            x, y, heading = report["pose"]
-            track = TrackRow(
-                run="live",
-                robot=name,
-                t_s=report["t_s"],
-                x_m=x,
-                y_m=y,
-                heading_rad=heading,
-                manoeuvre=self._manoeuvre,
-            )
+            x_m, y_m, heading_rad = report["pose"]
+            track = TrackRow("live", name, report["t_s"], x_m, y_m, heading_rad, self._manoeuvre)
             self.tracks.append(track)
 
     def ended(self) -> bool:
@@ -270,12 +252,7 @@ class LiveDrive:
 
 
 async def drive_live(point: Point, seed: int, *, seconds: float) -> LiveDrive:
-    """Drive live, on hosts of their own.
-
-    Args:
-        point: Method, rate and medium; the protocol is timed by the DDS that is there, not by its vendor.
-        seed: Of physics and medium.
-        seconds: How long at most.
+    """Drive live for so many seconds at most, on hosts of their own; the DDS that is there times the protocol.
 
     Raises:
         HostsUnavailableError: This machine has no network namespaces.
@@ -283,38 +260,29 @@ async def drive_live(point: Point, seed: int, *, seconds: float) -> LiveDrive:
     """
     live = LiveDrive()
     with Network() as network:
-        hosts = [network.add_host(name) for name in (*ROBOTS, STATION)]
-        members = [_member(host, point, seed) for host in hosts]
-        argvs = {host.name: host.argv for host in hosts}
-        async with ProcessGroup(lambda host, c: argvs[host](c), members, on_report=live.take) as group:
+        members = [_member(network.add_host(name), point, seed) for name in (*ROBOTS, STATION)]
+        async with ProcessGroup(network.argv, members, on_report=live.take) as group:
             # Discovery is not what is asked here: it has an Ethernet, and then all begin to move on the radio.
             network.set_radio(point.medium, seed=seed)
             group.order(do="start")
-            await _watch(group, live, seconds)
+            with suppress(TimeoutError):
+                async with asyncio.timeout(seconds):
+                    while not live.ended():
+                        group.check()
+                        await asyncio.sleep(_POLL_S)
             live.radio = network.radio_counters()
     return live
 
 
 def _member(host: Host, point: Point, seed: int) -> Member:
-    method, setting = METHODS[point.method], setting_of(point)
+    method, (rate_hz, depth) = METHODS[point.method], rate_and_depth(point)
     config = HallwayConfig(
         role=host.name,
         address=BusAddress(domain_id=DOMAIN, interface=host.interface, multicast="spdp"),
-        rate_hz=setting.rate_hz,
-        depth=setting.depth,
+        rate_hz=rate_hz,
+        depth=depth,
         local_cache=method.local_cache,
         cache_control=method.cache_control,
         seed=seed,
     )
     return Member(name=host.name, host=host.name, module="sfglab.lab.workers.hallway", config=config)
-
-
-async def _watch(group: ProcessGroup, live: LiveDrive, seconds: float) -> None:
-    """Wait until the drive has ended or the time is over."""
-    try:
-        async with asyncio.timeout(seconds):
-            while not live.ended():
-                group.check()
-                await asyncio.sleep(_POLL_S)
-    except TimeoutError:
-        return

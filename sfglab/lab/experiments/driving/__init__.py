@@ -7,9 +7,8 @@ memory model.
 
 from __future__ import annotations
 
-from sfglab.lab.experiments.driving import figures
-from sfglab.lab.experiments.driving.analysis import chain_table, node_table, stops
+from sfglab.lab.experiments.driving.analysis import chain_table, node_table
 from sfglab.lab.experiments.driving.experiment import exp
-from sfglab.lab.experiments.driving.film import film, show_film
+from sfglab.lab.experiments.driving.figures import film
 
-__all__ = ["chain_table", "exp", "figures", "film", "node_table", "show_film", "stops"]
+__all__ = ["chain_table", "exp", "film", "node_table"]

@@ -11,7 +11,7 @@ import pandas as pd
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.driving.experiment import MAPPINGS, PAPER_MS, READINGS, Config, exp
 from sfglab.lab.experiments.driving.lap import IMAGE_TOPIC, MASK_TOPIC
-from sfglab.lab.runs import Run, derived
+from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import bootstrap
 from sfglab.soc.driving import CHAIN, SHARED_TOPIC
 from sfglab.units import NS_PER_S
@@ -48,11 +48,6 @@ class Stop:
     lasted_s: float
     x_m: float
     y_m: float
-
-
-def lines_of(table: pd.DataFrame) -> list[Any]:
-    """Return a table's lines, each with its columns as attributes."""
-    return list(table.itertuples())
 
 
 @derived

@@ -25,8 +25,6 @@ from sfglab.soc.memory import CUT_THROUGH, STORED
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sfglab.soc.driving import Lap
-
 MAPPINGS = ("software", "gateway")
 """What topic A is mapped to, in the paper's two versions."""
 
@@ -79,7 +77,6 @@ exp = Experiment(
 
 
 @exp.table("lap")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class DrivingLapRow:
     """One lap. Node times are means over its frames, in seconds."""
 
@@ -107,7 +104,6 @@ class DrivingLapRow:
 
 
 @exp.table("chain")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class DrivingChainRow:
     """The chain in one frame: its nodes as measured in software, and how topic A travels by the model."""
 
@@ -123,7 +119,6 @@ class DrivingChainRow:
 
 
 @exp.table("node")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class DrivingNodeRow:
     """What the graph assumes of one of the chain's nodes."""
 
@@ -133,7 +128,6 @@ class DrivingNodeRow:
 
 
 @exp.table("transfer")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class DrivingTransferRow:
     """A topic's way along the chain by the memory model, over every order of deliveries."""
 
@@ -172,31 +166,18 @@ class DrivingTrackRow:
 
 
 @exp.sweep("lap", over=lambda config: [config.lap], seeds=lambda config: seeded(config, config.laps))
-def drive_lap(point: LapPoint, seed: int) -> DrivingLapRow:
-    """Drive one lap; all but the node times depends on the arguments alone.
-
-    Args:
-        point: How long at most.
-        seed: Of the town.
-    """
+def drive_lap(point: LapPoint, seed: int) -> dict[str, Any]:
+    """Drive one lap in the town of a seed; all but the node times depends on the arguments alone."""
     with _one_thread():
         lap = run_lap(seed, stack=Stack(Camera(), time.thread_time_ns), rules=Rules(timeout_s=point.limit_s))
-    return lap_row(lap)
-
-
-def lap_row(lap: Lap) -> DrivingLapRow:
-    """Return a timed lap's row."""
-    node_s: dict[str, Any] = {f"{node}_s": mean_s for node, mean_s in lap.node_s.items()}
-    return DrivingLapRow(
-        seed=lap.seed,
+    return {
         **asdict(lap.verdict),
-        lane_m=make_town(np.random.default_rng(lap.seed)).lane.length_m,
-        frames=lap.frames,
-        lanes_missed=lap.lanes_missed,
-        odometry_error_m=lap.odometry_error_m,
-        odometry_lost=lap.odometry_lost,
-        **node_s,
-    )
+        "lane_m": make_town(np.random.default_rng(seed)).lane.length_m,
+        **{
+            name: getattr(lap, name) for name in ("frames", "lanes_missed", "odometry_error_m", "odometry_lost")
+        },
+        **{f"{node}_s": mean_s for node, mean_s in lap.node_s.items()},
+    }
 
 
 def chain_of(point: ChainPoint) -> Chain:
@@ -207,12 +188,10 @@ def chain_of(point: ChainPoint) -> Chain:
 @exp.sweep(
     "chain", over=lambda config: [config.chain], seeds=lambda config: [config.seed], workers=Workers(count=1)
 )
-def time_chain(point: ChainPoint, seed: int) -> tuple[DrivingChainRow, ...]:
+def time_chain(point: ChainPoint, seed: int) -> tuple[dict[str, Any], ...]:
     """Drive with images of the graph's size; return each frame's node times and its drawn way over topic A.
 
-    Args:
-        point: How long, how large.
-        seed: Of the town, and of the orders of deliveries.
+    The seed is that of the town, and of the orders of deliveries.
     """
     chain = chain_of(point)
     stack = Stack(Camera(width=point.width, height=point.height), time.thread_time_ns)
@@ -222,37 +201,37 @@ def time_chain(point: ChainPoint, seed: int) -> tuple[DrivingChainRow, ...]:
     return tuple(_chain_row(stack, chain, frame, int(order)) for frame, order in enumerate(orders))
 
 
-def _chain_row(stack: Stack, chain: Chain, frame: int, order: int) -> DrivingChainRow:
+def _chain_row(stack: Stack, chain: Chain, frame: int, order: int) -> dict[str, Any]:
     served = chain.orders[order]
-    return DrivingChainRow(
+    return {
         **{f"{node}_ns": stack.timed.frames_ns[node][frame] for node in CHAIN},
-        order=order,
-        place=served.index(CHAIN[1]) + 1,
-        smt_s=chain.smt_s[served],
-        gateway_s=chain.gateway_s,
-    )
+        "order": order,
+        "place": served.index(CHAIN[1]) + 1,
+        "smt_s": chain.smt_s[served],
+        "gateway_s": chain.gateway_s,
+    }
 
 
-def nodes_of(chain: Chain) -> list[DrivingNodeRow]:
-    """Return what the graph assumes of the chain's nodes."""
-    nodes = [chain.graph.node(name) for name in CHAIN]
-    return [
-        DrivingNodeRow(
-            node=node.name,
-            in_hardware=node.in_hardware,
-            hardware_s=node.hardware.time_s if node.in_hardware and node.hardware else math.nan,
-        )
-        for node in nodes
-    ]
+def nodes_of(chain: Chain) -> Iterator[dict[str, Any]]:
+    """Yield what the graph assumes of the chain's nodes."""
+    for node in map(chain.graph.node, CHAIN):
+        hardware_s = node.hardware.time_s if node.in_hardware and node.hardware else math.nan
+        yield {"node": node.name, "in_hardware": node.in_hardware, "hardware_s": hardware_s}
 
 
-def transfers_of(chain: Chain) -> list[DrivingTransferRow]:
-    """Return every transfer along the chain, by both sets of the model's constants."""
-    return [
-        _transfer_row(costs.memory.forwarding.value, topic, mapping, times_s)
-        for costs in (STORED, CUT_THROUGH)
-        for topic, mapping, times_s in _ways(Chain(chain.graph, costs))
-    ]
+def transfers_of(chain: Chain) -> Iterator[dict[str, Any]]:
+    """Yield every transfer along the chain, by both sets of the model's constants."""
+    for costs in (STORED, CUT_THROUGH):
+        for topic, mapping, times_s in _ways(Chain(chain.graph, costs)):
+            yield {
+                "forwarding": costs.memory.forwarding.value,
+                "topic": topic,
+                "mapping": mapping,
+                "mean_s": float(np.mean(times_s)),
+                "deviation_s": float(np.std(times_s)),
+                "shortest_s": min(times_s),
+                "longest_s": max(times_s),
+            }
 
 
 def _ways(chain: Chain) -> Iterator[tuple[str, str, list[float]]]:
@@ -260,18 +239,6 @@ def _ways(chain: Chain) -> Iterator[tuple[str, str, list[float]]]:
     yield SHARED_TOPIC, MAPPINGS[1], [chain.gateway_s]
     for topic, seconds in chain.fixed_s.items():
         yield topic, "as placed", [seconds]
-
-
-def _transfer_row(forwarding: str, topic: str, mapping: str, times_s: list[float]) -> DrivingTransferRow:
-    return DrivingTransferRow(
-        forwarding=forwarding,
-        topic=topic,
-        mapping=mapping,
-        mean_s=float(np.mean(times_s)),
-        deviation_s=float(np.std(times_s)),
-        shortest_s=min(times_s),
-        longest_s=max(times_s),
-    )
 
 
 @contextmanager

@@ -1,15 +1,18 @@
-"""The chain's time beside the paper's, the lap that is drawn, and all laps."""
+"""The chain's time beside the paper's, the lap that is drawn, all laps, and the drawn lap as a short film.
+
+The film has the camera with the lane, the bird's view, the lights, and the car in its town, all from the log.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 
 from sfglab.lab.experiments.driving.analysis import (
     Picture,
     chain_ms,
-    lines_of,
     parts_ms,
     pictures,
     ratio,
@@ -17,16 +20,18 @@ from sfglab.lab.experiments.driving.analysis import (
     stops,
 )
 from sfglab.lab.experiments.driving.experiment import MAPPINGS, PAPER_MS, READINGS, Config, exp
-from sfglab.lab.experiments.driving.film import draw_lane
-from sfglab.lab.experiments.driving.lap import road_lines
-from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE
-from sfglab.soc.driving import CHAIN, Rules
+from sfglab.lab.experiments.driving.lap import lane_points, road_lines
+from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE, mp4
+from sfglab.lab.runs import lines_of
+from sfglab.soc.driving import CHAIN, Camera, Rules
+from sfglab.soc.driving.nodes import WHITE, YELLOW, BirdView
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from sfglab.lab.runs import Run
 
@@ -219,3 +224,127 @@ def draw_laps(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         "laps": len(laps),
         **{said.replace("\n", " "): values.tolist() for said, values in columns.items()},
     }
+
+
+# --- The film -------------------------------------------------------------------------------------------------
+
+_LANE_BGR = (230, 140, 20)
+_FPS = 8
+_WIDTH, _HEIGHT = 1184, 384
+_CAMERA, _BIRD, _TOWN = (12, 12, 480), (504, 12, 320), (836, 12, 336)
+"""Left, top and width of the three panels, in pixels."""
+
+_TEXT_TOP = 282
+_PAPER, _INK = (250, 250, 250), (40, 40, 40)
+_LIGHTS_BGR = {True: (40, 40, 215), False: (60, 160, 40)}
+_CAR_BGR = (178, 114, 0)
+_EDGE_M = 9.3
+_SHIFT = 4
+
+
+def film(run: Run[Config]) -> bytes:
+    """Return the drawn lap as an MP4 file: its pictures, eight a second; a stop shows one every two seconds."""
+    return mp4(frames_of(run), (_WIDTH, _HEIGHT), fps=_FPS, crf=30, pixels="bgr24")
+
+
+def frames_of(run: Run[Config]) -> Iterator[NDArray[np.uint8]]:
+    """Yield the film's pictures, BGR, shape (height, width, 3)."""
+    background = _background(run)
+    lights = _pixels(np.array([light[:2] for light in run.metadata("town")["lights"]]))
+    track = _pixels(run["track"][["x_m", "y_m"]].to_numpy())
+    rows = {row.t_s: (number, row) for number, row in enumerate(lines_of(run["track"]))}
+    for picture in pictures(run):
+        number, row = rows[picture.t_s]
+        image = background.copy()
+        _put(image, _CAMERA, draw_lane(picture.bgr, row, width=_CAMERA[2]))
+        _put(image, _BIRD, draw_bird(picture.mask, row))
+        _draw_track(image, track[: number + 1], row, lights)
+        _say(image, row)
+        yield image
+
+
+def _background(run: Run[Config]) -> NDArray[np.uint8]:
+    """Return the empty picture with the town drawn in it."""
+    image = np.full((_HEIGHT, _WIDTH, 3), _PAPER, np.uint8)
+    for corners in run.metadata("town")["buildings"]:
+        cv2.fillPoly(image, [_pixels(np.array(corners))], (204, 212, 216), cv2.LINE_AA, _SHIFT)
+    for name, line in road_lines(run.metadata("town")).items():
+        color = (20, 180, 225) if name == "yellow" else (150, 150, 150)
+        _polyline(image, _pixels(np.array(line)), color, 1)
+    return image
+
+
+def _pixels(points_xy: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Return a town's points in the film's picture, in parts of a pixel as OpenCV takes them."""
+    left, top, width = _TOWN
+    x, y = points_xy.T
+    scale = width / (2 * _EDGE_M)
+    return _parts(np.column_stack((left + (x + _EDGE_M) * scale, top + (_EDGE_M - y) * scale)))
+
+
+def _parts(pixels: NDArray[np.float64]) -> NDArray[np.int32]:
+    return np.asarray(np.rint(pixels * (1 << _SHIFT)), np.int32)
+
+
+def _put(image: NDArray[np.uint8], place: tuple[int, int, int], part: NDArray[np.uint8]) -> None:
+    left, top, _ = place
+    image[top : top + part.shape[0], left : left + part.shape[1]] = part
+
+
+def _polyline(image: Any, pixels: NDArray[np.int32], bgr: tuple[int, int, int], px: int) -> None:
+    cv2.polylines(image, [pixels], False, bgr, px, cv2.LINE_AA, _SHIFT)
+
+
+def _disc(image: NDArray[np.uint8], pixel: Any, radius: int, bgr: tuple[int, int, int]) -> None:
+    x, y = (int(part) for part in pixel)
+    cv2.circle(image, (x, y), radius << _SHIFT, bgr, cv2.FILLED, cv2.LINE_AA, _SHIFT)
+
+
+def _draw_track(
+    image: NDArray[np.uint8], track: NDArray[np.int32], row: Any, lights: NDArray[np.int32]
+) -> None:
+    _polyline(image, track, _CAR_BGR, 2)
+    for pixel, red in zip(lights, row.red, strict=True):
+        _disc(image, pixel, 6, _LIGHTS_BGR[red == "1"])
+    nose = np.array([(row.x_m + 0.6 * np.cos(row.yaw_rad), row.y_m + 0.6 * np.sin(row.yaw_rad))])
+    _polyline(image, np.vstack((track[-1:], _pixels(nose))), _INK, 2)
+    _disc(image, track[-1], 5, _CAR_BGR)
+
+
+def _say(image: NDArray[np.uint8], row: Any) -> None:
+    """Write time, speed, command and what the lights did to the car below the bird's view."""
+    lines = (
+        (f"{row.t_s:.1f} s    {row.speed_mps:.2f} m/s", _INK),
+        (f"{100 * row.left_m:+.1f} cm from the lane's middle", _INK),
+        ("held by a red light", _LIGHTS_BGR[True]) if row.held else ("driving", _LIGHTS_BGR[False]),
+        ("bird's view: yellow, white, lane", (130, 130, 130)),
+    )
+    for number, (said, color) in enumerate(lines):
+        where = (_BIRD[0], _TEXT_TOP + 25 * number)
+        cv2.putText(image, said, where, cv2.FONT_HERSHEY_SIMPLEX, 0.55, color, 1, cv2.LINE_AA)
+
+
+def draw_lane(bgr: NDArray[np.uint8], row: Any, *, width: int) -> NDArray[np.uint8]:
+    """Return the camera's image at another width, pixels, with the lane's middle of its ``track`` row in it."""
+    camera = Camera()
+    height = width * camera.height // camera.width
+    image = cv2.resize(bgr, (width, height), interpolation=cv2.INTER_CUBIC)
+    points = lane_points(row)
+    if points:
+        ground = np.array([(x, y, 0.0) for x, y in points])
+        pixels = camera.project(ground)[0] * (width / camera.width)
+        _polyline(image, _parts(pixels), _LANE_BGR, 3)
+    return np.asarray(image, np.uint8)
+
+
+def draw_bird(mask: NDArray[np.uint8], row: Any) -> NDArray[np.uint8]:
+    """Return the lane planner's mask in its colours, with the lane's middle of its ``track`` row in it."""
+    image = np.full((*mask.shape, 3), 50, np.uint8)
+    image[mask == YELLOW] = (40, 190, 225)
+    image[mask == WHITE] = (235, 235, 235)
+    points = lane_points(row)
+    if points:
+        inverse = np.linalg.inv(BirdView().ground_from_bird)
+        pixels = np.array([(x, y, 1.0) for x, y in points]) @ inverse.T
+        _polyline(image, _parts(pixels[:, :2]), _LANE_BGR, 2)
+    return image

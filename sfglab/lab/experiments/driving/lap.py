@@ -21,9 +21,10 @@ from sfglab.lab.experiments.driving.experiment import (
     nodes_of,
     transfers_of,
 )
-from sfglab.messages import default_message, message_type, stamp_from_ns
+from sfglab.messages import default_message, message_type
 from sfglab.soc.driving import Camera, Rules, Stack, make_town, run_lap
 from sfglab.soc.driving.town import LANE_M, Road, Signals
+from sfglab.spatial.poses import header_msg
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -80,15 +81,7 @@ class Moment:
 
 
 def record_lap(seed: int, limit_s: float) -> tuple[Lap, list[Moment]]:
-    """Drive a lap again and keep its moments.
-
-    Args:
-        seed: Of the town.
-        limit_s: As for the lap that it repeats.
-
-    Returns:
-        The lap, without node times, and its moments.
-    """
+    """Drive a lap again; return it, without node times, and its moments."""
     stack = Stack(Camera())
     recorder = Recorder(make_town(np.random.default_rng(seed)), stack)
     lap = run_lap(seed, stack=stack, rules=Rules(timeout_s=limit_s), watch=recorder.watch)
@@ -96,12 +89,7 @@ def record_lap(seed: int, limit_s: float) -> tuple[Lap, list[Moment]]:
 
 
 class Recorder:
-    """Watches a lap.
-
-    Args:
-        town: The lap's.
-        stack: The nodes that drive.
-    """
+    """Watches a lap in its town, driven by a stack of nodes."""
 
     def __init__(self, town: Town, stack: Stack) -> None:
         self.moments: list[Moment] = []
@@ -118,22 +106,14 @@ class Recorder:
             return
         every = _STANDING_FRAMES if car.speed_mps < _STANDING_MPS else _PICTURE_FRAMES
         pictured = number % every == 0
-        row = self._row(now_s, car, frame, red=red, left_m=place.left_m, pictured=pictured)
-        if pictured:
-            self.moments.append(Moment(row=row, image_jpeg=_jpeg(frame.image), mask_png=_png(frame.mask)))
-        else:
-            self.moments.append(Moment(row=row))
-
-    def _row(
-        self, now_s: float, car: CarState, frame: Frame, *, red: list[bool], **more: Any
-    ) -> DrivingTrackRow:
         lane, pose, command = frame.lane, frame.pose, frame.command
-        return DrivingTrackRow(
+        row = DrivingTrackRow(
             t_s=now_s,
             x_m=car.x_m,
             y_m=car.y_m,
             yaw_rad=car.yaw_rad,
             speed_mps=car.speed_mps,
+            left_m=place.left_m,
             red="".join(str(int(one)) for one in red),
             held=self._stack.control.held,
             lane_seen=lane is not None,
@@ -145,15 +125,14 @@ class Recorder:
             odometry_yaw_rad=pose.yaw_rad,
             command_mps=command.speed_mps,
             command_rps=command.yaw_rate_rps,
-            **more,
+            pictured=pictured,
         )
+        seen = {"image_jpeg": _jpeg(frame.image), "mask_png": _png(frame.mask)} if pictured else {}
+        self.moments.append(Moment(row=row, **seen))
 
 
 def town_metadata(seed: int) -> dict[str, Any]:
-    """Return what stands in a town, in numbers for the log: metres, to the millimetre.
-
-    Args:
-        seed: Of the town.
+    """Return what stands in the town of a seed, in numbers for the log: metres, to the millimetre.
 
     Returns:
         ``seed``; ``road``: the yellow line's points; ``buildings``: four corners each; ``lights``: middle of
@@ -205,13 +184,7 @@ def road_lines(town: Mapping[str, Any]) -> dict[str, list[list[float]]]:
 
 
 def write_messages(log: LogWriter, town: Mapping[str, Any], moments: Sequence[Moment]) -> None:
-    """Write a lap.
-
-    Args:
-        log: Where.
-        town: From `town_metadata`.
-        moments: In the order of time.
-    """
+    """Write a lap's moments, in the order of time, and its town, as from `town_metadata`."""
     if not moments:
         return
     log.write("/town", _town_markers(town), log_time_ns=0)
@@ -230,17 +203,13 @@ def write_messages(log: LogWriter, town: Mapping[str, Any], moments: Sequence[Mo
             log.write("/lane/path", _path(row, now_ns), log_time_ns=now_ns)
 
 
-def _header(frame: str, now_ns: int) -> Any:
-    return message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(now_ns), frame_id=frame)
-
-
 def _turn(orientation: Any, yaw_rad: float) -> None:
     orientation.z, orientation.w = math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)
 
 
 def _transform(child: str, row: DrivingTrackRow, now_ns: int) -> Any:
     transform = default_message("geometry_msgs/msg/TransformStamped")
-    transform.header = _header("map", now_ns)
+    transform.header = header_msg("map", now_ns)
     transform.child_frame_id = child
     transform.transform.translation.x, transform.transform.translation.y = row.x_m, row.y_m
     _turn(transform.transform.rotation, row.yaw_rad)
@@ -248,15 +217,14 @@ def _transform(child: str, row: DrivingTrackRow, now_ns: int) -> Any:
 
 
 def _transforms(start: DrivingTrackRow, row: DrivingTrackRow, now_ns: int) -> Any:
-    both = [_transform("car", row, now_ns)]
-    if row is start:
-        both.append(_transform("odom", start, now_ns))
-    return message_type("tf2_msgs/msg/TFMessage")(transforms=both)
+    children = ("car", "odom") if row is start else ("car",)
+    moved = [_transform(child, row, now_ns) for child in children]
+    return message_type("tf2_msgs/msg/TFMessage")(transforms=moved)
 
 
 def _odometry(row: DrivingTrackRow, now_ns: int) -> Any:
     message = default_message("geometry_msgs/msg/PoseStamped")
-    message.header = _header("odom", now_ns)
+    message.header = header_msg("odom", now_ns)
     message.pose.position.x, message.pose.position.y = row.odometry_x_m, row.odometry_y_m
     _turn(message.pose.orientation, row.odometry_yaw_rad)
     return message
@@ -271,12 +239,12 @@ def _command(row: DrivingTrackRow) -> Any:
 def _picture(data: bytes, kind: str, now_ns: int) -> Any:
     image = message_type("sensor_msgs/msg/CompressedImage")
     frame = "camera" if kind == "jpeg" else "car"
-    return image(header=_header(frame, now_ns), format=kind, data=np.frombuffer(data, np.uint8))
+    return image(header=header_msg(frame, now_ns), format=kind, data=np.frombuffer(data, np.uint8))
 
 
 def _path(row: DrivingTrackRow, now_ns: int) -> Any:
     message = default_message("nav_msgs/msg/Path")
-    message.header = _header("car", now_ns)
+    message.header = header_msg("car", now_ns)
     for x, y in lane_points(row):
         pose = default_message("geometry_msgs/msg/PoseStamped")
         pose.header = message.header
@@ -287,7 +255,7 @@ def _path(row: DrivingTrackRow, now_ns: int) -> Any:
 
 def _marker(name: str, number: int, kind: int, rgb: tuple[float, float, float]) -> Any:
     message = default_message("visualization_msgs/msg/Marker")
-    message.header = _header("map", 0)
+    message.header = header_msg("map", 0)
     message.ns, message.id, message.type = name, number, kind
     message.color.r, message.color.g, message.color.b = (np.float32(part) for part in rgb)
     message.color.a = np.float32(1.0)
@@ -313,7 +281,7 @@ def _light_markers(town: Mapping[str, Any], row: DrivingTrackRow, now_ns: int) -
     markers = []
     for number, ((x, y, *_), red) in enumerate(zip(town["lights"], row.red, strict=True)):
         marker = _marker("lights", number, _SPHERE, _RED if red == "1" else _GREEN)
-        marker.header = _header("map", now_ns)
+        marker.header = header_msg("map", now_ns)
         marker.pose.position.x, marker.pose.position.y, marker.pose.position.z = x, y, 0.5
         marker.scale.x = marker.scale.y = marker.scale.z = 0.3
         markers.append(marker)

@@ -27,13 +27,7 @@ RIGHT_MM = 20.0
 
 
 def tree_of(run: Run[Config], where: str, way: str) -> tuple[Edge, ...]:
-    """Return the edges of one tree.
-
-    Args:
-        run: The run.
-        where: ``figure 6``, or a live round.
-        way: ``direct``, ``renamed`` or ``proxy``.
-    """
+    """Return the edges of one tree: of ``figure 6`` or of a live round, joined by one of `WAYS`."""
     edges = run["edge"]
     chosen = edges[(edges["where"] == where) & (edges["way"] == way)].drop(columns=["where", "way"])
     return tuple(Edge(**{str(key): value for key, value in row.items()}) for row in chosen.to_dict("records"))

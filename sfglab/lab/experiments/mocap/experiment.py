@@ -76,7 +76,6 @@ exp.table("check")(CheckRow)
 
 
 @exp.table("edge")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class MocapEdgeRow:
     """One edge of a tree; the fields are those of `sfglab.spatial.frames.Edge`."""
 
@@ -94,7 +93,6 @@ class MocapEdgeRow:
 
 
 @exp.table("look")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class MocapLookRow:
     """One live look from the world to the robot's camera, in the bridge's tree."""
 
@@ -109,7 +107,6 @@ class MocapLookRow:
 
 
 @exp.table("try")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class TryRow:
     """How live looks from the world to the robot's camera ended in one tree."""
 
@@ -120,7 +117,6 @@ class TryRow:
 
 
 @exp.table("heard")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class MocapHeardRow:
     """One transform of the bridge as a listener got it; times since its capture."""
 
@@ -132,7 +128,6 @@ class MocapHeardRow:
 
 
 @exp.table("spell")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SpellRow:
     """A time in which the cameras of a live round were wrong."""
 
@@ -143,7 +138,6 @@ class SpellRow:
 
 
 @exp.table("confusion")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ConfusionRow:
     """How often sights of one kind got one verdict."""
 
@@ -153,7 +147,6 @@ class ConfusionRow:
 
 
 @exp.table("offset")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class OffsetRow:
     """One estimate of the offset from a recorded motion, and what it is worth."""
 

@@ -57,13 +57,7 @@ class Tally:
 
 
 def confusion_of(recordings: int, length_s: float, seed: int) -> Tally:
-    """Send recordings with known faults through the bridge.
-
-    Args:
-        recordings: How many.
-        length_s: How long each is, seconds.
-        seed: Of their faults.
-    """
+    """Send so many recordings with known faults, each so many seconds long, through the bridge."""
     tally = Tally()
     for number in range(recordings):
         rng = np.random.default_rng([seed, 1, number])
@@ -149,16 +143,20 @@ def offset_row(length_s: float, seed: tuple[int, ...], *, drifts: bool, modelled
         "drifts": drifts,
         "modelled": modelled,
         "pairs": found.pairs,
-        "error_mm": 1e3 * float(np.linalg.norm(error[3:])),
-        "error_mrad": 1e3 * float(np.linalg.norm(error[:3])),
-        "sigma_mm": 1e3 * float(np.linalg.norm(sigmas[3:])),
-        "sigma_mrad": 1e3 * float(np.linalg.norm(sigmas[:3])),
+        **_norms("error", error),
+        **_norms("sigma", sigmas),
         "covered": int((np.abs(error) <= 1.96 * sigmas).sum()),
         "before_mm": 1e3 * before_m,
         "after_mm": 1e3 * after_m,
         "before_mrad": 1e3 * before_rad,
         "after_mrad": 1e3 * after_rad,
     }
+
+
+def _norms(name: str, turn_and_place: np.ndarray) -> dict[str, float]:
+    turn_rad, place_m = turn_and_place[:3], turn_and_place[3:]
+    norms = {"mm": np.linalg.norm(place_m), "mrad": np.linalg.norm(turn_rad)}
+    return {f"{name}_{unit}": 1e3 * float(norm) for unit, norm in norms.items()}
 
 
 def _errors(found: OffsetEstimate) -> np.ndarray:

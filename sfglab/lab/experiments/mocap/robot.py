@@ -40,19 +40,11 @@ class MocapWorkerConfig:
 
 def description() -> tuple[StampedTransform, ...]:
     """Return what never moves in the robot: markers on its base, the camera in its head."""
-    return (
-        _frame("base", "markers", 0, _BASE_FROM_MARKERS),
-        _frame("head", "camera", 0, _HEAD_FROM_CAMERA),
-    )
+    return _frame("base", "markers", 0, _BASE_FROM_MARKERS), _frame("head", "camera", 0, _HEAD_FROM_CAMERA)
 
 
 def motions(start_ns: int, time_ns: int) -> tuple[StampedTransform, ...]:
-    """Return what moves: the base in its odometry, which drifts, and the head on the base.
-
-    Args:
-        start_ns: Time 0 of the way.
-        time_ns: When.
-    """
+    """Return what moves: the base in its odometry, which drifts from the way's start on, and the head on it."""
     time_s = (time_ns - start_ns) / 1e9
     drift = Pose.from_yaw((_DRIFT_M_S * time_s, 0.0, 0.0), _DRIFT_RAD_S * time_s)
     odom_from_base = drift @ _WORLD_FROM_ODOM.inverse() @ MOTION.pose_at(time_s) @ _BASE_FROM_MARKERS.inverse()

@@ -40,12 +40,7 @@ _MOST_HEARD = 400
 
 
 async def play(group: ProcessGroup, name: str, live_s: float) -> tuple[int, Reports]:
-    """Play one round and return its time 0 and everybody's report.
-
-    Args:
-        group: The processes of `members`.
-        name: The round, one of `ROUNDS`.
-        live_s: How long it lasts, seconds.
+    """Play one of `ROUNDS` on the processes of `members`; return its time 0, ns, and everybody's report.
 
     Raises:
         ProcessFailedError: A process failed.
@@ -56,12 +51,7 @@ async def play(group: ProcessGroup, name: str, live_s: float) -> tuple[int, Repo
 
 
 def members(testbed: Testbed, seed: int) -> Iterator[Member]:
-    """Yield the processes, each on its host.
-
-    Args:
-        testbed: A host for each of `HOSTS`.
-        seed: Of the cameras' noise and faults, and of the listener's times.
-    """
+    """Yield the processes, each on its one of `HOSTS`; the seed is the cameras' and the listener's."""
     for role, host in HOSTS.items():
         interface = testbed.interface(host)
         ways = {way: BusAddress(domain_id=domain, interface=interface) for way, domain in _DOMAINS.items()}
@@ -72,15 +62,7 @@ def members(testbed: Testbed, seed: int) -> Iterator[Member]:
 def live_rows(
     name: str, live_s: float, seed: int, start_ns: int, reports: Reports
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield table and row for everything that a round reports.
-
-    Args:
-        name: The round.
-        live_s: How long it lasted, seconds.
-        seed: Of its cameras.
-        start_ns: Its time 0.
-        reports: Of every role.
-    """
+    """Yield table and row for everything that a round reports, from its time 0 on."""
     heard, received = reports["listener"], dict(reports["bridge"]["receipts"])
     of = {"round": name}
     yield from (("look", {**of, **look}) for look in heard["looks"])
@@ -93,26 +75,18 @@ def live_rows(
         yield "edge", {"where": name, **edge, "authority": authority}
     every = max(1, -(-len(heard["heard"]) // _MOST_HEARD))
     for capture_ns, published_ns, heard_ns in heard["heard"][::every]:
-        yield (
-            "heard",
-            {
-                **of,
-                "at_s": (capture_ns - start_ns) / 1e9,
-                "receipt_ms": (received[capture_ns] - capture_ns) / 1e6,
-                "publication_ms": (published_ns - capture_ns) / 1e6,
-                "heard_ms": (heard_ns - capture_ns) / 1e6,
-            },
-        )
+        row = {
+            "at_s": (capture_ns - start_ns) / 1e9,
+            "receipt_ms": (received[capture_ns] - capture_ns) / 1e6,
+            "publication_ms": (published_ns - capture_ns) / 1e6,
+            "heard_ms": (heard_ns - capture_ns) / 1e6,
+        }
+        yield "heard", {**of, **row}
     yield from (("spell", {**of, **row}) for row in _spells(name, live_s, seed))
 
 
 def live_tree(start_ns: int, reports: Reports) -> Iterator[tuple[str, Any, int]]:
-    """Yield topic, message and time for the bridge's tree as it was heard, thinned.
-
-    Args:
-        start_ns: The round's time 0, for what holds at all times.
-        reports: Of every role.
-    """
+    """Yield topic, message and time for the bridge's tree as heard, thinned; what is static at time 0."""
     tree = reports["listener"]["tree"]
     for topic, kept in ((TF_STATIC, tree["still"]), (TF, tree["moving"])):
         for received_ns, values in kept:

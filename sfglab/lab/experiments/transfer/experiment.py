@@ -83,7 +83,6 @@ exp = Experiment(
 
 
 @exp.table("bar")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class TransferBarRow:
     """A bar of Fig. 6 or 7."""
 
@@ -96,7 +95,6 @@ class TransferBarRow:
 
 
 @exp.table("stated")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class StatedRow:
     """A number that the paper states, beside the model's."""
 
@@ -108,7 +106,6 @@ class StatedRow:
 
 
 @exp.table("tendency")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class TendencyRow:
     """A sentence of the paper without a number."""
 
@@ -119,7 +116,6 @@ class TendencyRow:
 
 
 @exp.table("constant")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ConstantRow:
     """A constant of the model."""
 
@@ -133,7 +129,6 @@ class ConstantRow:
 
 
 @exp.table("refit")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class RefitRow:
     """A fit from a drawn start."""
 
@@ -146,7 +141,6 @@ class RefitRow:
 
 
 @exp.table("variant")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class VariantRow:
     """A fit with one assumed constant changed."""
 
@@ -158,7 +152,6 @@ class VariantRow:
 
 
 @exp.table("law")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class CycleLawRow:
     """Cycles of a message in the simulated hardware, as a straight line over its chunks."""
 
@@ -169,7 +162,6 @@ class CycleLawRow:
 
 
 @exp.table("cycles")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class CycleCheckRow:
     """A message in the simulated hardware beside the law and the model."""
 
@@ -183,7 +175,6 @@ class CycleCheckRow:
 
 
 @exp.table("area")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class AreaRow:
     """What a gateway takes of an UltraScale+ device, by synthesis without placement."""
 
@@ -212,7 +203,6 @@ class CrossingRow:
 
 
 @exp.table("break_even")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class BreakEvenRow:
     """From which size on a gateway is faster in the model."""
 
@@ -227,7 +217,6 @@ class BreakEvenRow:
 
 
 @exp.table("sized_mapping")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SizedMappingRow:
     """The example of Fig. 8 mapped by one rule, all its messages of one size."""
 
@@ -241,7 +230,6 @@ class SizedMappingRow:
 
 
 @exp.table("placed")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedRow:
     """A random graph placed. Costs are seconds of work each second; NaN: not computed."""
 

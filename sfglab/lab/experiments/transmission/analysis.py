@@ -35,12 +35,9 @@ def agreement(run: Run[Config]) -> dict[str, str]:
 
 @derived
 def cells(run: Run[Config], column: str, table: str = "cell") -> pd.DataFrame:
-    """Return median, lowest and highest over seeds, a line a cell.
+    """Return median, lowest and highest over seeds of a column or of ``loss``, a line a cell.
 
-    Args:
-        run: The run.
-        column: Of `TransmissionRow`, or ``loss``.
-        table: ``cell``, or ``lossless``: one seed, over an air that loses nothing.
+    The table ``lossless`` has one seed, over an air that loses nothing.
     """
     rows = run[table].assign(loss=1 - run[table]["arrived"] / run[table]["published"])
     grouped = rows.groupby(["rate_max_hz", "depth", "method"], sort=False)[column]
@@ -49,14 +46,7 @@ def cells(run: Run[Config], column: str, table: str = "cell") -> pd.DataFrame:
 
 @derived
 def order(run: Run[Config], column: str, *, tie: float = 0.0, table: str = "cell") -> pd.DataFrame:
-    """Compare the paper's order of methods with ours, a line an Rmax, as `order_of` does.
-
-    Args:
-        run: The run.
-        column: ``latency_p50_ms`` or ``loss``.
-        tie: Share by which another may be lower and count as equal.
-        table: ``cell`` or ``lossless``.
-    """
+    """Compare the paper's order of methods with ours, a line an Rmax, as `order_of` does, by `cells`."""
     by_rate = cells(run, column, table).groupby("rate_max_hz")
     return pd.DataFrame([{"rate_max_hz": rate, **order_of(part, tie=tie)} for rate, part in by_rate])
 
@@ -95,12 +85,7 @@ def order_of(table: pd.DataFrame, *, tie: float = 0.0) -> dict[str, Any]:
 
 @derived
 def compare_ways(run: Run[Config], column: str) -> pd.DataFrame:
-    """Return means over seeds, a line an Rmax and a column a way to choose rates and depths.
-
-    Args:
-        run: The run.
-        column: Of `BeyondRow`.
-    """
+    """Return means of a column of `BeyondRow`, a line an Rmax and a column a way to choose rates and depths."""
     return run["beyond"].pivot_table(index="rate_max_hz", columns="way", values=column, sort=False)
 
 

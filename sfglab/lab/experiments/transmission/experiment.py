@@ -116,12 +116,7 @@ exp = Experiment(
 
 
 def grid(config: Config, *, loss: float = Medium().loss) -> list[Point]:
-    """Return every cell: Rmax by DEPTH by method.
-
-    Args:
-        config: The run.
-        loss: Share of frames that the air loses.
-    """
+    """Return every cell: Rmax by DEPTH by method, over an air that loses a share of the frames."""
     return [
         Point(rate_max_hz=rate, depth=depth, method=method, duration_s=config.duration_s, loss=loss)
         for rate in config.rates_hz
@@ -215,7 +210,6 @@ def _hello_flows(rate_hz: float, qos: QoSProfile, phase_s: float) -> tuple[Flow,
 
 
 @exp.table("cell", "lossless")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class TransmissionRow:
     """One cell of the grid with one seed, simulated.
 
@@ -367,7 +361,6 @@ def ways(config: Config) -> list[Way]:
 
 
 @exp.table("beyond")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class BeyondRow:
     """One way to choose rates and depths, the printed problem's or our own, with one seed, simulated."""
 
@@ -415,11 +408,9 @@ def simulate_way(way: Way, seed: int) -> dict[str, Any]:
 
 @lru_cache
 def own_plan(rate_max_hz: int, *, cached: bool = False) -> Plan:
-    """Return our programme's rates and depths for this experiment's topics.
+    """Return our programme's rates and depths for this experiment's topics, none faster than Rmax.
 
-    Args:
-        rate_max_hz: No topic is faster.
-        cached: Whether local caches send only changes; rates then are those of reading.
+    With `cached`, local caches send only changes, and rates are those of reading.
     """
     method = "LC" if cached else "none"
     scenario = scenario_of(Point(rate_max_hz=rate_max_hz, depth="1", method=method, duration_s=1.0))

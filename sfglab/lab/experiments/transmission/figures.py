@@ -10,7 +10,7 @@ from sfglab.arp.robots import METHODS
 from sfglab.lab.experiments.transmission.analysis import BEST, TIE, agreement, cells, compare_ways, order
 from sfglab.lab.experiments.transmission.experiment import Config, exp
 from sfglab.lab.experiments.transmission.stage import LATENCY_WITHIN, LOSS_WITHIN
-from sfglab.lab.figures import COLORS
+from sfglab.lab.figures import COLORS, grouped_bars
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -89,13 +89,7 @@ def _draw_panels(figure: Figure, table: pd.DataFrame, label: str, kind: str, sca
 
 
 def draw_panel(axes: Axes, table: pd.DataFrame, *, scale: float = 1.0) -> None:
-    """Draw one panel: a line a method over the depths, bars from the lowest to the highest seed.
-
-    Args:
-        axes: Where.
-        table: Cells of one Rmax, from `cells`.
-        scale: What values are multiplied with.
-    """
+    """Draw the `cells` of one Rmax: a line a method over depths, bars from the lowest to the highest seed."""
     depths = list(dict.fromkeys(table["depth"]))
     for shift, method in enumerate(METHODS):
         part = table[table["method"] == method].set_index("depth").reindex(depths)
@@ -169,13 +163,9 @@ def draw_beyond(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 
 
 def _draw_groups(axes: Axes, table: pd.DataFrame) -> None:
-    width = 0.85 / len(table.columns)
-    for place, way in enumerate(table.columns):
-        spots = np.arange(len(table)) + (place - (len(table.columns) - 1) / 2) * width
-        axes.bar(spots, table[way], width, label=way, color=WAY_COLORS[str(way)])
+    grouped_bars(axes, table, [WAY_COLORS[str(way)] for way in table], width=0.85)
     axes.set_xticks(range(len(table)), [f"{rate} Hz" for rate in table.index])
     axes.set_xlabel("Rmax")
-    axes.grid(visible=False, axis="x")
 
 
 @exp.figure("transmission_live", size=(9.6, 4.6))
@@ -191,10 +181,9 @@ def draw_live(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         _draw_bands(loss, latency, live)
         loss.legend(title="filled: kept its schedule", fontsize=8)
     said = ", ".join(f"{what}: {count}" for what, count in agreed.items())
-    title = (
+    figure.suptitle(
         f"Live Cyclone DDS against the model: {said}" if len(live) else f"Nothing live: {run.skipped('live')}"
     )
-    figure.suptitle(title)
     return {"live": live.to_dict(orient="list"), "agreement": agreed}
 
 

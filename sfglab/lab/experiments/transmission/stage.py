@@ -23,6 +23,7 @@ import numpy as np
 
 from sfglab.arp.robots import METHODS
 from sfglab.bus.address import BusAddress
+from sfglab.lab.bench import as_row
 from sfglab.lab.experiment import SkippedPartError, seeded
 from sfglab.lab.experiments.transmission.experiment import (
     HELLO_DOWN,
@@ -43,7 +44,7 @@ from sfglab.rtps.model import data_bytes
 from sfglab.units import BITS_PER_BYTE, NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable, Sequence
+    from collections.abc import AsyncIterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     Arrays = dict[str, NDArray[np.int64]]
 
 
+_MODULE = "sfglab.lab.workers.flowplay"
 START_S, MATCH_S, SETTLE_S, LEAD_S, SPARE_S = 90.0, 90.0, 0.3, 0.15, 60.0
 LONGEST_DRAIN_S = 1.5
 """Repairs that come later than this are rare, and a live second costs a second."""
@@ -78,7 +80,6 @@ GROUPS = ("sensors", "hello_up", "hello")
 
 
 @exp.table("live")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LiveRow:
     """One group of flows of one cell, live and simulated."""
 
@@ -164,44 +165,25 @@ def hosts_of(scenario: Scenario) -> tuple[str, ...]:
 
 @asynccontextmanager
 async def live_hosts(*names: str) -> AsyncIterator[LiveHosts]:
-    """Provide hosts on a radio, with a process each.
-
-    Args:
-        names: Their names; the hosts of every scenario are among them.
+    """Provide hosts of these names on a radio, with a process each.
 
     Raises:
         HostsUnavailableError: This machine has no test hosts.
         ProcessFailedError: A process did not start.
     """
     with Network() as network:
-        hosts = [network.add_host(name) for name in names]
+        members = []
+        for host in map(network.add_host, names):
+            address = BusAddress(domain_id=0, interface=host.interface, multicast="spdp")
+            config = PartsConfig(host=host.name, address=address)
+            members.append(Member(name=host.name, host=host.name, module=_MODULE, config=config))
         network.set_radio(QUIET)
-        members = [
-            Member(
-                name=host.name,
-                host=host.name,
-                module="sfglab.lab.workers.flowplay",
-                config=PartsConfig(
-                    host=host.name, address=BusAddress(domain_id=0, interface=host.interface, multicast="spdp")
-                ),
-            )
-            for host in hosts
-        ]
-        async with ProcessGroup(_argv_on(network), members, start_s=START_S) as group:
+        async with ProcessGroup(network.argv, members, start_s=START_S) as group:
             yield LiveHosts(network, group)
 
 
-def _argv_on(network: Network) -> Callable[[str, Sequence[str]], Sequence[str]]:
-    return lambda host, command: network.hosts[host].argv(command)
-
-
 class LiveHosts:
-    """Hosts that play one scenario after the other.
-
-    Args:
-        network: The hosts, on a radio.
-        group: Their processes, each named like its host.
-    """
+    """Hosts on a radio that play one scenario after the other; their processes are named like them."""
 
     def __init__(self, network: Network, group: ProcessGroup) -> None:
         self._network = network
@@ -211,9 +193,7 @@ class LiveHosts:
     async def play(self, scenario: Scenario, *, seed: int) -> Played:
         """Play a scenario, in real time; before the first one, the hosts' own delay is measured.
 
-        Args:
-            scenario: What.
-            seed: Of the medium's losses and the values; which frame meets which loss depends on the machine.
+        The seed is that of losses and values; which frame meets which loss depends on the machine.
 
         Raises:
             ProcessFailedError: A process failed or was silent.
@@ -259,11 +239,8 @@ class LiveHosts:
 
 
 def _probe(scenario: Scenario) -> Scenario:
-    flow = scenario.flows[0]
-    probe = Flow(
-        name="probe", source=flow.source, target=flow.target, rate_hz=PROBE_HZ, qos=QoSProfile(depth=10)
-    )
-    medium = replace(scenario.medium, loss=0.0)
+    flow, medium, qos = scenario.flows[0], replace(scenario.medium, loss=0.0), QoSProfile(depth=10)
+    probe = Flow(name="probe", source=flow.source, target=flow.target, rate_hz=PROBE_HZ, qos=qos)
     return replace(scenario, flows=(probe,), medium=medium, duration_s=PROBE_S, drain_s=LEAD_S)
 
 
@@ -298,8 +275,7 @@ def _outcome(
         "queue_full": radio.queue_full,
         "bytes": sum(host.bytes_ for host in radio.hosts.values()),
         "airtime_ns": round(sum(host.airtime_s for host in radio.hosts.values()) * NS_PER_S),
-        "held": sum(report["held"] for report in reports),
-        "compared": sum(report["compared"] for report in reports),
+        **{name: sum(report[name] for report in reports) for name in ("held", "compared")},
     }
     return Outcome(flows=flows, counts=counts)
 
@@ -327,11 +303,7 @@ def _flow_outcome(flow: Flow, source: Arrays, target: Arrays, start_ns: int) -> 
 
 
 def measure(outcomes: Sequence[Outcome], group: str) -> dict[str, Any]:
-    """Return what a group came to, in several runs together.
-
-    Args:
-        outcomes: Of the model, or of live runs.
-        group: One of `GROUPS`.
+    """Return what one of `GROUPS` came to, in several runs together.
 
     Returns:
         ``published`` samples, the ``loss`` among them, and the median latency ``p50_ms`` of those that arrived;
@@ -358,18 +330,9 @@ def _flows(outcome: Outcome, group: str) -> list[FlowOutcome]:
 
 
 def compare(point: Point, played: Played, models: Sequence[Outcome]) -> list[LiveRow]:
-    """Return a live cell beside the model's runs of `played.scenario`, a row for each group.
-
-    Args:
-        point: The cell.
-        played: Live.
-        models: The model's runs, with as many seeds as you like.
-    """
+    """Return a live cell beside the model's runs of `played.scenario`, a row for each of `GROUPS`."""
     radio, hosts = played.radio, played.radio.hosts.values()
-    shared: dict[str, Any] = {
-        "rate_max_hz": point.rate_max_hz,
-        "depth": point.depth,
-        "method": point.method,
+    shared = {
         "duration_s": played.scenario.duration_s,
         "frames": sum(host.frames for host in hosts),
         "frames_lost": radio.lost,
@@ -379,7 +342,8 @@ def compare(point: Point, played: Played, models: Sequence[Outcome]) -> list[Liv
         "late_mean_ms": radio.late_mean_s * 1e3,
         "delay_ms": played.delay_s * 1e3,
     }
-    return [LiveRow(**shared, group=group, **_compared(played, models, group)) for group in GROUPS]
+    groups = ({**shared, "group": group, **_compared(played, models, group)} for group in GROUPS)
+    return [as_row(LiveRow, row, point) for row in groups]
 
 
 def _compared(played: Played, models: Sequence[Outcome], group: str) -> dict[str, Any]:
