@@ -45,7 +45,7 @@ class Readable(Protocol):
 
 
 def check_shape(document: Readable, shape: str) -> tuple[Finding, ...]:
-    """Return where a document has not the shape of a file of ``schemas`` (without suffix), each fault once.
+    """Return where a document has not the shape of a file of ``schemas`` (without suffix), by line, each once.
 
     Raises:
         MissingProgramError: The library that reads JSON Schema is not installed.
@@ -55,7 +55,8 @@ def check_shape(document: Readable, shape: str) -> tuple[Finding, ...]:
     found = (
         _finding(document, error, validator.schema, *fault) for error in errors for fault in _faults(error)
     )
-    return tuple(dict.fromkeys(found))
+    # The library goes through some of a schema's keys in the order of a set.
+    return tuple(sorted(dict.fromkeys(found), key=lambda finding: (finding.place.line or 0, finding.what)))
 
 
 @cache
