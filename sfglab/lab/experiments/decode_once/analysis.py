@@ -83,18 +83,20 @@ def slopes(run: Run[Config], codec: str = "h264") -> Slopes:
         codec: Which stream.
     """
     standard, proxy = (_points(run, codec, mode, "cpu") for mode in ("standard", "proxy"))
-    net_standard, net_proxy = (_points(run, codec, mode, "rx") for mode in ("standard", "proxy"))
     per_core, per_net = "% of one core per subscriber", "Mbit/s per subscriber"
+
+    def slope(mode: str, column: str, unit: str) -> Estimate:
+        return bootstrap([_points(run, codec, mode, column)], lambda g: _slope(g[0]), unit=unit)
 
     def reduction(groups: Sequence[Floats]) -> float:
         return 100 * (1 - _slope(groups[1]) / _slope(groups[0]))
 
     return Slopes(
-        cpu_standard=bootstrap([standard], lambda g: _slope(g[0]), unit=per_core),
-        cpu_proxy=bootstrap([proxy], lambda g: _slope(g[0]), unit=per_core),
+        cpu_standard=slope("standard", "cpu", per_core),
+        cpu_proxy=slope("proxy", "cpu", per_core),
         reduction=bootstrap([standard, proxy], reduction, unit="% less CPU per subscriber"),
-        net_standard=bootstrap([net_standard], lambda g: _slope(g[0]), unit=per_net),
-        net_proxy=bootstrap([net_proxy], lambda g: _slope(g[0]), unit=per_net),
+        net_standard=slope("standard", "rx", per_net),
+        net_proxy=slope("proxy", "rx", per_net),
     )
 
 
@@ -189,10 +191,8 @@ class StreamFacts:
     encoder: str  #: FFmpeg's name.
 
     def __str__(self) -> str:
-        return (
-            f"{self.width} x {self.height}, {self.fps:.2f} fps, GOP {self.gop}, {self.bitrate}, "
-            f"encoded by {self.encoder}"
-        )
+        size = f"{self.width} x {self.height}, {self.fps:.2f} fps, GOP {self.gop}"
+        return f"{size}, {self.bitrate}, encoded by {self.encoder}"
 
 
 def stream_facts(run: Run[Config]) -> StreamFacts:

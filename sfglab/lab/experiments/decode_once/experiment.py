@@ -216,13 +216,8 @@ async def _record_raw(running: Running, bench: Bench[Config]) -> None:
             left -= len(m.cdr)
             if left < 0:
                 return
-            bench.log.write_raw(
-                m.topic,
-                m.type_name,
-                m.cdr,
-                log_time_ns=m.log_time_ns,
-                publish_time_ns=m.publish_time_ns,
-            )
+            times: dict[str, Any] = {"log_time_ns": m.log_time_ns, "publish_time_ns": m.publish_time_ns}
+            bench.log.write_raw(m.topic, m.type_name, m.cdr, **times)
 
 
 async def _measure_cell(key: dict[str, Any], running: Running, bench: Bench[Config]) -> None:

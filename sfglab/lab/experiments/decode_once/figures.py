@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,22 +29,21 @@ NAMES = {"h264": "colour, H.264", "rvl": "depth, RVL"}
 @exp.figure("decode_once_h264", size=(11.5, 3.9))
 def draw_colour(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw CPU, network and cost model of the colour stream over the number of subscribers."""
-    return draw_stream(figure, run, "h264")
+    return _draw_stream(figure, run, "h264")
 
 
 @exp.figure("decode_once_rvl", size=(11.5, 3.9), when=lambda run: "rvl" in codecs(run))
 def draw_depth(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the same of the depth stream."""
-    return draw_stream(figure, run, "rvl")
+    return _draw_stream(figure, run, "rvl")
 
 
-def draw_stream(figure: Figure, run: Run[Config], codec: str) -> dict[str, Any]:
-    """Draw CPU, network and cost model of one stream, and return the numbers that it shows."""
+def _draw_stream(figure: Figure, run: Run[Config], codec: str) -> dict[str, Any]:
     found, fit = slopes(run, codec), cost_model(run, codec)
     cpu, net, cost = figure.subplots(1, 3, width_ratios=(1.15, 1.15, 1))
-    draw_cpu(cpu, run, found, codec)
-    draw_network(net, run, codec)
-    draw_cost_model(cost, fit)
+    _draw_cpu(cpu, run, found, codec)
+    _draw_network(net, run, codec)
+    _draw_cost_model(cost, fit)
     figure.suptitle(
         f"Decode once per device ({NAMES.get(codec, codec)}): "
         f"{found.reduction.value:.1f} % less CPU per added subscriber "
@@ -54,10 +54,9 @@ def draw_stream(figure: Figure, run: Run[Config], codec: str) -> dict[str, Any]:
 
 def _spread(run: Run[Config], codec: str, mode: str, column: str) -> tuple[Any, Any, Any]:
     r = readings(run)
-    chosen = r[(r["label"] == "consumer") & (r["codec"] == codec) & (r["mode"] == mode)].groupby("subscribers")[
-        column
-    ]
-    mean, deviation = chosen.mean(), chosen.std().fillna(0)
+    chosen = r[(r["label"] == "consumer") & (r["codec"] == codec) & (r["mode"] == mode)]
+    by_count = chosen.groupby("subscribers")[column]
+    mean, deviation = by_count.mean(), by_count.std().fillna(0)
     return mean.index.to_numpy(), mean.to_numpy(), deviation.to_numpy()
 
 
@@ -76,19 +75,14 @@ def _draw_modes(axes: Axes, run: Run[Config], codec: str, column: str) -> dict[s
     return first
 
 
-def draw_cpu(axes: Axes, run: Run[Config], found: Slopes, codec: str) -> None:
+def _draw_cpu(axes: Axes, run: Run[Config], found: Slopes, codec: str) -> None:
     """Draw the consumer's CPU over subscribers, with the paper's slopes for the colour stream."""
     first = _draw_modes(axes, run, codec, "cpu_percent")
     for mode, estimate in (("standard", found.cpu_standard), ("proxy", found.cpu_proxy)):
         counts, mean, _ = _spread(run, codec, mode, "cpu_percent")
-        axes.annotate(
-            f"{estimate.value:+.2f} %",
-            (counts[-1], mean[-1]),
-            textcoords="offset points",
-            xytext=(-4, 7),
-            ha="right",
-            color=COLORS[mode],
-        )
+        beside: dict[str, Any] = {"textcoords": "offset points", "xytext": (-4, 7), "ha": "right"}
+        text = f"{estimate.value:+.2f} %"
+        axes.annotate(text, (counts[-1], mean[-1]), color=COLORS[mode], **beside)
         if codec == "h264":
             paper = first[mode] + PAPER_CPU[mode] * (counts - counts[0])
             label = f"paper: +{PAPER_CPU[mode]} % each"
@@ -98,14 +92,12 @@ def draw_cpu(axes: Axes, run: Run[Config], found: Slopes, codec: str) -> None:
     axes.legend(fontsize=8)
 
 
-def draw_network(axes: Axes, run: Run[Config], codec: str) -> None:
-    """Draw what the consumer's interface receives over subscribers, with the paper's lines."""
+def _draw_network(axes: Axes, run: Run[Config], codec: str) -> None:
     _draw_modes(axes, run, codec, "rx_mbit_s")
     if codec == "h264":
         counts = np.array(axes.get_xticks())
-        axes.plot(
-            counts, PAPER_NET_MBIT * counts, color=COLORS["standard"], label="paper: linear", **PAPER_STYLE
-        )
+        linear = PAPER_NET_MBIT * counts
+        axes.plot(counts, linear, color=COLORS["standard"], label="paper: linear", **PAPER_STYLE)
         flat = np.full_like(counts, PAPER_NET_MBIT, dtype=np.float64)
         axes.plot(counts, flat, color=COLORS["proxy"], label="paper: about 4 Mbit/s", **PAPER_STYLE)
     axes.set_ylabel("received at the consumer's interface (Mbit/s)")
@@ -113,7 +105,7 @@ def draw_network(axes: Axes, run: Run[Config], codec: str) -> None:
     axes.legend(fontsize=8)
 
 
-def draw_cost_model(axes: Axes, fit: CostModel) -> None:
+def _draw_cost_model(axes: Axes, fit: CostModel) -> None:
     """Draw the fitted terms of Eq. 2 and 3 with their intervals, and the fit's residual."""
     terms = {"$c_{net}$": fit.net, "$c_{dec}$": fit.dec, "$c_{ipc}$": fit.ipc}
     values = [e.value for e in terms.values()]
@@ -128,16 +120,7 @@ def draw_cost_model(axes: Axes, fit: CostModel) -> None:
 
 
 def _twin(found: Slopes, fit: CostModel) -> dict[str, Any]:
-    shown = {
-        "cpu_standard": found.cpu_standard,
-        "cpu_proxy": found.cpu_proxy,
-        "reduction": found.reduction,
-        "net_standard": found.net_standard,
-        "net_proxy": found.net_proxy,
-        "c_net": fit.net,
-        "c_dec": fit.dec,
-        "c_ipc": fit.ipc,
-        "explained": fit.explained,
-        "residual": fit.residual,
-    }
+    terms = {"c_net": fit.net, "c_dec": fit.dec, "c_ipc": fit.ipc}
+    shown = {**{f.name: getattr(found, f.name) for f in fields(found)}, **terms}
+    shown |= {"explained": fit.explained, "residual": fit.residual}
     return {name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit} for name, e in shown.items()}

@@ -33,22 +33,14 @@ LINGER_S = 0.1
 
 def stream_topic(codec: str) -> str:
     """Return the name of the camera's compressed stream in the global scope."""
-    stream, resource = (
-        (Stream.COLOR, Resource.FFMPEG) if codec == "h264" else (Stream.DEPTH, Resource.COMPRESSED_DEPTH)
-    )
-    return str(
-        RosFqnBuilder()
-        .scope(Scope.GLOBAL)
-        .agent("edge")
-        .component(Component.CAMERA, "front")
-        .stream(stream)
-        .resource(resource)
-        .build()
-    )
+    camera = RosFqnBuilder().scope(Scope.GLOBAL).agent("edge").component(Component.CAMERA, "front")
+    colour, depth = (Stream.COLOR, Resource.FFMPEG), (Stream.DEPTH, Resource.COMPRESSED_DEPTH)
+    stream, resource = colour if codec == "h264" else depth
+    return str(camera.stream(stream).resource(resource).build())
 
 
-class Running:
-    """A stage whose processes run; an async context manager that ends them.
+class Running(ProcessGroup):
+    """A stage's processes.
 
     Args:
         config: The experiment's configuration.
@@ -64,20 +56,17 @@ class Running:
         self._decoder_pids: tuple[int, ...] = ()
         self._topic = stream_topic(stage.codec)
         self._viewers = [f"viewer {i}" for i in range(max(stage.counts + stage.network_counts))]
-        self._group = ProcessGroup(testbed.argv, self._members(), on_report=self._note_sent)
+        super().__init__(testbed.argv, self._first_members(), on_report=self._note_sent)
         self.sent: list[tuple[int, int, int]] = []
 
     async def __aenter__(self) -> Self:
-        await self._group.__aenter__()
+        await super().__aenter__()
         try:
             await self._settle_decoder()
         except BaseException:
-            await self._group.close()
+            await self.close()
             raise
         return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await self._group.close()
 
     @property
     def stream(self) -> dict[str, str]:
@@ -85,18 +74,18 @@ class Running:
         return {
             "topic": self._topic,
             "type": routes_of_topic(self._topic)[0].source_type,
-            "encoder": self._group["camera"].readiness["encoder"],
+            "encoder": self["camera"].readiness["encoder"],
             "source": self._stage.source,
         }
 
     @property
     def edge_pids(self) -> tuple[int, ...]:
         """Process ids of the camera."""
-        return (self._group["camera"].pid,)
+        return (self["camera"].pid,)
 
     def consumer_pids(self, mode: str) -> tuple[int, ...]:
         """Process ids that a mode needs on the consumer host."""
-        viewers = tuple(self._group[name].pid for name in self._viewers)
+        viewers = tuple(self[name].pid for name in self._viewers)
         return viewers + self._decoder_pids if mode == "proxy" else viewers
 
     def _note_sent(self, name: str, report: Report) -> None:
@@ -107,7 +96,7 @@ class Running:
         interface = self._testbed.interface(host)
         return BusAddress(domain_id=REMOTE_DOMAIN, interface=interface, multicast=self._config.multicast)
 
-    def _members(self) -> list[Member]:
+    def _first_members(self) -> list[Member]:
         local, image = BusAddress(domain_id=LOCAL_DOMAIN, interface="lo"), routes_of_topic(self._topic)[0]
         camera = CameraConfig(
             places=((self._remote("edge"), self._topic),),
@@ -127,21 +116,20 @@ class Running:
             codec=image.codec,
             local_topic=image.local_topic,
         )
+        viewers = dict.fromkeys(self._viewers, ("consumer", "sfglab.lab.workers.viewer", viewer, "ready"))
+        others = {
+            "decoder": ("consumer", "sfglab.fleet.decoder.node", decoder, "ready"),
+            "camera": ("edge", "sfglab.lab.workers.camera", camera, "running"),
+        }
         return [
-            *(
-                Member(name=name, host="consumer", module="sfglab.lab.workers.viewer", config=viewer)
-                for name in self._viewers
-            ),
-            Member(name="decoder", host="consumer", module="sfglab.fleet.decoder.node", config=decoder),
-            Member(
-                name="camera", host="edge", module="sfglab.lab.workers.camera", config=camera, ready="running"
-            ),
+            Member(name=name, host=host, module=module, config=config, ready=ready)
+            for name, (host, module, config, ready) in (viewers | others).items()
         ]
 
     async def look(self, mode: str, count: int) -> float:
         """Let the first viewers look, and return how long it took until each had a frame, in seconds."""
         started = time.monotonic()
-        await self._group.ask("first", self._viewers[:count], timeout_s=FIRST_FRAME_S, do="look", mode=mode)
+        await self.ask("first", self._viewers[:count], timeout_s=FIRST_FRAME_S, do="look", mode=mode)
         elapsed_s = time.monotonic() - started
         if mode == "proxy":
             await self._settle_decoder()
@@ -150,24 +138,24 @@ class Running:
     async def record(self, path: Path, duration_s: float) -> None:
         """Let the first viewer write the stream's messages, as they arrive, into a log of its own."""
         order = {"do": "look", "mode": "network", "path": str(path)}
-        await self._group.ask("first", self._viewers[:1], timeout_s=FIRST_FRAME_S, **order)
+        await self.ask("first", self._viewers[:1], timeout_s=FIRST_FRAME_S, **order)
         await asyncio.sleep(duration_s)
         await self.stop(1)
 
     async def stop(self, count: int) -> list[Report]:
         """Let them stop, and return what each has seen."""
-        seen = await self._group.ask("seen", self._viewers[:count], timeout_s=FIRST_FRAME_S, do="stop")
+        seen = await self.ask("seen", self._viewers[:count], timeout_s=FIRST_FRAME_S, do="stop")
         return list(seen.values())
 
     async def wait_for_release(self) -> None:
         """Return when the decoder has released its pipeline."""
-        decoder = self._group["decoder"]
+        decoder = self["decoder"]
         while (await decoder.expect("status", timeout_s=FIRST_FRAME_S))["state"] != "IDLE":
             pass
 
     async def _settle_decoder(self) -> None:
         """Wait until the decoder's spare is warm, so that its start does not fall into a reading."""
-        decoder = self._group["decoder"]
+        decoder = self["decoder"]
         for _ in range(200):
             decoder.order(do="list")
             processes = await decoder.expect("processes", timeout_s=FIRST_FRAME_S)

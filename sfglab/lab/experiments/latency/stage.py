@@ -59,8 +59,8 @@ def _member(name: str, host: str, module: str, config: Any, *, ready: str = "rea
     return Member(name=name, host=host, module=module, config=config, ready=ready)
 
 
-class Running:
-    """The experiment's processes; an async context manager that ends them.
+class Running(ProcessGroup):
+    """The experiment's processes.
 
     Args:
         config: The experiment's configuration.
@@ -79,50 +79,38 @@ class Running:
         self.gop_s = self._camera.gop / self._camera.fps
         self.sent: list[tuple[int, int, int]] = []
         self.replays: list[tuple[int, int]] = []
-        self._group = ProcessGroup(testbed.argv, self._members(), on_report=self._note)
+        super().__init__(testbed.argv, self._first_members(), on_report=self._note)
 
     async def __aenter__(self) -> Self:
-        await self._group.__aenter__()
+        await super().__aenter__()
         try:
-            await self._group["camera"].expect("sent", timeout_s=FIRST_PICTURE_S)
+            await self["camera"].expect("sent", timeout_s=FIRST_PICTURE_S)
             for path in ("decoder", "agent", "on_demand"):
-                await self._warm(self._group[path])
+                await self._warm(self[path])
         except BaseException:
-            await self._group.close()
+            await self.close()
             raise
         return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await self._group.close()
 
     @property
     def encoder(self) -> str:
         """The encoder that the camera opened."""
-        return str(self._group["camera"].readiness["encoder"])
+        return str(self["camera"].readiness["encoder"])
 
-    def _members(self) -> list[Member]:
+    def _first_members(self) -> list[Member]:
         keepers = {"keeper": (self._own("edge"), "agent"), "keeper 0": (self._shared("edge"), "decoder")}
         routers = {"router": "edge", "router 2": "consumer"}
+        keeping = {
+            name: KeeperConfig(address=where, streams=(stream_topic(path),))
+            for name, (where, path) in keepers.items()
+        }
+        decoders = ("decoder", "agent", "on_demand")
         return [
             _member("camera", "edge", "sfglab.lab.workers.camera", self._camera, ready="running"),
-            *(
-                _member(
-                    name,
-                    "edge",
-                    "sfglab.fleet.gop_cache",
-                    KeeperConfig(address=where, streams=(stream_topic(path),)),
-                )
-                for name, (where, path) in keepers.items()
-            ),
-            *(
-                _member(name, host, "sfglab.fleet.router.node", self._router(host))
-                for name, host in routers.items()
-            ),
+            *(_member(name, "edge", "sfglab.fleet.gop_cache", config) for name, config in keeping.items()),
+            *(_member(n, host, "sfglab.fleet.router.node", self._router(host)) for n, host in routers.items()),
             _member("viewer", "consumer", "sfglab.lab.workers.viewer", self._viewer()),
-            *(
-                _member(path, "consumer", "sfglab.fleet.decoder.node", self._decoder(path))
-                for path in ("decoder", "agent", "on_demand")
-            ),
+            *(_member(n, "consumer", "sfglab.fleet.decoder.node", self._decoder(n)) for n in decoders),
         ]
 
     def _note(self, name: str, report: Report) -> None:
@@ -141,11 +129,8 @@ class Running:
         return BusAddress(domain_id=EDGE_DOMAIN if host == "edge" else CONSUMER_DOMAIN, interface="lo")
 
     def _shared(self, host: str) -> BusAddress:
-        return BusAddress(
-            domain_id=GLOBAL_DOMAIN,
-            interface=self._testbed.interface(host),
-            multicast=self._config.multicast,
-        )
+        interface = self._testbed.interface(host)
+        return BusAddress(domain_id=GLOBAL_DOMAIN, interface=interface, multicast=self._config.multicast)
 
     def _camera_config(self) -> CameraConfig:
         return CameraConfig(
@@ -188,11 +173,11 @@ class Running:
     @property
     def pids(self) -> dict[str, tuple[int, ...]]:
         """Process ids of what runs at the edge for an agent, by label."""
-        return {name: (self._group[name].pid,) for name in ("camera", "keeper", "router")}
+        return {name: (self[name].pid,) for name in ("camera", "keeper", "router")}
 
     def loopback_bytes(self) -> int:
         """Return what the edge's loopback has carried so far."""
-        table = Path(f"/proc/{self._group['camera'].pid}/net/dev").read_text(encoding="ascii")
+        table = Path(f"/proc/{self['camera'].pid}/net/dev").read_text(encoding="ascii")
         return interface_bytes(table, "lo").rx_bytes
 
     async def wait_for_phase(self, phase: float) -> None:
@@ -215,15 +200,15 @@ class Running:
         mode = "standard" if path == "standard" else "proxy"
         image, _ = routes_of_topic(stream_topic(path))
         topic = image.source_topic if mode == "standard" else image.local_topic
-        self._group["viewer"].order(do="look", mode=mode, topic=topic)
-        return await self._group["viewer"].expect("first", timeout_s=FIRST_PICTURE_S)
+        self["viewer"].order(do="look", mode=mode, topic=topic)
+        return await self["viewer"].expect("first", timeout_s=FIRST_PICTURE_S)
 
     async def stop(self, path: str) -> dict[str, Any]:
         """Let the viewer stop, wait until nothing of the path is left open, and return what it has seen."""
-        self._group["viewer"].order(do="stop")
-        seen = await self._group["viewer"].expect("seen", timeout_s=FIRST_PICTURE_S)
+        self["viewer"].order(do="stop")
+        seen = await self["viewer"].expect("seen", timeout_s=FIRST_PICTURE_S)
         if path != "standard":
-            await self._released(self._group[path])
+            await self._released(self[path])
         await self._closed()
         return seen
 
@@ -242,7 +227,7 @@ class Running:
 
     async def _closed(self) -> None:
         for _ in range(round(FIRST_PICTURE_S / 0.01)):
-            self._group.check()
+            self.check()
             if not any(self._open_paths.values()):
                 return
             await asyncio.sleep(0.01)

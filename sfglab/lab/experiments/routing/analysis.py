@@ -6,6 +6,7 @@ share of checks that hold. They are black-box measurements: what test peers saw,
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    # Name, domain, how much arrived and was sent, and whether the domain is another.
+    Reached = tuple[str, Any, Any, Any, Any]
 
 
 GLOBAL = 0
@@ -193,7 +197,6 @@ def share_that_holds(run: Run[Config]) -> Finding:
 
 AGENT, GROUND = "agent_1", "ground_1"
 HEARD, FORBIDDEN, SILENT, MISSING = COLORS["proxy"], COLORS["standard"], "#ececec", COLORS["fourth"]
-_OWN = {AGENT: "<agent>", GROUND: "<agent>"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,49 +218,39 @@ class Cell:
 
 def cells_of(run: Run[Config], source: str) -> list[Cell]:
     """Return what one party's messages, requests and replies reached, one cell a name and domain."""
-    return [*_topic_cells(run, source), *_service_cells(run, source)]
-
-
-def _topic_cells(run: Run[Config], source: str) -> list[Cell]:
-    every = heard(run)[heard(run)["source"] == source]
-    rows = every[~every["dds_topic"].str.contains(r"status\d+$")]
-    found: dict[tuple[str, int], list[Any]] = {}
-    for row in rows.itertuples():
-        found.setdefault((str(row.dds_topic), int(str(row.hearer_domain))), []).append(row)
-    return [
-        Cell(
-            name=_shown(name, source),
-            domain=domain,
-            heard=sum(r.received for r in group) / sum(r.sent for r in group),
-            allowed=in_table_1(name) or domain == group[0].source_domain,
-        )
-        for (name, domain), group in found.items()
-    ]
-
-
-def _service_cells(run: Run[Config], source: str) -> list[Cell]:
-    """Return requests of a caller and replies of a server: a call that was answered crossed with both."""
-    called = calls(run)
-    found: dict[tuple[str, int], list[Any]] = {}
-    for row in called[(called["caller"] == source) | (called["server"] == source)].itertuples():
-        request, reply = dds_names(str(row.name), ResourceKind.SERVICE)
-        asks = row.caller == source
-        name = _shown(request if asks else reply, str(row.server))
-        domain = row.server_domain if asks else row.caller_domain
-        found.setdefault((name, int(str(domain))), []).append(row)
+    found: dict[tuple[str, int], list[tuple[int, int, bool]]] = defaultdict(list)
+    for name, domain, *seen in (*_topics_of(run, source), *_calls_of(run, source)):
+        found[name, domain].append((seen[0], seen[1], seen[2]))
     return [
         Cell(
             name=name,
             domain=domain,
-            heard=sum(bool(r.answered) for r in group) / len(group),
-            allowed=in_table_1(name) or not group[0].across,
+            heard=sum(received for received, _, _ in seen) / sum(sent for _, sent, _ in seen),
+            allowed=in_table_1(name) or not seen[0][2],
         )
-        for (name, domain), group in found.items()
+        for (name, domain), seen in found.items()
     ]
 
 
-def _shown(dds_name: str, party: str) -> str:
-    return dds_name.replace(party, "<agent>")
+def _topics_of(run: Run[Config], source: str) -> Iterator[Reached]:
+    """Yield what a party's messages reached."""
+    every = heard(run)[heard(run)["source"] == source]
+    for row in every[~every["dds_topic"].str.contains(r"status\d+$")].itertuples():
+        yield _shown(row.dds_topic, source), row.hearer_domain, row.received, row.sent, row.across
+
+
+def _calls_of(run: Run[Config], source: str) -> Iterator[Reached]:
+    """Yield requests of a caller and replies of a server: a call that was answered crossed with both."""
+    called = calls(run)
+    for row in called[(called["caller"] == source) | (called["server"] == source)].itertuples():
+        request, reply = _halves(str(row.name))
+        asks = row.caller == source
+        name = _shown(request if asks else reply, row.server)
+        yield name, row.server_domain if asks else row.caller_domain, row.answered, 1, row.across
+
+
+def _shown(dds_name: Any, party: Any) -> str:
+    return str(dds_name).replace(str(party), "<agent>")
 
 
 @exp.figure("routing_border", size=(12, 8))
@@ -273,13 +266,13 @@ def draw_border(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         width_ratios=(1, 1, 0.75),
         height_ratios=(1, 1.2),
     )
-    draw_matrix(axes["agent"], panels[AGENT], names, [1, GLOBAL, *(d for d in domains if d > 1)])
-    draw_matrix(axes["ground"], panels[GROUND], names, domains)
+    _draw_matrix(axes["agent"], panels[AGENT], names, [1, GLOBAL, *(d for d in domains if d > 1)])
+    _draw_matrix(axes["ground"], panels[GROUND], names, domains)
     axes["agent"].set_title("published in an agent's domain, $D_1$", fontsize=9.5)
     axes["ground"].set_title("published in the global domain, $D_0$", fontsize=9.5)
     axes["ground"].set_yticklabels([])
     _draw_groups(axes["ground"], names, len(domains) - 0.4)
-    draw_latencies(axes["time"], times)
+    _draw_latencies(axes["time"], times)
     _draw_key(axes["key"])
     sums = table.groupby("how")[["held", "checked"]].sum()
     share = ", ".join(f"{row.held} of {row.checked} {row.Index}" for row in sums.itertuples())
@@ -293,7 +286,7 @@ def _order(name: str) -> tuple[bool, int, str]:
     return not rows, rows[0] if rows else 0, name
 
 
-def draw_matrix(axes: Axes, cells: list[Cell], names: list[str], domains: list[int]) -> None:
+def _draw_matrix(axes: Axes, cells: list[Cell], names: list[str], domains: list[int]) -> None:
     """Draw where each name was heard; the first column is the publisher's own domain."""
     from matplotlib.patches import Rectangle
 
@@ -301,12 +294,9 @@ def draw_matrix(axes: Axes, cells: list[Cell], names: list[str], domains: list[i
     for y, name in enumerate(names):
         for x, domain in enumerate(domains):
             cell = by_place.get((name, domain))
-            if cell is None:
-                continue
-            box = Rectangle((x - 0.44, y - 0.42), 0.88, 0.84, facecolor=cell.color, linewidth=0)
-            axes.add_patch(box)
-            if cell.heard > 0:
-                share = f"{100 * cell.heard:.0f}"
+            if cell is not None:
+                axes.add_patch(Rectangle((x - 0.44, y - 0.42), 0.88, 0.84, facecolor=cell.color, linewidth=0))
+                share = f"{100 * cell.heard:.0f}" if cell.heard > 0 else ""
                 axes.text(x, y, share, ha="center", va="center", color="white", fontsize=6.5)
     border = sum(in_table_1(name) for name in names) - 0.5
     axes.axhline(border, color="black", linewidth=1)
@@ -341,7 +331,7 @@ def _draw_key(axes: Axes) -> None:
     axes.axis("off")
 
 
-def draw_latencies(axes: Axes, times: dict[str, Any]) -> None:
+def _draw_latencies(axes: Axes, times: dict[str, Any]) -> None:
     """Draw the median time from publishing to receiving, by what lies between, with its interval."""
     shown = {name: e for name, e in times.items() if name != "per router"}
     values = [e.value for e in shown.values()]

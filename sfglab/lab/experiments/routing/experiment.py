@@ -122,14 +122,14 @@ def check_policy(bench: Bench[Config]) -> None:
 async def observe(bench: Bench[Config]) -> None:
     """Let everybody talk, join late, call, and tell."""
     config = bench.config
-    async with Stage(config.agents, config.busy, config.rate_hz, bench.testbed) as stage:
+    async with Stage(config, bench.testbed) as stage:
         bench.write_all("party", stage.parties)
         sent = await stage.talk(config.seconds)
         bench.advance("talked")
-        late = await stage.ask("late", do="late", expected=len(stage.parties), timeout_s=LATE_S)
+        late = await stage.ask_all("late", do="late", expected=len(stage.parties), timeout_s=LATE_S)
         calls = await _call(stage, config.call_s)
         bench.advance("called")
-        told = await stage.ask("told", do="tell")
+        told = await stage.ask_all("told", do="tell")
         bench.write_all("call", calls)
         bench.write_all("latched", _latched_rows(stage, late))
         bench.write_all("heard", _heard_rows(stage, sent, told))
@@ -141,7 +141,7 @@ async def _call(stage: Stage, call_s: float) -> list[dict[str, Any]]:
     """Let everybody call everybody else's services at once."""
     servers = {name: party for party in stage.parties for name in service_names(party.party)}
     names = list(servers)
-    answers = await stage.ask("called", do="call", names=names, timeout_s=call_s)
+    answers = await stage.ask_all("called", do="call", names=names, timeout_s=call_s)
     return [
         {
             "name": name,
@@ -161,11 +161,7 @@ def _latched_rows(stage: Stage, late: dict[str, dict[str, Any]]) -> Iterator[dic
     for hearer, report in late.items():
         for party in stage.parties:
             received = report["received"].get(party.party, 0)
-            yield {
-                "source": party.party,
-                "hearer": hearer,
-                "received": received,
-            }
+            yield {"source": party.party, "hearer": hearer, "received": received}
 
 
 def _heard_rows(
@@ -211,9 +207,4 @@ def _endpoint_rows(stage: Stage, told: dict[str, dict[str, Any]]) -> Iterator[di
         for dds, kind, owner, tag in told[party]["endpoints"]:
             if owner not in own:
                 router = entries(tag.encode()).get(ROUTER_KEY, "")
-                yield {
-                    "seen_by": party,
-                    "dds_topic": dds,
-                    "kind": kind,
-                    "router": router,
-                }
+                yield {"seen_by": party, "dds_topic": dds, "kind": kind, "router": router}

@@ -19,7 +19,6 @@ from sfglab.processes import Member, ProcessGroup
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from typing import Self
 
     from sfglab.component import Report
     from sfglab.lab.testbed import Testbed
@@ -96,13 +95,11 @@ def parties_of(agents: int) -> tuple[PartyRow, ...]:
     return (*behind, *(PartyRow(party=name, domain=GLOBAL_DOMAIN, host=name) for name in OTHERS))
 
 
-class Stage:
-    """Everybody's processes; an async context manager that starts and ends them.
+class Stage(ProcessGroup):
+    """Everybody's processes.
 
     Args:
-        agents: Number of agents.
-        busy: Further local topics of each.
-        rate_hz: Messages a second of every party on every topic.
+        config: The experiment's configuration.
         testbed: A host for every party.
 
     Attributes:
@@ -110,29 +107,18 @@ class Stage:
         topics: What they use.
     """
 
-    def __init__(self, agents: int, busy: int, rate_hz: float, testbed: Testbed) -> None:
-        self.parties = parties_of(agents)
+    def __init__(self, config: Any, testbed: Testbed) -> None:
+        self.parties = parties_of(config.agents)
         self._agents = tuple(p for p in self.parties if p.domain != GLOBAL_DOMAIN)
-        self.topics: tuple[Topic, ...] = tuple(topics([p.party for p in self._agents], OTHERS, busy=busy))
-        self._rate_hz, self._testbed = rate_hz, testbed
-        self._group = ProcessGroup(testbed.argv, self._members())
-
-    async def __aenter__(self) -> Self:
-        await self._group.__aenter__()
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await self._group.close()
-
-    def _members(self) -> list[Member]:
+        self.topics = tuple(topics([p.party for p in self._agents], OTHERS, busy=config.busy))
+        self._rate_hz, self._testbed = config.rate_hz, testbed
         router, peer = "sfglab.fleet.router.node", "sfglab.lab.workers.test_peer"
-        return [
-            *(
-                Member(name=f"router of {p.party}", host=p.host, module=router, config=self._router(p))
-                for p in self._agents
-            ),
-            *(Member(name=p.party, host=p.host, module=peer, config=self._peer(p)) for p in self.parties),
-        ]
+        routers = (
+            Member(name=f"router of {p.party}", host=p.host, module=router, config=self._router(p))
+            for p in self._agents
+        )
+        peers = (Member(name=p.party, host=p.host, module=peer, config=self._peer(p)) for p in self.parties)
+        super().__init__(testbed.argv, (*routers, *peers))
 
     async def talk(self, seconds: float) -> dict[str, int]:
         """Let everybody talk, and return how many rounds of messages each has sent when all is quiet.
@@ -140,13 +126,13 @@ class Stage:
         Goes on beyond the seconds, within limits, until whoever should hear somebody does: on a busy machine
         paths form slowly, and that is not what is asked here.
         """
-        self._group.order([p.party for p in self.parties], do="talk")
+        self.order([p.party for p in self.parties], do="talk")
         await asyncio.sleep(seconds)
         for _ in range(round(PATIENCE_S / POLL_S)):
-            if self._all_heard(await self.ask("told", do="tell")):
+            if self._all_heard(await self.ask_all("told", do="tell")):
                 break
             await asyncio.sleep(POLL_S)
-        reports = await self.ask("hushed", do="hush")
+        reports = await self.ask_all("hushed", do="hush")
         return {party: report["sent"] for party, report in reports.items()}
 
     def _all_heard(self, told: dict[str, dict[str, Any]]) -> bool:
@@ -159,12 +145,11 @@ class Stage:
             for hearer in topic.subscribers
         )
 
-    async def ask(self, answer: str, **order: Any) -> dict[str, Report]:
+    async def ask_all(self, answer: str, **order: Any) -> dict[str, Report]:
         """Give everybody the same order and return their reports by party."""
         names = [p.party for p in self.parties]
-        for name in names:
-            self._group[name].order(**order)
-        return await self._group.expect(answer, names, timeout_s=ANSWER_S)
+        self.order(names, **order)
+        return await self.expect(answer, names, timeout_s=ANSWER_S)
 
     def _global(self, party: PartyRow) -> BusAddress:
         return BusAddress(domain_id=GLOBAL_DOMAIN, interface=self._testbed.interface(party.host))
