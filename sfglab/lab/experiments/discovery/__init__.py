@@ -8,8 +8,8 @@ receives until then. Larger fleets are routed only, and beyond what one machine 
 
 from __future__ import annotations
 
-from sfglab.lab.experiments.discovery import figures, simulated, stage
+from sfglab.lab.experiments.discovery import simulated, stage
 from sfglab.lab.experiments.discovery.analysis import live, summary
 from sfglab.lab.experiments.discovery.experiment import exp
 
-__all__ = ["exp", "figures", "live", "simulated", "stage", "summary"]
+__all__ = ["exp", "live", "simulated", "stage", "summary"]

@@ -12,7 +12,7 @@ import math
 import time
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -57,8 +57,7 @@ _COMPONENTS = ("sfglab.fleet.router.node", "sfglab.fleet.status.node", "sfglab.f
 async def start_fleets(bench: Bench[Config]) -> None:
     """Start the fleets one after the other, standard beside routed."""
     for number, cell in enumerate(cells_of(bench.config) if bench.hosts and bench.hosts.separate else ()):
-        fleet = LiveFleet(cell, bench.config, bench.testbed)
-        async with fleet.group:
+        async with LiveFleet(cell, bench.config, bench.testbed) as fleet:
             outcome = await _start(fleet, bench)
         for host in range(cell.agents):
             bench.write("host", _host_row(number, host, outcome), at_ns=outcome.ends_ns[host])
@@ -95,7 +94,7 @@ async def _start(fleet: LiveFleet, bench: Bench[Config]) -> _Outcome:
     ingress.read()
     window.sample(time.time_ns())
     begin_ns = time.time_ns()
-    fleet.group.order(do="start")
+    fleet.order(do="start")
     signalled_ns = time.time_ns()
     reading = asyncio.create_task(ingress.run())
     try:
@@ -148,8 +147,8 @@ def _cpu_s(meter: MeterRow) -> float:
 # --- A fleet --------------------------------------------------------------------------------------------------
 
 
-class LiveFleet:
-    """A fleet whose processes are loaded and idle once its group is entered.
+class LiveFleet(ProcessGroup):
+    """A fleet whose processes, named by host and what they are, are loaded and idle once it is entered.
 
     Args:
         cell: Which fleet.
@@ -158,20 +157,19 @@ class LiveFleet:
 
     Attributes:
         hosts: The hosts that take part.
-        group: Its processes, named by host and what they are.
     """
 
     def __init__(self, cell: Cell, config: Config, testbed: Testbed) -> None:
         self.hosts = host_names(cell.agents)
         self._cell, self._config, self._testbed = cell, config, testbed
-        members = [member for i, host in enumerate(self.hosts, start=1) for member in self._members(i, host)]
-        self.group = ProcessGroup(testbed.argv, members, start_s=_LOAD_S)
+        members = [member for i, host in enumerate(self.hosts, start=1) for member in self._members_on(i, host)]
+        super().__init__(testbed.argv, members, start_s=_LOAD_S)
 
     def pids(self) -> tuple[list[int], list[int]]:
         """Return the process ids of the ROS 2 nodes, and of routers, status providers and discoverers."""
         nodes = [_nodes_of(host) for host in self.hosts]
-        others = [name for name in self.group if name not in nodes]
-        return [self.group[name].pid for name in nodes], [self.group[name].pid for name in others]
+        others = [name for name in self if name not in nodes]
+        return [self[name].pid for name in nodes], [self[name].pid for name in others]
 
     async def resolved(self, timeout_s: float) -> list[int | None]:
         """Return when each agent had resolved all its peers (Unix time, ns), None where it did not in time.
@@ -183,27 +181,27 @@ class LiveFleet:
         return list(await asyncio.gather(*(_within(timeout_s, wait(host)) for host in self.hosts)))
 
     async def _wait_standard(self, host: str) -> int:
-        report = await self.group[_nodes_of(host)].expect("resolved", timeout_s=None)
+        report = await self[_nodes_of(host)].expect("resolved", timeout_s=None)
         return int(report["t_ns"])
 
     async def _wait_routed(self, host: str) -> int:
         """Return when the discoverer had announced every peer, and complain about components that fail."""
         *others, discoverer = (f"{host}, {module}" for module in _COMPONENTS)
         announced, _ = await asyncio.gather(
-            self._peers_announced(discoverer), self.group.expect("ready", others, timeout_s=None)
+            self._peers_announced(discoverer), self.expect("ready", others, timeout_s=None)
         )
         return announced
 
     async def _peers_announced(self, discoverer: str) -> int:
         found: set[str] = set()
         while True:
-            event = await self.group[discoverer].expect("event", timeout_s=None)
+            event = await self[discoverer].expect("event", timeout_s=None)
             if event["event"] == _DISCOVERED:
                 found.add(event["agent"])
             if len(found) == len(self.hosts) - 1:
                 return int(event["t_ns"])
 
-    def _members(self, number: int, host: str) -> Iterator[Member]:
+    def _members_on(self, number: int, host: str) -> Iterator[Member]:
         """Yield what runs on an agent, its nodes first."""
         routed = self._cell.mode == ROUTED
         remote = BusAddress(
@@ -227,14 +225,8 @@ class LiveFleet:
             DiscoveryConfig(address=local, settings=DiscoverySettings(agent=host)),
         )
         for module, config in zip(_COMPONENTS, configs, strict=True):
-            yield Member(
-                name=f"{host}, {module}",
-                host=host,
-                module=module,
-                config=config,
-                ready="idle",
-                through="sfglab.lab.workers.idle",
-            )
+            idle: dict[str, Any] = {"ready": "idle", "through": "sfglab.lab.workers.idle"}
+            yield Member(name=f"{host}, {module}", host=host, module=module, config=config, **idle)
 
 
 def _nodes_of(host: str) -> str:

@@ -15,7 +15,7 @@ from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, TRANSITIONS, Action,
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.lifecycle.experiment import Config, exp
-from sfglab.lab.experiments.lifecycle.script import WALKER
+from sfglab.lab.experiments.lifecycle.stage import WALKER
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import exactly, median_of
 from sfglab.messages import message_type

@@ -15,8 +15,15 @@ from sfglab.fleet.router.node import RouterConfig
 from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, Schedule, heartbeat_topic, metadata_service
 from sfglab.fleet.status.node import StatusConfig, StatusSettings
 from sfglab.lab.experiment import Actor, Experiment, Link, Setup
-from sfglab.lab.experiments.lifecycle.script import FAKES, WALKER, crowd, puppet_show, walk
-from sfglab.lab.experiments.lifecycle.stage import STEP_S, Stage
+from sfglab.lab.experiments.lifecycle.stage import (
+    FAKES,
+    STEP_S,
+    WALKER,
+    Stage,
+    crowd,
+    puppet_show,
+    walk,
+)
 from sfglab.lab.workers.false_agents import FakeConfig
 from sfglab.lab.workers.wire import WireConfig
 from sfglab.processes import Member
@@ -248,9 +255,9 @@ async def time_heartbeats(bench: Bench[Config]) -> None:
     topics = {heartbeat_topic(): AGENT_HEARTBEAT}
     async with Stage(bench, *(_listener(bench, name, topics) for name in ("first", "late"))) as stage:
         if config.routed:
-            await stage.group.start(*(_router(bench, agent, local[agent]) for agent in agents))
+            await stage.start(*(_router(bench, agent, local[agent]) for agent in agents))
         where = local if config.routed else dict.fromkeys(agents, _address(bench, ROBOT))
-        await stage.group.start(*(_status(agent, config.schedule, where[agent]) for agent in agents))
+        await stage.start(*(_status(agent, config.schedule, where[agent]) for agent in agents))
         bench.advance("start-up")
         await _beats(stage, config, agents, 2)
         # Somewhere between two heartbeats: what is heard at once then is the last one, not the next.
@@ -258,7 +265,7 @@ async def time_heartbeats(bench: Bench[Config]) -> None:
         await stage.join("late")
         for agent in agents:
             await stage.ask_metadata(agent, metadata_service(agent))
-        await stage.group.ask("looked", ["first"], timeout_s=STEP_S, do="look")
+        await stage.ask("looked", ["first"], timeout_s=STEP_S, do="look")
         bench.advance("steady state")
         await _beats(stage, config, agents, config.steady_beats + 1)
 
