@@ -76,6 +76,7 @@ class Sample:
 
 
 F = TypeVar("F", bound=Callable[..., object])
+T = TypeVar("T")
 ALL = "all of them"
 """The example of a trial that always held."""
 
@@ -101,6 +102,17 @@ class Checks:
 
         def declare(function: F) -> F:
             self._cases[name] = function  # type: ignore[assignment]  # F keeps the function's own type
+            return function
+
+        return declare
+
+    def each(self, name: str, of: Callable[[int, int], Iterable[T]]) -> Callable[[F], F]:
+        """Add a property whose function says whether it holds for a thing, one of those of a count and seed."""
+
+        def declare(function: F) -> F:
+            self._cases[name] = lambda sample: (
+                (str(thing), bool(function(thing))) for thing in of(sample.count, sample.seed)
+            )
             return function
 
         return declare
@@ -134,13 +146,18 @@ class Checks:
         return check_row(name, self._cases[name](Sample(count=count, seed=seed, rng=rng)))
 
 
-def check_row(check: str, cases: Iterable[Case]) -> CheckRow:
-    """Return what the cases of one property came to; the example is the first that fails, else the first."""
-    tried = list(cases)
+def check_row(check: str, cases: Iterable[Case], *, shown: int = 0) -> CheckRow:
+    """Return what the cases of one property came to; the example is the first that fails.
+
+    Args:
+        check: The property.
+        cases: Its cases; without any it has not held.
+        shown: Place of the case that is the example where all hold.
+    """
+    tried = list(cases) or [(NOTHING, False)]
     failed = [text for text, held in tried if not held]
-    example = failed[0] if failed else next((text for text, _ in tried), NOTHING)
-    # Without anything to look at a check has not held.
-    return CheckRow(check=check, checked=max(1, len(tried)), held=len(tried) - len(failed), example=example)
+    example = failed[0] if failed else tried[shown][0]
+    return CheckRow(check=check, checked=len(tried), held=len(tried) - len(failed), example=example)
 
 
 def facts_row(check: str, facts: Mapping[str, bool]) -> CheckRow:

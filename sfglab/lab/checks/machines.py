@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,14 +14,15 @@ from sfglab.deploy.hardware.detection import detect
 from sfglab.deploy.rollout import Change, apply_plan, look_and_plan, released
 from sfglab.deploy.transport import Local, copy_facts
 from sfglab.fleet.fleet_file import Accelerator
-from sfglab.lab.checks import CheckRow
+from sfglab.lab.checks import check_row
 from sfglab.lab.example_machines import EXAMPLES, write_example
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from sfglab.deploy.bundle import Bundle
     from sfglab.deploy.deployment import Deployment
+    from sfglab.lab.checks import CheckRow
 
 
 _HOOKS_S = 60.0
@@ -35,17 +37,8 @@ class Unasked:
     why: str  #: What is missing.
 
 
-def held(check: str, cases: Iterable[tuple[str, bool]]) -> CheckRow:
-    """Return how often a property held; the example is the first case that does not, else the last.
-
-    Args:
-        check: The property.
-        cases: What each case was, and whether it held.
-    """
-    seen = list(cases)
-    wrong = [case for case, ok in seen if not ok]
-    example = wrong[0] if wrong else seen[-1][0] if seen else ""
-    return CheckRow(check=check, checked=len(seen), held=len(seen) - len(wrong), example=example)
+held = partial(check_row, shown=-1)
+"""How often a property held, as `check_row` says it; where all hold, the last case is the example."""
 
 
 def detection_checks(folder: Path) -> Iterator[CheckRow]:

@@ -31,7 +31,7 @@ from sfglab.names import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
 AGENT = "go2"
 
@@ -86,45 +86,31 @@ def _names(count: int, seed: int) -> tuple[RosFqn, ...]:
     return (*all_standard_fqns(AGENT), *random_fqns(count, rng=rng))
 
 
-def _of_names(holds: Callable[[RosFqn], bool]) -> Callable[[Sample], Iterator[Case]]:
-    def cases(sample: Sample) -> Iterator[Case]:
-        return ((str(fqn), holds(fqn)) for fqn in _names(sample.count, sample.seed))
-
-    return cases
-
-
-@checks.cases("parses back to the tuple it was built from")
-@_of_names
-def parses_back(fqn: RosFqn) -> bool:
-    """Parse what was built."""
+@checks.each("parses back to the tuple it was built from", _names)
+def _parses_back(fqn: RosFqn) -> bool:
     return parse(str(fqn), fqn.kind) == fqn
 
 
+@checks.each("builds back to the string it was parsed from", _names)
 def _rebuilds(fqn: RosFqn) -> bool:
     return str(parse(str(fqn), fqn.kind)) == str(fqn)
 
 
-checks.cases("builds back to the string it was parsed from")(_of_names(_rebuilds))
-
-
-@checks.cases("is a valid ROS 2 name")
-@_of_names
-def is_ros_name(fqn: RosFqn) -> bool:
-    """Ask ROS 2's rules, which raise."""
-    validate_ros_name(str(fqn), fqn.kind)
+@checks.each("is a valid ROS 2 name", _names)
+def _is_ros_name(fqn: RosFqn) -> bool:
+    validate_ros_name(str(fqn), fqn.kind)  # raises
     return True
 
 
-@checks.cases("has a resource that Fig. 2 allows after its last segment")
-@_of_names
-def stands_where_it_may(fqn: RosFqn) -> bool:
+@checks.each("has a resource that Fig. 2 allows after its last segment", _names)
+def _stands_where_it_may(fqn: RosFqn) -> bool:
     """Ask Fig. 2; a custom resource may stand anywhere."""
     resource = fqn.resource.base if isinstance(fqn.resource, Suffixed) else fqn.resource
     return isinstance(resource, Custom) or fqn.preceding in resource.after
 
 
 @checks.cases("resources where Fig. 2 does not allow them are refused")
-def refuses(_: Sample) -> Iterator[Case]:
+def _refuses(_: Sample) -> Iterator[Case]:
     """Build every resource after each kind of segment after which it may not stand."""
     agent = RosFqnBuilder().scope(Scope.GLOBAL).agent(AGENT)
     component = agent.component(Component.CAMERA)
@@ -150,8 +136,7 @@ def _refusal(builder: RosFqnBuilder) -> str:
 
 
 @checks.cases("a host name becomes a valid agent")
-def agents_of_hosts(_: Sample) -> Iterator[Case]:
-    """Make agents of host names as people give them."""
+def _agents_of_hosts(_: Sample) -> Iterator[Case]:
     text = ", ".join(f"{host} -> {sanitize_agent(host)}" for host in HOST_NAMES)
     for host in HOST_NAMES:
         agent = sanitize_agent(host)
@@ -159,8 +144,7 @@ def agents_of_hosts(_: Sample) -> Iterator[Case]:
 
 
 @checks.cases("standard names differ from each other")
-def differ(_: Sample) -> Iterator[Case]:
-    """Look for standard names that were there before."""
+def _differ(_: Sample) -> Iterator[Case]:
     names = [str(fqn) for fqn in all_standard_fqns(AGENT)]
     seen: set[str] = set()
     for name in reversed(names):
@@ -169,6 +153,5 @@ def differ(_: Sample) -> Iterator[Case]:
 
 
 @checks.cases("is printed in the paper, and is in the schema")
-def printed(_: Sample) -> Iterator[Case]:
-    """Parse the names that the paper prints."""
+def _printed(_: Sample) -> Iterator[Case]:
     return ((name, _rebuilds(parse(name))) for name in PAPER_NAMES)

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfglab.fleet.policy import Crossing, Direction, Policy, Side
-from sfglab.lab.checks import Case, Checks, Sample
+from sfglab.lab.checks import Checks
 from sfglab.names import all_standard_fqns, dds_topic
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
+
+    from sfglab.names import RosFqn
 
 AGENT = "go2"
 
@@ -62,40 +64,28 @@ def _names(count: int, seed: int) -> tuple[str, ...]:
     return (*standard, *map(dds_topic, NEAR_MISSES), *drawn)
 
 
-def _of_names(holds: Callable[[str], bool]) -> Callable[[Sample], Iterator[Case]]:
-    def cases(sample: Sample) -> Iterator[Case]:
-        return ((name, holds(name)) for name in _names(sample.count, sample.seed))
-
-    return cases
-
-
-@checks.cases("a name crosses exactly if Table 1 names it, both ways")
-@_of_names
-def as_table_1(name: str) -> bool:
-    """Ask the policy of a name."""
+@checks.each("a name crosses exactly if Table 1 names it, both ways", _names)
+def _as_table_1(name: str) -> bool:
     return all(Policy().crosses(name, way) is in_table_1(name) for way in Direction)
 
 
-@checks.cases("a message is heard in the domains that Eq. 1 says")
-@_of_names
-def as_eq_1(name: str) -> bool:
-    """Ask the policy for a name's domains."""
+@checks.each("a message is heard in the domains that Eq. 1 says", _names)
+def _as_eq_1(name: str) -> bool:
     both = frozenset(Side)
     return all(
         Policy().domains(name, side) == (both if in_table_1(name) else frozenset({side})) for side in Side
     )
 
 
-@checks.cases("near misses of Table 1 stay")
-def near_misses_stay(_: Sample) -> Iterator[Case]:
-    """Ask for names that nearly look as if they crossed."""
-    for name in map(dds_topic, NEAR_MISSES):
-        yield name, not any(Policy().crosses(name, way) for way in Direction)
+@checks.each("near misses of Table 1 stay", lambda *_: map(dds_topic, NEAR_MISSES))
+def _near_misses_stay(name: str) -> bool:
+    return not any(Policy().crosses(name, way) for way in Direction)
 
 
-@checks.cases("a standard name crosses whole if it is global, else not at all")
-def crosses_by_scope(_: Sample) -> Iterator[Case]:
+@checks.each(
+    "a standard name crosses whole if it is global, else not at all", lambda *_: all_standard_fqns(AGENT)
+)
+def _crosses_by_scope(fqn: RosFqn) -> bool:
     """Ask for topics, services and actions as wholes."""
-    for fqn in all_standard_fqns(AGENT):
-        expected = Crossing.WHOLE if fqn.is_global else Crossing.NONE
-        yield str(fqn), all(Policy().crossing(str(fqn), fqn.kind, way) is expected for way in Direction)
+    expected = Crossing.WHOLE if fqn.is_global else Crossing.NONE
+    return all(Policy().crossing(str(fqn), fqn.kind, way) is expected for way in Direction)
