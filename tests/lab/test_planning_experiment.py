@@ -103,7 +103,7 @@ class _Approach:
 
 
 def test_a_reader_that_lets_faults_pass_fails_the_check(monkeypatch):
-    monkeypatch.setattr("sfglab.spatial.scene.editor.load_scene", lambda *_: editing.read_scene(editing._GOOD))
+    monkeypatch.setattr("sfglab.spatial.scene.editor.load_scene", lambda *_: editing.read_scene(editing.GOOD))
     assert not any(f["one_line"] or f["names_the_line"] or f["scene_kept"] for f in editing.faults())
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from sfglab.lab.checks import editing
 from sfglab.spatial import Pose
 from sfglab.spatial.scene.commands import AlignWaypoints, Rename, Retime, SetProperty, SetScene
 from sfglab.spatial.scene.conflicts import ConflictKind
@@ -22,26 +23,7 @@ from sfglab.spatial.trajectory.path import Align
 
 SCENES = Path(__file__).parents[2] / "data" / "scenes"
 
-GOOD = """\
-sfglab_scene: 1
-name: hall
-next_id: 6
-objects:
-- id: 1
-  kind: group
-  name: room
-- id: 2
-  kind: agent
-  name: go2
-  parent: 1
-- id: 3
-  kind: trajectory
-  name: path
-  agent: 2
-  waypoints:
-  - {id: 4, time_s: 0.0, xyz_m: [0.0, 0.0, 0.0], quat_xyzw: [0.0, 0.0, 0.0, 1.0]}
-  - {id: 5, time_s: 1.5, xyz_m: [1.0, 0.0, 0.0], quat_xyzw: [0.0, 0.0, 0.0, 1.0]}
-"""
+GOOD = editing.GOOD.replace("0.6, 0.8]", "0.0, 1.0]")  # nothing is turned
 
 
 def changed(old, new):

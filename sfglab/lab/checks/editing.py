@@ -160,7 +160,7 @@ def _one_line_changes(rng: np.random.Generator) -> str:
     return "" if len(changed) == 2 else f"{len(changed)} lines"
 
 
-_GOOD = """\
+GOOD = """\
 sfglab_scene: 1
 name: hall
 next_id: 6
@@ -180,6 +180,7 @@ objects:
   - {id: 4, time_s: 0.0, xyz_m: [0.0, 0.0, 0.0], quat_xyzw: [0.0, 0.0, 0.0, 1.0]}
   - {id: 5, time_s: 1.5, xyz_m: [1.0, 0.0, 0.0], quat_xyzw: [0.0, 0.0, 0.6, 0.8]}
 """
+"""A scene file that is read; broken ones are made of it."""
 _FAULTS: tuple[tuple[str, str, str, int], ...] = (
     ("broken YAML", "objects:", "objects: [", 5),
     ("a loop", "name: room", "name: room\n  parent: 2", 5),
@@ -197,7 +198,7 @@ _FAULTS: tuple[tuple[str, str, str, int], ...] = (
     ("an alias", "next_id: 6\nobjects:\n", "next_id: 6\nobjects: &a\n- *a\n", 5),
     ("an id that was given before", "next_id: 6", "next_id: 3", 3),
     ("another version", "sfglab_scene: 1", "sfglab_scene: 2", 1),
-    ("nothing at all", _GOOD, "", 1),
+    ("nothing at all", GOOD, "", 1),
 )
 """What is broken, what is replaced by what, and the line that must be named."""
 
@@ -207,10 +208,10 @@ def faults() -> Iterator[dict[str, Any]]:
     with tempfile.TemporaryDirectory() as folder:
         for name, old, new, line in _FAULTS:
             path = Path(folder) / "hall.yaml"
-            path.write_text(_GOOD)
+            path.write_text(GOOD)
             editor = Editor.open(path)
             editor.do(Rename(id=1, name="unsaved"))
-            scene, broken = editor.scene, _GOOD.replace(old, new, 1)
+            scene, broken = editor.scene, GOOD.replace(old, new, 1)
             path.write_text(broken)
             said = _refusal(editor.load)
             yield {
