@@ -263,11 +263,7 @@ BROKEN = (
 
 
 def break_fleet(text: str, broken: BrokenFleet) -> str:
-    """Return a fleet file with one fault.
-
-    Args:
-        text: The paper's fleet file.
-        broken: The fault.
+    """Return the paper's fleet file with one fault.
 
     Raises:
         ValueError: The paper's fleet file has changed, so that there is nothing to replace.
@@ -282,13 +278,7 @@ def break_fleet(text: str, broken: BrokenFleet) -> str:
 
 
 def refused_rows(text: str, release: Release, folder: Path) -> Iterator[dict[str, Any]]:
-    """Yield what is said of each broken fleet.
-
-    Args:
-        text: The paper's fleet file.
-        release: What would be deployed.
-        folder: For the broken files.
-    """
+    """Yield what is said of each broken fleet: made of the paper's fleet file in a folder, for a release."""
     for number, broken in enumerate(BROKEN):
         path = folder / f"broken{number}.yaml"
         path.write_text(break_fleet(text, broken), encoding="utf-8")

@@ -7,6 +7,7 @@ Refuses to know the view.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -84,12 +85,7 @@ class Moment:
 
 
 def scene_moments(count: int, seed: int) -> list[Moment]:
-    """Return pictures with measured depth, as a camera would see them that wanders over a scene.
-
-    Args:
-        count: How many.
-        seed: Of the camera's way.
-    """
+    """Return pictures with measured depth, as a camera would see them that wanders over a scene."""
     source = open_source("stereo", width=SIZE[0], height=SIZE[1], seed=seed)
     found = []
     for number in range(count):
@@ -152,8 +148,7 @@ def entity_below(agent: str, topic: str) -> str:
 def make_parts(moments: Sequence[Moment]) -> tuple[Part, ...]:
     """Return the scene: everything speaks at every moment, but for what is said once.
 
-    Args:
-        moments: What it looks like; pictures are shown at half the size.
+    Pictures are shown at half the size.
     """
     small = [moment.halved() for moment in moments]
     sensors = (*_PICTURES, *_videos(small), *_POINTS)
@@ -370,12 +365,7 @@ def _imu(moment: Moment) -> Any:
 
 
 def transforms_message(moment: Moment, edges: Sequence[tuple[str, str, Pose]]) -> Any:
-    """Return a ``TFMessage``.
-
-    Args:
-        moment: When.
-        edges: Parent, child, and where it is, of each.
-    """
+    """Return a ``TFMessage`` of a moment; an edge is parent, child, and where the child is."""
     found = [StampedTransform(parent=a, child=b, stamp_ns=moment.stamp_ns, pose=pose) for a, b, pose in edges]
     return message_type(_TF)(transforms=[transform.to_msg() for transform in found])
 
@@ -402,10 +392,6 @@ def _markers(moment: Moment) -> Any:
     return message_type(f"{_MARKER}Array")(markers=[_marker(moment)])
 
 
-def _place(moment: Moment) -> NDArray[np.float64]:
-    return moment.place
-
-
 def _axes(moment: Moment) -> NDArray[np.float64]:
     return np.tile(moment.place, 3)
 
@@ -414,6 +400,7 @@ def _line(moment: Moment) -> NDArray[np.float64]:
     return np.concatenate([0 * moment.place, moment.place / 2, moment.place])
 
 
+_PLACE = attrgetter("place")
 _LOCALIZATION, _IMU = "/global/go2/localization", "/local/go2/imu/imu"
 _ARROWS, _MOVED, _SPINS = "Arrows3D:origins", "Transform3D:translation", "/angular_velocity"
 _STRIPS, _BOXES = "LineStrips3D:strips", "Boxes3D:centers"
@@ -422,10 +409,10 @@ _PLACED = (
     _Speaker("pose", f"{_LOCALIZATION}/pose", _POSE, _stamped, _ARROWS, _axes),
     _Speaker("odometry", f"{_LOCALIZATION}/odometry", _ODOMETRY, _odometry, _ARROWS, _axes, "/pose"),
     _Speaker("path", "/global/go2/planner/path", "nav_msgs/msg/Path", _path, _STRIPS, _line),
-    _Speaker("imu", _IMU, "sensor_msgs/msg/Imu", _imu, "Scalars:scalars", _place, _SPINS),
-    _Speaker("tf", "/tf", _TF, _moving, _MOVED, _place, entity="/tf/go2/base"),
-    _Speaker("marker", "/goal", _MARKER, _marker, _BOXES, _place, entity="/goal/goal/3"),
-    _Speaker("marker_array", "/goals", f"{_MARKER}Array", _markers, _BOXES, _place, entity="/goals/goal/3"),
+    _Speaker("imu", _IMU, "sensor_msgs/msg/Imu", _imu, "Scalars:scalars", _PLACE, _SPINS),
+    _Speaker("tf", "/tf", _TF, _moving, _MOVED, _PLACE, entity="/tf/go2/base"),
+    _Speaker("marker", "/goal", _MARKER, _marker, _BOXES, _PLACE, entity="/goal/goal/3"),
+    _Speaker("marker_array", "/goals", f"{_MARKER}Array", _markers, _BOXES, _PLACE, entity="/goals/goal/3"),
 )
 _FIXED = _Speaker("tf_static", "/tf_static", _TF, _fixed, _MOVED, entity="/tf/go2/lidar")
 

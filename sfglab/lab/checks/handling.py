@@ -73,11 +73,9 @@ class _Handled:
 
 
 async def check_handling(domain_id: int, *, observed_s: float) -> list[CheckRow]:
-    """Change a session at work in every way, while a camera sends pictures.
+    """Change a session at work in every way, while a camera sends pictures in a DDS domain.
 
-    Args:
-        domain_id: The camera's DDS domain.
-        observed_s: How long pictures are counted.
+    Where pictures are counted, it is for `observed_s` seconds.
     """
     session = Session()
     handled = _Handled(session)

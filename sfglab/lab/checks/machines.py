@@ -42,11 +42,7 @@ held = partial(check_row, shown=-1)
 
 
 def detection_checks(folder: Path) -> Iterator[CheckRow]:
-    """Check detection on machines made up from documentation, and from here as if over SSH.
-
-    Args:
-        folder: For their files.
-    """
+    """Check detection on machines made up from documentation in a folder, and from here as if over SSH."""
     right, told, remote = [], [], []
     for name, example in EXAMPLES.items():
         here, copy = folder / name, folder / f"{name} (copy)"
@@ -65,34 +61,21 @@ def detection_checks(folder: Path) -> Iterator[CheckRow]:
 
 
 def detected_rows(folder: Path) -> Iterator[dict[str, Any]]:
-    """Yield what detection says of this machine and of those made up from documentation.
-
-    Args:
-        folder: For their files.
-    """
+    """Yield what detection says of this machine and of those made up from documentation in a folder."""
     roots = {name: write_example(example, folder / name) for name, example in EXAMPLES.items()}
     for name, root in {"this machine": Path("/"), **roots}.items():
         machine = detect(root)
-        others = [
-            f"{evidence.accelerator.value}: {evidence.reason}"
-            for evidence in machine.evidence
-            if evidence.sources and not evidence.chosen
-        ]
+        others = [e for e in machine.evidence if e.sources and not e.chosen]
         yield {
             "machine": name,
             "accelerator": machine.accelerator.value,
             "why": machine.evidence_of(machine.accelerator).reason,
-            "instead": "; ".join(others),
+            "instead": "; ".join(f"{e.accelerator.value}: {e.reason}" for e in others),
         }
 
 
 def hook_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> Iterator[CheckRow]:
-    """Run every agent's hooks on a folder in place of its machine.
-
-    Args:
-        pairs: The agents.
-        folder: For the folders.
-    """
+    """Run every agent's hooks on a folder, below the one that is given, in place of its machine."""
     dry, first, again, own = [], [], [], []
     for deployment, bundle in pairs:
         name, root = deployment.agent.name, folder / deployment.agent.name

@@ -55,11 +55,7 @@ _MODULE = "visualisation_plugin"
 
 @contextmanager
 def installed(folder: Path) -> Iterator[None]:
-    """Have a package on the path: a module and its metadata, as pip would leave them.
-
-    Args:
-        folder: Where it is put.
-    """
+    """Have a package of a folder on the path: a module and its metadata, as pip would leave them."""
     (folder / f"{_MODULE}.py").write_text(PLUGIN, encoding="utf-8")
     info = folder / f"{_MODULE}-1.0.dist-info"
     info.mkdir()
@@ -80,8 +76,7 @@ def installed(folder: Path) -> Iterator[None]:
 def check_plugins(folder: Path) -> CheckRow:
     """Check that a package's visualizers are found, shown and tuned, and that its mistakes hurt nobody else.
 
-    Args:
-        folder: Empty; the package and the recording are put there.
+    Package and recording are put into an empty folder.
     """
     with installed(folder):
         facts = _facts(folder)

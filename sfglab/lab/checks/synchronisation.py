@@ -111,12 +111,7 @@ class Cloud:
 
 
 def show_clouds(moments: Sequence[Moment], path: Path) -> list[Cloud]:
-    """Show synchronised depth, camera info and picture as points in a recording, and read them back.
-
-    Args:
-        moments: The pictures with their depth.
-        path: Of the recording.
-    """
+    """Show synchronised depth, camera info and picture as points in a recording, and read them back."""
     session = Session()
     topics = {"depth": f"{_ROOT}/image_raw", "info": f"{_ROOT}/camera_info", "color": _PICTURE}
     settings = {"decimation": _STEP, "depth_max_m": _MAX_M}

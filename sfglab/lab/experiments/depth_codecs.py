@@ -159,9 +159,8 @@ def draw_codecs(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     table = codings(run)
     encode, decode = ratio(run, "encode_ms", "png_fast"), ratio(run, "decode_ms", "png_fast")
     axes = figure.subplots(1, 3)
-    for place, column, title in zip(
-        axes, ("encode_ms", "decode_ms", "coded_bytes"), ("encode", "decode", "size"), strict=True
-    ):
+    shown = {"encode": "encode_ms", "decode": "decode_ms", "size": "coded_bytes"}
+    for place, (title, column) in zip(axes, shown.items(), strict=True):
         _draw_spread(place, table[column], title)
     axes[0].set_ylabel("CPU time a frame (ms), log scale")
     axes[1].set_ylabel("CPU time a frame (ms), log scale")
@@ -178,13 +177,10 @@ def draw_codecs(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 def _draw_spread(axes: Axes, columns: Any, title: str) -> None:
     scale = 1e-3 if title == "size" else 1.0
     values = [columns[codec].astype(float).to_numpy() * scale for codec in CODECS]
-    parts = axes.boxplot(
-        values, tick_labels=list(LABELS.values()), showfliers=False, patch_artist=True, widths=0.5
-    )
-    for patch, color in zip(
-        parts["boxes"], (COLORS["proxy"], COLORS["standard"], COLORS["network"]), strict=True
-    ):
-        patch.set_facecolor(color)
+    labels = list(LABELS.values())
+    parts = axes.boxplot(values, tick_labels=labels, showfliers=False, patch_artist=True, widths=0.5)
+    for patch, color in zip(parts["boxes"], ("proxy", "standard", "network"), strict=True):
+        patch.set_facecolor(COLORS[color])
     for line in parts["medians"]:
         line.set_color("black")
     if title == "size":

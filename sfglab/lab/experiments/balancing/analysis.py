@@ -156,13 +156,9 @@ def _draw_staleness(axes: Axes, table: pd.DataFrame) -> None:
     """Draw the share of time with a stale value against the messages that it costs."""
     for qos, color in (("best effort", "standard"), ("reliable", "proxy")):
         part = table[table["qos"] == qos].sort_values("messages_hz")
-        axes.plot(
-            part["messages_hz"],
-            100 * part["stale_share"],
-            marker=MARKERS[color],
-            color=COLORS[color],
-            label=f"{qos}, KEEP_LAST 1",
-        )
+        style: dict[str, Any] = {"marker": MARKERS[color], "color": COLORS[color]}
+        label = f"{qos}, KEEP_LAST 1"
+        axes.plot(part["messages_hz"], 100 * part["stale_share"], label=label, **style)
     points = table[table["qos"] == "best effort"][["silence_s", "messages_hz", "stale_share"]].to_numpy()
     for silence_s, messages_hz, share in points:
         text = f"{silence_s:g} s" if silence_s else "none"
@@ -183,12 +179,13 @@ def draw_qos(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     optimum, pareto = figure.subplots(1, 2)
     _draw_optimum(optimum, run["balance"])
     _draw_front(pareto, front)
-    overloads = "QoS balancing: the printed optimum does not see the link, and overloads it at Rmax = "
-    figure.suptitle(
-        overloads + " and ".join(map(str, over)) + " Hz"
-        if over
-        else "QoS balancing: the printed optimum and our own"
-    )
+    title = "QoS balancing: the printed optimum and our own"
+    if over:
+        rates = " and ".join(map(str, over))
+        title = (
+            f"QoS balancing: the printed optimum does not see the link, and overloads it at Rmax = {rates} Hz"
+        )
+    figure.suptitle(title)
     return {"front": front.to_dict(orient="list")}
 
 
@@ -196,19 +193,11 @@ def _draw_front(axes: Axes, front: pd.DataFrame) -> None:
     """Draw latency against freshness: our front, its chosen point, and where the printed optima lie."""
     top = front["rate_max_hz"].max()
     ours = front[(front["method"] == "ours") & (front["rate_max_hz"] == top)].sort_values("freshness")
-    axes.plot(
-        ours["freshness"],
-        ours["latency_ms"],
-        "-",
-        marker="o",
-        markersize=3,
-        color=COLORS["third"],
-        label=f"our front (Rmax = {top} Hz)",
-    )
+    style: dict[str, Any] = {"color": COLORS["third"], "label": f"our front (Rmax = {top} Hz)"}
+    axes.plot(ours["freshness"], ours["latency_ms"], "-", marker="o", markersize=3, **style)
     chosen = ours[ours["chosen"]]
-    axes.plot(
-        chosen["freshness"], chosen["latency_ms"], "*", markersize=13, color=COLORS["third"], label="chosen"
-    )
+    style["label"] = "chosen"
+    axes.plot(chosen["freshness"], chosen["latency_ms"], "*", markersize=13, **style)
     printed = front[front["method"] == "printed"]
     fits = printed[printed["utilisation"] < 1]
     axes.plot(fits["freshness"], fits["latency_ms"], "s", color=COLORS["proxy"], label="printed, Eq. 6")

@@ -92,11 +92,7 @@ def _attempt(solve: Callable[[], Balance]) -> tuple[Balance | None, str]:
 
 
 def balance_checks(rows: list[BalanceRow]) -> Iterator[CheckRow]:
-    """Yield how often CVXPY and the closed form agree, and how often the equations hold.
-
-    Args:
-        rows: From `balance_rows`.
-    """
+    """Yield how often CVXPY and the closed form agree in `balance_rows`, and how often the equations hold."""
     name = "OPT: CVXPY finds an optimum where the closed form does, and nowhere else"
     yield check_row(name, [(str(row), row.solvable == row.solvable_closed) for row in rows])
     checks: dict[str, Callable[[BalanceRow], bool]] = {

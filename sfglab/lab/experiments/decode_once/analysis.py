@@ -76,12 +76,7 @@ class Slopes:
 
 @derived
 def slopes(run: Run[Config], codec: str = "h264") -> Slopes:
-    """Fit the slopes of one stream; intervals resample cells.
-
-    Args:
-        run: The run.
-        codec: Which stream.
-    """
+    """Fit the slopes of one codec's stream; intervals resample cells."""
     standard, proxy = (_points(run, codec, mode, "cpu") for mode in ("standard", "proxy"))
     per_core, per_net = "% of one core per subscriber", "Mbit/s per subscriber"
 
@@ -129,12 +124,7 @@ def _errors(rows: Floats) -> Floats:
 
 @derived
 def cost_model(run: Run[Config], codec: str = "h264") -> CostModel:
-    """Fit Eq. 2 and 3 to one stream's cells, without any term that the paper does not have.
-
-    Args:
-        run: The run.
-        codec: Which stream.
-    """
+    """Fit Eq. 2 and 3 to the cells of one codec's stream, without any term that the paper does not have."""
     chosen = cells(run)[cells(run)["codec"] == codec]
     rows = np.array([(*_design(m, n), c) for m, n, c in chosen[["mode", "subscribers", "cpu"]].to_numpy()])
 

@@ -73,17 +73,9 @@ def _box(axes: Axes, place: tuple[int, int, int], text: str, color: str) -> None
     from matplotlib.patches import FancyBboxPatch
 
     first, last, row = place
-    axes.add_patch(
-        FancyBboxPatch(
-            (first - 0.44, row - 0.36),
-            last - first + 0.88,
-            0.72,
-            boxstyle="round,pad=0.02,rounding_size=0.05",
-            facecolor=color,
-            alpha=0.28,
-            linewidth=0,
-        )
-    )
+    corner, width, shape = (first - 0.44, row - 0.36), last - first + 0.88, "round,pad=0.02,rounding_size=0.05"
+    look: dict[str, Any] = {"facecolor": color, "alpha": 0.28, "linewidth": 0}
+    axes.add_patch(FancyBboxPatch(corner, width, 0.72, boxstyle=shape, **look))
     shown = text if last > first else "\n".join(re.findall(r".{1,13}(?:[-:, ]|$)|.{13}", text))
     axes.text((first + last) / 2, row, shown, ha="center", va="center", fontsize=7)
 
@@ -105,15 +97,10 @@ def draw_checks(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     axes.set_xscale("log")
     axes.set_xlim(1, 2.5 * sums["checked"].max())
     axes.set_xlabel("cases; in colour: those that hold")
-    axes.set_title(_title(run))
-    return {
-        **{str(row.Index): f"{row.held} of {row.checked}" for row in sums.itertuples()},
-        "not asked": len(run["unchecked"]),
-    }
-
-
-def _title(run: Run[Config]) -> str:
-    held, checked = int(run["check"]["held"].sum()), int(run["check"]["checked"].sum())
     count = len(run["unchecked"])
     rest = f"; {count} properties could not be asked on that machine" if count else ""
-    return f"{held} of {checked} cases hold{rest}"
+    axes.set_title(f"{sums['held'].sum()} of {sums['checked'].sum()} cases hold{rest}")
+    return {
+        **{str(row.Index): f"{row.held} of {row.checked}" for row in sums.itertuples()},
+        "not asked": count,
+    }

@@ -68,9 +68,8 @@ async def _start(
     """Start both containers of an agent, and return the agent's."""
     commands = _commands(bundle, fleet)
     enter = (sys.executable, "-m", "sfglab.lab.workers.container", deployment.network.bridge)
-    agent = await stack.enter_async_context(
-        _running(host.argv([*enter, *_SFGLAB, *commands["agent"], "--json"]))
-    )
+    inside = host.argv([*enter, *_SFGLAB, *commands["agent"], "--json"])
+    agent = await stack.enter_async_context(_running(inside))
     await stack.enter_async_context(_running(host.argv([*_SFGLAB, *commands["router"]])))
     return agent
 
@@ -144,9 +143,8 @@ async def _look(outside: Host, pairs: Sequence[tuple[Deployment, Bundle]]) -> di
         config=ObserverConfig(addresses=addresses, seconds=LOOKING_S),
         ready="seen",
     )
-    async with ProcessGroup(
-        lambda _, command: outside.argv(command), [onlooker], start_s=LOOKING_S + MEETING_S
-    ) as group:
+    start_s = LOOKING_S + MEETING_S
+    async with ProcessGroup(lambda _, command: outside.argv(command), [onlooker], start_s=start_s) as group:
         seen = group["onlooker"].readiness
     return {int(domain): topics for domain, topics in seen["domains"].items()}
 

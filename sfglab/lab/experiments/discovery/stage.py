@@ -234,11 +234,10 @@ def _nodes_of(host: str) -> str:
 
 
 async def _within(timeout_s: float, result: Awaitable[int]) -> int | None:
-    try:
+    with suppress(TimeoutError):
         async with asyncio.timeout(timeout_s):
             return await result
-    except TimeoutError:
-        return None
+    return None
 
 
 # --- Received bytes -------------------------------------------------------------------------------------------
@@ -273,12 +272,9 @@ class Ingress:
             await asyncio.sleep(_PERIOD_S)
 
     def between(self, host: int, start_ns: int, end_ns: int) -> tuple[float, float]:
-        """Return the bytes and frames that a host received, interpolated between readings.
+        """Return the bytes and frames that a host received between two instants (Unix time, nanoseconds).
 
-        Args:
-            host: Its place among the meters.
-            start_ns: Unix time, nanoseconds.
-            end_ns: The same.
+        Between readings they are interpolated; the host is named by its place among the meters.
         """
         table = np.array(self._readings[host], dtype=np.int64)
         times_s = (table[:, 0] - start_ns) / NS_PER_S

@@ -56,22 +56,12 @@ def sights(run: Run[Config]) -> pd.DataFrame:
 
 
 def glass_median(run: Run[Config], path: str) -> Estimate:
-    """Return the median time from capture to the viewer's hands, over the medians of looks.
-
-    Args:
-        run: The run.
-        path: One of `GLASS_PATHS`.
-    """
+    """Return the median time from capture to the viewer's hands on one of `GLASS_PATHS`, by looks' medians."""
     return median_of(look_medians(run)[path].dropna().to_numpy(), unit="ms")
 
 
 def added(run: Run[Config], path: str) -> Estimate:
-    """Return what a path adds to the standard one: the median difference between looks of one repetition.
-
-    Args:
-        run: The run.
-        path: ``decoder`` or ``agent``.
-    """
+    """Return what a path adds to the standard one: the median difference between looks of one repetition."""
     medians = look_medians(run)
     return median_of((medians[path] - medians["standard"]).dropna().to_numpy(), unit="ms added")
 
@@ -87,12 +77,7 @@ def _firsts(run: Run[Config]) -> pd.DataFrame:
 
 
 def first_mean(run: Run[Config], path: str) -> Estimate:
-    """Return the mean time from the order to subscribe to the first picture in hand.
-
-    Args:
-        run: The run.
-        path: One of `PATHS`.
-    """
+    """Return the mean time from the order to subscribe to the first picture in hand, on one of `PATHS`."""
     return bootstrap([_firsts(run)[path].to_numpy()], lambda g: float(np.mean(g[0])), unit="ms")
 
 
@@ -100,10 +85,6 @@ def first_ratio(run: Run[Config], path: str) -> Estimate:
     """Return how a path's mean time to the first picture compares with the standard one's.
 
     The paths of one repetition were asked at one phase of the group of pictures, so repetitions are resampled.
-
-    Args:
-        run: The run.
-        path: One of `PATHS`.
     """
     pairs = _firsts(run)[[path, "standard"]].to_numpy()
 
@@ -201,8 +182,8 @@ BAR_COLORS = {
 def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw glass-to-glass times (left) and times to the first picture (right)."""
     glass, first = figure.subplots(1, 2)
-    draw_glass(glass, run)
-    draw_first(first, run)
+    _draw_glass(glass, run)
+    _draw_first(first, run)
     ratio, more = first_ratio(run, "agent"), added(run, "decoder")
     figure.suptitle(
         f"Latency: the decoder adds {more.value:.1f} ms; with replay the first picture takes "
@@ -211,7 +192,7 @@ def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     return _twin(run)
 
 
-def draw_glass(axes: Axes, run: Run[Config]) -> None:
+def _draw_glass(axes: Axes, run: Run[Config]) -> None:
     """Draw the time from capture to the viewer's hands, a dot a look, and the paper's addition."""
     medians = look_medians(run)
     groups = {path: medians[path].dropna().to_numpy() for path in GLASS_LABELS}
@@ -224,7 +205,7 @@ def draw_glass(axes: Axes, run: Run[Config]) -> None:
     axes.set_title("glass to glass, without lens and display (paper, with both: 118.3 ms)", fontsize=9)
 
 
-def draw_first(axes: Axes, run: Run[Config]) -> None:
+def _draw_first(axes: Axes, run: Run[Config]) -> None:
     """Draw the time from the order to subscribe to the first picture, a dot a subscription."""
     table = looks(run)
     groups = {path: table.loc[table["path"] == path, "first_ms"].to_numpy() for path in FIRST_LABELS}
@@ -247,9 +228,8 @@ def _bars(
         # the one look in which the machine was busy elsewhere.
         low, high = np.percentile(group, (16, 84))
         axes.bar(position, height, color=BAR_COLORS[path], width=0.5)
-        axes.errorbar(
-            position, height, yerr=[[max(height - low, 0)], [max(high - height, 0)]], color="black", capsize=4
-        )
+        spread = [[max(height - low, 0)], [max(high - height, 0)]]
+        axes.errorbar(position, height, yerr=spread, color="black", capsize=4)
         spots = position + np.linspace(-0.25, 0.25, len(group))
         axes.plot(spots, group, ".", color="black", markersize=3, alpha=0.4)
     names = [f"{text}\n{heights[path]:.{1 if heights[path] < 100 else 0}f} ms" for path, text in labels.items()]

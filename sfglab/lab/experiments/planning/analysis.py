@@ -109,10 +109,7 @@ def _of_goals(run: Run[Config]) -> Iterator[CheckRow]:
 def _of_tracks(run: Run[Config]) -> Iterator[CheckRow]:
     allowed = _TOLERANCES.path_m
     worst = run["track"].groupby("agent")["error_m"].max()
-    near = [
-        (f"{agent}: {error:.3f} m", allowed is not None and bool(error <= allowed))
-        for agent, error in worst.items()
-    ]
+    near = [(f"{a}: {off:.3f} m", allowed is not None and bool(off <= allowed)) for a, off in worst.items()]
     yield check_row("an agent is never further from its plan than it may be", near)
     pairs = []
     for a, b, needed in _pairs(run):
@@ -134,11 +131,6 @@ def apart_m(
     """Return times, and how far apart the centres of two agents are then, as planned and as driven.
 
     Poses of the two came at times of their own; between them they are interpolated.
-
-    Args:
-        run: The run.
-        a: One agent.
-        b: Another.
     """
     tracks = {name: run["track"][run["track"]["agent"] == name] for name in (a, b)}
     start = max(track["t_s"].min() for track in tracks.values())
@@ -210,9 +202,8 @@ def _draw_hall(axes: Axes, run: Run[Config]) -> None:
         drawn.set_array(track["speed_m_s"].to_numpy()[1:])
         drawn.set_clim(0.0, fastest)
         axes.add_collection(drawn)
-        axes.annotate(
-            agent.name, places[0], xytext=(-7, -4), textcoords="offset points", ha="right", weight="bold"
-        )
+        beside: dict[str, Any] = {"xytext": (-7, -4), "textcoords": "offset points", "ha": "right"}
+        axes.annotate(agent.name, places[0], weight="bold", **beside)
     _mark_closest(axes, run)
     axes.figure.colorbar(drawn, ax=axes, label="speed, driven (m/s)", shrink=0.75, pad=0.01)
     axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)", title="From above")
@@ -232,9 +223,8 @@ def _draw_body(axes: Axes, thing: ZoneObject | ObstacleObject, pose: Pose) -> No
         style = {"facecolor": "#f3d6c8", "edgecolor": COLORS["standard"], "hatch": "//", "alpha": 0.6}
     axes.add_patch(Polygon(corners, **style))
     where = corners[corners.sum(axis=1).argmin()] + (0.15, 0.15) if inside else corners.mean(axis=0)
-    axes.text(
-        where[0], where[1], thing.name, fontsize=8, color="0.25", ha="left" if inside else "center", va="center"
-    )
+    ha = "left" if inside else "center"
+    axes.text(where[0], where[1], thing.name, fontsize=8, color="0.25", ha=ha, va="center")
 
 
 def _outline(shape: Shape, pose: Pose) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -295,9 +285,8 @@ def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, Any]:
         end = scene_of(run).motion(ids[str(agent)]).end_ns / 1e9
         axes.axvline(end, color=color, linestyle=":", linewidth=1.0)
         worst[str(agent)] = float(track["error_m"].max())
-    axes.set(
-        ylim=(0, None), xlabel="time (s)", ylabel="error (m)", title="How far from the plan (dotted: its end)"
-    )
+    axes.set(ylim=(0, None), xlabel="time (s)", ylabel="error (m)")
+    axes.set_title("How far from the plan (dotted: its end)")
     axes.legend(fontsize=8)
     return {"largest error (m)": worst}
 
@@ -312,10 +301,8 @@ def draw_interpolation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         chosen = run["sample"][run["sample"]["retimed"] == slow]
         pair = [figure.add_subplot(grid[row, 1]), figure.add_subplot(grid[row, 2])]
         tops[words] = _draw_rates(pair, chosen, words)
-    figure.suptitle(
-        "One trajectory as polyline and as centripetal Catmull-Rom spline, before and after re-timing",
-        fontsize=11,
-    )
+    title = "One trajectory as polyline and as centripetal Catmull-Rom spline, before and after re-timing"
+    figure.suptitle(title, fontsize=11)
     return {"highest speed (m/s) and acceleration (m/s^2)": tops}
 
 

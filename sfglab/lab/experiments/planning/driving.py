@@ -55,12 +55,7 @@ class Driven:
 
 
 async def drive_scene(node: MakeNode, scene: Scene) -> Driven:
-    """Send all agents of a scene along their trajectories at once, and listen to their poses.
-
-    Args:
-        node: Makes a node of a name.
-        scene: The plan.
-    """
+    """Send all agents of a scene along their trajectories at once, on made nodes, and listen to their poses."""
     driven = Driven()
     async with AsyncExitStack() as stack:
         servers = {}
@@ -175,11 +170,7 @@ class _Sent:
 
 
 async def try_goals(node: MakeNode) -> list[GoalRow]:
-    """Return what became of goals that succeed, are canceled, refused, overtaken, or lose their server.
-
-    Args:
-        node: Makes a node of a name.
-    """
+    """Return what became of goals that succeed, are canceled, refused, overtaken, or lose their server."""
     rows: list[GoalRow] = []
     limits = Limits(speed_m_s=1.0, acceleration_m_s2=2.0)
     async with node("planner") as planner:
