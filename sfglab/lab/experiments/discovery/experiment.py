@@ -70,7 +70,7 @@ class Fleet:
     """A fleet and its agents' nodes."""
 
     mode: str  #: ``standard`` or ``routed``.
-    agents: int  #: How many.
+    agents: int  #: Size of the fleet.
     talkers: int = 10  #: Publishing nodes of each agent.
     listeners: int = 10  #: Subscribing nodes of each agent.
 
@@ -187,13 +187,9 @@ class HostRow:
 
 
 @exp.table("simulated")
-class SimulatedRow:
+class SimulatedRow(Fleet):
     """One agent of a simulated fleet."""
 
-    mode: str  #: ``standard`` or ``routed``.
-    agents: int  #: Size of the fleet.
-    talkers: int  #: Publishing nodes of each agent.
-    listeners: int  #: Subscribing nodes of each agent.
     seed: int  #: Seed of the run.
     host: int  #: Which agent, from 0.
     resolved_s: float  #: From the start until it had resolved all its peers, simulated seconds.

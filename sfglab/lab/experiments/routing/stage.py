@@ -148,7 +148,8 @@ class Stage(ProcessGroup):
     async def ask_all(self, answer: str, **order: Any) -> dict[str, Report]:
         """Give everybody the same order and return their reports by party."""
         names = [p.party for p in self.parties]
-        self.order(names, **order)
+        for name in names:
+            self[name].order(**order)
         return await self.expect(answer, names, timeout_s=ANSWER_S)
 
     def _global(self, party: PartyRow) -> BusAddress:
