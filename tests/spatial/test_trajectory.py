@@ -44,31 +44,6 @@ def inner_times(trajectory, count=40):
     return np.linspace(trajectory.start_ns / S, trajectory.end_ns / S, count)
 
 
-def test_a_polyline_is_half_way_in_position_and_angle_at_half_the_time():
-    turned = Pose.from_yaw((2.0, 4.0, 6.0), math.pi / 2)
-    half = pose_at(Trajectory.of([(0, Pose()), (4 * S, turned)]), 2.0)
-    assert half.same_as(Pose.from_yaw((1.0, 2.0, 3.0), math.pi / 4))
-
-
-def test_a_spline_through_points_on_a_line_at_even_times_is_the_line():
-    trajectory = line((0, 0), (1, 1), (2, 2), (3, 3), interpolation=SPLINE)
-    times = inner_times(trajectory)
-    assert motion_of(trajectory).positions(times)[:, :2] == pytest.approx(np.stack([times, times], axis=1))
-
-
-def test_a_spline_rounds_the_corner_that_a_polyline_cuts_sharp():
-    corner = [(0, 0), (2, 0), (2, 2), (4, 2)]
-    velocity = {}
-    for kind in Interpolation:
-        motion = motion_of(line(*corner, interpolation=kind))
-        ends, starts = np.array([0, 1]), np.array([1, 2])
-        velocity[kind] = np.abs(
-            motion.rates(ends, motion.durations_s[ends])[1] - motion.rates(starts, 0.0 * ends)[1]
-        ).max()
-    assert velocity[SPLINE] < 1e-12
-    assert velocity[Interpolation.POLYLINE] == pytest.approx(2.0)
-
-
 def test_a_wait_in_a_spline_is_at_rest_and_begins_and_ends_gently():
     trajectory = line((0, 0), (2, 1), (2, 1), (5, 0), interpolation=SPLINE)
     found = sample(trajectory, [1.0, 1.3, 1.9, 2.0])
