@@ -17,7 +17,7 @@ from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.commands import Rename
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene, scene_text
-from sfglab.view.planner.server import Planner
+from sfglab.view.planner.server import Planner, show_planner
 
 pytest.importorskip("viser", reason="the scene editor needs the extra 'view'")
 pytestmark = pytest.mark.live
@@ -186,6 +186,13 @@ def test_a_port_in_use_is_one_clear_error():
         port = taken.getsockname()[1]
         with pytest.raises(SfglabError, match=rf"--port: given {port}, which something else uses"):
             Planner(Editor(), port=port)
+
+
+def test_a_file_that_is_no_scene_is_refused_before_anything_is_served(tmp_path):
+    file = tmp_path / "broken.yaml"
+    file.write_text("sfglab_scene: 1\nname: [\n")
+    with pytest.raises(SfglabError, match=r"broken\.yaml"):
+        show_planner(file)
 
 
 def test_without_viser_the_extra_is_named(monkeypatch):

@@ -13,10 +13,12 @@ import socket
 import threading
 from contextlib import nullcontext
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING, Self, TypeVar
 
 from sfglab.errors import SfglabError
 from sfglab.spatial.scene.conflicts import conflicts
+from sfglab.spatial.scene.editor import Editor
 from sfglab.view.planner.context import Context, JobQueue, Part, quiet, viser
 from sfglab.view.planner.panels import Hierarchy, Inspector, Timeline, Warnings
 from sfglab.view.planner.toolbar import Toolbar
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.spatial.scene.conflicts import Conflict
-    from sfglab.spatial.scene.editor import Change, Editor
+    from sfglab.spatial.scene.editor import Change
     from sfglab.spatial.scene.tree import Scene
 
 
@@ -241,6 +243,25 @@ class Planner:
     def _stop(self) -> None:
         with quiet():
             self._server.stop()
+
+
+def show_planner(scene: Path | str | Editor, *, port: int = 0, height_px: int = 700) -> Planner:
+    """Return an editor to look at in a notebook's cell, or at its `url`.
+
+    The browser must reach this machine at 127.0.0.1, as it does where JupyterLab runs on the same one.
+
+    Args:
+        scene: A scene file, which need not exist yet, or an editor.
+        port: The port; 0 for any that is free.
+        height_px: In the notebook.
+
+    Raises:
+        SceneError: The file is no scene.
+        MissingExtraError: viser is not installed.
+        SfglabError: The port is taken.
+    """
+    editor = scene if isinstance(scene, Editor) else Editor.open(Path(scene))
+    return Planner(editor, port=port, height_px=height_px)
 
 
 def _check_free(host: str, port: int) -> None:
