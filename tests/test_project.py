@@ -80,6 +80,7 @@ def imports() -> dict[str, set[str]]:
             for n in froms
             for a in n.names
         }
+        names |= {n.module for n in froms}  # a submodule's import runs its package's first
         names |= {a.name for n in nodes if isinstance(n, ast.Import) for a in n.names}
         found[name_of(path)] = {n for n in names if n.startswith("sfglab")} - {name_of(path)}
     return found

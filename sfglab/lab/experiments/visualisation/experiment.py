@@ -15,7 +15,14 @@ from sfglab.lab.browser import free_port
 from sfglab.lab.checks import handling, plugins, recordings, synchronisation
 from sfglab.lab.checks.fleet_scene import make_parts, scene_moments
 from sfglab.lab.experiment import Actor, Experiment, Link, Setup
-from sfglab.lab.experiments.visualisation import stage
+from sfglab.lab.experiments.visualisation.stage import (
+    member,
+    processes,
+    show_live,
+    time_pictures,
+    watch_memory,
+    write_scene,
+)
 from sfglab.lab.paths import find_project
 from sfglab.lab.testbed import held_domains
 from sfglab.view.app import ViewOptions, view_log
@@ -129,13 +136,13 @@ async def show_scene(bench: Bench[Config]) -> None:
     parts = make_parts(scene_moments(config.moments, config.seed))
     fleet = find_project().data / FLEET_FILE
     scene, recorded = folder / "scene.mcap", folder / "log.rrd"
-    stage.write_scene(parts, scene)
+    write_scene(parts, scene)
     view_log(scene, ViewOptions(to=(str(recorded),), fleet=fleet))
     logged = recordings.read_recording(recorded)
     _write(bench, "visualizers", *recordings.check_visualizers(parts, logged))
     _write(bench, "fleet", *recordings.check_fleet(load_fleet(fleet), recorded))
     with held_domains() as (domain_id,):
-        live = await stage.show_live(parts, scene, folder / "live.rrd", domain_id)
+        live = await show_live(parts, scene, folder / "live.rrd", domain_id)
     _write(bench, "sources", *recordings.check_sources(parts, logged, live))
 
 
@@ -166,15 +173,15 @@ async def watch_bridge(bench: Bench[Config]) -> None:
     """Everything that needs time to pass: changes at run time, latency, and a sink that stands still."""
     config, port = bench.config, free_port()
     (domain_id,) = bench.stack.enter_context(held_domains())
-    camera, sink = stage.member("camera", domain_id=domain_id), stage.member("sink", port=port)
-    async with stage.processes(camera, sink) as group:
+    camera, sink = member("camera", domain_id=domain_id), member("sink", port=port)
+    async with processes(camera, sink) as group:
         with closing(open_canvas([f"rerun+http://127.0.0.1:{port}/proxy"])) as canvas:
             rows = await handling.check_handling(domain_id, observed_s=config.observed_s)
             _write(bench, "run time", *rows)
             bench.advance("run time")
             pictures = {"rounds": config.rounds, "pictures": config.pictures}
-            bench.write_all("time", await stage.time_pictures(canvas, domain_id, **pictures))
+            bench.write_all("time", await time_pictures(canvas, domain_id, **pictures))
             bench.advance("latency")
             pid, stopped_s = group["sink"].pid, config.stopped_s
-            bench.write_all("memory", await stage.watch_memory(canvas, pid, domain_id, stopped_s=stopped_s))
+            bench.write_all("memory", await watch_memory(canvas, pid, domain_id, stopped_s=stopped_s))
             bench.advance("memory")
