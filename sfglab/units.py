@@ -4,10 +4,5 @@ from __future__ import annotations
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
-NS_PER_US = 1_000
-MS_PER_S = 1_000
-US_PER_S = 1_000_000
 BITS_PER_BYTE = 8
 BITS_PER_MBIT = 1_000_000
-BYTES_PER_MB = 1_000_000
-MM_PER_M = 1_000

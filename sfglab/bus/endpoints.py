@@ -62,9 +62,6 @@ class Writer(Endpoint, Protocol):
     def loan(self, size_bytes: int) -> AbstractContextManager[memoryview]:
         """Lend memory for a message; TypeError where there is none to lend."""
 
-    def wait_for_acks(self, timeout_s: float) -> bool:
-        """Block until reliable readers have everything; return whether they have."""
-
 
 class Reader(Endpoint, Protocol):
     """An incoming side, which pushes into the inbox that it was opened with."""

@@ -141,16 +141,6 @@ class Publisher(TopicEnd):
         """
         await self._wait_for(self._writer, count, "subscription", timeout_s)
 
-    async def wait_for_all_acked(self, timeout_s: float = 5.0) -> bool:
-        """Return True once all reliable subscriptions have acknowledged everything, False after `timeout_s`."""
-        loop = self._backend.loop
-        deadline_s = loop.time() + timeout_s
-        while not self._writer.wait_for_acks(0.0):
-            if loop.time() >= deadline_s:
-                return False
-            await asyncio.sleep(0.001)  # the C call can only poll or block
-        return True
-
     def close(self) -> None:
         """End the publisher; again is harmless."""
         self._backend.end(self._writer)

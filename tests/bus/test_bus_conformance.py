@@ -467,18 +467,6 @@ async def test_an_exception_in_a_callback_is_reported_and_stops_nobody(node, unt
         assert isinstance(broken.last_error, LookupError)
 
 
-async def test_all_is_acknowledged_in_the_end(node):
-    async with node("here") as here, node("there") as there:
-        subscription = there.create_subscription(STRING, "/t", qos=100)
-        publisher = here.create_publisher(STRING, "/t", 100)
-        await publisher.wait_for_subscriptions()
-        for number in range(20):
-            publisher.publish(text(number))
-        assert await publisher.wait_for_all_acked(60)
-        await here.close()
-        assert [int((await subscription.take(60)).data) for _ in range(20)] == list(range(20))
-
-
 async def test_names_are_relative_to_the_namespace_or_the_node(node, until):
     async with node("here", namespace="/robot") as here:
         topics = [here.create_publisher(STRING, name).topic_name for name in ("/a", "b", "~/c")]

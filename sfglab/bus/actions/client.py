@@ -218,13 +218,6 @@ class ActionClient:
         """Whether the client, or its node, has ended."""
         return self._router.closed
 
-    def server_is_ready(self) -> bool:
-        """Return whether a server can be asked for goals, and its feedback and statuses heard, now."""
-        services = (self._cancel, self._result, self._send)
-        return all(s.service_is_ready() for s in services) and all(
-            t.get_publisher_count() for t in self._topics
-        )
-
     async def wait_for_server(self, timeout_s: float = 5.0) -> None:
         """Return once a server is ready.
 

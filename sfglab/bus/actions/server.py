@@ -61,7 +61,6 @@ class ServerGoalHandle:
         self.request = request  #: The goal message.
         self.result = result  #: What requests for the result wait for.
         self.status = GoalStatus.ACCEPTED  #: Where the goal is in its life.
-        self.canceling = asyncio.Event()  #: Set once a request to cancel was accepted.
         self.task: asyncio.Task[Any] | None = None  #: Executes it.
         self._goals = goals
 
@@ -74,10 +73,6 @@ class ServerGoalHandle:
     def is_cancel_requested(self) -> bool:
         """Whether a request to cancel was accepted and the goal has not ended."""
         return self.status is GoalStatus.CANCELING
-
-    async def cancel_requested(self) -> None:
-        """Return once a request to cancel was accepted."""
-        await self.canceling.wait()
 
     def execute(self) -> None:
         """Run the execute callback in a task of its own; only once, and only for who deferred it.
@@ -166,8 +161,6 @@ class Goals:
             IllegalInputError: It may not happen now.
         """
         goal.status = self._book.apply(goal.goal_id, event, self._steady_ns())
-        if event is GoalEvent.CANCEL_GOAL:
-            goal.canceling.set()
         self._publish_status()
 
     def publish_feedback(self, goal_id: bytes, feedback: Any) -> None:

@@ -153,7 +153,10 @@ class DdsWriter:
         stamp(serdata, time.time_ns() if source_timestamp_ns is None else source_timestamp_ns)
         code = library().dds_forwardcdr(self.handle, serdata)  # consumes the reference, also on failure
         if code < 0:
-            self._raise(code)
+            reason = error_text(code)
+            if code == RETCODE_TIMEOUT:
+                reason += ": a KEEP_ALL writer waits for acknowledgements of slow reliable readers"
+            raise PublishError(self._topic, code=code, reason=reason)
 
     def write_message(self, message: Any) -> None:
         """Serialize and send; see `write`."""
@@ -164,23 +167,10 @@ class DdsWriter:
         del size_bytes
         raise TypeError(f"topic {self._topic!r}: only a publisher with transport='shm' lends memory")
 
-    def wait_for_acks(self, timeout_s: float) -> bool:
-        """Block until every reliable reader has acknowledged everything; False when that takes longer."""
-        code: int = library().dds_wait_for_acks(self.handle, round(timeout_s * 1e9))
-        if code < 0 and code != RETCODE_TIMEOUT:
-            self._raise(code)
-        return code >= 0
-
     def close(self) -> None:
         """Delete the writer, without waiting for readers that have not acknowledged everything."""
         self._waitset.detach(self.handle)
         delete_writer(self.handle)
-
-    def _raise(self, code: int) -> None:
-        reason = error_text(code)
-        if code == RETCODE_TIMEOUT:
-            reason += ": a KEEP_ALL writer waits for acknowledgements of slow reliable readers"
-        raise PublishError(self._topic, code=code, reason=reason)
 
     def _update_matched(self) -> None:
         lib = library()

@@ -115,11 +115,6 @@ class ShmWriter:
             raise
         self._announce(offset, size_bytes, None)
 
-    def wait_for_acks(self, timeout_s: float) -> bool:  # noqa: ARG002 - a transport's common signature
-        """Return whether every subscriber has been told everything."""
-        self._collect()
-        return all(self._fanout.backlog(key) == 0 for key in self._fanout.peers)
-
     def close(self) -> None:
         """Hang up on all subscribers and give the memory back; again is harmless."""
         if self._listener.fileno() < 0:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from sfglab.bus.sim.settings import ns_from_s
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -218,9 +219,9 @@ class Discovery:
 
     def _charge(self, endpoint: Endpoint) -> None:
         """Let an announcement, or retraction, take the time that it costs its maker and everybody."""
-        now_ns, clockwork = self._loop.now_ns, self._environment.clockwork
-        if clockwork.endpoint_cost_ns:
-            endpoint.participant.process.occupy(now_ns, clockwork.endpoint_cost_ns)
-        if clockwork.announcement_cost_ns and len(self.domain.members) > 1:
-            self.domain.crowd.occupy(now_ns, clockwork.announcement_cost_ns)
+        now_ns, costs = self._loop.now_ns, self._environment.costs
+        if costs.endpoint_s:
+            endpoint.participant.process.occupy(now_ns, ns_from_s(costs.endpoint_s))
+        if costs.announcement_s and len(self.domain.members) > 1:
+            self.domain.crowd.occupy(now_ns, ns_from_s(costs.announcement_s))
             endpoint.backlog_ns = self.domain.crowd.free_ns - now_ns

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointRemoved
 from sfglab.bus.sim.loop import NEVER_NS, VirtualLoop
-from sfglab.bus.sim.settings import Clockwork, LinkModel, ns_from_s
+from sfglab.bus.sim.settings import Costs, LinkModel, ns_from_s
 from sfglab.bus.sim.wire import Load
 from sfglab.qos import Durability, History, QoSProfile, Reliability, incompatibilities
 
@@ -24,11 +24,11 @@ Item = tuple[int, bytes, int]
 
 
 class Environment:
-    """What all parts of one world share: its loop, its durations, its trace and its numbers."""
+    """What all parts of one world share: its loop, its costs, its trace and its numbers."""
 
-    def __init__(self, loop: VirtualLoop, clockwork: Clockwork) -> None:
+    def __init__(self, loop: VirtualLoop, costs: Costs) -> None:
         self.loop = loop
-        self.clockwork = clockwork
+        self.costs = costs
         self.trace: Callable[[str, bytes, bytes], None] | None = None  #: Told of what happens; None is nobody.
         self._numbers = count()
         self._shapes: dict[tuple[str, str, QoSProfile], int] = {}

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.sim.loop import START_NS, VirtualLoop
 from sfglab.bus.sim.model import Domain, Endpoint, Host, Item, Participant
-from sfglab.bus.sim.settings import Clockwork, LinkModel, ns_from_s
+from sfglab.bus.sim.settings import (
+    ENDPOINT_NS,
+    REPAIR_NS,
+    SAME_HOST_NS,
+    SAME_NODE_NS,
+    STACK_NS,
+    Costs,
+    LinkModel,
+    ns_from_s,
+)
 from sfglab.units import BITS_PER_BYTE
 
 if TYPE_CHECKING:
@@ -104,11 +113,6 @@ class Channel:
         self.ended = False  #: Whether it is over.
         self._entries: deque[_Entry] = deque()
 
-    @property
-    def waiting(self) -> bool:
-        """Whether something is on its way."""
-        return bool(self._entries)
-
     def add(self, item: Item) -> _Entry:
         """Let a sample take its place behind those that are on their way."""
         entry = _Entry(item, self.readers)
@@ -145,12 +149,11 @@ class Channel:
 class Network:
     """Delivers samples; chance decides what is lost and what is late."""
 
-    def __init__(self, loop: VirtualLoop, clockwork: Clockwork, random: Random) -> None:
+    def __init__(self, loop: VirtualLoop, costs: Costs, random: Random) -> None:
         self.varies = False  #: Whether two packets may fare differently, so that each has to be looked at.
         self.latency_ns = 0  #: Of the slowest link so far.
-        self.message_cost_ns = clockwork.message_cost_ns  #: What a sample costs the process that takes it.
+        self.message_cost_ns = ns_from_s(costs.message_s)  #: What a sample costs the process that takes it.
         self._loop = loop
-        self._clockwork = clockwork
         self._random = random
 
     def note(self, link: LinkModel) -> None:
@@ -162,16 +165,16 @@ class Network:
         """Return how long a sample takes where nothing varies."""
         source, target = writer.participant, reader.participant
         if source is target:
-            return self._clockwork.same_node_ns
+            return SAME_NODE_NS
         if source.host is target.host:
-            return self._clockwork.same_host_ns
-        return source.host.latency_ns + target.host.latency_ns + self._clockwork.stack_ns
+            return SAME_HOST_NS
+        return source.host.latency_ns + target.host.latency_ns + STACK_NS
 
     @property
     def slowest_ns(self) -> int:
         """How long news take at most, all but certainly."""
-        lossy = 20 * self._clockwork.repair_ns if self.varies else 0
-        return 2 * self.latency_ns + self._clockwork.endpoint_ns + self._clockwork.same_host_ns + lossy
+        lossy = 20 * REPAIR_NS if self.varies else 0
+        return 2 * self.latency_ns + ENDPOINT_NS + SAME_HOST_NS + lossy
 
     def deliver(self, writer: Endpoint, readers: tuple[Reader, ...], item: Item) -> None:
         """Hand an arrived sample to readers, as soon as their processes have time for it."""
@@ -201,10 +204,10 @@ class Network:
         source, target = channel.writer.participant.host, channel.target.host
         if sent_ns is None or source.side != target.side or self._loses(target):
             if entry is not None:
-                again_ns = self._loop.now_ns + self._clockwork.repair_ns
+                again_ns = self._loop.now_ns + REPAIR_NS
                 self._loop.at(again_ns, self._repeat, channel, entry, size)
             return
-        delay_ns = source.latency_ns + target.latency_ns + self._clockwork.stack_ns
+        delay_ns = source.latency_ns + target.latency_ns + STACK_NS
         arrived_ns = sent_ns + delay_ns + self._jitter_ns(source) + self._jitter_ns(target)
         channel.latest_ns = max(channel.latest_ns, self._arrive(target, arrived_ns, size))
         if entry is None:

@@ -6,7 +6,6 @@ Knows times, rates and probabilities. Refuses to know events: `world` makes them
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
 
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between, check_bounds
@@ -37,24 +36,23 @@ class LinkModel:
         return self.jitter_s > 0 or self.loss > 0 or self.rate_bps is not None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Timing:
-    """How long the middleware takes, latency of the links apart; Cyclone DDS 11.0.1 unless said otherwise."""
-
-    same_node_s: float = 100e-6  #: From a publisher to a subscription of the same node: a queue and a wake-up.
-    same_host_s: float = 100e-6  #: Between two processes of one host, over the loopback interface.
-    stack_s: float = 200e-6  #: What sockets and threads of two hosts add to the links' latency.
-    #: From the creation of an endpoint to its being known to participants that know each other, latency apart:
-    #: one DATA submessage of SEDP and two threads.
-    endpoint_s: float = 300e-6
-    #: From the start of a participant to its being known with what it has, latency apart: SPDP, its answer, and
-    #: heartbeat, request and data of SEDP behind PreEmptiveAckDelay (10 ms).
-    participant_s: float = 18e-3
-    #: From a match to the history's arrival at a TRANSIENT_LOCAL reader: PreEmptiveAckDelay.
-    history_s: float = 10e-3
-    #: From a packet's loss to its repeat: NackDelay, and the interval of heartbeats as well.
-    repair_s: float = 100e-3
-    announcement_share: float = 0.8  #: Interval of the periodic SPDP announcement as a share of the lease.
+# How long the middleware takes, latency of the links apart; Cyclone DDS 11.0.1 unless said otherwise.
+SAME_NODE_NS = 100_000  # From a publisher to a subscription of the same node: a queue and a wake-up.
+SAME_HOST_NS = 100_000  # Between two processes of one host, over the loopback interface.
+STACK_NS = 200_000  # What sockets and threads of two hosts add to the links' latency.
+# From the creation of an endpoint to its being known to participants that know each other, latency apart: one
+# DATA submessage of SEDP and two threads.
+ENDPOINT_NS = 300_000
+# From the start of a participant to its being known with what it has, latency apart: SPDP, its answer, and
+# heartbeat, request and data of SEDP behind PreEmptiveAckDelay (10 ms).
+PARTICIPANT_NS = 18_000_000
+HISTORY_NS = (
+    10_000_000  # From a match to the history's arrival at a TRANSIENT_LOCAL reader: PreEmptiveAckDelay.
+)
+REPAIR_NS = (
+    100_000_000  # From a packet's loss to its repeat: NackDelay, and the interval of heartbeats as well.
+)
+ANNOUNCEMENT_SHARE = 0.8  # Interval of the periodic SPDP announcement as a share of the lease.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,42 +75,6 @@ class Costs:
 def ns_from_s(duration_s: float) -> int:
     """Return a duration in whole nanoseconds."""
     return round(duration_s * NS_PER_S)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Clockwork:
-    """`Timing` and `Costs`, attribute by attribute, in nanoseconds; the share is none."""
-
-    same_node_ns: int
-    same_host_ns: int
-    stack_ns: int
-    endpoint_ns: int
-    participant_ns: int
-    history_ns: int
-    repair_ns: int
-    start_cost_ns: int
-    message_cost_ns: int
-    endpoint_cost_ns: int
-    announcement_cost_ns: int
-    announcement_share: float
-
-    @classmethod
-    def of(cls, timing: Timing, costs: Costs) -> Self:
-        """Return the same in nanoseconds."""
-        return cls(
-            same_node_ns=ns_from_s(timing.same_node_s),
-            same_host_ns=ns_from_s(timing.same_host_s),
-            stack_ns=ns_from_s(timing.stack_s),
-            endpoint_ns=ns_from_s(timing.endpoint_s),
-            participant_ns=ns_from_s(timing.participant_s),
-            history_ns=ns_from_s(timing.history_s),
-            repair_ns=ns_from_s(timing.repair_s),
-            start_cost_ns=ns_from_s(costs.start_s),
-            message_cost_ns=ns_from_s(costs.message_s),
-            endpoint_cost_ns=ns_from_s(costs.endpoint_s),
-            announcement_cost_ns=ns_from_s(costs.announcement_s),
-            announcement_share=timing.announcement_share,
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

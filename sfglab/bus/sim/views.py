@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sfglab.bus.sim.loop import NEVER_NS, VirtualLoop
+from sfglab.bus.sim.settings import ENDPOINT_NS, PARTICIPANT_NS, REPAIR_NS, SAME_HOST_NS
 
 if TYPE_CHECKING:
     from sfglab.bus.sim.model import Endpoint, Participant, Partition
-    from sfglab.bus.sim.settings import Clockwork
 
 
 _CROSSINGS = 4
@@ -55,10 +55,9 @@ def known_spans(learnt_ns: int, forgotten_ns: int, gaps: list[Gap]) -> list[tupl
 class Views:
     """The views of all participants of a world; the seed decides which announcements are lost."""
 
-    def __init__(self, loop: VirtualLoop, clockwork: Clockwork, seed: int) -> None:
+    def __init__(self, loop: VirtualLoop, seed: int) -> None:
         self.partitions: list[Partition] = []  #: Those of the network so far.
         self._loop = loop
-        self._clockwork = clockwork
         self._seed = seed
 
     def knows(self, participant: Participant, endpoint: Endpoint) -> bool:
@@ -127,16 +126,16 @@ class Views:
         """Return how long the news of an endpoint take: SEDP is reliable, so a loss is a delay."""
         owner = endpoint.participant
         if owner.host is participant.host:
-            return self._clockwork.same_host_ns
-        delay_ns = owner.latency_ns + participant.latency_ns + self._clockwork.endpoint_ns
+            return SAME_HOST_NS
+        delay_ns = owner.latency_ns + participant.latency_ns + ENDPOINT_NS
         if owner.loss or participant.loss:
             losses = self._losses(owner, participant, endpoint.number, participant.number)
-            delay_ns += losses * self._clockwork.repair_ns
+            delay_ns += losses * REPAIR_NS
         return delay_ns
 
     def _meeting_ns(self, one: Participant, other: Participant) -> int:
         """Return how long two participants take to meet: a lost SPDP is made good by the next one of either."""
-        delay_ns = self._clockwork.participant_ns
+        delay_ns = PARTICIPANT_NS
         if one.host is other.host:
             return delay_ns
         delay_ns += _CROSSINGS * (one.latency_ns + other.latency_ns)
@@ -156,7 +155,7 @@ class Views:
         if end_ns == NEVER_NS:
             back_ns = NEVER_NS
         elif end_ns <= lost_ns:
-            back_ns = end_ns + self._clockwork.repair_ns
+            back_ns = end_ns + REPAIR_NS
         else:
             wait_ns = min(-(end_ns - p.born_ns) % p.interval_ns for p in (participant, silent))
             back_ns = end_ns + wait_ns + self._meeting_ns(participant, silent)

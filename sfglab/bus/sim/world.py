@@ -19,7 +19,7 @@ from sfglab.bus.sim.discovery import Discovery
 from sfglab.bus.sim.loop import VirtualLoop
 from sfglab.bus.sim.model import Domain, Environment, Host, Participant, Partition, Process, new_host
 from sfglab.bus.sim.network import Network, Services
-from sfglab.bus.sim.settings import Clockwork, Costs, LinkModel, Timing, TraceEvent, ns_from_s
+from sfglab.bus.sim.settings import ANNOUNCEMENT_SHARE, Costs, LinkModel, TraceEvent, ns_from_s
 from sfglab.bus.sim.views import Views
 from sfglab.bus.sim.wire import HostTraffic, KindBytes
 from sfglab.errors import InvalidValueError
@@ -49,7 +49,6 @@ class WorldOptions(TypedDict, total=False):
 
     seed: int  #: Decides everything that is left to chance (0).
     link: LinkModel  #: The link of every host that has none of its own.
-    timing: Timing  #: How long the middleware takes.
     costs: Costs  #: How long processes take for what they hear.
     multicast: bool  #: Whether announcements, and samples for more than one other host, go by multicast (True).
     #: Hand a service's reply only to the participant that asked, not to all who have a client of that service
@@ -65,12 +64,12 @@ class World(Environment):
         loop = asyncio.get_running_loop()
         if not isinstance(loop, VirtualLoop):
             raise BusError("a world needs virtual time: use it inside run_simulated")
-        super().__init__(loop, Clockwork.of(options.get("timing", Timing()), options.get("costs", Costs())))
+        super().__init__(loop, options.get("costs", Costs()))
         self.seed = options.get("seed", 0)
         self.random = Random(self.seed)  #: Draws what is left to chance; components may draw from it too.
         self.hosts: dict[str, Host] = {}  #: By name.
-        self._views = Views(loop, self.clockwork, self.seed)
-        self._network = Network(loop, self.clockwork, self.random)
+        self._views = Views(loop, self.seed)
+        self._network = Network(loop, self.costs, self.random)
         services = Services() if options.get("lean_services") else None
         self._fabric = Fabric(self._network, services, self.random)
         self._multicast = options.get("multicast", True)
@@ -216,14 +215,14 @@ class World(Environment):
             user_data=user_data({"enclave": "/", NODE_KEY: full_name, HOST_KEY: host.id}),
             discovery_info=options.get("discovery_info", True),
             lease_ns=ns_from_s(lease_s),
-            interval_ns=ns_from_s(lease_s * self.clockwork.announcement_share),
+            interval_ns=ns_from_s(lease_s * ANNOUNCEMENT_SHARE),
         )
 
     def _process(self, host: Host, name: str) -> Process:
         process = self._processes.get((host, name))
         if process is None:
             process = self._processes[host, name] = Process()
-            process.occupy(self.loop.now_ns, self.clockwork.start_cost_ns)
+            process.occupy(self.loop.now_ns, ns_from_s(self.costs.start_s))
         return process
 
     def _apart(self, partition: Partition) -> list[tuple[Discovery, Participant, Participant]]:

@@ -10,6 +10,7 @@ from sfglab.bus.errors import check_size, not_cdr_error
 from sfglab.bus.sim.loop import START_NS
 from sfglab.bus.sim.model import Endpoint, Item, Participant
 from sfglab.bus.sim.network import Channel, Network, Reader, Services
+from sfglab.bus.sim.settings import HISTORY_NS
 from sfglab.bus.sim.wire import ACKNACK_BYTES, Load, data_bytes
 from sfglab.messages import CdrError, serialize
 
@@ -88,7 +89,6 @@ class Writer(Endpoint):
 
     __slots__ = (
         "_accounts",
-        "_acked_ns",
         "_audience",
         "_channels",
         "_check",
@@ -127,7 +127,6 @@ class Writer(Endpoint):
         self._routes: dict[int, tuple[Reader, ...]] | None = {}
         self._channels: dict[tuple[Participant, bool], Channel] = {}
         self._sent_ns = -_QUIET_NS
-        self._acked_ns = 0
         self._in_burst = False
 
     def write_message(self, message: Any) -> None:
@@ -144,11 +143,6 @@ class Writer(Endpoint):
                 topic, type_ = self.info.topic, self.info.type
                 raise not_cdr_error(topic, type_, size_bytes=len(data), reason=error.reason) from error
         self._forward(data, source_timestamp_ns)
-
-    def wait_for_acks(self, _timeout_s: float) -> bool:
-        """Return whether all reliable readers have everything; nothing can block here."""
-        waiting = any(channel.reliable and channel.waiting for channel in self._channels.values())
-        return not waiting and not self._late and self._loop.now_ns >= self._acked_ns
 
     @contextmanager
     def loan(self, size_bytes: int) -> Iterator[memoryview]:
@@ -174,7 +168,7 @@ class Writer(Endpoint):
             self._late[reader] = list(self._kept)
             for _, cdr, _ in self._kept:
                 self._accounts.history(self.participant, reader.participant, len(cdr))
-            delay_ns = self._network.delay_ns(self, reader) + self._environment.clockwork.history_ns
+            delay_ns = self._network.delay_ns(self, reader) + HISTORY_NS
             self._loop.at(self._loop.now_ns + delay_ns, self._catch_up, reader)
         else:
             self._add_route(reader)
@@ -225,7 +219,6 @@ class Writer(Endpoint):
             late.append(item)
         for delay_ns, readers in self._ways(cdr).items():
             self._loop.at(now_ns + delay_ns, self._network.deliver, self, readers, item)
-            self._acked_ns = max(self._acked_ns, now_ns + 2 * delay_ns)
         if self._audience.remote and self.info.transport == "dds":
             self._transmit(item, now_ns)
 
