@@ -239,7 +239,7 @@ if os.fork() == 0:
         sys.stdin.readline()
         os._exit(0)
 os.wait()
-sys.stdin.readline()
+time.sleep(1000)  # standard input is the grandchild's alone
 """
     with subprocess.Popen([*PYTHON, code], stdin=-1, stdout=-1, text=True, bufsize=1) as process:
         grandchild, middle = map(int, process.stdout.readline().split())
@@ -251,6 +251,7 @@ sys.stdin.readline()
         total_ns = meter.sample()
         followed = set(meter._ledger.started_ns)
         process.stdin.close()
+        process.kill()
     assert grandchild in followed
     assert middle not in followed
     assert total_ns >= 90 * MS
