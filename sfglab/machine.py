@@ -113,24 +113,29 @@ class BackOff:
         return wait_ns
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProcessTiming:
+    """How long a process that is started anew after crashes is waited for, in nanoseconds."""
+
+    start_ns: int = 30_000_000_000  #: One that does not serve after this long is ended and started anew.
+    #: One that was told to end and has not after this long is ended by force.
+    stop_ns: int = 5_000_000_000
+    #: Wait before the first new try after a crash; it doubles with each further crash.
+    backoff_ns: int = 200_000_000
+    backoff_max_ns: int = 10_000_000_000  #: The longest wait between tries.
+    #: One that served this long has proved itself: the next crash waits `backoff_ns` again.
+    stable_ns: int = 10_000_000_000
+
+
 class ProcessLife(Machine[S, I, A]):
     """Life of a process that is started anew after crashes, with longer and longer waits.
 
-    Args:
-        name: What it stands for, in messages.
-        table: As of `Machine`.
-        start: The first state.
-        waits_ns: How long the timers run that actions arm, nanoseconds; other actions end the waiting.
-        backoff: The waits after crashes.
-
-    Attributes:
-        READY: The input by which the process says that it serves.
-        BACK_OFF: The action after a crash, which arms the next wait.
-        was_ready: Whether the process has ever served.
+    Name, table and start are those of `Machine`; `waits_ns` says how long the timers run that actions arm,
+    nanoseconds, and other actions but `BACK_OFF` end the waiting.
     """
 
-    READY: I
-    BACK_OFF: A
+    READY: I  #: The input by which the process says that it serves.
+    BACK_OFF: A  #: The action after a crash, which arms the next wait.
 
     def __init__(
         self,
@@ -139,12 +144,14 @@ class ProcessLife(Machine[S, I, A]):
         start: S,
         *,
         waits_ns: Mapping[A, int],
-        backoff: BackOff,
+        timing: ProcessTiming,
     ) -> None:
         super().__init__(name, table, start, wait_ns=self._armed_ns)
-        self.was_ready = False
+        self.was_ready = False  #: Whether the process has ever served.
         self._waits_ns = waits_ns
-        self._backoff = backoff
+        self._backoff = BackOff(
+            first_ns=timing.backoff_ns, limit_ns=timing.backoff_max_ns, stable_ns=timing.stable_ns
+        )
         self._serves_since_ns: int | None = None
 
     @property

@@ -150,7 +150,7 @@ def deployment_of(
 
     Raises:
         DeployError: The file names no machine for it, or nobody says which accelerator it has.
-        UnknownAgentError: The fleet has no such agent.
+        InvalidValueError: The fleet has no such agent.
     """
     spec = fleet.agent(agent)
     if spec.host is None:

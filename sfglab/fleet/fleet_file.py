@@ -29,19 +29,12 @@ from sfglab.documents import (
     short_for,
     suggestion,
 )
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
 from sfglab.fields import between, bounds
 from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy
 from sfglab.fleet.status.description import AgentDescription, SensorDescription, StreamDescription
 from sfglab.names import SHARED_FRAMES, FqnError, ResourceKind, validate_agent, validate_ros_name
-from sfglab.qos import (
-    COMPRESSED_STREAM,
-    DEFAULT,
-    LATCHED,
-    SENSOR_DATA,
-    SERVICES,
-    QoSProfile,
-)
+from sfglab.qos import COMPRESSED_STREAM, DEFAULT, LATCHED, SENSOR_DATA, SERVICES, QoSProfile
 from sfglab.units import NS_PER_S
 
 MAX_DOMAIN = 232
@@ -138,10 +131,6 @@ def _read_folder(section: Section, key: str) -> str:
 _NAME, _OPTIONAL_NAME = read_by(_read_name), read_by(_read_optional_name)
 _SERVICES = read_by(partial(_read_uses, kind=ResourceKind.SERVICE))
 _ACTIONS = read_by(partial(_read_uses, kind=ResourceKind.ACTION))
-
-
-class UnknownAgentError(SfglabError, LookupError):
-    """The fleet has no agent of that name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -358,13 +347,13 @@ class Fleet(_Part):
         """Return an agent by its name.
 
         Raises:
-            UnknownAgentError: There is no such agent.
+            InvalidValueError: There is no such agent.
         """
         found = {agent.name: agent for agent in self.agents}.get(name)
         if found is None:
             names = tuple(agent.name for agent in self.agents)
             allowed = ", ".join(names) + suggestion(name, names)
-            raise UnknownAgentError(f"fleet {self.name}: agent: given {name!r}, allowed: {allowed}")
+            raise InvalidValueError(f"fleet {self.name}: agent", name, allowed)
         return found
 
     def local_address(self, name: str) -> BusAddress:

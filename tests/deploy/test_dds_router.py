@@ -17,7 +17,7 @@ from sfglab.deploy.routers.domain_bridge import check_domain_bridge
 from sfglab.deploy.routers.targets import check_file, render_router
 from sfglab.deploy.shapes import _validator, check_shape
 from sfglab.documents import Document, DocumentError
-from sfglab.fleet.fleet_file import UnknownAgentError
+from sfglab.errors import InvalidValueError
 from sfglab.fleet.lint import Severity
 from sfglab.fleet.policy import TABLE_1, Direction, Policy
 
@@ -290,7 +290,7 @@ def test_files_are_checked_by_their_name_and_refused_in_one_line(tmp_path):
 def test_unknown_targets_and_agents_are_refused_with_the_likely_one():
     with pytest.raises(DeployError, match="did you mean 'dds-router'"):
         render_router(LAB, "go2", "ddsrouter")
-    with pytest.raises(UnknownAgentError, match="did you mean 'go2'"):
+    with pytest.raises(InvalidValueError, match="did you mean 'go2'"):
         render_router(LAB, "go3", "dds-router")
 
 

@@ -20,13 +20,14 @@ from sfglab.fleet.agent.plan import (
     plan,
     without,
 )
-from sfglab.fleet.agent.supervision import State, Timing
+from sfglab.fleet.agent.supervision import State
 from sfglab.fleet.decoder.node import DecoderConfig
 from sfglab.fleet.discovery.node import DiscoveryConfig
-from sfglab.fleet.fleet_file import UnknownAgentError, read_fleet
+from sfglab.fleet.fleet_file import read_fleet
 from sfglab.fleet.gop_cache import KeeperConfig
 from sfglab.fleet.router.node import RouterConfig
 from sfglab.fleet.status.node import StatusConfig
+from sfglab.machine import ProcessTiming
 
 CONFIG = AgentConfig(
     agent="go2",
@@ -124,7 +125,7 @@ def test_an_agent_without_lifecycle_runs_neither_status_provider_nor_discoverer(
 
 
 def test_an_agent_that_is_not_in_the_fleet_is_refused():
-    with pytest.raises(UnknownAgentError, match="go3"):
+    with pytest.raises(InvalidValueError, match="go3"):
         config_from_fleet(FLEET, "go3")
 
 
@@ -142,7 +143,7 @@ def test_options_go_before_the_fleet_file():
 
 
 def test_a_supervisors_configuration_survives_the_way_to_its_process():
-    config = SupervisorConfig.of_agent(replace(CONFIG, supervision=Timing(backoff_ns=1)))
+    config = SupervisorConfig.of_agent(replace(CONFIG, supervision=ProcessTiming(backoff_ns=1)))
     assert config_from_argument(SupervisorConfig, argument_of(config)) == config
 
 

@@ -17,11 +17,14 @@ from waiting import DEADLINE_S, lives, until
 
 from sfglab.component import argument_of, beside
 from sfglab.fleet.agent.app import Agent, Changed, Complete, ComponentError, Said, SupervisorConfig, Wrote
-from sfglab.fleet.agent.supervision import Component, State, Timing
+from sfglab.fleet.agent.supervision import Component, State
+from sfglab.machine import ProcessTiming
 
 pytestmark = [pytest.mark.live]
 
-TIMING = Timing(start_ns=10_000_000_000, stop_ns=300_000_000, backoff_ns=20_000_000, backoff_max_ns=80_000_000)
+TIMING = ProcessTiming(
+    start_ns=10_000_000_000, stop_ns=300_000_000, backoff_ns=20_000_000, backoff_max_ns=80_000_000
+)
 
 SERVES = """
 import sys
@@ -61,7 +64,7 @@ def component(name: str, code: str, *arguments: str) -> Component:
 class Watched:
     """A running agent and everything it has told."""
 
-    def __init__(self, *components, timing: Timing = TIMING) -> None:
+    def __init__(self, *components, timing: ProcessTiming = TIMING) -> None:
         self.events = []
         self.agent = Agent(components, timing=timing, on_event=self.events.append)
 
@@ -138,7 +141,7 @@ async def test_a_component_that_has_served_may_fail_and_is_tried_again(tmp_path)
 
 
 async def test_a_component_that_never_reports_is_replaced():
-    short = Timing(start_ns=50_000_000, stop_ns=300_000_000, backoff_ns=1)
+    short = ProcessTiming(start_ns=50_000_000, stop_ns=300_000_000, backoff_ns=1)
     async with running(component("router", SILENT), timing=short) as watched:
         await until(lambda: watched.states("router").count(State.REPLACING) == 2)
 
@@ -152,7 +155,7 @@ async def test_one_that_ignores_the_order_to_end_is_ended_by_force_in_time():
 
 
 async def test_told_twice_it_ends_at_once():
-    never = Timing(stop_ns=10**15)
+    never = ProcessTiming(stop_ns=10**15)
     async with running(component("router", STUBBORN), timing=never) as watched:
         pid = await watched.pid("router")
         watched.agent.stop()

@@ -21,13 +21,13 @@ from sfglab.bus.address import BusAddress
 from sfglab.component import argument_of
 from sfglab.fleet.agent.app import SupervisorConfig
 from sfglab.fleet.agent.plan import AgentConfig
-from sfglab.fleet.agent.supervision import Timing
 from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.fleet.discovery.registry import Timing as DiscoveryTiming
 from sfglab.fleet.status.description import SensorDescription, StreamDescription
 from sfglab.fleet.status.heartbeat import Schedule
 from sfglab.lab.testbed import Testbed
 from sfglab.lab.workers.camera import CameraConfig
+from sfglab.machine import ProcessTiming
 from sfglab.names import Component, Resource, RosFqnBuilder, Scope, Stream
 from sfglab.processes import LineProcess
 
@@ -43,7 +43,7 @@ SEED = 7
 # Short, yet a process that starves on a busy machine for a second is not taken for lost.
 SCHEDULE = Schedule(startup_period_s=0.4, steady_period_s=0.4, startup_s=0)
 DISCOVERY = DiscoveryTiming(missed=3, slack_ns=600_000_000, backoff_ns=100_000_000, backoff_max_ns=500_000_000)
-SUPERVISION = Timing(backoff_ns=50_000_000, backoff_max_ns=400_000_000)
+SUPERVISION = ProcessTiming(backoff_ns=50_000_000, backoff_max_ns=400_000_000)
 SILENCE_S = 3 * 0.4 + 0.6
 PRESENT = {"DISCOVERED", "UPDATED", "RETURNED", "RESTARTED"}
 

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from sfglab.bus.address import BusAddress
 from sfglab.documents import DocumentError
+from sfglab.errors import InvalidValueError
 from sfglab.fleet.agent.plan import config_from_fleet, router_config
-from sfglab.fleet.fleet_file import UnknownAgentError, load_fleet, read_fleet
+from sfglab.fleet.fleet_file import load_fleet, read_fleet
 from sfglab.fleet.policy import TABLE_1, Direction
 from sfglab.qos import LATCHED, Durability, QoSProfile, Reliability
 
@@ -143,7 +144,7 @@ def test_a_file_that_is_not_there_is_refused_in_one_line(tmp_path):
 
 
 def test_an_unknown_agent_is_refused_with_the_likely_one():
-    with pytest.raises(UnknownAgentError, match="did you mean 'go2'"):
+    with pytest.raises(InvalidValueError, match="did you mean 'go2'"):
         read_fleet(SMALL).agent("go3")
 
 

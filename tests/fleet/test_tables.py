@@ -11,7 +11,7 @@ from sfglab.fleet.agent import supervision
 from sfglab.fleet.decoder import streams as pipelines
 from sfglab.fleet.discovery import lifecycle
 from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, Asking, Told, diagram
-from sfglab.machine import BackOff, IllegalInputError, Machine
+from sfglab.machine import BackOff, IllegalInputError, Machine, ProcessTiming
 from sfglab.messages import message_type
 
 WAITS = {"start_ns": 100, "stop_ns": 50, "backoff_ns": 4, "backoff_max_ns": 20, "stable_ns": 1000}
@@ -31,7 +31,7 @@ class Walk:
     def __init__(self, name: str, inputs: str = "") -> None:
         self.module = MODULES[name]
         self.machine = {
-            "component": lambda: supervision.Supervision(name, supervision.Timing(**WAITS)),
+            "component": lambda: supervision.Supervision(name, ProcessTiming(**WAITS)),
             "pipeline": lambda: pipelines.Lifecycle(pipelines.Timing(**WAITS, linger_ns=10)),
             "replay": lambda: gop_cache.session(name, settle_ns=10),
             "agent": lambda: lifecycle.Lifecycle(name),

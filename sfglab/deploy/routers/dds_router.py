@@ -38,7 +38,7 @@ def render_dds_router(fleet: Fleet, agent: str, *, tf_max_hz: float | None = Non
             by arrival and for the topic as a whole, so that with several broadcasters some frames starve.
 
     Raises:
-        UnknownAgentError: The fleet has no such agent.
+        InvalidValueError: The fleet has no such agent.
         DeployError: The policy cannot be expressed: it has no rule, or rules of different directions.
     """
     spec, policy = fleet.agent(agent), fleet.policy

@@ -31,7 +31,7 @@ def render_domain_bridge(fleet: Fleet, agent: str) -> str:
     round, and only if the policy lets it cross and the file says its type.
 
     Raises:
-        UnknownAgentError: The fleet has no such agent.
+        InvalidValueError: The fleet has no such agent.
     """
     spec, view = fleet.agent(agent), View(fleet)
     bridged: list[str] = []

@@ -37,7 +37,7 @@ def render_router(fleet: Fleet, agent: str, target: str) -> str:
 
     Raises:
         DeployError: There is no such target, or it cannot express the policy.
-        UnknownAgentError: The fleet has no such agent.
+        InvalidValueError: The fleet has no such agent.
     """
     if target not in TARGETS:
         raise DeployError(

@@ -147,7 +147,7 @@ def render_zenoh_bridge(fleet: Fleet, agent: str) -> str:
     Names are not changed (namespace ``/``), because they already bear the agent's.
 
     Raises:
-        UnknownAgentError: The fleet has no such agent.
+        InvalidValueError: The fleet has no such agent.
         DeployError: A rule cannot be said in ROS names.
     """
     spec = fleet.agent(agent)
@@ -178,7 +178,7 @@ def render_zenoh_acl(fleet: Fleet, agent: str) -> str:
     agents' behalf. Directions are those of this agent: outward is egress.
 
     Raises:
-        UnknownAgentError: The fleet has no such agent.
+        InvalidValueError: The fleet has no such agent.
         DeployError: A rule cannot be said in ROS names.
     """
     fleet.agent(agent)

@@ -30,8 +30,8 @@ from sfglab.fleet.agent.supervision import (
     Input,
     State,
     Supervision,
-    Timing,
 )
+from sfglab.machine import ProcessTiming
 from sfglab.names import DdsRole, Resource, ros_name_from_dds
 
 if TYPE_CHECKING:
@@ -121,10 +121,10 @@ class Agent:
         self,
         components: Sequence[Component],
         *,
-        timing: Timing | None = None,
+        timing: ProcessTiming | None = None,
         on_event: Callable[[AgentEvent], None] = lambda _: None,
     ) -> None:
-        timing = timing or Timing()
+        timing = timing or ProcessTiming()
         self._units = [_Unit(c, Supervision(c.name, timing)) for c in components]
         self._on_event = on_event
         self._events: asyncio.Queue[tuple[_Unit, Report] | None] = asyncio.Queue()
@@ -346,7 +346,7 @@ class SupervisorConfig:
     """What an agent's process is told: the result of `plan`."""
 
     components: tuple[Component, ...]  #: The processes to run.
-    timing: Timing = field(default_factory=Timing)  #: The waits of every component.
+    timing: ProcessTiming = field(default_factory=ProcessTiming)  #: The waits of every component.
 
     @classmethod
     def of_agent(cls, config: AgentConfig) -> SupervisorConfig:

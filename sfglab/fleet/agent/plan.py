@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.bus.address import BusAddress
 from sfglab.component import argument_of
 from sfglab.errors import InvalidValueError
-from sfglab.fleet.agent.supervision import Component, Timing
+from sfglab.fleet.agent.supervision import Component
 from sfglab.fleet.decoder.node import DecoderConfig
 from sfglab.fleet.discovery.listener import discovery_topic
 from sfglab.fleet.discovery.node import DiscoveryConfig, DiscoverySettings
@@ -24,6 +24,7 @@ from sfglab.fleet.router.node import RouterConfig
 from sfglab.fleet.status.description import AgentDescription, SensorDescription
 from sfglab.fleet.status.heartbeat import Schedule
 from sfglab.fleet.status.node import StatusConfig, StatusSettings
+from sfglab.machine import ProcessTiming
 from sfglab.names import SHARED_FRAMES
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ class AgentConfig:
     discovery: DiscoveryTiming = field(default_factory=DiscoveryTiming)
     detect: bool = True  #: Whether its metadata says which accelerators work here, which takes a trial of each.
     #: How long its components may take, and when they are tried again.
-    supervision: Timing = field(default_factory=Timing)
+    supervision: ProcessTiming = field(default_factory=ProcessTiming)
 
 
 def plan(config: AgentConfig) -> tuple[Component, ...]:
@@ -152,7 +153,7 @@ def config_from_fleet(fleet: Fleet, agent: str) -> AgentConfig:
     """Return what a fleet file says of one agent.
 
     Raises:
-        UnknownAgentError: The fleet has no such agent.
+        InvalidValueError: The fleet has no such agent.
     """
     spec = fleet.agent(agent)
     config = AgentConfig(
@@ -190,7 +191,7 @@ def config_from_options(
 
     Raises:
         InvalidValueError: Nothing says which domain is its own.
-        UnknownAgentError: The fleet has no such agent.
+        InvalidValueError: The fleet has no such agent.
     """
     if fleet is not None:
         base = config_from_fleet(fleet, agent)

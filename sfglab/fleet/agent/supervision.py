@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import TYPE_CHECKING
 
-from sfglab.machine import BackOff, ProcessLife
+from sfglab.machine import ProcessLife, ProcessTiming
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -98,33 +98,15 @@ TRANSITIONS: dict[tuple[State, Input], tuple[State, Action | None]] = {
 """(state, input) -> (next state, action). What is not listed is illegal and changes nothing."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Timing:
-    """How long a component waits for what, in nanoseconds."""
-
-    #: A component that does not serve after this long is ended and started anew.
-    start_ns: int = 30_000_000_000
-    #: A component that was told to end and has not after this long is ended by force.
-    stop_ns: int = 5_000_000_000
-    #: Wait before the first new try after a crash; it doubles with each further crash.
-    backoff_ns: int = 200_000_000
-    backoff_max_ns: int = 10_000_000_000  #: The longest wait between tries.
-    #: A component that served this long has proved itself: the next crash waits `backoff_ns` again.
-    stable_ns: int = 10_000_000_000
-
-
 class Supervision(ProcessLife[State, Input, Action]):
     """One component's state, its timer and its count of crashes; its name is for messages."""
 
     READY = Input.READY
     BACK_OFF = Action.BACK_OFF
 
-    def __init__(self, name: str, timing: Timing) -> None:
+    def __init__(self, name: str, timing: ProcessTiming) -> None:
         waits_ns = {Action.START: timing.start_ns, Action.TERMINATE: timing.stop_ns}
-        backoff = BackOff(
-            first_ns=timing.backoff_ns, limit_ns=timing.backoff_max_ns, stable_ns=timing.stable_ns
-        )
-        super().__init__(name, TRANSITIONS, State.NEW, waits_ns=waits_ns, backoff=backoff)
+        super().__init__(name, TRANSITIONS, State.NEW, waits_ns=waits_ns, timing=timing)
 
     def ended(self, *, willingly: bool, now_ns: int) -> Action | None:
         """Take the end of a process, which exited willingly or by a signal.

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.bus.api import EndpointAdded, EndpointKind
 from sfglab.errors import SfglabError
 from sfglab.fleet.gop_cache import FFMPEG_PACKET, replay_topic
-from sfglab.machine import BackOff, ProcessLife
+from sfglab.machine import ProcessLife, ProcessTiming
 from sfglab.names import FqnError, Resource, RosFqn, Scope, parse
 
 if TYPE_CHECKING:
@@ -232,19 +232,14 @@ TRANSITIONS: dict[tuple[State, Input], tuple[State, Action | None]] = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Timing:
+class Timing(ProcessTiming):
     """How long a pipeline waits for what, in nanoseconds."""
 
-    #: A pipeline that has not reported after this long is ended and started anew.
     start_ns: int = 10_000_000_000
-    #: A pipeline that was told to end and has not after this long is ended by force.
     stop_ns: int = 2_000_000_000
-    linger_ns: int = 1_000_000_000  #: How long a pipeline outlives its last subscriber.
-    #: Wait before the first new try after a crash; it doubles with each further crash.
     backoff_ns: int = 100_000_000
-    backoff_max_ns: int = 5_000_000_000  #: The longest wait between tries.
-    #: A pipeline that ran this long has proved itself: the next crash waits `backoff_ns` again.
-    stable_ns: int = 10_000_000_000
+    backoff_max_ns: int = 5_000_000_000
+    linger_ns: int = 1_000_000_000  #: How long a pipeline outlives its last subscriber.
 
 
 class Lifecycle(ProcessLife[State, Input, Action]):
@@ -259,7 +254,4 @@ class Lifecycle(ProcessLife[State, Input, Action]):
             Action.STOP: timing.stop_ns,
             Action.LINGER: timing.linger_ns,
         }
-        backoff = BackOff(
-            first_ns=timing.backoff_ns, limit_ns=timing.backoff_max_ns, stable_ns=timing.stable_ns
-        )
-        super().__init__("pipeline", TRANSITIONS, State.IDLE, waits_ns=waits_ns, backoff=backoff)
+        super().__init__("pipeline", TRANSITIONS, State.IDLE, waits_ns=waits_ns, timing=timing)
