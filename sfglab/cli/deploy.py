@@ -12,9 +12,8 @@ from sfglab.deploy.errors import DeployError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from sfglab.deploy.bundle import Bundle
+    from sfglab.deploy.bundle import Bundle, FleetSource
     from sfglab.deploy.deployment import Deployment
-    from sfglab.deploy.preparing import FleetSource
     from sfglab.deploy.rollout import Prospect
 
 
@@ -199,14 +198,14 @@ def releases(fleet: _Fleet, agent: _Agents = None, root: _Root = None) -> None:
 
 def _source(fleet: Path, agents: list[str] | None, accelerator: str | None) -> FleetSource:
     """Read a fleet file; what is said of accelerators on the command line counts more."""
-    from sfglab.deploy.preparing import load_source, with_accelerator
+    from sfglab.deploy.bundle import load_source, with_accelerator
 
     source = load_source(fleet)
     return source if accelerator is None else with_accelerator(source, agents or (), accelerator)
 
 
 def _prepared(source: FleetSource, agents: list[str] | None) -> tuple[tuple[Deployment, Bundle], ...]:
-    from sfglab.deploy.preparing import prepare
+    from sfglab.deploy.bundle import prepare
     from sfglab.deploy.release import SOURCE, make_release
     from sfglab.deploy.transport import detect_over
 
@@ -220,7 +219,7 @@ def _prospects(
     """Yield what would happen to each agent, and what makes it happen; one's failure is not the others'."""
     from functools import partial
 
-    from sfglab.deploy.preparing import prepare
+    from sfglab.deploy.bundle import prepare
     from sfglab.deploy.release import SOURCE, make_release
     from sfglab.deploy.rollout import Prospect, apply_plan, look_and_plan, released, steps
     from sfglab.deploy.transport import detect_over, transport_to

@@ -12,13 +12,12 @@ from fnmatch import fnmatchcase
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.deploy.bundle import render_bundle
+from sfglab.deploy.bundle import FleetSource, describe, render_bundle
 from sfglab.deploy.compose_check import check_compose
 from sfglab.deploy.dockerfile_check import check_dockerfile
 from sfglab.deploy.editor_check import SHAPES, check_editor
 from sfglab.deploy.errors import MissingProgramError
 from sfglab.deploy.findings import Broken, Rules, error_sentences
-from sfglab.deploy.preparing import FleetSource, describe
 from sfglab.deploy.programs import find_program
 from sfglab.deploy.routers.dds_router_check import check_dds_router
 from sfglab.deploy.routers.targets import ROUTER_FILES
@@ -32,9 +31,9 @@ from sfglab.fleet.lint import Finding, Severity, lint
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
+    from sfglab.deploy.bundle import Detect
     from sfglab.deploy.deployment import Deployment, Release
     from sfglab.deploy.files import BundleFile
-    from sfglab.deploy.preparing import Detect
     from sfglab.documents import Place
     from sfglab.fleet.fleet_file import AgentSpec, HostSpec
     from sfglab.fleet.policy import Policy
@@ -182,7 +181,7 @@ def check_fleet(
         detect: Asked for the accelerator of a machine whose fleet file leaves it to detection.
 
     Raises:
-        UnknownAgentError: The fleet has no such agent.
+        InvalidValueError: The fleet has no such agent.
     """
     names = agents or tuple(agent.name for agent in source.fleet.agents)
     border, machines = lint(source.fleet).findings, tuple(RULES.broken(source, lambda place: place))

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from sfglab.deploy.preparing import load_source, prepare
+from sfglab.deploy.bundle import load_source, prepare
 from sfglab.deploy.release import SOURCE, make_release
 from sfglab.lab.checks.fleet_files import meaning_of
 from sfglab.lab.experiments.deployment import exp

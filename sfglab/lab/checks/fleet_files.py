@@ -11,9 +11,8 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.bases import base_of
-from sfglab.deploy.bundle import MANIFEST, bundle_of, render_bundle
+from sfglab.deploy.bundle import MANIFEST, bundle_of, load_source, render_bundle
 from sfglab.deploy.fleet_check import check_fleet
-from sfglab.deploy.preparing import load_source
 from sfglab.deploy.verdicts import State
 from sfglab.errors import SfglabError
 from sfglab.lab.checks.machines import Unasked, held

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
+from sfglab.deploy.bundle import load_source, prepare
 from sfglab.deploy.fleet_check import check_fleet
-from sfglab.deploy.preparing import load_source, prepare
 from sfglab.deploy.release import SOURCE, make_release
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.checks.fleet_files import file_rows, layer_rows, refused_rows, release_checks, verdict_rows
