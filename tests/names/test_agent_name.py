@@ -42,17 +42,13 @@ def test_host_names_become_lower_case_words(hostname, agent):
     assert sanitize_agent(hostname) == agent
 
 
-@pytest.mark.parametrize("hostname", ["", ".", "---", "äöü", ".local"])
-def test_a_host_name_that_leaves_nothing_is_refused(hostname):
-    with pytest.raises(FqnError, match=AGENT_VARIABLE) as caught:
+@pytest.mark.parametrize(
+    "hostname", ["", ".", "---", "äöü", ".local", "Camera-Front.local", "torq", "base-station"]
+)
+def test_a_host_name_that_leaves_no_agent_says_how_to_choose_another(hostname):
+    with pytest.raises(FqnError, match=f"^agent: given .*set {AGENT_VARIABLE}") as caught:
         sanitize_agent(hostname)
-    assert (caught.value.place, caught.value.given) == ("agent", hostname)
-
-
-@pytest.mark.parametrize("hostname", ["Camera-Front.local", "torq", "base-station"])
-def test_a_host_name_that_is_no_agent_says_how_to_choose_another(hostname):
-    with pytest.raises(FqnError, match=f"set {AGENT_VARIABLE}.*{hostname}"):
-        sanitize_agent(hostname)
+    assert repr(hostname) in str(caught.value)
 
 
 @given(st.text(max_size=30))
@@ -60,9 +56,7 @@ def test_sanitising_gives_a_valid_agent_or_an_fqn_error_and_is_idempotent(hostna
     try:
         agent = sanitize_agent(hostname)
     except FqnError as error:
-        agent, segment = None, error.place
-    if agent is None:
-        assert segment == "agent"
+        assert error.place == "agent"  # noqa: PT017  # either outcome is right
     else:
         assert sanitize_agent(agent) == validate_agent(agent) == agent
 
@@ -87,21 +81,10 @@ def test_by_default_the_environment_and_the_operating_system_are_asked(monkeypat
     assert default_agent() == "host_7"
 
 
-@pytest.mark.parametrize(
-    "agent",
-    [
-        "local",
-        "global",
-        "lidar",
-        "camera_front",
-        "camera1",
-        "camera_1",
-        "color",
-        "imu",
-        "agent_heartbeat",
-        "status",
-    ],
-)
+OTHER_SEGMENTS = "local global lidar camera_front camera1 camera_1 color imu agent_heartbeat status"
+
+
+@pytest.mark.parametrize("agent", OTHER_SEGMENTS.split())
 def test_an_agent_that_reads_as_another_segment_is_refused(agent):
     with pytest.raises(FqnError, match="mistaken") as caught:
         validate_agent(agent)
@@ -121,11 +104,9 @@ def test_an_agent_that_a_router_breaks_is_refused_in_every_name(agent):
         RosFqn(scope=Scope.LOCAL, agent=agent, resource=Resource.AGENT_DISCOVERY_EVENT)
 
 
-@pytest.mark.parametrize(
-    "agent", ["go2", "Go2", "spot_front", "agent_1", "left_robot", "rqt", "request", "torque"]
-)
-def test_ordinary_agents_are_allowed(agent):
-    assert validate_agent(agent) == agent
+def test_ordinary_agents_are_allowed():
+    for agent in ("go2", "Go2", "spot_front", "agent_1", "left_robot", "rqt", "request", "torque"):
+        assert validate_agent(agent) == agent
 
 
 @pytest.mark.parametrize(
