@@ -8,7 +8,7 @@ import json
 import signal
 import sys
 import textwrap
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 
 import pytest
@@ -42,13 +42,20 @@ async def hear():
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pyfunc_call(pyfuncitem):
-    """Run tests that are coroutine functions: with `node` in their world, with `sim` in a simulated one."""
+    """Run tests that are coroutine functions: in the world of their nodes, with `sim` in a simulated one."""
     test = pyfuncitem.obj
     if not inspect.iscoroutinefunction(test):
         return None
     arguments = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
-    if "node" in arguments:
-        arguments["node"].run(lambda node: test(**arguments | {"node": node}))
+    opened = [name for name in ("here", "there") if name in arguments]
+
+    async def among_nodes(make):
+        async with AsyncExitStack() as nodes:
+            given = {name: await nodes.enter_async_context(make(name)) for name in opened}
+            await test(**arguments | given | ({"node": make} if "node" in arguments else {}))
+
+    if opened or "node" in arguments:
+        pyfuncitem.funcargs["world"].run(among_nodes)
     elif "sim" in arguments:
         run_simulated(lambda world: test(**arguments | {"sim": world}))
     else:
@@ -99,12 +106,16 @@ class Child:
 
 
 @pytest.fixture
-def child():
-    """Start a process that runs the body of an async function; its names are those of the preamble."""
+def child(domain_id):
+    """Start a process that runs the body of an async function, with a `node` if that has a name."""
 
     @asynccontextmanager
-    async def start(body):
-        code = _PREAMBLE + "async def main():\n" + textwrap.indent(textwrap.dedent(body), "    ")
+    async def start(body, name="", **options):
+        code = textwrap.indent(textwrap.dedent(body), "    ")
+        if name:
+            options = {"domain_id": domain_id, "interface": "lo", **options}
+            code = f"    async with Node({name!r}, **{options}) as node:\n" + textwrap.indent(code, "    ")
+        code = f"{_PREAMBLE}async def main():\n{code}"
         code += "\nasyncio.run(main())\n"
         pipe = asyncio.subprocess.PIPE
         process = await asyncio.create_subprocess_exec(
@@ -140,7 +151,7 @@ class World:
 @pytest.fixture
 def live(domain_id):
     """Nodes on the loopback interface, in real time."""
-    return World("live", partial(Node, domain_id=domain_id, interface="lo", discovery_info=False))
+    return World("live", partial(Node, domain_id=domain_id, interface="lo"))
 
 
 @pytest.fixture(
@@ -155,8 +166,17 @@ def world(request):
 
 @pytest.fixture
 def node(world):
-    """Make a node of the world: `async with node("name") as here`."""
-    return world
+    """Make a node of the world: `async with node("name") as other`."""
+
+
+@pytest.fixture
+def here(world):
+    """A node of the world, open while the test runs."""
+
+
+@pytest.fixture
+def there(world):
+    """Another node of the world."""
 
 
 @pytest.fixture

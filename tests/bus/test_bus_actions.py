@@ -260,15 +260,14 @@ async def test_a_server_that_closes_tells_that_its_goals_are_aborted(world, node
 
 
 @pytest.mark.live
-async def test_a_server_that_is_killed_has_gone_when_its_lease_is_over(live, domain_id, child):
+async def test_a_server_that_is_killed_has_gone_when_its_lease_is_over(live, child):
     body = f"""
         register_action({ACTION!r}, "int32 order\\n---\\nint32[] sequence\\n---\\nint32[] sequence\\n")
-        async with Node("server", domain_id={domain_id}, interface="lo", lease_s=1.0) as node:
-            node.create_action_server({ACTION!r}, "/count", lambda handle: hear())
-            await hear()
+        node.create_action_server({ACTION!r}, "/count", lambda handle: hear())
+        await hear()
     """
 
-    async with live.node("client") as here, child(body) as server:
+    async with live.node("client") as here, child(body, "server", lease_s=1.0) as server:
         client = here.create_action_client(ACTION, "/count")
         handle = await client.send_goal(goal(1), timeout_s=60)
         result = asyncio.create_task(handle.result())

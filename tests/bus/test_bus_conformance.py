@@ -8,121 +8,103 @@ from functools import partial
 
 import numpy as np
 import pytest
+from bus_messages import SERVICE, STRING, Request, String, connected, response, text
 
 from sfglab import bus
 from sfglab.errors import InvalidValueError
-from sfglab.messages import default_message, message_type, serialize, service_type
+from sfglab.messages import default_message, serialize
 from sfglab.qos import DEFAULT, LATCHED, SENSOR_DATA, Durability, QoSProfile
 
-STRING = "std_msgs/msg/String"
-String = message_type(STRING)
-SERVICE = "sfglab_interfaces/srv/GetMetadata"
-Request, Response = service_type(SERVICE).request, service_type(SERVICE).response
+
+async def test_a_message_arrives_with_what_is_known_about_it(here, there):
+    publisher = here.create_publisher(STRING, "/t")
+    subscription = there.create_subscription(String, "t")
+    await publisher.wait_for_subscriptions()
+    await subscription.wait_for_publishers()
+    before_ns = here.get_clock().now_ns()
+    publisher.publish(text("hello"))
+    message, info = await subscription.take_with_info(60)
+    assert message.data == "hello"
+    assert before_ns <= info.source_timestamp_ns <= info.received_timestamp_ns
+    assert info.received_timestamp_ns <= there.get_clock().now_ns()
+    assert await there.graph.wait_for(lambda: there.graph.publishers("/t") != ())
+    assert info.publisher_gid == publisher.gid == there.graph.publishers("/t")[0].gid
+    assert (publisher.get_subscription_count(), subscription.get_publisher_count()) == (1, 1)
 
 
-def text(value):
-    return String(data=str(value))
+async def test_every_subscription_gets_every_message_in_order(here, there, until):
+    got = []
+    publisher = here.create_publisher(STRING, "/t", 200)
+    readers = [n.create_subscription(STRING, "/t", qos=200) for n in (here, there)]
+    there.create_subscription(STRING, "/t", lambda m: got.append(m.data), 200)
+    await publisher.wait_for_subscriptions(3)
+    numbers = [str(number) for number in range(100)]
+    for number in numbers:
+        publisher.publish(text(number))
+    for reader in readers:
+        assert [(await reader.take(60)).data for _ in numbers] == numbers
+    await until(lambda: got == numbers)
 
 
-def response(value):
-    metadata = default_message("sfglab_interfaces/msg/AgentMetadata")
-    return Response(success=True, message=value, metadata=metadata)
+async def test_an_async_callback_gets_the_next_message_when_it_is_done_and_only_it_misses_some(
+    here, there, until
+):
+    gate, log = asyncio.Event(), []
 
+    async def slow(message):
+        log.append(f"+{message.data}")
+        await gate.wait()
+        log.append(f"-{message.data}")
 
-async def test_a_message_arrives_with_what_is_known_about_it(node):
-    async with node("here") as here, node("there") as there:
-        publisher = here.create_publisher(STRING, "/t")
-        subscription = there.create_subscription(String, "t")
-        await publisher.wait_for_subscriptions()
-        await subscription.wait_for_publishers()
-        before_ns = here.get_clock().now_ns()
-        publisher.publish(text("hello"))
-        message, info = await subscription.take_with_info(60)
-        assert message.data == "hello"
-        assert before_ns <= info.source_timestamp_ns <= info.received_timestamp_ns
-        assert info.received_timestamp_ns <= there.get_clock().now_ns()
-        assert await there.graph.wait_for(lambda: there.graph.publishers("/t") != ())
-        assert info.publisher_gid == publisher.gid == there.graph.publishers("/t")[0].gid
-        assert (publisher.get_subscription_count(), subscription.get_publisher_count()) == (1, 1)
-
-
-async def test_every_subscription_gets_every_message_in_order(node, until):
-    async with node("here") as here, node("there") as there:
-        got = []
-        publisher = here.create_publisher(STRING, "/t", 200)
-        readers = [n.create_subscription(STRING, "/t", qos=200) for n in (here, there)]
-        there.create_subscription(STRING, "/t", lambda m: got.append(m.data), 200)
-        await publisher.wait_for_subscriptions(3)
-        numbers = [str(number) for number in range(100)]
-        for number in numbers:
-            publisher.publish(text(number))
-        for reader in readers:
-            assert [(await reader.take(60)).data for _ in numbers] == numbers
-        await until(lambda: got == numbers)
-
-
-async def test_an_async_callback_gets_the_next_message_when_it_is_done_and_only_it_misses_some(node, until):
-    async with node("here") as here, node("there") as there:
-        gate, log = asyncio.Event(), []
-
-        async def slow(message):
-            log.append(f"+{message.data}")
-            await gate.wait()
-            log.append(f"-{message.data}")
-
-        publisher = here.create_publisher(STRING, "/t", 5)
-        slowly = there.create_subscription(STRING, "/t", slow, 5)
-        fast = there.create_subscription(STRING, "/t", qos=5)
-        await publisher.wait_for_subscriptions(2)
-        for number in range(40):  # in lock step with the fast one, so only the slow one can drop
-            publisher.publish(text(number))
-            assert (await fast.take(60)).data == str(number)
-            await until(lambda: log)  # the slow one is busy with the first
-        await until(lambda: slowly.dropped == 40 - 5 - 1)
-        gate.set()
-        await until(lambda: len(log) == 12)
-        assert log == [f"{sign}{number}" for number in (0, 35, 36, 37, 38, 39) for sign in "+-"]
-        assert (slowly.dropped, fast.dropped) == (34, 0)
+    publisher = here.create_publisher(STRING, "/t", 5)
+    slowly = there.create_subscription(STRING, "/t", slow, 5)
+    fast = there.create_subscription(STRING, "/t", qos=5)
+    await publisher.wait_for_subscriptions(2)
+    for number in range(40):  # in lock step with the fast one, so only the slow one can drop
+        publisher.publish(text(number))
+        assert (await fast.take(60)).data == str(number)
+        await until(lambda: log)  # the slow one is busy with the first
+    await until(lambda: slowly.dropped == 40 - 5 - 1)
+    gate.set()
+    await until(lambda: len(log) == 12)
+    assert log == [f"{sign}{number}" for number in (0, 35, 36, 37, 38, 39) for sign in "+-"]
+    assert (slowly.dropped, fast.dropped) == (34, 0)
 
 
 @pytest.mark.parametrize("depth", [1, 3])
-async def test_a_late_joiner_hears_the_history_first_and_then_what_follows(node, depth):
+async def test_a_late_joiner_hears_the_history_first_and_then_what_follows(here, there, depth):
     qos = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=depth)
-
-    async with node("here") as here, node("there") as there:
-        publisher = here.create_publisher(STRING, "/t", qos)
-        for number in range(5):
-            publisher.publish(text(number))
-        wanted = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=10)
-        late = there.create_subscription(STRING, "/t", qos=wanted)
-        await publisher.wait_for_subscriptions()
-        kept = [str(number) for number in range(5 - depth, 5)]
-        assert [(await late.take(60)).data for _ in kept] == kept
-        publisher.publish(text("new"))
-        assert (await late.take(60)).data == "new"
+    publisher = here.create_publisher(STRING, "/t", qos)
+    for number in range(5):
+        publisher.publish(text(number))
+    wanted = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=10)
+    late = there.create_subscription(STRING, "/t", qos=wanted)
+    await publisher.wait_for_subscriptions()
+    kept = [str(number) for number in range(5 - depth, 5)]
+    assert [(await late.take(60)).data for _ in kept] == kept
+    publisher.publish(text("new"))
+    assert (await late.take(60)).data == "new"
 
 
-async def test_a_late_joiner_that_wants_no_history_gets_none(node):
-    async with node("here") as here, node("there") as there:
-        publisher = here.create_publisher(STRING, "/t", LATCHED)
-        publisher.publish(text("old"))
-        late = there.create_subscription(STRING, "/t")
-        await publisher.wait_for_subscriptions()
-        await late.wait_for_publishers()
-        publisher.publish(text("new"))
-        assert (await late.take(60)).data == "new"
+async def test_a_late_joiner_that_wants_no_history_gets_none(here, there):
+    publisher = here.create_publisher(STRING, "/t", LATCHED)
+    publisher.publish(text("old"))
+    late = there.create_subscription(STRING, "/t")
+    await publisher.wait_for_subscriptions()
+    await late.wait_for_publishers()
+    publisher.publish(text("new"))
+    assert (await late.take(60)).data == "new"
 
 
-async def test_a_latched_message_goes_with_its_publisher(node):
-    async with node("here") as here, node("there") as there:
-        publisher = here.create_publisher(STRING, "/t", LATCHED)
-        publisher.publish(text("mortal"))
-        await there.graph.wait_for(lambda: there.graph.publishers("/t") != ())
-        publisher.close()
-        await there.graph.wait_for(lambda: there.graph.publishers("/t") == ())
-        late = there.create_subscription(STRING, "/t", qos=LATCHED)
-        with pytest.raises(bus.BusTimeoutError, match="0 matching"):
-            await late.take(0.05)
+async def test_a_latched_message_goes_with_its_publisher(here, there):
+    publisher = here.create_publisher(STRING, "/t", LATCHED)
+    publisher.publish(text("mortal"))
+    await there.graph.wait_for(lambda: there.graph.publishers("/t") != ())
+    publisher.close()
+    await there.graph.wait_for(lambda: there.graph.publishers("/t") == ())
+    late = there.create_subscription(STRING, "/t", qos=LATCHED)
+    with pytest.raises(bus.BusTimeoutError, match="0 matching"):
+        await late.take(0.05)
 
 
 @pytest.mark.parametrize("transport", ["dds", "shm"])
@@ -161,80 +143,67 @@ def test_what_does_not_match_says_so_once_and_what_does_says_nothing(
     assert record.getMessage().startswith(said + reason)
 
 
-async def test_a_full_queue_drops_the_oldest_and_counts(node, until):
-    async with node("here") as here, node("there") as there:
-        publisher = here.create_publisher(STRING, "/t", 50)
-        shallow = there.create_subscription(STRING, "/t", qos=3)
-        deep = there.create_subscription(STRING, "/t", qos=50)
-        await publisher.wait_for_subscriptions(2)
-        for number in range(10):  # in lock step with one of them, so that none is lost on the way
-            publisher.publish(text(number))
-            assert (await deep.take(60)).data == str(number)
-        await until(lambda: shallow.dropped == 7)
-        assert [(await shallow.take(60)).data for _ in range(3)] == ["7", "8", "9"]
-        assert (shallow.lost, deep.dropped) == (0, 0)
+async def test_a_full_queue_drops_the_oldest_and_counts(here, there, until):
+    publisher = here.create_publisher(STRING, "/t", 50)
+    shallow = there.create_subscription(STRING, "/t", qos=3)
+    deep = there.create_subscription(STRING, "/t", qos=50)
+    await publisher.wait_for_subscriptions(2)
+    for number in range(10):  # in lock step with one of them, so that none is lost on the way
+        publisher.publish(text(number))
+        assert (await deep.take(60)).data == str(number)
+    await until(lambda: shallow.dropped == 7)
+    assert [(await shallow.take(60)).data for _ in range(3)] == ["7", "8", "9"]
+    assert (shallow.lost, deep.dropped) == (0, 0)
 
 
-async def test_waits_in_vain_say_for_what(node):
-    async with node("here") as here:
-        publisher = here.create_publisher(STRING, "/t")
-        subscription = here.create_subscription(STRING, "/t")
-        await publisher.wait_for_subscriptions()
-        await subscription.wait_for_publishers()
-        with pytest.raises(bus.BusTimeoutError, match=r"'/t'.*0\.01 s; 1 matching"):
-            await subscription.take(0.01)
-        with pytest.raises(bus.BusTimeoutError, match=r"3 matching subscription.*found 1"):
-            await publisher.wait_for_subscriptions(3, 0.01)
-        with pytest.raises(bus.BusTimeoutError, match=r"2 matching publisher.*found 1"):
-            await subscription.wait_for_publishers(2, 0.01)
-        client = here.create_client(SERVICE, "/s")
-        with pytest.raises(bus.BusTimeoutError, match="service '/s': a server"):
-            await client.wait_for_service(0.01)
+async def test_waits_in_vain_say_for_what(here):
+    publisher, subscription = await connected(here, here)
+    with pytest.raises(bus.BusTimeoutError, match=r"'/t'.*0\.01 s; 1 matching"):
+        await subscription.take(0.01)
+    with pytest.raises(bus.BusTimeoutError, match=r"3 matching subscription.*found 1"):
+        await publisher.wait_for_subscriptions(3, 0.01)
+    with pytest.raises(bus.BusTimeoutError, match=r"2 matching publisher.*found 1"):
+        await subscription.wait_for_publishers(2, 0.01)
+    client = here.create_client(SERVICE, "/s")
+    with pytest.raises(bus.BusTimeoutError, match="service '/s': a server"):
+        await client.wait_for_service(0.01)
 
 
-async def test_raw_cdr_passes_unchanged_with_its_source_time_stamp(node):
-    async with node("here") as here, node("there") as there:
-        publisher = here.create_publisher(STRING, "/t")
-        raw = there.create_subscription(STRING, "/t", raw=True)
-        await publisher.wait_for_subscriptions()
-        await raw.wait_for_publishers()
-        cdr = serialize(text("four"))
-        for data in (cdr, bytearray(cdr), memoryview(cdr), np.frombuffer(cdr, np.uint8)):
-            publisher.publish_raw(data, source_timestamp_ns=1_234_567_890)
-            received, info = await raw.take_with_info(60)
-            assert (received, info.source_timestamp_ns) == (cdr, 1_234_567_890)
+async def test_raw_cdr_passes_unchanged_with_its_source_time_stamp(here, there):
+    publisher, raw = await connected(here, there, raw=True)
+    cdr = serialize(text("four"))
+    for data in (cdr, bytearray(cdr), memoryview(cdr), np.frombuffer(cdr, np.uint8)):
+        publisher.publish_raw(data, source_timestamp_ns=1_234_567_890)
+        received, info = await raw.take_with_info(60)
+        assert (received, info.source_timestamp_ns) == (cdr, 1_234_567_890)
 
 
-async def test_what_is_no_message_of_the_topic_is_refused(node):
-    async with node("here") as here:
-        publisher = here.create_publisher(STRING, "/t")
-        for garbage in (b"", b"\0\1", serialize(text("hello"))[:9], b"\0\1\0\0\xff\xff\xff\xffabcd"):
-            with pytest.raises(bus.InvalidMessageError, match=r"'/t'.*std_msgs/msg/String"):
-                publisher.publish_raw(garbage)
-        with pytest.raises(bus.InvalidMessageError, match=r"given a std_msgs/msg/Header"):
-            publisher.publish(default_message("std_msgs/msg/Header"))
-        with pytest.raises(bus.InvalidMessageError, match=r"given a dict"):
-            publisher.publish({})
+async def test_what_is_no_message_of_the_topic_is_refused(here):
+    publisher = here.create_publisher(STRING, "/t")
+    for garbage in (b"", b"\0\1", serialize(text("hello"))[:9], b"\0\1\0\0\xff\xff\xff\xffabcd"):
+        with pytest.raises(bus.InvalidMessageError, match=r"'/t'.*std_msgs/msg/String"):
+            publisher.publish_raw(garbage)
+    with pytest.raises(bus.InvalidMessageError, match=r"given a std_msgs/msg/Header"):
+        publisher.publish(default_message("std_msgs/msg/Header"))
+    with pytest.raises(bus.InvalidMessageError, match=r"given a dict"):
+        publisher.publish({})
 
 
-async def test_cancelling_a_take_loses_no_message(node):
-    async with node("here") as here:
-        publisher = here.create_publisher(STRING, "/t", 200)
-        subscription = here.create_subscription(STRING, "/t", qos=200)
-        await publisher.wait_for_subscriptions()
-        got = []
-        for number in range(50):
-            waiting = asyncio.create_task(subscription.take())
-            await asyncio.sleep(0)
-            publisher.publish(text(number))
-            await asyncio.sleep(number % 3 * 1e-4)
-            waiting.cancel()
-            (result,) = await asyncio.gather(waiting, return_exceptions=True)
-            if not isinstance(result, asyncio.CancelledError):
-                got.append(int(result.data))
-        while len(got) < 50:
-            got.append(int((await subscription.take(60)).data))
-        assert got == list(range(50))
+async def test_cancelling_a_take_loses_no_message(here):
+    publisher, subscription = await connected(here, here, 200)
+    got = []
+    for number in range(50):
+        waiting = asyncio.create_task(subscription.take())
+        await asyncio.sleep(0)
+        publisher.publish(text(number))
+        await asyncio.sleep(number % 3 * 1e-4)
+        waiting.cancel()
+        (result,) = await asyncio.gather(waiting, return_exceptions=True)
+        if not isinstance(result, asyncio.CancelledError):
+            got.append(int(result.data))
+    while len(got) < 50:
+        got.append(int((await subscription.take(60)).data))
+    assert got == list(range(50))
 
 
 async def test_closing_ends_readers_and_further_use_is_an_error(node):
@@ -261,94 +230,90 @@ async def test_closing_ends_readers_and_further_use_is_an_error(node):
     await here.close()
 
 
-async def test_a_closed_endpoint_does_not_match_any_more(node, until):
-    async with node("here") as here, node("there") as there:
-        publisher = here.create_publisher(STRING, "/t")
-        subscription = there.create_subscription(STRING, "/t")
-        second = there.create_subscription(STRING, "/t")
-        await publisher.wait_for_subscriptions(2)
-        await second.wait_for_publishers()
-        subscription.close()
-        subscription.close()
-        await until(lambda: publisher.get_subscription_count() == 1)
-        publisher.close()
-        await until(lambda: second.get_publisher_count() == 0)
+async def test_a_closed_endpoint_does_not_match_any_more(here, there, until):
+    publisher = here.create_publisher(STRING, "/t")
+    subscription = there.create_subscription(STRING, "/t")
+    second = there.create_subscription(STRING, "/t")
+    await publisher.wait_for_subscriptions(2)
+    await second.wait_for_publishers()
+    subscription.close()
+    subscription.close()
+    await until(lambda: publisher.get_subscription_count() == 1)
+    publisher.close()
+    await until(lambda: second.get_publisher_count() == 0)
 
 
-async def test_graph_events_begin_with_what_is_known_and_tell_every_change(node):
-    async with node("here") as here, node("there") as there:
-        publisher = here.create_publisher(STRING, "/t", 7)
-        await there.graph.wait_for(lambda: there.graph.publishers("/t") != ())
-        events = there.graph.events()
-        added = await anext(events)
-        endpoint = added.endpoint
-        assert added == bus.EndpointAdded(endpoint=there.graph.publishers("/t")[0])
-        assert (endpoint.gid, endpoint.kind) == (publisher.gid, bus.EndpointKind.PUBLISHER)
-        assert (endpoint.topic, endpoint.type, endpoint.dds_topic) == ("/t", STRING, "rt/t")
-        assert (endpoint.qos.depth, endpoint.node, endpoint.transport) == (7, "/here", "dds")
-        assert (endpoint.participant, endpoint.user_data) == (here.guid, b"")
-        subscription = there.create_subscription(STRING, "/t")
-        own = await anext(events)
-        assert (own.endpoint.gid, own.endpoint.participant) == (subscription.gid, there.guid)
-        assert there.graph.subscriptions("/t") == (own.endpoint,)
-        assert there.graph.topics() == {"/t": (STRING,)}
-        publisher.close()
-        assert await anext(events) == bus.EndpointRemoved(endpoint=endpoint)
-        await here.close()
-        await there.close()
-        assert [type(event) async for event in events] == []
+async def test_graph_events_begin_with_what_is_known_and_tell_every_change(here, there, node):
+    publisher = here.create_publisher(STRING, "/t", 7)
+    await there.graph.wait_for(lambda: there.graph.publishers("/t") != ())
+    events = there.graph.events()
+    added = await anext(events)
+    endpoint = added.endpoint
+    assert added == bus.EndpointAdded(endpoint=there.graph.publishers("/t")[0])
+    assert (endpoint.gid, endpoint.kind) == (publisher.gid, bus.EndpointKind.PUBLISHER)
+    assert (endpoint.topic, endpoint.type, endpoint.dds_topic) == ("/t", STRING, "rt/t")
+    assert (endpoint.qos.depth, endpoint.node, endpoint.transport) == (7, "/here", "dds")
+    assert (endpoint.participant, endpoint.user_data) == (here.guid, b"")
+    subscription = there.create_subscription(STRING, "/t")
+    own = await anext(events)
+    assert (own.endpoint.gid, own.endpoint.participant) == (subscription.gid, there.guid)
+    assert there.graph.subscriptions("/t") == (own.endpoint,)
+    assert there.graph.topics() == {"/t": (STRING,)}
+    publisher.close()
+    assert await anext(events) == bus.EndpointRemoved(endpoint=endpoint)
+    await here.close()
+    await there.close()
+    assert [type(event) async for event in events] == []
 
 
-async def test_a_listener_and_a_watch_hear_what_is_known_and_what_changes_until_they_end(node, until):
-    async with node("here") as here, node("there") as there:
-        heard = {"all": [], "watched": []}
+async def test_a_listener_and_a_watch_hear_what_is_known_and_what_changes_until_they_end(here, there, until):
+    heard = {"all": [], "watched": []}
 
-        def hear(key, event):
-            heard[key].append((type(event).__name__, event.endpoint.dds_topic, event.endpoint.kind.value))
+    def hear(key, event):
+        heard[key].append((type(event).__name__, event.endpoint.dds_topic, event.endpoint.kind.value))
 
-        known = here.create_publisher(STRING, "/t")
-        await there.graph.wait_for(lambda: there.graph.publishers("/t") != ())
-        ends = [
-            there.graph.listen(partial(hear, "all")),
-            there.graph.watch("rt/t", bus.EndpointKind.PUBLISHER, partial(hear, "watched")),
-        ]
-        assert [len(events) for events in heard.values()] == [1, 1]
-        here.create_subscription(STRING, "/t")
-        here.create_publisher(STRING, "/u")
-        known.close()
-        await until(lambda: len(heard["all"]) == 4)
-        assert heard["watched"] == [
-            ("EndpointAdded", "rt/t", "publisher"),
-            ("EndpointRemoved", "rt/t", "publisher"),
-        ]
-        for end in ends * 2:
-            end()
-        here.create_publisher(STRING, "/t")
-        await there.graph.wait_for(lambda: there.graph.publishers("/t") != ())
-        assert [len(events) for events in heard.values()] == [4, 2]
-
-
-async def test_a_service_shows_its_topics_types_and_who_it_is(node, until):
-    async with node("here") as here, node("there") as there:
-        here.create_service(SERVICE, "/s", print)
-        here.create_client(SERVICE, "/s")
-        await until(lambda: len(there.graph.endpoints()) == 4)
-        shown = {
-            (e.kind.value, e.topic, e.type, e.user_data.partition(b"=")[0].decode())
-            for e in there.graph.endpoints()
-        }
-        request = ("rq/sRequest", f"{SERVICE}_Request")
-        reply = ("rr/sReply", f"{SERVICE}_Response")
-        assert shown == {
-            ("subscription", *request, "serviceid"),
-            ("publisher", *reply, "serviceid"),
-            ("publisher", *request, "clientid"),
-            ("subscription", *reply, "clientid"),
-        }
-        assert {len(e.user_data.split(b".")) for e in there.graph.endpoints()} == {16}
+    known = here.create_publisher(STRING, "/t")
+    await there.graph.wait_for(lambda: there.graph.publishers("/t") != ())
+    ends = [
+        there.graph.listen(partial(hear, "all")),
+        there.graph.watch("rt/t", bus.EndpointKind.PUBLISHER, partial(hear, "watched")),
+    ]
+    assert [len(events) for events in heard.values()] == [1, 1]
+    here.create_subscription(STRING, "/t")
+    here.create_publisher(STRING, "/u")
+    known.close()
+    await until(lambda: len(heard["all"]) == 4)
+    assert heard["watched"] == [
+        ("EndpointAdded", "rt/t", "publisher"),
+        ("EndpointRemoved", "rt/t", "publisher"),
+    ]
+    for end in ends * 2:
+        end()
+    here.create_publisher(STRING, "/t")
+    await there.graph.wait_for(lambda: there.graph.publishers("/t") != ())
+    assert [len(events) for events in heard.values()] == [4, 2]
 
 
-async def test_concurrent_calls_of_two_clients_get_their_own_answers(node):
+async def test_a_service_shows_its_topics_types_and_who_it_is(here, there, until):
+    here.create_service(SERVICE, "/s", print)
+    here.create_client(SERVICE, "/s")
+    await until(lambda: len(there.graph.endpoints()) == 4)
+    shown = {
+        (e.kind.value, e.topic, e.type, e.user_data.partition(b"=")[0].decode())
+        for e in there.graph.endpoints()
+    }
+    request = ("rq/sRequest", f"{SERVICE}_Request")
+    reply = ("rr/sReply", f"{SERVICE}_Response")
+    assert shown == {
+        ("subscription", *request, "serviceid"),
+        ("publisher", *reply, "serviceid"),
+        ("publisher", *request, "clientid"),
+        ("subscription", *reply, "clientid"),
+    }
+    assert {len(e.user_data.split(b".")) for e in there.graph.endpoints()} == {16}
+
+
+async def test_concurrent_calls_of_two_clients_get_their_own_answers(here, there):
     release, waiting = asyncio.Event(), []
 
     async def answer(request):
@@ -359,13 +324,12 @@ async def test_concurrent_calls_of_two_clients_get_their_own_answers(node):
         await asyncio.sleep(0.001 * (10 - number))  # in another order than they were asked
         return response(str(number))
 
-    async with node("here") as here, node("there") as there:
-        service = there.create_service(SERVICE, "/s", answer)
-        clients = [here.create_client(SERVICE, "/s"), there.create_client(SERVICE, "s")]
-        calls = [client.call(Request()) for client in clients for _ in range(5)]
-        answers = [int(r.message) for r in await asyncio.gather(*calls)]
-        assert sorted(answers) == list(range(10))
-        assert (service.last_error, service.service_name) == (None, "/s")
+    service = there.create_service(SERVICE, "/s", answer)
+    clients = [here.create_client(SERVICE, "/s"), there.create_client(SERVICE, "s")]
+    calls = [client.call(Request()) for client in clients for _ in range(5)]
+    answers = [int(r.message) for r in await asyncio.gather(*calls)]
+    assert sorted(answers) == list(range(10))
+    assert (service.last_error, service.service_name) == (None, "/s")
 
 
 async def test_calls_that_fail_say_how_and_a_failing_handler_is_reported(node, until):
@@ -399,21 +363,20 @@ async def test_calls_that_fail_say_how_and_a_failing_handler_is_reported(node, u
         await until(lambda: not client.service_is_ready())
 
 
-async def test_closing_a_client_ends_its_pending_calls(node):
-    async with node("here") as here:
-        asked = asyncio.Event()
+async def test_closing_a_client_ends_its_pending_calls(here):
+    asked = asyncio.Event()
 
-        async def never(request):
-            asked.set()
-            await asyncio.sleep(3600)
+    async def never(request):
+        asked.set()
+        await asyncio.sleep(3600)
 
-        here.create_service(SERVICE, "/s", never)
-        client = here.create_client(SERVICE, "/s")
-        call = asyncio.create_task(client.call(Request()))
-        await asyncio.wait_for(asked.wait(), 60)
-        client.close()
-        with pytest.raises(bus.ClosedError, match="client '/s'"):
-            await call
+    here.create_service(SERVICE, "/s", never)
+    client = here.create_client(SERVICE, "/s")
+    call = asyncio.create_task(client.call(Request()))
+    await asyncio.wait_for(asked.wait(), 60)
+    client.close()
+    with pytest.raises(bus.ClosedError, match="client '/s'"):
+        await call
 
 
 def test_timers_tick_without_drift_skip_what_they_miss_and_can_be_cancelled(world, caplog, until):
@@ -477,20 +440,19 @@ async def test_names_are_relative_to_the_namespace_or_the_node(node, until):
         assert {endpoint.node for endpoint in here.graph.endpoints()} == {"/robot/here"}
 
 
-async def test_the_two_transports_do_not_meet(node):
-    async with node("here") as here:
-        publisher = here.create_publisher(STRING, "/t", transport="shm")
-        dds = here.create_subscription(STRING, "/t")
-        shm = here.create_subscription(STRING, "/t", transport="shm")
-        await publisher.wait_for_subscriptions()
-        await shm.wait_for_publishers()
-        with publisher.loan(len(serialize(text("lent")))) as memory:
-            memory[:] = serialize(text("lent"))
-        assert (await shm.take(60)).data == "lent"
-        assert (publisher.get_subscription_count(), dds.get_publisher_count()) == (1, 0)
-        with pytest.raises(bus.InvalidMessageError):
-            here.create_publisher(STRING, "/u", transport="shm", max_message_bytes=8).publish(text("long"))
-        with pytest.raises(TypeError), here.create_publisher(STRING, "/v").loan(8):
-            pass
-        with pytest.raises(InvalidValueError, match=r"transport: given .smoke., allowed: dds, shm"):
-            here.create_publisher(STRING, "/t", transport="smoke")
+async def test_the_two_transports_do_not_meet(here):
+    publisher = here.create_publisher(STRING, "/t", transport="shm")
+    dds = here.create_subscription(STRING, "/t")
+    shm = here.create_subscription(STRING, "/t", transport="shm")
+    await publisher.wait_for_subscriptions()
+    await shm.wait_for_publishers()
+    with publisher.loan(len(serialize(text("lent")))) as memory:
+        memory[:] = serialize(text("lent"))
+    assert (await shm.take(60)).data == "lent"
+    assert (publisher.get_subscription_count(), dds.get_publisher_count()) == (1, 0)
+    with pytest.raises(bus.InvalidMessageError):
+        here.create_publisher(STRING, "/u", transport="shm", max_message_bytes=8).publish(text("long"))
+    with pytest.raises(TypeError), here.create_publisher(STRING, "/v").loan(8):
+        pass
+    with pytest.raises(InvalidValueError, match=r"transport: given .smoke., allowed: dds, shm"):
+        here.create_publisher(STRING, "/t", transport="smoke")

@@ -6,6 +6,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
+from bus_messages import SERVICE, STRING, connected
 from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
@@ -19,8 +20,7 @@ from sfglab.bus.dds.endpoints import DdsWriter
 from sfglab.messages.dds import idl_struct
 from sfglab.qos import LATCHED, QoSProfile
 
-STRING = "std_msgs/msg/String"
-SERVICE = "sfglab_interfaces/srv/GetMetadata"
+world = pytest.fixture(lambda live: live)
 INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 STORES = {24: get_typestore(Stores.ROS2_HUMBLE), 16: get_typestore(Stores.ROS2_JAZZY)}
 
@@ -57,10 +57,6 @@ READER = """
             ]
             say(gid=bytes(info.gid.data).hex(), nodes=nodes)
 """
-
-
-def node(domain_id, name="here", **options):
-    return bus.Node(name, domain_id=domain_id, interface="lo", **options)
 
 
 def own_gids(here, kind, size=24):
@@ -123,13 +119,13 @@ def test_a_nodes_full_name_has_its_namespace():
 @pytest.mark.live
 @pytest.mark.parametrize(("distro", "size"), [("humble", 24), ("jazzy", 16)])
 async def test_another_process_sees_the_node_with_exactly_its_endpoints(
-    monkeypatch, domain_id, child, distro, size
+    monkeypatch, node, domain_id, child, distro, size
 ):
     monkeypatch.setenv("ROS_DISTRO", distro)
 
     async with child(READER.format(domain_id=domain_id, size=size)) as reader:
         assert await reader.hear() == {"ready": True}
-        async with node(domain_id, namespace="/robot") as here:
+        async with node("here", namespace="/robot") as here:
             gid = here.guid.ljust(size, b"\0").hex()
 
             async def reaches(subscriptions, publishers):
@@ -158,11 +154,11 @@ async def test_another_process_sees_the_node_with_exactly_its_endpoints(
 
 
 @pytest.mark.live
-async def test_the_graph_names_nodes_while_they_live_and_hides_how_it_knows(domain_id):
-    async with node(domain_id) as here, node(domain_id, "quiet", discovery_info=False) as quiet:
+async def test_the_graph_names_nodes_while_they_live_and_hides_how_it_knows(here, node):
+    async with node("quiet", discovery_info=False) as quiet:
         assert here.graph.nodes() == ()
         quiet.create_publisher(STRING, "/t")
-        async with node(domain_id, "there", namespace="/far") as there:
+        async with node("there", namespace="/far") as there:
             topic = there.create_publisher(STRING, "/t")
             assert await here.graph.wait_for(
                 lambda: [n.writers for n in here.graph.nodes()][:1] == [(topic.gid,)]
@@ -175,7 +171,7 @@ async def test_the_graph_names_nodes_while_they_live_and_hides_how_it_knows(doma
 
 
 @pytest.mark.live
-async def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_asked_for(domain_id):
+async def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_asked_for(node, domain_id):
     config = DomainConfig(domain_id=domain_id, interface="lo")
     ros = DdsParticipant(config, b"enclave=/;", name="ros", after_round=lambda: None)
     with closing(ros):
@@ -184,7 +180,7 @@ async def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_asked_
         info = DdsWriter(handle, "info", type_="info", waitset=ros.waitset, on_matched=lambda: None)
         listed = NodeInfo(namespace="/demo", name="talker", participant=ros.guid, writers=(talker,))
         info.write(pack_nodes(ros.guid, [listed], 24))
-        async with node(domain_id) as here:
+        async with node("here") as here:
             graph = here.graph
             assert await graph.wait_for(lambda: graph.publishers("/chatter") != ())
             assert graph.publishers("/chatter")[0].node == ""
@@ -194,16 +190,15 @@ async def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_asked_
 
 
 @pytest.mark.live
-async def test_twenty_endpoints_at_once_are_few_messages(domain_id, until):
+async def test_twenty_endpoints_at_once_are_few_messages(here, domain_id, until):
     config = DomainConfig(domain_id=domain_id, interface="lo")
-    async with node(domain_id) as here:
-        messages = []
-        watcher = DdsParticipant(config, b"", name="watcher", after_round=lambda: None)
-        with closing(watcher):
-            Discovery(watcher, lambda _: None).read_nodes(lambda _, nodes: messages.append(nodes[0]))
-            gids = {here.create_publisher(STRING, f"/t{i}").gid for i in range(20)}
-            await until(lambda: messages and set(messages[-1].writers) == gids)
-            assert len(messages) < 10
+    messages = []
+    watcher = DdsParticipant(config, b"", name="watcher", after_round=lambda: None)
+    with closing(watcher):
+        Discovery(watcher, lambda _: None).read_nodes(lambda _, nodes: messages.append(nodes[0]))
+        gids = {here.create_publisher(STRING, f"/t{i}").gid for i in range(20)}
+        await until(lambda: messages and set(messages[-1].writers) == gids)
+        assert len(messages) < 10
 
 
 @pytest.mark.live
@@ -214,10 +209,7 @@ async def test_nodes_of_two_domain_ids_meet_in_one_external_domain(domain_id):
         bus.Node("a", domain_id=ids[0], **options) as a,
         bus.Node("b", domain_id=ids[1], **options) as b,
     ):
-        publisher = a.create_publisher(STRING, "/t")
-        subscription = b.create_subscription(STRING, "/t")
-        await publisher.wait_for_subscriptions()
-        await subscription.wait_for_publishers()
+        await connected(a, b)
         assert a.guid[:12] != b.guid[:12]
 
 

@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager
 
 import psutil
 import pytest
+from bus_messages import SERVICE, STRING, Request, response, text
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -18,12 +19,10 @@ from sfglab.bus.api import RawEndpoint
 from sfglab.bus.dds.clib import library
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
 from sfglab.bus.forwarding import HELD_SAMPLES, SourceGate
-from sfglab.messages import default_message, message_type, serialize
+from sfglab.messages import serialize
 from sfglab.messages.dds import opaque_idl_struct
 from sfglab.qos import LATCHED, SENSOR_DATA, Durability, History, QoSProfile
 
-STRING = "std_msgs/msg/String"
-String = message_type(STRING)
 DEEP = QoSProfile(history=History.KEEP_ALL)
 
 
@@ -90,7 +89,7 @@ async def test_bytes_and_source_stamps_pass_unchanged_and_wait_until_their_sourc
         subscription = listener.create_subscription(STRING, "/t", qos=200, raw=True)
         await publisher.wait_for_subscriptions()
         await subscription.wait_for_publishers()
-        cdrs = [serialize(String(data=str(number) * (number % 9))) for number in range(100)]
+        cdrs = [serialize(text(str(number) * (number % 9))) for number in range(100)]
         for number, cdr in enumerate(cdrs[:50]):
             publisher.publish_raw(cdr, source_timestamp_ns=1_000 + number)
         await all_acked(publisher, until)
@@ -113,7 +112,7 @@ async def test_each_source_has_its_own_way_and_a_refused_one_none(pair_ids, unti
         latched = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=256)
         publishers = [talker.create_publisher(STRING, "/t", LATCHED) for _ in range(3)]
         for number, publisher in enumerate(publishers):
-            publisher.publish(String(data=str(number)))
+            publisher.publish(text(number))
         forwarder = near.open_forwarder(far)
         forward = forwarder.open(endpoint(qos=latched))
         outlets = [forwarder.open_writer(endpoint(qos=LATCHED)) for _ in range(2)]
@@ -134,9 +133,7 @@ async def test_each_source_has_its_own_way_and_a_refused_one_none(pair_ids, unti
 @pytest.mark.live
 async def test_a_transform_changes_drops_or_leaves_a_sample_and_the_stamp_stays(pair_ids, until):
     def transform(cdr):
-        return {b"a": cdr, b"b": None, b"c": serialize(String(data="other")), b"d": b"\0\1\0\0garbage"}[
-            cdr[8:9]
-        ]
+        return {b"a": cdr, b"b": None, b"c": serialize(text("other")), b"d": b"\0\1\0\0garbage"}[cdr[8:9]]
 
     async with two_domains(pair_ids) as (talker, near, far, listener):
         forwarder = near.open_forwarder(far)
@@ -147,7 +144,7 @@ async def test_a_transform_changes_drops_or_leaves_a_sample_and_the_stamp_stays(
         await publisher.wait_for_subscriptions()
         await subscription.wait_for_publishers()
         for number, letter in enumerate("abcda"):
-            publisher.publish_raw(serialize(String(data=letter)), source_timestamp_ns=1_000 + number)
+            publisher.publish_raw(serialize(text(letter)), source_timestamp_ns=1_000 + number)
         got = [await subscription.take_with_info(60) for _ in range(3)]
         assert [m.data for m, _ in got] == ["a", "other", "a"]
         assert [info.source_timestamp_ns for _, info in got] == [1_000, 1_002, 1_004]
@@ -168,10 +165,10 @@ async def test_both_ways_at_once_there_is_no_echo(pair_ids, until):
         outward.admit(outlets[1].gid, outlets[0])
         await publisher.wait_for_subscriptions(2)
         await other.wait_for_publishers()
-        publisher.publish(String(data="x"))
+        publisher.publish(text("x"))
         assert (await other.take(60)).data == "x"
         assert (await own.take(60)).data == "x"
-        publisher.publish(String(data="y"))
+        publisher.publish(text("y"))
         assert (await other.take(60)).data == (await own.take(60)).data == "y"
         assert inward.counts.forwarded == inward.counts.dropped == 0
 
@@ -215,24 +212,21 @@ def test_an_unknown_type_passes_between_endpoints_that_announce_none(pair_ids, c
 
 @pytest.mark.live
 async def test_a_service_passes_with_its_frames(pair_ids, until):
-    type_, name = "sfglab_interfaces/srv/GetMetadata", "/s"
     request, reply = "rq/sRequest", "rr/sReply"
 
     async with two_domains(pair_ids) as (talker, near, far, listener):
-        response = default_message(f"{type_}_Response")
-        response.message = "hello"
-        listener.create_service(type_, name, lambda _: response)
-        client = talker.create_client(type_, name)
+        listener.create_service(SERVICE, "/s", lambda _: response("hello"))
+        client = talker.create_client(SERVICE, "/s")
         out, back = near.open_forwarder(far), far.open_forwarder(near)
-        asked = endpoint(f"{type_}_Request", request)
-        answered = endpoint(f"{type_}_Response", reply)
+        asked = endpoint(f"{SERVICE}_Request", request)
+        answered = endpoint(f"{SERVICE}_Response", reply)
         there, here = out.open(asked), back.open(answered)
         outlets = out.open_writer(asked), back.open_writer(answered)
         await near.graph.wait_for(lambda: _writer_of(near, request) is not None)
         await far.graph.wait_for(lambda: _writer_of(far, reply) is not None)
         there.admit(_writer_of(near, request), outlets[0])
         here.admit(_writer_of(far, reply), outlets[1])
-        got = await client.call(default_message(f"{type_}_Request"), 5)
+        got = await client.call(Request(), 5)
         assert got.message == "hello"
         await until(lambda: here.counts.forwarded >= 1)  # a sample is counted after it was passed on
         assert (there.counts.forwarded, here.counts.forwarded) == (1, 1)
@@ -247,11 +241,10 @@ def _writer_of(node, dds_topic):
 async def test_a_reader_that_stands_still_costs_no_sample_and_holds_up_no_other_topic(pair_ids, child, until):
     count, slow = 60, "x" * 100_000
     listening = f"""
-    async with Node("slow", domain_id={pair_ids[1]}, interface="lo") as node:
-        sub = node.create_subscription(String, "/slow", qos=QoSProfile(history=History.KEEP_ALL))
-        await sub.wait_for_publishers()
-        say(ready=True)
-        say(got=[int((await sub.take(60)).data.rstrip("x")) for _ in range({count})])
+    sub = node.create_subscription(String, "/slow", qos=QoSProfile(history=History.KEEP_ALL))
+    await sub.wait_for_publishers()
+    say(ready=True)
+    say(got=[int((await sub.take(60)).data.rstrip("x")) for _ in range({count})])
     """
 
     async with two_domains(pair_ids) as (talker, near, far, listener):
@@ -265,13 +258,13 @@ async def test_a_reader_that_stands_still_costs_no_sample_and_holds_up_no_other_
             await publishers[topic].wait_for_subscriptions()
         fast = listener.create_subscription(STRING, "/fast")
         await fast.wait_for_publishers()
-        async with child(listening) as other:
+        async with child(listening, "slow", domain_id=pair_ids[1]) as other:
             await other.hear()
             os.kill(other.pid, signal.SIGSTOP)
             for number in range(count):
-                publishers["/slow"].publish(String(data=f"{number}{slow}"))
+                publishers["/slow"].publish(text(f"{number}{slow}"))
             for number in range(20):
-                publishers["/fast"].publish(String(data=str(number)))
+                publishers["/fast"].publish(text(number))
                 assert (await fast.take(60)).data == str(number)
             assert forwards["/slow"].counts.forwarded < count, "it does stand still"
             os.kill(other.pid, signal.SIGCONT)
@@ -282,7 +275,7 @@ async def test_a_reader_that_stands_still_costs_no_sample_and_holds_up_no_other_
 
 @pytest.mark.live
 async def test_no_sample_is_leaked_whether_forwarded_dropped_held_or_transformed(pair_ids, until):
-    cdr = serialize(String(data="x" * 1_000_000))
+    cdr = serialize(text("x" * 1_000_000))
 
     def copied(cdr):
         return bytes(bytearray(cdr))

@@ -13,20 +13,14 @@ from pathlib import Path
 
 import psutil
 import pytest
+from bus_messages import SERVICE, STRING, text
 
 from sfglab import bus
-from sfglab.messages import message_type
 from sfglab.names import FqnError
 from sfglab.qos import LATCHED
 
 pytestmark = pytest.mark.live
-
-STRING = "std_msgs/msg/String"
-String = message_type(STRING)
-
-
-def node(domain_id, name="here", **options):
-    return bus.Node(name, domain_id=domain_id, interface="lo", **options)
+world = pytest.fixture(lambda live: live)
 
 
 def resources():
@@ -51,8 +45,8 @@ def settle(before):
     assert resources() == before
 
 
-async def use(domain_id):
-    async with node(domain_id) as here:
+async def use(node):
+    async with node("here") as here:
         received = asyncio.Event()
         for transport in ("dds", "shm"):
             publisher = here.create_publisher(STRING, "/t", transport=transport)
@@ -60,20 +54,20 @@ async def use(domain_id):
             here.create_subscription(STRING, "/t", lambda _: received.set(), transport=transport)
             await publisher.wait_for_subscriptions(2)
             await held.wait_for_publishers()
-            publisher.publish(String(data="x"))
+            publisher.publish(text("x"))
             await asyncio.wait_for(received.wait(), 60)
-        here.create_service("sfglab_interfaces/srv/GetMetadata", "/s", print)
-        here.create_client("sfglab_interfaces/srv/GetMetadata", "/s")
+        here.create_service(SERVICE, "/s", print)
+        here.create_client(SERVICE, "/s")
         here.create_timer(0.001, lambda: asyncio.sleep(3600))
         here.create_subscription(STRING, "/t", lambda _: asyncio.sleep(3600))
-        publisher.publish(String(data="y"))
+        publisher.publish(text("y"))
 
 
-async def test_twenty_open_and_close_cycles_leave_nothing(domain_id):
-    await use(domain_id)
+async def test_twenty_open_and_close_cycles_leave_nothing(node):
+    await use(node)
     before = resources()
     for _ in range(20):
-        await use(domain_id)
+        await use(node)
     settle(before)
     assert len(asyncio.all_tasks()) == 1
 
@@ -85,7 +79,7 @@ async def test_an_abandoned_node_closes_itself_and_a_rerun_works(domain_id):
         publisher = here.create_publisher(STRING, "/t", transport="shm")
         subscription = here.create_subscription(STRING, "/t", transport="shm")
         await publisher.wait_for_subscriptions()
-        publisher.publish(String(data="x"))
+        publisher.publish(text("x"))
         return await subscription.take(60)
 
     await cell()
@@ -114,57 +108,52 @@ def test_a_loop_that_ends_without_closing_its_node_leaves_nothing(domain_id):
     settle(before)
 
 
-def test_cancelling_or_interrupting_the_body_closes_the_node(domain_id):
+async def test_cancelling_or_interrupting_the_body_closes_the_node(node):
     async def body(started):
-        async with node(domain_id) as here:
+        async with node("here") as here:
             subscription = here.create_subscription(STRING, "/t")
             started.set()
             await subscription.take()
 
-    async def scenario():
-        for _ in range(2):
-            started = asyncio.Event()
-            task = asyncio.create_task(body(started))
-            await started.wait()
-            task.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await task
-            counts.append(resources())
-
     counts = []
-    asyncio.run(scenario())
+    for _ in range(2):
+        started = asyncio.Event()
+        task = asyncio.create_task(body(started))
+        await started.wait()
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        counts.append(resources())
     assert counts[0] == counts[1]
 
 
-async def test_a_killed_process_leaves_the_graph_after_its_lease_and_a_closed_one_at_once(domain_id, child):
-    talker = f"""
-    async with Node("talker", domain_id={domain_id}, interface="lo", lease_s=1.0) as node:
-        node.create_publisher(String, "/t")
-        node.create_subscription(String, "/t", transport="shm")
-        await hear()
+async def test_a_killed_process_leaves_the_graph_after_its_lease_and_a_closed_one_at_once(here, child):
+    talker = """
+    node.create_publisher(String, "/t")
+    node.create_subscription(String, "/t", transport="shm")
+    await hear()
     """
-    async with node(domain_id) as here:
-        events = here.graph.events()
-        for end in ("kill", "tell"):
-            async with child(talker) as other:
-                appeared = [await anext(events) for _ in range(2)]
-                await getattr(other, end)()
-                async with asyncio.timeout(60):
-                    went = [await anext(events) for _ in range(2)]
-            assert {type(e) for e in appeared} == {bus.EndpointAdded}
-            assert {type(e) for e in went} == {bus.EndpointRemoved}
-            assert {e.endpoint for e in appeared} == {e.endpoint for e in went}
-            said = {(e.endpoint.kind.value, e.endpoint.transport, e.endpoint.node) for e in went}
-            assert said == {("publisher", "dds", "/talker"), ("subscription", "shm", "/talker")}
-        await here.close()
-        assert [event async for event in events] == []
+    events = here.graph.events()
+    for end in ("kill", "tell"):
+        async with child(talker, "talker", lease_s=1.0) as other:
+            appeared = [await anext(events) for _ in range(2)]
+            await getattr(other, end)()
+            async with asyncio.timeout(60):
+                went = [await anext(events) for _ in range(2)]
+        assert {type(e) for e in appeared} == {bus.EndpointAdded}
+        assert {type(e) for e in went} == {bus.EndpointRemoved}
+        assert {e.endpoint for e in appeared} == {e.endpoint for e in went}
+        said = {(e.endpoint.kind.value, e.endpoint.transport, e.endpoint.node) for e in went}
+        assert said == {("publisher", "dds", "/talker"), ("subscription", "shm", "/talker")}
+    await here.close()
+    assert [event async for event in events] == []
 
 
-async def test_one_process_cannot_join_a_domain_in_two_ways(domain_id):
-    async with node(domain_id), node(domain_id, "second"):
+async def test_one_process_cannot_join_a_domain_in_two_ways(node):
+    async with node("first"), node("second"):
         with pytest.raises(bus.DomainError, match=r"already joined.*lease_s=10\.0.*lease_s=2"):
-            await bus.Node.create("third", domain_id=domain_id, interface="lo", lease_s=2)
-    async with node(domain_id, "after", lease_s=2):
+            node("third", lease_s=2).start()
+    async with node("after", lease_s=2):
         pass
 
 
@@ -182,39 +171,37 @@ async def test_a_domain_that_cannot_be_joined_says_why():
         await bus.Node.create("no name", domain_id=100, interface="lo")
 
 
-async def test_a_taken_port_is_an_error_that_names_it(domain_id):
+async def test_a_taken_port_is_an_error_that_names_it(node, domain_id):
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as other:
         other.bind(("", 7400 + 250 * domain_id))
         with pytest.raises(bus.DomainError, match=f"UDP port {7400 + 250 * domain_id} is not taken"):
             await bus.Node.create("n", domain_id=domain_id, interface="lo")
-    async with node(domain_id):
+    async with node("here"):
         pass  # the failure left nothing behind
 
 
-async def test_without_multicast_nodes_of_one_host_find_each_other(domain_id, child):
-    talker = f"""
-    async with Node("talker", domain_id={domain_id}, interface="lo", multicast="false") as node:
-        node.create_publisher(String, "/t", LATCHED).publish(String(data="unicast"))
-        await hear()
+async def test_without_multicast_nodes_of_one_host_find_each_other(node, child):
+    talker = """
+    node.create_publisher(String, "/t", LATCHED).publish(String(data="unicast"))
+    await hear()
     """
-    async with node(domain_id, multicast="false") as here, child(talker):
+    async with node("here", multicast="false") as here, child(talker, "talker", multicast="false"):
         subscription = here.create_subscription(STRING, "/t", qos=LATCHED)
         assert (await subscription.take(60)).data == "unicast"
 
 
-async def test_closing_a_publisher_waits_for_no_reader_that_acknowledges_nothing(domain_id, child, until):
+async def test_closing_a_publisher_waits_for_no_reader_that_acknowledges_nothing(here, child, until):
     listener = f"""
-    async with Node("deaf", domain_id={domain_id}, interface="lo", lease_s=10.0) as node:
-        node.create_subscription("{STRING}", "/t")
-        await hear()
+    node.create_subscription("{STRING}", "/t")
+    await hear()
     """
-    async with node(domain_id) as here, child(listener) as deaf:
+    async with child(listener, "deaf", lease_s=10.0) as deaf:
         publisher = here.create_publisher(STRING, "/t")
         await publisher.wait_for_subscriptions(timeout_s=60)
         deaf.process.send_signal(signal.SIGSTOP)
         # Until it has stopped, it may acknowledge.
         await until(lambda: psutil.Process(deaf.process.pid).status() == psutil.STATUS_STOPPED)
-        publisher.publish(String(data="x"))
+        publisher.publish(text("x"))
         threads = set(threading.enumerate())
         publisher.close()
         (waiting,) = set(threading.enumerate()) - threads  # Cyclone waits a second for the acknowledgement

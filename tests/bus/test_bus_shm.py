@@ -9,40 +9,25 @@ import mmap
 import os
 import socket
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
+from bus_messages import IMAGE, PIXELS, STRING, connected, image, text
 
 from sfglab import bus
 from sfglab.bus.api import SHM_KEY, entries
 from sfglab.bus.shm import wire
 from sfglab.bus.shm.fanout import credits_of, returns_of
-from sfglab.messages import message_type, serialize
+from sfglab.messages import serialize
 from sfglab.qos import LATCHED, History, QoSProfile
 
 pytestmark = pytest.mark.live
-
-STRING = "std_msgs/msg/String"
-IMAGE = "sensor_msgs/msg/Image"
-String = message_type(STRING)
-Image = message_type(IMAGE)
-Header = message_type("std_msgs/msg/Header")
-Time = message_type("builtin_interfaces/msg/Time")
-PIXELS = 640 * 360 * 3
+world = pytest.fixture(lambda live: live)
+pair = partial(connected, transport="shm")
 
 TOGETHER = returns_of(credits_of(10))
 """So many slots a subscriber of the default depth gives back at once."""
-
-
-def node(domain_id, name="here", **options):
-    return bus.Node(name, domain_id=domain_id, interface="lo", **options)
-
-
-def image(fill):
-    header = Header(stamp=Time(sec=1, nanosec=2), frame_id="camera")
-    data = np.full(PIXELS, fill, np.uint8)
-    return Image(header=header, height=360, width=640, encoding="rgb8", is_bigendian=0, step=1920, data=data)
 
 
 def address_of(array):
@@ -56,144 +41,125 @@ def maps(permissions):
     return [tuple(int(end, 16) for end in f[0].split("-")) for f in fields if f[1] == permissions]
 
 
-async def pair(domain_id_node, *, qos=10, type_=IMAGE, **options):
-    publisher = domain_id_node.create_publisher(type_, "/t", qos, transport="shm", **options)
-    subscription = domain_id_node.create_subscription(type_, "/t", qos=qos, transport="shm")
+async def test_images_cross_to_another_process_and_the_graph_says_how(here, child):
+    reader = """
+    sub = node.create_subscription(Image, "/image", qos=LATCHED, transport="shm")
+    for _ in range(2):
+        message, info = await sub.take_with_info(60)
+        say(sum=int(message.data.sum()), frame=message.header.frame_id, gid=info.publisher_gid.hex())
+        del message
+        await hear()
+    """
+    publisher = here.create_publisher(IMAGE, "/image", LATCHED, transport="shm")
+    publisher.publish(image(2))
+    publisher.publish(image(3))  # the late joiner gets the last one
+    async with child(reader, "reader") as other:
+        heard = await other.hear()
+        assert heard == {"sum": 3 * PIXELS, "frame": "camera", "gid": publisher.gid.hex()}
+        (there,) = here.graph.subscriptions("/image")
+        (mine,) = here.graph.publishers("/image")
+        assert (there.transport, there.host, there.node) == ("shm", mine.host, "/reader")
+        await other.tell()
+        publisher.publish(image(7))
+        assert (await other.hear())["sum"] == 7 * PIXELS
+        await other.tell()
+        await other.end()
+
+
+async def test_a_received_array_is_the_map_itself_and_cannot_be_written(here):
+    publisher, subscription = await pair(here, here, type_=IMAGE)
+    publisher.publish(image(5))
+    message = await subscription.take(60)
+    start = address_of(message.data)
+    assert any(low <= start and start + PIXELS <= high for low, high in maps("r--s"))
+    assert not message.data.flags.writeable
+    with pytest.raises(ValueError, match="WRITEABLE"):
+        message.data.flags.writeable = True
+
+
+async def test_a_held_message_is_never_overwritten_and_its_slot_is_free_once_let_go(here):
+    publisher, subscription = await pair(here, here, type_=IMAGE, qos=3)
+    pool = publisher._writer._pool
+    publisher.publish(image(1))
+    held = (await subscription.take(60)).data[100:200]  # a view of a view holds it, too
+    addresses = set()
+    for fill in range(2, 60):
+        publisher.publish(image(fill))
+        addresses.add(address_of((await subscription.take(60)).data))
+    assert held.tolist() == [1] * 100
+    assert address_of(held) - 100 not in addresses
+    assert len(addresses) <= 1 + TOGETHER  # the others' slots were used again and again
+    del held
+    publisher.publish(image(60))
+    assert pool.slots_in_use <= TOGETHER
+
+
+async def test_a_reader_that_keeps_everything_goes_on_receiving_in_bounded_memory(here, there):
+    publisher, hoarder = await pair(here, here, type_=IMAGE, qos=2)
+    fast = there.create_subscription(IMAGE, "/t", qos=2, transport="shm")
+    await publisher.wait_for_subscriptions(2)
+    await fast.wait_for_publishers()
+    hoard = []
+    for fill in range(50):
+        publisher.publish(image(fill))
+        assert (await fast.take(60)).data[0] == fill
+        hoard.append(await hoarder.take(60))
+    assert [m.data[0] for m in hoard] == list(range(50)), "beyond its slots it is given copies"
+    assert publisher._writer._pool.slots_in_use <= 2 * credits_of(2)
+    assert (hoarder.dropped, fast.dropped) == (0, 0)
+
+
+async def test_a_process_that_slept_gets_the_newest_messages_only(here, child):
+    reader = """
+    sub = node.create_subscription(String, "/t", qos=3, transport="shm")
+    await sub.wait_for_publishers()
+    say(ready=True)
+    sys.stdin.readline()  # the loop stands still
+    say(got=[(await sub.take(60)).data for _ in range(3)], dropped=sub.dropped)
+    """
+    publisher = here.create_publisher(STRING, "/t", transport="shm")
+    async with child(reader, "reader") as other:
+        await other.hear()
+        for number in range(100):
+            publisher.publish(text(number))
+        assert publisher._writer._pool.slots_in_use <= credits_of(3) + 3
+        await other.tell()
+        assert await other.hear() == {"got": ["97", "98", "99"], "dropped": 97}
+        await other.end()
+
+
+async def test_the_death_of_a_subscriber_that_holds_slots_frees_them_at_once(here, child, until):
+    reader = """
+    sub = node.create_subscription(Image, "/t", qos=5, transport="shm")
+    await sub.wait_for_publishers()
+    say(ready=True)
+    held = [await sub.take(60) for _ in range(5)]
+    say(held=len(held))
+    await hear()
+    """
+    publisher = here.create_publisher(IMAGE, "/t", 5, transport="shm")
+    async with child(reader, "reader", lease_s=1.0) as other:
+        await other.hear()
+        for fill in range(5):
+            publisher.publish(image(fill))
+        assert await other.hear() == {"held": 5}
+        assert publisher._writer._pool.slots_in_use == 5
+        await other.kill()
+        await until(lambda: publisher.get_subscription_count() == 0)
+        assert publisher._writer._pool.slots_in_use < TOGETHER, "but for what is given back together"
+        assert await here.graph.wait_for(lambda: not here.graph.subscriptions("/t"), 60)
+
+
+async def test_the_death_of_a_publisher_leaves_held_messages_readable(here, child, until):
+    writer = """
+    publisher = node.create_publisher(Image, "/image", transport="shm")
     await publisher.wait_for_subscriptions()
-    await subscription.wait_for_publishers()
-    return publisher, subscription
-
-
-async def test_images_cross_to_another_process_and_the_graph_says_how(domain_id, child):
-    reader = f"""
-    async with Node("reader", domain_id={domain_id}, interface="lo") as node:
-        sub = node.create_subscription(Image, "/image", qos=LATCHED, transport="shm")
-        for _ in range(2):
-            message, info = await sub.take_with_info(60)
-            say(sum=int(message.data.sum()), frame=message.header.frame_id, gid=info.publisher_gid.hex())
-            del message
-            await hear()
+    image = default_message(Image)
+    image.data = np.full(1000, 9, np.uint8)
+    publisher.publish(image)
+    await hear()
     """
-    async with node(domain_id) as here:
-        publisher = here.create_publisher(IMAGE, "/image", LATCHED, transport="shm")
-        publisher.publish(image(2))
-        publisher.publish(image(3))  # the late joiner gets the last one
-        async with child(reader) as other:
-            heard = await other.hear()
-            assert heard == {"sum": 3 * PIXELS, "frame": "camera", "gid": publisher.gid.hex()}
-            (there,) = here.graph.subscriptions("/image")
-            (mine,) = here.graph.publishers("/image")
-            assert (there.transport, there.host, there.node) == ("shm", mine.host, "/reader")
-            await other.tell()
-            publisher.publish(image(7))
-            assert (await other.hear())["sum"] == 7 * PIXELS
-            await other.tell()
-            await other.end()
-
-
-async def test_a_received_array_is_the_map_itself_and_cannot_be_written(domain_id):
-    async with node(domain_id) as here:
-        publisher, subscription = await pair(here)
-        publisher.publish(image(5))
-        message = await subscription.take(60)
-        start = address_of(message.data)
-        assert any(low <= start and start + PIXELS <= high for low, high in maps("r--s"))
-        assert not message.data.flags.writeable
-        with pytest.raises(ValueError, match="WRITEABLE"):
-            message.data.flags.writeable = True
-
-
-async def test_a_held_message_is_never_overwritten_and_its_slot_is_free_once_let_go(domain_id):
-    async with node(domain_id) as here:
-        publisher, subscription = await pair(here, qos=3)
-        pool = publisher._writer._pool
-        publisher.publish(image(1))
-        held = (await subscription.take(60)).data[100:200]  # a view of a view holds it, too
-        addresses = set()
-        for fill in range(2, 60):
-            publisher.publish(image(fill))
-            addresses.add(address_of((await subscription.take(60)).data))
-        assert held.tolist() == [1] * 100
-        assert address_of(held) - 100 not in addresses
-        assert len(addresses) <= 1 + TOGETHER  # the others' slots were used again and again
-        del held
-        publisher.publish(image(60))
-        assert pool.slots_in_use <= TOGETHER
-
-
-async def test_a_reader_that_keeps_everything_goes_on_receiving_in_bounded_memory(domain_id):
-    async with node(domain_id) as here, node(domain_id, "there") as there:
-        publisher, hoarder = await pair(here, qos=2)
-        fast = there.create_subscription(IMAGE, "/t", qos=2, transport="shm")
-        await publisher.wait_for_subscriptions(2)
-        await fast.wait_for_publishers()
-        hoard = []
-        for fill in range(50):
-            publisher.publish(image(fill))
-            assert (await fast.take(60)).data[0] == fill
-            hoard.append(await hoarder.take(60))
-        assert [m.data[0] for m in hoard] == list(range(50)), "beyond its slots it is given copies"
-        assert publisher._writer._pool.slots_in_use <= 2 * credits_of(2)
-        assert (hoarder.dropped, fast.dropped) == (0, 0)
-
-
-async def test_a_process_that_slept_gets_the_newest_messages_only(domain_id, child):
-    reader = f"""
-    import time
-    async with Node("reader", domain_id={domain_id}, interface="lo") as node:
-        sub = node.create_subscription(String, "/t", qos=3, transport="shm")
-        await sub.wait_for_publishers()
-        say(ready=True)
-        sys.stdin.readline()  # the loop stands still
-        say(got=[(await sub.take(60)).data for _ in range(3)], dropped=sub.dropped)
-    """
-    async with node(domain_id) as here:
-        publisher = here.create_publisher(STRING, "/t", transport="shm")
-        async with child(reader) as other:
-            await other.hear()
-            for number in range(100):
-                publisher.publish(String(data=str(number)))
-            assert publisher._writer._pool.slots_in_use <= credits_of(3) + 3
-            await other.tell()
-            assert await other.hear() == {"got": ["97", "98", "99"], "dropped": 97}
-            await other.end()
-
-
-async def test_the_death_of_a_subscriber_that_holds_slots_frees_them_at_once(domain_id, child, until):
-    reader = f"""
-    async with Node("reader", domain_id={domain_id}, interface="lo", lease_s=1.0) as node:
-        sub = node.create_subscription(Image, "/t", qos=5, transport="shm")
-        await sub.wait_for_publishers()
-        say(ready=True)
-        held = [await sub.take(60) for _ in range(5)]
-        say(held=len(held))
-        await hear()
-    """
-    async with node(domain_id) as here:
-        publisher = here.create_publisher(IMAGE, "/t", 5, transport="shm")
-        async with child(reader) as other:
-            await other.hear()
-            for fill in range(5):
-                publisher.publish(image(fill))
-            assert await other.hear() == {"held": 5}
-            assert publisher._writer._pool.slots_in_use == 5
-            await other.kill()
-            await until(lambda: publisher.get_subscription_count() == 0)
-            assert publisher._writer._pool.slots_in_use < TOGETHER, "but for what is given back together"
-            assert await here.graph.wait_for(lambda: not here.graph.subscriptions("/t"), 60)
-
-
-async def test_the_death_of_a_publisher_leaves_held_messages_readable(domain_id, child, until):
-    writer = f"""
-    async with Node("writer", domain_id={domain_id}, interface="lo", lease_s=1.0) as node:
-        publisher = node.create_publisher(Image, "/image", transport="shm")
-        await publisher.wait_for_subscriptions()
-        image = default_message(Image)
-        image.data = np.full(1000, 9, np.uint8)
-        publisher.publish(image)
-        await hear()
-    """
-    async with node(domain_id) as here, child(writer) as other:
+    async with child(writer, "writer", lease_s=1.0) as other:
         subscription = here.create_subscription(IMAGE, "/image", transport="shm")
         message = await subscription.take(60)
         await other.kill()
@@ -206,103 +172,97 @@ async def test_the_death_of_a_publisher_leaves_held_messages_readable(domain_id,
         assert maps("r--s") == []
 
 
-async def test_a_closed_subscription_gets_nothing_more_but_keeps_what_it_holds(domain_id, until):
-    async with node(domain_id) as here:
-        publisher, subscription = await pair(here)
-        publisher.publish(image(1))
-        held = (await subscription.take(60)).data
-        subscription.close()
-        del subscription
-        await until(lambda: publisher.get_subscription_count() == 0)
-        other = here.create_subscription(IMAGE, "/t", transport="shm")
-        await publisher.wait_for_subscriptions()
-        await other.wait_for_publishers()
-        for fill in range(2, 20):
-            publisher.publish(image(fill))
-            await other.take(60)
-        assert (held == 1).all()
-        del held
-        gc.collect()
-        await until(lambda: len(publisher._writer._connections) == 1)
+async def test_a_closed_subscription_gets_nothing_more_but_keeps_what_it_holds(here, until):
+    publisher, subscription = await pair(here, here, type_=IMAGE)
+    publisher.publish(image(1))
+    held = (await subscription.take(60)).data
+    subscription.close()
+    del subscription
+    await until(lambda: publisher.get_subscription_count() == 0)
+    other = here.create_subscription(IMAGE, "/t", transport="shm")
+    await publisher.wait_for_subscriptions()
+    await other.wait_for_publishers()
+    for fill in range(2, 20):
+        publisher.publish(image(fill))
+        await other.take(60)
+    assert (held == 1).all()
+    del held
+    gc.collect()
+    await until(lambda: len(publisher._writer._connections) == 1)
 
 
-async def test_a_loan_is_written_in_place_and_an_exception_publishes_nothing(domain_id):
-    async with node(domain_id) as here:
-        publisher, subscription = await pair(here, type_=STRING)
-        cdr = serialize(String(data="in place"))
-        with publisher.loan(len(cdr)) as buffer:
-            buffer[:] = cdr
-            start = ctypes.addressof(ctypes.c_char.from_buffer(buffer))
-        assert any(low <= start < high for low, high in maps("rw-s"))
-        assert start % 64 == 60  # so that what follows the CDR header is aligned
-        with pytest.raises(KeyError), publisher.loan(100):
-            raise KeyError
-        publisher.publish(String(data="next"))
-        assert [(await subscription.take(60)).data for _ in range(2)] == ["in place", "next"]
-        publisher._writer._collect()
-        assert publisher._writer._pool.slots_in_use < TOGETHER, "let go, but for what is given back together"
+async def test_a_loan_is_written_in_place_and_an_exception_publishes_nothing(here):
+    publisher, subscription = await pair(here, here)
+    cdr = serialize(text("in place"))
+    with publisher.loan(len(cdr)) as buffer:
+        buffer[:] = cdr
+        start = ctypes.addressof(ctypes.c_char.from_buffer(buffer))
+    assert any(low <= start < high for low, high in maps("rw-s"))
+    assert start % 64 == 60  # so that what follows the CDR header is aligned
+    with pytest.raises(KeyError), publisher.loan(100):
+        raise KeyError
+    publisher.publish(text("next"))
+    assert [(await subscription.take(60)).data for _ in range(2)] == ["in place", "next"]
+    publisher._writer._collect()
+    assert publisher._writer._pool.slots_in_use < TOGETHER, "let go, but for what is given back together"
 
 
-async def test_limits_of_size_and_memory_are_errors_that_say_so(domain_id):
-    async with node(domain_id) as here:
-        publisher, subscription = await pair(here, type_=STRING, qos=1, max_message_bytes=4000)
-        with pytest.raises(bus.InvalidMessageError, match=r"5009 bytes exceeds.*4000"):
-            publisher.publish_raw(bytes(5009))
-        with ExitStack() as loans:
-            for _ in range(64):
-                loans.enter_context(publisher.loan(3000))
-            with pytest.raises(bus.PublishError, match="hold all of the"):
-                publisher.publish(String(data="no room"))
-            loans.pop_all()  # given up, not published
-        gc.collect()
-        publisher.publish(String(data="room"))
-        assert (await subscription.take(60)).data == "room"
+async def test_limits_of_size_and_memory_are_errors_that_say_so(here):
+    publisher, subscription = await pair(here, here, qos=1, max_message_bytes=4000)
+    with pytest.raises(bus.InvalidMessageError, match=r"5009 bytes exceeds.*4000"):
+        publisher.publish_raw(bytes(5009))
+    with ExitStack() as loans:
+        for _ in range(64):
+            loans.enter_context(publisher.loan(3000))
+        with pytest.raises(bus.PublishError, match="hold all of the"):
+            publisher.publish(text("no room"))
+        loans.pop_all()  # given up, not published
+    gc.collect()
+    publisher.publish(text("room"))
+    assert (await subscription.take(60)).data == "room"
 
 
-async def test_a_peer_cannot_write_or_truncate_the_memory_and_nonsense_is_hung_up_on(domain_id):
-    async with node(domain_id) as here:
-        publisher, subscription = await pair(here, type_=STRING)
-        address = entries(here.graph.publishers("/t")[0].user_data)[SHM_KEY]
-        for nonsense in (b"x", b"", b"sfgs" + bytes(100)):
-            peer = wire.connect(address)
-            peer.send(nonsense)
-            peer.setblocking(True)
-            received = asyncio.to_thread(peer.recv, 10)
-            assert await asyncio.wait_for(received, 60) == b""
-            peer.close()
-        publisher.publish(String(data="still there"))
-        assert (await subscription.take(60)).data == "still there"
-        fd = os.open(f"/proc/self/fd/{publisher._writer._arena.reader_fd}", os.O_RDONLY)
-        with pytest.raises(PermissionError):
-            mmap.mmap(fd, 4096, prot=mmap.PROT_WRITE)
-        os.close(fd)
-        with pytest.raises(PermissionError):
-            os.ftruncate(publisher._writer._arena._fd, 0)
+async def test_a_peer_cannot_write_or_truncate_the_memory_and_nonsense_is_hung_up_on(here):
+    publisher, subscription = await pair(here, here)
+    address = entries(here.graph.publishers("/t")[0].user_data)[SHM_KEY]
+    for nonsense in (b"x", b"", b"sfgs" + bytes(100)):
+        peer = wire.connect(address)
+        peer.send(nonsense)
+        peer.setblocking(True)
+        received = asyncio.to_thread(peer.recv, 10)
+        assert await asyncio.wait_for(received, 60) == b""
+        peer.close()
+    publisher.publish(text("still there"))
+    assert (await subscription.take(60)).data == "still there"
+    fd = os.open(f"/proc/self/fd/{publisher._writer._arena.reader_fd}", os.O_RDONLY)
+    with pytest.raises(PermissionError):
+        mmap.mmap(fd, 4096, prot=mmap.PROT_WRITE)
+    os.close(fd)
+    with pytest.raises(PermissionError):
+        os.ftruncate(publisher._writer._arena._fd, 0)
 
 
-async def test_a_subscriber_refuses_hostile_datagrams_of_a_publisher(domain_id):
-    async with node(domain_id) as here:
-        _, subscription = await pair(here, type_=STRING)
-        (link,) = subscription._reader._links.values()
-        near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        near.setblocking(False)
-        loop = asyncio.get_running_loop()
-        loop.remove_reader(link.sock.fileno())
-        real, link.sock = link.sock, near
-        far.send(b"\xff" * 32)
-        subscription._reader._receive(link.gid, link)
-        assert subscription.get_publisher_count() == 0
-        assert far.recv(10) == b""
-        real.close()
-        far.close()
+async def test_a_subscriber_refuses_hostile_datagrams_of_a_publisher(here):
+    _, subscription = await pair(here, here)
+    (link,) = subscription._reader._links.values()
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    near.setblocking(False)
+    loop = asyncio.get_running_loop()
+    loop.remove_reader(link.sock.fileno())
+    real, link.sock = link.sock, near
+    far.send(b"\xff" * 32)
+    subscription._reader._receive(link.gid, link)
+    assert subscription.get_publisher_count() == 0
+    assert far.recv(10) == b""
+    real.close()
+    far.close()
 
 
-async def test_keep_all_loses_nothing_within_the_memory_limit(domain_id):
-    async with node(domain_id) as here:
-        qos = QoSProfile(history=History.KEEP_ALL)
-        publisher, subscription = await pair(here, type_=STRING, qos=qos)
-        for number in range(1000):
-            publisher.publish(String(data=str(number)))
-        got = [int((await subscription.take(60)).data) for _ in range(1000)]
-        assert got == list(range(1000))
-        assert subscription.dropped == 0
+async def test_keep_all_loses_nothing_within_the_memory_limit(here):
+    qos = QoSProfile(history=History.KEEP_ALL)
+    publisher, subscription = await pair(here, here, qos=qos)
+    for number in range(1000):
+        publisher.publish(text(number))
+    got = [int((await subscription.take(60)).data) for _ in range(1000)]
+    assert got == list(range(1000))
+    assert subscription.dropped == 0

@@ -10,6 +10,7 @@ from functools import partial
 from itertools import pairwise
 
 import pytest
+from bus_messages import SERVICE, STRING, Request, response, text
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -24,23 +25,10 @@ from sfglab.bus.sim import (
     run_simulated,
 )
 from sfglab.bus.sim.views import NEVER_NS, Gap, known_spans
-from sfglab.messages import default_message, message_type, serialize, service_type
+from sfglab.messages import serialize
 from sfglab.qos import LATCHED, SENSOR_DATA, Durability, History, QoSProfile
 
-STRING = "std_msgs/msg/String"
-String = message_type(STRING)
-SERVICE = "sfglab_interfaces/srv/GetMetadata"
-Request, Response = service_type(SERVICE).request, service_type(SERVICE).response
 MS = 1_000_000
-
-
-def text(value):
-    return String(data=str(value))
-
-
-def answer(request):
-    metadata = default_message("sfglab_interfaces/msg/AgentMetadata")
-    return Response(success=True, message="", metadata=metadata)
 
 
 async def take_all(subscription, wait_s=5.0):
@@ -64,7 +52,7 @@ async def busy(world, events):
     heard = []
     for node, publisher in zip(nodes, publishers, strict=True):
         node.create_subscription(STRING, "/t", lambda m: heard.append(m.data), LATCHED)
-        node.create_service(SERVICE, f"/s/{node.name}", answer)
+        node.create_service(SERVICE, f"/s/{node.name}", lambda _: response())
         node.create_timer(0.3, lambda n=node, p=publisher: p.publish(text(n.name)))
     clients = [node.create_client(SERVICE, f"/s/n{(i + 1) % 6}") for i, node in enumerate(nodes)]
     await asyncio.gather(*(client.call(Request(), 30) for client in clients))
@@ -527,9 +515,7 @@ def calls_of_a_fleet(*, lean):
         names = [f"n{i}" for i in range(6)]
         nodes = [world.node(name, host=name) for name in names]
         for node in nodes:
-            node.create_service(
-                SERVICE, f"/s/{node.name}", lambda _, name=node.name: Response(True, name, answer(_).metadata)
-            )
+            node.create_service(SERVICE, f"/s/{node.name}", lambda _, name=node.name: response(name))
         clients = [node.create_client(SERVICE, f"/s/{name}") for node in nodes for name in names]
         answers = [r.message for r in await asyncio.gather(*(client.call(Request()) for client in clients))]
         done_ns = world.now_ns

@@ -8,16 +8,13 @@ import sys
 from dataclasses import astuple
 
 import pytest
+from bus_messages import SERVICE, STRING, text
 
 from sfglab.bus.api import EndpointInfo, EndpointKind
 from sfglab.bus.sim import HostTraffic, KindBytes, LinkModel, run_simulated, wire
 from sfglab.lab.hosts import Network
-from sfglab.messages import message_type
 from sfglab.qos import DEFAULT, LATCHED, SENSOR_DATA, History, QoSProfile
 
-STRING = "std_msgs/msg/String"
-String = message_type(STRING)
-SERVICE = "sfglab_interfaces/srv/GetMetadata"
 USER_DATA = b"enclave=/;sfglab.node=/n0;sfglab.host=9e52ecb2f046d1b4;"
 CLIENT = b"clientid=" + b".".join([b"00"] * 16) + b";"
 ALL = QoSProfile(history=History.KEEP_ALL)
@@ -66,7 +63,7 @@ def busy(world):
         readers = [node.create_subscription(STRING, "/t", qos=LATCHED) for node in nodes]
         await publishers[0].wait_for_subscriptions(4)
         for publisher in publishers:
-            publisher.publish(String(data="x" * 100))
+            publisher.publish(text("x" * 100))
         await asyncio.sleep(30)
         readers[0].close()
         await nodes[2].close()
@@ -103,7 +100,7 @@ def test_nothing_is_booked_within_a_host():
             publisher = nodes[0].create_publisher(STRING, "/t")
             nodes[1].create_subscription(STRING, "/t")
             await publisher.wait_for_subscriptions()
-            publisher.publish(String(data="x"))
+            publisher.publish(text("x"))
             await asyncio.sleep(60)
         return world.traffic()["a"]
 
@@ -121,7 +118,7 @@ def test_a_sample_for_many_is_sent_once_and_reaches_every_host_once():
             node.create_subscription(STRING, "/t", qos=SENSOR_DATA)
         await publisher.wait_for_subscriptions(3)
         before = world.traffic()
-        publisher.publish(String(data="x" * 60))
+        publisher.publish(text("x" * 60))
         after = world.traffic()
         assert world.received("b") == after["b"].rx.total
         return [after[host].since(before[host]) for host in hosts]
@@ -159,7 +156,7 @@ def test_lost_packets_are_sent_again_and_booked_again():
             await publisher.wait_for_subscriptions(1, 100)
             await asyncio.sleep(100)
             for _ in range(300):
-                publisher.publish(String(data="x" * 60))
+                publisher.publish(text("x" * 60))
             await asyncio.sleep(10)
             return world.traffic()["a"].tx.data
 
