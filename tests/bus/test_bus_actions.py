@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import gc
-import weakref
 from contextlib import asynccontextmanager, suppress
 
 import numpy as np
@@ -13,7 +11,7 @@ import pytest
 from sfglab import bus
 from sfglab.bus.actions.goals import NO_GOAL_ID
 from sfglab.machine import IllegalInputError
-from sfglab.messages import action_type, message_type, register_action
+from sfglab.messages import message_type, register_action
 from sfglab.qos import DEFAULT, LATCHED, Durability, History
 
 ACTION = "sfglab_test_interfaces/action/Fibonacci"
@@ -337,30 +335,6 @@ async def test_the_topics_have_the_names_types_and_qualities_of_rcl_action(node,
                 assert one.depth == (1 if latched else 10)
 
 
-@pytest.mark.live
-async def test_dds_itself_announces_the_types_of_the_ros_2_design(domain_id):
-    from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
-    from cyclonedds.domain import DomainParticipant
-
-    async with bus.Node("server", domain_id=domain_id, interface="lo", discovery_info=False) as there:
-        there.create_action_server("sfglab_interfaces/action/FollowTrajectory", "/go", compute)
-        participant = DomainParticipant(domain_id)
-        reader = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
-        found, wanted = {}, 5
-        async with asyncio.timeout(60):
-            while len(found) < wanted:
-                found |= {s.topic_name: s.type_name for s in reader.take(64) if "_action" in s.topic_name}
-                await asyncio.sleep(0)
-        stem = "sfglab_interfaces::action::dds_::FollowTrajectory"
-        assert found == {
-            "rt/go/_action/feedback": f"{stem}_FeedbackMessage_",
-            "rt/go/_action/status": "action_msgs::msg::dds_::GoalStatusArray_",
-            "rr/go/_action/send_goalReply": f"{stem}_SendGoal_Response_",
-            "rr/go/_action/get_resultReply": f"{stem}_GetResult_Response_",
-            "rr/go/_action/cancel_goalReply": "action_msgs::srv::dds_::CancelGoal_Response_",
-        }
-
-
 async def test_feedback_and_status_are_these_bytes(node):
     async with node("server") as there, node("client") as here:
         there.create_action_server(ACTION, "/count", compute)
@@ -380,17 +354,6 @@ async def test_feedback_and_status_are_these_bytes(node):
             pass
 
 
-@pytest.mark.live
-async def test_a_forgotten_node_ends_its_action_server(domain_id):
-    here = await bus.Node.create("forgotten", domain_id=domain_id, interface="lo", discovery_info=False)
-    here.create_action_server(ACTION, "/count", compute)
-    here.create_action_client(ACTION, "/count")
-    gone = weakref.ref(here)
-    del here
-    gc.collect()
-    assert gone() is None
-
-
 async def test_the_result_outlives_requests_that_end_and_nobody_cancels_without_a_callback(node):
     steps = Steps()
     async with pair(node, steps) as (_, _, _, client):
@@ -403,7 +366,3 @@ async def test_the_result_outlives_requests_that_end_and_nobody_cancels_without_
             await impatient
         steps.go_on.set()
         assert numbers((await handle.result()).result) == [2]
-
-
-def test_our_trajectory_action_is_an_action():
-    assert action_type("sfglab_interfaces/action/FollowTrajectory").result.STOPPED == 6

@@ -76,6 +76,8 @@ async def test_an_abandoned_node_closes_itself_and_a_rerun_works(domain_id):
     async def cell():
         """A notebook cell that forgets to close."""
         here = await bus.Node.create("same_name", domain_id=domain_id, interface="lo")
+        here.create_action_server("sfglab_interfaces/action/FollowTrajectory", "/go", print)
+        here.create_action_client("sfglab_interfaces/action/FollowTrajectory", "/go")
         publisher = here.create_publisher(STRING, "/t", transport="shm")
         subscription = here.create_subscription(STRING, "/t", transport="shm")
         await publisher.wait_for_subscriptions()
