@@ -152,13 +152,11 @@ def flat_out(*, piggyback):
 
 def test_without_piggyback_delivery_stalls_until_the_next_heartbeat_3_s_apart():
     flow = flat_out(piggyback=False)
-    stalls = np.diff(flow.received_ns[flow.delivered])
-    stalls = stalls[stalls > 0.5 * S]
-    assert len(stalls) >= 5
-    resumed = flow.received_ns[flow.delivered][1:][np.diff(flow.received_ns[flow.delivered]) > 0.5 * S]
-    assert np.allclose(np.diff(resumed) / S % 3, 0, atol=0.02) | np.allclose(
-        np.diff(resumed) / S % 3, 3, atol=0.02
-    )
+    received_s = flow.received_ns[flow.delivered] / S
+    stalled = np.diff(received_s) > 0.5
+    between_s = np.diff(received_s[1:][stalled])
+    assert stalled.sum() >= 5
+    assert np.allclose(between_s, 3 * np.round(between_s / 3), atol=0.02)
     assert flow.loss > 0.3
 
 
@@ -166,6 +164,38 @@ def test_with_piggyback_the_saw_tooth_is_gone():
     flow = flat_out(piggyback=True)
     assert np.diff(flow.received_ns[flow.delivered]).max() < 0.2 * S
     assert flow.loss < 0.01
+
+
+# --- Readers that answer at once, and repairs that travel together: Cyclone DDS.
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "frames"),
+    [(100, (200, 1, 2)), (5, (10, 0, 10))],
+    ids=["in a row, the first and the last", "after a pause, each at once"],
+)
+def test_a_prompt_reader_acknowledges(rate_hz, frames):
+    counts = run(one(vendor=CYCLONE_DDS, rate_hz=rate_hz, duration_s=2.0), seed=1).counts
+    assert (counts["data"], counts["heartbeat"], counts["acknack"]) == frames
+
+
+def test_a_prompt_reader_asks_for_what_is_new_at_once_and_for_the_same_again_after_the_delay():
+    medium, qos = replace(QUIET, loss=0.1), QoSProfile(depth=100)
+    flow = outcome(one(medium, vendor=CYCLONE_DDS, qos=qos, duration_s=20), 1)
+    assert flow.loss == 0
+    late_ns = flow.latency_ns[flow.latency_ns > 5 * MS]
+    # A loss shows with the next sample, 10 ms later; a lost repair or request costs 100 ms more.
+    assert 10 * MS < np.median(late_ns) < 80 * MS
+    assert ((late_ns > 10 * MS) & (late_ns < 12 * MS)).sum() > 20
+
+
+def test_prompt_repairs_travel_together():
+    medium, qos = Medium(rate_bps=1e6, queue_frames=50), QoSProfile(depth=1000)
+    done = run(one(medium, vendor=CYCLONE_DDS, rate_hz=1000, qos=qos, duration_s=2.0), seed=1)
+    fate = done.flows["a"].fate
+    assert done.counts["repeated"] > 100
+    assert done.counts["repeated"] > 10 * (done.counts["data"] - len(fate)), "repeated in few frames"
+    assert set(fate.tolist()) <= {Fate.DELIVERED, Fate.OVERWRITTEN, Fate.UNDERWAY, Fate.LATE}
 
 
 scenarios = st.builds(
@@ -187,22 +217,15 @@ scenarios = st.builds(
 )
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(scenarios, st.integers(0, 5))
-def test_a_reader_never_delivers_out_of_order_or_before_publication(scenario, seed):
+def test_samples_come_in_order_after_their_publication_and_every_loss_has_a_place(scenario, seed):
     flow = outcome(scenario, seed)
     assert (np.diff(flow.received_ns[flow.delivered]) >= 0).all(), "one executor, in order of sequence numbers"
     assert (flow.latency_ns >= 0).all()
     assert ((flow.received_ns > 0) == flow.delivered).all()
-
-
-@settings(max_examples=80, deadline=None)
-@given(scenarios, st.integers(0, 5))
-def test_every_sample_has_one_fate_and_every_loss_a_place(scenario, seed):
-    flow = outcome(scenario, seed)
     assert (flow.fate != Fate.NEVER_SENT).all()
-    overwritten = flow.fate == Fate.OVERWRITTEN
-    assert (flow.dropped[overwritten] != Drop.NOT).all()
+    assert (flow.dropped[flow.fate == Fate.OVERWRITTEN] != Drop.NOT).all()
 
 
 @settings(max_examples=30, deadline=None)
