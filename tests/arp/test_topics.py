@@ -68,28 +68,21 @@ def line(text: str) -> str:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", r"^t\.yaml:1: nothing is given, allowed: a mapping"),
         ("topics: {}", r"topics: given \{\}, allowed: one topic at least"),
         ("topics: {a: {}}", r"topics\.a: given 'a', allowed: a full topic name"),
         (line("to: s, size_bytes: 8"), r"topics\./a\.from: nothing is given, allowed: 'from' is needed here"),
         (line("from: r, to: r, size_bytes: 8"), r"topics\./a\.to: given 'r', allowed: another host"),
-        (
-            line("from: r, to: s, size_bytes: -1"),
-            r"/a\.size_bytes: given -1, allowed: a whole number from 0 to 64000",
-        ),
+        (line("from: r, to: s, size_bytes: -1"), r"/a\.size_bytes: given -1, allowed: .* from 0 to 64000"),
         (line("from: r, to: s, size_bytes: 8, weight: 0"), r"/a\.weight: given 0, allowed: a number above"),
-        (line("from: r, to: s, size_bytes: 8, wieght: 2"), r"/a\.wieght: .*did you mean 'weight'\?"),
         (
             line("from: r, to: s, size_bytes: 8, rate_min_hz: 9, rate_max_hz: 5"),
             r"/a\.rate_min_hz: given 9, allowed: up to the topic's rate_max_hz, 5",
         ),
         (f"vendor: rti\n{ONE}", r"vendor: given 'rti', allowed: fast_dds or cyclone_dds"),
         (f"link: {{loss: 1}}\n{ONE}", r"link\.loss: given 1, allowed: a finite number from 0, below 1"),
-        (f"link: {{shared: 1}}\n{ONE}", r"link\.shared: given 1, allowed: true or false"),
         (f"link: {{rate: 1}}\n{ONE}", r"link\.rate: given 'rate', allowed: contention, .*rate_mbps"),
         (f"agents: [moon]\n{ONE}", r"agents: given \['moon'\], allowed: a list of hosts among robot, station"),
         (f"agents: [[1]]\n{ONE}", r"agents: given \[\[1\]\]"),
-        (f"colour: red\n{ONE}", r"colour: given 'colour', allowed: agents, link"),
         (f"timing: {{nack_delay_ms: 0}}\n{ONE}", r"timing\.nack_delay_ms: given 0"),
     ],
 )

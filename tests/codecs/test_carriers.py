@@ -143,19 +143,15 @@ def test_data_may_come_in_any_shape_that_message_libraries_use(stream, data_type
     assert image_decoder(FFMPEG_PACKET).feed(packet)
 
 
-def test_old_and_foreign_encodings_of_h264_decode_and_deep_ones_are_refused_rather_than_cut_to_8_bits(stream):
+def test_old_and_foreign_encodings_of_h264_decode_and_unknown_or_deep_ones_are_refused(stream):
     fields, decoder = ffmpeg_packet_fields(stream[0], TABLE_2), image_decoder(FFMPEG_PACKET)
     for encoding in ("libx264", "h264_nvmpi", "h264;yuv420p;bgr8;rgb8"):
         assert decoder.feed(message(fields, encoding=encoding))
     for deep in ("16UC1", "mono16", "32FC1", "bayer_rggb16"):
-        with pytest.raises(CodecUnavailableError, match="8 bits"):
+        with pytest.raises(CodecUnavailableError, match="8 bits"):  # rather than cut
             decoder.feed(message(fields, encoding=f"h264;yuv420p;{deep};{deep}"))
-
-
-def test_an_unknown_codec_is_named_with_what_is_known(stream):
-    decoder = image_decoder(FFMPEG_PACKET)
     with pytest.raises(CodecUnavailableError, match=r"libsvtav1.*h264, hevc"):
-        decoder.feed(message(ffmpeg_packet_fields(stream[0], TABLE_2), encoding="libsvtav1"))
+        decoder.feed(message(fields, encoding="libsvtav1"))
 
 
 def test_a_hint_helps_where_the_message_names_nothing_known(stream):

@@ -20,7 +20,6 @@ from sfglab.messages import (
     message_type,
     register_action,
     serialize,
-    service_type,
     type_name,
     unframe_service,
 )
@@ -136,10 +135,3 @@ def test_a_short_name_is_looked_for_in_the_package_of_the_action():
 def test_an_unknown_action_is_told_its_neighbours():
     with pytest.raises(UnknownTypeError, match=f"did you mean {FOLLOW}"):
         action_type("sfglab_interfaces/action/FollowTrajektory")
-
-
-def test_the_codes_of_cancel_goal_are_those_of_action_msgs():
-    response = service_type("action_msgs/srv/CancelGoal").response
-    names = ("NONE", "REJECTED", "UNKNOWN_GOAL_ID", "GOAL_TERMINATED")
-    assert [getattr(response, f"ERROR_{name}") for name in names] == [0, 1, 2, 3]
-    assert serialize(response(return_code=1, goals_canceling=[])) == b"\0\1\0\0" + b"\1\0\0\0" + b"\0" * 4

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import subprocess
-import sys
 from importlib import resources
 
 import numpy as np
@@ -28,32 +26,16 @@ from sfglab.messages import (
 )
 from sfglab.messages.store import register, type_store
 
-OUR_PACKAGES = ("sfglab_interfaces/", "ffmpeg_image_transport_msgs/", "foxglove_msgs/")
-FIELDS = {
+COPIED = {
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "header width height encoding pts flags is_bigendian data",
     "foxglove_msgs/msg/CompressedVideo": "timestamp frame_id data format",
     "rmw_dds_common/msg/Gid": "data",
-    "sfglab_interfaces/msg/AgentHeartbeat": "stamp agent incarnation revision phase period_s version",
-    "sfglab_interfaces/msg/StreamInfo": (
-        "topic type codec decoded_topic camera_info_topic width height rate_hz"
-    ),
-    "sfglab_interfaces/msg/SensorInfo": "name model streams",
-    "sfglab_interfaces/msg/AgentMetadata": "agent incarnation revision sensors accelerators software stamp",
-    "sfglab_interfaces/msg/AgentDiscoveryEvent": "stamp agent event metadata",
-    "sfglab_interfaces/srv/GetMetadata_Response": "success message metadata",
 }
 
 
-@pytest.mark.parametrize(("name", "fields"), FIELDS.items())
-def test_fields_are_in_wire_order(name, fields):
+@pytest.mark.parametrize(("name", "fields"), COPIED.items())
+def test_types_of_other_packages_have_their_fields_in_wire_order(name, fields):
     assert [field for field, _ in type_store().fielddefs[name][1]] == fields.split()
-
-
-def test_constants_are_class_attributes():
-    event = message_type("sfglab_interfaces/msg/AgentDiscoveryEvent")
-    phases = message_type("sfglab_interfaces/msg/AgentHeartbeat")
-    assert (event.DISCOVERED, event.UPDATED, event.LOST, event.RETURNED, event.RESTARTED) == (0, 1, 2, 3, 4)
-    assert (phases.STARTUP, phases.STEADY) == (0, 1)
 
 
 def test_every_line_of_our_interfaces_has_a_comment():
@@ -121,12 +103,6 @@ def test_a_name_is_registered_once():
     assert register("test_pkg/msg/Once", "int32 x  # the same fields\n") is first
     with pytest.raises(MessageError, match="test_pkg/msg/Once"):
         register("test_pkg/msg/Once", "int32 y\n")
-
-
-def test_importing_messages_loads_neither_dds_nor_the_type_store():
-    code = "import sys, sfglab.messages; print({'cyclonedds', 'rosbags.typesys'} & sys.modules.keys())"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
-    assert done.stdout == "set()\n"
 
 
 @pytest.mark.parametrize(

@@ -166,11 +166,6 @@ C, S, R = Component, Stream, Resource
     [
         (None, C.LIDAR, None, R.POINTS, "agent"),
         ("go2", None, S.COLOR, R.FFMPEG, "component"),
-        (None, None, None, R.GET_METADATA, "resource"),
-        ("go2", None, None, R.AGENT_HEARTBEAT, "resource"),
-        ("go2", None, None, R.IMAGE_RAW, "resource"),
-        ("go2", C.LIDAR, None, R.ROBOT_DESCRIPTION, "resource"),
-        ("go2", C.CAMERA, S.COLOR, R.PATH, "resource"),
         ("a b", None, None, R.STATUS, "agent"),
         ("", None, None, R.STATUS, "agent"),
         ("go2", Custom("camera_front"), None, R.POINTS, "component"),
