@@ -92,6 +92,12 @@ class Decoder:
 
 
 @pytest.fixture
+def address(domain_id):
+    """An address in a domain that nobody uses."""
+    return BusAddress(domain_id=domain_id, interface="lo")
+
+
+@pytest.fixture
 def domains(free_domains):
     """Addresses in two domains that nobody uses: the remote streams' and the local subscribers'."""
     remote, local = free_domains(2)

@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import argument_of, config_from_argument
+from sfglab.component import config_from_argument
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.fleet.agent.app import Changed, Complete, Narrator, Said, SupervisorConfig, Wrote, report_from_event
+from sfglab.fleet.agent.app import Changed, Complete, Narrator, Said, Wrote, report_from_event
 from sfglab.fleet.agent.plan import (
     COMPONENTS,
     AgentConfig,
@@ -27,7 +27,6 @@ from sfglab.fleet.fleet_file import read_fleet
 from sfglab.fleet.gop_cache import KeeperConfig
 from sfglab.fleet.router.node import RouterConfig
 from sfglab.fleet.status.node import StatusConfig
-from sfglab.machine import ProcessTiming
 
 CONFIG = AgentConfig(
     agent="go2",
@@ -124,11 +123,6 @@ def test_an_agent_without_lifecycle_runs_neither_status_provider_nor_discoverer(
     assert {"status", "discoverer"} & set(arguments(config_from_fleet(FLEET, "bare"))) == set()
 
 
-def test_an_agent_that_is_not_in_the_fleet_is_refused():
-    with pytest.raises(InvalidValueError, match="go3"):
-        config_from_fleet(FLEET, "go3")
-
-
 def test_options_alone_need_a_domain_and_nothing_else():
     config = config_from_options("go2", None, local=SideOptions(domain_id=7), remote=SideOptions())
     assert (config.local, config.remote) == (BusAddress(domain_id=7), BusAddress(domain_id=0))
@@ -140,11 +134,6 @@ def test_options_go_before_the_fleet_file():
     config = config_from_options("go2", FLEET, local=SideOptions(), remote=SideOptions(interface="eth1"))
     assert config.local == BusAddress(domain_id=1, interface="lo")
     assert config.remote == BusAddress(domain_id=3, interface="eth1")
-
-
-def test_a_supervisors_configuration_survives_the_way_to_its_process():
-    config = SupervisorConfig.of_agent(replace(CONFIG, supervision=ProcessTiming(backoff_ns=1)))
-    assert config_from_argument(SupervisorConfig, argument_of(config)) == config
 
 
 def path(topic: str, direction: str = "inward") -> dict[str, str]:
@@ -206,9 +195,3 @@ def test_a_person_reads_of_a_stream_when_its_state_changes():
     status = {"is": "status", "local_topic": "/local/pi1/camera/color/image_raw", "state": "RUNNING"}
     lines = [narrator.lines(said("decoder", **status, subscribers=n)) for n in (1, 2)]
     assert lines == [["decoder: /local/pi1/camera/color/image_raw running, 1 subscriber"], []]
-
-
-def test_a_person_reads_where_the_agent_stands():
-    narrator = Narrator(CONFIG)
-    assert narrator.beginning() == "agent go2: its own domain 7 on lo, the global domain 0 on eth0; starting"
-    assert narrator.end() == "agent go2: everything has ended"

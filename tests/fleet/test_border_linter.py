@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from sfglab.fleet.fleet_file import load_fleet, read_fleet
-from sfglab.fleet.lint import CHECKS, Severity, View, lint, lint_file, render
+from sfglab.fleet.lint import Severity, View, lint, lint_file, render
 from sfglab.names import ResourceKind
 
 ROOT = Path(__file__).parents[2]
@@ -190,7 +190,3 @@ def test_a_file_that_is_no_fleet_gives_one_line_and_exit_code_2(tmp_path):
     text, code = lint_file(path)
     assert (code, text.count("\n")) == (2, 1)
     assert "did you mean 'agents'?" in text
-
-
-def test_every_check_is_listed_once():
-    assert len(set(CHECKS)) == len(CHECKS)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from sfglab.fleet.fleet_file import read_fleet
 from sfglab.fleet.lint import lint
 from sfglab.fleet.lint.load import ENDPOINT_BYTES, PAIR_BYTES, ROS_ENDPOINTS, transform_bytes
-from sfglab.messages import message_type, serialize
+from sfglab.messages import default_message, message_type, serialize
 
 
 def fleet_of(count: int, inner: str = "", processes: int = 20):
@@ -77,19 +77,11 @@ def test_routers_cost_the_same_whatever_runs_inside(count, processes):
 
 
 @pytest.mark.parametrize(
-    "names", [("map", "base"), ("go2/odom", "go2/base_link"), ("m", "camera_front_color_x")]
+    ("parent", "child"), [("map", "base"), ("go2/odom", "go2/base_link"), ("m", "camera_front_color_x")]
 )
-def test_the_size_of_a_transform_is_that_of_the_message(names):
-    parent, child = names
-    header = message_type("std_msgs/msg/Header")
-    vector, turn = message_type("geometry_msgs/msg/Vector3"), message_type("geometry_msgs/msg/Quaternion")
-    transform = message_type("geometry_msgs/msg/Transform")(
-        translation=vector(x=0.0, y=0.0, z=0.0), rotation=turn(x=0.0, y=0.0, z=0.0, w=1.0)
-    )
-    time = message_type("builtin_interfaces/msg/Time")(sec=0, nanosec=0)
-    stamped = message_type("geometry_msgs/msg/TransformStamped")(
-        header=header(stamp=time, frame_id=parent), child_frame_id=child, transform=transform
-    )
+def test_the_size_of_a_transform_is_that_of_the_message(parent, child):
+    stamped = default_message("geometry_msgs/msg/TransformStamped")
+    stamped.header.frame_id, stamped.child_frame_id = parent, child
     message = message_type("tf2_msgs/msg/TFMessage")(transforms=[stamped])
     assert transform_bytes(parent, child) == len(serialize(message))
 

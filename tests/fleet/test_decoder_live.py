@@ -17,7 +17,6 @@ from sfglab.errors import SfglabError
 from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS
 from sfglab.messages import default_message, ns_from_stamp, stamp_from_ns
-from sfglab.processes import ProcessFailedError
 from sfglab.qos import SENSOR_DATA
 
 pytestmark = [pytest.mark.live]
@@ -180,22 +179,16 @@ def test_an_interface_that_does_not_exist_is_one_clear_error_and_leaves_no_proce
     before = children()
     with pytest.raises(SfglabError) as error:
         asyncio.run(run_decoder(DecoderConfig(**sides, streams=(STREAM,)), on_status=lambda _: None))
-    said = str(error.value) + capfd.readouterr().err
-    assert "no network interface 'nowhere0'" in said
-    assert "Traceback" not in said
+    assert "no network interface 'nowhere0'" in str(error.value)
+    assert "\n" not in str(error.value)
+    assert "Traceback" not in capfd.readouterr().err
     assert children() == before
 
 
-async def test_as_a_process_it_reports_its_processes_and_a_wrong_interface_in_one_sentence(domains, capfd):
+async def test_as_a_process_it_reports_its_processes(domains, capfd):
     remote, local = domains
     config = DecoderConfig(remote=remote, local=local, streams=(STREAM,))
     async with process("sfglab.fleet.decoder.node", config) as child:
         child.order(do="list")
         assert (await child.expect("processes", timeout_s=60))["pids"]
-    wrong = replace(config, local=replace(local, interface="nowhere0"))
-    async with process("sfglab.fleet.decoder.node", wrong) as refused:
-        with pytest.raises(ProcessFailedError, match="no network interface 'nowhere0'") as error:
-            await refused.expect("ready", timeout_s=60)
-    assert (child.status, refused.status) == (0, 1)
-    assert "\n" not in str(error.value)
-    assert capfd.readouterr().err == ""
+    assert (child.status, capfd.readouterr().err) == (0, "")

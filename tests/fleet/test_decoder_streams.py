@@ -1,13 +1,15 @@
-"""Remote streams get local names by the schema, and what cannot be offered is named."""
+"""Remote streams get local names by the schema, what cannot be offered is named; demand follows the graph."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
 from sfglab.fleet.decoder.pipeline import image_bytes, image_prefix, write_image
-from sfglab.fleet.decoder.streams import RELAY, StreamError, routes_of_agent, routes_of_topic
+from sfglab.fleet.decoder.streams import RELAY, Demand, StreamError, routes_of_agent, routes_of_topic
 from sfglab.messages import default_message, deserialize, stamp_from_ns
+from sfglab.qos import SENSOR_DATA
 
 COLOR = "/global/go2/camera_front/color/ffmpeg"
 
@@ -101,3 +103,34 @@ def test_an_image_written_in_two_parts_is_the_message_itself(shape, dtype, encod
         assert (image.encoding, image.header) == (encoding, header)
         assert np.array_equal(image.data.view(dtype).reshape(shape), pixels)
     assert len(image_bytes(prefix, pixels)) % 4 == 0
+
+
+LOCAL = "/local/go2/camera_front/color/image_raw"
+
+
+@pytest.mark.parametrize(
+    ("events", "count", "transports"),
+    [
+        ("+shm1 +dds2 +shm3", 3, {"shm", "dds"}),
+        ("+shm1 +dds2 +shm3 -dds2", 2, {"shm"}),
+        ("-shm9 +shm1 +shm1", 1, {"shm"}),
+        ("+shm1 +shm1 -shm1", 0, set()),
+    ],
+    ids=["by transport", "one leaves", "announced twice it counts once", "and leaves once"],
+)
+def test_demand_is_the_subscriptions_of_a_topic_and_publishers_are_none(events, count, transports):
+    demand = Demand()
+    for kind in (EndpointKind.SUBSCRIPTION, EndpointKind.PUBLISHER):
+        for event in events.split():
+            change = EndpointAdded if event[0] == "+" else EndpointRemoved
+            endpoint = EndpointInfo(
+                kind=kind,
+                topic=LOCAL,
+                type="sensor_msgs/msg/Image",
+                gid=event[-1].encode() * 16,
+                qos=SENSOR_DATA,
+                transport=event[1:4],
+            )
+            wanted = LOCAL if kind is EndpointKind.SUBSCRIPTION else None
+            assert demand.feed(change(endpoint=endpoint)) == wanted
+    assert (demand.count(LOCAL), demand.transports(LOCAL), demand.count("/elsewhere")) == (count, transports, 0)

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
+from contextlib import aclosing
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, KnownAgents, Offered, Withdrawn, discovery_topic
+from sfglab.bus import Node
+from sfglab.fleet.discovery.listener import (
+    DISCOVERY_EVENT,
+    DISCOVERY_QOS,
+    KnownAgents,
+    Offered,
+    Withdrawn,
+    agent_changes,
+    discovery_topic,
+)
 from sfglab.messages import default_message
 from sfglab.names import FqnError
 
@@ -110,3 +122,23 @@ def test_in_the_end_the_last_discoverer_alone_decides(before, last):
     final = {agent: kind for agent, kind, _ in last}
     assert set(agents.agents) == {agent for agent, kind in final.items() if kind != "LOST"}
     assert folded == dict(agents.agents), "the changes tell the same as the whole"
+
+
+@pytest.mark.live
+async def test_on_the_bus_what_was_announced_before_is_heard_and_a_new_discoverer_leaves_no_ghosts(address):
+    topic = discovery_topic("station")
+    async with (
+        Node("decoder", **address.options()) as near,
+        aclosing(agent_changes(near, topic, KnownAgents(grace_ns=300_000_000))) as changes,
+    ):
+        for announced, wanted in (
+            (("go2", "husky"), {(Offered, "go2"), (Offered, "husky")}),
+            (("husky",), {(Withdrawn, "go2")}),  # nobody announced it again
+        ):
+            async with Node("discoverer", **address.options()) as far:
+                publisher = far.create_publisher(DISCOVERY_EVENT, topic, DISCOVERY_QOS)
+                for agent in announced:
+                    publisher.publish(event(agent))
+                async with asyncio.timeout(60):
+                    heard = [await anext(changes) for _ in wanted]
+                assert {(type(change), change.agent) for change in heard} == wanted

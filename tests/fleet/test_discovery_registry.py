@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, Action, State
-from sfglab.fleet.discovery.node import History
+from sfglab.fleet.discovery.node import DiscoverySettings, History
 from sfglab.fleet.discovery.registry import Order, Registry, Timing
 from sfglab.fleet.discovery.screening import Limits
 from sfglab.fleet.status.heartbeat import Heartbeat
@@ -262,17 +263,24 @@ def test_the_table_is_bounded_and_those_that_are_no_use_make_room():
     assert world.registry.counts["evicted"] == 2
 
 
+STATION = partial(DiscoverySettings, agent="station")
+
+
 @pytest.mark.parametrize(
-    "values", [{"max_agents": 0}, {"max_agents": 901}, {"burst": 0}, {"beats_per_s": math.nan}]
+    ("make", "values"),
+    [
+        *((Limits, {"max_agents": count}) for count in (0, 901)),
+        (Limits, {"burst": 0}),
+        (Limits, {"beats_per_s": math.nan}),
+        (Timing, {"backoff_ns": 0}),
+        (STATION, {"query_timeout_s": 0}),
+        (STATION, {"max_queries": 0}),
+        (STATION, {"find_timeout_s": 61}),
+    ],
 )
-def test_bounds_that_make_no_sense_are_refused(values):
-    with pytest.raises(InvalidValueError, match=next(iter(values))):
-        Limits(**values)
-
-
-def test_waits_that_make_no_sense_are_refused():
-    with pytest.raises(InvalidValueError, match="backoff_ns: given 0, allowed: positive"):
-        Timing(backoff_ns=0)
+def test_bounds_and_waits_that_make_no_sense_are_refused(make, values):
+    with pytest.raises(InvalidValueError, match=f"{next(iter(values))}: given .*, allowed: "):
+        make(**values)
 
 
 AGENTS = st.sampled_from(["go2", "husky", "drone", "arm_robot", "station", "camera", ""])

@@ -13,13 +13,22 @@ from hypothesis import strategies as st
 from sfglab.bus.address import BusAddress
 from sfglab.documents import DocumentError
 from sfglab.errors import InvalidValueError
-from sfglab.fleet.agent.plan import config_from_fleet, router_config
-from sfglab.fleet.fleet_file import load_fleet, read_fleet
+from sfglab.fleet.fleet_file import (
+    Accelerator,
+    Architecture,
+    ContainerNetwork,
+    DeploymentSpec,
+    HostSpec,
+    RosDistribution,
+    RouterSoftware,
+    load_fleet,
+    read_fleet,
+)
 from sfglab.fleet.policy import TABLE_1, Direction
-from sfglab.qos import LATCHED, Durability, QoSProfile, Reliability
+from sfglab.qos import LATCHED, QoSProfile, Reliability
 
-ROOT = Path(__file__).parents[2]
-LAB = ROOT / "data" / "fleets" / "lab.yaml"
+FLEETS = Path(__file__).parents[2] / "data" / "fleets"
+LAB = FLEETS / "lab.yaml"
 
 SMALL = """\
 fleet: pair
@@ -64,14 +73,6 @@ def test_what_the_file_says_of_sensors_is_what_the_status_provider_announces():
     assert message.sensors[0].streams[1].topic == "/global/go2/camera_front/aligned_depth/compressed_depth"
 
 
-def test_a_router_is_told_what_the_file_says():
-    config = router_config(config_from_fleet(load_fleet(LAB), "go2"))
-    assert (config.local.domain_id, config.remote.domain_id) == (1, 0)
-    assert config.rules == TABLE_1
-    assert config.placed_by_others == ("odom",)
-    assert not router_config(config_from_fleet(load_fleet(LAB), "workstation")).prefix_frames
-
-
 def test_short_and_long_forms_and_qos_become_values():
     go2, pi1 = read_fleet(SMALL).agents
     assert [t.name for t in go2.publishes] == ["/tf", "/global/go2/battery_state"]
@@ -85,7 +86,6 @@ def test_short_and_long_forms_and_qos_become_values():
 def test_a_profile_is_taken_by_name():
     fleet = read_fleet("fleet: f\nagents: {a1: {domain: 1, subscribes: [{name: /tf_static, qos: latched}]}}")
     assert fleet.agents[0].subscribes[0].qos is LATCHED
-    assert LATCHED.durability is Durability.TRANSIENT_LOCAL
 
 
 def test_rules_of_ones_own_become_a_policy():
@@ -175,3 +175,84 @@ def test_nothing_but_a_refusal_comes_of_a_wrong_file(value):
 
     with contextlib.suppress(DocumentError):
         read_fleet(yaml.safe_dump(value))
+
+
+# Where it runs
+
+
+def fleet_with(host: str = "{}", deployment: str = "{}"):
+    return read_fleet(
+        f"fleet: My Lab\ndeployment: {deployment}\nagents:\n  go2:\n    domain: 1\n    host: {host}\n"
+    )
+
+
+def test_an_agent_without_a_machine_and_a_fleet_without_a_deployment_are_fleets_all_the_same():
+    fleet = read_fleet("fleet: Lab 7\nagents: {go2: {domain: 1}}")
+    assert fleet.agents[0].host is None
+    assert fleet.deployment == DeploymentSpec(images="localhost/lab-7")
+
+
+def test_everything_has_a_default_and_auto_leaves_the_accelerator_to_detection():
+    fleet = fleet_with("{accelerator: auto}")
+    assert fleet.agents[0].host == HostSpec()
+    assert fleet.deployment == DeploymentSpec(images="localhost/my-lab")
+
+
+def test_all_keys_are_read():
+    fleet = fleet_with(
+        "{model: M, address: sfg@go2.local, architecture: arm64, accelerator: jetson, network: host, "
+        "devices: [/dev/video0], workspace: ws/go2, packages: [libusb-1.0-0, g++], launch: [ros2, a b]}",
+        "{images: 'reg.example:5000/lab/go', ros: jazzy, router: dds-router, "
+        "router_image: 'ubuntu-ddsrouter:v3.5.0', time_servers: [go2, ptbtime1.ptb.de]}",
+    )
+    assert fleet.agents[0].host == HostSpec(
+        model="M",
+        address="sfg@go2.local",
+        architecture=Architecture.ARM64,
+        accelerator=Accelerator.JETSON,
+        network=ContainerNetwork.HOST,
+        devices=("/dev/video0",),
+        workspace="ws/go2",
+        packages=("libusb-1.0-0", "g++"),
+        launch=("ros2", "a b"),
+    )
+    assert fleet.deployment == DeploymentSpec(
+        images="reg.example:5000/lab/go",
+        ros=RosDistribution.JAZZY,
+        router=RouterSoftware.DDS_ROUTER,
+        router_image="ubuntu-ddsrouter:v3.5.0",
+        time_servers=("go2", "ptbtime1.ptb.de"),
+    )
+
+
+@pytest.mark.parametrize(
+    ("part", "text", "key", "allowed"),
+    [
+        ("host", "{accelerator: jetsn}", "agents.go2.host.accelerator", "did you mean 'jetson'?"),
+        ("host", "{acelerator: jetson}", "agents.go2.host.acelerator", "did you mean 'accelerator'?"),
+        ("host", "{architecture: x86}", "agents.go2.host.architecture", "amd64 or arm64"),
+        ("host", "{devices: [video0]}", "agents.go2.host.devices", "device nodes"),
+        ("host", "{devices: [/dev/../etc/shadow]}", "agents.go2.host.devices", "device nodes"),
+        ("host", "{packages: ['curl; rm -rf /']}", "agents.go2.host.packages", "Debian packages"),
+        ("host", "{workspace: ../elsewhere}", "agents.go2.host.workspace", "a folder beside the fleet file"),
+        ("host", "{workspace: /abs}", "agents.go2.host.workspace", "a folder beside the fleet file"),
+        ("host", "{address: '-oProxyCommand=x'}", "agents.go2.host.address", "[user@]host"),
+        ("host", "{address: 'a b'}", "agents.go2.host.address", "[user@]host"),
+        ("host", "{launch: ros2 launch}", "agents.go2.host.launch", "a list of texts"),
+        ("host", "jetson", "agents.go2.host", "a mapping"),
+        ("deployment", "{images: Localhost/UPPER}", "deployment.images", "a repository of images"),
+        ("deployment", "{images: 'a:1'}", "deployment.images", "a repository of images"),
+        ("deployment", "{ros: foxy}", "deployment.ros", "none or humble or jazzy"),
+        ("deployment", "{router: zenoh}", "deployment.router", "zenoh-bridge"),
+        ("deployment", "{router_image: 'a b'}", "deployment.router_image", "an image"),
+        ("deployment", "{time_servers: ['x y']}", "deployment.time_servers", "names or addresses"),
+        ("deployment", "{tag: latest}", "deployment.tag", "images, ros, router"),
+    ],
+)
+def test_a_machine_or_a_deployment_that_cannot_be_is_refused_with_place_and_what_is_allowed(
+    part, text, key, allowed
+):
+    with pytest.raises(DocumentError) as error:
+        fleet_with(**{part: text})
+    assert key in str(error.value)
+    assert allowed in str(error.value)

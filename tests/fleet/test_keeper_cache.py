@@ -21,32 +21,22 @@ def fill(cache: GopCache[int], numbers, gop: int = 5, size_bytes: int = 10) -> l
     return [cache.add(n, pts=n, is_key=n % gop == 0, size_bytes=size_bytes) for n in numbers]
 
 
-def test_the_packets_since_the_last_key_frame_are_kept():
+@pytest.mark.parametrize(
+    ("numbers", "packets", "dropped", "gaps"),
+    [
+        pytest.param([*range(8)], (5, 6, 7), [], 0, id="those since the last key frame"),
+        pytest.param([3, 4], (), [3, 4], 0, id="none before the first key frame"),
+        pytest.param([0, 1, 3, 4], (), [3, 4], 1, id="a gap makes the rest of a group useless"),
+        pytest.param([0, 1, 3, 4, 5, 6], (5, 6), [3, 4], 1, id="until the next key frame"),
+        pytest.param([10, 11, 12, 0, 1], (0, 1), [], 0, id="a sender that starts anew is followed"),
+    ],
+)
+def test_what_is_kept(numbers, packets, dropped, gaps):
     cache: GopCache[int] = GopCache()
-    assert all(fill(cache, range(8)))
-    assert cache.packets == (5, 6, 7)
-    assert (len(cache), cache.size_bytes) == (3, 30)
-
-
-def test_before_the_first_key_frame_nothing_is_kept():
-    cache: GopCache[int] = GopCache()
-    assert fill(cache, range(3, 5)) == [False, False]
-    assert cache.packets == ()
-    assert cache.gaps == 0
-
-
-def test_a_missing_packet_makes_the_rest_of_the_group_useless():
-    cache: GopCache[int] = GopCache()
-    assert fill(cache, [0, 1, 3, 4]) == [True, True, False, False]
-    assert (cache.packets, cache.gaps) == ((), 1)
-    fill(cache, [5, 6])
-    assert cache.packets == (5, 6)
-
-
-def test_a_sender_that_starts_anew_is_followed():
-    cache: GopCache[int] = GopCache()
-    fill(cache, [10, 11, 12, 0, 1])
-    assert cache.packets == (0, 1)
+    kept = fill(cache, numbers)
+    assert [number for number, one in zip(numbers, kept, strict=True) if not one] == dropped
+    assert (cache.packets, len(cache), cache.size_bytes) == (packets, len(packets), 10 * len(packets))
+    assert cache.gaps == gaps
 
 
 @pytest.mark.parametrize(

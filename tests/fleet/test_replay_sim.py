@@ -58,12 +58,9 @@ async def agent(world, name, *bodies):
     near = world.node("router", **place, process="router")
     far = world.node("router", host=name, process="router")
     runs = [Router(near, far, RouterSettings(agent=name)).run(), *(body(node) for body in bodies)]
-    tasks = [asyncio.create_task(run) for run in runs]
-    yield node
-    for task in tasks:
-        task.cancel()
-    for outcome in await asyncio.gather(*tasks, return_exceptions=True):
-        assert isinstance(outcome, asyncio.CancelledError), outcome
+    async with beside(*runs) as tasks:
+        yield node
+        assert not any(task.done() for task in tasks)
 
 
 def first_picture(

@@ -16,9 +16,7 @@ from waiting import DEADLINE_S, process, until
 from sfglab.bus import BusTimeoutError, Node
 from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
-from sfglab.component import argument_of, beside, config_from_argument
-from sfglab.errors import InvalidValueError
-from sfglab.fleet.policy import Direction, ForwardRule, Policy
+from sfglab.component import beside
 from sfglab.fleet.router.node import (
     Router,
     RouterConfig,
@@ -38,7 +36,7 @@ from sfglab.qos import LATCHED, QoSProfile
 
 pytestmark = [pytest.mark.live]
 
-STRING, METADATA = "std_msgs/msg/String", "sfglab_interfaces/srv/GetMetadata"
+STRING = "std_msgs/msg/String"
 String = message_type(STRING)
 TOPIC = "/global/go2/pose"
 DEEP = QoSProfile(depth=1000)
@@ -170,25 +168,22 @@ async def test_static_transforms_of_two_nodes_reach_whoever_joins_late_and_go_wi
         assert await heard(two, 1) == of_second, "a dead node's transforms are gone with it"
 
 
-def test_a_clash_of_frames_is_dropped_and_reported_and_the_rest_passes(ids, caplog):
-    async def scenario():
-        async with (
-            Node("one", domain_id=ids[1], interface="lo") as one,
-            Node("everybody", domain_id=ids[0], interface="lo") as everybody,
-            routing(ids[1], ids[0], placed_by_others=("base",)) as router,
-        ):
-            me = f"robot{ids[1]}"
-            local = one.create_subscription("tf2_msgs/msg/TFMessage", "/tf", qos=DEEP)
-            outside = everybody.create_publisher("tf2_msgs/msg/TFMessage", "/tf", DEEP)
-            await local.wait_for_publishers()
-            await outside.wait_for_subscriptions()
-            outside.publish(transforms(("map", f"{me}/camera"), ("map", f"{me}/base")))
-            got = await local.take(60)
-            assert [t.child_frame_id for t in got.transforms] == [f"{me}/base"]
-            assert router.status.clashed == 1
-
-    with caplog.at_level(logging.WARNING):
-        asyncio.run(scenario())
+async def test_a_clash_of_frames_is_dropped_and_reported_and_the_rest_passes(ids, caplog):
+    caplog.set_level(logging.WARNING)
+    async with (
+        Node("one", domain_id=ids[1], interface="lo") as one,
+        Node("everybody", domain_id=ids[0], interface="lo") as everybody,
+        routing(ids[1], ids[0], placed_by_others=("base",)) as router,
+    ):
+        me = f"robot{ids[1]}"
+        local = one.create_subscription("tf2_msgs/msg/TFMessage", "/tf", qos=DEEP)
+        outside = everybody.create_publisher("tf2_msgs/msg/TFMessage", "/tf", DEEP)
+        await local.wait_for_publishers()
+        await outside.wait_for_subscriptions()
+        outside.publish(transforms(("map", f"{me}/camera"), ("map", f"{me}/base")))
+        got = await local.take(60)
+        assert [t.child_frame_id for t in got.transforms] == [f"{me}/base"]
+        assert router.status.clashed == 1
     assert [r.message for r in caplog.records if "inward transform" in r.message]
 
 
@@ -304,12 +299,3 @@ def test_the_lock_names_its_holder_and_is_free_at_once_when_let_go():
     assert (caught.value.pid, caught.value.domains) == (os.getpid(), domains)
     with pair_lock(*domains):
         pass
-
-
-def test_a_configuration_survives_the_way_to_its_process_and_one_domain_is_refused(ids):
-    rule = ForwardRule(pattern="rt/x", description="", directions=frozenset({Direction.INWARD}))
-    for config in (config_of(ids), config_of(ids, rules=(rule,), shared_frames=("hall",), prefix_frames=False)):
-        assert config_from_argument(RouterConfig, argument_of(config)) == config
-    assert not Policy(rules=config.rules).crosses("rt/x", Direction.OUTWARD)
-    with pytest.raises(InvalidValueError, match=r"domain on both sides: given \d+"):
-        config_of([ids[0], ids[0]])

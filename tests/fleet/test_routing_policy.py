@@ -1,4 +1,4 @@
-"""Table 1 and Eq. 1 of paper A: what crosses, checked against a formulation of its own."""
+"""Policies other than Table 1: rules of one direction, half of a service, and more rules."""
 
 from __future__ import annotations
 
@@ -7,10 +7,7 @@ from hypothesis import strategies as st
 
 from sfglab.fleet.policy import TABLE_1, Crossing, Direction, ForwardRule, Policy, Side
 from sfglab.lab.checks.routing import in_table_1
-from sfglab.names import Resource, ResourceKind, RosFqnBuilder, Scope
-
-BOTH = frozenset(Side)
-
+from sfglab.names import ResourceKind
 
 segments = st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,8}", fullmatch=True)
 near = st.sampled_from(["global", "local", "tf", "tf_static", "globally", "global_x", "GLOBAL", "tf2"])
@@ -18,20 +15,6 @@ ros_names = st.lists(near | segments, min_size=1, max_size=5).map("/".join)
 tails = st.sampled_from(["", "Request", "Reply", "/_action/feedback"])
 prefixes = st.sampled_from(["rt", "rq", "rr", "rs", "rp", "RT", "rt ", ""])
 dds = st.builds(lambda p, n, t: f"{p}/{n}{t}", prefixes, ros_names, tails) | st.text(max_size=30)
-
-
-def test_the_names_of_the_paper_cross():
-    heartbeat = RosFqnBuilder().scope(Scope.GLOBAL).without_agent().resource(Resource.AGENT_HEARTBEAT).build()
-    metadata = RosFqnBuilder().scope(Scope.GLOBAL).agent("go2").resource(Resource.GET_METADATA).build()
-    event = RosFqnBuilder().scope(Scope.LOCAL).agent("go2").resource(Resource.AGENT_DISCOVERY_EVENT).build()
-    crossing = [Policy().crossing(str(f), f.kind, Direction.OUTWARD) for f in (heartbeat, metadata, event)]
-    assert crossing == [Crossing.WHOLE, Crossing.WHOLE, Crossing.NONE]
-
-
-def test_table_1_has_the_papers_five_rows():
-    patterns = [rule.pattern for rule in TABLE_1]
-    assert patterns == ["rt/tf", "rt/tf_static", "rt/global/*", "rq/global/*", "rr/global/*"]
-    assert all(rule.directions == frozenset(Direction) for rule in TABLE_1)
 
 
 @given(dds)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import asdict
 
@@ -9,8 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.bus.address import BusAddress
-from sfglab.component import argument_of, config_from_argument
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.status.description import (
     AgentDescription,
@@ -25,7 +24,7 @@ from sfglab.fleet.status.heartbeat import (
     heartbeat_topic,
     metadata_service,
 )
-from sfglab.fleet.status.node import StatusConfig, StatusSettings
+from sfglab.fleet.status.node import StatusSettings
 from sfglab.messages import deserialize, message_type, serialize
 from sfglab.names import FqnError
 
@@ -46,36 +45,28 @@ DESCRIPTION = AgentDescription(
 )
 
 
-def instants(schedule: Schedule, count: int) -> list[float]:
-    found = [0]
-    while len(found) < count:
-        found.append(schedule.next_ns(found[-1]))
-    return [t / S for t in found]
-
-
 def test_names_on_the_wire_are_the_papers():
     assert heartbeat_topic() == "/global/agent_heartbeat"
     assert metadata_service("go2") == "/global/go2/get_metadata"
 
 
-def test_by_default_it_beats_every_second_for_ten_and_every_five_afterwards():
-    assert instants(Schedule(), 14) == [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 15, 20, 25]
-    assert Schedule().phase(10 * S - 1) is Phase.STARTUP
-    assert Schedule().phase(10 * S) is Phase.STEADY
-
-
-def test_the_start_up_lasts_whole_periods_and_may_be_missing():
-    odd = Schedule(startup_period_s=1, steady_period_s=4, startup_s=2.5)
-    assert instants(odd, 6) == [0, 1, 2, 3, 7, 11]
-    assert odd.phase(round(2.9 * S)) is Phase.STARTUP
-    none = Schedule(startup_s=0)
-    assert instants(none, 3) == [0, 5, 10]
-    assert none.phase(0) is Phase.STEADY
-
-
-def test_whoever_was_late_goes_on_with_the_next_instant():
-    assert Schedule().next_ns(round(3.7 * S)) == 4 * S
-    assert Schedule().next_ns(round(33 * S)) == 35 * S
+@pytest.mark.parametrize(
+    ("schedule", "instants", "startup_s"),
+    [
+        (Schedule(), [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 15, 20, 25], 10),
+        (Schedule(startup_period_s=1, steady_period_s=4, startup_s=2.5), [0, 1, 2, 3, 7, 11], 3),
+        (Schedule(startup_s=0), [0, 5, 10], 0),
+    ],
+    ids=["the paper's", "whole periods", "no start-up"],
+)
+def test_it_beats_often_at_first_and_whoever_is_late_goes_on_with_the_next_instant(
+    schedule, instants, startup_s
+):
+    for now_s, next_s in itertools.pairwise(instants):
+        for late_ns in (0, round(0.7 * S)):
+            assert schedule.next_ns(now_s * S + late_ns) == next_s * S
+    assert schedule.phase(startup_s * S) is Phase.STEADY
+    assert not startup_s or schedule.phase(startup_s * S - 1) is Phase.STARTUP
 
 
 PERIODS = st.floats(0.05, 60)
@@ -137,15 +128,6 @@ def test_sensors_that_share_a_name_are_refused():
 def test_an_agents_name_is_checked_before_anything_starts():
     with pytest.raises(FqnError):
         StatusSettings(agent="camera")
-
-
-def test_the_configuration_survives_the_way_to_its_process():
-    config = StatusConfig(
-        address=BusAddress(domain_id=3, interface="lo"),
-        settings=StatusSettings(agent="go2", description=DESCRIPTION, schedule=Schedule(startup_s=2)),
-        detect=False,
-    )
-    assert config_from_argument(StatusConfig, argument_of(config)) == config
 
 
 @pytest.mark.parametrize("values", [{"wheels": 4}, {"sensors": [{"wheels": 4}]}, {"sensors": ["camera"]}])
