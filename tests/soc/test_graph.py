@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
 
 import pytest
-import yaml
 from graph_strategies import GRAPHS, chain, graphs
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
@@ -33,13 +31,9 @@ def refusal(text):
     return str(raised.value)
 
 
-def test_rare_line_breaks_survive_writing_and_reading():
-    graph = Graph(nodes=(Node(name="a"),), description="a\x85b\u2028c\u2029d\ne")
-    assert read_graph(graph_text(graph)) == graph
-
-
 @settings(max_examples=60, deadline=None)
 @given(graphs())
+@example(Graph(nodes=(Node(name="1"), Node(name="no")), description="a\x85b\u2028c\u2029d\ne"))
 def test_a_graph_is_read_back_as_it_was_written_and_written_again_byte_by_byte(graph):
     text = graph_text(graph)
     assert read_graph(text) == graph
@@ -50,14 +44,6 @@ def test_a_graph_is_read_back_as_it_was_written_and_written_again_byte_by_byte(g
 def test_the_graphs_of_this_repository_are_written_as_they_stand_in_their_files(path, tmp_path):
     save_graph(load_graph(path), tmp_path / path.name)
     assert (tmp_path / path.name).read_bytes() == path.read_bytes()
-
-
-def test_the_paper_s_example_has_its_nodes_topics_and_placements():
-    graph = load_graph(GRAPHS / "figure_8.yaml")
-    assert [node.name for node in graph.nodes] == [str(i) for i in range(1, 12)]
-    assert [topic.name for topic in graph.topics] == list("ABCDE")
-    assert graph.in_hardware == {"1", "2", "3", "4", "5", "7", "10", "11"}
-    assert len(list(graph.edges())) == 16
 
 
 def test_what_stands_in_a_file_once_has_its_default_elsewhere():
@@ -148,12 +134,3 @@ def test_placing_nodes_anew_takes_all_topics_back_to_software():
     assert placed.mapped_to(TopicMapping.SOFTWARE) == ("ab",)
     with pytest.raises(InvalidValueError, match="'b' is placed in software"):
         placed.with_mappings({"ab": TopicMapping.HARDWARE})
-
-
-def test_an_edge_reads_in_its_direction():
-    assert [str(edge) for edge in chain(SW, SW).edges()] == ["a -> ab", "ab -> b"]
-
-
-def test_names_that_look_like_numbers_are_quoted():
-    graph = replace(chain(SW), nodes=(Node(name="1"), Node(name="no")))
-    assert list(yaml.safe_load(graph_text(graph))["nodes"]) == ["1", "no"]

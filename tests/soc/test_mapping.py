@@ -1,11 +1,14 @@
-"""Communication mapping: paper C's three cases, its example, and what holds for every graph."""
+"""Communication mapping: paper C's three cases, its example, what holds for every graph, a rule of sizes."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import pytest
 from graph_strategies import GRAPHS, graphs
 from hypothesis import given, settings
 
+from sfglab.errors import InvalidValueError
 from sfglab.soc import (
     EdgeKind,
     Graph,
@@ -14,23 +17,27 @@ from sfglab.soc import (
     Topic,
     TopicMapping,
     crossing_edges,
+    faster_by_gateway,
     load_graph,
     map_communication,
+    transfer_s,
 )
 from sfglab.soc.mapping import (
     carriages_per_message,
     hardware_subgraphs,
     more_than_one_hardware_subscriber,
 )
+from sfglab.soc.memory import Judge, Setup, Side, Transport, break_even_bytes, transfer_times
 
 HW, SW = Placement.HARDWARE, Placement.SOFTWARE
 KINDS = tuple(TopicMapping)
+FIGURE_8 = load_graph(GRAPHS / "figure_8.yaml")
 SOME = settings(max_examples=60, deadline=None)
 
 
 @pytest.fixture(scope="module")
 def example():
-    return map_communication(load_graph(GRAPHS / "figure_8.yaml"))
+    return map_communication(FIGURE_8)
 
 
 def one_topic(publishers, subscribers):
@@ -140,3 +147,55 @@ def test_carriages_are_a_mean_over_publishers_of_both_sides():
     graph = one_topic(("h1", "s1"), ("h2", "h3", "h4"))
     assert carriages_per_message(graph, graph.topics[0]) == 3.5
     assert more_than_one_hardware_subscriber(graph, graph.topics[0])
+
+
+# The rule that knows sizes
+
+
+def sized(size_bytes):
+    return replace(FIGURE_8, topics=tuple(replace(t, size_bytes=size_bytes) for t in FIGURE_8.topics))
+
+
+def test_large_messages_are_mapped_as_the_paper_maps_them_and_small_ones_get_no_gateway():
+    large, small = sized(10_000_000), sized(100)
+    assert map_communication(large, gateway=faster_by_gateway()) == map_communication(large)
+    assert map_communication(small).gateways.mapped_to(TopicMapping.GATEWAY) == ("A", "C", "E")
+    by_size = map_communication(small, gateway=faster_by_gateway()).gateways
+    assert by_size.mapped_to(TopicMapping.GATEWAY) == ()
+    assert by_size.mapped_to(TopicMapping.HARDWARE) == ("B",)
+
+
+def test_the_rule_changes_its_mind_where_the_model_breaks_even():
+    setup = Setup(publisher=Side.SOFTWARE, transport=Transport.SMT, message_bytes=1, hardware=2, software=0)
+    size_bytes = break_even_bytes(setup, Judge.LAST)
+    assert size_bytes is not None
+    rule = faster_by_gateway()
+    for graph, expected in ((sized(size_bytes), True), (sized(size_bytes - 256), False)):
+        assert rule(graph, graph.topic("E")) is expected
+
+
+def test_the_time_of_a_topic_is_the_model_s_for_its_nodes():
+    mapped = map_communication(FIGURE_8).gateways
+    setup = Setup(
+        publisher=Side.HARDWARE, transport=Transport.GATEWAY, message_bytes=1_000_000, hardware=2, software=1
+    )
+    times = transfer_times(setup)
+    assert transfer_s(mapped, mapped.topic("A"), judge=Judge.HARDWARE) == times.hardware_s
+    assert transfer_s(mapped, mapped.topic("A"), judge=Judge.SOFTWARE) == times.software_s
+
+
+@SOME
+@given(graphs())
+def test_with_the_rule_no_topic_is_slower_than_with_all_in_software(graph):
+    known = replace(graph, topics=tuple(replace(t, size_bytes=t.size_bytes or 1) for t in graph.topics))
+    done = map_communication(known, gateway=faster_by_gateway())
+    for topic in done.gateways.topics:
+        if topic.mapping is not TopicMapping.HARDWARE:
+            before = transfer_s(done.software, done.software.topic(topic.name))
+            assert transfer_s(done.gateways, topic) <= before
+
+
+def test_a_topic_of_unknown_size_is_refused_by_name():
+    graph = sized(None)
+    with pytest.raises(InvalidValueError, match=r"topics\.A\.size_bytes: nothing is given"):
+        map_communication(graph, gateway=faster_by_gateway())

@@ -29,7 +29,7 @@ from sfglab.soc import (
     place_nodes,
 )
 from sfglab.soc.memory import STORED
-from sfglab.soc.placement import build_programme, carriage_load, gateway_load
+from sfglab.soc.placement import carriage_load, gateway_load
 
 HW, SW = Placement.HARDWARE, Placement.SOFTWARE
 TIMES = {"bytes_per_s": 388e6, "carriage_s": 80e-6, "gateway_s": 122e-6}
@@ -100,17 +100,6 @@ def test_fifty_nodes_are_placed_best_of_all():
     assert found.optimal
 
 
-def test_knowing_gateways_and_communication_is_never_worse_than_not_knowing():
-    graph, platform = drawn(np.random.default_rng(1), 40)
-    found = place_nodes(graph, platform)
-    silent = replace(graph, topics=())
-    blind = place_nodes(silent, platform).graph.in_hardware
-    placed = graph.with_placements(dict.fromkeys(blind, HW))
-    by_rule = map_communication(placed)
-    assert found.load.total_s < assess(by_rule.hardware, platform).total_s
-    assert found.load.total_s < assess(by_rule.gateways, platform).total_s
-
-
 def pair(size_bytes, *, gateway_lut=0, lut=1000):
     """A publisher in software, three subscribers in hardware, and a platform."""
     hardware = Implementation(lut=100, time_s=0.0)
@@ -173,14 +162,6 @@ def test_fixed_nodes_that_are_not_there_or_do_not_fit_are_refused():
         replace(SMALL, bytes_per_s=0)
     with pytest.raises(InvalidValueError, match=r"platform\.lut: given -1"):
         replace(SMALL, lut=-1)
-
-
-def test_the_programme_counts_what_the_assessment_counts():
-    graph, platform = pair(10**6)
-    programme = build_programme(graph, platform, fixed={n.name: HW for n in graph.nodes if n.hardware})
-    programme.problem.solve(solver="HIGHS")
-    assert programme.problem.is_mixed_integer()
-    assert programme.problem.value / 1e3 == pytest.approx(place_nodes(graph, platform).load.total_s)
 
 
 def test_a_search_that_a_limit_stops_leaves_a_mapping_with_its_gap():

@@ -5,24 +5,20 @@ from __future__ import annotations
 import random
 
 import pytest
+from walked_core import simulate
 
 rtl = pytest.importorskip("sfglab.soc.rtl", reason="needs the extra `rtl` (amaranth)")
 
 
 def clocked(masters, run):
     """Run a coroutine of (context, arbiter) beside an arbiter of so many masters."""
-    from amaranth.sim import Simulator
-
     arbiter = rtl.readers.Arbiter([rtl.data_path.MemoryPort() for _ in range(masters)])
-    simulator = Simulator(arbiter)
-    simulator.add_clock(1e-8)
 
     async def bench(ctx):
         ctx.set(arbiter.memory.grant, 1)
         await run(ctx, arbiter)
 
-    simulator.add_testbench(bench)
-    simulator.run()
+    simulate(arbiter, bench)
 
 
 async def serve(ctx, arbiter, waiting):

@@ -1,4 +1,4 @@
-"""The gateway core's table, walked: the oracle of the hardware."""
+"""The gateway core's table, walked: the oracle of the hardware; and hardware run beside a bench."""
 
 from __future__ import annotations
 
@@ -27,3 +27,13 @@ class Core:
             self.held = value if move.latch is Latch.HELD else self.held
             self.state = move.to
         return self.drive
+
+
+def simulate(hardware, bench):
+    """Run hardware with a clock beside a coroutine function of the simulation's context, until that ends."""
+    from amaranth.sim import Simulator
+
+    simulator = Simulator(hardware)
+    simulator.add_clock(1e-8)
+    simulator.add_testbench(bench)
+    simulator.run()
