@@ -161,15 +161,6 @@ def test_the_builder_sees_only_what_the_dockerfile_names():
     assert allowed >= {"workspace/src", "image/wheels", f"image/{RELEASE.wheel}"}
 
 
-def test_the_labels_say_where_it_comes_from():
-    text = image_files(deployment())["Dockerfile"].text
-    (step,) = (step for step in parse_dockerfile(text) if step.name == "LABEL")
-    labels = dict(re.findall(r'(\S+)=("[^"]*")', step.value))
-    assert json.loads(labels["org.opencontainers.image.revision"]) == RELEASE.revision
-    assert json.loads(labels["io.sfglab.wheel.sha256"]) == RELEASE.wheel_sha256
-    assert json.loads(labels["org.opencontainers.image.base.name"]) == base_of(deployment()).image
-
-
 @given(st.text(st.characters(exclude_categories=["Cs"]), max_size=20))
 def test_any_text_can_be_a_label(text):
     quoted = _quoted(text)

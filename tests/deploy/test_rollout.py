@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -23,13 +25,7 @@ paths = st.sampled_from(["compose.yaml", "release.env", "hooks/a.sh", "Dockerfil
 trees = st.dictionaries(paths, st.binary(max_size=40), max_size=6)
 
 
-def bundle(tag: str = "1-a", **files: bytes) -> Bundle:
-    return bundle_of({path.replace("__", "/"): data for path, data in files.items()}, tag)
-
-
 def bundle_of(files: dict[str, bytes], tag: str = "1-a") -> Bundle:
-    from hashlib import sha256
-
     members = {path: Member(data=data, mode=0o644) for path, data in files.items()}
     entries = {path: {"sha256": sha256(m.data).hexdigest()} for path, m in members.items()}
     members[MANIFEST] = Member(data=json.dumps({"tag": tag, "files": entries}).encode(), mode=0o644)
@@ -58,9 +54,9 @@ def test_a_plan_says_of_every_file_what_happens_to_it(before, after):
 
 
 def test_a_users_own_file_is_nobodys_business_and_a_touched_one_is_told():
-    there = dict(bundle(a=b"1").members) | {"hooks/custom.d/mine.sh": Member(data=b"x", mode=0o755)}
+    there = dict(bundle_of({"a": b"1"}).members) | {"hooks/custom.d/mine.sh": Member(data=b"x", mode=0o755)}
     there["a"] = Member(data=b"by hand\n", mode=0o644)
-    plan = plan_changes(bundle("2", a=b"2\n"), there)
+    plan = plan_changes(bundle_of({"a": b"2\n"}, "2"), there)
     (touched,) = [file for file in plan.files if file.path == "a"]
     assert touched.remark == "changed on the machine by somebody else"
     assert "-by hand\n+2\n" in touched.diff
@@ -69,7 +65,7 @@ def test_a_users_own_file_is_nobodys_business_and_a_touched_one_is_told():
 
 @pytest.mark.parametrize("junk", [b"", b"{", b"[]", b'{"tag": 1}', b"\xff"])
 def test_a_manifest_that_was_cut_off_counts_as_none(junk):
-    plan = plan_changes(bundle(a=b"1"), {MANIFEST: Member(data=junk, mode=0o644)})
+    plan = plan_changes(bundle_of({"a": b"1"}), {MANIFEST: Member(data=junk, mode=0o644)})
     assert plan.before == ""
     assert changes(plan) == {"a": Change.NEW}
 
@@ -94,11 +90,11 @@ def test_a_bundle_survives_its_archive_equal_ones_are_equal_bytes_and_change_not
 def test_files_are_written_removed_and_the_second_time_nothing_is_to_do(tmp_path):
     machine = Local(folder=tmp_path)
     assert look(machine, FOLDER) == {}
-    install(bundle("1", a=b"1", sub__b=b"2"), machine)
+    install(bundle_of({"a": b"1", "sub/b": b"2"}, "1"), machine)
     own = tmp_path / "opt/sfglab/go2/hooks/custom.d/mine.sh"
     own.parent.mkdir(parents=True)
     own.write_text("mine")
-    new = bundle("2", a=b"changed")
+    new = bundle_of({"a": b"changed"}, "2")
     install(new, machine)
     there = look(machine, FOLDER)
     assert {path: member.data for path, member in there.items() if path != MANIFEST} == {
@@ -111,7 +107,7 @@ def test_files_are_written_removed_and_the_second_time_nothing_is_to_do(tmp_path
 def test_a_machine_keeps_its_latest_releases_and_no_more(tmp_path):
     machine = Local(folder=tmp_path)
     for number in range(KEPT + 3):
-        install(bundle(f"{number}", a=b"%d" % number), machine)
+        install(bundle_of({"a": b"%d" % number}, f"{number}"), machine)
         archive = tmp_path / f"opt/sfglab/go2/.releases/{number}.tar"
         os.utime(archive, (number, number))
     assert releases(machine, FOLDER) == tuple(str(n) for n in range(KEPT + 2, 2, -1))
@@ -119,7 +115,7 @@ def test_a_machine_keeps_its_latest_releases_and_no_more(tmp_path):
 
 def test_an_installation_that_was_cut_off_is_seen_and_the_next_one_completes_it(tmp_path):
     machine = Local(folder=tmp_path)
-    new = bundle("2", a=b"1", b=b"2")
+    new = bundle_of({"a": b"1", "b": b"2"}, "2")
     install(new, machine)
     (tmp_path / "opt/sfglab/go2" / MANIFEST).unlink()  # it is the last file of an archive
     (tmp_path / "opt/sfglab/go2/b").unlink()
@@ -145,8 +141,6 @@ def ssh(tmp_path):
 
 @pytest.mark.parametrize("text", ["plain", "two words", "quote ' and \" and $HOME and \\", "new\nline"])
 def test_over_ssh_scripts_and_data_arrive_as_they_are(ssh, tmp_path, text):
-    import shlex
-
     assert ssh.run(f"printf %s {shlex.quote(text)}; cat", data=b"\x00data") == text.encode() + b"\x00data"
     arguments = (tmp_path / "arguments").read_text().splitlines()
     assert arguments[:6] == ["-o", "BatchMode=yes", "-o", "ConnectTimeout=10", "--", "sfg@go2.local"]

@@ -29,9 +29,7 @@ from sfglab.fleet.router.node import RouterConfig
 from sfglab.fleet.status.node import StatusConfig
 
 CONFIG = AgentConfig(
-    agent="go2",
-    local=BusAddress(domain_id=7, interface="lo"),
-    remote=BusAddress(domain_id=0, interface="eth0"),
+    agent="go2", local=BusAddress(domain_id=7, interface="lo"), remote=BusAddress(domain_id=0, interface="eth0")
 )
 FLEET = read_fleet("""
 fleet: pair
@@ -150,10 +148,7 @@ def said(component: str, **report) -> Said:
         (Complete(), ["agent go2: ready, end it with Ctrl-C"]),
         (Changed(component="router", state=State.STARTING, pid=7), []),
         (Changed(component="router", state=State.RUNNING, pid=7), ["router: ready"]),
-        (
-            Changed(component="router", state=State.RUNNING, crashes=2),
-            ["router: ready again after 2 crashes"],
-        ),
+        (Changed(component="router", state=State.RUNNING, crashes=2), ["router: ready again after 2 crashes"]),
         (
             Changed(component="router", state=State.BACKING_OFF, why="killed by SIGSEGV", retry_s=0.2),
             ["router: crashed (killed by SIGSEGV); it is started again in 0.2 s"],

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import os
-import select
 import signal
-import subprocess
 import sys
 import textwrap
 from contextlib import asynccontextmanager, suppress
 
 import pytest
-from waiting import DEADLINE_S, lives, until
+from waiting import DEADLINE_S, lives, process, until
 
-from sfglab.component import argument_of, beside
+from sfglab.component import beside
 from sfglab.fleet.agent.app import Agent, Changed, Complete, ComponentError, Said, SupervisorConfig, Wrote
 from sfglab.fleet.agent.supervision import Component, State
 from sfglab.machine import ProcessTiming
@@ -205,66 +202,34 @@ run_component(make_dataclass("Config", ()), serve)
 """
 
 
-@pytest.fixture
-def supervisor():
-    """A supervisor of two components in a process of its own, and pidfds of both."""
-    components = tuple(
-        Component(name=n, argv=(sys.executable, "-c", COMPONENT, "{}")) for n in ("router", "status")
-    )
-    argv = [
-        sys.executable,
-        "-m",
-        "sfglab.fleet.agent.app",
-        argument_of(SupervisorConfig(components=components)),
-    ]
-    pipe = subprocess.PIPE
-    with subprocess.Popen(argv, stdin=pipe, stdout=pipe, text=True) as process:
-        handles = {}
-        for line in process.stdout:
-            report = json.loads(line)
-            if report.get("state") == "running":
-                handles[report["component"]] = os.pidfd_open(report["pid"])
-            if report["is"] == "ready":
-                break
-        try:
-            assert sorted(handles) == ["router", "status"]
-            yield process, tuple(handles.values())
-        finally:
-            for fd in handles.values():
-                with suppress(ProcessLookupError):
-                    signal.pidfd_send_signal(fd, signal.SIGKILL)
-                os.close(fd)
-            process.kill()
+@asynccontextmanager
+async def supervising():
+    """A supervisor of two components in a process of its own, and what it reports; then both are gone."""
+    argv = (sys.executable, "-c", COMPONENT, "{}")
+    components = tuple(Component(name=name, argv=argv) for name in ("router", "status"))
+    async with process("sfglab.fleet.agent.app", SupervisorConfig(components=components)) as child:
+        child.on_report = (reports := []).append
+        await child.expect("ready", timeout_s=DEADLINE_S)
+        pids = {r["component"]: r["pid"] for r in reports if r.get("state") == "running"}
+        assert sorted(pids) == ["router", "status"]
+        assert all(map(lives, pids.values()))
+        yield child, reports
+        await until(lambda: not any(map(lives, pids.values())))
 
 
-def wait_for_end(handles) -> None:
-    poll = select.poll()
-    for fd in handles:
-        poll.register(fd, select.POLLIN)
-    left = len(handles)
-    while left:
-        ended = poll.poll(int(DEADLINE_S * 1000))
-        assert ended, f"{left} of {len(handles)} processes live on"
-        for fd, _ in ended:
-            poll.unregister(fd)
-        left -= len(ended)
-
-
-def test_components_end_when_their_supervisor_is_killed(supervisor):
-    process, handles = supervisor
-    process.send_signal(signal.SIGKILL)
-    wait_for_end(handles)
+async def test_components_end_when_their_supervisor_is_killed():
+    async with supervising() as (child, _):
+        child.signal(signal.SIGKILL)
+        await child.wait()
 
 
 @pytest.mark.parametrize("how", ["terminated", "input ends"])
-def test_a_supervisor_as_a_process_ends_everything_in_order(supervisor, how):
-    process, handles = supervisor
-    if how == "terminated":
-        process.terminate()
-    else:
-        process.stdin.close()
-    rest = [json.loads(line) for line in process.stdout]
-    assert process.wait(DEADLINE_S) == 0
-    wait_for_end(handles)
-    last = {r["component"]: r["state"] for r in rest if r["is"] == "component"}
+async def test_a_supervisor_as_a_process_ends_everything_in_order(how):
+    async with supervising() as (child, reports):
+        if how == "terminated":
+            child.signal(signal.SIGTERM)
+        else:
+            await child.close(grace_s=DEADLINE_S)
+        assert (await child.expect("ended", timeout_s=DEADLINE_S))["status"] == 0
+    last = {r["component"]: r["state"] for r in reports if r["is"] == "component"}
     assert last == {"router": "stopped", "status": "stopped"}

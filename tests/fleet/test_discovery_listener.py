@@ -104,10 +104,7 @@ EVENTS = st.tuples(
 )
 
 
-@given(
-    before=st.lists(st.lists(EVENTS, max_size=8), max_size=3),
-    last=st.lists(EVENTS, min_size=1, max_size=8),
-)
+@given(before=st.lists(st.lists(EVENTS, max_size=8), max_size=3), last=st.lists(EVENTS, min_size=1, max_size=8))
 def test_in_the_end_the_last_discoverer_alone_decides(before, last):
     agents, folded = KnownAgents(grace_ns=100), {}
     for number, events in enumerate([*before, last]):

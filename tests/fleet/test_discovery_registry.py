@@ -375,8 +375,7 @@ def test_whatever_happens_queries_never_double_events_make_sense_and_memory_is_b
 
 
 @given(
-    depth=st.integers(6, 12),
-    steps=st.lists(st.tuples(st.sampled_from("abcde"), st.booleans()), max_size=80),
+    depth=st.integers(6, 12), steps=st.lists(st.tuples(st.sampled_from("abcde"), st.booleans()), max_size=80)
 )
 def test_whoever_hears_only_the_last_events_knows_all_agents_that_are_there(depth, steps):
     history, published, present = History(depth), [], {}

@@ -176,10 +176,7 @@ class Fleet:
         for name in AGENTS:
             await self.start_agent(name)
         camera = CameraConfig(
-            places=((self.local("go2"), stream_of("go2")),),
-            fps=10,
-            gop=10,
-            encoder="libx264",
+            places=((self.local("go2"), stream_of("go2")),), fps=10, gop=10, encoder="libx264"
         )
         argv = [sys.executable, "-m", "sfglab.lab.workers.camera", argument_of(camera)]
         self.camera = await Talker.begin(self.testbed.argv("go2", argv))

@@ -7,12 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
-from sfglab.fleet.gop_cache import (
-    GopCache,
-    KeeperSettings,
-    Limits,
-    replay_topic,
-)
+from sfglab.fleet.gop_cache import GopCache, KeeperSettings, Limits, replay_topic
 
 COLOR = "/global/go2/camera_front/color/ffmpeg"
 
@@ -50,11 +45,7 @@ def test_a_group_that_outgrows_the_limits_is_given_up_until_the_next_key_frame(l
     assert cache.packets == (5,)
 
 
-@given(
-    numbers=st.lists(st.integers(0, 40), max_size=60),
-    gop=st.integers(1, 12),
-    packets=st.integers(1, 8),
-)
+@given(numbers=st.lists(st.integers(0, 40), max_size=60), gop=st.integers(1, 12), packets=st.integers(1, 8))
 def test_whatever_comes_the_cache_begins_with_a_key_frame_has_no_gap_and_respects_its_limits(
     numbers, gop, packets
 ):

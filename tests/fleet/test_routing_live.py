@@ -25,11 +25,7 @@ from sfglab.fleet.router.node import (
     pair_lock,
     serve_terminal,
 )
-from sfglab.messages import (
-    default_message,
-    message_type,
-    serialize,
-)
+from sfglab.messages import default_message, message_type, serialize
 from sfglab.messages.dds import opaque_idl_struct
 from sfglab.processes import ProcessFailedError
 from sfglab.qos import LATCHED, QoSProfile

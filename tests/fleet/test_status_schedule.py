@@ -17,13 +17,7 @@ from sfglab.fleet.status.description import (
     SensorDescription,
     StreamDescription,
 )
-from sfglab.fleet.status.heartbeat import (
-    Heartbeat,
-    Phase,
-    Schedule,
-    heartbeat_topic,
-    metadata_service,
-)
+from sfglab.fleet.status.heartbeat import Heartbeat, Phase, Schedule, heartbeat_topic, metadata_service
 from sfglab.fleet.status.node import StatusSettings
 from sfglab.messages import deserialize, message_type, serialize
 from sfglab.names import FqnError

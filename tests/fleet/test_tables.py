@@ -15,12 +15,7 @@ from sfglab.machine import BackOff, IllegalInputError, Machine, ProcessTiming
 from sfglab.messages import message_type
 
 WAITS = {"start_ns": 100, "stop_ns": 50, "backoff_ns": 4, "backoff_max_ns": 20, "stable_ns": 1000}
-MODULES = {
-    "component": supervision,
-    "pipeline": pipelines,
-    "replay": gop_cache,
-    "agent": lifecycle,
-}
+MODULES = {"component": supervision, "pipeline": pipelines, "replay": gop_cache, "agent": lifecycle}
 START = {"component": "NEW", "pipeline": "IDLE", "replay": "IDLE", "agent": "UNKNOWN"}
 machines = pytest.mark.parametrize("name", MODULES)
 

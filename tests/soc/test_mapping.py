@@ -22,11 +22,7 @@ from sfglab.soc import (
     map_communication,
     transfer_s,
 )
-from sfglab.soc.mapping import (
-    carriages_per_message,
-    hardware_subgraphs,
-    more_than_one_hardware_subscriber,
-)
+from sfglab.soc.mapping import carriages_per_message, hardware_subgraphs, more_than_one_hardware_subscriber
 from sfglab.soc.memory import Judge, Setup, Side, Transport, break_even_bytes, transfer_times
 
 HW, SW = Placement.HARDWARE, Placement.SOFTWARE
@@ -68,10 +64,7 @@ def test_the_dashed_parts_grow_as_topics_come_into_hardware(example):
     assert len(hardware_subgraphs(example.software)) == 8
     assert (frozenset("24"), frozenset("B")) in hardware_subgraphs(example.hardware)
     parts = hardware_subgraphs(example.gateways)
-    assert set(parts) == {
-        (frozenset("123457"), frozenset("ABC")),
-        (frozenset({"10", "11"}), frozenset("E")),
-    }
+    assert set(parts) == {(frozenset("123457"), frozenset("ABC")), (frozenset({"10", "11"}), frozenset("E"))}
 
 
 def test_another_rule_may_decide_between_software_and_gateway():
