@@ -47,14 +47,11 @@ def step(name: str, table: Mapping[tuple[S, I], T], state: S, given: I) -> T:
 
 
 class Machine(Generic[S, I, A]):
-    """A state that moves along a table.
+    """A state that moves along a table, (state, input) -> (next state, action); what is not listed is illegal.
 
-    Args:
-        name: What it stands for, in messages.
-        table: (state, input) -> (next state, action); what is not listed is illegal.
-        start: The first state.
-        wait_ns: How long the timer runs that an action arms, given the action and `now_ns`; None: that action
-            ends the waiting. A move without an action leaves the timer as it is.
+    The name is what it stands for, in messages. `wait_ns` says how long the timer runs that an action arms,
+    given the action and `now_ns`; None: that action ends the waiting. A move without an action leaves the
+    timer as it is.
     """
 
     def __init__(

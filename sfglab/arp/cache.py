@@ -140,13 +140,10 @@ class _ChangeFilter:
             raise InvalidValueError("cache max_silence_ns", self.max_silence_ns, "positive nanoseconds or None")
 
     def offer(self, topic: str, value: Any, *, now_ns: int, size_bytes: int = 0) -> Decision:
-        """Decide on one value, and remember it if it passes.
+        """Decide on one value, and remember it if it passes; topics do not influence each other.
 
-        Args:
-            topic: Whose value it is; topics do not influence each other.
-            value: The value; it must not be changed afterwards.
-            now_ns: The caller's clock, nanoseconds.
-            size_bytes: What passing it would cost, for the counters.
+        The value must not be changed afterwards. The time is the caller's clock, in nanoseconds;
+        `size_bytes`, what passing it would cost, is for the counters.
         """
         entry = self._entries.get(topic)
         decision = self._decide(entry, value, now_ns)

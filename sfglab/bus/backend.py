@@ -48,10 +48,8 @@ class Backend(ABC):
     """One node's half of a middleware, on the running loop; what is opened and registered here ends with it.
 
     Threads, callbacks and sockets refer to the backend and never to the `Node`, so a node that a notebook
-    forgot is collected, and its finalizer closes the backend.
-
-    Args:
-        on_error: Told about exceptions in callbacks; None logs them.
+    forgot is collected, and its finalizer closes the backend. `on_error` is told about exceptions in
+    callbacks; None logs them.
     """
 
     kind: ClassVar[str]  #: What nodes of it are called in error messages.

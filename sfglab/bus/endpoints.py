@@ -134,17 +134,11 @@ class SampleQueue:
 
 
 class Inbox:
-    """A queue of samples that hands them to `get` or to a callback, oldest first.
+    """A queue of samples, bounded by a QoS, that hands them to `get` or decoded to a callback, oldest first.
 
-    A callback that returns an awaitable gets the next sample when that has finished; what arrives
-    meanwhile waits in the queue, which drops the oldest by its own bound.
-
-    Args:
-        bridge: Where the reading side lives.
-        qos: What bounds the queue.
-        decode: What a callback is given for a sample.
-        callback: Called for every sample; None to read by `get`.
-        calls: Runs callbacks and what they return.
+    A callback that returns an awaitable gets the next sample when that has finished; what arrives meanwhile
+    waits in the queue, which drops the oldest by its own bound. The bridge leads to the reading side's loop;
+    `calls` runs callbacks and what they return.
     """
 
     def __init__(

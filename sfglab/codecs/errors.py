@@ -35,13 +35,9 @@ class BitstreamError(CodecError):
 
 
 def check_size(codec: str, *, width: int, height: int, size_bytes: int) -> None:
-    """Refuse a frame size that a header claims before anything is allocated for it.
+    """Refuse a frame size in pixels that a codec's header claims, before anything is allocated for it.
 
-    Args:
-        codec: The format that makes the claim, for the message.
-        width: Claimed width in pixels.
-        height: Claimed height in pixels.
-        size_bytes: Size of the data that makes the claim.
+    The claim is made in `size_bytes` of data.
 
     Raises:
         BitstreamError: If a side is not positive or the area exceeds `MAX_PIXELS`.

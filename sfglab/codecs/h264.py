@@ -42,11 +42,7 @@ def _say_once(message: str) -> None:
 
 
 class H264Encoder:
-    """An encoder for one stream.
-
-    Args:
-        settings: What to make.
-        fallback: Whether a software encoder will do if the one that the settings name does not work.
+    """An encoder for one stream; with `fallback` a software encoder will do if the settings' one does not work.
 
     Raises:
         CodecUnavailableError: If no wanted encoder works on this machine.
@@ -66,11 +62,9 @@ class H264Encoder:
             raise CodecError(f"H.264 encoder {choice.name!r} refuses {settings}: {why(error)}") from error
 
     def encode(self, image_bgr: NDArray[np.uint8], *, force_key: bool = False) -> tuple[EncodedFrame, ...]:
-        """Encode one image into exactly one frame.
+        """Encode one image (height, width, 3), BGR, uint8, into exactly one frame.
 
-        Args:
-            image_bgr: Pixels, shape (height, width, 3), uint8.
-            force_key: Whether to make it a key frame out of turn; the next regular one comes a GOP later.
+        With `force_key` it is a key frame out of turn; the next regular one comes a GOP later.
 
         Raises:
             CodecError: If the image does not fit the settings, or the encoder keeps it back or fails.
@@ -117,13 +111,9 @@ class VideoDecoder:
             raise CodecError(f"decoder {decoder!r} cannot be opened: {why(error)}") from error
 
     def decode(self, data: bytes) -> tuple[av.VideoFrame, ...]:
-        """Decode one packet.
+        """Decode one packet, an access unit in Annex B, to its frame.
 
-        Args:
-            data: One access unit, Annex B.
-
-        Returns:
-            Its frame; nothing while waiting for a key frame or for a packet of parameter sets alone.
+        There is none while waiting for a key frame or for a packet of parameter sets alone.
 
         Raises:
             BitstreamError: If the packet is broken; the decoder then waits for the next key frame.
@@ -145,15 +135,10 @@ class VideoDecoder:
         return frames
 
     def decode_bgr(self, data: bytes, out: NDArray[np.uint8] | None = None) -> tuple[NDArray[np.uint8], ...]:
-        """Decode one packet to BGR pixels, by the colour matrix and range that the stream names.
+        """Decode one packet to BGR pixels, by the colour matrix and range that the stream names; see `decode`.
 
-        Args:
-            data: One access unit, Annex B.
-            out: Receives the pixels, shape (height, width, 3), uint8; a stream may change its size.
-
-        Returns:
-            Contiguous arrays of shape (height, width, 3), uint8: `out` or new memory; as many as `decode`
-            gives.
+        They are contiguous arrays (height, width, 3), uint8: `out` or new memory; a stream may change its
+        size.
 
         Raises:
             BitstreamError: As `decode`.
@@ -162,14 +147,7 @@ class VideoDecoder:
         return tuple(self.bgr(frame, out) for frame in self.decode(data))
 
     def bgr(self, frame: av.VideoFrame, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
-        """Convert a frame of this stream to BGR pixels.
-
-        Args:
-            frame: From `decode`.
-            out: Receives the pixels, shape (height, width, 3), uint8.
-
-        Returns:
-            Contiguous pixels: `out` or new memory.
+        """Convert a frame of `decode` to contiguous BGR pixels (height, width, 3), uint8: `out` or new memory.
 
         Raises:
             CodecError: If `out` does not fit the frame, or its pixel format cannot be converted.
@@ -200,10 +178,7 @@ class VideoDecoder:
 
 
 class H264Decoder(VideoDecoder):
-    """A decoder for one H.264 stream.
-
-    Args:
-        decoder: ``"auto"`` for the first that works here, hardware first, or an FFmpeg decoder.
+    """A decoder for one H.264 stream by its name, or ``"auto"`` for the first that works here, hardware first.
 
     Raises:
         CodecUnavailableError: If the named decoder does not work on this machine.

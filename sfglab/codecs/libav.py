@@ -104,11 +104,7 @@ def _context(name: str, mode: str) -> VideoCodecContext:
 
 
 class EncoderSession:
-    """A named encoder, opened.
-
-    Args:
-        name: An FFmpeg encoder.
-        settings: The stream to make; its `encoder` is not looked at.
+    """An FFmpeg encoder, opened by its name for a stream; the settings' own `encoder` is not looked at.
 
     Raises:
         av.FFmpegError: If FFmpeg cannot open it here.
@@ -172,10 +168,7 @@ class EncoderSession:
 
 
 class DecoderSession:
-    """A named decoder, opened.
-
-    Args:
-        name: An FFmpeg decoder.
+    """An FFmpeg decoder, opened by its name.
 
     Raises:
         av.FFmpegError: If FFmpeg cannot open it here.
@@ -235,14 +228,9 @@ def has_start_code(data: bytes) -> bool:
 
 
 def nal_unit_types(data: bytes, *, codec: str) -> Iterator[int]:
-    """Yield the type of each NAL unit in an Annex B byte stream.
+    """Yield the type of each NAL unit in an Annex B byte stream, as the standards' tables 7-1 number them.
 
-    Args:
-        data: Bytes with start codes.
-        codec: ``"h264"`` or ``"hevc"``, which differ in where the type stands.
-
-    Yields:
-        Types as the tables 7-1 of the two standards number them.
+    The codec is ``"h264"`` or ``"hevc"``, which differ in where the type stands.
     """
     at = data.find(b"\0\0\1")
     while 0 <= at < len(data) - 3:

@@ -100,11 +100,9 @@ def probe_decoder(name: str) -> CodecProbe:
 
 
 def choose_encoder(wanted: str, *, fallback: bool) -> Choice:
-    """Choose an H.264 encoder.
+    """Choose an H.264 encoder by its name, or by ``"auto"`` the first of `ENCODERS` that works.
 
-    Args:
-        wanted: ``"auto"`` for the first of `ENCODERS` that works, or a name.
-        fallback: Whether a software encoder will do if the named one does not work.
+    With `fallback` a software encoder will do if the named one does not work.
 
     Raises:
         CodecUnavailableError: If none works.

@@ -48,13 +48,9 @@ class RvlError(BitstreamError):
 
 
 def encode(depth: NDArray[np.uint16]) -> bytes:
-    """Compress a depth image without loss.
+    """Compress a depth image, shape (rows, columns), uint16, without loss; 0 is "no reading".
 
-    Args:
-        depth: Depth values, shape (rows, columns), uint16; 0 is "no reading".
-
-    Returns:
-        RVL words, at most about 1.5 times the size of the image.
+    RVL words are at most about 1.5 times the size of the image.
 
     Raises:
         CodecError: If the image is not a two-dimensional uint16 array of 1 to `MAX_PIXELS` pixels.

@@ -24,11 +24,9 @@ _JPEG_START = b"\xff\xd8"
 
 
 def encode_png(image: NDArray[Any], *, level: int) -> bytes:
-    """Compress a picture without loss.
+    """Compress a picture without loss, with zlib's effort from 0 to 9.
 
-    Args:
-        image: Pixels, shape (rows, columns) or (rows, columns, 3 or 4), uint8 or uint16, colours as BGR(A).
-        level: Effort of zlib, from 0 to 9.
+    Pixels have the shape (rows, columns) or (rows, columns, 3 or 4), uint8 or uint16, colours as BGR(A).
 
     Raises:
         CodecError: If PNG cannot hold such an array.
@@ -41,10 +39,7 @@ def encode_png(image: NDArray[Any], *, level: int) -> bytes:
 
 
 def encode_jpeg(image: NDArray[np.uint8]) -> bytes:
-    """Compress a picture with loss.
-
-    Args:
-        image: Pixels, shape (rows, columns) or (rows, columns, 3), uint8, colours as BGR.
+    """Compress a picture, shape (rows, columns) or (rows, columns, 3), uint8, colours as BGR, with loss.
 
     Raises:
         CodecError: If JPEG cannot hold such an array.
@@ -55,16 +50,11 @@ def encode_jpeg(image: NDArray[np.uint8]) -> bytes:
 
 
 def decode_still(data: bytes) -> NDArray[Any]:
-    """Decode a PNG or a JPEG, whichever it is.
+    """Decode a whole PNG or JPEG file, whichever it is.
 
-    A flipped bit in a PNG is always noticed. JPEG has no checksum: damage inside its scan is seen only in the
+    Pixels have the shape (rows, columns) or (rows, columns, 3 or 4), uint8 or uint16, colours as BGR(A). A
+    flipped bit in a PNG is always noticed. JPEG has no checksum: damage inside its scan is seen only in the
     picture.
-
-    Args:
-        data: The whole file.
-
-    Returns:
-        Pixels, shape (rows, columns) or (rows, columns, 3 or 4), uint8 or uint16, colours as BGR(A).
 
     Raises:
         BitstreamError: If it is neither, is broken, or claims more than `MAX_PIXELS`.

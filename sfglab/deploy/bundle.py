@@ -77,12 +77,9 @@ def render_bundle(deployment: Deployment) -> dict[str, BundleFile]:
 def bundle_of(
     deployment: Deployment, wheel: bytes, workspace: Mapping[str, Member] = MappingProxyType({})
 ) -> Bundle:
-    """Return an agent's files, named as a release.
+    """Return an agent's files on its machine, named as a release, with the bytes of sfglab's wheel.
 
-    Args:
-        deployment: The agent on its machine.
-        wheel: The bytes of sfglab's wheel.
-        workspace: The user's sources, from `workspace_members`.
+    `workspace` has the user's sources, from `workspace_members`.
 
     Raises:
         DeployError: As `render_bundle` does.
@@ -196,12 +193,9 @@ def load_source(path: Path) -> FleetSource:
 
 
 def with_accelerator(source: FleetSource, agents: Sequence[str], name: str) -> FleetSource:
-    """Return a fleet whose machines have an accelerator, whatever its file says.
+    """Return a fleet whose agents' machines have an accelerator, whatever its file says; no agents: all.
 
-    Args:
-        source: The fleet.
-        agents: Whose machines; none: all.
-        name: What they have, or ``auto``, which leaves it to detection.
+    Its name may be ``auto``, which leaves it to detection.
 
     Raises:
         DeployError: There is no accelerator of that name.
@@ -229,14 +223,9 @@ def prepare(
     agents: Sequence[str] = (),
     detect: Detect = lambda _: None,
 ) -> tuple[tuple[Deployment, Bundle], ...]:
-    """Return deployment and bundle of agents.
+    """Return deployment and bundle of agents by their names, none: of all.
 
-    Args:
-        source: The fleet.
-        release: What is deployed.
-        wheel: The bytes of its wheel.
-        agents: Their names; none: all.
-        detect: Asked for the accelerator of a machine whose fleet file leaves it to detection.
+    The release is what is deployed, with the bytes of its wheel.
 
     Raises:
         DeployError: An agent cannot be deployed as it is described.

@@ -172,13 +172,7 @@ def _no_workspace(source: FleetSource) -> Iterator[Broken[Place]]:
 def check_fleet(
     source: FleetSource, release: Release, *, agents: Sequence[str] = (), detect: Detect = lambda _: None
 ) -> tuple[Verdict, ...]:
-    """Check a fleet file and everything that would be made of it.
-
-    Args:
-        source: The fleet, from `load_source`.
-        release: What would be deployed.
-        agents: Whose files are asked about; none: all.
-        detect: Asked for the accelerator of a machine whose fleet file leaves it to detection.
+    """Check a fleet of `load_source` and everything that would be made of it for some agents; none: for all.
 
     Raises:
         InvalidValueError: The fleet has no such agent.

@@ -27,11 +27,7 @@ _TOKEN = re.compile(
 
 
 def read_json5(text: str, file: str) -> Document:
-    """Read a JSON5 file.
-
-    Args:
-        text: What stands in it.
-        file: Its name, for places.
+    """Read the text of a JSON5 file; `file` is its name, for places.
 
     Raises:
         DocumentError: It is not JSON5, or has more of it than is taken here.

@@ -31,10 +31,7 @@ _LAST_WORDS = 20
 def run_heard(command: Sequence[str], hear: Callable[[str], None], what: str = "") -> None:
     """Run a program to a good end, and hand on each line that it says; interrupted, it ends with its children.
 
-    Args:
-        command: Program and arguments.
-        hear: Told each line.
-        what: What it does, for the error; its name when not given.
+    The command is program and arguments; the error calls it `what`, or by its name.
 
     Raises:
         DeployError: It failed, with its last words, or is not installed.
@@ -102,12 +99,8 @@ def run_program(
 ) -> tuple[int, str]:
     """Return a program's exit status and output, run in a folder with some files and nothing else.
 
-    The program is killed and the folder removed when time is up and when the caller is interrupted.
-
-    Args:
-        command: Program and arguments; files by the names of `texts`.
-        texts: Contents by path relative to the folder.
-        timeout_s: Seconds after which it is killed.
+    The command names files as `texts` does, which has contents by path relative to the folder. The program is
+    killed and the folder removed when `timeout_s` seconds are up and when the caller is interrupted.
 
     Raises:
         DeployError: It did not start, did not end in time, or said nothing but why it could not work.

@@ -50,10 +50,8 @@ MACHINES = {Architecture.AMD64: "x86_64", Architecture.ARM64: "aarch64"}
 def agent_lock(lock_text: str, *, python: str, architecture: Architecture) -> str:
     """Return the part of a lock file that an agent's image installs, digests included, sorted by name.
 
-    Args:
-        lock_text: A lock file in pip's format with a digest for every file, as ``uv pip compile`` writes it.
-        python: Version of Python in the image, as in ``3.11``.
-        architecture: The image's processor.
+    The lock file is in pip's format with a digest for every file, as ``uv pip compile`` writes it. Python's
+    version, as in ``3.11``, and the architecture are the image's.
 
     Raises:
         DeployError: Something that an agent needs is not pinned for that Python and processor.
@@ -170,9 +168,7 @@ _BACKEND = "import sys; from hatchling.build import build_wheel; print(build_whe
 def build_wheel(project: Path, folder: Path) -> Path:
     """Build sfglab's wheel by its own backend (PEP 517), without network, and return where it is.
 
-    Args:
-        project: Folder with ``pyproject.toml``.
-        folder: Where the wheel is put; made if it is not there.
+    The project is the folder with ``pyproject.toml``; the wheel's folder is made if it is not there.
 
     Raises:
         DeployError: The project cannot be built.

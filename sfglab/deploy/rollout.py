@@ -226,14 +226,7 @@ def steps(deployment: Deployment, bundle: Bundle, plan: Plan) -> tuple[Step, ...
 def apply_plan(
     plan: Plan, bundle: Bundle, deployment: Deployment, transport: Transport, say: Callable[[str], None]
 ) -> None:
-    """Bring a bundle to a machine and start it.
-
-    Args:
-        plan: What changes, from `look_and_plan`.
-        bundle: The files.
-        deployment: Whose they are.
-        transport: The machine.
-        say: Told of each step.
+    """Bring a deployment's bundle to a machine and start it, as `look_and_plan` found; `say` hears each step.
 
     Raises:
         DeployError: The machine cannot be reached, or a command failed there; applying again goes on.

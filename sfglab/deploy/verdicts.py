@@ -39,14 +39,10 @@ class Verdict:
 
 
 def verdict_of(check: str, subject: str, ask: Callable[..., Iterable[str]], *about: Any) -> Verdict:
-    """Return the verdict of a check that yields what is wrong.
+    """Return the verdict of a check about a subject.
 
-    Args:
-        check: What is asked.
-        subject: Of what.
-        ask: Yields one sentence for each thing that is wrong; raises `MissingProgramError` when it cannot be
-            asked, and another error of ours when that is what is wrong.
-        about: What it is called with.
+    `ask`, called with `about`, yields one sentence for each thing that is wrong; it raises
+    `MissingProgramError` when it cannot be asked, and another error of ours when that is what is wrong.
     """
     try:
         wrong = tuple(ask(*about))

@@ -107,13 +107,7 @@ def _writing_errors() -> tuple[type[Exception], ...]:
 
 
 def serialized_size(message: Any) -> int:
-    """Return how many bytes `serialize` and `serialize_into` produce.
-
-    Args:
-        message: A message of a registered type.
-
-    Returns:
-        Bytes, with the header of 4 and the padding to a multiple of 4.
+    """Return how many bytes `serialize` and `serialize_into` produce, with the 4-byte header and the padding.
 
     Raises:
         CdrError: A field holds something of the wrong kind.
@@ -142,12 +136,8 @@ def _write(message: Any, view: memoryview) -> None:
 def serialize(message: Any) -> bytes:
     """Return a message as little-endian CDR with its 4-byte header, padded to a multiple of 4.
 
-    Args:
-        message: A message of a registered type. Numeric arrays must be contiguous one-dimensional NumPy
-            arrays of the field's dtype; another dtype of the same width is not noticed.
-
-    Returns:
-        The bytes; padding is zero, so equal messages give equal bytes.
+    Numeric arrays must be contiguous one-dimensional NumPy arrays of the field's dtype; another dtype of the
+    same width is not noticed. Padding is zero, so equal messages give equal bytes.
 
     Raises:
         CdrError: A field holds something of the wrong kind or out of range; the message names the field.
@@ -161,14 +151,9 @@ def serialize(message: Any) -> bytes:
 
 
 def serialize_into(message: Any, buffer: Buffer) -> int:
-    """Write what `serialize` returns into existing memory; big arrays are copied once.
+    """Write what `serialize` returns into writable contiguous memory, and return how many bytes these are.
 
-    Args:
-        message: As for `serialize`.
-        buffer: Writable contiguous memory of at least `serialized_size` bytes; the rest is left alone.
-
-    Returns:
-        How many bytes were written, from the start of the buffer.
+    Big arrays are copied once. The buffer has at least `serialized_size` bytes; the rest is left alone.
 
     Raises:
         CdrError: As for `serialize`, or the buffer is too small; then its content is undefined.
@@ -215,10 +200,7 @@ _decoders: dict[str, Callable[[Buffer], Any]] = {}
 
 
 def decoder(type_or_name: type[Any] | str) -> Callable[[Buffer], Any]:
-    """Return `deserialize` for one type, for those who decode many messages of it.
-
-    Args:
-        type_or_name: The message type or its name.
+    """Return `deserialize` for one message type or its name, for those who decode many messages of it.
 
     Raises:
         UnknownTypeError: There is no such type.
@@ -251,13 +233,8 @@ def deserialize(data: Buffer, type_or_name: type[Any] | str) -> Any:
 def decoder_from_definition(name: str, text: str) -> Callable[[Buffer], Any]:
     """Return a `deserialize` for a type that is known only by its definition, such as a log's own schema.
 
-    Args:
-        name: The full name, such as `pkg/msg/Type`.
-        text: The definition with its dependencies, as `definition` returns it.
-
-    Returns:
-        A function from CDR bytes to a message, which raises `CdrError` like `deserialize`. Its types are
-        apart from those of `message_type`, even when a name is the same.
+    The text has the definition with its dependencies, as `definition` returns it. The function's types are
+    apart from those of `message_type`, even when a name is the same.
 
     Raises:
         CdrError: The text is no complete definition of the type.

@@ -79,16 +79,10 @@ def _struct(name: str) -> type[IdlStruct]:
 
 
 def idl_struct(type_or_name: type[Any] | str) -> type[IdlStruct]:
-    """Return the Cyclone DDS type of a message, made on first use and kept.
+    """Return the Cyclone DDS type of a message or of one half of a service, made on first use and kept.
 
     For topics, readers and writers of raw CDR; its own (de)serialisation of images is a thousand times slower
-    than `sfglab.messages`.
-
-    Args:
-        type_or_name: A message type, one half of a service, or a name of these.
-
-    Returns:
-        A class whose DDS type name is that of `dds_type_name`.
+    than `sfglab.messages`. Its DDS type name is that of `dds_type_name`.
 
     Raises:
         UnknownTypeError: There is no such type.
@@ -100,14 +94,10 @@ def idl_struct(type_or_name: type[Any] | str) -> type[IdlStruct]:
 
 @functools.cache
 def service_idl_struct(name: str) -> tuple[type[IdlStruct], type[IdlStruct]]:
-    """Return the Cyclone DDS types of a service as rmw_cyclonedds puts it on the wire.
+    """Return the Cyclone DDS types of a service's request and reply as rmw_cyclonedds puts them on the wire.
 
-    Args:
-        name: The service, such as `sfglab_interfaces/srv/GetMetadata`.
-
-    Returns:
-        The types of request and reply: `rmw_client_guid` (uint64) and `rmw_sequence` (int64), then the fields.
-        `sfglab.messages.frame_service` makes the bytes.
+    They begin with `rmw_client_guid` (uint64) and `rmw_sequence` (int64); then come the fields.
+    `sfglab.messages.frame_service` makes the bytes.
 
     Raises:
         UnknownTypeError: There is no such service.
@@ -118,10 +108,9 @@ def service_idl_struct(name: str) -> tuple[type[IdlStruct], type[IdlStruct]]:
 
 
 def service_half_idl_struct(name: str) -> type[IdlStruct]:
-    """Return the Cyclone DDS type of a service's request or reply alone; see `service_idl_struct`.
+    """Return the Cyclone DDS type of a half, such as `sfglab_interfaces/srv/GetMetadata_Request`, alone.
 
-    Args:
-        name: Such as `sfglab_interfaces/srv/GetMetadata_Request`.
+    See `service_idl_struct`.
 
     Raises:
         UnknownTypeError: There is no such service.
@@ -134,11 +123,9 @@ def service_half_idl_struct(name: str) -> type[IdlStruct]:
 def opaque_idl_struct(name: str) -> type[IdlStruct]:
     """Return a Cyclone DDS type of which only the name is known, to pass samples on as they are.
 
-    It matches endpoints that announce no description of their type, which are those of ROS 2, and other opaque
-    ones; Cyclone DDS lets any CDR pass whose first octet exists.
-
-    Args:
-        name: The ROS name, or the DDS name of a type that has no ROS name.
+    It matches endpoints that announce no description of their type, which are those of ROS 2, and other
+    opaque ones; Cyclone DDS lets any CDR pass whose first octet exists. The name is ROS', or DDS' where that
+    has none.
     """
     try:
         announced = dds_type_name(name)

@@ -143,14 +143,10 @@ class _Source:
 
 
 def flat_reader(store: Typestore, name: str) -> Callable[[memoryview], Any] | None:
-    """Return a function from CDR bytes to messages, or None for a type that is not flat.
+    """Return a function from CDR bytes to messages of a store's type, or None for a type that is not flat.
 
     The function returns None for an encapsulation other than little-endian CDR, and raises `struct.error`,
     `ValueError` or `IndexError` for bytes that are not of the type.
-
-    Args:
-        store: Where the type is.
-        name: The full name of the type.
     """
     source = _Source(store)
     try:

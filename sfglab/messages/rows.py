@@ -118,17 +118,10 @@ def _value(value: Any, word: str) -> Any:
 
 
 def row_message(row: Any) -> Any:
-    """Return one row as a message of its `row_type`.
-
-    Args:
-        row: An instance of such a dataclass; arrays of one dimension.
-
-    Returns:
-        The message, ready for `serialize`.
+    """Return one row as a message of its `row_type`, ready for `serialize`; arrays have one dimension.
 
     Raises:
         MessageError: As for `row_type`, or a value is None or an array of another kind.
-        MessageError: As for `row_type`.
     """
     message, fields = _registered(type(row))
     values = {}

@@ -51,13 +51,7 @@ def frame_service(frame: ServiceFrame) -> bytes:
 
 
 def unframe_service(data: bytes) -> ServiceFrame:
-    """Return the parts of a request or reply that came from DDS.
-
-    Args:
-        data: What `frame_service` returns, in either byte order.
-
-    Returns:
-        The two numbers and the plain CDR.
+    """Return the two numbers and the plain CDR of a request or reply that came from DDS, in either byte order.
 
     Raises:
         MessageError: Too short, or not CDR.
@@ -90,10 +84,7 @@ class ActionType:
 
 
 def action_type(name: str) -> ActionType:
-    """Return an action type by its full name.
-
-    Args:
-        name: `package/action/Name`.
+    """Return an action type by its full name, `package/action/Name`.
 
     Raises:
         UnknownTypeError: There is no such action; the message lists similar names.
@@ -116,16 +107,11 @@ def action_type(name: str) -> ActionType:
 def register_action(name: str, text: str) -> ActionType:
     """Add an action to the store, or return it if it is there already.
 
-    Args:
-        name: `package/action/Name`.
-        text: The content of its `.action` file; the types that it uses must be in the store.
-
-    Returns:
-        The action's types.
+    The name is `package/action/Name`, the text that of its `.action` file; the types that it uses must be in
+    the store.
 
     Raises:
-        MessageError: The text has not three parts.
-        MessageError: The name belongs to an action with other fields.
+        MessageError: The text has not three parts, or the name belongs to an action with other fields.
     """
     for part, definition in action_texts(name, text).items():
         register(part, definition)

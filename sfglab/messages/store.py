@@ -116,14 +116,9 @@ def type_store() -> Typestore:
 
 
 def register(name: str, text: str) -> type[Any]:
-    """Add one message type to the store, or return it if it is there already.
+    """Add the type of a `.msg` text without dependencies to the store, or return it if it is there already.
 
-    Args:
-        name: Its full name, such as `pkg/msg/Type`.
-        text: Its `.msg` text, without dependencies.
-
-    Returns:
-        The type.
+    The name is the full one, such as `pkg/msg/Type`.
 
     Raises:
         MessageError: The name belongs to a type with other fields.
@@ -146,14 +141,10 @@ def message_types() -> tuple[str, ...]:
 
 
 def message_type(name: str) -> type[Any]:
-    """Return a message type by its full name.
+    """Return a message type by its full name, `package/msg/Name`; there is no short form.
 
-    Args:
-        name: `package/msg/Name`; there is no short form.
-
-    Returns:
-        A dataclass whose fields are numbers, strings, NumPy arrays, messages or lists of these. Constants of
-        the definition are class attributes, `__msgtype__` is the name.
+    It is a dataclass whose fields are numbers, strings, NumPy arrays, messages or lists of these. Constants
+    of the definition are class attributes, `__msgtype__` is the name.
 
     Raises:
         UnknownTypeError: There is no such type; the message lists similar names.
@@ -165,13 +156,7 @@ def message_type(name: str) -> type[Any]:
 
 
 def service_type(name: str) -> ServiceType:
-    """Return a service type by its full name.
-
-    Args:
-        name: `package/srv/Name`.
-
-    Returns:
-        The types of request and response.
+    """Return the types of a service's request and response by its full name, `package/srv/Name`.
 
     Raises:
         UnknownTypeError: There is no such service; the message lists similar names.
@@ -184,13 +169,7 @@ def service_type(name: str) -> ServiceType:
 
 
 def type_name(type_or_name: type[Any] | str) -> str:
-    """Return the full name of a message type.
-
-    Args:
-        type_or_name: A type, or a name, which is checked.
-
-    Returns:
-        Such as `std_msgs/msg/String`.
+    """Return the full name of a message type, such as `std_msgs/msg/String`; a name is checked.
 
     Raises:
         UnknownTypeError: Neither a message type nor the name of one.
@@ -206,12 +185,8 @@ def type_name(type_or_name: type[Any] | str) -> str:
 def definition(type_or_name: type[Any] | str) -> str:
     """Return a type's definition with all it depends on, as MCAP's `ros2msg` encoding and rosbag2 keep it.
 
-    Args:
-        type_or_name: A message type or its name.
-
-    Returns:
-        The `.msg` text; each dependency follows after 80 equal signs and `MSG: package/Name`. Our own types
-        keep their comments.
+    In the `.msg` text each dependency follows after 80 equal signs and `MSG: package/Name`. Our own types
+    keep their comments.
 
     Raises:
         UnknownTypeError: There is no such type.
@@ -276,13 +251,8 @@ def _default_of(store: Typestore, name: str) -> Any:
 def default_message(type_or_name: type[Any] | str) -> Any:
     """Return a new message whose numbers are zero, strings and sequences empty, all the way down.
 
-    Unlike rclpy, defaults written in a definition are not applied: a quaternion's `w` is 0.
-
-    Args:
-        type_or_name: A message type or its name.
-
-    Returns:
-        The message; arrays are NumPy arrays of the field's dtype and belong to this message alone.
+    Unlike rclpy, defaults written in a definition are not applied: a quaternion's `w` is 0. Arrays are NumPy
+    arrays of the field's dtype and belong to this message alone.
 
     Raises:
         UnknownTypeError: There is no such type.
@@ -341,11 +311,7 @@ class TypeNameError(MessageError):
 def dds_type_name(name: str) -> str:
     """Return the name under which ROS 2 announces a type in DDS (rosidl_typesupport_introspection).
 
-    Args:
-        name: A ROS 2 name such as `std_msgs/msg/String` or `std_srvs/srv/Empty_Request`.
-
-    Returns:
-        For example `std_msgs::msg::dds_::String_`.
+    `std_msgs/msg/String` gives `std_msgs::msg::dds_::String_`; so do halves, as `std_srvs/srv/Empty_Request`.
 
     Raises:
         TypeNameError: The name has another form.
@@ -357,12 +323,6 @@ def dds_type_name(name: str) -> str:
 
 def ros_type_name(name: str) -> str:
     """Return the ROS 2 name of a type that was announced in DDS: the inverse of `dds_type_name`.
-
-    Args:
-        name: A DDS name such as `std_msgs::msg::dds_::String_`.
-
-    Returns:
-        For example `std_msgs/msg/String`.
 
     Raises:
         TypeNameError: No ROS 2 type is announced under such a name.
@@ -376,13 +336,9 @@ _SECONDS = range(-(2**31), 2**31)
 
 
 def stamp_from_ns(stamp_ns: int) -> Any:
-    """Return a `builtin_interfaces/msg/Time`.
+    """Return the `builtin_interfaces/msg/Time` of nanoseconds since the epoch, exact to the nanosecond.
 
-    Args:
-        stamp_ns: Nanoseconds since the epoch; negative ones get negative seconds and positive nanoseconds.
-
-    Returns:
-        The stamp, exact to the nanosecond.
+    Negative ones get negative seconds and positive nanoseconds.
 
     Raises:
         MessageError: The seconds do not fit into 32 bits.
@@ -396,12 +352,8 @@ def stamp_from_ns(stamp_ns: int) -> Any:
 
 
 def ns_from_stamp(stamp: Any) -> int:
-    """Return a stamp's nanoseconds since the epoch.
+    """Return a stamp's nanoseconds since the epoch, exact.
 
-    Args:
-        stamp: Anything with `sec` and `nanosec`, such as a `builtin_interfaces/msg/Time` of any library.
-
-    Returns:
-        Nanoseconds, exact.
+    It has `sec` and `nanosec`, such as a `builtin_interfaces/msg/Time` of any library.
     """
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)

@@ -119,11 +119,9 @@ class RosFqn:
 
 
 def parse(name: str, kind: ResourceKind | None = None) -> RosFqn:
-    """Return the tuple that a ROS name stands for; its `str()` is the same name again.
+    """Return the tuple that an absolute ROS name of a kind stands for; its `str()` is the same name again.
 
-    Args:
-        name: Absolute ROS name.
-        kind: What the name denotes. None takes a standard resource's own kind, and a custom one for a topic.
+    Without a kind it is a standard resource's own, and a custom one is a topic's.
 
     Raises:
         FqnError: Naming the segment that the schema does not allow, `name` for the whole.

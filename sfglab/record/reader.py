@@ -166,10 +166,7 @@ class LogReader:
     ) -> Iterator[LogMessage]:
         """Return the recorded messages in the order of their log times; a chunk is read when its turn comes.
 
-        Args:
-            topic: Only this topic; None is all of them.
-            start_ns: Only from this log time on, in nanoseconds.
-            end_ns: Only before this log time, in nanoseconds.
+        Only those of a topic, None: of all; from `start_ns` on and before `end_ns`, log times in nanoseconds.
 
         Raises:
             LogError: There is no such topic, or the end lies before the start, or while iterating: a chunk is

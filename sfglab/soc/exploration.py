@@ -96,15 +96,7 @@ class _Graph:
 
 
 def explore(bound: Bound, table: Table = TABLE, *, limit: int = 1_000_000) -> Exploration:
-    """Follow every interleaving.
-
-    Args:
-        bound: How much happens, and in what surroundings.
-        table: The core's behaviour.
-        limit: The most worlds to look at.
-
-    Returns:
-        What was found; the search ends at the first fault.
+    """Follow every interleaving of a core's behaviour in surroundings, up to the first fault.
 
     Raises:
         SfglabError: There are more worlds than `limit`.

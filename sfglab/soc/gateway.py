@@ -245,9 +245,7 @@ def arrows(table: Table = TABLE) -> list[Arrow]:
 def draw_core(ax: Axes, table: Table = TABLE) -> None:
     """Draw the core: calls and answers of its delegate yellow, uses of the stream blue.
 
-    Args:
-        ax: Where; its letters fit from about 14 by 5 inches on.
-        table: The core's behaviour.
+    Letters fit from about 14 by 5 inches on.
     """
     drawn = arrows(table)
     for arrow in drawn:

@@ -140,13 +140,7 @@ class Step(NamedTuple):
 
 
 def steps(world: World, bound: Bound, table: Table) -> Iterator[Step]:
-    """Yield everything that can happen next.
-
-    Args:
-        world: The moment.
-        bound: What the surroundings are like.
-        table: The core's behaviour.
-    """
+    """Yield everything that can happen next in surroundings and with a core's behaviour."""
     yield from _publishers(world, bound)
     yield from _subscribers(world, bound)
     yield from _delegate(world, bound)

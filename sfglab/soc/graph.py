@@ -252,10 +252,7 @@ _RARE_BREAKS = frozenset("\x85\u2028\u2029")
 
 
 def load_graph(path: Path) -> Graph:
-    """Read a graph from a file.
-
-    Args:
-        path: A YAML file, such as ``data/graphs/figure_8.yaml``.
+    """Read a graph from a YAML file, such as ``data/graphs/figure_8.yaml``.
 
     Raises:
         DocumentError: It cannot be read, or does not say what it must; says where.
@@ -264,11 +261,7 @@ def load_graph(path: Path) -> Graph:
 
 
 def read_graph(text: str, *, file: str = "graph.yaml") -> Graph:
-    """Read a graph from the text of a YAML file.
-
-    Args:
-        text: What stands in the file.
-        file: Its name, for messages.
+    """Read a graph from the text of a YAML file; `file` is its name, for messages.
 
     Raises:
         DocumentError: It does not say what it must; says where.

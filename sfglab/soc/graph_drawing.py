@@ -67,13 +67,10 @@ class _Box:
 
 
 def draw_graph(ax: Axes, graph: Graph, *, layout: Layout | None = None, title: str = "") -> None:
-    """Draw a graph: nodes round, topics angular, what runs in hardware blue, gateways yellow.
+    """Draw a graph as it is mapped: nodes round, topics angular, what runs in hardware blue, gateways yellow.
 
-    Args:
-        ax: Where.
-        graph: What, as it is mapped.
-        layout: Places, so that several pictures agree; None: `layered_layout`.
-        title: What stands above, before the number of crossing edges.
+    The layout has places, so that several pictures agree; None: `layered_layout`. The title stands above,
+    before the number of crossing edges.
     """
     layout = layout or layered_layout(graph)
     pitch = _pitch(layout)
@@ -98,9 +95,7 @@ def draw_graph(ax: Axes, graph: Graph, *, layout: Layout | None = None, title: s
 def draw_mapping(mapping: CommunicationMapping, figure: Figure) -> None:
     """Draw the three states of a communication mapping one below the other, with a legend: Fig. 8 (b) to (d).
 
-    Args:
-        mapping: What `map_communication` returned.
-        figure: An empty figure; its size is set to what the graph needs.
+    The figure must be empty; its size is set to what the graph needs.
     """
     layout = layered_layout(mapping.gateways)
     (left, right), (low, high) = _limits(layout)

@@ -58,14 +58,11 @@ def graph_metadata(graph: Graph) -> dict[str, Any]:
 
 
 def graph_from_log(log: LogReader) -> ImportedGraph:
-    """Return the graph that a log shows: its topics with types, sizes and rates.
+    """Return the graph that an open log of any recorder shows: its topics with types, sizes and rates.
 
     Sizes are means, and rates follow from the times, of the first messages of each topic. Publishers and
     subscribers are those of the log's metadata record `METADATA`; a topic that it does not name gets one node
     of its own, called ``publisher of <topic>``, and no subscribers. Tables are no topics.
-
-    Args:
-        log: An open log, of any recorder.
 
     Raises:
         DocumentError: The metadata record is not what `graph_metadata` returns.
@@ -95,15 +92,11 @@ def graph_from_log(log: LogReader) -> ImportedGraph:
 
 
 def graph_from_endpoints(endpoints: Iterable[EndpointInfo], *, name: str = "") -> ImportedGraph:
-    """Return the graph of some endpoints, such as those of `sfglab.bus.Graph.endpoints`.
+    """Return the graph, called `name`, of some endpoints, such as those of `sfglab.bus.Graph.endpoints`.
 
     Nodes have the names by which their participants announce them; an endpoint whose owner is unknown belongs
     to a node named after its participant. Services, and the topics that every ROS node has, are no part of
     the graph; sizes and rates are unknown.
-
-    Args:
-        endpoints: What discovery found.
-        name: What the graph is called.
     """
     from sfglab.bus import EndpointKind
 
@@ -128,9 +121,8 @@ def graph_from_endpoints(endpoints: Iterable[EndpointInfo], *, name: str = "") -
 async def watch_graph(node: bus.Node, *, timeout_s: float = 5.0) -> ImportedGraph:
     """Return the graph that a node of the bus sees, once the owner of every topic's endpoints is known.
 
-    Args:
-        node: An open node; its own topics are part of the graph.
-        timeout_s: After that long, owners that are still unknown stay so.
+    The open node's own topics are part of it. After `timeout_s` seconds, owners that are still unknown stay
+    so.
     """
     seen = node.graph
     seen.nodes()  # from now on owners are learnt

@@ -72,7 +72,7 @@ def more_than_one_hardware_subscriber(graph: Graph, topic: Topic) -> bool:
 def map_communication(
     graph: Graph, *, gateway: Callable[[Graph, Topic], bool] = more_than_one_hardware_subscriber
 ) -> CommunicationMapping:
-    """Map every topic to software, hardware or a gateway.
+    """Map every topic of a graph with placed nodes to software, hardware or a gateway.
 
     The three cases of section 5, for each topic t:
 
@@ -81,10 +81,6 @@ def map_communication(
     3. else t joins both sides: T_GW where `gateway` says so, or else T_SW, the default.
 
     How the topics of the given graph are mapped does not matter, so mapping a result again changes nothing.
-
-    Args:
-        graph: With its nodes placed.
-        gateway: Whether a topic between both sides gets a gateway.
     """
     hardware = with_hardware_topics(graph)
     chosen = {
@@ -178,13 +174,8 @@ _TRANSPORTS = {
 def transfer_s(graph: Graph, topic: Topic, *, judge: Judge = Judge.LAST, costs: Costs = STORED) -> float:
     """Return how long a message takes from its publisher to its subscribers as its topic is mapped, s.
 
-    Where publishers stand on both sides, it is the longer of the two times.
-
-    Args:
-        graph: With the topic in it.
-        topic: Which.
-        judge: Which subscriber's time counts.
-        costs: The model's constants.
+    The judge says which subscriber's time counts. Where publishers stand on both sides, it is the longer of
+    the two.
 
     Raises:
         InvalidValueError: The topic's size is unknown.
@@ -193,14 +184,10 @@ def transfer_s(graph: Graph, topic: Topic, *, judge: Judge = Judge.LAST, costs: 
 
 
 def faster_by_gateway(*, judge: Judge = Judge.LAST, costs: Costs = STORED) -> Callable[[Graph, Topic], bool]:
-    """Return a rule for `map_communication`: a gateway where it is predicted to be faster.
+    """Return a rule for `map_communication`: a gateway where it is predicted to be faster; see `transfer_s`.
 
     The paper's rule knows no sizes, although its own measurements show that small messages lose by a gateway
     (section 4).
-
-    Args:
-        judge: Which subscriber's time counts.
-        costs: The model's constants.
     """
 
     def rule(graph: Graph, topic: Topic) -> bool:

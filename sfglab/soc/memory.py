@@ -105,28 +105,20 @@ class MemoryInterface:
 
 
 def shared_s(releases_s: Sequence[float], work_s: float) -> float:
-    """Return when the last of several nodes has read its message.
+    """Return when the last of several nodes has read its message, given when each starts.
 
-    Turns do not lose time: while anybody waits, the interface works. So the last node ends with the busy period
-    that it ends in, max over j of (release j + work of all released from j on), whatever the turns' size.
-
-    Args:
-        releases_s: When each node starts to read.
-        work_s: What one node alone would need.
+    Alone, a node would need `work_s`. Turns do not lose time: while anybody waits, the interface works. So
+    the last node ends with the busy period that it ends in, max over j of (release j + work of all released
+    from j on), whatever the turns' size.
     """
     ordered = sorted(releases_s)
     return max(release + (len(ordered) - j) * work_s for j, release in enumerate(ordered))
 
 
 def round_robin_s(releases_s: Sequence[float], chunks: int, chunk_s: float) -> list[float]:
-    """Return when each of several nodes has read its message, chunk by chunk in turn.
+    """Return when each of several nodes has read its message, chunk by chunk in turn, given when each starts.
 
-    The reference for `shared_s`: slow, and exact.
-
-    Args:
-        releases_s: When each node starts to read.
-        chunks: Of each node's message.
-        chunk_s: Of one chunk, in seconds.
+    Each message has so many chunks of `chunk_s` seconds. The reference for `shared_s`: slow, and exact.
     """
     left = [chunks] * len(releases_s)
     finished_s = list(releases_s)
@@ -363,13 +355,7 @@ class Judge(Enum):
 
 
 def judged_s(times: Times, setup: Setup, judge: Judge) -> float:
-    """Return the time that counts, in seconds; 0 if nobody's does.
-
-    Args:
-        times: Of the setup.
-        setup: Who subscribes.
-        judge: Whose time counts.
-    """
+    """Return the setup's time that counts for a judge, in seconds; 0 if nobody's does."""
     hardware_s, software_s = times.hardware_s or 0.0, times.software_s or 0.0
     if judge is Judge.HARDWARE:
         return hardware_s
@@ -384,10 +370,7 @@ def judged_s(times: Times, setup: Setup, judge: Judge) -> float:
 def faster_transport(setup: Setup, judge: Judge = Judge.LAST, costs: Costs = STORED) -> Transport:
     """Return the software-mapped topic or the gateway, whichever is faster; the topic if they are equal.
 
-    Args:
-        setup: Publisher, size and subscribers; its transport does not matter.
-        judge: Whose time counts.
-        costs: The constants.
+    The setup's own transport does not matter; the judge says whose time counts.
     """
     smt, gateway = (replace(setup, transport=kind) for kind in (Transport.SMT, Transport.GATEWAY))
     smt_s, gateway_s = (judged_s(transfer_times(item, costs), item, judge) for item in (smt, gateway))
@@ -397,12 +380,8 @@ def faster_transport(setup: Setup, judge: Judge = Judge.LAST, costs: Costs = STO
 def break_even_bytes(setup: Setup, judge: Judge = Judge.LAST, costs: Costs = STORED) -> int | None:
     """Return the size from which on a gateway is faster; None: not up to `LARGEST_BYTES`.
 
-    Times grow in steps of a chunk, so the answer is exact to one chunk; one chunk says: at any size.
-
-    Args:
-        setup: Publisher and subscribers; its transport and size do not matter.
-        judge: Whose time counts.
-        costs: The constants.
+    The setup's own transport and size do not matter; the judge says whose time counts. Times grow in steps of
+    a chunk, so the answer is exact to one chunk; one chunk says: at any size.
     """
 
     def faster_by_gateway(chunks: int) -> bool:

@@ -66,18 +66,13 @@ class Platform:
 
 
 def platform_from_costs(name: str, *, lut: int, bram: float, costs: Costs = STORED) -> Platform:
-    """Return a platform whose carriages take what the memory interface model says they add.
+    """Return a platform of this area whose carriages take what the memory interface model says they add.
 
-    One more carriage of a software-mapped topic is a delivery, a call to the delegate and a read of the
-    message; one through a gateway is the same with the core's own work on a message. That a gateway also
-    cancels its request when hardware publishes, and what writes take beyond reads, is left out: node mapping
-    wants one number for each.
-
-    Args:
-        name: What the platform is called.
-        lut: Look-up tables for nodes and gateways.
-        bram: Block memories of 36 kbit for them.
-        costs: The model's constants.
+    Look-up tables and block memories of 36 kbit are for nodes and gateways. One more carriage of a
+    software-mapped topic is a delivery, a call to the delegate and a read of the message; one through a
+    gateway is the same with the core's own work on a message. That a gateway also cancels its request when
+    hardware publishes, and what writes take beyond reads, is left out: node mapping wants one number for
+    each.
     """
     chunk_bytes = costs.memory.chunk_bytes
     carriage_s = costs.delegate_s + costs.deliver_s
@@ -259,12 +254,9 @@ def place_nodes(
 ) -> NodeMapping:
     """Place nodes and map topics so that the work of a second takes least time, with HiGHS.
 
-    Args:
-        graph: Its placements do not matter; nodes without an implementation in hardware stay in software.
-        platform: Areas and times.
-        fixed: Nodes whose placement is given.
-        time_limit_s: After that long the best mapping found is returned; `NodeMapping.gap` says how far from
-            the best of all it may be.
+    The graph's own placements do not matter; `fixed` nodes keep theirs, and those without an implementation
+    in hardware stay in software. After `time_limit_s` seconds the best mapping found is returned;
+    `NodeMapping.gap` says how far from the best of all it may be.
 
     Raises:
         InvalidValueError: A fixed node is not there, or a topic has no size or no rate.

@@ -46,11 +46,9 @@ def find_architecture(files: MachineFiles) -> tuple[Architecture | None, str]:
 
 
 def elf_header(machine: int, *, bits: int = 64) -> bytes:
-    """Return the first 20 bytes of a little-endian program, which is all that is read of one.
+    """Return the first 20 bytes of a little-endian program of 32 or 64 bits, which is all that is read of one.
 
-    Args:
-        machine: ``e_machine``, of `MACHINES`.
-        bits: 32 or 64.
+    The machine is its ``e_machine``, of `MACHINES`.
     """
     identity = b"\x7fELF" + bytes([bits // 32, _LITTLE_ENDIAN, 1]) + bytes(9)
     return identity + struct.pack("<HH", 3, machine)

@@ -56,10 +56,9 @@ _RULES: dict[Accelerator, Callable[[MachineFiles], Evidence]] = {
 def detect(root: Path = Path("/")) -> Machine:
     """Return what a machine has, and what its images are made for.
 
-    Paper A, section 4.4, 'dynamic base image selection process that detects the host's hardware accelerators'.
-
-    Args:
-        root: Folder that stands for the machine's ``/``; links below it do not lead out of it.
+    Paper A, section 4.4, 'dynamic base image selection process that detects the host's hardware
+    accelerators'. `root` is the folder that stands for the machine's ``/``; links below it do not lead out of
+    it.
 
     Raises:
         DeployError: There is no such folder.

@@ -31,11 +31,8 @@ HISTORY = 200
 def render_dds_router(fleet: Fleet, agent: str, *, tf_max_hz: float | None = None) -> str:
     """Return the YAML file for one agent's DDS Router; the same fleet gives the same text.
 
-    Args:
-        fleet: The fleet.
-        agent: Whose router it is.
-        tf_max_hz: Let at most so many /tf messages a second into the agent; None lets all in. The router drops
-            by arrival and for the topic as a whole, so that with several broadcasters some frames starve.
+    At most `tf_max_hz` /tf messages a second are let into the agent; None lets all in. The router drops by
+    arrival and for the topic as a whole, so that with several broadcasters some frames starve.
 
     Raises:
         InvalidValueError: The fleet has no such agent.

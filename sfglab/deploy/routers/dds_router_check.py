@@ -45,12 +45,9 @@ end in one ``*`` is found.
 def check_dds_router(
     text: str, *, file: str = "ddsrouter.yaml", policy: Policy | None = None
 ) -> tuple[Finding, ...]:
-    """Return what is wrong with a DDS Router's configuration, the worst first.
+    """Return what is wrong with a DDS Router's configuration in YAML, the worst first.
 
-    Args:
-        text: The YAML file's text.
-        file: Its name, for the findings' places.
-        policy: What should cross; None does not ask.
+    The file's name is for places. The policy says what should cross; None does not ask.
 
     Raises:
         DocumentError: It is not YAML.

@@ -95,13 +95,10 @@ POLICY: Rules[tuple[Config, Policy], KeyPath] = Rules()
 def check_domain_bridge(
     text: str, *, file: str = "bridge.yaml", policy: Policy | None = None
 ) -> tuple[Finding, ...]:
-    """Return what is wrong with a `domain_bridge` configuration, the worst first.
+    """Return what is wrong with a `domain_bridge` configuration in YAML, the worst first.
 
-    Args:
-        text: The YAML file's text.
-        file: Its name, for the findings' places.
-        policy: What may cross, from the agent's domain as ``from_domain``; None does not ask. That
-            something does not cross is no fault: a bridge has topics of a known type only.
+    The file's name is for places. The policy says what may cross, from the agent's domain as ``from_domain``;
+    None does not ask. That something does not cross is no fault: a bridge has topics of a known type only.
 
     Raises:
         DocumentError: It is not YAML.

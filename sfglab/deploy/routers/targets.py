@@ -49,14 +49,8 @@ def render_router(fleet: Fleet, agent: str, target: str) -> str:
 def check_file(path: Path | str, *, policy: Policy | None = None) -> tuple[Finding, ...]:
     """Check a file of a DDS Router, a domain_bridge (``.yaml``, ``.yml``) or Zenoh (``.json5``, ``.json``).
 
-    A domain_bridge's has ``from_domain`` or its topics by name; other YAML is taken for a DDS Router's.
-
-    Args:
-        path: The file.
-        policy: What should cross, as in a fleet file; None does not ask.
-
-    Returns:
-        Findings, the worst first.
+    A domain_bridge's has ``from_domain`` or its topics by name; other YAML is taken for a DDS Router's. The
+    policy says what should cross, as in a fleet file; None does not ask. Findings come the worst first.
 
     Raises:
         DeployError: The file cannot be read, or its name does not say what it is.

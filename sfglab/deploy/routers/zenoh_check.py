@@ -44,12 +44,10 @@ CONTROL_POLICY: Rules[tuple[Control, Policy], KeyPath] = Rules()
 def check_zenoh(
     content: str, *, file: str = "zenoh.json5", policy: Policy | None = None
 ) -> tuple[Finding, ...]:
-    """Return what is wrong with a Zenoh bridge's configuration, the worst first.
+    """Return what is wrong with a Zenoh bridge's configuration in JSON5, the worst first.
 
-    Args:
-        content: The JSON5 file's text, with ``plugins.ros2dds``, ``access_control``, or both.
-        file: Its name, for the findings' places.
-        policy: What should cross; None does not ask.
+    It has ``plugins.ros2dds``, ``access_control``, or both; the file's name is for places. The policy says
+    what should cross; None does not ask.
 
     Raises:
         DocumentError: It is not JSON5.
@@ -161,12 +159,9 @@ def _entries(bridge: Bridge, kind: str) -> list[str]:
 
 
 def bridges(bridge: Bridge, kind: str, name: str) -> bool:
-    """Return whether a bridge with this configuration (``plugins.ros2dds``) routes an interface.
+    """Return whether a bridge with these values of ``plugins.ros2dds`` routes an interface.
 
-    Args:
-        bridge: The configuration's values.
-        kind: The interface's, of `KINDS`.
-        name: Absolute ROS name.
+    That has a kind, of `KINDS`, and an absolute ROS name.
     """
     if "allow" in bridge:
         return _listed(bridge["allow"].get(kind), name)
@@ -288,16 +283,11 @@ def _segment(expression: str, segment: str) -> bool:
 
 
 def permits(control: Control, message: str, flow: str, key: str) -> bool:
-    """Return whether access control lets a message pass, for everybody.
+    """Return whether these values of ``access_control`` let a message pass, for everybody.
 
-    Denying rules win over allowing ones; without either, the default decides. Rules of other subjects than
-    everybody are passed over.
-
-    Args:
-        control: The values of ``access_control``.
-        message: The message's kind, as in ``put``.
-        flow: ``egress`` or ``ingress``.
-        key: The message's key.
+    The message has a kind, as in ``put``, and a key; the flow is ``egress`` or ``ingress``. Denying rules win
+    over allowing ones; without either, the default decides. Rules of other subjects than everybody are passed
+    over.
     """
     everybody = {subject["id"] for subject in control["subjects"] if set(subject) == {"id"}}
     used = {r for p in control["policies"] if everybody & set(p["subjects"]) for r in p["rules"]}

@@ -361,10 +361,8 @@ class SupervisorConfig:
 async def serve_agent(config: AgentConfig, say: Callable[[str], None], *, as_json: bool = False) -> None:
     """Run an agent for a person at a terminal, until interrupted, hung up or terminated; twice ends it at once.
 
-    Args:
-        config: What the agent is.
-        say: Takes a line for everything that a person should know.
-        as_json: The lines are JSON reports instead, and there are more of them.
+    `say` takes a line for everything that a person should know; with `as_json` the lines are JSON reports
+    instead, and there are more of them.
 
     Raises:
         SfglabError: The agent could not be run as it is described.

@@ -75,12 +75,9 @@ class _Pipeline:
 class AgentDecoder:
     """Demand-driven decoding of remote streams for all subscribers on this device.
 
-    Args:
-        local: Node on the local domain.
-        pool: Started pool of pipeline processes.
-        timing: The waits of every pipeline.
-        replay: Whether streams are joined by their replay, where their sender offers one.
-        on_status: Called with a stream's status whenever its state or counts change.
+    Its node is on the local domain, its pool of pipeline processes is started, and the timing is that of
+    every pipeline. With `replay`, streams are joined by their replay where their sender offers one.
+    `on_status` is called with a stream's status whenever its state or counts change.
     """
 
     def __init__(
@@ -122,8 +119,7 @@ class AgentDecoder:
     async def run(self, discovery_topic: str = "") -> None:
         """Serve until cancelled, then release everything but the pool.
 
-        Args:
-            discovery_topic: Where the agent's discoverer announces remote agents; empty: nobody does.
+        The agent's discoverer announces remote agents on `discovery_topic`; empty: nobody does.
         """
         watched = [self._watch_graph()] + ([self._watch_agents(discovery_topic)] if discovery_topic else [])
         try:
@@ -288,10 +284,7 @@ async def run_decoder(
 ) -> None:
     """Run a decoder until cancelled; everything it started has ended when this returns.
 
-    Args:
-        config: Where and what is decoded.
-        on_status: Called whenever a stream's state or counts change.
-        on_ready: Called once when it serves.
+    `on_status` is called whenever a stream's state or counts change, `on_ready` once when it serves.
 
     Raises:
         StreamError: One of the configured streams cannot be offered.

@@ -35,12 +35,10 @@ if TYPE_CHECKING:
 
 
 def image_prefix(header: Any, pixels: NDArray[np.generic], encoding: str) -> bytes:
-    """Return the CDR of an Image up to its first pixel.
+    """Return the CDR of an Image up to its first pixel, with a ``std_msgs/msg/Header``.
 
-    Args:
-        header: A ``std_msgs/msg/Header``.
-        pixels: Shape (H, W) or (H, W, channels), C order.
-        encoding: The ROS name of the pixel format, such as ``bgr8`` or ``16UC1``.
+    Pixels have the shape (H, W) or (H, W, channels), C order; the encoding is ROS' name of their format, such
+    as ``bgr8`` or ``16UC1``.
     """
     prefix = _prefix(header.frame_id, encoding, pixels.shape[:2], pixels.strides[0], pixels.nbytes)
     # From picture to picture only the stamp changes, which stands behind the 4 bytes of the CDR header; to

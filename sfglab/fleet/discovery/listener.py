@@ -122,10 +122,8 @@ class KnownAgents:
 async def agent_changes(node: Node, topic: str, known: KnownAgents | None = None) -> AsyncIterator[Change]:
     """Yield every change of what remote agents offer, those first that the discoverer has announced before.
 
-    Args:
-        node: Node in the agent's own domain.
-        topic: Where its discoverer publishes.
-        known: What is known, updated in place; None: nothing.
+    The node is in the agent's own domain, where its discoverer publishes on the topic. What is known is
+    updated in place; None: nothing.
     """
     known, clock = known or KnownAgents(), node.get_clock()
     with closing(node.create_subscription(DISCOVERY_EVENT, topic, qos=DISCOVERY_QOS)) as subscription:

@@ -136,12 +136,9 @@ class _OpenPath:
 
 
 class Carrier:
-    """The open half of a router.
+    """The open half of a router, whose endpoints' USER_DATA says which pair of domains they serve.
 
-    Args:
-        nodes: Where it stands.
-        pair: Says in its endpoints' USER_DATA which pair of domains they serve.
-        gate: What is done with transforms; None: nothing.
+    The gate is what is done with transforms; None: nothing.
     """
 
     def __init__(self, nodes: Mapping[Side, Node], *, pair: str, gate: TransformGate | None) -> None:

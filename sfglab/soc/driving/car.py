@@ -115,16 +115,10 @@ class Chassis:
 
 
 def drive(state: CarState, command: Drive, *, dt_s: float, chassis: Chassis) -> CarState:
-    """Drive on for a moment.
+    """Drive on from a state for `dt_s` seconds, following a command.
 
     x' = v cos(yaw), y' = v sin(yaw), yaw' = v tan(steer) / wheelbase, along the arc of the mean curvature;
     speed and steering follow the command as fast as the chassis can.
-
-    Args:
-        state: Where the car is.
-        command: What it should do.
-        dt_s: How long.
-        chassis: What it can do.
     """
     gain = chassis.acceleration_mps2 * dt_s
     speed = state.speed_mps + _clipped(command.speed_mps - state.speed_mps, gain)

@@ -115,8 +115,7 @@ class Chain:
     def read_s(self, order: Order) -> dict[str, float]:
         """Return when each hardware reader of topic A has its message, from the start of its publication, s.
 
-        Args:
-            order: In which readers are served, one after the other.
+        Readers are served one after the other in this order.
         """
         costs, memory = self.costs, self.costs.memory
         size_bytes = self._topics[0].size_bytes or 0
@@ -130,10 +129,5 @@ class Chain:
         return {name: end_s + costs.endpoint_s for name, end_s in zip(readers, ends_s, strict=True)}
 
     def draw(self, frames: int, rng: np.random.Generator) -> NDArray[np.int64]:
-        """Draw the order of deliveries of each frame, as places in `orders`.
-
-        Args:
-            frames: How many.
-            rng: Where chance comes from.
-        """
+        """Draw the order of deliveries of each frame, as places in `orders`."""
         return rng.integers(0, len(self.orders), frames)

@@ -63,11 +63,9 @@ class Verdict:
 
 
 class Judge:
-    """Watches a run from its first frame at place 0; a car is where its camera is, over the rear axle.
+    """Watches a run in a town from its first frame at place 0, and judges it by rules.
 
-    Args:
-        town: Whose lights and lane.
-        rules: What is asked for.
+    A car is where its camera is, over the rear axle.
     """
 
     def __init__(self, town: Town, rules: Rules | None = None) -> None:
@@ -182,11 +180,7 @@ class Lap:
 
 
 class Stopwatch:
-    """What each node took in each frame, where there is a clock.
-
-    Args:
-        clock: Nanoseconds; None measures nothing.
-    """
+    """What each node took in each frame, by a clock of nanoseconds; None measures nothing."""
 
     def __init__(self, clock: Callable[[], int] | None = None) -> None:
         self._clock = clock
@@ -204,12 +198,7 @@ class Stopwatch:
 
 
 class Stack:
-    """The nodes, wired as in the graph.
-
-    Args:
-        camera: Whose images come.
-        clock: Nanoseconds, to time nodes by; None to leave it.
-    """
+    """The nodes, wired as in the graph, for a camera's images; a clock of nanoseconds times them."""
 
     def __init__(self, camera: Camera, clock: Callable[[], int] | None = None) -> None:
         self.view = BirdView(camera=camera)
@@ -261,17 +250,11 @@ def run_lap(
     rate_hz: float = 15.0,
     watch: Callable[[float, CarState, Frame], None] | None = None,
 ) -> Lap:
-    """Drive one lap and have it judged.
+    """Drive one lap and have it judged; the seed is that of town, textures and noise.
 
-    A command takes effect one frame after its image, as long as a real chain takes. 15 Hz: the car moves 6 cm a
-    frame, a fifteenth of its lookahead.
-
-    Args:
-        seed: Of town, textures and noise.
-        stack: The nodes; those of a default camera without a clock if None.
-        rules: The judge's.
-        rate_hz: Images a second.
-        watch: Called with time, the car's true state and what the nodes said, after each frame.
+    A command takes effect one frame after its image, as long as a real chain takes. 15 Hz: the car moves 6 cm
+    a frame, a fifteenth of its lookahead. `watch` is called with time, the car's true state and what the
+    nodes said, after each frame. Without a stack, the nodes are those of a default camera without a clock.
     """
     stack = stack or Stack(Camera())
     rng = np.random.default_rng(seed)

@@ -37,15 +37,9 @@ _TAIL = 0.005
 def compensate(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Remove outlier pixels, then stretch the histogram over all levels (paper C, section 6: Compensation).
 
-    The paper names the histogram and the removal of outliers and no method: an outlier here is a pixel far from
-    the median of its 3 x 3 neighbourhood, which replaces it, and the stretch is linear and the same for all
-    channels, so that hues stay.
-
-    Args:
-        bgr: Shape (height, width, 3).
-
-    Returns:
-        An image of the same shape.
+    The paper names the histogram and the removal of outliers and no method: an outlier here is a pixel far
+    from the median of its 3 x 3 neighbourhood, which replaces it, and the stretch is linear and the same for
+    all channels, so that hues stay. Image and result have the shape (height, width, 3), BGR.
     """
     median = cv2.medianBlur(bgr, 3)
     difference = cv2.absdiff(bgr, median)
@@ -139,19 +133,12 @@ class Lane:
 
 
 def fit_lane(mask: NDArray[np.uint8], view: BirdView, *, lane_m: float = 0.5) -> Lane | None:
-    """Fit the middle between a yellow line on the left and a white one on the right.
+    """Fit the middle between a yellow line on the left and a white one on the right, `lane_m` apart.
 
-    Both lines' pixels, moved by half a lane, are one parabola's: one least-squares problem with three unknowns.
-    A first fit over one colour says which pixels belong to the lane (there is a white line beyond the yellow
-    one, and stop lines lie across); the second is over those of both.
-
-    Args:
-        mask: Bird's view with levels `YELLOW` and `WHITE`.
-        view: Its geometry.
-        lane_m: Distance between the lines' middles.
-
-    Returns:
-        The lane, or None where neither line shows enough pixels.
+    The mask is a bird's view and has the levels `YELLOW` and `WHITE`. Both lines' pixels, moved by half a
+    lane, are one parabola's: one least-squares problem with three unknowns. A first fit over one colour says
+    which pixels belong to the lane (there is a white line beyond the yellow one, and stop lines lie across);
+    the second is over those of both. None where neither line shows enough pixels.
     """
     middle = np.array([0.0, lane_m / 2])
     yellow = view.points(mask == YELLOW) - middle
@@ -236,22 +223,14 @@ def _colour_mask(bgr: NDArray[np.uint8], colour: Colour) -> NDArray[np.uint8]:
 
 
 class LightDetector:
-    """One of the two detection nodes.
-
-    Args:
-        colour: What it looks for. The red one starts active, the green one asleep.
-    """
+    """The detection node of a colour. The red one starts active, the green one asleep."""
 
     def __init__(self, colour: Colour) -> None:
         self.colour = colour
         self.active = colour is Colour.RED
 
     def see(self, bgr: NDArray[np.uint8]) -> bool:
-        """Look at an image of topic A.
-
-        Returns:
-            Whether the node publishes that it found its light; it sleeps from then on.
-        """
+        """Look at an image of topic A; return whether the node publishes its light, to sleep from then on."""
         if not self.active:
             return False
         low, high = (share * bgr.shape[1] for share in _RADII[self.colour])
@@ -275,11 +254,7 @@ class Control:
 
 
 class LaneControl:
-    """The lane-control node: remembers whether a red light holds the car, and the last point it aimed at.
-
-    Args:
-        control: Its constants.
-    """
+    """The lane-control node: remembers whether a red light holds the car, and the last point it aimed at."""
 
     def __init__(self, control: Control | None = None) -> None:
         self.control = control or Control()
@@ -295,12 +270,7 @@ class LaneControl:
         self.held = False
 
     def step(self, lane: Lane | None, pose: Pose) -> Drive:
-        """Return the command for a frame.
-
-        Args:
-            lane: What `fit_lane` found in it.
-            pose: Odometry at that frame.
-        """
+        """Return the command for a frame, given what `fit_lane` found in it and the odometry at that frame."""
         if lane is not None:
             x = self.control.lookahead_m
             self._aim_odometry = pose.outwards(x, lane.y_m(x))

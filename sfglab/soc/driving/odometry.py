@@ -58,17 +58,10 @@ class Pose:
 
 
 def planar_motion(before_xy: NDArray[np.float64], now_xy: NDArray[np.float64]) -> Pose | None:
-    """Return how a vehicle moved between two views of the same ground points.
+    """Return how a vehicle moved between two views of the same ground points, (n, 2) in its frame, in metres.
 
     The rigid motion that takes what is seen now to what was seen before, by RANSAC and then least squares
-    (Kabsch) over the inliers.
-
-    Args:
-        before_xy: Points in the vehicle frame before, shape (n, 2), in metres.
-        now_xy: The same points in the frame now.
-
-    Returns:
-        The pose now in the frame before; None where fewer than eight points agree.
+    (Kabsch) over the inliers: the pose now in the frame before; None where fewer than eight points agree.
     """
     if len(now_xy) < _FEWEST:
         return None
@@ -92,11 +85,7 @@ class _View:
 
 
 class VisualOdometry:
-    """The odometry node: integrates planar motion since the last keyframe.
-
-    Args:
-        camera: Its calibration, of which the height gives the scale.
-    """
+    """The odometry node: integrates planar motion since the last keyframe; the camera's height is the scale."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera

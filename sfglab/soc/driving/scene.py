@@ -40,12 +40,7 @@ class Ground:
 
 
 def draw_ground(town: Town, rng: np.random.Generator) -> Ground:
-    """Draw a town's ground.
-
-    Args:
-        town: Whose road and stop lines.
-        rng: For the texture, without which odometry would see nothing.
-    """
+    """Draw a town's ground: road, stop lines, and texture, without which odometry would see nothing."""
     size = round(2 * _EDGE_M / _PIXEL_M)
     picture = np.full((size, size, 3), GRASS_BGR, np.uint8)
     _line(picture, town.road.points_xy, _ASPHALT, 2 * LANE_M + 0.24)
@@ -110,13 +105,7 @@ class _Wall:
 
 
 class Scene:
-    """A town before a camera.
-
-    Args:
-        town: What there is to see.
-        camera: What sees it.
-        rng: For textures and the camera's noise.
-    """
+    """A town before a camera; `rng` draws textures and the camera's noise."""
 
     def __init__(self, town: Town, camera: Camera, rng: np.random.Generator) -> None:
         self._town, self._camera = town, camera
@@ -131,12 +120,10 @@ class Scene:
         self._gain_phase = float(rng.uniform(0, math.tau))
 
     def render(self, car: CarState, red: Sequence[bool], *, now_s: float) -> NDArray[np.uint8]:
-        """Return the camera's image (height, width, 3), BGR.
+        """Return the camera's image (height, width, 3), BGR, from a car.
 
-        Args:
-            car: Where it stands.
-            red: Of each light, whether it is red; it is green otherwise.
-            now_s: For the exposure, which drifts by a tenth.
+        `red` says of each light whether it is red, else it is green; `now_s` is for the exposure, which
+        drifts by a tenth.
         """
         image = self._ground_image(car)
         view = _View(car, self._camera)

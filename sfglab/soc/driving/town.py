@@ -39,11 +39,7 @@ class Place:
 
 
 class Road:
-    """A closed line by points at equal distances.
-
-    Args:
-        points_xy: Shape (n, 2), in the direction of travel, the first point not repeated.
-    """
+    """A closed line by points (n, 2) at equal distances in the direction of travel, the first not repeated."""
 
     def __init__(self, points_xy: NDArray[np.float64]) -> None:
         closed = np.vstack([points_xy, points_xy[:1]])
@@ -105,9 +101,7 @@ class Light:
     def red_since_s(self, now_s: float, arrived_s: float | None) -> float | None:
         """Return since when it has been red; None while it is green.
 
-        Args:
-            now_s: Of the town's clock.
-            arrived_s: When a car first came near.
+        Both times are the town's clock's: now, and when a car first came near.
         """
         if self.wait_s is not None:
             return -math.inf if arrived_s is None or now_s < arrived_s + self.wait_s else None
@@ -126,11 +120,7 @@ class Town:
 
 
 class Signals:
-    """The lights of a town while a car drives: notes when it came near each.
-
-    Args:
-        town: Whose lights.
-    """
+    """The lights of a town while a car drives: notes when it came near each."""
 
     def __init__(self, town: Town) -> None:
         self._town = town
@@ -149,9 +139,6 @@ def make_town(rng: np.random.Generator) -> Town:
     """Draw a town: a loop of about 40 m, five lights of which three rest in red, and what buildings find room.
 
     Three lights that rest in red make three red lights a lap certain; two by the clock are met as it happens.
-
-    Args:
-        rng: Where all chance comes from.
     """
     road = Road(_loop(rng))
     lane = Road(road.beside(-LANE_M / 2))

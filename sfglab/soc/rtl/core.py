@@ -26,11 +26,7 @@ def code(member: State | Input | Drive) -> int:
 
 
 class Control(Elaboratable):
-    """The state register and its moves; an input that the state does not wait for changes nothing.
-
-    Args:
-        table: The behaviour.
-    """
+    """The state register and its moves by a table; an input that a state does not wait for changes nothing."""
 
     def __init__(self, table: Table = TABLE) -> None:
         #: In: one bit per input that is there in this cycle. Of several, the row's first counts.
@@ -92,9 +88,8 @@ _ANSWERS = {
 class Gateway(Elaboratable):
     """A gateway with one publishing hardware node and any number of subscribing ones.
 
-    Args:
-        subscribers: Ports of the hardware-mapped topic besides the core's own.
-        table: The behaviour of the core.
+    Its subscribers are ports of the hardware-mapped topic besides the core's own; the table is the core's
+    behaviour.
     """
 
     def __init__(self, subscribers: int, table: Table = TABLE) -> None:

@@ -61,13 +61,7 @@ def check_words(message_bytes: int) -> None:
 
 
 class SlowMemory(Elaboratable):
-    """A memory that answers one request after the other.
-
-    Args:
-        port: Its master.
-        content: Its words; as many as a power of two.
-        delays: Its latencies.
-    """
+    """A memory of 2**n words that answers one request of its master after the other, with delays."""
 
     def __init__(self, port: MemoryPort, content: Sequence[int], delays: Delays) -> None:
         self.port = port
@@ -250,8 +244,7 @@ class CycleModel:
 def fitted_cycle_model(simulated_cycles: Callable[[int], int]) -> CycleModel:
     """Return the cycle model through simulated messages of `FITTED_CHUNKS` chunks.
 
-    Args:
-        simulated_cycles: Simulates a message of so many bytes and returns its cycles.
+    The simulation is given a message's bytes and returns its cycles.
     """
     few, many = FITTED_CHUNKS
     cycles = simulated_cycles(few * CHUNK_BYTES)
@@ -260,13 +253,10 @@ def fitted_cycle_model(simulated_cycles: Callable[[int], int]) -> CycleModel:
 
 
 def run_bench(bench: Any, limit: int, ended: Callable[[Any], T | None], what: object) -> T:
-    """Simulate a test bench until it has ended; some 10 000 cycles a second.
+    """Simulate a test bench until it has ended, within a limit of cycles; some 10 000 cycles a second.
 
-    Args:
-        bench: The design.
-        limit: More cycles than it can take.
-        ended: Returns the result once there is one, given the simulator's context.
-        what: What is simulated, for the error.
+    `ended` returns the result once there is one, given the simulator's context; `what` is simulated, for the
+    error.
 
     Raises:
         SfglabError: It has not ended within the limit, or `ended` refuses what it found.

@@ -107,11 +107,7 @@ class MemoryMaster(Elaboratable):
 
 
 class Stream:
-    """The wires of a stream; (f) who sends drives, (t) who receives.
-
-    Args:
-        name: Prefix of the wires' names.
-    """
+    """The wires of a stream, whose names begin with a prefix; (f) who sends drives, (t) who receives."""
 
     def __init__(self, name: str) -> None:
         self.valid = Signal(name=f"{name}_valid")  #: (f) A beat stands here, and stays until it is taken.
@@ -131,12 +127,7 @@ class Stream:
 
 
 class Broadcast(Elaboratable):
-    """Sends each beat to every port; a port that took it does not see it again.
-
-    Args:
-        source: Where beats come from.
-        ports: Where they go.
-    """
+    """Sends each beat of a source to every port; a port that took it does not see it again."""
 
     def __init__(self, source: Stream, ports: list[Stream]) -> None:
         self.source = source
@@ -160,15 +151,10 @@ class Broadcast(Elaboratable):
 
 
 class Turns(Elaboratable):
-    """Decides whose message holds the topic: the core's or a hardware node's.
+    """Decides whose message holds the topic, whose source it feeds: the core's or a hardware node's.
 
     The node's goes first, but a core that had to wait is owed the next turn: else a busy node could keep it
     waiting for ever. That cannot lock up, because a core that holds a message always comes back to its claim.
-
-    Args:
-        core: The core's beats.
-        node: The node's beats.
-        topic: The topic's source.
     """
 
     def __init__(self, core: Stream, node: Stream, topic: Stream) -> None:

@@ -32,13 +32,10 @@ _GATEWAY = (MemoryPath.GATEWAY_OUT, MemoryPath.GATEWAY_IN)
 
 
 def simulated_cycles(path: MemoryPath, nodes: int, message_bytes: int, delays: Delays | None = None) -> int:
-    """Simulate a message; 100 kB take some seconds, 1 MB minutes.
+    """Simulate a message of a multiple of 8 bytes; 100 kB take some seconds, 1 MB minutes.
 
-    Args:
-        path: What the message does.
-        nodes: Hardware nodes that receive it; their reads take a time that grows with their square.
-        message_bytes: A multiple of 8.
-        delays: Of the memory.
+    So many hardware nodes receive it: their reads take a time that grows with their square. Delays are the
+    memory's.
 
     Raises:
         SfglabError: A word is wrong, or the message did not arrive.

@@ -37,13 +37,10 @@ if TYPE_CHECKING:
 
 
 class Arbiter(Elaboratable):
-    """Joins masters to one memory.
+    """Joins masters, at least one by their ports, to one memory.
 
     While any master waits, a free interface is granted: no cycle is lost. From a master's request on, each
     other master is served at most once before it: none starves.
-
-    Args:
-        masters: Their ports; at least one.
     """
 
     def __init__(self, masters: Sequence[MemoryPort]) -> None:
@@ -114,9 +111,7 @@ class Arbiter(Elaboratable):
 class ChunkNode(Elaboratable):
     """Moves one message, chunk after chunk without a pause of its own; what words do is its subclass's.
 
-    Args:
-        words: Of the message, which begins at address 0.
-        write: Writes it, else reads it.
+    It writes or reads so many words from address 0.
     """
 
     def __init__(self, words: int, *, write: bool) -> None:
@@ -151,11 +146,7 @@ class ChunkNode(Elaboratable):
 
 
 class ChunkReader(ChunkNode):
-    """Reads a message and keeps it.
-
-    Args:
-        words: Of the message.
-    """
+    """Reads a message of so many words and keeps it."""
 
     def __init__(self, words: int) -> None:
         super().__init__(words, write=False)
@@ -173,11 +164,7 @@ class ChunkReader(ChunkNode):
 
 
 class ChunkWriter(ChunkNode):
-    """Makes a message up and writes it.
-
-    Args:
-        words: Of the message.
-    """
+    """Makes a message of so many words up and writes it."""
 
     def __init__(self, words: int) -> None:
         super().__init__(words, write=True)

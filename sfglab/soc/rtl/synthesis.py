@@ -55,11 +55,7 @@ def gateway_area(subscribers: int) -> Area:
 
 
 def area(design: Any, wires: Sequence[Any]) -> Area:
-    """Synthesise a design for UltraScale+ and count its cells.
-
-    Args:
-        design: The design.
-        wires: Its ports.
+    """Synthesise a design with these ports for UltraScale+ and count its cells.
 
     Raises:
         SfglabError: Yosys is missing or failed.
@@ -81,12 +77,9 @@ def area(design: Any, wires: Sequence[Any]) -> Area:
 
 
 def run_yosys(design: Any, wires: Sequence[Any], script: Sequence[str]) -> str:
-    """Run a script on a design and return what it wrote to the file `out`.
+    """Run a script on a design, the module `top` with these ports, and return what it wrote to the file `out`.
 
-    Args:
-        design: The design; its module is called `top`.
-        wires: Its ports.
-        script: Commands after the design was read.
+    The script's commands come after the design was read.
 
     Raises:
         SfglabError: Yosys is missing or failed.
