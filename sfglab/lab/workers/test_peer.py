@@ -249,7 +249,7 @@ class _TestPeer:
         client = self._node.create_client(SERVICE, name)
         try:
             await client.wait_for_service(timeout_s=timeout_s)
-            answer = await client.call(service_type(SERVICE).request(), timeout_s=5.0)
+            answer = await client.call(service_type(SERVICE).request(), timeout_s=max(timeout_s, 5.0))
         except BusError:
             return ""
         finally:

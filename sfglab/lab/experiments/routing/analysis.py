@@ -17,11 +17,10 @@ from sfglab.fleet.policy import TABLE_1
 from sfglab.lab.checks import CheckRow, check_row, share_of_checks
 from sfglab.lab.checks.routing import in_table_1
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.routing.experiment import Config, exp
+from sfglab.lab.experiments.routing.experiment import Config, exp, halves, may_cross
 from sfglab.lab.figures import COLORS
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import Estimate, bootstrap, median_of
-from sfglab.names import ResourceKind, dds_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -54,13 +53,9 @@ def calls(run: Run[Config]) -> pd.DataFrame:
     """Return one line a service and caller, with ``allowed`` and ``across``."""
     table = run["call"]
     return table.assign(
-        allowed=[all(map(in_table_1, _halves(name))) for name in table["name"]],
+        allowed=[may_cross(name) for name in table["name"]],
         across=table["caller_domain"] != table["server_domain"],
     )
-
-
-def _halves(service: str) -> tuple[str, ...]:
-    return dds_names(service, ResourceKind.SERVICE)
 
 
 @derived
@@ -124,7 +119,7 @@ def _crossings(run: Run[Config]) -> Iterator[tuple[str, str, str]]:
     called = calls(run)
     answered = called[called["across"] & called["answered"]]
     for row in answered.itertuples():
-        request, reply = _halves(str(row.name))
+        request, reply = halves(str(row.name))
         yield from _crossing(request, str(row.caller), str(row.server))
         yield from _crossing(reply, str(row.server), str(row.caller))
 
@@ -233,7 +228,7 @@ def _calls_of(run: Run[Config], source: str) -> Iterator[Reached]:
     """Yield requests of a caller and replies of a server: a call that was answered crossed with both."""
     called = calls(run)
     for row in called[(called["caller"] == source) | (called["server"] == source)].itertuples():
-        request, reply = _halves(str(row.name))
+        request, reply = halves(str(row.name))
         asks = row.caller == source
         name = _shown(request if asks else reply, row.server)
         yield name, row.server_domain if asks else row.caller_domain, row.answered, 1, row.across

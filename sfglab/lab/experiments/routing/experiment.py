@@ -9,9 +9,17 @@ from sfglab.bus.api import entries
 from sfglab.fleet.router.plan import ROUTER_KEY
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.checks.routing import checks as policy_checks
+from sfglab.lab.checks.routing import in_table_1
 from sfglab.lab.experiment import Actor, Experiment, Link, Setup
-from sfglab.lab.experiments.routing.stage import GLOBAL_DOMAIN, PartyRow, Stage, parties_of, service_names
-from sfglab.names import dds_topic
+from sfglab.lab.experiments.routing.stage import (
+    ANSWER_S,
+    GLOBAL_DOMAIN,
+    PartyRow,
+    Stage,
+    parties_of,
+    service_names,
+)
+from sfglab.names import ResourceKind, dds_names, dds_topic
 from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
@@ -137,11 +145,25 @@ async def observe(bench: Bench[Config]) -> None:
         bench.advance("told")
 
 
+def halves(service: str) -> tuple[str, ...]:
+    """Return the names of a service's request and reply on the wire."""
+    return dds_names(service, ResourceKind.SERVICE)
+
+
+def may_cross(service: str) -> bool:
+    """Return whether Table 1 names both halves of a service."""
+    return all(map(in_table_1, halves(service)))
+
+
 async def _call(stage: Stage, call_s: float) -> list[dict[str, Any]]:
-    """Let everybody call everybody else's services at once."""
+    """Let everybody call everybody else's services: first those that must answer, however late."""
     servers = {name: party for party in stage.parties for name in service_names(party.party)}
-    names = list(servers)
-    answers = await stage.ask_all("called", do="call", names=names, timeout_s=call_s)
+    answers: dict[str, dict[str, str]] = {party.party: {} for party in stage.parties}
+    for must, timeout_s in ((True, ANSWER_S / 2), (False, call_s)):
+        names = [name for name in servers if may_cross(name) is must]
+        reports = await stage.ask_all("called", do="call", names=names, timeout_s=timeout_s)
+        for caller, report in reports.items():
+            answers[caller] |= zip(names, report["answers"], strict=True)
     return [
         {
             "name": name,
@@ -149,10 +171,10 @@ async def _call(stage: Stage, call_s: float) -> list[dict[str, Any]]:
             "server": server.party,
             "caller_domain": caller.domain,
             "server_domain": server.domain,
-            "answered": answer == server.party,
+            "answered": answers[caller.party][name] == server.party,
         }
         for caller in stage.parties
-        for (name, server), answer in zip(servers.items(), answers[caller.party]["answers"], strict=True)
+        for name, server in servers.items()
         if caller != server
     ]
 
