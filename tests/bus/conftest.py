@@ -57,7 +57,7 @@ def pytest_pyfunc_call(pyfuncitem):
     if opened or "node" in arguments:
         pyfuncitem.funcargs["world"].run(among_nodes)
     elif "sim" in arguments:
-        run_simulated(lambda world: test(**arguments | {"sim": world}))
+        run_simulated(lambda world: test(**arguments | {"sim": world}), **arguments["sim"])
     else:
         asyncio.run(test(**arguments))
     return True
@@ -180,5 +180,6 @@ def there(world):
 
 
 @pytest.fixture
-def sim():
-    """Stand for the simulated world that the test itself runs in."""
+def sim(request):
+    """Stand for the simulated world that the test itself runs in; its parameter says what it is made with."""
+    return getattr(request, "param", {})

@@ -10,7 +10,7 @@ from functools import partial
 from itertools import pairwise
 
 import pytest
-from bus_messages import SERVICE, STRING, Request, response, text
+from bus_messages import SERVICE, STRING, Request, connected, response, text
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -143,17 +143,14 @@ def test_a_world_that_goes_on_is_given_up_at_its_limit():
         run_simulated(main, limit_s=60)
 
 
-def test_what_is_not_reproducible_is_refused():
-    async def main(world):
-        with pytest.raises(bus.BusError, match="a thread"):
-            await asyncio.to_thread(print)
+async def test_a_thread_is_not_reproducible_and_refused(sim):
+    with pytest.raises(bus.BusError, match="a thread"):
+        await asyncio.to_thread(print)
 
-    async def make_world():
-        World()
 
-    run_simulated(main)
+async def test_a_world_needs_its_own_loop():
     with pytest.raises(bus.BusError, match="use it inside run_simulated"):
-        asyncio.run(make_world())
+        World()
 
 
 @pytest.mark.parametrize(
@@ -168,12 +165,9 @@ def test_what_is_not_reproducible_is_refused():
         (lambda w: w.partition({"a"}, {"a"}), "a host in two groups: given 'a'"),
     ],
 )
-def test_impossible_worlds_say_why(wrong, message):
-    async def main(world):
-        with pytest.raises(ValueError, match=message):
-            wrong(world)
-
-    run_simulated(main)
+async def test_impossible_worlds_say_why(sim, wrong, message):
+    with pytest.raises(ValueError, match=message):
+        wrong(sim)
 
 
 # --- Hosts, domains, processes.
@@ -195,36 +189,32 @@ async def test_nodes_meet_only_in_one_domain_and_a_loopback_domain_is_its_hosts_
     assert [publisher.get_subscription_count() for publisher in publishers] == [2, 2, 1, 1, 1]
 
 
-def test_a_sample_takes_the_latency_of_both_links_and_nothing_on_its_own_host():
-    async def main(world):
-        world.host("far", LinkModel(latency_s=0.03))
-        names = {"here": "near", "beside": "near", "there": "far"}
-        nodes = {name: world.node(name, host=host) for name, host in names.items()}
-        publisher = nodes["here"].create_publisher(STRING, "/t")
-        readers = {name: node.create_subscription(STRING, "/t") for name, node in nodes.items()}
-        await publisher.wait_for_subscriptions(3)
-        await asyncio.sleep(1)
-        publisher.publish(text("x"))
-        infos = {name: (await reader.take_with_info())[1] for name, reader in readers.items()}
-        return {n: (i.received_timestamp_ns - i.source_timestamp_ns) / MS for n, i in infos.items()}
+@pytest.mark.parametrize("sim", [{"link": LinkModel(latency_s=0.01)}], indirect=True)
+async def test_a_sample_takes_the_latency_of_both_links_and_nothing_on_its_own_host(sim):
+    sim.host("far", LinkModel(latency_s=0.03))
+    nodes = [
+        sim.node(name, host=host) for name, host in (("here", "near"), ("beside", "near"), ("there", "far"))
+    ]
+    publisher = nodes[0].create_publisher(STRING, "/t")
+    readers = [node.create_subscription(STRING, "/t") for node in nodes]
+    await publisher.wait_for_subscriptions(3)
+    await asyncio.sleep(1)
+    publisher.publish(text("x"))
+    infos = [(await reader.take_with_info())[1] for reader in readers]
+    delays_ms = [(info.received_timestamp_ns - info.source_timestamp_ns) / MS for info in infos]
+    assert delays_ms == [0.1, 0.1, 40.2]
 
-    delays = run_simulated(main, link=LinkModel(latency_s=0.01))
-    assert delays == {"here": 0.1, "beside": 0.1, "there": 40.2}
 
-
-def test_a_limited_rate_spaces_samples_and_lets_them_queue():
-    async def main(world):
-        sender, receiver = world.node("a", host="a"), world.node("b", host="b")
-        publisher = sender.create_publisher(STRING, "/t", SENSOR_DATA)
-        deep = QoSProfile(reliability=SENSOR_DATA.reliability, depth=99)
-        reader = receiver.create_subscription(STRING, "/t", qos=deep)
-        await publisher.wait_for_subscriptions()
-        await asyncio.sleep(1)
-        for _ in range(10):
-            publisher.publish(text("x" * 1000))
-        return [(await reader.take_with_info())[1].received_timestamp_ns for _ in range(10)]
-
-    times = run_simulated(main, link=LinkModel(rate_bps=1e6))
+@pytest.mark.parametrize("sim", [{"link": LinkModel(rate_bps=1e6)}], indirect=True)
+async def test_a_limited_rate_spaces_samples_and_lets_them_queue(sim):
+    sender, receiver = sim.node("a", host="a"), sim.node("b", host="b")
+    publisher, reader = await connected(
+        sender, receiver, QoSProfile(reliability=SENSOR_DATA.reliability, depth=99)
+    )
+    await asyncio.sleep(1)
+    for _ in range(10):
+        publisher.publish(text("x" * 1000))
+    times = [(await reader.take_with_info())[1].received_timestamp_ns for _ in range(10)]
     gaps = {(later - earlier) / MS for earlier, later in pairwise(times)}
     assert gaps == {8 * (1012 + 14 + 20 + 8 + 20 + 12 + 24) / 1e3}  # bytes at 1 Mbit/s, in ms
 
@@ -271,28 +261,23 @@ def test_jitter_keeps_the_order_of_a_publisher():
     assert got == list(range(400))
 
 
-def test_messages_wait_for_a_process_that_is_busy():
-    async def main(world):
-        sender, other = world.node("a", process="p"), world.node("b", process="p")
-        reader = world.node("c").create_subscription(STRING, "/t", qos=100)
-        times = {name: [] for name in ("a", "b")}
-        for node in (sender, other):
-            node.create_subscription(STRING, "/t", lambda _, n=node: times[n.name].append(world.now_ns), 100)
-        publisher = sender.create_publisher(STRING, "/t", 100)
-        await publisher.wait_for_subscriptions(3)
-        await asyncio.sleep(1)
-        start_ns = world.now_ns
-        for _ in range(3):
-            publisher.publish(text("x"))
-        alone = [(await reader.take_with_info())[1].received_timestamp_ns for _ in range(3)]
-        await asyncio.sleep(1)
-        return [[(t - start_ns) / MS for t in times[n]] for n in ("a", "b")], [
-            b - a for a, b in pairwise(alone)
-        ]
-
-    shared, alone = run_simulated(main, costs=Costs(message_s=0.01))
-    assert sorted(shared[0] + shared[1]) == [10.1, 20.1, 30.1, 40.1, 50.1, 60.1]
-    assert alone == [10 * MS, 10 * MS]
+@pytest.mark.parametrize("sim", [{"costs": Costs(message_s=0.01)}], indirect=True)
+async def test_messages_wait_for_a_process_that_is_busy(sim):
+    sender, other = sim.node("a", process="p"), sim.node("b", process="p")
+    reader = sim.node("c").create_subscription(STRING, "/t", qos=100)
+    shared_ms = []
+    for node in (sender, other):
+        node.create_subscription(STRING, "/t", lambda _: shared_ms.append((sim.now_ns - start_ns) / MS), 100)
+    publisher = sender.create_publisher(STRING, "/t", 100)
+    await publisher.wait_for_subscriptions(3)
+    await asyncio.sleep(1)
+    start_ns = sim.now_ns
+    for _ in range(3):
+        publisher.publish(text("x"))
+    alone_ns = [(await reader.take_with_info())[1].received_timestamp_ns for _ in range(3)]
+    await asyncio.sleep(1)
+    assert sorted(shared_ms) == [10.1, 20.1, 30.1, 40.1, 50.1, 60.1]
+    assert [b - a for a, b in pairwise(alone_ns)] == [10 * MS, 10 * MS]
 
 
 async def test_receivers_of_the_same_bytes_share_one_message(sim):

@@ -8,7 +8,7 @@ import sys
 from dataclasses import astuple
 
 import pytest
-from bus_messages import SERVICE, STRING, text
+from bus_messages import SERVICE, STRING, connected, text
 
 from sfglab.bus.api import EndpointInfo, EndpointKind
 from sfglab.bus.sim import HostTraffic, KindBytes, LinkModel, run_simulated, wire
@@ -54,24 +54,22 @@ def test_other_packets_are_as_large_as_captured():
         assert wire.data_bytes(size, reliable=True) == pytest.approx(captured, rel=0.005)
 
 
-def busy(world):
-    """Return a run of three hosts, on one of which two nodes are."""
-
-    async def run():
-        nodes = [world.node(name, host=name[0]) for name in ("a1", "a2", "b1", "c1")]
-        publishers = [node.create_publisher(STRING, "/t", LATCHED) for node in nodes]
-        readers = [node.create_subscription(STRING, "/t", qos=LATCHED) for node in nodes]
-        await publishers[0].wait_for_subscriptions(4)
-        for publisher in publishers:
-            publisher.publish(text("x" * 100))
-        await asyncio.sleep(30)
-        readers[0].close()
-        await nodes[2].close()
-        nodes[3].crash()
-        await asyncio.sleep(30)
-        return world.traffic()
-
-    return run()
+async def busy(world):
+    """Return the traffic of a run of three hosts, on one of which two nodes are."""
+    for name in "abc":
+        world.host(name)
+    nodes = [world.node(name, host=name[0]) for name in ("a1", "a2", "b1", "c1")]
+    publishers = [node.create_publisher(STRING, "/t", LATCHED) for node in nodes]
+    readers = [node.create_subscription(STRING, "/t", qos=LATCHED) for node in nodes]
+    await publishers[0].wait_for_subscriptions(4)
+    for publisher in publishers:
+        publisher.publish(text("x" * 100))
+    await asyncio.sleep(30)
+    readers[0].close()
+    await nodes[2].close()
+    nodes[3].crash()
+    await asyncio.sleep(30)
+    return world.traffic()
 
 
 def total(traffic, way):
@@ -79,81 +77,61 @@ def total(traffic, way):
 
 
 def test_without_multicast_all_that_is_sent_is_received_and_with_it_less_is_sent():
-    async def main(world):
-        for name in "abc":
-            world.host(name)
-        return await busy(world)
-
-    unicast = run_simulated(main, multicast=False)
+    unicast, multicast = run_simulated(busy, multicast=False), run_simulated(busy)
     # What makes a newcomer known goes by multicast even then: SPDP, and heartbeats to all.
     assert total(unicast, "tx") <= total(unicast, "rx") <= 1.3 * total(unicast, "tx")
-    multicast = run_simulated(main)
     assert total(multicast, "tx") < total(unicast, "tx")
     for traffic in (unicast, multicast):
         assert all(load >= 0 for t in traffic.values() for way in (t.rx, t.tx) for load in astuple(way))
 
 
-def test_nothing_is_booked_within_a_host():
-    async def main(world):
-        for reach in ("host", "network"):
-            nodes = [world.node(f"n{i}", host="a", reach=reach) for i in range(2)]
-            publisher = nodes[0].create_publisher(STRING, "/t")
-            nodes[1].create_subscription(STRING, "/t")
-            await publisher.wait_for_subscriptions()
-            publisher.publish(text("x"))
-            await asyncio.sleep(60)
-        return world.traffic()["a"]
-
-    traffic = run_simulated(main)
+async def test_nothing_is_booked_within_a_host(sim):
+    for reach in ("host", "network"):
+        nodes = [sim.node(f"n{i}", host="a", reach=reach) for i in range(2)]
+        publisher, _ = await connected(*nodes)
+        publisher.publish(text("x"))
+        await asyncio.sleep(60)
+    traffic = sim.traffic()["a"]
     assert traffic.rx == KindBytes()
     assert (traffic.tx.data, traffic.tx.acks) == (0, 0)
 
 
-def test_a_sample_for_many_is_sent_once_and_reaches_every_host_once():
-    async def main(world):
-        hosts = ["a", "b", "c", "d"]
-        nodes = [world.node(host, host=host) for host in hosts]
-        publisher = nodes[0].create_publisher(STRING, "/t", SENSOR_DATA)
-        for node in nodes[1:]:
-            node.create_subscription(STRING, "/t", qos=SENSOR_DATA)
-        await publisher.wait_for_subscriptions(3)
-        before = world.traffic()
-        publisher.publish(text("x" * 60))
-        after = world.traffic()
-        assert world.received("b") == after["b"].rx.total
-        return [after[host].since(before[host]) for host in hosts]
-
-    sent = HostTraffic(tx=KindBytes(data=170))
-    received = HostTraffic(rx=KindBytes(data=170))
-    assert run_simulated(main) == [sent, received, received, received]
+def talking(sim, hosts, **options):
+    """A node on each host, all hearing the first one's publisher, which is returned with the nodes."""
+    nodes = [sim.node(host, host=host, **options) for host in hosts]
+    for node in nodes[1:]:
+        node.create_subscription(STRING, "/t", qos=SENSOR_DATA)
+    return nodes[0].create_publisher(STRING, "/t", SENSOR_DATA), nodes
 
 
-def test_the_cut_off_receive_nothing():
-    async def main(world):
-        nodes = [world.node(host, host=host, lease_s=1000.0) for host in "abc"]
-        publisher = nodes[0].create_publisher(STRING, "/t", SENSOR_DATA)
-        for node in nodes[1:]:
-            node.create_subscription(STRING, "/t", qos=SENSOR_DATA)
-        await publisher.wait_for_subscriptions(2)
-        world.partition({"c"})
-        before = world.traffic()
-        nodes[0].create_publisher(STRING, "/u")
-        await asyncio.sleep(100)
-        after = world.traffic()
-        return {host: after[host].since(before[host]) for host in "abc"}
+async def test_a_sample_for_many_is_sent_once_and_reaches_every_host_once(sim):
+    publisher, _ = talking(sim, "abcd")
+    await publisher.wait_for_subscriptions(3)
+    before = sim.traffic()
+    publisher.publish(text("x" * 60))
+    after = sim.traffic()
+    assert sim.received("b") == after["b"].rx.total
+    sent, received = HostTraffic(tx=KindBytes(data=170)), HostTraffic(rx=KindBytes(data=170))
+    assert [after[host].since(before[host]) for host in "abcd"] == [sent, received, received, received]
 
-    traffic = run_simulated(main)
-    assert traffic["c"] == HostTraffic()
-    assert traffic["b"].rx.discovery > 300
+
+async def test_the_cut_off_receive_nothing(sim):
+    publisher, nodes = talking(sim, "abc", lease_s=1000.0)
+    await publisher.wait_for_subscriptions(2)
+    sim.partition({"c"})
+    before = sim.traffic()
+    nodes[0].create_publisher(STRING, "/u")
+    await asyncio.sleep(100)
+    after = sim.traffic()
+    assert after["c"].since(before["c"]) == HostTraffic()
+    assert after["b"].since(before["b"]).rx.discovery > 300
 
 
 def test_lost_packets_are_sent_again_and_booked_again():
     def sent(loss):
         async def main(world):
             here, there = (world.node(host, host=host) for host in "ab")
-            publisher = here.create_publisher(STRING, "/t", 1000)
-            there.create_subscription(STRING, "/t", qos=1000)
-            await publisher.wait_for_subscriptions(1, 100)
+            publisher, _ = await connected(here, there, 1000)
             await asyncio.sleep(100)
             for _ in range(300):
                 publisher.publish(text("x" * 60))
