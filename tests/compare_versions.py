@@ -21,11 +21,12 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 RELATIVE = 1e-9
-SHOWN = 6
+SHOWN, LONGEST = 6, 400  # differences of one comparison, and characters of each
 # Digests and tags of a version's own files, its commit and that commit's time.
 OWN = re.compile(
     r"\b(?:\d{4}(?:-\d\d){2}T(?:\d\d:){2}\d\d\+00:00|[0-9a-f]{64}|[0-9a-f]{40}(?:-dirty)?|\d+\.\d+\.\d+-[0-9a-f]{12})\b"
@@ -46,15 +47,8 @@ class Run:
 
 
 TIMED = (
-    "camera",
-    "compensation",
-    "gaussian_blur",
-    "lane_planner",
-    "polyfit",
-    "red_light_detection",
-    "green_light_detection",
-    "visual_odometry",
-    "lane_control",
+    "camera_s compensation_s gaussian_blur_s lane_planner_s polyfit_s red_light_detection_s "
+    "green_light_detection_s visual_odometry_s lane_control_s"
 )
 RUNS = {
     "naming": Run(),
@@ -65,7 +59,7 @@ RUNS = {
     "gateways": Run(),
     "transfer": Run(changes={"live_rounds": 0}, columns=frozenset({"seconds"})),
     "discovery": Run(options={"separate": False}),
-    "driving": Run(but=frozenset({"/table/chain"}), columns=frozenset(f"{node}_s" for node in TIMED)),
+    "driving": Run(but=frozenset({"/table/chain"}), columns=frozenset(TIMED.split())),
     "planning": Run(),
     # Files hold the version's own wheel, which gives the images their tag.
     "deployment": Run(columns=frozenset({"size_bytes", "sha256", "digest"})),
@@ -155,15 +149,11 @@ def _same(old, new) -> bool:
     return type(old) is type(new) and old == new
 
 
-def _pixels(path: Path):
+def _same_picture(old: Path, new: Path) -> bool:
     import cv2
 
-    return cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-
-
-def _same_picture(old: Path, new: Path) -> bool:
     if old.suffix == ".png":
-        a, b = _pixels(old), _pixels(new)
+        a, b = (cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in (old, new))
         return a.shape == b.shape and bool((a == b).all())
     return old.read_bytes() == new.read_bytes()
 
@@ -202,7 +192,7 @@ def read_log(path: Path, how: Run) -> dict[str, object]:
         for record in reader.iter_metadata():
             found[f"metadata {record.name}"] = record.metadata
         for attachment in reader.iter_attachments():
-            found[f"attachment {attachment.name}"] = _content(attachment.data)
+            found[f"attachment {attachment.name}"] = attachment.data.decode(errors="backslashreplace")
         decoders = {}
         for schema, channel, message in reader.iter_messages():
             if not channel.topic.startswith("/table/"):
@@ -222,15 +212,9 @@ def read_log(path: Path, how: Run) -> dict[str, object]:
     return json.loads(OWN.sub("(own)", json.dumps(compared, default=lambda value: value.tolist())))
 
 
-def _content(data: bytes) -> str:
-    try:
-        return data.decode()
-    except UnicodeDecodeError:
-        return data.hex()
-
-
-def _brief(place: str) -> str:
-    return place if len(place) < 400 else f"{place[:400]} ..."
+def compare_logs(how: Run, old: Path, new: Path):
+    """Yield the differences between the logs of two versions' runs."""
+    return differences(*(read_log(folder / "run.mcap", how) for folder in (old, new)))
 
 
 class Comparison:
@@ -265,29 +249,11 @@ class Comparison:
         verdict = "DIFFERS" if found else "same"
         self.failed |= bool(found)
         lines = [f"{name:14} {kind:8} {verdict:8} {time.perf_counter() - before:5.1f} s"]
-        lines += [f"    {_brief(line)}" for line in found[:SHOWN]]
+        lines += [f"    {line[:LONGEST]}" for line in found[:SHOWN]]
         if len(found) > SHOWN:
             lines.append(f"    and {len(found) - SHOWN} more")
         sys.stdout.write("\n".join(lines) + "\n")
         sys.stdout.flush()
-
-    def shown(self, log: Path, *, pictures: bool) -> None:
-        """Compare ledger and figures from one reference log."""
-        self.report(
-            "shown",
-            log.stem,
-            lambda tree, folder: ("show", str(tree), str(log), str(folder)),
-            lambda old, new: compare_shown(old, new, pictures=pictures),
-        )
-
-    def logs(self, name: str) -> None:
-        """Compare the logs of a deterministic experiment, run by both."""
-        self.report(
-            "log",
-            name,
-            lambda _, folder: ("execute", name, str(folder / "run.mcap")),
-            lambda *ran: differences(*(read_log(folder / "run.mcap", RUNS[name]) for folder in ran)),
-        )
 
 
 def _arguments() -> argparse.Namespace:
@@ -310,12 +276,15 @@ def main() -> int:
     wanted = set(arguments.only) or {log.stem for log in references}
     with TemporaryDirectory(prefix="sfglab-compare-") as folder:
         comparison = Comparison(old, new, Path(folder))
-        for log in references:
-            if log.stem in wanted and not arguments.skip_shown:
-                comparison.shown(log, pictures=not arguments.skip_pictures)
-        for name in RUNS:
-            if name in wanted and arguments.deterministic:
-                comparison.logs(name)
+        for log in () if arguments.skip_shown else references:
+            if log.stem in wanted:
+                show_words = partial(lambda log, tree, to: ("show", str(tree), str(log), str(to)), log)
+                pictures = not arguments.skip_pictures
+                comparison.report("shown", log.stem, show_words, partial(compare_shown, pictures=pictures))
+        for name, how in RUNS.items() if arguments.deterministic else ():
+            if name in wanted:
+                run_words = partial(lambda name, _, to: ("execute", name, str(to / "run.mcap")), name)
+                comparison.report("log", name, run_words, partial(compare_logs, how))
     return 1 if comparison.failed else 0
 
 

@@ -64,6 +64,8 @@ def test_the_plain_mcap_library_reads_it_and_every_crc_holds(log_path):
         reader = make_reader(stream, validate_crcs=True)
         assert reader.get_header().profile == "ros2"
         assert {(s.encoding, c.message_encoding) for s, c, _ in reader.iter_messages()} == {("ros2msg", "cdr")}
+        schemas = {schema.name: schema.data for schema in reader.get_summary().schemas.values()}
+        assert b"float64 mean_s  # Mean latency, in seconds.\n" in schemas["sfglab_rows/msg/MeterRow"]
         assert {index.compression for index in reader.get_summary().chunk_indexes} == {"zstd"}
 
 
