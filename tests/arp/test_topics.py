@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sfglab.arp.robots import ROBOTS, SENSORS
+from sfglab.arp.robots import ROBOTS, SENSORS, cdr_bytes, object_bytes
 from sfglab.arp.topics import load_topics, read_topics
 from sfglab.documents import DocumentError
 from sfglab.qos import Durability, Reliability
@@ -94,3 +94,24 @@ def test_each_mistake_is_named_by_file_topic_and_key(text, message):
 def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(DocumentError, match=r"none\.yaml: .*readable text file"):
         load_topics(tmp_path / "none.yaml")
+
+
+# --- Table 1's sensors, their sizes, and whose they are (paper B, section 3.1).
+
+
+@pytest.mark.parametrize("sensor", SENSORS.values(), ids=SENSORS)
+def test_table_1_gives_the_sizes_of_python_objects(sensor):
+    assert object_bytes(sensor) == sensor.table_bytes
+
+
+def test_what_travels_is_smaller():
+    sizes = {name: cdr_bytes(sensor) for name, sensor in SENSORS.items()}
+    assert sizes == dict.fromkeys(("lidar", "flame", "dht11", "imu", "ultrasonic"), 8) | {
+        "pir": 20,
+        "light": 16,
+    }
+
+
+def test_three_robots_have_sixteen_sensors():
+    assert [len(sensors) for sensors in ROBOTS.values()] == [6, 5, 5]
+    assert {name for sensors in ROBOTS.values() for name in sensors} == set(SENSORS)

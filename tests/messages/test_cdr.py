@@ -25,6 +25,7 @@ from sfglab.messages import (
     serialize_into,
     serialized_size,
 )
+from sfglab.messages.flat import flat_reader
 from sfglab.messages.store import parse_definition, type_store
 
 FUZZED = ("sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/Imu", "std_msgs/msg/String")
@@ -185,6 +186,9 @@ def test_arbitrary_and_damaged_bytes_are_a_message_or_an_error(name, data):
 @pytest.mark.parametrize("length", [1, 2**31, 2**32 - 1])
 def test_a_hostile_length_allocates_nothing(length):
     cdr = b"\0\1\0\0" + struct.pack("<I", length)
+    image = serialize(default_message("sensor_msgs/msg/Image"))[:-4] + cdr[4:]
+    with pytest.raises(CdrError):
+        deserialize(image, "sensor_msgs/msg/Image")
     for name in ("tf2_msgs/msg/TFMessage", "std_msgs/msg/String", "rcl_interfaces/msg/ListParametersResult"):
         with pytest.raises(CdrError, match=f"given|Invalid|{name}"):
             deserialize(cdr, name)
@@ -225,3 +229,33 @@ def test_services_keep_their_own_names_when_parsed():
     parsed = parse_definition("test_pkg/srv/Ask_Request", "int32 x")
     assert parsed == {"test_pkg/srv/Ask_Request": ([], [("x", (Nodetype.BASE, ("int32", 0)))])}
     assert "test_pkg/srv/Ask_Request" not in type_store().types
+
+
+# --- Generated readers read what the general decoder reads, and refuse what it refuses.
+
+
+FLAT = [name for name in message_types() if flat_reader(type_store(), name)]
+
+
+def test_the_messages_of_sensors_are_flat():
+    assert {"sensor_msgs/msg/Image", "sensor_msgs/msg/Imu", "sensor_msgs/msg/CameraInfo"} <= set(FLAT)
+    assert "ffmpeg_image_transport_msgs/msg/FFMPEGPacket" in FLAT
+    assert "tf2_msgs/msg/TFMessage" not in FLAT
+    assert len(FLAT) > 80
+
+
+@pytest.mark.parametrize("name", FLAT)
+def test_what_is_read_is_what_the_general_decoder_reads(name, random_message):
+    rng = np.random.default_rng(1)
+    for _ in range(8):
+        data = serialize(random_message(rng, name))
+        read = flat_reader(type_store(), name)(memoryview(data))
+        assert serialize(read) == serialize(type_store().deserialize_cdr(data, name)) == data
+
+
+def test_a_string_without_end_and_trailing_bytes_are_refused():
+    string = serialize(default_message("std_msgs/msg/String"))
+    empty, endless = (string[:4] + struct.pack("<I", length) + b"x\0\0\0" * length for length in (0, 1))
+    for broken in (empty, endless, string + b"\0" * 8):
+        with pytest.raises(CdrError):
+            deserialize(broken, "std_msgs/msg/String")
