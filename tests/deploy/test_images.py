@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import psutil
 import pytest
-from esslingen import FLEET, RELEASE
+from esslingen import FLEET, RELEASE, program
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -178,14 +178,12 @@ class Container:
     """The entrypoint as a container starts it, with a stand-in for sfglab."""
 
     def __init__(self, folder: Path, sfglab: str, launch: str) -> None:
-        program = folder / "sfglab"
-        program.write_text(f"#!/bin/sh\n{sfglab}\n")
-        program.chmod(0o755)
+        started = program(folder / "sfglab", sfglab)
         made = with_ros(deployment(launch=("sh", "-c", launch)), RosDistribution.NONE)
         file = image_files(made)["image/entrypoint.sh"]
         assert file.mode == PROGRAM
         self.script = folder / "entrypoint.sh"
-        self.script.write_text(file.text.replace("/opt/venv/bin/sfglab", str(program)))
+        self.script.write_text(file.text.replace("/opt/venv/bin/sfglab", str(started)))
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
         shell = shutil.which("dash") or "sh"

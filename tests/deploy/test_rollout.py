@@ -9,6 +9,7 @@ from hashlib import sha256
 from pathlib import Path
 
 import pytest
+from esslingen import program
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -127,16 +128,12 @@ def test_an_installation_that_was_cut_off_is_seen_and_the_next_one_completes_it(
 @pytest.fixture
 def ssh(tmp_path):
     """A program in ssh's place that runs the remote command here, as sshd would by the user's shell."""
-    program = tmp_path / "ssh"
-    program.write_text(
-        f'#!/bin/sh\nprintf "%s\\n" "$@" > {tmp_path}/arguments\n'
-        'while [ "$1" != -- ]; do shift; done\nshift 2\nPATH=' + str(tmp_path) + ':$PATH exec sh -c "$*"\n'
+    command = f'shift; done\nshift 2\nPATH={tmp_path}:$PATH exec sh -c "$*"'
+    client = program(
+        tmp_path / "ssh", f'printf "%s\\n" "$@" > {tmp_path}/arguments\nwhile [ "$1" != -- ]; do {command}'
     )
-    sudo = tmp_path / "sudo"
-    sudo.write_text('#!/bin/sh\n[ "$1" = -n ] || exit 9\nshift\nexec "$@"\n')
-    for file in (program, sudo):
-        file.chmod(0o755)
-    return Ssh(address="sfg@go2.local", program=str(program))
+    program(tmp_path / "sudo", '[ "$1" = -n ] || exit 9\nshift\nexec "$@"')
+    return Ssh(address="sfg@go2.local", program=str(client))
 
 
 @pytest.mark.parametrize("text", ["plain", "two words", "quote ' and \" and $HOME and \\", "new\nline"])

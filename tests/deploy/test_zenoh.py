@@ -6,7 +6,7 @@ import json
 
 import json5
 import pytest
-from esslingen import LAB, codes, fleet_of, rule
+from esslingen import LAB, codes, fleet_of, json_values, rule
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -253,15 +253,7 @@ def test_json5_is_read_as_other_readers_do(text):
     assert read_json5(text, "x.json5").value == json5.loads(text)
 
 
-leaves = st.none() | st.booleans() | st.integers(-99, 99) | st.text(max_size=8)
-documents = st.recursive(
-    leaves,
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=6), inner, max_size=3),
-    max_leaves=8,
-)
-
-
-@given(documents)
+@given(json_values)
 def test_every_json_document_is_read_back(value):
     assert read_json5(json.dumps(value, indent=1), "x.json").value == value
 

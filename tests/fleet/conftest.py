@@ -1,4 +1,4 @@
-"""A camera of known pictures, and a decoder on domains of its own."""
+"""A camera of known pictures, a decoder on domains of its own, and simulated agents behind their routers."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from sfglab.bus.address import BusAddress
 from sfglab.codecs import H264Encoder, H264Settings, ffmpeg_packet_fields
 from sfglab.component import beside
 from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
+from sfglab.fleet.router.node import Router, RouterSettings
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.qos import QoSProfile, Reliability
 
@@ -24,6 +25,14 @@ INFO = "/global/go2/camera_front/color/camera_info"
 LOCAL_INFO = "/local/go2/camera_front/color/camera_info"
 FFMPEG = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
 IMAGE = "sensor_msgs/msg/Image"
+
+
+def behind_router(world, name: str):
+    """Return a simulated node in an agent's own domain, and the agent's router to the network's domain 0."""
+    place = {"host": name, "domain_id": 7, "reach": "host"}
+    near = world.node("router", **place, process="router")
+    far = world.node("router", host=name, process="router")
+    return world.node(f"of_{name}", **place), Router(near, far, RouterSettings(agent=name))
 
 
 class Camera:

@@ -55,19 +55,16 @@ def test_every_mistake_of_the_broken_fleet_is_found_at_its_line():
     assert report.exit_code == 1
 
 
-def test_every_finding_says_place_what_why_and_errors_a_remedy():
-    for f in lint(load_fleet(BROKEN)).findings:
+def test_findings_come_worst_first_and_say_place_what_why_and_errors_a_remedy():
+    findings = lint(load_fleet(BROKEN)).findings
+    assert list(findings) == sorted(findings, key=lambda f: list(Severity).index(f.severity))
+    for f in findings:
         assert f.place.line > 0
         assert f.place.key
         assert f.what
         assert f.why
         if f.severity is not Severity.INFO:
             assert f.remedy
-
-
-def test_findings_come_worst_first():
-    severities = [f.severity for f in lint(load_fleet(BROKEN)).findings]
-    assert severities == sorted(severities, key=list(Severity).index)
 
 
 def test_agents_of_one_domain_and_of_the_global_one_are_errors():

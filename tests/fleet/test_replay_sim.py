@@ -8,6 +8,7 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
+from conftest import behind_router
 
 from sfglab.bus.sim import LinkModel, run_simulated
 from sfglab.codecs import TABLE_2, H264Encoder, ffmpeg_packet_fields
@@ -15,7 +16,6 @@ from sfglab.component import beside
 from sfglab.fleet.decoder.pipeline import PATIENCE_S, Statistics, run_pipeline
 from sfglab.fleet.decoder.streams import Route
 from sfglab.fleet.gop_cache import FFMPEG_PACKET, KeeperSettings, StreamKeeper, replay_topic
-from sfglab.fleet.router.node import Router, RouterSettings
 from sfglab.messages import default_message, message_type
 from sfglab.qos import COMPRESSED_STREAM
 
@@ -53,12 +53,8 @@ class Screen:
 @asynccontextmanager
 async def agent(world, name, *bodies):
     """An agent's domain behind its router, and what runs in it; yields a node there."""
-    place = {"host": name, "domain_id": 7, "reach": "host"}
-    node = world.node(f"of_{name}", **place)
-    near = world.node("router", **place, process="router")
-    far = world.node("router", host=name, process="router")
-    runs = [Router(near, far, RouterSettings(agent=name)).run(), *(body(node) for body in bodies)]
-    async with beside(*runs) as tasks:
+    node, router = behind_router(world, name)
+    async with beside(router.run(), *(body(node) for body in bodies)) as tasks:
         yield node
         assert not any(task.done() for task in tasks)
 

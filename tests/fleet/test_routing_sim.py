@@ -6,6 +6,8 @@ import asyncio
 from contextlib import asynccontextmanager
 from dataclasses import replace
 
+from conftest import behind_router
+
 from sfglab.bus.sim import LinkModel, run_simulated
 from sfglab.component import beside
 from sfglab.fleet.router.node import Router, RouterSettings
@@ -21,15 +23,9 @@ DEEP = QoSProfile(depth=1000)
 @asynccontextmanager
 async def fleet(world):
     """One node of each agent in its own domain, behind the agent's router to the network's domain 0."""
-    nodes, routers = {}, {}
-    for agent in AGENTS:
-        places = {"host": agent, "domain_id": 7, "reach": "host"}
-        nodes[agent] = world.node(f"of_{agent}", **places)
-        near = world.node("router", **places, process="router")
-        far = world.node("router", host=agent, process="router")
-        routers[agent] = Router(near, far, RouterSettings(agent=agent))
-    async with beside(*(router.run() for router in routers.values())):
-        yield nodes, routers
+    places = {agent: behind_router(world, agent) for agent in AGENTS}
+    async with beside(*(router.run() for _, router in places.values())):
+        yield {agent: node for agent, (node, _) in places.items()}
 
 
 async def take_all(subscription, seconds: float) -> list:
@@ -45,7 +41,7 @@ async def take_all(subscription, seconds: float) -> list:
 
 def test_everybody_hears_everybody_once_over_links_that_lose():
     async def main(world):
-        async with fleet(world) as (nodes, _):
+        async with fleet(world) as nodes:
             publishers = {a: n.create_publisher(STRING, "/global/news", DEEP) for a, n in nodes.items()}
             ears = {a: n.create_subscription(STRING, "/global/news", qos=DEEP) for a, n in nodes.items()}
             await asyncio.sleep(30)
@@ -62,7 +58,7 @@ def test_everybody_hears_everybody_once_over_links_that_lose():
 
 def test_nobody_loses_an_answer_because_its_router_was_heard_of_in_another_order():
     async def main(world):
-        async with fleet(world) as (nodes, _):
+        async with fleet(world) as nodes:
             for agent, node in nodes.items():
                 response = replace(default_message(f"{METADATA}_Response"), message=f"I am {agent}")
                 node.create_service(METADATA, f"/global/{agent}/get_metadata", lambda _, r=response: r)
@@ -82,7 +78,7 @@ def test_nobody_loses_an_answer_because_its_router_was_heard_of_in_another_order
 
 def test_nothing_local_is_seen_on_the_network():
     async def main(world):
-        async with fleet(world) as (nodes, _):
+        async with fleet(world) as nodes:
             watcher = world.node("watcher", host="w")
             for node in nodes.values():
                 for topic in ("/local/x", "/scan", "/global/unwanted", "/global/wanted"):

@@ -28,22 +28,27 @@ IMAGE = "sensor_msgs/msg/Image"
 SW = Placement.SOFTWARE
 
 
-def write_log(path, topics, metadata=None):
-    """A log with eleven messages of each topic, 100 ms apart."""
-    with LogWriter(path) as log:
-        for i in range(11):
-            for topic in topics:
-                message = default_message(STRING)
-                message.data = "x" * 100
-                log.write(topic, message, log_time_ns=i * 100_000_000)
-        if metadata is not None:
-            log.write_metadata(METADATA, metadata)
-    return path
+@pytest.fixture
+def imported(tmp_path):
+    """The graph of a log with eleven messages of each topic, 100 ms apart."""
+
+    def write_and_read(topics, metadata=None):
+        with LogWriter(tmp_path / "run.mcap") as log:
+            for i in range(11):
+                for topic in topics:
+                    message = default_message(STRING)
+                    message.data = "x" * 100
+                    log.write(topic, message, log_time_ns=i * 100_000_000)
+            if metadata is not None:
+                log.write_metadata(METADATA, metadata)
+        with LogReader(tmp_path / "run.mcap") as log:
+            return graph_from_log(log)
+
+    return write_and_read
 
 
-def test_a_log_gives_topics_with_types_sizes_and_rates(tmp_path):
-    with LogReader(write_log(tmp_path / "run.mcap", ["/a", "/b"])) as log:
-        found = graph_from_log(log)
+def test_a_log_gives_topics_with_types_sizes_and_rates(imported):
+    found = imported(["/a", "/b"])
     topic = found.graph.topic("/a")
     assert (topic.type, topic.rate_hz) == (STRING, pytest.approx(10))
     assert topic.size_bytes == 4 + 4 + 100 + 1 + 3  # header, length, text, its end, padding
@@ -52,30 +57,25 @@ def test_a_log_gives_topics_with_types_sizes_and_rates(tmp_path):
     assert read_graph(graph_text(found.graph)) == found.graph
 
 
-def test_a_log_that_says_who_publishes_gives_the_nodes_too(tmp_path):
+def test_a_log_that_says_who_publishes_gives_the_nodes_too(imported):
     graph = chain(SW, SW, SW)
-    with LogReader(write_log(tmp_path / "run.mcap", ["ab", "bc", "/x"], graph_metadata(graph))) as log:
-        found = graph_from_log(log).graph
+    found = imported(["ab", "bc", "/x"], graph_metadata(graph)).graph
     assert list(found.edges())[-4:] == list(graph.edges())
     assert found.topic("/x").publishers == ("publisher of /x",)
     assert set(found.in_hardware) == set()
 
 
-def test_a_topic_that_the_record_gives_no_publisher_is_left_out_with_the_reason(tmp_path):
+def test_a_topic_that_the_record_gives_no_publisher_is_left_out_with_the_reason(imported):
     record = {"/a": {"publishers": [], "subscribers": ["s"]}}
-    with LogReader(write_log(tmp_path / "run.mcap", ["/a"], record)) as log:
-        found = graph_from_log(log)
+    found = imported(["/a"], record)
     (left,) = found.left_out
     assert (left.topic, left.why) == ("/a", "no publisher in the record 'computation_graph'")
     assert found.graph.topics == ()
 
 
-def test_a_record_of_another_kind_is_refused(tmp_path):
-    with (
-        LogReader(write_log(tmp_path / "run.mcap", ["/a"], {"/a": {"publishers": "me"}})) as log,
-        pytest.raises(InvalidValueError, match=r"run\.mcap: computation_graph\./a: given .* allowed: lists"),
-    ):
-        graph_from_log(log)
+def test_a_record_of_another_kind_is_refused(imported):
+    with pytest.raises(InvalidValueError, match=r"run\.mcap: computation_graph\./a: given .* allowed: lists"):
+        imported(["/a"], {"/a": {"publishers": "me"}})
 
 
 def test_the_reference_logs_of_this_repository_have_graphs_without_their_tables():
