@@ -50,18 +50,12 @@ class Balance:
 
 
 class InfeasibleBalanceError(SfglabError, ValueError):
-    """No rate and depth satisfy the printed constraints.
-
-    Attributes:
-        constraint: The equation that fails.
-        lacking: By how much, in the constraint's unit.
-        status: What the solver said; empty when the closed form found it.
-    """
+    """No rate and depth satisfy the printed constraints."""
 
     def __init__(self, constraint: str, lacking: float, *, advice: str, status: str = "") -> None:
-        self.constraint = constraint
-        self.lacking = lacking
-        self.status = status
+        self.constraint = constraint  #: The equation that fails.
+        self.lacking = lacking  #: By how much, in the constraint's unit.
+        self.status = status  #: What the solver said; empty when the closed form found it.
         super().__init__(f"QoS balancing has no solution: {constraint} lacks {lacking:g}; {advice}")
 
 

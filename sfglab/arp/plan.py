@@ -32,17 +32,13 @@ if TYPE_CHECKING:
 
 
 class InfeasiblePlanError(SfglabError, ValueError):
-    """The topics' minimal rates alone take more airtime than there is.
-
-    Attributes:
-        sender: Whose time it is: the medium's where it is shared, else a host's.
-        needed: Share of its time that the minimal rates take.
-        allowed: Share that may be planned.
-        largest: Names of the topics that take most, the most first.
-    """
+    """The topics' minimal rates alone take more airtime than there is."""
 
     def __init__(self, sender: str, needed: float, allowed: float, largest: tuple[str, ...]) -> None:
-        self.sender, self.needed, self.allowed, self.largest = sender, needed, allowed, largest
+        self.sender = sender  #: Whose time it is: the medium's where it is shared, else a host's.
+        self.needed = needed  #: Share of its time that the minimal rates take.
+        self.allowed = allowed  #: Share that may be planned.
+        self.largest = largest  #: Names of the topics that take most, the most first.
         super().__init__(sender, needed, allowed, largest)
 
     @property

@@ -178,7 +178,9 @@ class LoopForward(Forward[Sample, LoopWriter]):
 
     def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
         calls = backend.calls(f"raw reader {endpoint.dds_topic!r}")
-        inbox = Inbox(backend.bridge, endpoint.qos, decode=_whole, callback=self._take, calls=calls)
+        inbox = Inbox(
+            backend.bridge, endpoint.qos, decode=lambda sample: sample, callback=self._take, calls=calls
+        )
         self._reader = backend.open_reader(endpoint, _ignore, inbox)
         self._backend = backend
         super().__init__(self._reader.gid)
@@ -206,10 +208,6 @@ class LoopForward(Forward[Sample, LoopWriter]):
     def _drop(self, sample: Sample) -> None:
         del sample
         self.counts.dropped += 1
-
-
-def _whole(sample: Sample) -> Sample:
-    return sample
 
 
 def _ignore() -> None:

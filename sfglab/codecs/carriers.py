@@ -74,12 +74,7 @@ class FfmpegEncoding:
 
 
 def ffmpeg_packet_fields(frame: EncodedFrame, settings: H264Settings) -> FfmpegPacketFields:
-    """Return one encoded frame as ffmpeg_image_transport 3 publishes it.
-
-    Args:
-        frame: From `H264Encoder.encode`.
-        settings: The encoder's settings.
-    """
+    """Return one frame of `H264Encoder.encode`, of these settings, as ffmpeg_image_transport 3 publishes it."""
     return FfmpegPacketFields(
         width=settings.width,
         height=settings.height,
@@ -106,9 +101,7 @@ def compressed_depth_fields(
 def compressed_image_fields(image_bgr: NDArray[np.uint8], codec: str = "jpeg") -> CompressedImageFields:
     """Return a colour image as compressed_image_transport publishes it, with its default quality or level.
 
-    Args:
-        image_bgr: Pixels, shape (height, width, 3), uint8.
-        codec: ``"jpeg"`` or ``"png"``.
+    Pixels have the shape (height, width, 3), BGR, uint8; the codec is ``"jpeg"`` or ``"png"``.
 
     Raises:
         CodecError: If the image or the codec is of another kind.

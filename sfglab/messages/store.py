@@ -223,16 +223,12 @@ def numpy_dtype(base: str) -> np.dtype[Any]:
     return np.dtype({"bool": "bool", "char": "uint8", "byte": "uint8"}.get(base, base))
 
 
-def _default_scalar(base: str) -> Any:
-    return "" if base == "string" else numpy_dtype(base).type(0).item()
-
-
 def _default_value(store: Typestore, desc: FieldDesc) -> Any:
     from rosbags.interfaces import Nodetype
 
     match desc:
         case (Nodetype.BASE, (base, _)):
-            return _default_scalar(base)
+            return "" if base == "string" else numpy_dtype(base).type(0).item()
         case (Nodetype.NAME, name):
             return _default_of(store, str(name))
     (kind, inner), length = desc[1]

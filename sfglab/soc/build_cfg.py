@@ -43,16 +43,11 @@ _QUOTED = re.compile(r'[^\s,"]+')
 
 
 def build_cfg(graph: Graph, *, name: str = "application") -> str:
-    """Return the text of a `build.cfg` for the graph's part in hardware.
+    """Return the text of an application's `build.cfg` for the part in hardware of a placed and mapped graph.
 
     Each node in hardware gets a slot, a thread of HLS source and its resources, each gateway a slot and its
-    section.
-    Names are made into identifiers; ROS names of nodes and topics stay as they are. ReconROS's gateway knows
-    ``sensor_msgs/Image`` alone; other types are written all the same.
-
-    Args:
-        graph: With its nodes placed and its topics mapped.
-        name: Name of the application.
+    section. Names are made into identifiers; ROS names of nodes and topics stay as they are. ReconROS's
+    gateway knows ``sensor_msgs/Image`` alone; other types are written all the same.
 
     Raises:
         InvalidValueError: A topic of a node in hardware has no ROS message type, or a name cannot be quoted.

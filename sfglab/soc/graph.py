@@ -353,7 +353,11 @@ def _read_graph(top: Section) -> Graph:
         name=top.text("name", ""),
         description=top.text("description", ""),
         nodes=tuple(_read_node(name, section) for name, section in top.members("nodes")),
-        topics=tuple(_read_topic(name, section) for name, section in top.members("topics")),
+        # A topic without publishers is the graph's to refuse.
+        topics=tuple(
+            section.read(Topic, name=name, publishers=section.texts("publishers"))
+            for name, section in top.members("topics")
+        ),
     )
     top.close()
     return graph
@@ -363,8 +367,3 @@ def _read_node(name: str, section: Section) -> Node:
     if section.get("hardware", None) is None:
         return section.read(Node, name=name, hardware=None)
     return section.read(Node, name=name)
-
-
-def _read_topic(name: str, section: Section) -> Topic:
-    # A topic without publishers is the graph's to refuse.
-    return section.read(Topic, name=name, publishers=section.texts("publishers"))

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
-from itertools import combinations, product
+from itertools import compress, product
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.lab.experiments.transfer.placing import random_graph
+from sfglab.lab.experiments.transfer.placing import _choices, cost_s, random_graph
 from sfglab.soc import (
     ZCU104,
     Graph,
@@ -25,7 +24,6 @@ from sfglab.soc import (
     TopicMapping,
     assess,
     load_graph,
-    map_communication,
     place_nodes,
 )
 from sfglab.soc.memory import STORED
@@ -38,24 +36,10 @@ SMALL = Platform(name="small", lut=1000, bram=10.0, gateway_lut=60, gateway_bram
 
 def best_of_all(graph, platform, fixed):
     """The least load, by trying every placement with every choice of gateways; without the programme."""
-    choices = [
-        [fixed[n.name]] if n.name in fixed else [SW] if n.hardware is None else [SW, HW] for n in graph.nodes
-    ]
-    best = math.inf
-    for sides in product(*choices):
-        placed = graph.with_placements({n.name: side for n, side in zip(graph.nodes, sides, strict=True)})
-        mixed = [
-            topic.name
-            for topic in graph.topics
-            if 0 < len(placed.in_hardware.intersection(topic.members)) < len(topic.members)
-        ]
-        for count in range(len(mixed) + 1):
-            for chosen in combinations(mixed, count):
-                mapped = map_communication(placed, gateway=lambda _, t, c=chosen: t.name in c).gateways
-                load = assess(mapped, platform)
-                if load.lut <= platform.lut and load.bram <= platform.bram:
-                    best = min(best, load.total_s)
-    return best
+    free = [n.name for n in graph.nodes if n.hardware and n.name not in fixed]
+    chosen_there = frozenset(name for name, side in fixed.items() if side is HW)
+    there = (chosen_there.union(compress(free, sides)) for sides in product((False, True), repeat=len(free)))
+    return min(cost_s(graph, one, chosen, platform) for one in there for chosen in _choices(graph, one))
 
 
 def drawn(rng, nodes, share=0.35):

@@ -64,7 +64,7 @@ class Area:
     def segments(self) -> NDArray[np.float64]:
         """Everything that a beam can hit: x, y of both ends, shape (n, 4)."""
         rings = [_offset(HALF_WIDTH_M), _offset(-HALF_WIDTH_M), *(box.corners() for box in self.boxes)]
-        return np.concatenate([_closed(ring) for ring in rings])
+        return np.concatenate([np.hstack((ring, np.roll(ring, -1, axis=0))) for ring in rings])
 
 
 def _offset(outwards_m: float) -> NDArray[np.float64]:
@@ -75,10 +75,6 @@ def _offset(outwards_m: float) -> NDArray[np.float64]:
     out = np.column_stack((-ahead[:, 1], ahead[:, 0])) * outwards_m
     moved: NDArray[np.float64] = points + out + np.roll(out, 1, axis=0)
     return moved
-
-
-def _closed(ring: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.hstack((ring, np.roll(ring, -1, axis=0)))
 
 
 def course_length_m() -> float:

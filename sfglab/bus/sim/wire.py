@@ -73,6 +73,7 @@ _MTU_PAYLOAD = 1480  # of an IP fragment: 1500 - 20
 _RTPS, _INFO_DST, _INFO_TS = 20, 16, 12
 _DATA, _DATA_FRAG, _HEARTBEAT, _ACKNACK = 24, 36, 32, 28
 _ENCAPSULATION = 4
+_PARTITION = 4 + 4 + 4 + 12
 # Cyclone's General/MaxMessageSize; a sample that does not fit goes in pieces of ten fragments of 1344 B.
 _MAX_MESSAGE = 14720
 _PIECE = 13440
@@ -193,7 +194,7 @@ def submessage_bytes(info: EndpointInfo) -> int:
     writer = info.kind.value == "publisher"
     size = _DATA + _ENCAPSULATION + _text(info.dds_topic) + _text(_dds_type(info.type))
     size += _qos(info.qos, writer=writer)
-    size += _bytes(info.user_data) + (_partition() if info.transport == "shm" else 0)
+    size += _bytes(info.user_data) + (_PARTITION if info.transport == "shm" else 0)
     size += 4 + _type_information(info.type)
     # Protocol version, vendor, GUID, Cyclone's receive buffer (0x8019 or 0x800c) and the end of the list.
     size += 8 + 8 + 20 + 8 + 4
@@ -216,10 +217,6 @@ def _text(text: str) -> int:
 
 def _bytes(data: bytes) -> int:
     return 4 + 4 + len(data) + -len(data) % 4 if data else 0
-
-
-def _partition() -> int:
-    return 4 + 4 + 4 + 12
 
 
 def _qos(qos: QoSProfile, *, writer: bool) -> int:

@@ -243,7 +243,10 @@ def find_vaapi(files: MachineFiles) -> Evidence:
     no such file. Others' nodes, as virtio's in a virtual machine or nouveau's, do not count: what they offer
     depends on the host, or is too little.
     """
-    nodes = [(path, _vendor(files, path)) for path in files.paths("/dev/dri", r"renderD[0-9]+")]
+    nodes = [
+        (path, read_id(files, f"/sys/class/drm/{path.rpartition('/')[2]}/device/vendor"))
+        for path in files.paths("/dev/dri", r"renderD[0-9]+")
+    ]
     sources = tuple(
         Source(path=path, says=VENDORS.get(vendor, vendor or "no PCI device")) for path, vendor in nodes
     )
@@ -265,10 +268,6 @@ def find_vaapi(files: MachineFiles) -> Evidence:
     else:
         reason = "no render node, /dev/dri/renderD*"
     return Evidence(accelerator=Accelerator.VAAPI, found=False, reason=reason, sources=sources)
-
-
-def _vendor(files: MachineFiles, path: str) -> str:
-    return read_id(files, f"/sys/class/drm/{path.rpartition('/')[2]}/device/vendor")
 
 
 def _chips(files: MachineFiles) -> list[tuple[Source, str, str]]:

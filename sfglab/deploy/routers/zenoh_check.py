@@ -148,14 +148,11 @@ def _differences(asked: tuple[Bridge, Policy]) -> Iterator[Broken[KeyPath]]:
 
 
 def _probes(bridge: Bridge, policy: Policy) -> tuple[str, ...]:
-    entries = [e for kind in KINDS for e in _entries(bridge, kind)]
+    sides = [bridge.get(side, {}) for side in ("allow", "deny")]
+    entries = [entry for kind in KINDS for side in sides for entry in _texts(side.get(kind))]
     globs = [f"rt{entry.strip('^$').replace('.*', '*')}" for entry in entries]
     wires = map(ros_name_from_dds, probe_names([*globs, *(rule.pattern for rule in policy.rules)]))
     return tuple(sorted({wire.name for wire in wires if wire is not None}))
-
-
-def _entries(bridge: Bridge, kind: str) -> list[str]:
-    return [entry for side in ("allow", "deny") for entry in _texts(bridge.get(side, {}).get(kind))]
 
 
 def bridges(bridge: Bridge, kind: str, name: str) -> bool:

@@ -77,14 +77,10 @@ class Splicer(Generic[M]):
         return self.phase is Phase.JOINING
 
     def take(self, packet: M, source: Source, *, pts: int, is_key: bool, shown: bool = True) -> None:
-        """Take a packet of either source.
+        """Take a packet of either source, whatever stands for it.
 
-        Args:
-            packet: Whatever stands for it.
-            source: Where it comes from.
-            pts: Its number; a stream's packets are numbered without gaps.
-            is_key: Whether a decoder may start here.
-            shown: Whether its sender means its picture to be shown.
+        A stream's packets are numbered by `pts` without gaps. A decoder may start where `is_key`, and `shown`
+        says whether the sender means the picture to be shown.
         """
         taken = _Packet(pts, is_key, shown, packet)
         if self.phase is Phase.JOINING:

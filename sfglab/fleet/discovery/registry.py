@@ -196,7 +196,7 @@ class Registry:
         """Do what time brings, and return what has to be done."""
         orders: list[Order] = []
         for agent, remote in list(self._remotes.items()):
-            given = _timer_of(remote, now_ns)
+            given = next((given for at_ns, given in _deadlines(remote) if now_ns >= at_ns), None)
             if given is not None:
                 orders += self._feed(agent, given, now_ns)
         return orders
@@ -309,10 +309,6 @@ def _deadlines(remote: _Remote) -> list[tuple[int, Input]]:
         return [(remote.expire_ns, Input.EXPIRED)]
     silent = (remote.silent_ns, Input.SILENT)
     return [silent, (remote.retry_ns, Input.RETRY)] if state.asking is Asking.BACKING_OFF else [silent]
-
-
-def _timer_of(remote: _Remote, now_ns: int) -> Input | None:
-    return next((given for at_ns, given in _deadlines(remote) if now_ns >= at_ns), None)
 
 
 def _order(action: Action, agent: str, remote: _Remote) -> Order:

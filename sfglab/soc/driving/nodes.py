@@ -143,17 +143,13 @@ def fit_lane(mask: NDArray[np.uint8], view: BirdView, *, lane_m: float = 0.5) ->
     middle = np.array([0.0, lane_m / 2])
     yellow = view.points(mask == YELLOW) - middle
     white = view.points(mask == WHITE) + middle
-    lane = _first(yellow, white, lane_m)
+    # By the yellow line, or by what is white about where the right line should be.
+    lane = _parabola(yellow) or _parabola(white[np.abs(white[:, 1]) < lane_m / 2])
     for _ in range(2):
         if lane is None:
             return None
         lane = _parabola(np.vstack([_near(yellow, lane), _near(white, lane)]))
     return lane
-
-
-def _first(yellow: NDArray[np.float64], white: NDArray[np.float64], lane_m: float) -> Lane | None:
-    """Return a lane by the yellow line, or by what is white about where the right line should be."""
-    return _parabola(yellow) or _parabola(white[np.abs(white[:, 1]) < lane_m / 2])
 
 
 def _near(points: NDArray[np.float64], lane: Lane) -> NDArray[np.float64]:
@@ -230,7 +226,7 @@ class LightDetector:
         self.active = colour is Colour.RED
 
     def see(self, bgr: NDArray[np.uint8]) -> bool:
-        """Look at an image of topic A; return whether the node publishes its light, to sleep from then on."""
+        """Look at an image of topic A; return whether the node says that it found its light, and sleeps."""
         if not self.active:
             return False
         low, high = (share * bgr.shape[1] for share in _RADII[self.colour])
