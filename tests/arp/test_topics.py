@@ -16,29 +16,22 @@ DATA = Path(__file__).parents[2] / "data" / "qos"
 ONE = "topics:\n  /a: {from: robot, to: station, size_bytes: 8}\n"
 
 
-def test_paper_bs_file_has_table_1s_sensors_hello_and_the_localisation_result():
-    found = {t.name: t for t in load_topics(DATA / "paper_b.yaml").topics}
+def test_paper_bs_file_has_table_1s_sensors_hello_the_localisation_result_and_the_models_usual_link():
+    given = load_topics(DATA / "paper_b.yaml")
+    found = {t.name: t for t in given.topics}
     for robot, names in ROBOTS.items():
         for name in names:
             topic = found.pop(f"/{robot}/{name}")
             assert (topic.source, topic.target) == (robot, "station")
             assert (topic.size_bytes, topic.change_s) == (SENSORS[name].table_bytes, SENSORS[name].change_s)
     assert list(found) == ["/hello", "/robot3/localisation"]
-
-
-def test_paper_bs_file_has_the_models_usual_link():
-    given = load_topics(DATA / "paper_b.yaml")
-    assert given.medium == Medium()
-    assert given.vendor == FAST_DDS
-    assert given.agents == tuple(ROBOTS)
+    assert (given.medium, given.vendor, given.agents) == (Medium(), FAST_DDS, tuple(ROBOTS))
 
 
 def test_what_a_file_leaves_out_has_the_usual_value():
     given = read_topics(ONE)
     topic = given.topics[0]
-    assert given.medium == Medium()
-    assert given.vendor == FAST_DDS
-    assert given.agents == ("robot",)
+    assert (given.medium, given.vendor, given.agents) == (Medium(), FAST_DDS, ("robot",))
     assert (topic.rate_min_hz, topic.rate_max_hz, topic.weight, topic.change_s) == (1, 1000, 1, 1)
     assert (topic.reliability, topic.durability) == (Reliability.RELIABLE, Durability.VOLATILE)
 

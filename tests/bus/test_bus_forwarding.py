@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager
 
 import psutil
 import pytest
-from bus_messages import SERVICE, STRING, Request, response, text
+from bus_messages import SERVICE, STRING, Request, connected, response, text
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -85,10 +85,7 @@ async def test_bytes_and_source_stamps_pass_unchanged_and_wait_until_their_sourc
     async with two_domains(pair_ids) as (talker, near, far, listener):
         forwarder = near.open_forwarder(far)
         forward, outlet = forwarder.open(endpoint()), forwarder.open_writer(endpoint(user_data=b"k=v;"))
-        publisher = talker.create_publisher(STRING, "/t", 200)
-        subscription = listener.create_subscription(STRING, "/t", qos=200, raw=True)
-        await publisher.wait_for_subscriptions()
-        await subscription.wait_for_publishers()
+        publisher, subscription = await connected(talker, listener, 200, raw=True)
         cdrs = [serialize(text(str(number) * (number % 9))) for number in range(100)]
         for number, cdr in enumerate(cdrs[:50]):
             publisher.publish_raw(cdr, source_timestamp_ns=1_000 + number)
@@ -138,11 +135,8 @@ async def test_a_transform_changes_drops_or_leaves_a_sample_and_the_stamp_stays(
     async with two_domains(pair_ids) as (talker, near, far, listener):
         forwarder = near.open_forwarder(far)
         forward, outlet = forwarder.open(endpoint()), forwarder.open_writer(endpoint())
-        publisher = talker.create_publisher(STRING, "/t")
-        subscription = listener.create_subscription(STRING, "/t")
+        publisher, subscription = await connected(talker, listener)
         forward.admit(publisher.gid, outlet, transform)
-        await publisher.wait_for_subscriptions()
-        await subscription.wait_for_publishers()
         for number, letter in enumerate("abcda"):
             publisher.publish_raw(serialize(text(letter)), source_timestamp_ns=1_000 + number)
         got = [await subscription.take_with_info(60) for _ in range(3)]

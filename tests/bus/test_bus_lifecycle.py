@@ -13,7 +13,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from bus_messages import IMAGE, PIXELS, SERVICE, STRING, Request, image, text
+from bus_messages import IMAGE, PIXELS, SERVICE, STRING, Request, connected, image, text
 
 from sfglab import bus
 from sfglab.names import FqnError
@@ -78,9 +78,7 @@ async def test_an_abandoned_node_closes_itself_and_a_rerun_works(domain_id):
         here = await bus.Node.create("same_name", domain_id=domain_id, interface="lo")
         here.create_action_server("sfglab_interfaces/action/FollowTrajectory", "/go", print)
         here.create_action_client("sfglab_interfaces/action/FollowTrajectory", "/go")
-        publisher = here.create_publisher(STRING, "/t", transport="shm")
-        subscription = here.create_subscription(STRING, "/t", transport="shm")
-        await publisher.wait_for_subscriptions()
+        publisher, subscription = await connected(here, here, transport="shm")
         publisher.publish(text("x"))
         return await subscription.take(60)
 

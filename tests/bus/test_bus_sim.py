@@ -359,11 +359,9 @@ async def test_what_is_made_during_a_partition_is_known_after_it(sim):
 
 async def test_a_node_that_dies_without_a_word_is_missed_after_its_lease(sim):
     here, there = (sim.node(name, host=name, lease_s=0.5) for name in ("here", "there"))
-    publisher = here.create_publisher(STRING, "/t")
-    subscription = there.create_subscription(STRING, "/t")
     watched = []
     there.graph.watch("rt/t", bus.EndpointKind.PUBLISHER, watched.append)
-    await publisher.wait_for_subscriptions()
+    publisher, subscription = await connected(here, there)
     await asyncio.sleep(1)
     here.crash()
     here.crash()

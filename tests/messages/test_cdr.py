@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosbags.interfaces import Nodetype
 
 from sfglab.messages import (
     CdrError,
@@ -26,7 +25,7 @@ from sfglab.messages import (
     serialized_size,
 )
 from sfglab.messages.flat import flat_reader
-from sfglab.messages.store import parse_definition, type_store
+from sfglab.messages.store import type_store
 
 FUZZED = ("sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/Imu", "std_msgs/msg/String")
 SENSORS = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo")
@@ -223,12 +222,6 @@ def test_our_own_definitions_decode_like_our_own_types(random_message):
 def test_a_definition_that_lacks_something_is_refused(text):
     with pytest.raises(CdrError, match="definition cannot be read"):
         decoder_from_definition("test_pkg/msg/Bad", text)
-
-
-def test_services_keep_their_own_names_when_parsed():
-    parsed = parse_definition("test_pkg/srv/Ask_Request", "int32 x")
-    assert parsed == {"test_pkg/srv/Ask_Request": ([], [("x", (Nodetype.BASE, ("int32", 0)))])}
-    assert "test_pkg/srv/Ask_Request" not in type_store().types
 
 
 # --- Generated readers read what the general decoder reads, and refuse what it refuses.

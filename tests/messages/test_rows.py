@@ -111,10 +111,3 @@ def test_names_that_no_message_can_have_are_refused():
             row_type(row_class)
     with pytest.raises(MessageError, match="at least one field"):
         row_type(local_class("EmptyRow"))
-
-
-def test_a_class_of_the_same_name_must_have_the_same_fields():
-    first = row_type(local_class("SameRow", x=int))
-    assert row_type(local_class("SameRow", x=int)) is first
-    with pytest.raises(MessageError, match="sfglab_rows/msg/SameRow"):
-        row_type(local_class("SameRow", x=float))

@@ -114,12 +114,6 @@ def test_a_definition_holds_the_part_that_is_wrapped():
         assert any(name.endswith("unique_identifier_msgs/msg/UUID") for name in read) == ("goal_id" in text)
 
 
-def test_registering_again_is_harmless_and_another_text_a_conflict():
-    assert register_action(COUNT, TEXT) == register_action(COUNT, TEXT)
-    with pytest.raises(MessageError, match="Count_Goal"):
-        register_action(COUNT, TEXT.replace("until", "to"))
-
-
 @pytest.mark.parametrize("text", ["", "int32 a\n---\nint32 b\n", "---\n---\n---\n"])
 def test_a_text_without_three_parts_is_refused_with_their_number(text):
     with pytest.raises(MessageError, match=rf"'a/action/B'.*given {text.count('---') + 1} part"):
