@@ -35,11 +35,7 @@ if TYPE_CHECKING:
 
 AGENT = "go2"
 
-PAPER_NAMES = (
-    "/global/agent_heartbeat",
-    "/global/go2/get_metadata",
-    "/local/go2/agent_discovery_event",
-)
+PAPER_NAMES = ("/global/agent_heartbeat", "/global/go2/get_metadata", "/local/go2/agent_discovery_event")
 """The names that the paper prints (sections 4.2 and 4.3), for an agent go2."""
 
 HOST_NAMES = ("Go2-Jetson.local", "steamdeck", "raspberry-pi-5", "Workstation_7970X")

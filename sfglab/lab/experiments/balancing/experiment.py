@@ -268,10 +268,7 @@ def _cache_row(sensor: Sensor, passage: Passage, rate_hz: int, silence_s: float)
 
 STALE_SENSOR = "pir"
 STALE_RATE_HZ = 100.0
-QOS = {
-    "best effort": QoSProfile(reliability=Reliability.BEST_EFFORT, depth=1),
-    "reliable": QoSProfile(depth=1),
-}
+QOS = {"best effort": QoSProfile(reliability=Reliability.BEST_EFFORT, depth=1), "reliable": QoSProfile(depth=1)}
 SHOWN = (("best effort", 0.0), ("reliable", 0.0), ("best effort", 0.5))
 """The examples whose course is kept: QoS and longest silence, seconds."""
 _SHOWN_S = 40.0

@@ -129,9 +129,7 @@ def draw_area(axes: Axes, robot: str) -> None:
     for box in area.boxes:
         axes.fill(*box.corners().T, color=COLORS["network"], alpha=0.6)
     axes.plot(*HOME[:2], "+", color="black", markersize=9)
-    axes.set_aspect("equal")
-    axes.set_xticks(())
-    axes.set_yticks(())
+    axes.set(aspect="equal", xticks=(), yticks=())
     axes.grid(visible=False)
     for spine in axes.spines.values():
         spine.set_visible(False)
@@ -164,8 +162,7 @@ def draw_staleness(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         axes.plot([], [], MARKERS[color], color=COLORS[color], markersize=4, label=label)
     axes.axhline(3.0, color="black", linestyle=(0, (4, 2)), linewidth=1.0)
     axes.annotate("heartbeat:\n3 s", (-0.48, 3.0), va="center", fontsize=8, backgroundcolor="white")
-    axes.set_xlim(-0.52, len(names) - 0.5)
-    axes.set_yscale("log")
+    axes.set(xlim=(-0.52, len(names) - 0.5), yscale="log")
     axes.set_xticks(range(len(names)), names)
     axes.set_ylabel("longest time out of date (s)")
     axes.grid(visible=False, axis="x")

@@ -69,8 +69,7 @@ def _draw_modes(axes: Axes, run: Run[Config], codec: str, column: str) -> dict[s
         axes.plot(counts, mean, marker=MARKERS[mode], markersize=4.5, color=color, label=LABELS[mode])
         axes.fill_between(counts, mean - deviation, mean + deviation, color=color, alpha=0.18, linewidth=0)
         first[mode] = float(mean[0])
-    axes.set_xlabel("local subscribers")
-    axes.set_xticks(counts)
+    axes.set(xlabel="local subscribers", xticks=counts)
     axes.set_ylim(bottom=0)
     return first
 

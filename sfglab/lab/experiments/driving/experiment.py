@@ -31,10 +31,7 @@ MAPPINGS = ("software", "gateway")
 PAPER_MS = {"software": (28.264, 3.21), "gateway": (20.270, 0.239)}
 """Mean and standard deviation of the chain's time, as stated."""
 
-READINGS = {
-    "hardware": "node times in hardware, assumed",
-    "software": "node times in software, measured",
-}
+READINGS = {"hardware": "node times in hardware, assumed", "software": "node times in software, measured"}
 """What the chain's nodes take. The first answers the claim: the paper's nodes run in hardware, and what it
 compares is how topic A travels between them. That was decided before either was computed."""
 

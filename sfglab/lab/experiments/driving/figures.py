@@ -68,8 +68,7 @@ def _draw_frames(axes: Axes, run: Run[Config]) -> None:
         ours, paper = (float(ms.mean()), float(ms.std(ddof=1))), PAPER_MS[mapping]
         _draw_mean(axes, place + 0.1, ours, _COLORS[mapping])
         _draw_mean(axes, place + 0.4, paper, "black")
-    axes.set_xlim(-0.45, 1.6)
-    axes.set_ylim(0, None)
+    axes.set(xlim=(-0.45, 1.6), ylim=(0, None))
     axes.set_xticks((0, 1), [_SAID[mapping] for mapping in MAPPINGS])
     axes.set_ylabel("time of the chain (ms)")
     axes.grid(visible=False, axis="x")
@@ -153,9 +152,7 @@ def _draw_map(axes: Axes, run: Run[Config]) -> None:
         axes.annotate(
             said, (stop.x_m + where[0], stop.y_m + where[1]), fontsize=8, color=_LIGHTS[True], ha="center"
         )
-    axes.set_aspect("equal")
-    axes.set_xlabel("east (m)")
-    axes.set_ylabel("north (m)")
+    axes.set(aspect="equal", xlabel="east (m)", ylabel="north (m)")
     axes.set_title(
         "the track, where it stood (red), lights at their lines (square: rests in red)", fontsize=8.5
     )
@@ -170,8 +167,7 @@ def _draw_lateral(axes: Axes, run: Run[Config]) -> None:
         axes.axvspan(stop.t_s, stop.t_s + stop.lasted_s, color=_LIGHTS[True], alpha=0.15, linewidth=0)
     axes.set_ylim(-limit * 1.15, limit * 1.15)
     axes.set_xlim(0, tracks["t_s"].iloc[-1])
-    axes.set_xlabel("time (s); red: the car stands")
-    axes.set_ylabel("left of the lane's\nmiddle (cm)")
+    axes.set(xlabel="time (s); red: the car stands", ylabel="left of the lane's\nmiddle (cm)")
     axes.set_title("dotted: a wheel would leave the lane", fontsize=8.5)
 
 
@@ -216,8 +212,7 @@ def draw_laps(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         axes.grid(visible=False, axis="x")
         if place in limits:
             axes.axhline(limits[place], color="black", linestyle=":", linewidth=1)
-    panels[-1].set_xlabel("seed of the town")
-    panels[-1].set_xticks(laps["seed"] if len(laps) <= 25 else laps["seed"][::5])
+    panels[-1].set(xlabel="seed of the town", xticks=laps["seed"] if len(laps) <= 25 else laps["seed"][::5])
     figure.suptitle(f"{int(laps['passed'].sum())} of {len(laps)} laps passed; dotted: what the judge asks for")
     return {
         "passed": int(laps["passed"].sum()),

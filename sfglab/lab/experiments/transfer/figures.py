@@ -225,8 +225,7 @@ def _draw_variants(axes: Axes, run: Run[Config]) -> None:
     axes.invert_yaxis()
     axes.axvspan(0, _ASKED_STATED, color="0.93", zorder=0)
     axes.set_xlim(left=0)
-    axes.set_xlabel("largest residual after a new fit (%)")
-    axes.set_title("An assumed constant halved or doubled")
+    axes.set(xlabel="largest residual after a new fit (%)", title="An assumed constant halved or doubled")
 
 
 def _draw_cycles(axes: Axes, run: Run[Config]) -> None:
@@ -234,7 +233,6 @@ def _draw_cycles(axes: Axes, run: Run[Config]) -> None:
     axes.axhspan(-_ASKED_RTL, _ASKED_RTL, color="0.93", zorder=0)
     axes.set_ylim(-1.2 * _ASKED_RTL, 1.2 * _ASKED_RTL)
     axes.axhline(0, color="black", linewidth=0.8)
-    axes.set_ylabel("model against simulated cycles (%)")
     axes.set_xticks(range(len(PATH_LABELS)), list(PATH_LABELS.values()))
     if worst is None:
         axes.set_title("The hardware was not simulated")
@@ -246,7 +244,7 @@ def _draw_cycles(axes: Axes, run: Run[Config]) -> None:
         style = series(("standard", "proxy", "third")[place % 3])
         axes.plot(spots, off, **style, linestyle="", label=f"{count} subscribers")
     axes.legend(loc="lower right")
-    axes.set_title(f"RTL: {worst:.2%} off at most")
+    axes.set(ylabel="model against simulated cycles (%)", title=f"RTL: {worst:.2%} off at most")
 
 
 # --- Break-even sizes -----------------------------------------------------------------------------------------
@@ -295,8 +293,7 @@ def _draw_break_even(axes: Axes, run: Run[Config], publisher: str) -> None:
     ticks = {256: "any", **_BYTE_TICKS, **large}
     axes.set_yticks(list(ticks), list(ticks.values()))
     axes.set_xticks(range(2, int(table["subscribers"].max()) + 1, 2))
-    axes.set_xlabel("hardware subscribers")
-    axes.set_ylabel("faster by a gateway from this message size")
+    axes.set(xlabel="hardware subscribers", ylabel="faster by a gateway from this message size")
     axes.set_title(f"{publisher} publishes")
 
 
@@ -317,8 +314,7 @@ def _draw_rules(axes: Axes, run: Run[Config]) -> float:
     ticks = {100: "100 B", **_BYTE_TICKS}
     axes.set_xticks(list(ticks), list(ticks.values()))
     axes.minorticks_off()
-    axes.set_xlabel("size of every message")
-    axes.set_ylabel("predicted time, against no gateway (times)")
+    axes.set(xlabel="size of every message", ylabel="predicted time, against no gateway (times)")
     axes.set_title("The example of Fig. 8, topics' times added")
     axes.legend(loc="lower left")
     return float((times["paper"] / times["size-aware"]).max() - 1)
@@ -386,7 +382,6 @@ def _draw_seconds(axes: Axes, placed: pd.DataFrame) -> None:
     axes.plot(placed["nodes"], placed["seconds"], **series("proxy"), linestyle="")
     axes.axhline(_ASKED_S, color=COLORS["standard"], **PAPER_STYLE)
     axes.annotate("asked", (placed["nodes"].min(), _ASKED_S), va="bottom")
-    axes.set_yscale("log")
-    axes.set_xlabel("nodes")
-    axes.set_ylabel("time of the programme (s)")
-    axes.set_title("One programme, solver loaded")
+    axes.set(
+        yscale="log", xlabel="nodes", ylabel="time of the programme (s)", title="One programme, solver loaded"
+    )

@@ -26,10 +26,7 @@ TIE = 0.05
 def agreement(run: Run[Config]) -> dict[str, str]:
     """Return how many live cells agree with the model, of those that kept to their schedules."""
     fair = run["live"][run["live"]["kept_up"].astype(bool)]
-    counts = {
-        "loss within 3 points": fair["loss_agrees"],
-        "median latency within 30 %": fair["latency_agrees"],
-    }
+    counts = {"loss within 3 points": fair["loss_agrees"], "median latency within 30 %": fair["latency_agrees"]}
     return {what: f"{int(agrees.sum())} of {len(agrees)}" for what, agrees in counts.items()}
 
 

@@ -162,7 +162,6 @@ def _draw_cloud(axes: Any, points: NDArray[Any], colors: NDArray[np.uint8]) -> N
     axes.scatter(x, z, -y, c=colors / 255.0, s=1.2, linewidths=0, rasterized=True)
     axes.set_box_aspect([np.ptp(x), np.ptp(z), np.ptp(y)], zoom=1.25)
     axes.view_init(elev=18, azim=-68)
-    axes.set(xlabel="x (m)")
     axes.set_zticklabels([])
     axes.locator_params(nbins=4)
-    axes.set_title(f"its {len(points)} points in the recording, depth to the back")
+    axes.set(xlabel="x (m)", title=f"its {len(points)} points in the recording, depth to the back")
