@@ -247,7 +247,15 @@ class ProcessGroup:
 
     async def __aenter__(self) -> Self:
         await self.start(*self._first)
+        try:
+            await self.settle()
+        except BaseException:
+            await self.close()
+            raise
         return self
+
+    async def settle(self) -> None:
+        """Do what a group does before it is used, once its first members serve: nothing, unless overridden."""
 
     async def __aexit__(self, *_: object) -> None:
         await self.close()

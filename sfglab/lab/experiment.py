@@ -67,7 +67,7 @@ class Link:
     carries: str  #: What is sent.
     over: str = "DDS"  #: By which transport.
     boundary: str = (
-        ""  #: The boundary that it crosses, if any: a border, the network, the device, the memory interface.
+        ""  #: What it crosses, if anything: a border, the network, the device, the memory interface.
     )
 
 
@@ -106,20 +106,15 @@ class _Part:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Claim:
-    function: Callable[[Run[Any]], Finding | None]
-    how: How | Callable[[Run[Any]], How]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class _Drawing:
     function: Callable[[Figure, Run[Any]], dict[str, Any]]
     size: tuple[float, float]
     when: Callable[[Run[Any]], bool]
 
 
-def _seeds_of(config: Any) -> Sequence[int]:
-    return range(config.seed, config.seed + config.seeds)
+def seeded(config: Any, seeds: int) -> range:
+    """Return so many seeds from the configuration's own on."""
+    return range(config.seed, config.seed + seeds)
 
 
 class Experiment(Generic[C]):
@@ -133,7 +128,8 @@ class Experiment(Generic[C]):
         smoke: Fields that the profile ``smoke`` changes.
         paper: Fields that the profile ``paper`` changes.
         hosts: Names of test hosts that the run is on, or a function of the configuration; empty: none.
-        setup: What runs and who sends what to whom.
+        actors: Processes and nodes.
+        links: Who sends what to whom.
     """
 
     def __init__(  # noqa: PLR0913  # what an experiment declares in one place
@@ -145,15 +141,16 @@ class Experiment(Generic[C]):
         smoke: Mapping[str, Any],
         paper: Mapping[str, Any],
         hosts: Sequence[str] | Callable[[C], Sequence[str]] = (),
-        setup: Setup | None = None,
+        actors: Sequence[Actor] = (),
+        links: Sequence[Link] = (),
     ) -> None:
         self.name, self.where, self.config_class = name, where, config
-        self._hosts, self.setup = hosts, setup or Setup()
+        self._hosts, self.setup = hosts, Setup(tuple(actors), tuple(links))
         self._profiles: dict[str, Mapping[str, Any]] = {SMOKE: smoke, QUICK: {}, PAPER: paper}
         self.tables: dict[str, type[Any]] = {}
         self._sweeps: list[_Sweep] = []
         self._parts: list[_Part] = []
-        self._claims: dict[str, _Claim] = {}
+        self._claims: dict[str, tuple[Callable[[Run[C]], Finding | None], How | Callable[[Run[C]], How]]] = {}
         self._drawings: dict[str, _Drawing] = {}
 
     def __repr__(self) -> str:
@@ -180,7 +177,7 @@ class Experiment(Generic[C]):
         table: str,
         *,
         over: Callable[[C], Sequence[Any]],
-        seeds: Callable[[C], Sequence[int]] = _seeds_of,
+        seeds: Callable[[Any], Sequence[int]] = lambda config: seeded(config, config.seeds),
         workers: Workers = Workers(),  # noqa: B008  # frozen
         at_ns: Callable[[Any], int] | None = None,
     ) -> Callable[[F], F]:
@@ -241,7 +238,7 @@ class Experiment(Generic[C]):
         """
 
         def declare(function: F) -> F:
-            self._claims[claim] = _Claim(function=function, how=how)
+            self._claims[claim] = function, how
             return function
 
         return declare
@@ -414,12 +411,12 @@ class Experiment(Generic[C]):
     def measure(self, run: Run[C]) -> dict[str, Measured]:
         """Return our figures for the claims that a run answers, by claim."""
         found = {}
-        for name, claim in self._claims.items():
-            finding = claim.function(run)
+        for name, (answer, how) in self._claims.items():
+            finding = answer(run)
             if finding is not None:
-                how = claim.how if isinstance(claim.how, How) else claim.how(run)
+                said = how if isinstance(how, How) else how(run)
                 found[name] = Measured(
-                    estimate=finding.estimate, details=finding.details, reason=finding.reason, how=how
+                    estimate=finding.estimate, details=finding.details, reason=finding.reason, how=said
                 )
         return found
 
@@ -453,8 +450,3 @@ class Experiment(Generic[C]):
     def measure_claims(self, log: Path) -> dict[str, Measured]:
         """Return our figures for the claims that a log answers, by claim."""
         return self.measure(self.load(log))
-
-
-def seeded(config: Any, seeds: int) -> range:
-    """Return so many seeds from the configuration's own on."""
-    return range(config.seed, config.seed + seeds)

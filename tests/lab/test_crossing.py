@@ -88,7 +88,7 @@ def test_two_rounds_carry_different_words_everywhere():
 def test_a_killed_process_is_named_and_nothing_is_left(victim):
     async def carry():
         async with Crossing(2, BYTES, seed=0) as crossing:
-            crossing._group[victim].signal(signal.SIGKILL)
+            crossing[victim].signal(signal.SIGKILL)
             order = {"order": ("subscriber",), "woken": ("reader0", "reader1", "gateway")}
             await crossing.carry(replace(SMT, publisher="hardware", gateway=True, **order))
 
@@ -117,10 +117,10 @@ from sfglab.lab.experiments.transfer.live import Crossing
 
 async def main():
     async with Crossing(2, 10_000, seed=0) as crossing:
-        crossing._group["reader0"].order(do="round", publisher="software", gateway=False, message_bytes=8,
+        crossing["reader0"].order(do="round", publisher="software", gateway=False, message_bytes=8,
                                          offset=0, order=["reader0"], woken=[])
-        await crossing._group["reader0"].expect("armed", timeout_s=60)
-        print(*(crossing._group[name].pid for name in crossing._group), flush=True)
+        await crossing["reader0"].expect("armed", timeout_s=60)
+        print(*(crossing[name].pid for name in crossing), flush=True)
         await asyncio.sleep(60)
 
 asyncio.run(main())

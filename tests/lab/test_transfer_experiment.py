@@ -13,10 +13,9 @@ import pandas as pd
 import pytest
 
 from sfglab.lab.claims import How, Verdict, judge, load_claims
-from sfglab.lab.experiments.transfer import exp, hardware, stage
+from sfglab.lab.experiments.transfer import exp, stage
 from sfglab.lab.experiments.transfer.analysis import bars, bars_of, live_speed_up, rtl_residual, stated
 from sfglab.lab.experiments.transfer.experiment import CrossingRow
-from sfglab.lab.experiments.transfer.hardware import IN, OUT, READS, WRITE, bars_with_cycles
 from sfglab.lab.experiments.transfer.placing import (
     cost_s,
     greedy_placement,
@@ -24,7 +23,7 @@ from sfglab.lab.experiments.transfer.placing import (
     platform_for,
     random_graph,
 )
-from sfglab.lab.experiments.transfer.stage import JUDGES, MODELS
+from sfglab.lab.experiments.transfer.stage import IN, JUDGES, MODELS, OUT, READS, WRITE, bars_with_cycles
 from sfglab.soc import TopicMapping, place_nodes
 from sfglab.soc.memory import STORED, Setup, Side, Transport, constants, faster_transport
 from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS, Panel, residuals, speed_ups, tendencies
@@ -100,7 +99,7 @@ def test_areas_are_those_of_the_synthesis(monkeypatch):
     rtl = pytest.importorskip("sfglab.soc.rtl", reason="the extra rtl is not installed")
     area = {"luts": 285, "ram_cells": 10, "flip_flops": 300, "carries": 12, "block_rams": 0}
     monkeypatch.setattr(rtl, "gateway_area", lambda _subscribers: rtl.Area(**area))
-    assert list(hardware.area_rows((2,))) == [{"subscribers": 2, **area}]
+    assert list(stage.area_rows((2,))) == [{"subscribers": 2, **area}]
 
 
 def test_cycles_that_are_the_model_s_give_the_model_s_bars():
@@ -118,7 +117,7 @@ def test_cycles_that_are_the_model_s_give_the_model_s_bars():
 
 
 def test_without_amaranth_the_log_says_why_and_the_rest_stands(tmp_path, monkeypatch):
-    monkeypatch.setattr(hardware, "find_spec", lambda _name: None)
+    monkeypatch.setattr(stage, "find_spec", lambda _name: None)
     run = asyncio.run(exp.run("smoke", path=tmp_path / "a.mcap", live_rounds=0))
     assert set(run.metadata("missing")) == {"rtl", "synthesis"}
     measured = exp.measure(run)

@@ -30,7 +30,7 @@ from sfglab.arp.hallway import (
 )
 from sfglab.arp.robots import METHODS, PLAN_S, RATES_HZ, TAKE_S
 from sfglab.lab.bench import as_row
-from sfglab.lab.experiment import Actor, Experiment, Link, Setup, seeded
+from sfglab.lab.experiment import Actor, Experiment, Link, seeded
 from sfglab.qos import DEFAULT, QoSProfile
 from sfglab.rtps import PRESETS, Flow, Medium, Scenario, Session
 from sfglab.units import NS_PER_S
@@ -82,19 +82,17 @@ exp = Experiment(
     where="B 3.2",
     smoke={"rates_hz": (100,), "seeds": 1, "contrast_seeds": 0, "live_s": 0.0},
     paper={"seeds": 120, "contrast_seeds": 30},
-    setup=Setup(
-        actors=(
-            *(Actor(robot, host=robot, does="sensing and actuation nodes, its physics") for robot in ROBOTS),
-            Actor("station", host="station", does="localisation and planning"),
-        ),
-        links=tuple(
-            link
-            for robot in ROBOTS
-            for link in (
-                Link(robot, "station", "eight LIDAR beams", boundary="a lossy air"),
-                Link("station", robot, "commands", boundary="a lossy air"),
-            )
-        ),
+    actors=(
+        *(Actor(robot, host=robot, does="sensing and actuation nodes, its physics") for robot in ROBOTS),
+        Actor("station", host="station", does="localisation and planning"),
+    ),
+    links=tuple(
+        link
+        for robot in ROBOTS
+        for link in (
+            Link(robot, "station", "eight LIDAR beams", boundary="a lossy air"),
+            Link("station", robot, "commands", boundary="a lossy air"),
+        )
     ),
 )
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.lab.experiment import Actor, Experiment, Link, Setup
+from sfglab.lab.experiment import Actor, Experiment, Link
 from sfglab.lab.experiments.decode_once.stage import MBIT, Running
 from sfglab.lab.meters import measure
 from sfglab.record import LogReader
@@ -85,17 +85,15 @@ exp = Experiment(
         "raw_bytes": 20_000_000,
     },
     hosts=("edge", "consumer"),
-    setup=Setup(
-        actors=(
-            Actor("camera", "edge", "encodes and publishes"),
-            Actor("decoder", "consumer", "decodes once, on demand"),
-            Actor("viewer", "consumer", "reads every pixel", count="1 to 10"),
-        ),
-        links=(
-            Link("camera", "viewer", "compressed, to each (standard)", boundary="network"),
-            Link("camera", "decoder", "compressed, once (proxy)", boundary="network"),
-            Link("decoder", "viewer", "pictures (proxy)", over="shared memory"),
-        ),
+    actors=(
+        Actor("camera", "edge", "encodes and publishes"),
+        Actor("decoder", "consumer", "decodes once, on demand"),
+        Actor("viewer", "consumer", "reads every pixel", count="1 to 10"),
+    ),
+    links=(
+        Link("camera", "viewer", "compressed, to each (standard)", boundary="network"),
+        Link("camera", "decoder", "compressed, once (proxy)", boundary="network"),
+        Link("decoder", "viewer", "pictures (proxy)", over="shared memory"),
     ),
 )
 
@@ -233,7 +231,7 @@ async def _measure_cell(key: dict[str, Any], running: Running, bench: Bench[Conf
     )
     reports = await running.stop(count)
     if mode == "proxy":
-        await running.wait_for_release()
+        await running.released("decoder")
     for reading in readings:
         bench.write("load", {"cell": key["cell"], **_load(reading)}, at_ns=reading.t_ns)
     for viewer, report in enumerate(reports):

@@ -18,7 +18,7 @@ from sfglab.lab.checks.machines import (
     hook_checks,
     rollout_checks,
 )
-from sfglab.lab.experiment import Actor, Experiment, Link, Setup
+from sfglab.lab.experiment import Actor, Experiment, Link
 from sfglab.lab.experiments.deployment.containers import OUTSIDER, container_checks
 from sfglab.lab.hosts import Network
 from sfglab.lab.paths import find_project
@@ -56,17 +56,15 @@ exp = Experiment(
     where="A 4.4",
     smoke={"agents": ("go2", "steamdeck"), "containers": (), "build": False},
     paper={"containers": ("go2", *(f"pi{i}" for i in range(1, 7)), "steamdeck", "workstation")},
-    setup=Setup(
-        actors=(
-            Actor("agent", "container on the machine's bridge", "discovers the others", count="one a machine"),
-            Actor("router", "machine", "lets global names out", count="one a machine"),
-            Actor("onlooker", OUTSIDER, "looks at all domains from outside"),
-        ),
-        links=(
-            Link("agent", "router", "its own domain"),
-            Link("router", "agent", "what other agents say"),
-            Link("router", "onlooker", "the global domain", boundary="network"),
-        ),
+    actors=(
+        Actor("agent", "container on the machine's bridge", "discovers the others", count="one a machine"),
+        Actor("router", "machine", "lets global names out", count="one a machine"),
+        Actor("onlooker", OUTSIDER, "looks at all domains from outside"),
+    ),
+    links=(
+        Link("agent", "router", "its own domain"),
+        Link("router", "agent", "what other agents say"),
+        Link("router", "onlooker", "the global domain", boundary="network"),
     ),
 )
 

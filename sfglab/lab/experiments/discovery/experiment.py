@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfglab.errors import InvalidValueError
-from sfglab.lab.experiment import Actor, Experiment, Link, Setup
+from sfglab.lab.experiment import Actor, Experiment, Link
 
 STANDARD, ROUTED = "standard", "routed"
 
@@ -132,21 +132,19 @@ exp = Experiment(
         "timeout_s": 300.0,
     },
     hosts=_hosts_of,
-    setup=Setup(
-        actors=(
-            Actor("nodes", host="each agent", does="as many ROS 2 nodes of demo_nodes_cpp", count="2 or 20"),
-            Actor("router", host="each agent", does="joins the agent's domain with the global one"),
-            Actor("status provider", host="each agent", does="announces the agent"),
-            Actor("discoverer", host="each agent", does="finds the peers"),
-            Actor("peers", host="other agents", does="the same"),
-        ),
-        links=(
-            Link("nodes", "peers", "standard: DDS discovery of all nodes", boundary="the network"),
-            Link("nodes", "router", "routed: DDS discovery, which ends here"),
-            Link("status provider", "router", "heartbeats, metadata"),
-            Link("router", "discoverer", "peers' heartbeats, metadata"),
-            Link("router", "peers", "heartbeats, metadata", boundary="the network"),
-        ),
+    actors=(
+        Actor("nodes", host="each agent", does="as many ROS 2 nodes of demo_nodes_cpp", count="2 or 20"),
+        Actor("router", host="each agent", does="joins the agent's domain with the global one"),
+        Actor("status provider", host="each agent", does="announces the agent"),
+        Actor("discoverer", host="each agent", does="finds the peers"),
+        Actor("peers", host="other agents", does="the same"),
+    ),
+    links=(
+        Link("nodes", "peers", "standard: DDS discovery of all nodes", boundary="the network"),
+        Link("nodes", "router", "routed: DDS discovery, which ends here"),
+        Link("status provider", "router", "heartbeats, metadata"),
+        Link("router", "discoverer", "peers' heartbeats, metadata"),
+        Link("router", "peers", "heartbeats, metadata", boundary="the network"),
     ),
 )
 

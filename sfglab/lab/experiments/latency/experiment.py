@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.lab.experiment import Actor, Experiment, Link, Setup
+from sfglab.lab.experiment import Actor, Experiment, Link
 from sfglab.lab.experiments.latency.stage import PATHS, Running
 from sfglab.lab.meters import measure
 from sfglab.units import BITS_PER_BYTE, BITS_PER_MBIT
@@ -45,26 +45,24 @@ exp = Experiment(
     smoke={"repeats": 2, "look_s": 0.4, "idle_s": 1.0},
     paper={"repeats": 120, "look_s": 1.0, "idle_s": 30.0},
     hosts=("edge", "consumer"),
-    setup=Setup(
-        actors=(
-            Actor("camera", "edge", "encodes once, publishes on three topics"),
-            Actor("keeper", "edge", "keeps the last group of pictures", count="2: own domain, global domain"),
-            Actor("router", "edge", "own domain to the global one"),
-            Actor("router 2", "consumer", "global domain to the own one"),
-            Actor("decoder", "consumer", "decodes once", count="3: decoder, agent, on_demand"),
-            Actor("viewer", "consumer", "looks along one path at a time"),
-        ),
-        links=(
-            Link("camera", "viewer", "compressed (standard)", boundary="network"),
-            Link("camera", "decoder", "compressed (decoder)", boundary="network"),
-            Link("camera", "keeper", "compressed"),
-            Link("keeper", "decoder", "replay (decoder)", boundary="network"),
-            Link("camera", "router", "compressed (agent, on_demand)"),
-            Link("keeper", "router", "replay (agent)"),
-            Link("router", "router 2", "compressed, replay", boundary="network"),
-            Link("router 2", "decoder", "compressed, replay"),
-            Link("decoder", "viewer", "pictures", over="shared memory"),
-        ),
+    actors=(
+        Actor("camera", "edge", "encodes once, publishes on three topics"),
+        Actor("keeper", "edge", "keeps the last group of pictures", count="2: own domain, global domain"),
+        Actor("router", "edge", "own domain to the global one"),
+        Actor("router 2", "consumer", "global domain to the own one"),
+        Actor("decoder", "consumer", "decodes once", count="3: decoder, agent, on_demand"),
+        Actor("viewer", "consumer", "looks along one path at a time"),
+    ),
+    links=(
+        Link("camera", "viewer", "compressed (standard)", boundary="network"),
+        Link("camera", "decoder", "compressed (decoder)", boundary="network"),
+        Link("camera", "keeper", "compressed"),
+        Link("keeper", "decoder", "replay (decoder)", boundary="network"),
+        Link("camera", "router", "compressed (agent, on_demand)"),
+        Link("keeper", "router", "replay (agent)"),
+        Link("router", "router 2", "compressed, replay", boundary="network"),
+        Link("router 2", "decoder", "compressed, replay"),
+        Link("decoder", "viewer", "pictures", over="shared memory"),
     ),
 )
 

@@ -26,24 +26,20 @@ from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.fleet.gop_cache import KeeperConfig
 from sfglab.fleet.router.node import RouterConfig
 from sfglab.lab.hosts.host import interface_bytes
+from sfglab.lab.streams import FIRST_PICTURE_S, LINGER_S, StreamProcesses
 from sfglab.lab.workers.camera import CameraConfig
-from sfglab.lab.workers.viewer import ViewerConfig
 from sfglab.names import Component, Resource, RosFqnBuilder, Scope, Stream
-from sfglab.processes import LineProcess, Member, ProcessFailedError, ProcessGroup
+from sfglab.processes import Member, ProcessFailedError
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from typing import Self
-
     from sfglab.component import Report
     from sfglab.lab.testbed import Testbed
 
 PATHS = ("standard", "decoder", "agent", "on_demand")
 """The ways from camera to viewer."""
 
-GLOBAL_DOMAIN, EDGE_DOMAIN, CONSUMER_DOMAIN = 0, 41, 42
-FIRST_PICTURE_S = 60.0
-LINGER_S = 0.1
+EDGE_DOMAIN, CONSUMER_DOMAIN = 41, 42
 
 _CAMERAS = {"standard": "direct", "decoder": "direct", "agent": "front", "on_demand": "paper"}
 """The component's suffix in the stream's name, by path."""
@@ -59,7 +55,7 @@ def _member(name: str, host: str, module: str, config: Any, *, ready: str = "rea
     return Member(name=name, host=host, module=module, config=config, ready=ready)
 
 
-class Running(ProcessGroup):
+class Running(StreamProcesses):
     """The experiment's processes.
 
     Args:
@@ -68,55 +64,44 @@ class Running(ProcessGroup):
 
     Attributes:
         gop_s: Time from key frame to key frame, seconds.
-        sent: Number, stamp and size of every frame that the camera has reported.
         replays: Packets and bytes of every burst that a keeper has reported.
     """
 
     def __init__(self, config: Any, testbed: Testbed) -> None:
-        self._config, self._testbed = config, testbed
         self._open_paths: dict[str, int] = {}
-        self._camera = self._camera_config()
-        self.gop_s = self._camera.gop / self._camera.fps
-        self.sent: list[tuple[int, int, int]] = []
         self.replays: list[tuple[int, int]] = []
-        super().__init__(testbed.argv, self._first_members(), on_report=self._note)
+        super().__init__(config, testbed)
+        camera = self._camera()
+        self._gop, self.gop_s = camera.gop, camera.gop / camera.fps
 
-    async def __aenter__(self) -> Self:
-        await super().__aenter__()
-        try:
-            await self["camera"].expect("sent", timeout_s=FIRST_PICTURE_S)
-            for path in ("decoder", "agent", "on_demand"):
-                await self._warm(self[path])
-        except BaseException:
-            await self.close()
-            raise
-        return self
+    async def settle(self) -> None:
+        """Wait for the first frame, and until every decoder is warm."""
+        await self["camera"].expect("sent", timeout_s=FIRST_PICTURE_S)
+        for path in ("decoder", "agent", "on_demand"):
+            await self.warm(path)
 
-    @property
-    def encoder(self) -> str:
-        """The encoder that the camera opened."""
-        return str(self["camera"].readiness["encoder"])
-
-    def _first_members(self) -> list[Member]:
-        keepers = {"keeper": (self._own("edge"), "agent"), "keeper 0": (self._shared("edge"), "decoder")}
+    def first_members(self) -> list[Member]:
+        """Return camera, keepers, routers, viewer and decoders."""
+        keepers = {"keeper": (self._own("edge"), "agent"), "keeper 0": (self.shared("edge"), "decoder")}
         routers = {"router": "edge", "router 2": "consumer"}
         keeping = {
             name: KeeperConfig(address=where, streams=(stream_topic(path),))
             for name, (where, path) in keepers.items()
         }
         decoders = ("decoder", "agent", "on_demand")
+        viewer = self.viewer_config(stream_topic("standard"), self._own("consumer"), joined=True)
         return [
-            _member("camera", "edge", "sfglab.lab.workers.camera", self._camera, ready="running"),
+            _member("camera", "edge", "sfglab.lab.workers.camera", self._camera(), ready="running"),
             *(_member(name, "edge", "sfglab.fleet.gop_cache", config) for name, config in keeping.items()),
             *(_member(n, host, "sfglab.fleet.router.node", self._router(host)) for n, host in routers.items()),
-            _member("viewer", "consumer", "sfglab.lab.workers.viewer", self._viewer()),
+            _member("viewer", "consumer", "sfglab.lab.workers.viewer", viewer),
             *(_member(n, "consumer", "sfglab.fleet.decoder.node", self._decoder(n)) for n in decoders),
         ]
 
-    def _note(self, name: str, report: Report) -> None:
-        if report["is"] == "sent":
-            self.sent += [(n, s, b) for n, s, b in report["frames"]]
-        elif report["is"] == "replayed":
+    def note(self, name: str, report: Report) -> None:
+        """Take a member's report."""
+        super().note(name, report)
+        if report["is"] == "replayed":
             self.replays.append((report["packets"], report["size_bytes"]))
         elif report["is"] == "status" and name in ("router", "router 2"):
             # The other way a path stays open all the time: the keeper subscribes to a name that may cross.
@@ -128,14 +113,10 @@ class Running(ProcessGroup):
     def _own(self, host: str) -> BusAddress:
         return BusAddress(domain_id=EDGE_DOMAIN if host == "edge" else CONSUMER_DOMAIN, interface="lo")
 
-    def _shared(self, host: str) -> BusAddress:
-        interface = self._testbed.interface(host)
-        return BusAddress(domain_id=GLOBAL_DOMAIN, interface=interface, multicast=self._config.multicast)
-
-    def _camera_config(self) -> CameraConfig:
+    def _camera(self) -> CameraConfig:
         return CameraConfig(
             places=(
-                (self._shared("edge"), stream_topic("standard")),
+                (self.shared("edge"), stream_topic("standard")),
                 (self._own("edge"), stream_topic("agent")),
                 (self._own("edge"), stream_topic("on_demand")),
             ),
@@ -145,29 +126,17 @@ class Running(ProcessGroup):
         )
 
     def _router(self, host: str) -> RouterConfig:
-        return RouterConfig(agent=host, local=self._own(host), remote=self._shared(host), linger_s=LINGER_S)
+        return RouterConfig(agent=host, local=self._own(host), remote=self.shared(host), linger_s=LINGER_S)
 
     def _decoder(self, path: str) -> DecoderConfig:
         own = self._own("consumer")
         return DecoderConfig(
-            remote=self._shared("consumer") if path == "decoder" else own,
+            remote=self.shared("consumer") if path == "decoder" else own,
             local=own,
             streams=(stream_topic(path),),
             linger_s=LINGER_S,
             replay=path != "on_demand",
             spare=path != "on_demand",
-        )
-
-    def _viewer(self) -> ViewerConfig:
-        image, _ = routes_of_topic(stream_topic("standard"))
-        return ViewerConfig(
-            remote=self._shared("consumer"),
-            local=self._own("consumer"),
-            remote_topic=image.source_topic,
-            remote_type=image.source_type,
-            codec=image.codec,
-            local_topic=image.local_topic,
-            joined=True,
         )
 
     @property
@@ -187,7 +156,7 @@ class Running(ProcessGroup):
         """
         number, stamp_ns, _ = self.sent[0]
         gop_ns = self.gop_s * NS_PER_S
-        key_ns = stamp_ns - number * gop_ns / self._camera.gop
+        key_ns = stamp_ns - number * gop_ns / self._gop
         now = (time.time_ns() - key_ns) / gop_ns % 1.0
         await asyncio.sleep((phase - now) % 1.0 * self.gop_s)
 
@@ -208,22 +177,10 @@ class Running(ProcessGroup):
         self["viewer"].order(do="stop")
         seen = await self["viewer"].expect("seen", timeout_s=FIRST_PICTURE_S)
         if path != "standard":
-            await self._released(self[path])
+            await self.released(path)
+            await self.warm(path)
         await self._closed()
         return seen
-
-    async def _warm(self, decoder: LineProcess) -> None:
-        for _ in range(500):
-            decoder.order(do="list")
-            if (await decoder.expect("processes", timeout_s=FIRST_PICTURE_S))["warm"]:
-                return
-            await asyncio.sleep(0.02)
-        raise ProcessFailedError(f"{decoder.name}: its spare pipeline process did not become ready")
-
-    async def _released(self, decoder: LineProcess) -> None:
-        while (await decoder.expect("status", timeout_s=FIRST_PICTURE_S))["state"] != "IDLE":
-            pass
-        await self._warm(decoder)
 
     async def _closed(self) -> None:
         for _ in range(round(FIRST_PICTURE_S / 0.01)):

@@ -14,7 +14,7 @@ from sfglab.fleet.discovery.screening import Limits
 from sfglab.fleet.router.node import RouterConfig
 from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, Schedule, heartbeat_topic, metadata_service
 from sfglab.fleet.status.node import StatusConfig, StatusSettings
-from sfglab.lab.experiment import Actor, Experiment, Link, Setup
+from sfglab.lab.experiment import Actor, Experiment, Link
 from sfglab.lab.experiments.lifecycle.stage import (
     FAKES,
     STEP_S,
@@ -97,27 +97,25 @@ exp = Experiment(
     },
     paper={"agents": 6, "schedule": Schedule(), "steady_beats": 24, "walker_period_s": 1.0},
     hosts=(ROBOT, STATION),
-    setup=Setup(
-        actors=(
-            Actor("status provider", ROBOT, "beats, answers for its description", count="agents; one killed"),
-            Actor("router", ROBOT, "own domain to the global one", count="agents, where routed"),
-            Actor("false agents", ROBOT, "beat and answer as told, or not at all"),
-            Actor("discoverer", STATION, "follows its table", count="2, one after the other"),
-            Actor("listener", STATION, "notes what is on the wire", count="2: first, late"),
-        ),
-        links=(
-            Link("status provider", "router", "heartbeats, metadata"),
-            Link("router", "listener", "heartbeats, metadata", boundary="border, network"),
-            Link("listener", "router", "metadata calls", boundary="border, network"),
-            Link("router", "status provider", "metadata calls"),
-            Link("status provider", "discoverer", "heartbeats, metadata", boundary="network"),
-            Link("status provider", "listener", "heartbeats", boundary="network"),
-            Link("discoverer", "status provider", "metadata calls", boundary="network"),
-            Link("false agents", "discoverer", "heartbeats, metadata", boundary="network"),
-            Link("false agents", "listener", "heartbeats", boundary="network"),
-            Link("discoverer", "false agents", "metadata calls", boundary="network"),
-            Link("discoverer", "listener", "discovery events"),
-        ),
+    actors=(
+        Actor("status provider", ROBOT, "beats, answers for its description", count="agents; one killed"),
+        Actor("router", ROBOT, "own domain to the global one", count="agents, where routed"),
+        Actor("false agents", ROBOT, "beat and answer as told, or not at all"),
+        Actor("discoverer", STATION, "follows its table", count="2, one after the other"),
+        Actor("listener", STATION, "notes what is on the wire", count="2: first, late"),
+    ),
+    links=(
+        Link("status provider", "router", "heartbeats, metadata"),
+        Link("router", "listener", "heartbeats, metadata", boundary="border, network"),
+        Link("listener", "router", "metadata calls", boundary="border, network"),
+        Link("router", "status provider", "metadata calls"),
+        Link("status provider", "discoverer", "heartbeats, metadata", boundary="network"),
+        Link("status provider", "listener", "heartbeats", boundary="network"),
+        Link("discoverer", "status provider", "metadata calls", boundary="network"),
+        Link("false agents", "discoverer", "heartbeats, metadata", boundary="network"),
+        Link("false agents", "listener", "heartbeats", boundary="network"),
+        Link("discoverer", "false agents", "metadata calls", boundary="network"),
+        Link("discoverer", "listener", "discovery events"),
     ),
 )
 

@@ -12,7 +12,7 @@ import base64
 import signal
 import time
 from collections import Counter, defaultdict
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Input, State, Told
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT
@@ -61,14 +61,9 @@ class Stage(ProcessGroup):
         self._bench = bench
         self._changed = asyncio.Event()
 
-    async def __aenter__(self) -> Self:
-        await super().__aenter__()
-        try:
-            await self.join("first")
-        except BaseException:
-            await self.close()
-            raise
-        return self
+    async def settle(self) -> None:
+        """Let the listener ``first`` subscribe."""
+        await self.join("first")
 
     async def until(self, what: str, fact: Callable[[], bool], *, timeout_s: float = STEP_S) -> None:
         """Return when a fact about what was reported holds.

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.checks import CheckRow, trees
-from sfglab.lab.experiment import Actor, Experiment, Link, Setup
+from sfglab.lab.experiment import Actor, Experiment, Link
 from sfglab.lab.experiments.mocap.recordings import confusion_of, fault_checks, offset_row
 from sfglab.lab.experiments.mocap.stage import HOSTS, live_rows, live_tree, members, play
 from sfglab.processes import ProcessGroup
@@ -59,17 +59,15 @@ exp = Experiment(
         "recordings": 60,
     },
     hosts=tuple(HOSTS.values()),
-    setup=Setup(
-        actors=(
-            Actor("robot", HOSTS["robot"], "publishes its frames, with odometry that drifts"),
-            Actor("bridge", HOSTS["bridge"], "publishes what synthetic cameras see, in all three ways"),
-            Actor("listener", HOSTS["listener"], "builds the three trees and looks from world to camera"),
-        ),
-        links=(
-            Link("robot", "bridge", "the robot's frames", boundary="network"),
-            Link("robot", "listener", "the robot's frames", boundary="network"),
-            Link("bridge", "listener", "the robot's root, or its markers (direct)", boundary="network"),
-        ),
+    actors=(
+        Actor("robot", HOSTS["robot"], "publishes its frames, with odometry that drifts"),
+        Actor("bridge", HOSTS["bridge"], "publishes what synthetic cameras see, in all three ways"),
+        Actor("listener", HOSTS["listener"], "builds the three trees and looks from world to camera"),
+    ),
+    links=(
+        Link("robot", "bridge", "the robot's frames", boundary="network"),
+        Link("robot", "listener", "the robot's frames", boundary="network"),
+        Link("bridge", "listener", "the robot's root, or its markers (direct)", boundary="network"),
     ),
 )
 exp.table("check")(CheckRow)

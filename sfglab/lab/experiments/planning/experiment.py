@@ -13,7 +13,7 @@ import numpy as np
 from sfglab.bus import Node
 from sfglab.bus.sim import run_simulated
 from sfglab.lab.checks import CheckRow, editing, exchange, trajectories
-from sfglab.lab.experiment import Actor, Experiment, Link, Setup
+from sfglab.lab.experiment import Actor, Experiment, Link
 from sfglab.lab.experiments.planning.driving import drive_scene, try_goals
 from sfglab.lab.paths import find_project
 from sfglab.spatial import Pose
@@ -62,17 +62,15 @@ exp = Experiment(
     where="A 4.5",
     smoke={"cases": 8, "edit_cases": 4, "kills": 1, "live": False},
     paper={"cases": 2000, "edit_cases": 500, "kills": 30},
-    setup=Setup(
-        actors=(
-            Actor("planner", "station", "sends every agent its trajectory"),
-            Actor("agent", "robot", "drives along it", count="as the scene has"),
-            Actor("viewer", "station", "listens to poses"),
-        ),
-        links=(
-            Link("planner", "agent", "goals, cancels"),
-            Link("agent", "planner", "feedback, results"),
-            Link("agent", "viewer", "poses"),
-        ),
+    actors=(
+        Actor("planner", "station", "sends every agent its trajectory"),
+        Actor("agent", "robot", "drives along it", count="as the scene has"),
+        Actor("viewer", "station", "listens to poses"),
+    ),
+    links=(
+        Link("planner", "agent", "goals, cancels"),
+        Link("agent", "planner", "feedback, results"),
+        Link("agent", "viewer", "poses"),
     ),
 )
 exp.table("geometry", "contrast", "exchange", "editing", "disk")(CheckRow)

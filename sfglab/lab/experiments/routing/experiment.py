@@ -10,7 +10,7 @@ from sfglab.fleet.router.plan import ROUTER_KEY
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.checks.routing import checks as policy_checks
 from sfglab.lab.checks.routing import in_table_1
-from sfglab.lab.experiment import Actor, Experiment, Link, Setup
+from sfglab.lab.experiment import Actor, Experiment, Link
 from sfglab.lab.experiments.routing.stage import (
     ANSWER_S,
     GLOBAL_DOMAIN,
@@ -51,18 +51,16 @@ exp = Experiment(
     smoke={"agents": 2, "seconds": 2.5, "busy": 3, "random_names": 500, "call_s": 0.5},
     paper={"agents": 6, "seconds": 20.0, "busy": 50, "random_names": 200_000},
     hosts=lambda config: [party.host for party in parties_of(config.agents)],
-    setup=Setup(
-        actors=(
-            Actor("agent", "agent_i", "publishes, subscribes, serves and calls every name", count="2 to 6"),
-            Actor("router", "agent_i", "between D_i and D_0", count="one an agent"),
-            Actor("ground", "ground_i", "the same in the global domain", count="2"),
-        ),
-        links=(
-            Link("agent", "router", "all names"),
-            Link("router", "agent", "what Table 1 names"),
-            Link("router", "ground", "what Table 1 names", boundary="agent domain and global domain"),
-            Link("ground", "router", "all names", boundary="agent domain and global domain"),
-        ),
+    actors=(
+        Actor("agent", "agent_i", "publishes, subscribes, serves and calls every name", count="2 to 6"),
+        Actor("router", "agent_i", "between D_i and D_0", count="one an agent"),
+        Actor("ground", "ground_i", "the same in the global domain", count="2"),
+    ),
+    links=(
+        Link("agent", "router", "all names"),
+        Link("router", "agent", "what Table 1 names"),
+        Link("router", "ground", "what Table 1 names", boundary="agent domain and global domain"),
+        Link("ground", "router", "all names", boundary="agent domain and global domain"),
     ),
 )
 exp.table("policy")(CheckRow)

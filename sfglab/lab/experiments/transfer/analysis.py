@@ -12,7 +12,7 @@ import pandas as pd
 
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.transfer.experiment import Config, exp
-from sfglab.lab.experiments.transfer.hardware import IN, OUT, READS, WRITE
+from sfglab.lab.experiments.transfer.stage import IN, OUT, READS, WRITE
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import bootstrap, exactly
 from sfglab.soc.memory import Origin

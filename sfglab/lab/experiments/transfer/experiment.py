@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sfglab.lab.experiment import Actor, Experiment, Link, Setup
+from sfglab.lab.experiment import Actor, Experiment, Link
 from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS
 
 
@@ -56,28 +56,24 @@ exp = Experiment(
         "rtl_check_bytes": 1_000_000,
         "live_rounds": 500,
         "small_graphs": 40,
-        "small_nodes": 8,
         "large_graphs": 10,
-        "large_nodes": 50,
     },
-    setup=Setup(
-        actors=(
-            Actor("software", "software's side", "holds the topic in software and publishes"),
-            Actor("subscriber", "software's side", "subscribes in software"),
-            Actor("publisher", "hardware's side", "publishes"),
-            Actor("gateway", "hardware's side", "carries each message across once"),
-            Actor("reader", "hardware's side", "subscribes", count="2, 4 or 8"),
-        ),
-        links=(
-            Link("software", "subscriber", "messages", "socket"),
-            Link("software", "reader", "a copy each", "socket", "software and hardware"),
-            Link("software", "gateway", "one copy", "socket", "software and hardware"),
-            Link("publisher", "reader", "messages", "shared memory"),
-            Link("publisher", "gateway", "messages", "shared memory"),
-            Link("gateway", "reader", "messages", "shared memory"),
-            Link("gateway", "software", "one copy", "socket", "software and hardware"),
-            Link("publisher", "software", "messages", "socket", "software and hardware"),
-        ),
+    actors=(
+        Actor("software", "software's side", "holds the topic in software and publishes"),
+        Actor("subscriber", "software's side", "subscribes in software"),
+        Actor("publisher", "hardware's side", "publishes"),
+        Actor("gateway", "hardware's side", "carries each message across once"),
+        Actor("reader", "hardware's side", "subscribes", count="2, 4 or 8"),
+    ),
+    links=(
+        Link("software", "subscriber", "messages", "socket"),
+        Link("software", "reader", "a copy each", "socket", "software and hardware"),
+        Link("software", "gateway", "one copy", "socket", "software and hardware"),
+        Link("publisher", "reader", "messages", "shared memory"),
+        Link("publisher", "gateway", "messages", "shared memory"),
+        Link("gateway", "reader", "messages", "shared memory"),
+        Link("gateway", "software", "one copy", "socket", "software and hardware"),
+        Link("publisher", "software", "messages", "socket", "software and hardware"),
     ),
 )
 

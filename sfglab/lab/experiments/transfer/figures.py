@@ -21,6 +21,7 @@ from sfglab.lab.experiments.transfer.analysis import (
     stated,
 )
 from sfglab.lab.experiments.transfer.experiment import Config, exp
+from sfglab.lab.experiments.transfer.stage import IN, OUT, READS, WRITE
 from sfglab.lab.figures import COLORS, PAPER_STYLE, series
 from sfglab.soc.paper_values import Panel
 
@@ -168,12 +169,7 @@ def _finish(grid: Any, run: Run[Config], gateway: str, more: str) -> None:
 # --- Residuals ------------------------------------------------------------------------------------------------
 
 MODEL_STYLES = {MAIN: ("proxy", "core stores a chunk"), "cut-through": ("standard", "core cuts through")}
-PATH_LABELS = {
-    "gateway, memory to stream": "gateway\nout",
-    "gateway, stream to memory": "gateway\nin",
-    "shared reads": "shared\nreads",
-    "write": "write",
-}
+PATH_LABELS = {OUT: "gateway\nout", IN: "gateway\nin", READS: "shared\nreads", WRITE: "write"}
 _ASKED_STATED, _ASKED_RTL = 10.0, 5.0
 """What is asked: per cent of the stated numbers and of the hardware's cycles."""
 

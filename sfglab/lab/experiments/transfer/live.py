@@ -15,7 +15,7 @@ import zlib
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -48,8 +48,8 @@ def cells_of(config: Config) -> list[Cell]:
     return [Cell(publisher=side, message_bytes=size, subscribers=count) for side, count, size in cells]
 
 
-class Crossing:
-    """The processes of Fig. 5, as an asynchronous context manager.
+class Crossing(ProcessGroup):
+    """The processes of Fig. 5.
 
     They are joined by sockets without names and share memory without a name, so nothing outlives them.
 
@@ -63,21 +63,22 @@ class Crossing:
         self._readers = [f"reader{i}" for i in range(readers)]
         self._largest_bytes, self._seed = largest_bytes, seed
         self._data = random_bytes(largest_bytes, seed)
-        self._group = ProcessGroup(lambda _host, command: command)
         self._rounds = 0
+        super().__init__(lambda _host, command: command)
 
-    async def __aenter__(self) -> Self:
+    async def settle(self) -> None:
+        """Start the processes, each with its ends of the links."""
         # What is passed on is closed here at once: a link ends when the process at its other end does.
         with ExitStack() as passed:
             shared, links = self._links(passed)
-            await self._group.start(*(self._member(name, ends, shared) for name, ends in links.items()))
-        return self
+            await self.start(*(self._member(name, ends, shared) for name, ends in links.items()))
 
-    async def __aexit__(self, *_: object) -> None:
-        for name in self._group:
+    async def close(self) -> None:
+        """End all processes."""
+        for name in self:
             # A process that waits for a link does not look at its standard input.
-            self._group[name].signal(signal.SIGTERM)
-        await self._group.close()
+            self[name].signal(signal.SIGTERM)
+        await super().close()
 
     async def carry(self, item: Round) -> dict[str, Any]:
         """Carry one message, check what arrived, and return by name how long each receiver took to have it, ns.
@@ -91,10 +92,10 @@ class Crossing:
         involved = {*receivers, "software", source, *(["gateway"] if item.gateway else [])}
         wanted = zlib.crc32(message_of(self._data, item))
         limit = {"timeout_s": TIMEOUT_S}
-        await self._group.ask("armed", involved, **limit, do="round", **asdict(item))
-        self._group[source].order(do="go")
-        done = await self._group.expect("done", involved, **limit)
-        contents = await self._group.ask("content", receivers, **limit, do="check")
+        await self.ask("armed", involved, **limit, do="round", **asdict(item))
+        self[source].order(do="go")
+        done = await self.expect("done", involved, **limit)
+        contents = await self.ask("content", receivers, **limit, do="check")
         wrong = [name for name in receivers if contents[name]["crc"] != wanted]
         if wrong:
             raise ProcessFailedError(f"crossing: {', '.join(wrong)} did not get what was published, in {item}")

@@ -23,7 +23,7 @@ from sfglab.arp.programme import plan
 from sfglab.arp.robots import DEPTHS, METHODS, PLAN_S, RATES_HZ, ROBOTS, SENSORS, TAKE_S, Method
 from sfglab.arp.topics import Topic
 from sfglab.errors import InvalidValueError
-from sfglab.lab.experiment import Actor, Experiment, Link, Setup, seeded
+from sfglab.lab.experiment import Actor, Experiment, Link, seeded
 from sfglab.lab.sweep import Workers
 from sfglab.qos import QoSProfile
 from sfglab.rtps import FAST_DDS, Drop, Fate, Flow, Medium, Scenario, run
@@ -98,19 +98,17 @@ exp = Experiment(
         "live_methods": ("none",),
     },
     paper={"seeds": 30, "live_s": 20.0},
-    setup=Setup(
-        actors=(
-            *(Actor(robot, host=robot, does="sensing nodes, a process") for robot in ROBOTS),
-            Actor(STATION, host=STATION, does="localisation and planning, a process"),
+    actors=(
+        *(Actor(robot, host=robot, does="sensing nodes, a process") for robot in ROBOTS),
+        Actor(STATION, host=STATION, does="localisation and planning, a process"),
+    ),
+    links=(
+        *(
+            Link(robot, STATION, f"{len(sensors)} sensors' values", boundary="a lossy air")
+            for robot, sensors in ROBOTS.items()
         ),
-        links=(
-            *(
-                Link(robot, STATION, f"{len(sensors)} sensors' values", boundary="a lossy air")
-                for robot, sensors in ROBOTS.items()
-            ),
-            Link("robot1", STATION, '"Hello"', boundary="a lossy air"),
-            Link(STATION, "robot1", '"Hello", back', boundary="a lossy air"),
-        ),
+        Link("robot1", STATION, '"Hello"', boundary="a lossy air"),
+        Link(STATION, "robot1", '"Hello", back', boundary="a lossy air"),
     ),
 )
 

@@ -14,7 +14,7 @@ from sfglab.fleet.fleet_file import load_fleet
 from sfglab.lab.browser import free_port
 from sfglab.lab.checks import handling, plugins, recordings, synchronisation
 from sfglab.lab.checks.fleet_scene import make_parts, scene_moments
-from sfglab.lab.experiment import Actor, Experiment, Link, Setup
+from sfglab.lab.experiment import Actor, Experiment, Link
 from sfglab.lab.experiments.visualisation.stage import (
     member,
     processes,
@@ -60,20 +60,18 @@ exp = Experiment(
     where="A 4.5",
     smoke={"clouds": 1, "streams": 20, "rounds": 1, "pictures": 15, "stopped_s": 1.2, "observed_s": 0.8},
     paper={"clouds": 60, "streams": 2000, "rounds": 10, "pictures": 150, "stopped_s": 8.0},
-    setup=Setup(
-        actors=(
-            Actor("scene", "this host", "sends a fleet's messages, a moment an order"),
-            Actor("camera", "this host", "sends a picture 30 times a second"),
-            Actor("bridge", "this host", "draws what it receives"),
-            Actor("observer", "this host", "sees what is subscribed to"),
-            Actor("sink", "this host", "takes what is drawn, as a viewer does"),
-        ),
-        links=(
-            Link("scene", "bridge", "everything that a visualizer shows"),
-            Link("camera", "bridge", "pictures of 640 x 360"),
-            Link("bridge", "observer", "its subscriptions", "DDS discovery"),
-            Link("bridge", "sink", "what is drawn", "gRPC"),
-        ),
+    actors=(
+        Actor("scene", "this host", "sends a fleet's messages, a moment an order"),
+        Actor("camera", "this host", "sends a picture 30 times a second"),
+        Actor("bridge", "this host", "draws what it receives"),
+        Actor("observer", "this host", "sees what is subscribed to"),
+        Actor("sink", "this host", "takes what is drawn, as a viewer does"),
+    ),
+    links=(
+        Link("scene", "bridge", "everything that a visualizer shows"),
+        Link("camera", "bridge", "pictures of 640 x 360"),
+        Link("bridge", "observer", "its subscriptions", "DDS discovery"),
+        Link("bridge", "sink", "what is drawn", "gRPC"),
     ),
 )
 

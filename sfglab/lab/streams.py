@@ -1,0 +1,90 @@
+"""The processes of a camera's stream: camera, decoders and viewers on the hosts of a test bed."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+from sfglab.bus.address import BusAddress
+from sfglab.fleet.decoder.streams import routes_of_topic
+from sfglab.lab.workers.viewer import ViewerConfig
+from sfglab.processes import Member, ProcessFailedError, ProcessGroup
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sfglab.component import Report
+    from sfglab.lab.testbed import Testbed
+
+GLOBAL_DOMAIN = 0
+FIRST_PICTURE_S = 60.0
+LINGER_S = 0.1
+
+
+class StreamProcesses(ProcessGroup):
+    """A stream's processes, one of them the ``camera``.
+
+    Args:
+        config: The experiment's configuration.
+        testbed: Hosts.
+
+    Attributes:
+        sent: Number, stamp and size of every frame that the camera has reported.
+    """
+
+    def __init__(self, config: Any, testbed: Testbed) -> None:
+        self._config, self._testbed = config, testbed
+        self.sent: list[tuple[int, int, int]] = []
+        super().__init__(testbed.argv, self.first_members(), on_report=self.note)
+
+    def first_members(self) -> Iterable[Member]:
+        """Return what is started on entering."""
+        raise NotImplementedError
+
+    def note(self, name: str, report: Report) -> None:
+        """Take a member's report."""
+        if name == "camera" and report["is"] == "sent":
+            self.sent += [(n, s, b) for n, s, b in report["frames"]]
+
+    @property
+    def encoder(self) -> str:
+        """The encoder that the camera opened."""
+        return str(self["camera"].readiness["encoder"])
+
+    def shared(self, host: str) -> BusAddress:
+        """Return where on the bus a host stands in the domain that all share."""
+        interface = self._testbed.interface(host)
+        return BusAddress(domain_id=GLOBAL_DOMAIN, interface=interface, multicast=self._config.multicast)
+
+    def viewer_config(self, topic: str, local: BusAddress, *, joined: bool = False) -> ViewerConfig:
+        """Return a viewer's configuration at the consumer: of a stream's topic, with a domain of its own."""
+        image = routes_of_topic(topic)[0]
+        return ViewerConfig(
+            remote=self.shared("consumer"),
+            local=local,
+            remote_topic=image.source_topic,
+            remote_type=image.source_type,
+            codec=image.codec,
+            local_topic=image.local_topic,
+            joined=joined,
+        )
+
+    async def warm(self, decoder: str) -> tuple[int, ...]:
+        """Return a decoder's process ids once its spare is warm, so that its start falls into no reading.
+
+        Raises:
+            ProcessFailedError: It does not become warm.
+        """
+        process = self[decoder]
+        for _ in range(500):
+            process.order(do="list")
+            listed = await process.expect("processes", timeout_s=FIRST_PICTURE_S)
+            if listed["warm"]:
+                return (process.pid, *listed["pids"])
+            await asyncio.sleep(0.02)
+        raise ProcessFailedError(f"{decoder}: its spare pipeline process did not become ready")
+
+    async def released(self, decoder: str) -> None:
+        """Return when a decoder has released its pipeline."""
+        while (await self[decoder].expect("status", timeout_s=FIRST_PICTURE_S))["state"] != "IDLE":
+            pass
