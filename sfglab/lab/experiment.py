@@ -117,6 +117,11 @@ def seeded(config: Any, seeds: int) -> range:
     return range(config.seed, config.seed + seeds)
 
 
+def _numbers(value: Any) -> Any:
+    """Return what a figure shows as JSON has it, a table column by column."""
+    return value.to_dict(orient="list") if hasattr(value, "columns") else to_json(value)
+
+
 class Experiment(Generic[C]):
     """An experiment.
 
@@ -250,7 +255,9 @@ class Experiment(Generic[C]):
         size: tuple[float, float],
         when: Callable[[Run[C]], bool] = lambda _: True,
     ) -> Callable[[F], F]:
-        """Declare a figure: a function that draws into an empty one and returns the numbers that it shows.
+        """Declare a figure: a function that draws into an empty one and returns what it shows, by name.
+
+        These are JSON values, dataclasses of them such as estimates, and tables.
 
         Args:
             name: Its file's name without suffix.
@@ -440,7 +447,8 @@ class Experiment(Generic[C]):
         drawing = self._drawings[name]
         with house_style():
             figure = Figure(figsize=drawing.size)
-            return figure, drawing.function(figure, run)
+            shown = drawing.function(figure, run)
+        return figure, {name: _numbers(value) for name, value in shown.items()}
 
     def figures(self, log: Path | Run[C]) -> dict[str, tuple[Figure, dict[str, Any]]]:
         """Draw every figure that a run has, by name."""

@@ -12,8 +12,8 @@ from sfglab.lab.bench import as_row
 from sfglab.lab.checks import CheckRow, trees
 from sfglab.lab.experiments.mocap import checks, exp, recordings
 from sfglab.lab.experiments.mocap.experiment import CASES, offset_rows
-from sfglab.lab.experiments.mocap.robot import motions, world_from_camera
 from sfglab.lab.experiments.mocap.stage import live_rows
+from sfglab.lab.workers.mocap import motions, world_from_camera
 from sfglab.record import LogReader, LogWriter
 from sfglab.spatial import Pose
 from sfglab.spatial.frames.buffer import FrameBuffer

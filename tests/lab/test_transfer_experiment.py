@@ -12,17 +12,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sfglab.lab.claims import How, Verdict, judge, load_claims
-from sfglab.lab.experiments.transfer import exp, stage
-from sfglab.lab.experiments.transfer.analysis import bars, bars_of, live_speed_up, rtl_residual, stated
-from sfglab.lab.experiments.transfer.experiment import CrossingRow
-from sfglab.lab.experiments.transfer.placing import (
+from sfglab.lab.checks.placement import (
     cost_s,
     greedy_placement,
     placed_rows,
     platform_for,
     random_graph,
 )
+from sfglab.lab.claims import How, Verdict, judge, load_claims
+from sfglab.lab.experiments.transfer import exp, stage
+from sfglab.lab.experiments.transfer.analysis import bars, bars_of, live_speed_up, rtl_residual, stated
+from sfglab.lab.experiments.transfer.experiment import CrossingRow
 from sfglab.lab.experiments.transfer.stage import IN, JUDGES, MODELS, OUT, READS, WRITE, bars_with_cycles
 from sfglab.soc import TopicMapping, place_nodes
 from sfglab.soc.memory import STORED, Setup, Side, Transport, constants, faster_transport
@@ -187,8 +187,7 @@ def test_the_same_seed_gives_the_same_simulated_rows(tmp_path, monkeypatch):
 
 
 def test_small_graphs_stay_within_their_number_of_nodes():
-    config = exp.config("smoke", small_graphs=5, small_nodes=6, large_graphs=0)
-    rows = list(placed_rows(config, np.random.default_rng(0)))
+    rows = list(placed_rows(np.random.default_rng(0), small=(5, 6), large=(0, 0)))
     assert {row["nodes"] for row in rows} <= {5, 6}
     assert len(rows) == 5
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.lab.experiments.transfer.placing import _choices, cost_s, random_graph
+from sfglab.lab.checks.placement import cost_s, gateway_choices, random_graph
 from sfglab.soc import (
     ZCU104,
     Graph,
@@ -39,7 +39,7 @@ def best_of_all(graph, platform, fixed):
     free = [n.name for n in graph.nodes if n.hardware and n.name not in fixed]
     chosen_there = frozenset(name for name, side in fixed.items() if side is HW)
     there = (chosen_there.union(compress(free, sides)) for sides in product((False, True), repeat=len(free)))
-    return min(cost_s(graph, one, chosen, platform) for one in there for chosen in _choices(graph, one))
+    return min(cost_s(graph, one, chosen, platform) for one in there for chosen in gateway_choices(graph, one))
 
 
 def drawn(rng, nodes, share=0.35):

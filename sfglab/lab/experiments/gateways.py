@@ -247,4 +247,4 @@ def draw_stages(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     from sfglab.soc.graph_drawing import draw_mapping
 
     draw_mapping(map_communication(load_graph(find_project().data / run.config.graph_file)), figure)
-    return {"stages": run["stage"].to_dict(orient="list")}
+    return {"stages": run["stage"]}

@@ -111,7 +111,7 @@ def draw_caches(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         f"Local cache: read {table.columns[-1]} times a second, a sensor repeats itself in "
         f"{table.iloc[:, -1].mean():.0%} of its readings, on average"
     )
-    return {"held": table.reset_index().rename(columns=str).to_dict(orient="list")}
+    return {"held": table.reset_index().rename(columns=str)}
 
 
 @exp.figure("balancing_stale", size=(10, 4.6))
@@ -122,7 +122,7 @@ def draw_lost_changes(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     _draw_staleness(share, staleness(run))
     loss = run.config.loss
     figure.suptitle(f"A lost change stays lost: local cache on a link that loses {loss:.0%} (simulated)")
-    return {"stale": staleness(run).to_dict(orient="list")}
+    return {"stale": staleness(run)}
 
 
 def _draw_courses(axes: Axes, shown: pd.DataFrame) -> None:
@@ -186,7 +186,7 @@ def draw_qos(figure: Figure, run: Run[Config]) -> dict[str, Any]:
             f"QoS balancing: the printed optimum does not see the link, and overloads it at Rmax = {rates} Hz"
         )
     figure.suptitle(title)
-    return {"front": front.to_dict(orient="list")}
+    return {"front": front}
 
 
 def _draw_front(axes: Axes, front: pd.DataFrame) -> None:

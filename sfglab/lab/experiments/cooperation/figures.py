@@ -59,7 +59,7 @@ def draw_success(figure: Figure, run: Run[Config]) -> dict[str, Any]:
             f"{row.method}, Rmax {row.rate_max_hz}, depth {row.depth}": {n: getattr(row, n) for n in names}
             for row in lines_of(rates(rows, "method", "rate_max_hz", "depth"))
         },
-        "difference": {"value": more.value, "low": more.low, "high": more.high, "unit": more.unit},
+        "difference": more,
         "course": {"length_m": course_length_m(), "width_m": 2 * HALF_WIDTH_M},
     }
 

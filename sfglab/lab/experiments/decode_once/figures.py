@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.fields import to_json
 from sfglab.lab.experiments.decode_once.analysis import CostModel, Slopes, codecs, cost_model, readings, slopes
 from sfglab.lab.experiments.decode_once.experiment import Config, exp
 from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE
@@ -120,6 +120,4 @@ def _draw_cost_model(axes: Axes, fit: CostModel) -> None:
 
 def _twin(found: Slopes, fit: CostModel) -> dict[str, Any]:
     terms = {"c_net": fit.net, "c_dec": fit.dec, "c_ipc": fit.ipc}
-    shown = {**{f.name: getattr(found, f.name) for f in fields(found)}, **terms}
-    shown |= {"explained": fit.explained, "residual": fit.residual}
-    return {name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit} for name, e in shown.items()}
+    return {**to_json(found), **terms, "explained": fit.explained, "residual": fit.residual}

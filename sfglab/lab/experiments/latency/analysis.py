@@ -256,10 +256,9 @@ def _paper_line(axes: Axes, position: int, height: float, text: str) -> None:
 
 
 def _twin(run: Run[Config]) -> dict[str, Any]:
-    shown: dict[str, Estimate] = {
+    return {
         **{f"glass_{path}": glass_median(run, path) for path in GLASS_LABELS},
         **{f"added_{path}": added(run, path) for path in ("decoder", "agent")},
         **{f"first_{path}": first_mean(run, path) for path in (*FIRST_LABELS, "decoder")},
         **{f"first_ratio_{path}": first_ratio(run, path) for path in ("on_demand", "agent", "decoder")},
     }
-    return {name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit} for name, e in shown.items()}

@@ -82,7 +82,7 @@ def draw_offset(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     cover.set_ylim(0, 1.05)
     _label(worth, "base through the bridge, other motion, mm", log=True)
     figure.suptitle("Beyond the paper: where the base is in the tracked object, from a recorded motion")
-    return {"by_length": table.round(4).to_dict(orient="list")}
+    return {"by_length": table.round(4)}
 
 
 def _label(ax: Axes, what: str, *, log: bool = False) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.checks.trees import AGENT, OBJECT, WORLD, figure_6
-from sfglab.lab.experiments.mocap.robot import FAULTY, MOTION
+from sfglab.lab.workers.mocap import FAULTY, MOTION
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.buffer import FrameBuffer
 from sfglab.spatial.mocap.bridge import BridgeCore
@@ -96,7 +96,7 @@ def _pass(recording: Iterator[TrueCapture], tally: Tally) -> None:
         capture = made.capture
         number = capture.number or 0
         first, last = (number if first < 0 else first), number
-        truth = _truth(made)
+        truth = truth_of(made)
         before = core.verdicts(OBJECT)
         core.take(capture, capture.receipt_ns)
         (verdict,) = Counter(core.verdicts(OBJECT)) - Counter(before)
@@ -113,7 +113,8 @@ def _pass(recording: Iterator[TrueCapture], tally: Tally) -> None:
     tally.dropped += core.dropped
 
 
-def _truth(made: TrueCapture) -> str:
+def truth_of(made: TrueCapture) -> str:
+    """Return what a sight is: ``flipped``, ``occluded`` or ``seen``."""
     if made.flipped:
         return "flipped"
     sight = made.capture.sights[OBJECT]

@@ -14,27 +14,26 @@ import numpy as np
 from sfglab.bus.address import BusAddress
 from sfglab.fields import from_json
 from sfglab.lab.checks.trees import OBJECT
-from sfglab.lab.experiments.mocap.robot import MOTION, ROUNDS, TAIL_S, MocapWorkerConfig
+from sfglab.lab.experiments.mocap.recordings import truth_of
+from sfglab.lab.workers.mocap import MOTION, ROUNDS, TAIL_S, MocapWorkerConfig
 from sfglab.messages import message_type
 from sfglab.names import TF, TF_STATIC
 from sfglab.processes import Member, ProcessGroup
 from sfglab.spatial import StampedTransform
 from sfglab.spatial.frames.listener import TRANSFORMS
 from sfglab.spatial.mocap.synthetic import synthetic_captures
-from sfglab.spatial.mocap.tracking import Lapse
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from sfglab.component import Report
     from sfglab.lab.testbed import Testbed
-    from sfglab.spatial.mocap.synthetic import TrueCapture
 
     Reports = dict[str, Report]
 
 HOSTS = {"robot": "agent_x", "bridge": "mocap", "listener": "viewer"}
 _DOMAINS = {"proxy": 51, "direct": 52, "renamed": 53}
-_MODULE = "sfglab.lab.experiments.mocap.worker"
+_MODULE = "sfglab.lab.workers.mocap"
 _LEAD_S, _SLACK_S = 1.0, 90.0
 _MOST_HEARD = 400
 
@@ -99,7 +98,7 @@ def _spells(name: str, live_s: float, seed: int) -> Iterator[dict[str, Any]]:
     rng, rate_hz = np.random.default_rng(seed), ROUNDS[name].rate_hz
     made = synthetic_captures({OBJECT: MOTION}, ROUNDS[name], rng, duration_s=live_s + TAIL_S)
     last = -1
-    for kind, group in groupby(made, key=_kind):
+    for kind, group in groupby(made, key=truth_of):
         captures = [m.capture for m in group]
         for capture in captures:
             number = capture.number or 0
@@ -109,9 +108,3 @@ def _spells(name: str, live_s: float, seed: int) -> Iterator[dict[str, Any]]:
         if kind != "seen":
             begin_ns, end_ns = captures[0].capture_ns, captures[-1].capture_ns
             yield {"kind": kind, "begin_s": begin_ns / 1e9, "end_s": end_ns / 1e9}
-
-
-def _kind(made: TrueCapture) -> str:
-    if made.flipped:
-        return "flipped"
-    return "occluded" if made.capture.sights[OBJECT] is Lapse.OCCLUDED else "seen"

@@ -66,7 +66,7 @@ def draw_transfer(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         "A gateway pays for large messages and many hardware subscribers, and costs time towards software "
         f"(model, all stated ends within {worst:.1%})"
     )
-    return {"bars": bars(run).to_dict(orient="list"), "stated": stated(run).to_dict(orient="list")}
+    return {"bars": bars(run), "stated": stated(run)}
 
 
 @exp.figure("transfer_live", size=(13.5, 6.6), when=lambda run: not run["crossing"].empty)
@@ -86,7 +86,7 @@ def draw_live_transfer(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     said = f"Across processes {decided} of {all_} bars say which is faster, {same} of them as the model does"
     figure.suptitle(f"{said}\n{live_note(run)}", fontsize="medium")
     return {
-        "live": table.to_dict(orient="list"),
+        "live": table,
         "conditions": live_note(run),
         "agreement": {"bars": all_, "decided": decided, "as the model": same},
     }
@@ -183,12 +183,7 @@ def draw_residuals(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     _draw_cycles(cycles, run)
     meaning = fit_meaning(run)
     figure.suptitle(f"Model against paper and hardware. {meaning['fit'].split(':')[0].capitalize()}")
-    return {
-        "stated": stated(run).to_dict(orient="list"),
-        "variants": run["variant"].to_dict(orient="list"),
-        "cycles": run["cycles"].to_dict(orient="list"),
-        "meaning": meaning,
-    }
+    return {"stated": stated(run), "variants": run["variant"], "cycles": run["cycles"], "meaning": meaning}
 
 
 def _draw_residuals(axes: Axes, run: Run[Config]) -> None:
@@ -271,10 +266,7 @@ def draw_break_even(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         "From which message size a gateway is faster depends on who waits; "
         f"in Fig. 8 the paper's rule costs up to {gain:.0%} more than one that knows sizes"
     )
-    return {
-        "break_even": run["break_even"].to_dict(orient="list"),
-        "sized": run["sized_mapping"].to_dict(orient="list"),
-    }
+    return {"break_even": run["break_even"], "sized": run["sized_mapping"]}
 
 
 def _draw_break_even(axes: Axes, run: Run[Config], publisher: str) -> None:
@@ -349,7 +341,7 @@ def draw_node_mapping(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     )
     # What was not computed is null in the twin: NaN is no JSON.
     shown = placed.astype(object).where(placed.notna(), None)
-    return {"placed": shown.to_dict(orient="list")}
+    return {"placed": shown}
 
 
 def _draw_baselines(axes: Axes, small: pd.DataFrame, large: pd.DataFrame) -> None:

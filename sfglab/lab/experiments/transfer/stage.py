@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.fields import to_json
+from sfglab.lab.checks.placement import placed_rows
 from sfglab.lab.experiments.transfer.experiment import Config, exp
 from sfglab.lab.experiments.transfer.live import cells_of, crossings
-from sfglab.lab.experiments.transfer.placing import placed_rows
 from sfglab.lab.paths import find_project
 from sfglab.soc import (
     TopicMapping,
@@ -168,7 +168,9 @@ def _write_sized_mappings(bench: Bench[Config]) -> None:
 @exp.part("node mapping", total=lambda config: config.small_graphs + config.large_graphs, timed=False)
 def node_mapping(bench: Bench[Config]) -> None:
     """Place random graphs."""
-    for row in placed_rows(bench.config, _generator(bench.config, 1)):
+    config = bench.config
+    small, large = (config.small_graphs, config.small_nodes), (config.large_graphs, config.large_nodes)
+    for row in placed_rows(_generator(config, 1), small=small, large=large):
         bench.write("placed", row)
         bench.advance(f"{row['nodes']} nodes")
 

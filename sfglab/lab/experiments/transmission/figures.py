@@ -60,7 +60,7 @@ def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     figure.suptitle(f'Latency of "Hello" (simulated): {BEST} is lowest at {wins.sum()} of {len(wins)} rates')
     table = cells(run, "latency_p50_ms")
     _draw_panels(figure, table, "median latency (ms)", "log")
-    return {"latency_p50_ms": table.to_dict(orient="list")}
+    return {"latency_p50_ms": table}
 
 
 @exp.figure("transmission_loss", size=(10, 6.2))
@@ -72,7 +72,7 @@ def draw_loss(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     )
     table = cells(run, "loss")
     _draw_panels(figure, table, "packet loss (%)", "linear", scale=100.0)
-    return {"loss": table.to_dict(orient="list")}
+    return {"loss": table}
 
 
 def _draw_panels(figure: Figure, table: pd.DataFrame, label: str, kind: str, scale: float = 1.0) -> None:
@@ -125,7 +125,7 @@ def draw_fates(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         axes.tick_params(axis="x", labelrotation=60)
     figure.legend(*panels[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     figure.suptitle('What became of every "Hello" (simulated)')
-    return {"shares": shares.to_dict(orient="list")}
+    return {"shares": shares}
 
 
 def _shares_of_fates(table: pd.DataFrame) -> pd.DataFrame:
@@ -159,7 +159,7 @@ def draw_beyond(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         f"Whatever Rmax, our own programme keeps the station up to date {low['own']:.0%} of the time, "
         f"the printed one at worst {low['OPT']:.0%} (simulated)"
     )
-    return {name: table.reset_index().to_dict(orient="list") for name, table in shown.items()}
+    return {name: table.reset_index() for name, table in shown.items()}
 
 
 def _draw_groups(axes: Axes, table: pd.DataFrame) -> None:
@@ -184,7 +184,7 @@ def draw_live(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     figure.suptitle(
         f"Live Cyclone DDS against the model: {said}" if len(live) else f"Nothing live: {run.skipped('live')}"
     )
-    return {"live": live.to_dict(orient="list"), "agreement": agreed}
+    return {"live": live, "agreement": agreed}
 
 
 def _draw_scatter(axes: Axes, live: pd.DataFrame, columns: tuple[str, str], scale: float) -> None:

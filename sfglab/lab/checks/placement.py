@@ -1,4 +1,4 @@
-"""Node mapping on random graphs: against brute force where that is possible, and timed where it is not."""
+"""Checks of node mapping on random graphs: against brute force where possible, and timed where not."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from sfglab.lab.experiments.transfer.experiment import Config
     from sfglab.soc import Platform
 
 
@@ -38,15 +37,23 @@ TIME_LIMIT_S = 10.0
 """For one programme."""
 
 
-def placed_rows(config: Config, rng: np.random.Generator) -> Iterator[dict[str, Any]]:
-    """Return drawn graphs, placed; the small ones, of 5 nodes and more, are also placed by brute force."""
+def placed_rows(
+    rng: np.random.Generator, *, small: tuple[int, int], large: tuple[int, int]
+) -> Iterator[dict[str, Any]]:
+    """Yield drawn graphs, placed; the small ones, of 5 nodes and more, are also placed by brute force.
+
+    Args:
+        rng: Draws the graphs.
+        small: How many small ones, and their largest number of nodes.
+        large: How many large ones, and their number of nodes.
+    """
     # What only the first programme of a process costs, loading the solver, is not asked here.
     import cvxpy  # noqa: F401 - loaded for its own sake
 
-    for number in range(config.small_graphs):
-        yield _placed("small", number, random_graph(rng, int(rng.integers(5, config.small_nodes + 1))))
-    for number in range(config.large_graphs):
-        yield _placed("large", number, random_graph(rng, config.large_nodes))
+    for number in range(small[0]):
+        yield _placed("small", number, random_graph(rng, int(rng.integers(5, small[1] + 1))))
+    for number in range(large[0]):
+        yield _placed("large", number, random_graph(rng, large[1]))
 
 
 def random_graph(rng: np.random.Generator, nodes: int) -> Graph:
@@ -134,10 +141,10 @@ def brute_force_s(graph: Graph, platform: Platform) -> float:
     """Return the least cost of all placements with all choices of gateways, without the programme."""
     able = [node.name for node in graph.nodes if node.hardware]
     there = (frozenset(compress(able, sides)) for sides in product((False, True), repeat=len(able)))
-    return min(cost_s(graph, one, chosen, platform) for one in there for chosen in _choices(graph, one))
+    return min(cost_s(graph, one, chosen, platform) for one in there for chosen in gateway_choices(graph, one))
 
 
-def _choices(graph: Graph, there: frozenset[str]) -> Iterator[tuple[str, ...]]:
+def gateway_choices(graph: Graph, there: frozenset[str]) -> Iterator[tuple[str, ...]]:
     """Return every set of topics that could be at gateways."""
     mixed = [t.name for t in graph.topics if 0 < len(there.intersection(t.members)) < len(t.members)]
     return chain.from_iterable(combinations(mixed, count) for count in range(len(mixed) + 1))
