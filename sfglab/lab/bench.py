@@ -35,12 +35,10 @@ class Options:
 
 
 def as_row(row_class: type[Any], row: Row, *origins: Any) -> Any:
-    """Return a row of a table from an instance or a mapping; fields that it lacks are taken from the origins.
+    """Return a row of a table from an instance or a mapping.
 
-    Args:
-        row_class: The table's class.
-        row: An instance, or fields by name.
-        origins: Dataclasses or mappings, such as a sweep's point, the first with a field gives it.
+    Fields that a mapping lacks are taken from the first of the origins that has them: dataclasses or mappings,
+    such as a sweep's point.
     """
     if not isinstance(row, Mapping):
         return row

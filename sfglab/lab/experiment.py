@@ -235,11 +235,9 @@ class Experiment(Generic[C]):
         return declare
 
     def claim(self, claim: str, *, how: How | Callable[[Run[C]], How]) -> Callable[[F], F]:
-        """Declare which claim a function of a run answers; None from it: this run does not.
+        """Declare which claim of ``claims.yaml`` a function of a run answers; None from it: this run does not.
 
-        Args:
-            claim: The claim's id in ``data/claims.yaml``.
-            how: How the figure is obtained, or a function that says so for a run.
+        How the figure is obtained may depend on the run.
         """
 
         def declare(function: F) -> F:
@@ -257,12 +255,8 @@ class Experiment(Generic[C]):
     ) -> Callable[[F], F]:
         """Declare a figure: a function that draws into an empty one and returns what it shows, by name.
 
-        These are JSON values, dataclasses of them such as estimates, and tables.
-
-        Args:
-            name: Its file's name without suffix.
-            size: Width and height, inches.
-            when: Whether a run has it.
+        What it shows are JSON values, dataclasses of them such as estimates, and tables. The size is in inches;
+        `when` says whether a run has the figure.
         """
 
         def declare(function: F) -> F:
@@ -309,11 +303,7 @@ class Experiment(Generic[C]):
         return config
 
     def load(self, log: Path) -> Run[C]:
-        """Return a finished run.
-
-        Args:
-            log: Its log.
-        """
+        """Return a finished run from its log."""
         return Run(log, self.config_class, self.tables)
 
     async def run(
@@ -428,14 +418,7 @@ class Experiment(Generic[C]):
         return found
 
     def draw(self, name: str, run: Run[C]) -> tuple[Figure, dict[str, Any]]:
-        """Draw one figure.
-
-        Args:
-            name: One of `drawings`.
-            run: The run.
-
-        Returns:
-            The figure, and the numbers that it shows.
+        """Draw one figure of a run; return it with the numbers that it shows.
 
         Raises:
             InvalidValueError: There is no such figure.

@@ -49,11 +49,7 @@ def grouped_bars(
 ) -> list[NDArray[np.floating]]:
     """Draw a group of bars a line of a table, a bar a column; return where each column's bars stand.
 
-    Args:
-        axes: Where.
-        table: Heights.
-        colors: One a column.
-        width: Of a group; 1 leaves no space between groups.
+    A group of width 1 leaves no space between groups.
     """
     each, places = width / len(table.columns), range(len(table.columns))
     spots = [np.arange(len(table)) + (place - (len(places) - 1) / 2) * each for place in places]
@@ -89,15 +85,9 @@ def house_style() -> Iterator[None]:
 
 
 def save_figure(figure: Figure, stem: Path, twin: Mapping[str, Any]) -> list[Path]:
-    """Write a figure as SVG and PNG, with its twin as JSON.
+    """Write a figure as SVG and PNG beside its twin as JSON, and return the three files.
 
-    Args:
-        figure: The figure.
-        stem: Path without suffix, as in ``figures/decode_once``.
-        twin: What the figure shows and where from: JSON values only.
-
-    Returns:
-        The three files.
+    The stem is a path without suffix, as in ``figures/decode_once``; the twin holds JSON values only.
     """
     stem.parent.mkdir(parents=True, exist_ok=True)
     svg, png, note = (stem.with_name(stem.name + suffix) for suffix in (".svg", ".png", ".json"))

@@ -39,25 +39,16 @@ class Run(Generic[C]):
 
     ``run["cell"]`` is a table, one line a row in the order of writing; a table that the log does not have is
     empty, with its columns.
-
-    Args:
-        log: The log.
-        config_class: The experiment's configuration.
-        row_classes: Classes of rows by table.
-
-    Attributes:
-        log: The log.
-        config: The configuration that was run.
     """
 
     def __init__(self, log: Path, config_class: type[C], row_classes: Mapping[str, type[Any]]) -> None:
-        self.log = log
+        self.log = log  #: The log.
         self._row_classes = row_classes
         self._known: dict[Any, Any] = {}
         with LogReader(log) as reader:
             self._tables = reader.tables
             self._metadata = {name: reader.metadata(name) for name in reader.metadata_names}
-        self.config: C = from_json(config_class, self._metadata["config"])
+        self.config: C = from_json(config_class, self._metadata["config"])  #: What was run.
 
     def __repr__(self) -> str:
         return f"<run of {self.experiment}: {self.log.name}>"
@@ -143,13 +134,7 @@ def lines_of(table: pd.DataFrame) -> list[Any]:
 
 
 def new_log(project: Project, name: str, profile: str) -> Path:
-    """Return the path of a new run's log, in order of time by its name.
-
-    Args:
-        project: The checkout.
-        name: The experiment.
-        profile: The run's profile.
-    """
+    """Return the path of a new run's log, in order of time by its name."""
     stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
     folder = project.runs / "logs" / name
     stem, again = f"{stamp}-{profile}", 1
@@ -175,8 +160,7 @@ class Standing:
 def standing(log: Path) -> Standing:
     """Return whether a run's log speaks for claims: finished, no smoke test, nothing changed, not explored.
 
-    Args:
-        log: The log of a run; committed reference logs speak without being asked.
+    Committed reference logs speak without being asked.
     """
     if log.name.endswith(PART_SUFFIX):
         return Standing(profile="", why_not="it is not finished")

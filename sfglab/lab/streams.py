@@ -22,19 +22,11 @@ LINGER_S = 0.1
 
 
 class StreamProcesses(ProcessGroup):
-    """A stream's processes, one of them the ``camera``.
-
-    Args:
-        config: The experiment's configuration.
-        testbed: Hosts.
-
-    Attributes:
-        sent: Number, stamp and size of every frame that the camera has reported.
-    """
+    """A stream's processes on a test bed's hosts, one of them the ``camera``."""
 
     def __init__(self, config: Any, testbed: Testbed) -> None:
         self._config, self._testbed = config, testbed
-        self.sent: list[tuple[int, int, int]] = []
+        self.sent: list[tuple[int, int, int]] = []  #: Number, stamp and size of the frames that it reported.
         super().__init__(testbed.argv, self.first_members(), on_report=self.note)
 
     def first_members(self) -> Iterable[Member]:

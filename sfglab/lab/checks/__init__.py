@@ -50,12 +50,7 @@ class Share:
 
 
 def share_of_checks(table: pd.DataFrame, group: str) -> Share:
-    """Return the share of checks that hold.
-
-    Args:
-        table: The columns of `CheckRow`, and one that groups them.
-        group: That column.
-    """
+    """Return the share of checks that hold; columns are those of `CheckRow`, and one that groups."""
     sums = table.groupby(group, sort=False)[["held", "checked"]].sum()
     lowest = float((sums["held"] / sums["checked"]).min())
     wrong = table[table["held"] < table["checked"]]
@@ -82,11 +77,7 @@ ALL = "all of them"
 
 
 class Checks:
-    """A group of checks, in the order of their rows.
-
-    Args:
-        name: The group's name.
-    """
+    """A group of checks, in the order of their rows."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -134,9 +125,7 @@ class Checks:
     def rows(self, count: int, seed: int) -> Iterator[CheckRow]:
         """Return a row for every property.
 
-        Args:
-            count: Cases of each property that draws them.
-            seed: Of the cases; each property has a generator of its own.
+        It is of so many cases where they are drawn, by a generator of its own for each property.
         """
         return (self.row(name, count=count, seed=seed) for name in self._cases)
 
@@ -147,12 +136,9 @@ class Checks:
 
 
 def check_row(check: str, cases: Iterable[Case], *, shown: int = 0) -> CheckRow:
-    """Return what the cases of one property came to; the example is the first that fails.
+    """Return what the cases of one property came to; without any it has not held.
 
-    Args:
-        check: The property.
-        cases: Its cases; without any it has not held.
-        shown: Place of the case that is the example where all hold.
+    The example is the first that fails; where all hold, the case at the place `shown`.
     """
     tried = list(cases) or [(NOTHING, False)]
     failed = [text for text, held in tried if not held]

@@ -246,12 +246,7 @@ while True:
 
 
 def survives_kills(rng: np.random.Generator, count: int) -> CheckRow:
-    """Return how often a file is whole after its writer was killed at any moment.
-
-    Args:
-        rng: Says when.
-        count: How many writers.
-    """
+    """Return how often a file is whole after one of so many writers was killed at a drawn moment."""
     whole = 0
     with tempfile.TemporaryDirectory() as folder:
         texts = _two_scenes(Path(folder), rng)

@@ -135,9 +135,7 @@ def _complete(bundle: Bundle) -> tuple[str, bool]:
 def verdict_rows(verdicts: Iterable[Verdict], names: Mapping[str, str]) -> Iterator[CheckRow | Unasked]:
     """Yield one row for each kind of check that was asked of the fleet and its files.
 
-    Args:
-        verdicts: What was said.
-        names: What paths of this machine are called in the log.
+    Paths of this machine bear other names in the log.
     """
     by_check: dict[str, list[Verdict]] = defaultdict(list)
     for verdict in verdicts:

@@ -99,12 +99,7 @@ def hook_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> Ite
 
 
 def rollout_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> Iterator[CheckRow]:
-    """Bring every agent's files to a folder in place of its machine, change them, and go back.
-
-    Args:
-        pairs: The agents, with the wheel's bytes in their bundles.
-        folder: For the folders.
-    """
+    """Bring every agent's files to folders in place of machines, change them, and go back."""
     planned, settled, changed, back = [], [], [], []
     for deployment, bundle in pairs:
         name, machine = deployment.agent.name, Local(folder=folder / deployment.agent.name)

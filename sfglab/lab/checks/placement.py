@@ -42,10 +42,7 @@ def placed_rows(
 ) -> Iterator[dict[str, Any]]:
     """Yield drawn graphs, placed; the small ones, of 5 nodes and more, are also placed by brute force.
 
-    Args:
-        rng: Draws the graphs.
-        small: How many small ones, and their largest number of nodes.
-        large: How many large ones, and their number of nodes.
+    Of both there are so many, with so many nodes: exactly in large ones, at most in small ones.
     """
     # What only the first programme of a process costs, loading the solver, is not asked here.
     import cvxpy  # noqa: F401 - loaded for its own sake

@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 def saved(run: Run[Config], *, silence_s: float = 0.0) -> pd.DataFrame:
     """Return the share of readings that were held back, a line a sensor and a column a rate.
 
-    Args:
-        run: The run.
-        silence_s: Longest silence of the local cache; 0: none.
+    Local caches with that longest silence are meant; 0: none.
     """
     cache = run["cache"][run["cache"]["silence_s"] == silence_s]
     cache = cache.assign(held=1 - cache["sent"] / cache["offered"])

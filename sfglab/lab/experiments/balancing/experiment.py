@@ -98,16 +98,10 @@ _GRAIN = {"lidar": 0.001, "dht11": 1.0, "imu": 1 / 16384, "ultrasonic": 0.003}
 
 
 def readings(sensor: Sensor, *, rate_hz: float, duration_s: float, rng: np.random.Generator) -> list[Any]:
-    """Return what reading a sensor at a rate gives, in order, while objects move around it.
+    """Return what reading a sensor at a rate gives in a time, in order, while objects move around it.
 
     The times between changes are exponential with Table 1's mean; what a value changes to is in the sensor's
     own grain, as a DHT11 gives whole degrees.
-
-    Args:
-        sensor: One of Table 1.
-        rate_hz: How often it is read.
-        duration_s: For how long, seconds.
-        rng: Where chance comes from.
     """
     count = int(rate_hz * duration_s)
     changes = np.cumsum(rng.exponential(sensor.change_s, int(3 * duration_s / sensor.change_s) + 10))
@@ -176,14 +170,7 @@ def run_caches(bench: Bench[Config]) -> None:
 
 
 def pass_through(sensor: Sensor, values: list[Any], *, rate_hz: float, silence_s: float) -> Passage:
-    """Offer readings to the caches, and note what passes.
-
-    Args:
-        sensor: Whose readings.
-        values: The readings.
-        rate_hz: How often they were read.
-        silence_s: Longest silence of the local cache; 0: none.
-    """
+    """Offer readings to the caches, and note what passes; a longest silence of 0: none."""
     silence_ns = round(silence_s * NS_PER_S) or None
     local, control, after = LocalCache(max_silence_ns=silence_ns), CacheControl(), CacheControl()
     size = cdr_bytes(sensor)

@@ -45,9 +45,7 @@ def wilson(successes: int, runs: int) -> tuple[float, float]:
 def rates(courses: pd.DataFrame, *keys: str) -> pd.DataFrame:
     """Return the success rate of each group of runs with its interval, methods in the paper's order.
 
-    Args:
-        courses: A line a run.
-        keys: Columns that make a group, ``method`` among them.
+    Columns make a group, ``method`` among them.
     """
     grouped = courses.groupby(list(keys), sort=True)["success"].agg(successes="sum", runs="count").reset_index()
     table = grouped.sort_values("method", key=lambda names: names.map(list(METHODS).index), kind="stable")
@@ -98,13 +96,7 @@ def contrasts(run: Run[Config]) -> pd.DataFrame:
 
 
 def difference(courses: pd.DataFrame, better: str = "OPT+LC", worse: str = "none") -> Estimate:
-    """Return by how much a method's success rate exceeds another's, averaged over Rmax.
-
-    Args:
-        courses: A line a run.
-        better: The method.
-        worse: The other one; its depths count alike.
-    """
+    """Return by how much a method's success rate exceeds another's, averaged over Rmax; depths count alike."""
     groups = [
         runs["success"].to_numpy(dtype=np.float64)
         for method in (better, worse)

@@ -36,13 +36,7 @@ def stream_topic(codec: str) -> str:
 
 
 class Running(StreamProcesses):
-    """A stage's processes.
-
-    Args:
-        config: The experiment's configuration.
-        stage: The stream, one of its stages.
-        testbed: Hosts.
-    """
+    """The processes of one of the configuration's stages."""
 
     def __init__(self, config: Any, stage: Any, testbed: Testbed) -> None:
         self._stage = stage

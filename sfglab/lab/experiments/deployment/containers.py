@@ -39,11 +39,7 @@ _SFGLAB = (sys.executable, "-c", "from sfglab.cli import main; main()")
 
 
 async def container_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> list[CheckRow]:
-    """Run agents as their Compose projects say, and look at them from outside.
-
-    Args:
-        pairs: Two or more agents.
-        folder: For their fleet file.
+    """Run two or more agents as their Compose projects say, and look at them from outside.
 
     Raises:
         ProcessFailedError: A container ended, or nobody met in time.

@@ -150,17 +150,11 @@ def _cpu_s(meter: MeterRow) -> float:
 class LiveFleet(ProcessGroup):
     """A fleet whose processes, named by host and what they are, are loaded and idle once it is entered.
 
-    Args:
-        cell: Which fleet.
-        config: The experiment.
-        testbed: Hosts, at least as many as agents.
-
-    Attributes:
-        hosts: The hosts that take part.
+    The test bed has at least as many hosts as there are agents.
     """
 
     def __init__(self, cell: Cell, config: Config, testbed: Testbed) -> None:
-        self.hosts = host_names(cell.agents)
+        self.hosts = host_names(cell.agents)  #: The hosts that take part.
         self._cell, self._config, self._testbed = cell, config, testbed
         members = [member for i, host in enumerate(self.hosts, start=1) for member in self._members_on(i, host)]
         super().__init__(testbed.argv, members, start_s=_LOAD_S)
@@ -246,13 +240,10 @@ _PERIOD_S = 0.02
 
 
 class Ingress:
-    """Bytes that every host's interface has received, as a curve that can be asked for any instant.
+    """Bytes that every meter's interface has received, as a curve that can be asked for any instant.
 
     Counters are read again and again. On a machine that is busy readings come late; each has its own stamp, so
     only the curve gets coarser.
-
-    Args:
-        meters: Whose interfaces.
     """
 
     def __init__(self, meters: Sequence[CountsBytes]) -> None:

@@ -69,11 +69,8 @@ def pictures(run: Run[Config]) -> list[Picture]:
 def parts_ms(run: Run[Config], reading: str, mapping: str, *, forwarding: str = _STORED) -> dict[str, Floats]:
     """Return what the chain is made of, in its order: each node's and topic's milliseconds, frame by frame.
 
-    Args:
-        run: The run.
-        reading: A name in `READINGS`: whose node times.
-        mapping: One of `MAPPINGS`: what topic A is mapped to.
-        forwarding: Whose constants; only those of the first set were drawn frame by frame, the other has means.
+    Node times are those of one of `READINGS`, topic A is mapped to one of `MAPPINGS`. Only the first set of the
+    memory model's constants was drawn frame by frame, the other has means.
     """
     nodes, topics = _nodes_ms(run, reading), _topics_ms(run, mapping, forwarding)
     parts = {CHAIN[0]: nodes[CHAIN[0]]}
@@ -105,13 +102,7 @@ def _topics_ms(run: Run[Config], mapping: str, forwarding: str) -> dict[str, Flo
 
 
 def chain_ms(run: Run[Config], reading: str = "hardware", **more: str) -> dict[str, Floats]:
-    """Return the chain's time of every frame, in milliseconds, by what topic A is mapped to.
-
-    Args:
-        run: The run.
-        reading: A name in `READINGS`.
-        more: As for `parts_ms`.
-    """
+    """Return the chain's time of every frame, in milliseconds, by what topic A is mapped to; as `parts_ms`."""
     return {
         mapping: np.sum(list(parts_ms(run, reading, mapping, **more).values()), axis=0) for mapping in MAPPINGS
     }

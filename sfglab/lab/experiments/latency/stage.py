@@ -56,23 +56,15 @@ def _member(name: str, host: str, module: str, config: Any, *, ready: str = "rea
 
 
 class Running(StreamProcesses):
-    """The experiment's processes.
-
-    Args:
-        config: The experiment's configuration.
-        testbed: Hosts.
-
-    Attributes:
-        gop_s: Time from key frame to key frame, seconds.
-        replays: Packets and bytes of every burst that a keeper has reported.
-    """
+    """The experiment's processes."""
 
     def __init__(self, config: Any, testbed: Testbed) -> None:
         self._open_paths: dict[str, int] = {}
-        self.replays: list[tuple[int, int]] = []
+        self.replays: list[tuple[int, int]] = []  #: Packets and bytes of every burst that a keeper reported.
         super().__init__(config, testbed)
         camera = self._camera()
-        self._gop, self.gop_s = camera.gop, camera.gop / camera.fps
+        self._gop = camera.gop
+        self.gop_s = camera.gop / camera.fps  #: Time from key frame to key frame, seconds.
 
     async def settle(self) -> None:
         """Wait for the first frame, and until every decoder is warm."""

@@ -44,20 +44,12 @@ class Stage(ProcessGroup):
     """Processes whose reports go into the log, and what the script has to react to.
 
     On entering, the members start, and the one of them that is called ``first`` listens.
-
-    Args:
-        bench: Where the rows go, and the hosts.
-        members: What is started on entering.
-
-    Attributes:
-        steady: How many heartbeats of the steady state the listener ``first`` has heard, by agent.
-        moves: Reports of transitions, by remote agent.
     """
 
     def __init__(self, bench: Bench[Any], *members: Member) -> None:
         super().__init__(bench.testbed.argv, members, on_report=self._hear_of)
-        self.steady: Counter[str] = Counter()
-        self.moves: defaultdict[str, list[Report]] = defaultdict(list)
+        self.steady: Counter[str] = Counter()  #: Heartbeats of the steady state that ``first`` heard, by agent.
+        self.moves: defaultdict[str, list[Report]] = defaultdict(list)  #: Reports of transitions, by agent.
         self._bench = bench
         self._changed = asyncio.Event()
 

@@ -125,11 +125,7 @@ def truth_of(made: TrueCapture) -> str:
 def offset_row(length_s: float, seed: tuple[int, ...], *, drifts: bool, modelled: bool) -> dict[str, Any]:
     """Return one estimate of the offset, and what it is worth when it goes through the bridge.
 
-    Args:
-        length_s: Length of the motion, seconds.
-        seed: Of the cameras' noise and of the odometry's.
-        drifts: Whether the odometry drifts.
-        modelled: Whether the estimate allows for it.
+    It is made from a motion of that length, with odometry that drifts or not, and allows for that or not.
     """
     motion, rng = SyntheticMotion(), np.random.default_rng(seed)
     made = list(synthetic_captures({OBJECT: motion}, _CAMERAS, rng, duration_s=length_s))

@@ -55,13 +55,7 @@ class Topic:
 
 
 def topics(agents: Sequence[str], others: Sequence[str], *, busy: int) -> Iterator[Topic]:
-    """Yield every topic of a run.
-
-    Args:
-        agents: Parties behind routers.
-        others: Parties in the global domain.
-        busy: Further local topics of each agent.
-    """
+    """Yield every topic of a run: of agents behind routers, each with further local ones, and of others."""
     everybody = (*agents, *others)
     yield Topic(name=TF, type=TRANSFORMS, publishers=everybody, subscribers=everybody)
     yield Topic(name=TF_STATIC, type=TRANSFORMS, publishers=everybody, subscribers=everybody, latched=True)
@@ -96,20 +90,12 @@ def parties_of(agents: int) -> tuple[PartyRow, ...]:
 
 
 class Stage(ProcessGroup):
-    """Everybody's processes.
-
-    Args:
-        config: The experiment's configuration.
-        testbed: A host for every party.
-
-    Attributes:
-        parties: Who takes part.
-        topics: What they use.
-    """
+    """Everybody's processes, each party's on a host of its own."""
 
     def __init__(self, config: Any, testbed: Testbed) -> None:
-        self.parties = parties_of(config.agents)
+        self.parties = parties_of(config.agents)  #: Who takes part.
         self._agents = tuple(p for p in self.parties if p.domain != GLOBAL_DOMAIN)
+        #: What they use.
         self.topics = tuple(topics([p.party for p in self._agents], OTHERS, busy=config.busy))
         self._rate_hz, self._testbed = config.rate_hz, testbed
         router, peer = "sfglab.fleet.router.node", "sfglab.lab.workers.test_peer"

@@ -45,13 +45,9 @@ def stated(run: Run[Config]) -> pd.DataFrame:
 def bars_of(
     run: Run[Config], panel: Panel, *, model: str = MAIN, subscribers: int | None = None
 ) -> pd.DataFrame:
-    """Return a panel's bars, by subscribers and size; empty where that model has none.
+    """Return a panel's bars by a set of constants, or by ``rtl``; empty where that has none.
 
-    Args:
-        run: The run.
-        panel: From whom to whom.
-        model: Which set of constants, or ``rtl``.
-        subscribers: Only those of this number of hardware nodes.
+    They are in the order of subscribers and size; or only those of one number of hardware subscribers.
     """
     table = bars(run)
     chosen = table[(table["model"] == model) & (table["panel"] == panel.value)]

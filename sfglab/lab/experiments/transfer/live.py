@@ -49,14 +49,10 @@ def cells_of(config: Config) -> list[Cell]:
 
 
 class Crossing(ProcessGroup):
-    """The processes of Fig. 5.
+    """The processes of Fig. 5, with so many readers on the hardware's side at most.
 
-    They are joined by sockets without names and share memory without a name, so nothing outlives them.
-
-    Args:
-        readers: Processes on the hardware's side that subscribe, at most.
-        largest_bytes: Size of the largest message.
-        seed: Of the messages' contents.
+    They are joined by sockets without names and share memory without a name, so nothing outlives them. The seed
+    is that of the messages' contents.
     """
 
     def __init__(self, readers: int, largest_bytes: int, seed: int) -> None:
@@ -102,12 +98,9 @@ class Crossing(ProcessGroup):
         return {name: done[name]["done_ns"] - done[source]["began_ns"] for name in receivers}
 
     async def measure(self, cell: Cell, rng: np.random.Generator, *, gateway: bool) -> dict[str, Any]:
-        """Carry one message of a cell and return its row, but for the repetition.
+        """Carry one message of a cell, through a gateway or over a software-mapped topic; return its row.
 
-        Args:
-            cell: What is carried.
-            rng: Draws the order of deliveries: the paper does not state one.
-            gateway: Through a gateway; else over a software-mapped topic.
+        The repetition is left out. The order of deliveries is drawn: the paper does not state one.
         """
         readers, load = self._readers[: cell.subscribers], os.getloadavg()[0]
         item = _round(cell, readers, rng, gateway=gateway, number=self._rounds)

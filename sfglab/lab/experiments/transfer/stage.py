@@ -202,9 +202,7 @@ def what_is_missing() -> dict[str, str]:
 def hardware_rows(subscribers: Sequence[int], check_bytes: int) -> Iterator[tuple[str, dict[str, Any]]]:
     """Simulate the hardware and return cycle models, their checks, and bars with them; needs the extra ``rtl``.
 
-    Args:
-        subscribers: For how many hardware subscribers.
-        check_bytes: How much is moved where cycle models are checked.
+    A cycle model is checked on that many bytes.
     """
     for count in subscribers:
         chunk_cycles = {}

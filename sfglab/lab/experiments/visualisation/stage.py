@@ -147,14 +147,7 @@ class _Timed:
 async def time_pictures(
     canvas: RerunCanvas, domain_id: int, *, rounds: int, pictures: int
 ) -> list[dict[str, Any]]:
-    """Time both arms in turn, so that other load on the machine falls on both.
-
-    Args:
-        canvas: Goes to the sink.
-        domain_id: The camera's DDS domain.
-        rounds: How often.
-        pictures: Of an arm, in a round.
-    """
+    """Time so many pictures of both arms in turn, so that other load on the machine falls on both."""
     rows: list[dict[str, Any]] = []
     for number in range(rounds):
         bare = await asyncio.to_thread(_bare, canvas, pictures)
@@ -202,11 +195,7 @@ async def watch_memory(
 ) -> list[dict[str, Any]]:
     """Show pictures to a sink that is stopped for a while, and note what waits.
 
-    Args:
-        canvas: Goes to the sink; closed afterwards.
-        sink_pid: The sink's process.
-        domain_id: The camera's DDS domain.
-        stopped_s: How long it is stopped; it runs for a second before and after.
+    The canvas goes to the sink, which runs for a while before and after.
     """
     (session, display), rows, is_stopped = _look(), list[dict[str, Any]](), False
     async with Node("view", domain_id=domain_id, interface="lo") as node, Bridge(node, session, canvas):
