@@ -38,12 +38,7 @@ class FoundLog:
 
 
 def logs_of(project: Project, name: str) -> Iterator[FoundLog]:
-    """Yield an experiment's logs: its runs, newest first, unfinished ones too, then the committed reference.
-
-    Args:
-        project: The checkout.
-        name: The experiment.
-    """
+    """Yield an experiment's logs: its runs, newest first, unfinished ones too, then the committed reference."""
     for path in sorted((project.runs / "logs" / name).glob("*.mcap*"), reverse=True):
         yield FoundLog(experiment=name, path=path, standing=standing(path))
     reference = project.reference_logs / f"{name}.mcap"
@@ -58,11 +53,6 @@ def find_log(project: Project, name: str, *, profile: str | None = None) -> Path
 
     The newest run of the profile asked for that speaks; else the newest run that speaks; else the committed
     reference. Unfinished, changed and explored runs and smoke tests do not speak.
-
-    Args:
-        project: The checkout.
-        name: The experiment.
-        profile: Profile that is preferred.
     """
     newest = None
     for log in logs_of(project, name):
@@ -75,13 +65,9 @@ def find_log(project: Project, name: str, *, profile: str | None = None) -> Path
 
 
 def compute_ledger(project: Project, *, profile: str | None = None) -> list[Entry]:
-    """Return every claim with our figure and verdict, computed from logs.
+    """Return every claim with our figure and verdict, computed from logs, runs of one profile preferred.
 
     A log that cannot be read costs the claims of its experiment only; it is said aloud.
-
-    Args:
-        project: The checkout.
-        profile: Profile whose runs are preferred.
     """
     measured: dict[str, tuple[Measured, str]] = {}
     for name in EXPERIMENTS:
@@ -102,30 +88,16 @@ def compute_ledger(project: Project, *, profile: str | None = None) -> list[Entr
 
 
 def entries_of(project: Project, name: str, log: Path) -> list[Entry]:
-    """Return the claims that one log answers, judged.
-
-    Args:
-        project: The checkout.
-        name: The experiment.
-        log: Any of its logs, whether it speaks for the ledger or not.
-    """
+    """Return the claims that one log of an experiment answers, judged, whether or not it speaks."""
     measured = experiment(name).measure_claims(log)
     claims = [claim for claim in load_claims(project.claims) if claim.id in measured]
     return [entry_for(claim, measured[claim.id], log=project.relative(log)) for claim in claims]
 
 
 def save_figures(project: Project, name: str, log: Path) -> list[Path]:
-    """Draw and save every figure of one experiment from a log.
+    """Draw and save every figure of one experiment from a log; return the files.
 
     Those of a log that speaks for no claim go to ``runs/figures`` and replace no other.
-
-    Args:
-        project: The checkout.
-        name: The experiment.
-        log: The run's log.
-
-    Returns:
-        The files written.
     """
     origin = _origin(project, name, log)
     reference = log.resolve().parent == project.reference_logs.resolve()
@@ -149,11 +121,7 @@ def _origin(project: Project, name: str, log: Path) -> dict[str, Any]:
 
 
 def redraw_figures(project: Project, names: Sequence[str] = EXPERIMENTS) -> dict[str, list[Path]]:
-    """Draw all figures again from logs alone.
-
-    Args:
-        project: The checkout.
-        names: Experiments.
+    """Draw all figures of experiments again from logs alone.
 
     Returns:
         The files written, by experiment; an experiment without a log is missing.

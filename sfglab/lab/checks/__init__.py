@@ -123,10 +123,7 @@ class Checks:
         return declare
 
     def rows(self, count: int, seed: int) -> Iterator[CheckRow]:
-        """Return a row for every property.
-
-        It is of so many cases where they are drawn, by a generator of its own for each property.
-        """
+        """Yield a row for every property: `count` cases where they are drawn, by a generator of its own."""
         return (self.row(name, count=count, seed=seed) for name in self._cases)
 
     def row(self, name: str, *, count: int, seed: int) -> CheckRow:

@@ -42,7 +42,7 @@ def placed_rows(
 ) -> Iterator[dict[str, Any]]:
     """Yield drawn graphs, placed; the small ones, of 5 nodes and more, are also placed by brute force.
 
-    Of both there are so many, with so many nodes: exactly in large ones, at most in small ones.
+    `small` and `large` say how many graphs, and how many nodes each: of a small one that is the most.
     """
     # What only the first programme of a process costs, loading the solver, is not asked here.
     import cvxpy  # noqa: F401 - loaded for its own sake

@@ -61,10 +61,9 @@ _PLAIN = (bool, int, float, str, type(None))
 
 
 def text_from_result(result: object) -> str:
-    """Return a result as one line of JSON.
+    """Return a result as one line of JSON: a row, a mapping by column, or a tuple of them.
 
-    Args:
-        result: A row, a mapping by column, or a tuple of them; NumPy's scalars become Python's.
+    NumPy's scalars become Python's.
 
     Raises:
         SweepError: It is something else.
@@ -75,11 +74,7 @@ def text_from_result(result: object) -> str:
 
 
 def result_from_text(text: str) -> Any:
-    """Return what `text_from_result` was given.
-
-    Args:
-        text: From `text_from_result`.
-    """
+    """Return what `text_from_result` was given."""
     packed = json.loads(text)
     return tuple(map(_unpacked, packed)) if isinstance(packed, list) else _unpacked(packed)
 
@@ -121,11 +116,7 @@ _NUMERIC = ("llvmlite", "numba", "numpy", "scipy")
 
 
 def identity_of(task: Callable[..., object], points: Sequence[object]) -> dict[str, str]:
-    """Return what a journal is checked against: ``task``, ``points`` and ``code``.
-
-    Args:
-        task: A function of a module.
-        points: What it is given.
+    """Return what a journal of a task and its points is checked against: ``task``, ``points`` and ``code``.
 
     Raises:
         SweepError: Points have no lasting text.
@@ -134,10 +125,7 @@ def identity_of(task: Callable[..., object], points: Sequence[object]) -> dict[s
 
 
 def name_of(task: Callable[..., object]) -> str:
-    """Return a function's full name.
-
-    Args:
-        task: A function of a module.
+    """Return the full name of a module's function.
 
     Raises:
         SweepError: It is a lambda or inside another function, so that no other process finds it.
@@ -170,11 +158,7 @@ def _source_of(task: Callable[..., object]) -> str:
 
 @cache
 def code_digest(source: str = "") -> str:
-    """Return the digest of sfglab's source files and of the numeric libraries' versions.
-
-    Args:
-        source: A file beside them.
-    """
+    """Return the digest of sfglab's source files, one beside them, and the numeric libraries' versions."""
     root = Path(sfglab.__file__).parent
     whole = hashlib.sha256()
     for path in sorted(root.rglob("*.py"), key=lambda p: p.relative_to(root).as_posix()):
@@ -270,11 +254,7 @@ class Journal:
         self._file.close()
 
     def add(self, done: Finished) -> None:
-        """Append a finished point and seed.
-
-        Args:
-            done: What is finished.
-        """
+        """Append a finished point and seed."""
         self.finished[done.point, done.seed] = done.text
         self._line({"point": done.point, "seed": done.seed, "result": json.loads(done.text)})
 

@@ -68,13 +68,7 @@ class Done:
 
 
 def run_batch(task: Callable[..., object], code: str, jobs: Sequence[Job]) -> Done:
-    """Run some jobs, one after the other.
-
-    Args:
-        task: What is run.
-        code: `code_digest` of who started the sweep.
-        jobs: What it is given.
-    """
+    """Run a task's jobs, one after the other, with the `code_digest` of who started the sweep."""
     if (own := code_digest()) != code:
         return Done((), 0.0, Failure(None, f"version {own}, the sweep's is {code}"))
     start_s = time.perf_counter()
@@ -124,9 +118,7 @@ class Workers:
 def connected(workers: Workers, scratch: Path) -> Iterator[Any]:
     """Connect to workers, start them if need be, and leave nothing of one's own behind.
 
-    Args:
-        workers: Which.
-        scratch: Folder for the local workers' files; removed before and after.
+    The scratch folder is for the local workers' files, and removed before and after.
 
     Yields:
         A `distributed.Client`.
@@ -285,11 +277,7 @@ def sweep(
 
 @contextmanager
 def progress_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
-    """Show progress on standard error, in a terminal, in a notebook or headless.
-
-    Args:
-        total: Number of steps.
-        what: What is going on.
+    """Show progress of so many steps on standard error, in a terminal, in a notebook or headless.
 
     Yields:
         A function to call after each step, with what the step was.

@@ -21,10 +21,7 @@ if TYPE_CHECKING:
 
 @derived
 def saved(run: Run[Config], *, silence_s: float = 0.0) -> pd.DataFrame:
-    """Return the share of readings that were held back, a line a sensor and a column a rate.
-
-    Local caches with that longest silence are meant; 0: none.
-    """
+    """Return the share of readings that caches with a longest silence, 0: none, held back: sensors by rates."""
     cache = run["cache"][run["cache"]["silence_s"] == silence_s]
     cache = cache.assign(held=1 - cache["sent"] / cache["offered"])
     return cache.pivot_table(index="sensor", columns="rate_hz", values="held", sort=False)

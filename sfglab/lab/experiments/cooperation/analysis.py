@@ -43,10 +43,7 @@ def wilson(successes: int, runs: int) -> tuple[float, float]:
 
 
 def rates(courses: pd.DataFrame, *keys: str) -> pd.DataFrame:
-    """Return the success rate of each group of runs with its interval, methods in the paper's order.
-
-    Columns make a group, ``method`` among them.
-    """
+    """Return success rates with intervals by columns, ``method`` among them, methods in the paper's order."""
     grouped = courses.groupby(list(keys), sort=True)["success"].agg(successes="sum", runs="count").reset_index()
     table = grouped.sort_values("method", key=lambda names: names.map(list(METHODS).index), kind="stable")
     bounds = [wilson(int(s), int(n)) for s, n in zip(table["successes"], table["runs"], strict=True)]

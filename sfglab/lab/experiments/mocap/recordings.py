@@ -125,7 +125,7 @@ def truth_of(made: TrueCapture) -> str:
 def offset_row(length_s: float, seed: tuple[int, ...], *, drifts: bool, modelled: bool) -> dict[str, Any]:
     """Return one estimate of the offset, and what it is worth when it goes through the bridge.
 
-    It is made from a motion of that length, with odometry that drifts or not, and allows for that or not.
+    It is made from a motion of `length_s` seconds, whose odometry drifts or not, and may allow for that.
     """
     motion, rng = SyntheticMotion(), np.random.default_rng(seed)
     made = list(synthetic_captures({OBJECT: motion}, _CAMERAS, rng, duration_s=length_s))

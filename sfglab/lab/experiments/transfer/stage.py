@@ -202,7 +202,7 @@ def what_is_missing() -> dict[str, str]:
 def hardware_rows(subscribers: Sequence[int], check_bytes: int) -> Iterator[tuple[str, dict[str, Any]]]:
     """Simulate the hardware and return cycle models, their checks, and bars with them; needs the extra ``rtl``.
 
-    A cycle model is checked on that many bytes.
+    Cycle models are checked where `check_bytes` are moved.
     """
     for count in subscribers:
         chunk_cycles = {}
