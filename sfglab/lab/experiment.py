@@ -48,6 +48,13 @@ class SkippedPartError(SfglabError):
     """A part that was not run; its sentence goes into the log."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Profiled:
+    """A configuration that names its profile."""
+
+    profile: str = QUICK  #: Name of the profile it came from.
+
+
 @dataclass(frozen=True, slots=True)
 class Actor:
     """A process or node of an experiment's set-up."""

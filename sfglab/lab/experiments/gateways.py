@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiment import Experiment
+from sfglab.lab.experiment import Experiment, Profiled
 from sfglab.lab.paths import find_project
 from sfglab.lab.stats import exactly
 from sfglab.soc import carriages_per_message, crossing_edges, load_graph, map_communication
@@ -43,10 +43,9 @@ _LARGEST = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Profiled):
     """How much is explored."""
 
-    profile: str = "quick"  #: Name of the profile it came from.
     #: What is explored with the core's table, and with the one that does not claim.
     bounds: tuple[Bound, ...] = (*_SMALL, *_LARGER)
     bent: bool = True  #: Whether the same is asked of every table with one arrow bent.

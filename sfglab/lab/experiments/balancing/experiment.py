@@ -16,7 +16,7 @@ import numpy as np
 from sfglab.arp.cache import CacheControl, Decision, LocalCache
 from sfglab.arp.robots import RATES_HZ, SENSORS, cdr_bytes, object_bytes
 from sfglab.lab.checks import CheckRow, check_row
-from sfglab.lab.experiment import Experiment, seeded
+from sfglab.lab.experiment import Experiment, Profiled, seeded
 from sfglab.qos import QoSProfile, Reliability
 from sfglab.rtps import FAST_DDS, Flow, Medium, Scenario, Session, run
 from sfglab.units import NS_PER_S
@@ -33,10 +33,9 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Profiled):
     """The whole run."""
 
-    profile: str = "quick"  #: Name of the profile it came from.
     readings_s: float = 60.0  #: How long each sensor is read, seconds of its own time.
     rates_hz: tuple[int, ...] = RATES_HZ  #: At which rates it is read.
     stale_s: float = 600.0  #: How long each link with losses is simulated, seconds.

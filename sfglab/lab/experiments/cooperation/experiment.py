@@ -30,7 +30,7 @@ from sfglab.arp.hallway import (
 )
 from sfglab.arp.robots import METHODS, PLAN_S, RATES_HZ, TAKE_S
 from sfglab.lab.bench import as_row
-from sfglab.lab.experiment import Actor, Experiment, Link, seeded
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
 from sfglab.qos import DEFAULT, QoSProfile
 from sfglab.rtps import PRESETS, Flow, Medium, Scenario, Session
 from sfglab.units import NS_PER_S
@@ -63,10 +63,9 @@ _SCAN_STEPS = round(NS_PER_S / SCAN_HZ / STEP_NS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Profiled):
     """The whole run."""
 
-    profile: str = "quick"  #: Name of the profile it came from.
     rates_hz: tuple[int, ...] = RATES_HZ  #: The values of Rmax.
     seeds: int = 6  #: How many runs of each point.
     #: How many of each point of the contrasts: no loss, another vendor's timing, and the rate of Eq. 6 without

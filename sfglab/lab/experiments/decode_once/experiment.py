@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.lab.experiment import Actor, Experiment, Link
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.decode_once.stage import MBIT, Running
 from sfglab.lab.meters import measure
 from sfglab.record import LogReader
@@ -39,10 +39,9 @@ _DEPTH = Stage(codec="rvl", source="stereo", counts=(1, 4, 7), network_counts=(4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Profiled):
     """The whole run."""
 
-    profile: str = "quick"  #: Name of the profile it came from.
     source: str = "photos"  #: Source of the colour stream; depth always comes from the stereo pair.
     stages: tuple[Stage, ...] = (_COLOUR, _DEPTH)  #: Streams, one after the other.
     samples: int = 3  #: Meter readings in a cell.

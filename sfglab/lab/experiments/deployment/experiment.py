@@ -18,7 +18,7 @@ from sfglab.lab.checks.machines import (
     hook_checks,
     rollout_checks,
 )
-from sfglab.lab.experiment import Actor, Experiment, Link
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.deployment.containers import OUTSIDER, container_checks
 from sfglab.lab.hosts import Network
 from sfglab.lab.paths import find_project
@@ -38,10 +38,9 @@ _TOO_LONG = ("image/requirements.lock", "image/sfglab-")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Profiled):
     """The whole run."""
 
-    profile: str = "quick"  #: Name of the profile it came from.
     agents: tuple[str, ...] = ()  #: Whose files are rendered, checked and applied; none: all.
     fleet_file: str = "fleets/esslingen.yaml"  #: The fleet, in the data folder.
     #: Agents whose containers' commands are run over DDS between namespaces; none: not at all.

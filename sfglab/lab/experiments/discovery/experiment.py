@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfglab.errors import InvalidValueError
-from sfglab.lab.experiment import Actor, Experiment, Link
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 
 STANDARD, ROUTED = "standard", "routed"
 
@@ -48,10 +48,9 @@ _FLEETS = (2, 3, 4, 5, 6)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Profiled):
     """The whole run."""
 
-    profile: str = "quick"  #: Name of the profile it came from.
     #: Live fleets; cells of one size and kind of agents are run side by side.
     stages: tuple[Stage, ...] = (
         Stage(mode=STANDARD, agents=(2, 3, 4, 6)),
@@ -150,7 +149,6 @@ exp = Experiment(
 
 
 @exp.table("cell")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class FleetRow:
     """One fleet, started once."""
 
@@ -171,7 +169,6 @@ class FleetRow:
 
 
 @exp.table("host")
-@dataclass(frozen=True, slots=True, kw_only=True)
 class HostRow:
     """One agent of a fleet."""
 

@@ -24,8 +24,6 @@ from sfglab.lab.experiments.discovery.experiment import (
     ROUTED,
     Cell,
     Config,
-    FleetRow,
-    HostRow,
     cells_of,
     exp,
     host_names,
@@ -109,35 +107,35 @@ async def _start(fleet: LiveFleet, bench: Bench[Config]) -> _Outcome:
     return _Outcome(begin_ns, signalled_ns, resolved_ns, end_ns, ingress, meters)
 
 
-def _host_row(number: int, host: int, outcome: _Outcome) -> HostRow:
+def _host_row(number: int, host: int, outcome: _Outcome) -> dict[str, Any]:
     end_ns = outcome.ends_ns[host]
     own_bytes, own_packets = outcome.ingress.between(host, outcome.begin_ns, end_ns)
     fleet_bytes, _ = outcome.ingress.between(host, outcome.begin_ns, max(outcome.ends_ns))
-    return HostRow(
-        cell=number,
-        host=host,
-        resolved_s=outcome.seconds(end_ns),
-        censored=outcome.resolved_ns[host] is None,
-        own_bytes=own_bytes,
-        fleet_bytes=fleet_bytes,
-        own_packets=own_packets,
-    )
+    return {
+        "cell": number,
+        "host": host,
+        "resolved_s": outcome.seconds(end_ns),
+        "censored": outcome.resolved_ns[host] is None,
+        "own_bytes": own_bytes,
+        "fleet_bytes": fleet_bytes,
+        "own_packets": own_packets,
+    }
 
 
-def _cell_row(number: int, cell: Cell, outcome: _Outcome) -> FleetRow:
+def _cell_row(number: int, cell: Cell, outcome: _Outcome) -> dict[str, Any]:
     meter = outcome.meters["nodes"]
-    return FleetRow(
-        cell=number,
+    return {
+        "cell": number,
         **asdict(cell),
-        resolved_s=outcome.seconds(max(outcome.ends_ns)),
-        censored=None in outcome.resolved_ns,
-        signal_s=outcome.seconds(outcome.signalled_ns),
-        window_s=meter.window_s,
-        nodes_cpu_s=_cpu_s(meter),
-        components_cpu_s=_cpu_s(outcome.meters["components"]),
-        machine_percent=meter.machine_cpu_percent,
-        steal_percent=meter.steal_percent,
-    )
+        "resolved_s": outcome.seconds(max(outcome.ends_ns)),
+        "censored": None in outcome.resolved_ns,
+        "signal_s": outcome.seconds(outcome.signalled_ns),
+        "window_s": meter.window_s,
+        "nodes_cpu_s": _cpu_s(meter),
+        "components_cpu_s": _cpu_s(outcome.meters["components"]),
+        "machine_percent": meter.machine_cpu_percent,
+        "steal_percent": meter.steal_percent,
+    }
 
 
 def _cpu_s(meter: MeterRow) -> float:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.lab.experiment import Experiment, seeded
+from sfglab.lab.experiment import Experiment, Profiled, seeded
 from sfglab.lab.paths import find_project
 from sfglab.lab.sweep import Workers
 from sfglab.soc import load_graph
@@ -54,10 +54,9 @@ class ChainPoint:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Profiled):
     """The whole run."""
 
-    profile: str = "quick"  #: Name of the profile it came from.
     laps: int = 20  #: How many towns are driven round.
     lap: LapPoint = LapPoint(limit_s=150.0)  #: What is driven in each.
     chain: ChainPoint = ChainPoint(limit_s=150.0)  #: What the chain is timed by.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.lab.experiment import Actor, Experiment, Link
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.latency.stage import PATHS, Running
 from sfglab.lab.meters import measure
 from sfglab.units import BITS_PER_BYTE, BITS_PER_MBIT
@@ -22,10 +22,9 @@ GLASS_PATHS = ("standard", "decoder", "agent")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Profiled):
     """The whole run."""
 
-    profile: str = "quick"  #: Name of the profile it came from.
     repeats: int = 20  #: How often every path is subscribed to.
     look_s: float = 0.5  #: How long the viewer looks on after its first picture, seconds.
     skipped: int = 3  #: Pictures at the beginning of a look that do not count for glass-to-glass.

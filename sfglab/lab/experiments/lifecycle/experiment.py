@@ -14,7 +14,7 @@ from sfglab.fleet.discovery.screening import Limits
 from sfglab.fleet.router.node import RouterConfig
 from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, Schedule, heartbeat_topic, metadata_service
 from sfglab.fleet.status.node import StatusConfig, StatusSettings
-from sfglab.lab.experiment import Actor, Experiment, Link
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.lifecycle.stage import (
     FAKES,
     STEP_S,
@@ -51,10 +51,9 @@ def _timing(backoff_s: float) -> Timing:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Profiled):
     """The whole run."""
 
-    profile: str = "quick"  #: Name of the profile it came from.
     agents: int = 3  #: Status providers whose heartbeats are timed.
     #: Whether each of them is in a domain of its own behind a router, as the paper has it, so that what is
     #: timed has crossed its agent's border; else they are in the global domain themselves. The transitions are

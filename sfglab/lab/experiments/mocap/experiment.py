@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.checks import CheckRow, trees
-from sfglab.lab.experiment import Actor, Experiment, Link
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.mocap.recordings import confusion_of, fault_checks, offset_row
 from sfglab.lab.experiments.mocap.stage import HOSTS, live_rows, live_tree, members, play
 from sfglab.processes import ProcessGroup
@@ -23,10 +23,9 @@ CASES = ((False, True), (True, True), (True, False))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Profiled):
     """The whole run."""
 
-    profile: str = "quick"  #: Name of the profile it came from.
     trees: int = 200  #: Random robots whose trees motion capture joins, beside the paper's example.
     rounds: tuple[str, ...] = ("faulty", "ideal")  #: The live rounds: names in `ROUNDS`.
     live_s: float = 8.0  #: How long a live round lasts, seconds.

@@ -13,7 +13,7 @@ import numpy as np
 from sfglab.bus import Node
 from sfglab.bus.sim import run_simulated
 from sfglab.lab.checks import CheckRow, editing, exchange, trajectories
-from sfglab.lab.experiment import Actor, Experiment, Link
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.planning.driving import drive_scene, try_goals
 from sfglab.lab.paths import find_project
 from sfglab.spatial import Pose
@@ -42,10 +42,9 @@ _SIMULATED_LIMIT_S = 3600.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Profiled):
     """The whole run."""
 
-    profile: str = "quick"  #: Name of the profile it came from.
     cases: int = 100  #: Random cases of each property of trajectories and exchange.
     edit_cases: int = 40  #: Random sequences of edits of each property of editing.
     kills: int = 4  #: Writers of a file that are killed.

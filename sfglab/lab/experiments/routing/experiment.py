@@ -10,7 +10,7 @@ from sfglab.fleet.router.plan import ROUTER_KEY
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.checks.routing import checks as policy_checks
 from sfglab.lab.checks.routing import in_table_1
-from sfglab.lab.experiment import Actor, Experiment, Link
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.routing.stage import (
     ANSWER_S,
     GLOBAL_DOMAIN,
@@ -31,10 +31,9 @@ LATE_S = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Profiled):
     """The whole run."""
 
-    profile: str = "quick"  #: Name of the profile it came from.
     agents: int = 3  #: Agents behind a router each; two parties in the global domain come in addition.
     seconds: float = 6.0  #: How long everybody talks at least, seconds.
     rate_hz: float = 10.0  #: Messages a second of every party on every topic.

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sfglab.lab.experiment import Actor, Experiment, Link
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Profiled):
     """The whole run."""
 
-    profile: str = "quick"  #: Name of the profile it came from.
     refits: int = 20  #: Starts from which the model is fitted anew.
     #: Numbers of hardware subscribers for which the hardware is simulated.
     rtl_subscribers: tuple[int, ...] = SUBSCRIBERS

@@ -23,7 +23,7 @@ from sfglab.arp.programme import plan
 from sfglab.arp.robots import DEPTHS, METHODS, PLAN_S, RATES_HZ, ROBOTS, SENSORS, TAKE_S, Method
 from sfglab.arp.topics import Topic
 from sfglab.errors import InvalidValueError
-from sfglab.lab.experiment import Actor, Experiment, Link, seeded
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
 from sfglab.lab.sweep import Workers
 from sfglab.qos import QoSProfile
 from sfglab.rtps import FAST_DDS, Drop, Fate, Flow, Medium, Scenario, run
@@ -68,10 +68,9 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Profiled):
     """The whole run."""
 
-    profile: str = "quick"  #: Name of the profile it came from.
     seeds: int = 6  #: How many seeds each cell is run with.
     duration_s: float = 60.0  #: Simulated seconds of a cell.
     rates_hz: tuple[int, ...] = RATES_HZ  #: Values of Rmax.

@@ -14,7 +14,7 @@ from sfglab.fleet.fleet_file import load_fleet
 from sfglab.lab.browser import free_port
 from sfglab.lab.checks import handling, plugins, recordings, synchronisation
 from sfglab.lab.checks.fleet_scene import make_parts, scene_moments
-from sfglab.lab.experiment import Actor, Experiment, Link
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.visualisation.stage import (
     member,
     processes,
@@ -40,10 +40,9 @@ PICTURE, CLOUD = "picture.jpg", "cloud.npz"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Profiled):
     """The whole run."""
 
-    profile: str = "quick"  #: Name of the profile it came from.
     moments: int = 10  #: How often every topic of the scene speaks.
     clouds: int = 10  #: Depth images of 640 x 360 whose points are compared.
     streams: int = 200  #: Random streams that are synchronised.
