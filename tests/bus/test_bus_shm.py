@@ -56,6 +56,7 @@ async def test_images_cross_to_another_process_and_the_graph_says_how(here, chil
     async with child(reader, "reader") as other:
         heard = await other.hear()
         assert heard == {"sum": 3 * PIXELS, "frame": "camera", "gid": publisher.gid.hex()}
+        assert await here.graph.wait_for(lambda: here.graph.subscriptions("/image") != ())
         (there,) = here.graph.subscriptions("/image")
         (mine,) = here.graph.publishers("/image")
         assert (there.transport, there.host, there.node) == ("shm", mine.host, "/reader")
