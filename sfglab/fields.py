@@ -68,14 +68,14 @@ def bounds_of(row_class: type[Any]) -> dict[str, Bounds]:
 
 
 def check_bounds(value: Any) -> None:
-    """Check the bounded fields of a dataclass.
+    """Check the bounded fields of a dataclass; of a tuple each value.
 
     Raises:
         InvalidValueError: A field lies beyond its bounds.
     """
     for name, allowed in bounds_of(type(value)).items():
         given = getattr(value, name)
-        if given not in allowed:
+        if not all(one in allowed for one in (given if isinstance(given, tuple) else (given,))):
             raise InvalidValueError(name, given, str(allowed))
 
 

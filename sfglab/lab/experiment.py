@@ -11,9 +11,11 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack, asynccontextmanager, nullcontext
 from dataclasses import asdict, dataclass, fields
 from difflib import get_close_matches
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_type_hints
 
 from sfglab.errors import InvalidValueError, SfglabError
@@ -22,15 +24,14 @@ from sfglab.lab.bench import Bench, Options, as_row
 from sfglab.lab.claims import Finding, How, Measured
 from sfglab.lab.figures import house_style
 from sfglab.lab.paths import find_project
+from sfglab.lab.progress import progress_bar
 from sfglab.lab.runs import COMPLETION, PART_SUFFIX, SMOKE, Run, new_log
 from sfglab.lab.sweep import Workers, journals, sweep
-from sfglab.lab.sweep.run import progress_bar
 from sfglab.lab.testbed import Testbed
 from sfglab.record import LogError, LogWriter, run_context
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
+    from collections.abc import AsyncIterator, Iterator, Mapping
 
     from matplotlib.figure import Figure
 
@@ -129,6 +130,23 @@ def _numbers(value: Any) -> Any:
     return value.to_dict(orient="list") if hasattr(value, "columns") else to_json(value)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """A figure that follows what a reader turns, computed from a few quick tables."""
+
+    draw: Callable[[Figure, Run[Any]], Any]  #: Draws into an empty figure.
+    turn: tuple[str, ...]  #: Fields of the configuration that a form offers first.
+    size: tuple[float, float]  #: Width and height, inches.
+    needs: frozenset[str]  #: Tables of sweeps, and names of parts, that it is drawn from.
+    start: Mapping[str, Any]  #: Fields that differ from the profile ``quick`` to begin with.
+    coarse: Mapping[str, Any]  #: Fields set anew for a first picture, where the whole takes longer; else empty.
+    reference: str  #: The experiment's figure that is shown for comparison; empty: none.
+
+
+class StaleError(SfglabError):
+    """A preview that nobody waits for any more."""
+
+
 class Experiment(Generic[C]):
     """An experiment.
 
@@ -164,6 +182,7 @@ class Experiment(Generic[C]):
         self._parts: list[_Part] = []
         self._claims: dict[str, tuple[Callable[[Run[C]], Finding | None], How | Callable[[Run[C]], How]]] = {}
         self._drawings: dict[str, _Drawing] = {}
+        self.looks: dict[str, Look] = {}
 
     def __repr__(self) -> str:
         return f"<experiment {self.name}: paper {self.where}>"
@@ -272,6 +291,43 @@ class Experiment(Generic[C]):
 
         return declare
 
+    def look(  # noqa: PLR0913  # each of them is something else
+        self,
+        name: str,
+        *,
+        turn: Sequence[str],
+        needs: Sequence[str],
+        size: tuple[float, float],
+        start: Mapping[str, Any] | None = None,
+        coarse: Mapping[str, Any] | None = None,
+        reference: str = "",
+    ) -> Callable[[F], F]:
+        """Declare a look: a function that draws, as those of figures do, whenever a reader turns a field.
+
+        Args:
+            name: Its name in the form.
+            turn: Fields of the configuration that are offered first.
+            needs: Tables of sweeps and names of parts that it is drawn from; nothing else is computed.
+            size: Width and height, inches.
+            start: Fields that differ from the profile ``quick`` to begin with, so that it is quick.
+            coarse: Fields set anew for a first picture, where the whole takes longer.
+            reference: The figure of a whole run that is shown for comparison.
+        """
+
+        def declare(function: F) -> F:
+            self.looks[name] = Look(
+                draw=function,
+                turn=tuple(turn),
+                needs=frozenset(needs),
+                size=size,
+                start=start or {},
+                coarse=coarse or {},
+                reference=reference,
+            )
+            return function
+
+        return declare
+
     # What the kit makes of it.
 
     @property
@@ -338,7 +394,8 @@ class Experiment(Generic[C]):
             raise LogError(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         with journals(path, f"{self.name}-{profile}") as journal:
-            rows = {one.table: self._swept(one, config, journal, options) for one in self._sweeps}
+            sweeps = [one for one in self._sweeps if options.wants(one.table)]
+            rows = {one.table: self._swept(one, config, journal, options) for one in sweeps}
             unfinished = path.with_name(path.name + PART_SUFFIX)
             done = {"experiment": self.name, "profile": profile, "explored": options.explored}
             await self._write(
@@ -346,6 +403,52 @@ class Experiment(Generic[C]):
             )
             unfinished.rename(path)
         return self.load(path)
+
+    @asynccontextmanager
+    async def preview(
+        self, look: str, config: C, *, stale: Callable[[], bool] = lambda: False
+    ) -> AsyncIterator[Run[C]]:
+        """Make a run of what a look needs, here and now; its log is gone when the context ends.
+
+        Args:
+            look: One of `looks`.
+            config: The configuration.
+            stale: Asked between points whether nobody waits for it any more.
+
+        Raises:
+            StaleError: Nobody does.
+            InvalidValueError: There is no such look.
+            SfglabError: What a task or part raises.
+        """
+        if look not in self.looks:
+            raise InvalidValueError(f"{self.name}: look", look, ", ".join(self.looks))
+        options = Options(explored=True, only=self.looks[look].needs)
+        with TemporaryDirectory(prefix="sfglab-look-") as folder:
+            path = Path(folder) / "look.mcap"
+            sweeps = [one for one in self._sweeps if options.wants(one.table)]
+            rows = {one.table: list(self._rows_until_stale(one, config, stale)) for one in sweeps}
+            await self._write(config, path, rows, options, {})
+            yield self.load(path)
+
+    def _rows_until_stale(
+        self, one: _Sweep, config: C, stale: Callable[[], bool]
+    ) -> Iterator[tuple[None, Any]]:
+        for point in one.over(config):
+            for seed in one.seeds(config):
+                if stale():
+                    raise StaleError(f"{self.name}: a newer request is there")
+                result = one.task(point, seed)
+                for row in result if isinstance(result, tuple) else (result,):
+                    yield None, as_row(self.tables[one.table], row, {"seed": seed}, point)
+
+    def draw_look(self, look: str, run: Run[C]) -> Figure:
+        """Draw a look of a preview."""
+        from matplotlib.figure import Figure
+
+        with house_style():
+            figure = Figure(figsize=self.looks[look].size)
+            self.looks[look].draw(figure, run)
+            return figure
 
     def _changed(self, profile: str, config: C) -> list[str]:
         usual, given = asdict(self.config(profile)), asdict(config)  # type: ignore[call-overload]
@@ -394,7 +497,8 @@ class Experiment(Generic[C]):
                 for at_ns, row in timed:
                     bench.write(table, row, at_ns=at_ns)
             for part in self._parts:
-                await self._run_part(part, bench)
+                if options.wants(part.name):
+                    await self._run_part(part, bench)
             log.write_metadata(COMPLETION, done)
 
     async def _run_part(self, part: _Part, bench: Bench[C]) -> None:

@@ -65,6 +65,13 @@ def video(mp4: bytes, width: int) -> Video:
     return Video(mp4, embed=True, mimetype="video/mp4", width=width)
 
 
+def setup(exp: Experiment[Any]) -> Image:
+    """Return a picture of what an experiment runs: hosts, processes, who sends what to whom."""
+    from sfglab.lab.explore.setup_picture import draw_setup
+
+    return image_of(draw_setup(exp.setup))
+
+
 def words(frame: pd.DataFrame) -> Styler:
     """Return a table whose texts are shown in full, for those that are made to be read."""
     style = frame.style.format(escape="html").hide(axis="index")

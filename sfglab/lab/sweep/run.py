@@ -13,7 +13,6 @@ import logging
 import os
 import shutil
 import signal
-import sys
 import threading
 import time
 import traceback
@@ -22,8 +21,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tqdm import tqdm
-
+from sfglab.lab.progress import progress_bar
 from sfglab.lab.sweep.journal import (
     Finished,
     Journal,
@@ -273,24 +271,6 @@ def sweep(
             with connected(workers, journal.with_name(f".{journal.name}.workers")) as client:
                 _hand_out(client, task, missing, log)
         return [result_from_text(log.finished[pair]) for pair in pairs]
-
-
-@contextmanager
-def progress_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
-    """Show progress of so many steps on standard error, in a terminal, in a notebook or headless.
-
-    Yields:
-        A function to call after each step, with what the step was.
-    """
-    # A log file or a captured stream gets a line now and then instead of a living bar.
-    period_s = 0.1 if sys.stderr.isatty() else 5.0
-    with tqdm(total=total, desc=what, file=sys.stderr, dynamic_ncols=True, mininterval=period_s) as bar:
-
-        def advance(step: str) -> None:
-            bar.set_postfix_str(step, refresh=False)
-            bar.update()
-
-        yield advance
 
 
 def _hand_out(client: Any, task: Any, missing: Sequence[Job], log: Journal) -> None:

@@ -13,20 +13,21 @@ with news, a crowded air is late with everything. The same air, seeds and sensor
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from sfglab.arp.balancing import Balance, BalanceInput, balance_closed_form
 from sfglab.arp.programme import plan
-from sfglab.arp.robots import DEPTHS, METHODS, PLAN_S, RATES_HZ, ROBOTS, SENSORS, TAKE_S, Method
+from sfglab.arp.robots import DEPTHS, METHODS, PLAN_S, RATES_HZ, ROBOTS, SENSORS, TAKE_S
 from sfglab.arp.topics import Topic
 from sfglab.errors import InvalidValueError
+from sfglab.fields import between
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
 from sfglab.lab.sweep import Workers
 from sfglab.qos import QoSProfile
-from sfglab.rtps import FAST_DDS, Drop, Fate, Flow, Medium, Scenario, run
+from sfglab.rtps import PRESETS, Drop, Fate, Flow, Medium, Scenario, run
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -59,6 +60,8 @@ class Point:
     method: str  #: One of `METHODS`.
     duration_s: float  #: How long is published, simulated seconds.
     loss: float = Medium().loss  #: Share of frames that the air loses.
+    size_factor: float = 1.0  #: Size of the sensors' values, as a multiple of the paper's.
+    vendor: str = "fast_dds"  #: One of `PRESETS`.
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -73,9 +76,13 @@ class Config(Profiled):
 
     seeds: int = 6  #: How many seeds each cell is run with.
     duration_s: float = 60.0  #: Simulated seconds of a cell.
-    rates_hz: tuple[int, ...] = RATES_HZ  #: Values of Rmax.
-    depths: tuple[int, ...] = DEPTHS  #: Values of DEPTH beside the optimum.
+    rates_hz: tuple[int, ...] = between(RATES_HZ, 10, 1000, log=True)  #: Values of Rmax.
+    depths: tuple[int, ...] = between(DEPTHS, 1, 5000, log=True)  #: Values of DEPTH beside the optimum.
     methods: tuple[str, ...] = tuple(METHODS)  #: Names of methods.
+    loss: float = between(Medium().loss, 0.0, 0.3)  #: Share of frames that the air loses.
+    #: Size of the sensors' values, as a multiple of the paper's.
+    size_factor: float = between(1.0, 0.1, 10.0, log=True)
+    vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"  #: Whose timing; the paper used Fast DDS.
     live_s: float = 8.0  #: How long each live cell is, seconds; 0: none is run.
     live_rates_hz: tuple[int, ...] = (100, 200)  #: Rmax of the live cells.
     #: DEPTH of the live cells; optimised methods run with ``opt`` as well.
@@ -112,10 +119,17 @@ exp = Experiment(
 )
 
 
-def grid(config: Config, *, loss: float = Medium().loss) -> list[Point]:
-    """Return every cell: Rmax by DEPTH by method, over an air that loses a share of the frames."""
+def grid(config: Config, *, loss: float | None = None) -> list[Point]:
+    """Return every cell: Rmax by DEPTH by method, over the run's air or one that loses another share."""
+    cell = partial(
+        Point,
+        duration_s=config.duration_s,
+        loss=config.loss if loss is None else loss,
+        size_factor=config.size_factor,
+        vendor=config.vendor,
+    )
     return [
-        Point(rate_max_hz=rate, depth=depth, method=method, duration_s=config.duration_s, loss=loss)
+        cell(rate_max_hz=rate, depth=depth, method=method)
         for rate in config.rates_hz
         for depth in (*map(str, config.depths), OPT_DEPTH)
         for method in config.methods
@@ -140,7 +154,7 @@ def rate_and_depth(point: Point) -> tuple[float, int]:
 
 
 def scenario_of(
-    point: Point, *, seed: int = 0, medium: Medium | None = None, vendor: Vendor = FAST_DDS
+    point: Point, *, seed: int = 0, medium: Medium | None = None, vendor: Vendor | None = None
 ) -> Scenario:
     """Return a cell as a scenario.
 
@@ -148,28 +162,29 @@ def scenario_of(
         point: The cell.
         seed: Of the phases: nodes do not start together.
         medium: The air; None: `Medium`'s defaults with the cell's loss.
-        vendor: Timing; the paper used Fast DDS.
+        vendor: Timing; None: the cell's.
     """
     rate_hz, depth = rate_and_depth(point)
     qos = QoSProfile(depth=depth, deadline_ns=round(NS_PER_S / rate_hz))
     phases = np.random.default_rng(seed).uniform(0, 1 / rate_hz, sum(map(len, ROBOTS.values())) + 1)
-    flows = _sensor_flows(METHODS[point.method], rate_hz, qos, phases)
+    flows = _sensor_flows(point, rate_hz, qos, phases)
     return Scenario(
         flows=(*flows, *_hello_flows(rate_hz, qos, float(phases[-1]))),
         medium=medium or Medium(loss=point.loss),
-        vendor=vendor,
+        vendor=vendor or PRESETS[point.vendor],
         duration_s=point.duration_s,
     )
 
 
-def _sensor_flows(method: Method, rate_hz: float, qos: QoSProfile, phases: np.ndarray) -> list[Flow]:
+def _sensor_flows(point: Point, rate_hz: float, qos: QoSProfile, phases: np.ndarray) -> list[Flow]:
+    method = METHODS[point.method]
     pairs = [(robot, sensor) for robot, sensors in ROBOTS.items() for sensor in sensors]
     return [
         Flow(
             name=f"{robot}/{sensor}",
             source=robot,
             target=STATION,
-            size_bytes=SENSORS[sensor].table_bytes,
+            size_bytes=round(point.size_factor * SENSORS[sensor].table_bytes),
             rate_hz=rate_hz,
             phase_s=float(phase),
             qos=qos,

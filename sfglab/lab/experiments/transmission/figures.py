@@ -8,7 +8,7 @@ import numpy as np
 
 from sfglab.arp.robots import METHODS
 from sfglab.lab.experiments.transmission.analysis import BEST, TIE, agreement, cells, compare_ways, order
-from sfglab.lab.experiments.transmission.experiment import Config, exp
+from sfglab.lab.experiments.transmission.experiment import OPT_DEPTH, Config, exp
 from sfglab.lab.experiments.transmission.stage import LATENCY_WITHIN, LOSS_WITHIN
 from sfglab.lab.figures import COLORS, grouped_bars
 
@@ -207,3 +207,36 @@ def _draw_bands(loss: Axes, latency: Axes, live: pd.DataFrame) -> None:
     inside = (ends * (1 - LATENCY_WITHIN), ends * (1 + LATENCY_WITHIN))
     latency.fill_betweenx(ends, *inside, color="black", alpha=0.1)
     latency.set(xscale="log", yscale="log")
+
+
+@exp.look(
+    "hello",
+    turn=("loss", "depths", "rates_hz", "size_factor", "vendor"),
+    needs=("cell",),
+    size=(10, 3.6),
+    start={"seeds": 1, "rates_hz": (100,), "depths": (10,)},
+    coarse={"duration_s": 10.0},
+    reference="transmission_loss",
+)
+def draw_hello(figure: Figure, run: Run[Config]) -> None:
+    """Draw latency, loss and fate of "Hello" at one Rmax: a bar a method at this depth, one at the optimum."""
+    depths = list(dict.fromkeys(run["cell"]["depth"]))
+    names = ["the optimum" if depth == OPT_DEPTH else f"DEPTH {depth}" for depth in depths]
+    latency, loss, *fates = figure.subplots(1, 2 + len(depths), sharey=True)
+    for axes, column, label, scale in (
+        (latency, "latency_p50_ms", "median latency (ms)", 1.0),
+        (loss, "loss", "packet loss (%)", 100.0),
+    ):
+        table = cells(run, column).pivot_table(index="method", columns="depth", values="median")
+        table = scale * table.loc[list(METHODS), depths].set_axis(names, axis="columns")
+        colors: Any = [COLORS["standard"], COLORS["proxy"]]
+        table.plot.barh(ax=axes, width=0.8, legend=axes is loss, color=colors)
+        axes.set(xlabel=label, ylabel="")
+    latency.set_xscale("log")
+    shares = _shares_of_fates(run["cell"])
+    for axes, depth, name in zip(fates, depths, names, strict=True):
+        part = shares[shares["depth"] == depth].set_index("method").loc[list(METHODS), list(FATES)]
+        (100 * part).plot.barh(ax=axes, stacked=True, legend=False, color=[c for _, c in FATES.values()])
+        axes.set(title=f"fate at {name}", xlabel="share (%)", ylabel="")
+    bars = fates[-1].containers
+    figure.legend(bars, [text for text, _ in FATES.values()], loc="outside lower center", ncols=3, fontsize=8)

@@ -1,0 +1,275 @@
+"""An explorer: a form, the figure that follows it, the one before kept faint, and the reference run's.
+
+Pictures are drawn by a worker process; requests carry numbers, and only the newest one's pictures are shown.
+What takes long runs on a button, in a process of its own, with progress and a stop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import sys
+import threading
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from sfglab.component import argument_of
+from sfglab.errors import InvalidValueError
+from sfglab.fields import to_json
+from sfglab.lab.explore.form import Form
+from sfglab.lab.explore.task import Task
+from sfglab.lab.paths import find_project
+from sfglab.processes import LineProcess
+from sfglab.view.panel import widgets
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
+    from sfglab.component import Report
+    from sfglab.lab.experiment import Experiment
+
+_FIRST_PICTURE_S = 90.0
+"""How long a cell waits for the first picture: an empty cache compiles for 13 s, a busy machine for longer."""
+_FAINT = 0.35
+
+
+@cache
+def _loop() -> asyncio.AbstractEventLoop:
+    """Return a loop in a thread of its own, which a busy cell does not block."""
+    loop = asyncio.new_event_loop()
+    threading.Thread(target=loop.run_forever, name="explore", daemon=True).start()
+    return loop
+
+
+def _soon(body: Coroutine[Any, Any, Any]) -> None:
+    asyncio.run_coroutine_threadsafe(body, _loop())
+
+
+class Worker:
+    """A worker process as the explorer sees it.
+
+    Args:
+        task: What it is for.
+        on_report: Called on the explorers' thread with every report.
+    """
+
+    def __init__(self, task: Task, on_report: Callable[[Report], None]) -> None:
+        argv = [sys.executable, "-m", "sfglab.lab.explore.worker", argument_of(task)]
+        starting = LineProcess.start(f"explore {task.experiment}", argv, on_report=on_report)
+        self._process = asyncio.run_coroutine_threadsafe(starting, _loop())
+        self._process.add_done_callback(lambda started: setattr(started.result(), "keeps", False))
+
+    def order(self, **values: Any) -> None:
+        """Give an order, as soon as the process is there."""
+
+        async def give() -> None:
+            (await asyncio.wrap_future(self._process)).order(**values)
+
+        _soon(give())
+
+    def close(self) -> None:
+        """End it; what it started ends with it. Harmless when repeated."""
+
+        async def end() -> None:
+            await (await asyncio.wrap_future(self._process)).close(grace_s=15)
+
+        _soon(end())
+
+
+class Explorer:
+    """What `explore` shows.
+
+    Args:
+        exp: The experiment.
+        look: One of its looks.
+        profile: The profile that the form begins with.
+
+    Attributes:
+        form: The form.
+        shown: The request whose picture is shown; whole: whether it is the whole picture.
+        kept: Logs that were kept.
+    """
+
+    def __init__(self, exp: Experiment[Any], look: str, profile: str) -> None:
+        self._kit = widgets()
+        self._exp, self._look, self._profile = exp, look, profile
+        declared = exp.looks[look]
+        self.form = Form(exp.config(profile, **declared.start), declared.turn, self._ask)
+        self.shown, self.whole = -1, False
+        self.kept: list[str] = []
+        self._request = -1
+        self._settled = threading.Event()
+        self._running: Worker | None = None
+        self._picture, self._before = self._kit.Image(format="png"), self._kit.Image(format="png")
+        self._before.layout.width, self._before.layout.opacity = "45%", str(_FAINT)
+        self._before.layout.display = "none"
+        self._code, self._state = (
+            self._kit.Textarea(layout={"width": "40em", "display": "none"}),
+            self._kit.HTML(),
+        )
+        self._bar = self._kit.IntProgress(layout={"display": "none"})
+        self._buttons = self._made_buttons()
+        self.widget = self._arranged()
+        self._worker = Worker(Task(experiment=exp.name), self._take)
+        self._ask()
+
+    def _repr_mimebundle_(self, **_: object) -> dict[str, Any]:
+        """Show the form, and its first picture as a still where no kernel runs."""
+        self.wait()
+        bundle: dict[str, Any] = self.widget._repr_mimebundle_()
+        if self._picture.value:
+            bundle["image/png"] = base64.b64encode(self._picture.value).decode()
+        return bundle
+
+    def wait(self, timeout_s: float = _FIRST_PICTURE_S) -> bool:
+        """Wait until the picture is whole and the newest one's; returns whether it is."""
+        return self._settled.wait(timeout_s)
+
+    def code(self) -> str:
+        """Return the call that repeats what is shown."""
+        now = to_json(self.form.config)
+        usual = to_json(self._exp.config(self._profile))
+        changes = {name: _plain(now[name]) for name in now if now[name] != usual[name]}
+        given = "".join(f", {name}={value!r}" for name, value in changes.items())
+        name = self._exp.name
+        return (
+            f'from sfglab.lab.experiments import {name}\nrun = await {name}.exp.run("{self._profile}"{given})'
+        )
+
+    def keep(self) -> None:
+        """Write what is shown into a log below ``runs/``, marked as explored: it speaks for no claim."""
+        self._run(sorted(self._exp.looks[self._look].needs))
+
+    def run_all(self) -> None:
+        """Run the whole experiment with these settings, live parts too; its log is marked as explored."""
+        self._run([])
+
+    def stop(self) -> None:
+        """Stop what runs on a button; what it started ends with it."""
+        if self._running is not None:
+            self._running.close()
+
+    def close(self) -> None:
+        """End the worker and what runs; harmless when repeated."""
+        self.stop()
+        self._worker.close()
+
+    # The picture.
+
+    def _ask(self) -> None:
+        self._request += 1
+        self._settled.clear()
+        if hasattr(self, "_worker"):
+            config = to_json(self.form.config)
+            self._worker.order(do="draw", request=self._request, look=self._look, config=config)
+
+    def _take(self, report: Report) -> None:
+        if report["is"] == "ended" or report.get("request") != self._request:
+            self._settled.set() if report["is"] == "ended" else None
+            return
+        if report["is"] == "refused":
+            self.form.say(report["why"])
+            self._settled.set()
+            return
+        if self.whole and self.shown != self._request:
+            self._before.value, self._before.layout.display = self._picture.value, ""
+        self._picture.value = base64.b64decode(report["png"])
+        self.shown, self.whole = self._request, report["whole"]
+        if self.whole:
+            self._settled.set()
+
+    # What runs on a button.
+
+    def _run(self, only: list[str]) -> None:
+        if self._running is not None:
+            self._state.value = "one run at a time: stop the other first"
+            return
+        settings = to_json(self.form.config)
+        settings.pop("profile", None)
+        task = Task(experiment=self._exp.name, profile=self._profile, settings=settings, only=tuple(only))
+        self._show_busy(busy=True)
+        self._running = Worker(task, self._follow)
+
+    def _follow(self, report: Report) -> None:
+        if report["is"] == "step":
+            self._bar.max, self._bar.value = report["total"], report["done"]
+            self._state.value = f"{report['what']}; {report['left_s']:.0f} s left"
+        elif report["is"] == "done":
+            self.kept.append(report["log"])
+            self._state.value = f"kept as {report['log']}: explored, it speaks for no claim"
+            self.stop()
+        elif report["is"] == "failed":
+            self._state.value = report["why"]
+        elif report["is"] == "ended":
+            if not self._state.value.startswith("kept") and report["status"] == 0:
+                self._state.value = "stopped; nothing was kept"
+            self._running = None
+            self._show_busy(busy=False)
+
+    def _show_busy(self, *, busy: bool) -> None:
+        self._bar.layout.display = "" if busy else "none"
+        self._bar.value = 0
+        if busy:
+            self._state.value = "starting"
+        for name, button in self._buttons.items():
+            button.disabled = busy != (name == "stop")
+
+    # How it looks.
+
+    def _made_buttons(self) -> dict[str, Any]:
+        actions = {
+            "reset": ("Reset", "Every field as in the beginning", self.form.reset),
+            "code": ("Copy as code", "The call that repeats this", self._show_code),
+            "keep": ("Keep", "Write a log of this into runs/, marked as explored", self.keep),
+            "all": ("Run all", "Run the whole experiment with these settings, live parts too", self.run_all),
+            "stop": ("Stop", "Stop what runs; nothing is left of it", self.stop),
+        }
+        made = {}
+        for name, (label, text, action) in actions.items():
+            made[name] = self._kit.Button(description=label, tooltip=text, layout={"width": "auto"})
+            made[name].on_click(lambda _, action=action: action())
+        made["stop"].disabled = True
+        return made
+
+    def _show_code(self) -> None:
+        self._code.value, self._code.layout.display = self.code(), ""
+        self._code.rows = 3
+
+    def _arranged(self) -> Any:
+        kit, reference = self._kit, self._reference()
+        below = kit.HBox([self._before, *([reference] if reference is not None else [])])
+        buttons = kit.HBox([*self._buttons.values(), self._bar, self._state])
+        return kit.VBox([self.form.widget, buttons, self._code, self._picture, below])
+
+    def _reference(self) -> Any | None:
+        """Return the reference run's figure in a fold; None where the look names none."""
+        name = self._exp.looks[self._look].reference
+        if not name:
+            return None
+        picture = self._kit.Image(value=(find_project().figures / f"{name}.png").read_bytes(), format="png")
+        picture.layout.width = "100%"
+        return self._kit.Accordion(children=[picture], titles=("Reference run",), selected_index=None)
+
+
+def _plain(value: Any) -> Any:
+    return tuple(map(_plain, value)) if isinstance(value, list) else value
+
+
+def explore(exp: Experiment[Any], look: str = "", *, profile: str = "quick") -> Explorer:
+    """Show a form of an experiment's configuration and a figure that follows it.
+
+        explore(transmission.exp)
+
+    Args:
+        exp: The experiment.
+        look: Which of its looks; empty: its first.
+        profile: The profile that the form begins with.
+
+    Raises:
+        InvalidValueError: The experiment has no such look.
+        MissingExtraError: ipywidgets is not installed.
+    """
+    chosen = look or next(iter(exp.looks), "")
+    if chosen not in exp.looks:
+        raise InvalidValueError(f"{exp.name}: look", look, ", ".join(exp.looks) or "none: nothing to turn")
+    return Explorer(exp, chosen, profile)

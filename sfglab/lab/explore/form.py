@@ -1,0 +1,173 @@
+"""The form of a configuration: one widget a field, made from its type, bounds, documentation and unit.
+
+A field with both bounds is a slider, on a logarithmic scale where its bounds say so; an enumeration or a
+``Literal`` is a choice; a tuple of one bounded number is a slider as well, any other tuple a text with commas.
+Knows dataclasses and widgets; refuses to know experiments.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import is_dataclass, replace
+from typing import TYPE_CHECKING, Any, get_args, get_origin
+
+from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.fields import BOUNDS, check_bounds, choices_of, field_docs, from_json, to_json, typed_fields
+from sfglab.view.panel import widgets
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from sfglab.fields import Bounds
+
+_HIDDEN = ("profile",)
+_UNITS = {"hz": "Hz", "s": "s", "ms": "ms", "ns": "ns", "m": "m", "bytes": "B", "mm": "mm", "deg": "°"}
+_STEPS = 200
+
+
+def unit_of(name: str, text: str) -> str:
+    """Return a field's unit, from its documentation in brackets or from its name's end; empty: it has none."""
+    named = re.search(r"\[([^\]]+)\]", text)
+    return named[1] if named else _UNITS.get(name.rpartition("_")[2], "")
+
+
+class Form:
+    """Widgets that set a configuration. `widget` is what a cell shows.
+
+    Args:
+        config: The configuration to begin with.
+        first: Names of fields that are shown first; the others are in a fold below.
+        on_change: Called when a valid value was set.
+
+    Raises:
+        MissingExtraError: ipywidgets is not installed.
+        InvalidValueError: There is no such field, or it has a type that no widget holds.
+    """
+
+    def __init__(self, config: Any, first: Sequence[str], on_change: Callable[[], None] = lambda: None) -> None:
+        self._kit = widgets()
+        self._begin, self.config, self._on_change = config, config, on_change
+        self._docs = field_docs(type(config))
+        self._said = self._kit.HTML()
+        self.controls: dict[str, Any] = {}
+        config_class: Any = type(config)
+        self._fields = typed_fields(config_class)
+        rows = {name: self._row(name) for name in self._fields if name not in _HIDDEN}
+        shown = {name: row for name, row in rows.items() if row is not None}
+        for name in first:
+            if name not in shown:
+                raise InvalidValueError("field to turn", name, ", ".join(shown))
+        others = [row for name, row in shown.items() if name not in first]
+        fold = self._kit.Accordion(
+            children=[self._kit.VBox(others)], titles=("Everything else",), selected_index=None
+        )
+        self.widget = self._kit.VBox(
+            [*(shown[name] for name in first), self._said, *([fold] if others else [])]
+        )
+
+    @property
+    def changed(self) -> dict[str, Any]:
+        """Values, as JSON has them, of the fields that differ from those that it began with."""
+        begin, now = to_json(self._begin), to_json(self.config)
+        return {name: now[name] for name in now if now[name] != begin[name]}
+
+    def reset(self) -> None:
+        """Set every field to what it was in the beginning."""
+        for name, control in self.controls.items():
+            control.value = _shown(getattr(self._begin, name), control)
+
+    def say(self, text: str) -> None:
+        """Show a sentence below the widgets; empty: none."""
+        from html import escape
+
+        self._said.value = f'<span style="color:#b00020">{escape(text)}</span>' if text else ""
+
+    def _row(self, name: str) -> Any | None:
+        """Return a field's widget with its unit; None where no widget can hold it."""
+        field = self._fields[name]
+        value = getattr(self.config, name)
+        control = self._control(field.type, field.metadata.get(BOUNDS), value)
+        if control is None:
+            return None
+        text = self._docs.get(name, "")
+        control.description = name.replace("_", " ")
+        control.tooltip = text
+        control.style.description_width = "9em"
+        control.layout.width = "26em"
+        control.observe(lambda change: self._set(name, field.type, change["new"]), "value")
+        self.controls[name] = control
+        unit = self._kit.HTML(
+            f'<span style="color:#666" title="{text}">{unit_of(name, text)} <small>{text}</small></span>'
+        )
+        return self._kit.HBox([control, unit])
+
+    def _control(self, hint: Any, bounds: Bounds | None, value: Any) -> Any | None:
+        if hint is bool:
+            return self._kit.Checkbox(value=value, indent=False)
+        if choices := choices_of(hint):
+            return self._kit.Dropdown(options=list(choices.items()), value=value)
+        if get_origin(hint) is tuple and len(value) == 1 and bounds:
+            return self._slider(get_args(hint)[0], bounds, value[0])
+        if hint in (int, float) and bounds and math.isfinite(bounds.high):
+            return self._slider(hint, bounds, value)
+        return self._entry(hint, value)
+
+    def _entry(self, hint: Any, value: Any) -> Any | None:
+        """Return a widget to write a value into."""
+        if hint in (int, float):
+            kind = self._kit.IntText if hint is int else self._kit.FloatText
+            return kind(value=value, continuous_update=False)
+        if hint is str or _is_plain_tuple(hint):
+            return self._kit.Text(value=_as_text(value), continuous_update=False)
+        return None
+
+    def _slider(self, hint: Any, bounds: Bounds, value: float) -> Any:
+        if bounds.log:
+            low, high = math.log10(bounds.low), math.log10(bounds.high)
+            return self._kit.FloatLogSlider(
+                value=value, min=low, max=high, step=(high - low) / _STEPS, readout_format=".3g"
+            )
+        if hint is int:
+            return self._kit.IntSlider(value=value, min=bounds.low, max=bounds.high)
+        step = (bounds.high - bounds.low) / _STEPS
+        return self._kit.FloatSlider(
+            value=value, min=bounds.low, max=bounds.high, step=step, readout_format=".3g"
+        )
+
+    def _set(self, name: str, hint: Any, given: Any) -> None:
+        try:
+            config = replace(self.config, **{name: _read(hint, given)})
+            check_bounds(config)
+        except (SfglabError, ValueError) as error:
+            self.say(str(error))
+            return
+        self.say("")
+        self.config = config
+        self._on_change()
+
+
+def _is_plain_tuple(hint: Any) -> bool:
+    return get_origin(hint) is tuple and get_args(hint)[0] in (int, float, str)
+
+
+def _as_text(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
+def _shown(value: Any, control: Any) -> Any:
+    """Return a field's value as its widget holds it."""
+    if isinstance(value, tuple):
+        return _as_text(value) if isinstance(control.value, str) else value[0]
+    return value
+
+
+def _read(hint: Any, given: Any) -> Any:
+    """Return a widget's value as its field's."""
+    if hint is int and isinstance(given, float):
+        return round(given)  # a slider on a logarithmic scale has fractions
+    if _is_plain_tuple(hint):
+        one = get_args(hint)[0]
+        parts = [p.strip() for p in given.split(",") if p.strip()] if isinstance(given, str) else [given]
+        return tuple(round(p) if one is int and isinstance(p, float) else from_json(one, p) for p in parts)
+    return given if is_dataclass(hint) else from_json(hint, given)

@@ -1,0 +1,94 @@
+"""The worker behind a form: a process that draws looks, and one that makes a whole run.
+
+A cell that is busy does not starve it, and what it is at dies with it. Orders:
+``{"do": "draw", "request": N, "look": ..., "config": {...}}``; only the newest counts, older ones are dropped
+between two points. Reports: ``ready``; ``picture`` with the request's number, the PNG in base64 and whether it
+is the whole or a coarse one; ``refused`` with the sentence. With `Task.run` it makes one run instead and
+reports ``step`` and ``done``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import io
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from sfglab.component import run_component
+from sfglab.errors import SfglabError
+from sfglab.fields import from_json
+from sfglab.lab.bench import Options
+from sfglab.lab.experiment import StaleError
+from sfglab.lab.experiments import experiment
+from sfglab.lab.explore.task import Task
+from sfglab.lab.progress import progress_to
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.component import Report
+    from sfglab.lab.experiment import Experiment
+    from sfglab.lab.progress import Step
+
+PICTURE_DPI = 90
+"""Pictures are sent at the width at which they are shown."""
+
+
+async def serve(task: Task, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
+    """Draw until cancelled, or make one run."""
+    exp = experiment(task.experiment)
+    if task.profile:
+        await _run(exp, task, report)
+        return
+    report({"is": "ready"})
+    while True:
+        order = await orders.get()
+        while not orders.empty():
+            order = orders.get_nowait()
+        try:
+            await asyncio.to_thread(asyncio.run, _draw(exp, order, report, lambda: not orders.empty()))
+        except StaleError:
+            continue
+        except SfglabError as error:
+            report({"is": "refused", "request": order["request"], "why": str(error)})
+
+
+async def _draw(
+    exp: Experiment[Any], order: Report, report: Callable[[Report], None], stale: Callable[[], bool]
+) -> None:
+    """Report a look's picture; first a coarse one where the look has one and the whole takes longer."""
+    config = from_json(exp.config_class, order["config"])
+    look = exp.looks[order["look"]]
+    for changes in (look.coarse, {}) if look.coarse else ({},):
+        async with exp.preview(order["look"], replace(config, **changes), stale=stale) as run:
+            picture = png_of(exp.draw_look(order["look"], run))
+        report(
+            {
+                "is": "picture",
+                "request": order["request"],
+                "whole": not changes,
+                "png": base64.b64encode(picture).decode(),
+            }
+        )
+
+
+def png_of(figure: Any) -> bytes:
+    """Return a figure as PNG at the width at which a page shows it."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=PICTURE_DPI)
+    return buffer.getvalue()
+
+
+async def _run(exp: Experiment[Any], task: Task, report: Callable[[Report], None]) -> None:
+    def step(step: Step) -> None:
+        report({"is": "step", "what": step.what, "done": step.done, "total": step.total, "left_s": step.left_s})
+
+    options = Options(explored=True, only=frozenset(task.only))
+    with progress_to(step):
+        run = await exp.run(task.profile, options=options, **task.settings)
+    report({"is": "done", "log": str(run.log)})
+
+
+if __name__ == "__main__":
+    run_component(Task, serve)

@@ -1,0 +1,176 @@
+"""Explorers: forms from configurations, pictures that follow, what is kept speaks for no claim."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from sfglab.errors import InvalidValueError
+from sfglab.fields import between
+from sfglab.lab.experiments import EXPERIMENTS, experiment, transmission
+from sfglab.lab.explore import explore
+from sfglab.lab.explore.form import Form, unit_of
+from sfglab.lab.explore.setup_picture import draw_setup
+from sfglab.lab.paths import find_project
+
+pytest.importorskip("ipywidgets")
+ROOT = find_project(Path(__file__)).root
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    """A checkout with our data and figures whose runs are its own."""
+    for name in ("data", "figures"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
+    return find_project()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """A configuration with a field of every kind."""
+
+    share: float = between(0.1, 0, 0.5)  #: A share.
+    rate_hz: int = between(100, 10, 1000, log=True)  #: A rate.
+    count: int = between(3, 1, 9)  #: A count.
+    method: Literal["none", "LC"] = "none"  #: A method.
+    live: bool = False  #: Whether it is live.
+    wait_s: float = 1.5  #: Without bounds.
+    depths: tuple[int, ...] = between((1, 10), 1, 5000)  #: Several.
+    one: tuple[int, ...] = between((10,), 1, 5000, log=True)  #: One, so that it slides.
+    source: str = "photos"  #: A file of one's own.
+    height: float = between(1.0, 0, 9)  #: How high [mm].
+
+
+SET = {
+    "share": (0.2, 0.2),
+    "rate_hz": (316.228, 316),
+    "count": (4, 4),
+    "method": ("LC", "LC"),
+    "live": (True, True),
+    "wait_s": (2.0, 2.0),
+    "depths": ("1, 5,10", (1, 5, 10)),
+    "one": (99.9, (100,)),
+    "source": ("mine.mp4", "mine.mp4"),
+    "height": (3.0, 3.0),
+}
+
+
+@pytest.mark.parametrize("name", SET)
+def test_a_widget_sets_its_field_in_its_type(name):
+    asked = []
+    form = Form(Config(), ["share"], lambda: asked.append(form.config))
+    given, held = SET[name]
+    form.controls[name].value = given
+    assert getattr(form.config, name) == held
+    assert type(getattr(form.config, name)) is type(held)
+    assert form.changed == {name: list(held) if isinstance(held, tuple) else held}
+    assert asked == [form.config]
+    form.reset()
+    assert form.config == Config()
+
+
+def test_every_field_has_a_widget_with_its_text_and_those_to_turn_stand_first():
+    form = Form(Config(), ["count", "share"])
+    assert set(form.controls) == set(SET)
+    assert form.controls["count"].tooltip == "A count."
+    first, second, *_ = form.widget.children
+    assert [row.children[0] for row in (first, second)] == [form.controls["count"], form.controls["share"]]
+
+
+@pytest.mark.parametrize(("name", "given"), [("depths", "1, many"), ("depths", "1, 9000"), ("depths", "0")])
+def test_what_a_field_cannot_hold_is_said_and_changes_nothing(name, given):
+    asked = []
+    form = Form(Config(), [], lambda: asked.append(1))
+    form.controls[name].value = given
+    assert form.config == Config()
+    assert not asked
+    assert "given" in form._said.value
+    form.controls[name].value = "7"
+    assert form.config.depths == (7,)
+    assert not form._said.value
+
+
+def test_units_come_from_brackets_else_from_names():
+    assert unit_of("rate_hz", "At which it is published.") == "Hz"
+    assert unit_of("height", "How high [mm].") == "mm"
+    assert unit_of("count", "How many.") == ""
+
+
+def test_what_cannot_be_turned_is_refused_by_name():
+    with pytest.raises(InvalidValueError, match=r"field to turn: given 'colour', allowed: .*share"):
+        Form(Config(), ["colour"])
+    with pytest.raises(InvalidValueError, match=r"transmission: look: given 'nothing', allowed: hello"):
+        explore(transmission.exp, "nothing")
+
+
+@pytest.mark.parametrize("name", [name for name in EXPERIMENTS if experiment(name).setup.actors])
+def test_a_picture_of_the_set_up_names_every_host_and_process_and_what_is_sent(name):
+    setup = experiment(name).setup
+    figure = draw_setup(setup)
+    said = " ".join(text.get_text() for text in figure.axes[0].texts)
+    flat = " ".join(said.split())
+    for actor in setup.actors:
+        assert actor.name in flat
+        assert actor.host in flat
+    for link in setup.links:
+        assert link.carries in flat
+        assert link.boundary in flat
+
+
+@pytest.mark.live
+def test_a_figure_follows_only_the_newest_of_many_moves_and_what_is_kept_speaks_for_no_claim(project):
+    def claims() -> bytes:
+        return subprocess.run(
+            [sys.executable, "-m", "sfglab", "claims", "--json"],
+            check=True,
+            capture_output=True,
+            cwd=project.root,
+        ).stdout
+
+    before = claims()
+    explorer = explore(transmission.exp)
+    try:
+        assert explorer.wait()
+        still = explorer._repr_mimebundle_()
+        assert still["image/png"]
+        for loss in (0.05, 0.1, 0.15, 0.2):
+            explorer.form.controls["loss"].value = loss
+        assert explorer.wait()
+        assert explorer.shown == 4
+        assert explorer._repr_mimebundle_()["image/png"] != still["image/png"]
+        assert "loss=0.2" in explorer.code()
+        explorer.keep()
+        while explorer._running is not None:
+            time.sleep(0.1)
+        (log,) = map(Path, explorer.kept)
+        run = transmission.exp.load(log)
+        assert run.config.loss == 0.2
+        assert len(run["cell"]) == 14
+        assert run.metadata("completion")["explored"] is True
+        assert claims() == before
+    finally:
+        explorer.close()
+
+
+@pytest.mark.live
+def test_a_run_on_a_button_is_stopped_and_nothing_is_kept(project):
+    explorer = explore(transmission.exp)
+    try:
+        explorer.run_all()
+        assert "one run" not in explorer._state.value
+        explorer.keep()
+        assert "one run at a time" in explorer._state.value
+        explorer.stop()
+        while explorer._running is not None:
+            time.sleep(0.1)
+        assert not explorer.kept
+        assert not list(project.runs.glob("logs/*/*.mcap"))
+    finally:
+        explorer.close()

@@ -1,0 +1,105 @@
+"""An explorer as readers have it: in a real JupyterLab, in a real browser, with a mouse."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from contextlib import closing
+
+import machine
+import nbformat
+import pytest
+
+from sfglab.errors import MissingExtraError
+from sfglab.lab.browser import Browser, BrowserError, free_port
+
+pytestmark = [pytest.mark.live, pytest.mark.browser]
+
+CELL = """from sfglab.lab.experiments import transmission
+from sfglab.lab.explore import explore
+explorer = explore(transmission.exp)
+explorer"""
+PICTURE = (
+    "(() => { const i = document.querySelector('.jp-OutputArea img'); return i && i.naturalWidth && i.src; })()"
+)
+HANDLE = """(() => { const row = [...document.querySelectorAll('.widget-slider')].find(
+  r => r.querySelector('label').innerText.trim() === '%s');
+  row.scrollIntoView({block: 'center'});
+  const track = row.querySelector('.noUi-base').getBoundingClientRect();
+  const handle = row.querySelector('.noUi-handle').getBoundingClientRect();
+  return [handle.x + handle.width / 2, handle.y + handle.height / 2, track.x, track.width]; })()"""
+ANSWER_S = 180
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory):
+    """A JupyterLab on a folder with one notebook, its address."""
+    folder = tmp_path_factory.mktemp("lab")
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL)])
+    notebook.metadata.kernelspec = {"name": "python3", "display_name": "Python 3", "language": "python"}
+    nbformat.write(notebook, folder / "explore.ipynb")
+    settings = folder / "config" / "labconfig"
+    settings.mkdir(parents=True)
+    news = {"disabledExtensions": {"@jupyterlab/apputils-extension:announcements": True}}
+    (settings / "page_config.json").write_text(json.dumps(news))
+    port = free_port()
+    argv = [sys.executable, "-m", "jupyterlab", "--no-browser", "--allow-root", f"--ServerApp.port={port}"]
+    argv += ["--IdentityProvider.token=", "--LabApp.expose_app_in_browser=True"]
+    environment = os.environ | {
+        "JUPYTER_CONFIG_DIR": str(folder / "config"),
+        "IPYTHONDIR": str(folder / "ipython"),
+    }
+    server = subprocess.Popen(argv, cwd=folder, env=environment, stderr=subprocess.DEVNULL)
+    yield f"http://127.0.0.1:{port}/lab/tree/explore.ipynb"
+    server.terminate()
+    server.wait(60)
+
+
+@pytest.fixture(scope="module")
+def browser(lab):
+    try:
+        made = Browser(1300, 1100)
+    except (MissingExtraError, BrowserError) as error:
+        machine.skip("browser", str(error))
+    with closing(made):
+        end = time.monotonic() + ANSWER_S
+        while time.monotonic() < end:  # until the server listens
+            made.open(lab)
+            time.sleep(1)
+            if made.evaluate(
+                "location.href.startsWith('http') && !!document.querySelector('#main, #jupyterlab-splash')"
+            ):
+                break
+        yield made
+
+
+def run_all(browser):
+    browser.wait_for("!!window.jupyterapp && !!document.querySelector('.jp-Notebook .cm-content')", ANSWER_S)
+    browser.wait_for(
+        "[...document.querySelectorAll('.jp-Notebook-ExecutionIndicator')].some(e => e.dataset.status === 'idle')",
+        ANSWER_S,
+    )
+    browser.evaluate("void jupyterapp.commands.execute('notebook:run-all-cells')")
+
+
+def slide(browser, label, share):
+    """Drag a slider's handle to a share of its track."""
+    x, y, left, width = browser.evaluate(HANDLE % label)
+    browser.drag((x, y), (left + share * width, y), steps=5)
+
+
+def test_a_figure_follows_the_sliders_that_a_reader_drags(browser, tmp_path):
+    run_all(browser)
+    before = browser.wait_for(PICTURE, ANSWER_S)
+    for share in (0.3, 0.6):
+        slide(browser, "loss", share)
+        start_s = time.monotonic()
+        before = browser.wait_for(
+            f"(() => {{ const s = {PICTURE}; return s !== {before!r} && s; }})()", ANSWER_S
+        )
+        print(f"{time.monotonic() - start_s:.2f} s to the next picture")
+    browser.screenshot(tmp_path / "explored.png")
+    browser.press("Copy as code")
+    code = browser.wait_for("document.querySelector('.jp-OutputArea textarea')?.value", ANSWER_S)
+    assert "loss=0.1" in code
