@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 _FIRST_PICTURE_S = 90.0
 """How long a cell waits for the first picture: an empty cache compiles for 13 s, a busy machine for longer."""
-_FAINT = 0.35
+_FAINT = "sfglab-before"
+_STYLE = f"<style>.{_FAINT} {{ opacity: 0.35 }}</style>"
 
 
 @cache
@@ -101,8 +102,8 @@ class Explorer:
         self._settled = threading.Event()
         self._running: Worker | None = None
         self._picture, self._before = self._kit.Image(format="png"), self._kit.Image(format="png")
-        self._before.layout.width, self._before.layout.opacity = "45%", str(_FAINT)
-        self._before.layout.display = "none"
+        self._before.layout.width, self._before.layout.display = "45%", "none"
+        self._before.add_class(_FAINT)
         self._code, self._state = (
             self._kit.Textarea(layout={"width": "40em", "display": "none"}),
             self._kit.HTML(),
@@ -237,7 +238,7 @@ class Explorer:
 
     def _arranged(self) -> Any:
         kit, reference = self._kit, self._reference()
-        below = kit.HBox([self._before, *([reference] if reference is not None else [])])
+        below = kit.HBox([kit.HTML(_STYLE), self._before, *([reference] if reference is not None else [])])
         buttons = kit.HBox([*self._buttons.values(), self._bar, self._state])
         return kit.VBox([self.form.widget, buttons, self._code, self._picture, below])
 

@@ -91,16 +91,15 @@ class Form:
         if control is None:
             return None
         text = self._docs.get(name, "")
-        control.description = name.replace("_", " ")
+        unit = unit_of(name, text)
+        control.description = (name.removesuffix(f"_{unit.lower()}") if unit else name).replace("_", " ")
         control.tooltip = text
         control.style.description_width = "9em"
         control.layout.width = "26em"
         control.observe(lambda change: self._set(name, field.type, change["new"]), "value")
         self.controls[name] = control
-        unit = self._kit.HTML(
-            f'<span style="color:#666" title="{text}">{unit_of(name, text)} <small>{text}</small></span>'
-        )
-        return self._kit.HBox([control, unit])
+        said = self._kit.HTML(f'{unit} <small style="color:#666">{text}</small>')
+        return self._kit.HBox([control, said])
 
     def _control(self, hint: Any, bounds: Bounds | None, value: Any) -> Any | None:
         if hint is bool:
@@ -123,16 +122,17 @@ class Form:
         return None
 
     def _slider(self, hint: Any, bounds: Bounds, value: float) -> Any:
+        shown = ".0f" if hint is int else ".3g"
         if bounds.log:
             low, high = math.log10(bounds.low), math.log10(bounds.high)
-            return self._kit.FloatLogSlider(
-                value=value, min=low, max=high, step=(high - low) / _STEPS, readout_format=".3g"
-            )
+            step = (high - low) / _STEPS
+            return self._kit.FloatLogSlider(value=value, min=low, max=high, step=step, readout_format=shown)
         if hint is int:
             return self._kit.IntSlider(value=value, min=bounds.low, max=bounds.high)
-        step = (bounds.high - bounds.low) / _STEPS
+        # A page sets a value to the nearest step: a round one keeps round values.
+        step = 10.0 ** math.floor(math.log10((bounds.high - bounds.low) / _STEPS))
         return self._kit.FloatSlider(
-            value=value, min=bounds.low, max=bounds.high, step=step, readout_format=".3g"
+            value=value, min=bounds.low, max=bounds.high, step=step, readout_format=shown
         )
 
     def _set(self, name: str, hint: Any, given: Any) -> None:
@@ -143,8 +143,9 @@ class Form:
             self.say(str(error))
             return
         self.say("")
-        self.config = config
-        self._on_change()
+        if config != self.config:
+            self.config = config
+            self._on_change()
 
 
 def _is_plain_tuple(hint: Any) -> bool:
