@@ -11,11 +11,9 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, asynccontextmanager, nullcontext
+from contextlib import ExitStack, nullcontext
 from dataclasses import asdict, dataclass, fields
 from difflib import get_close_matches
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_type_hints
 
 from sfglab.errors import InvalidValueError, SfglabError
@@ -31,7 +29,8 @@ from sfglab.lab.testbed import Testbed
 from sfglab.record import LogError, LogWriter, run_context
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Iterator, Mapping
+    from collections.abc import Mapping
+    from pathlib import Path
 
     from matplotlib.figure import Figure
 
@@ -143,10 +142,6 @@ class Look:
     reference: str  #: The experiment's figure that is shown for comparison; empty: none.
 
 
-class StaleError(SfglabError):
-    """A preview that nobody waits for any more."""
-
-
 class Experiment(Generic[C]):
     """An experiment.
 
@@ -178,7 +173,7 @@ class Experiment(Generic[C]):
         self._hosts, self.setup = hosts, Setup(tuple(actors), tuple(links))
         self._profiles: dict[str, Mapping[str, Any]] = {SMOKE: smoke, QUICK: {}, PAPER: paper}
         self.tables: dict[str, type[Any]] = {}
-        self._sweeps: list[_Sweep] = []
+        self.sweeps: list[_Sweep] = []
         self._parts: list[_Part] = []
         self._claims: dict[str, tuple[Callable[[Run[C]], Finding | None], How | Callable[[Run[C]], How]]] = {}
         self._drawings: dict[str, _Drawing] = {}
@@ -227,7 +222,7 @@ class Experiment(Generic[C]):
 
         def declare(task: F) -> F:
             one = _Sweep(table=table, task=task, over=over, seeds=seeds, workers=workers, at_ns=at_ns)
-            self._sweeps.append(one)
+            self.sweeps.append(one)
             return task
 
         return declare
@@ -304,14 +299,7 @@ class Experiment(Generic[C]):
     ) -> Callable[[F], F]:
         """Declare a look: a function that draws, as those of figures do, whenever a reader turns a field.
 
-        Args:
-            name: Its name in the form.
-            turn: Fields of the configuration that are offered first.
-            needs: Tables of sweeps and names of parts that it is drawn from; nothing else is computed.
-            size: Width and height, inches.
-            start: Fields that differ from the profile ``quick`` to begin with, so that it is quick.
-            coarse: Fields set anew for a first picture, where the whole takes longer.
-            reference: The figure of a whole run that is shown for comparison.
+        Arguments are as `Look` has them; tables and parts that it does not need are not computed.
         """
 
         def declare(function: F) -> F:
@@ -394,61 +382,15 @@ class Experiment(Generic[C]):
             raise LogError(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         with journals(path, f"{self.name}-{profile}") as journal:
-            sweeps = [one for one in self._sweeps if options.wants(one.table)]
+            sweeps = [one for one in self.sweeps if options.wants(one.table)]
             rows = {one.table: self._swept(one, config, journal, options) for one in sweeps}
             unfinished = path.with_name(path.name + PART_SUFFIX)
             done = {"experiment": self.name, "profile": profile, "explored": options.explored}
-            await self._write(
+            await self.write(
                 config, unfinished, rows, options, {**done, "changed": self._changed(profile, config)}
             )
             unfinished.rename(path)
         return self.load(path)
-
-    @asynccontextmanager
-    async def preview(
-        self, look: str, config: C, *, stale: Callable[[], bool] = lambda: False
-    ) -> AsyncIterator[Run[C]]:
-        """Make a run of what a look needs, here and now; its log is gone when the context ends.
-
-        Args:
-            look: One of `looks`.
-            config: The configuration.
-            stale: Asked between points whether nobody waits for it any more.
-
-        Raises:
-            StaleError: Nobody does.
-            InvalidValueError: There is no such look.
-            SfglabError: What a task or part raises.
-        """
-        if look not in self.looks:
-            raise InvalidValueError(f"{self.name}: look", look, ", ".join(self.looks))
-        options = Options(explored=True, only=self.looks[look].needs)
-        with TemporaryDirectory(prefix="sfglab-look-") as folder:
-            path = Path(folder) / "look.mcap"
-            sweeps = [one for one in self._sweeps if options.wants(one.table)]
-            rows = {one.table: list(self._rows_until_stale(one, config, stale)) for one in sweeps}
-            await self._write(config, path, rows, options, {})
-            yield self.load(path)
-
-    def _rows_until_stale(
-        self, one: _Sweep, config: C, stale: Callable[[], bool]
-    ) -> Iterator[tuple[None, Any]]:
-        for point in one.over(config):
-            for seed in one.seeds(config):
-                if stale():
-                    raise StaleError(f"{self.name}: a newer request is there")
-                result = one.task(point, seed)
-                for row in result if isinstance(result, tuple) else (result,):
-                    yield None, as_row(self.tables[one.table], row, {"seed": seed}, point)
-
-    def draw_look(self, look: str, run: Run[C]) -> Figure:
-        """Draw a look of a preview."""
-        from matplotlib.figure import Figure
-
-        with house_style():
-            figure = Figure(figsize=self.looks[look].size)
-            self.looks[look].draw(figure, run)
-            return figure
 
     def _changed(self, profile: str, config: C) -> list[str]:
         usual, given = asdict(self.config(profile)), asdict(config)  # type: ignore[call-overload]
@@ -471,9 +413,10 @@ class Experiment(Generic[C]):
                 rows.append((one.at_ns(row) if one.at_ns else None, row))
         return rows
 
-    async def _write(
+    async def write(
         self, config: C, path: Path, rows: Mapping[str, list[Any]], options: Options, done: Mapping[str, Any]
     ) -> None:
+        """Write a log: a sweep's rows by table, what the parts write, and how the run was completed."""
         with ExitStack() as stack:
             names = self._hosts(config) if callable(self._hosts) else self._hosts
             hosts = stack.enter_context(Testbed(*names, separate=options.separate)) if names else None

@@ -19,8 +19,8 @@ from sfglab.component import run_component
 from sfglab.errors import SfglabError
 from sfglab.fields import from_json
 from sfglab.lab.bench import Options
-from sfglab.lab.experiment import StaleError
 from sfglab.lab.experiments import experiment
+from sfglab.lab.explore.preview import StaleError, draw_look, preview
 from sfglab.lab.explore.task import Task
 from sfglab.lab.progress import progress_to
 
@@ -61,8 +61,8 @@ async def _draw(
     config = from_json(exp.config_class, order["config"])
     look = exp.looks[order["look"]]
     for changes in (look.coarse, {}) if look.coarse else ({},):
-        async with exp.preview(order["look"], replace(config, **changes), stale=stale) as run:
-            picture = png_of(exp.draw_look(order["look"], run))
+        async with preview(exp, order["look"], replace(config, **changes), stale=stale) as run:
+            picture = png_of(draw_look(exp, order["look"], run))
         report(
             {
                 "is": "picture",

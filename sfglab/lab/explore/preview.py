@@ -1,0 +1,66 @@
+"""Previews: a run of what a look needs, here and now, dropped as soon as nobody waits for it any more.
+
+Runs the experiment's own tasks and parts, into a log that is gone with the preview.
+"""
+
+from __future__ import annotations
+
+from contextlib import asynccontextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from sfglab.errors import SfglabError
+from sfglab.lab.bench import Options, as_row
+from sfglab.lab.figures import house_style
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable, Iterator
+
+    from matplotlib.figure import Figure
+
+    from sfglab.lab.experiment import Experiment
+    from sfglab.lab.runs import C, Run
+
+
+class StaleError(SfglabError):
+    """A preview that nobody waits for any more."""
+
+
+@asynccontextmanager
+async def preview(
+    exp: Experiment[C], look: str, config: C, *, stale: Callable[[], bool] = lambda: False
+) -> AsyncIterator[Run[C]]:
+    """Run what a look of an experiment needs; `stale` is asked between points whether nobody waits any more.
+
+    Raises:
+        StaleError: Nobody does.
+        SfglabError: What a task or part raises.
+    """
+    options = Options(explored=True, only=exp.looks[look].needs)
+    with TemporaryDirectory(prefix="sfglab-look-") as folder:
+        path = Path(folder) / "look.mcap"
+        sweeps = [one for one in exp.sweeps if options.wants(one.table)]
+        rows = {one.table: list(_rows(exp, one, config, stale)) for one in sweeps}
+        await exp.write(config, path, rows, options, {})
+        yield exp.load(path)
+
+
+def _rows(exp: Experiment[C], one: Any, config: C, stale: Callable[[], bool]) -> Iterator[tuple[None, Any]]:
+    for point in one.over(config):
+        for seed in one.seeds(config):
+            if stale():
+                raise StaleError(f"{exp.name}: a newer request is there")
+            result = one.task(point, seed)
+            for row in result if isinstance(result, tuple) else (result,):
+                yield None, as_row(exp.tables[one.table], row, {"seed": seed}, point)
+
+
+def draw_look(exp: Experiment[C], look: str, run: Run[C]) -> Figure:
+    """Draw a look of a preview."""
+    from matplotlib.figure import Figure
+
+    with house_style():
+        figure = Figure(figsize=exp.looks[look].size)
+        exp.looks[look].draw(figure, run)
+        return figure
