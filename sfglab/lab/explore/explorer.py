@@ -243,11 +243,11 @@ class Explorer:
         return kit.VBox([self.form.widget, buttons, self._code, self._picture, below])
 
     def _reference(self) -> Any | None:
-        """Return the reference run's figure in a fold; None where the look names none."""
-        name = self._exp.looks[self._look].reference
-        if not name:
+        """Return the reference run's figure in a fold; None where the look names none, or it is not there."""
+        file = find_project().figures / f"{self._exp.looks[self._look].reference}.png"
+        if not file.is_file():
             return None
-        picture = self._kit.Image(value=(find_project().figures / f"{name}.png").read_bytes(), format="png")
+        picture = self._kit.Image(value=file.read_bytes(), format="png")
         picture.layout.width = "100%"
         return self._kit.Accordion(children=[picture], titles=("Reference run",), selected_index=None)
 
