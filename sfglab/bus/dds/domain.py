@@ -327,8 +327,8 @@ class DdsParticipant:
         return handle
 
     def _topic(self, name: str, idl_type: type[Any]) -> int:
-        # Kept until the participant ends: where topics come and go while another process announces their types,
-        # Cyclone DDS 11.0.1 reads freed memory and dies.
+        # Kept until the participant ends: where types go while others are made, Cyclone DDS 11.0.1 may read
+        # freed memory (ddsi_type_resolved_locked) and die.
         key = (name, idl_type)
         if key not in self._topics:
             self._topics[key] = _checked(_create_topic(self.handle, name, idl_type), f"topic {name!r}")
