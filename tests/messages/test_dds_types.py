@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import pytest
 from cyclonedds._clayer import ddspy_take, ddspy_write
@@ -26,8 +28,8 @@ from sfglab.messages.store import register
 
 DOMAIN = 231
 LOOPBACK = (
-    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo'/></Interfaces></General></Domain>"
-    "</CycloneDDS>"
+    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo'/></Interfaces></General>"
+    f"<Discovery><Tag>{os.getpid()}</Tag></Discovery></Domain></CycloneDDS>"
 )
 ANY = SampleState.Any | ViewState.Any | InstanceState.Any
 KEPT = []
