@@ -55,6 +55,11 @@ def as_row(row_class: type[Any], row: Row, *origins: Any) -> Any:
     return row_class(**{**values, **row})
 
 
+def rows_of(row_class: type[Any], result: Any, *origins: Any) -> list[Any]:
+    """Return the rows of a task's result, which is one row or a tuple of them; `as_row` says of what."""
+    return [as_row(row_class, row, *origins) for row in (result if isinstance(result, tuple) else (result,))]
+
+
 @dataclass(slots=True, kw_only=True)
 class Bench(Generic[C]):
     """What a part of an experiment is given."""

@@ -10,15 +10,15 @@ record, progress, resuming, typed configuration on the way back, figure style, t
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_type_hints
 
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fields import check_bounds, from_json, to_json
-from sfglab.lab.bench import Bench, Options, as_row
+from sfglab.lab.bench import Bench, Options, rows_of
 from sfglab.lab.claims import Finding, How, Measured
 from sfglab.lab.figures import house_style
 from sfglab.lab.paths import find_project
@@ -29,7 +29,6 @@ from sfglab.lab.testbed import Testbed
 from sfglab.record import LogError, LogWriter, run_context
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
 
     from matplotlib.figure import Figure
@@ -133,13 +132,15 @@ def _numbers(value: Any) -> Any:
 class Look:
     """A figure that follows what a reader turns, computed from a few quick tables."""
 
-    draw: Callable[[Figure, Run[Any]], Any]  #: Draws into an empty figure.
-    turn: tuple[str, ...]  #: Fields of the configuration that a form offers first.
+    turn: Sequence[str]  #: Fields of the configuration that a form offers first.
+    needs: Collection[str]  #: Tables of sweeps, and names of parts, that it is drawn from.
     size: tuple[float, float]  #: Width and height, inches.
-    needs: frozenset[str]  #: Tables of sweeps, and names of parts, that it is drawn from.
-    start: Mapping[str, Any]  #: Fields that differ from the profile ``quick`` to begin with.
-    coarse: Mapping[str, Any]  #: Fields set anew for a first picture, where the whole takes longer; else empty.
-    reference: str  #: The experiment's figure that is shown for comparison; empty: none.
+    #: Fields that differ from the profile ``quick`` to begin with.
+    start: Mapping[str, Any] = field(default_factory=dict)
+    #: Fields set anew for a first picture, where the whole takes longer.
+    coarse: Mapping[str, Any] = field(default_factory=dict)
+    reference: str = ""  #: The experiment's figure that is shown for comparison; empty: none.
+    draw: Callable[[Figure, Run[Any]], Any] = lambda _figure, _run: None  #: Draws into an empty figure.
 
 
 class Experiment(Generic[C]):
@@ -286,32 +287,14 @@ class Experiment(Generic[C]):
 
         return declare
 
-    def look(  # noqa: PLR0913  # each of them is something else
-        self,
-        name: str,
-        *,
-        turn: Sequence[str],
-        needs: Sequence[str],
-        size: tuple[float, float],
-        start: Mapping[str, Any] | None = None,
-        coarse: Mapping[str, Any] | None = None,
-        reference: str = "",
-    ) -> Callable[[F], F]:
+    def look(self, name: str, look: Look) -> Callable[[F], F]:
         """Declare a look: a function that draws, as those of figures do, whenever a reader turns a field.
 
-        Arguments are as `Look` has them; tables and parts that it does not need are not computed.
+        Tables and parts that it does not need are not computed.
         """
 
         def declare(function: F) -> F:
-            self.looks[name] = Look(
-                draw=function,
-                turn=tuple(turn),
-                needs=frozenset(needs),
-                size=size,
-                start=start or {},
-                coarse=coarse or {},
-                reference=reference,
-            )
+            self.looks[name] = replace(look, draw=function)
             return function
 
         return declare
@@ -374,7 +357,8 @@ class Experiment(Generic[C]):
         Raises:
             InvalidValueError: The configuration is not one.
             LogError: There is a log of that name.
-            SfglabError: What the experiment's parts raise; what was written until then is in ``<log>.part``.
+            SfglabError: What the experiment's parts raise; what was written until then is in ``<log>.part``,
+                if it is not explored.
         """
         config = self.config(profile, **changes)
         path = path or new_log(find_project(), self.name, profile)
@@ -385,10 +369,14 @@ class Experiment(Generic[C]):
             sweeps = [one for one in self.sweeps if options.wants(one.table)]
             rows = {one.table: self._swept(one, config, journal, options) for one in sweeps}
             unfinished = path.with_name(path.name + PART_SUFFIX)
-            done = {"experiment": self.name, "profile": profile, "explored": options.explored}
-            await self.write(
-                config, unfinished, rows, options, {**done, "changed": self._changed(profile, config)}
-            )
+            done: dict[str, Any] = {"experiment": self.name, "profile": profile, "explored": options.explored}
+            done["changed"] = self._changed(profile, config)
+            try:
+                await self.write(config, unfinished, rows, options, done)
+            except BaseException:
+                if options.explored:
+                    unfinished.unlink(missing_ok=True)
+                raise
             unfinished.rename(path)
         return self.load(path)
 
@@ -408,9 +396,8 @@ class Experiment(Generic[C]):
         pairs = [(point, seed) for point in points for seed in seeds]
         rows: list[tuple[int | None, Any]] = []
         for (point, seed), result in zip(pairs, results, strict=True):
-            for part in result if isinstance(result, tuple) else (result,):
-                row = as_row(self.tables[one.table], part, {"seed": seed}, point)
-                rows.append((one.at_ns(row) if one.at_ns else None, row))
+            made = rows_of(self.tables[one.table], result, {"seed": seed}, point)
+            rows += [(one.at_ns(row) if one.at_ns else None, row) for row in made]
         return rows
 
     async def write(

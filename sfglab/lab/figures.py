@@ -39,6 +39,10 @@ PAPER_STYLE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.4, "alph
 """How a paper's own line is drawn beside ours: dashed, in the colour of what it states."""
 
 
+PAGE_DPI = 90
+"""Resolution of pictures in a notebook."""
+
+
 def series(key: str) -> dict[str, Any]:
     """Return the colour and the marker of a series, by its key in `COLORS`."""
     return {"color": COLORS[key], "marker": MARKERS[key]}
@@ -96,6 +100,14 @@ def save_figure(figure: Figure, stem: Path, twin: Mapping[str, Any]) -> list[Pat
         figure.savefig(png, metadata={"Software": "sfglab"})
     note.write_text(json.dumps(twin, indent=2, sort_keys=True) + "\n", encoding="utf-8")
     return [svg, png, note]
+
+
+def png_of(figure: Figure) -> bytes:
+    """Return a figure as PNG, as large as a page shows it."""
+    buffer = io.BytesIO()
+    with house_style():
+        figure.savefig(buffer, format="png", dpi=PAGE_DPI)
+    return buffer.getvalue()
 
 
 def file_sha256(path: Path) -> str:

@@ -5,7 +5,6 @@ Keeps the notebooks thin; everything behind it is in the modules that it imports
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,7 @@ import pandas as pd
 from sfglab.lab import ledger
 from sfglab.lab.claims import Entry, How
 from sfglab.lab.experiments import experiment
-from sfglab.lab.figures import house_style
+from sfglab.lab.figures import png_of
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import SMOKE
 
@@ -52,10 +51,7 @@ def image_of(figure: Figure) -> Image:
     """Return a figure as a picture for the notebook."""
     from IPython.display import Image
 
-    buffer = io.BytesIO()
-    with house_style():
-        figure.savefig(buffer, format="png", dpi=90)
-    return Image(buffer.getvalue(), format="png")
+    return Image(png_of(figure), format="png")
 
 
 def video(mp4: bytes, width: int) -> Video:

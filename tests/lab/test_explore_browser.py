@@ -92,7 +92,7 @@ def slide(browser, label, share):
     browser.drag((x, y), (left + share * width, y), steps=5)
 
 
-def test_a_figure_follows_the_sliders_that_a_reader_drags(browser, tmp_path):
+def test_a_figure_follows_the_sliders_that_a_reader_drags(browser):
     run_all(browser)
     before = browser.wait_for(PICTURE, ANSWER_S)
     for share in (0.3, 0.6):
@@ -100,7 +100,6 @@ def test_a_figure_follows_the_sliders_that_a_reader_drags(browser, tmp_path):
         before = browser.wait_for(
             f"(() => {{ const s = {PICTURE}; return s !== {before!r} && s; }})()", ANSWER_S
         )
-    browser.screenshot(tmp_path / "explored.png")
     browser.press("Copy as code")
     code = browser.wait_for("document.querySelector('.jp-OutputArea textarea')?.value", ANSWER_S)
     assert "loss=0.1" in code

@@ -124,7 +124,7 @@ def test_up_to_date_is_what_is_expected_of_a_perfect_and_of_a_dead_link():
 
 
 def test_our_plan_fits_the_air_and_depends_on_what_changes():
-    chosen = own_plan(1000)
+    chosen = own_plan(Point(rate_max_hz=1000, depth="10", method="none", duration_s=1.0))
     assert chosen.utilisation < 0.91
     assert chosen["robot1/lidar"].rate_hz > 3 * chosen["robot1/flame"].rate_hz
     assert max(part.depth for part in chosen.topics) < 20

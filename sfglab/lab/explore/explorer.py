@@ -46,6 +46,13 @@ def _soon(body: Coroutine[Any, Any, Any]) -> None:
     asyncio.run_coroutine_threadsafe(body, _loop())
 
 
+async def _started(task: Task, on_report: Callable[[Report], None]) -> LineProcess:
+    argv = [sys.executable, "-m", "sfglab.lab.explore.worker", argument_of(task)]
+    process = await LineProcess.start(f"explore {task.experiment}", argv, on_report=on_report)
+    process.keeps = False
+    return process
+
+
 class Worker:
     """A worker process as the explorer sees it.
 
@@ -55,10 +62,7 @@ class Worker:
     """
 
     def __init__(self, task: Task, on_report: Callable[[Report], None]) -> None:
-        argv = [sys.executable, "-m", "sfglab.lab.explore.worker", argument_of(task)]
-        starting = LineProcess.start(f"explore {task.experiment}", argv, on_report=on_report)
-        self._process = asyncio.run_coroutine_threadsafe(starting, _loop())
-        self._process.add_done_callback(lambda started: setattr(started.result(), "keeps", False))
+        self._process = asyncio.run_coroutine_threadsafe(_started(task, on_report), _loop())
 
     def order(self, **values: Any) -> None:
         """Give an order, as soon as the process is there."""
@@ -101,6 +105,7 @@ class Explorer:
         self._request = -1
         self._settled = threading.Event()
         self._running: Worker | None = None
+        self._outcome = ""
         self._picture, self._before = self._kit.Image(format="png"), self._kit.Image(format="png")
         self._before.layout.width, self._before.layout.display = "45%", "none"
         self._before.add_class(_FAINT)
@@ -123,8 +128,11 @@ class Explorer:
         return bundle
 
     def wait(self, timeout_s: float = _FIRST_PICTURE_S) -> bool:
-        """Wait until the picture is whole and the newest one's; returns whether it is."""
-        return self._settled.wait(timeout_s)
+        """Wait until the picture is whole and the newest one's; returns whether it is.
+
+        It is not where the time is over, the settings were refused or the worker has ended.
+        """
+        return self._settled.wait(timeout_s) and self.whole and self.shown == self._request
 
     def code(self) -> str:
         """Return the call that repeats what is shown."""
@@ -160,13 +168,15 @@ class Explorer:
     def _ask(self) -> None:
         self._request += 1
         self._settled.clear()
-        if hasattr(self, "_worker"):
-            config = to_json(self.form.config)
-            self._worker.order(do="draw", request=self._request, look=self._look, config=config)
+        config = to_json(self.form.config)
+        self._worker.order(do="draw", request=self._request, look=self._look, config=config)
 
     def _take(self, report: Report) -> None:
-        if report["is"] == "ended" or report.get("request") != self._request:
-            self._settled.set() if report["is"] == "ended" else None
+        if report["is"] == "ended":
+            self.form.say("the process that draws has ended: run the cell again")
+            self._settled.set()
+            return
+        if report.get("request") != self._request:
             return
         if report["is"] == "refused":
             self.form.say(report["why"])
@@ -188,6 +198,7 @@ class Explorer:
         settings = to_json(self.form.config)
         settings.pop("profile", None)
         task = Task(experiment=self._exp.name, profile=self._profile, settings=settings, only=tuple(only))
+        self._outcome = ""
         self._show_busy(busy=True)
         self._running = Worker(task, self._follow)
 
@@ -197,13 +208,12 @@ class Explorer:
             self._state.value = f"{report['what']}; {report['left_s']:.0f} s left"
         elif report["is"] == "done":
             self.kept.append(report["log"])
-            self._state.value = f"kept as {report['log']}: explored, it speaks for no claim"
+            self._outcome = f"kept as {report['log']}: explored, it speaks for no claim"
             self.stop()
         elif report["is"] == "failed":
-            self._state.value = report["why"]
+            self._outcome = report["why"]
         elif report["is"] == "ended":
-            if not self._state.value.startswith("kept") and report["status"] == 0:
-                self._state.value = "stopped; nothing was kept"
+            self._state.value = self._outcome or "stopped; nothing was kept"
             self._running = None
             self._show_busy(busy=False)
 
@@ -223,7 +233,7 @@ class Explorer:
             "code": ("Copy as code", "The call that repeats this", self._show_code),
             "keep": ("Keep", "Write a log of this into runs/, marked as explored", self.keep),
             "all": ("Run all", "Run the whole experiment with these settings, live parts too", self.run_all),
-            "stop": ("Stop", "Stop what runs; nothing is left of it", self.stop),
+            "stop": ("Stop", "Stop what runs; nothing of it is kept", self.stop),
         }
         made = {}
         for name, (label, text, action) in actions.items():

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import is_dataclass, replace
+from dataclasses import replace
+from html import escape
 from typing import TYPE_CHECKING, Any, get_args, get_origin
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.fields import BOUNDS, check_bounds, choices_of, field_docs, from_json, to_json, typed_fields
+from sfglab.fields import BOUNDS, check_bounds, choices_of, field_docs, from_json, typed_fields
 from sfglab.view.panel import widgets
 
 if TYPE_CHECKING:
@@ -66,12 +67,6 @@ class Form:
             [*(shown[name] for name in first), self._said, *([fold] if others else [])]
         )
 
-    @property
-    def changed(self) -> dict[str, Any]:
-        """Values, as JSON has them, of the fields that differ from those that it began with."""
-        begin, now = to_json(self._begin), to_json(self.config)
-        return {name: now[name] for name in now if now[name] != begin[name]}
-
     def reset(self) -> None:
         """Set every field to what it was in the beginning."""
         for name, control in self.controls.items():
@@ -79,8 +74,6 @@ class Form:
 
     def say(self, text: str) -> None:
         """Show a sentence below the widgets; empty: none."""
-        from html import escape
-
         self._said.value = f'<span style="color:#b00020">{escape(text)}</span>' if text else ""
 
     def _row(self, name: str) -> Any | None:
@@ -98,7 +91,7 @@ class Form:
         control.layout.width = "26em"
         control.observe(lambda change: self._set(name, field.type, change["new"]), "value")
         self.controls[name] = control
-        said = self._kit.HTML(f'{unit} <small style="color:#666">{text}</small>')
+        said = self._kit.HTML(f'{escape(unit)} <small style="color:#666">{escape(text)}</small>')
         return self._kit.HBox([control, said])
 
     def _control(self, hint: Any, bounds: Bounds | None, value: Any) -> Any | None:
@@ -171,4 +164,4 @@ def _read(hint: Any, given: Any) -> Any:
         one = get_args(hint)[0]
         parts = [p.strip() for p in given.split(",") if p.strip()] if isinstance(given, str) else [given]
         return tuple(round(p) if one is int and isinstance(p, float) else from_json(one, p) for p in parts)
-    return given if is_dataclass(hint) else from_json(hint, given)
+    return from_json(hint, given)

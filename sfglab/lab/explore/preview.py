@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
-from sfglab.lab.bench import Options, as_row
+from sfglab.lab.bench import Options, rows_of
 from sfglab.lab.figures import house_style
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ async def preview(
         StaleError: Nobody does.
         SfglabError: What a task or part raises.
     """
-    options = Options(explored=True, only=exp.looks[look].needs)
+    options = Options(explored=True, only=frozenset(exp.looks[look].needs))
     with TemporaryDirectory(prefix="sfglab-look-") as folder:
         path = Path(folder) / "look.mcap"
         sweeps = [one for one in exp.sweeps if options.wants(one.table)]
@@ -51,9 +51,8 @@ def _rows(exp: Experiment[C], one: Any, config: C, stale: Callable[[], bool]) ->
         for seed in one.seeds(config):
             if stale():
                 raise StaleError(f"{exp.name}: a newer request is there")
-            result = one.task(point, seed)
-            for row in result if isinstance(result, tuple) else (result,):
-                yield None, as_row(exp.tables[one.table], row, {"seed": seed}, point)
+            for row in rows_of(exp.tables[one.table], one.task(point, seed), {"seed": seed}, point):
+                yield None, row
 
 
 def draw_look(exp: Experiment[C], look: str, run: Run[C]) -> Figure:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import asyncio
 import base64
-import io
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +21,7 @@ from sfglab.lab.bench import Options
 from sfglab.lab.experiments import experiment
 from sfglab.lab.explore.preview import StaleError, draw_look, preview
 from sfglab.lab.explore.task import Task
+from sfglab.lab.figures import png_of
 from sfglab.lab.progress import progress_to
 
 if TYPE_CHECKING:
@@ -30,9 +30,6 @@ if TYPE_CHECKING:
     from sfglab.component import Report
     from sfglab.lab.experiment import Experiment
     from sfglab.lab.progress import Step
-
-PICTURE_DPI = 90
-"""Pictures are sent at the width at which they are shown."""
 
 
 async def serve(task: Task, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
@@ -71,13 +68,6 @@ async def _draw(
                 "png": base64.b64encode(picture).decode(),
             }
         )
-
-
-def png_of(figure: Any) -> bytes:
-    """Return a figure as PNG at the width at which a page shows it."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=PICTURE_DPI)
-    return buffer.getvalue()
 
 
 async def _run(exp: Experiment[Any], task: Task, report: Callable[[Report], None]) -> None:

@@ -31,6 +31,8 @@ from sfglab.rtps import PRESETS, Drop, Fate, Flow, Medium, Scenario, run
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from sfglab.arp.plan import Plan
@@ -119,17 +121,21 @@ exp = Experiment(
 )
 
 
-def grid(config: Config, *, loss: float | None = None) -> list[Point]:
-    """Return every cell: Rmax by DEPTH by method, over the run's air or one that loses another share."""
-    cell = partial(
+def cells_of(config: Config, *, loss: float | None = None) -> Callable[..., Point]:
+    """Return what makes cells over the run's air, or over one that loses another share."""
+    return partial(
         Point,
-        duration_s=config.duration_s,
         loss=config.loss if loss is None else loss,
         size_factor=config.size_factor,
         vendor=config.vendor,
     )
+
+
+def grid(config: Config, *, loss: float | None = None) -> list[Point]:
+    """Return every cell: Rmax by DEPTH by method, over the run's air or one that loses another share."""
+    cell = cells_of(config, loss=loss)
     return [
-        cell(rate_max_hz=rate, depth=depth, method=method)
+        cell(rate_max_hz=rate, depth=depth, method=method, duration_s=config.duration_s)
         for rate in config.rates_hz
         for depth in (*map(str, config.depths), OPT_DEPTH)
         for method in config.methods
@@ -360,15 +366,17 @@ HELLO_CHANGE_S = 0.1
 class Way:
     """A cell of the comparison."""
 
-    rate_max_hz: int  #: Rmax.
     way: str  #: One of `WAYS`.
-    duration_s: float  #: Simulated seconds.
+    cell: Point  #: What it begins with.
 
 
 def ways(config: Config) -> list[Way]:
     """Return every way at every Rmax."""
+    cell = partial(cells_of(config), duration_s=config.duration_s)
     return [
-        Way(rate_max_hz=rate, way=way, duration_s=config.duration_s) for rate in config.rates_hz for way in WAYS
+        Way(way=way, cell=cell(rate_max_hz=rate, depth=depth, method=method))
+        for rate in config.rates_hz
+        for way, (method, depth) in WAYS.items()
     ]
 
 
@@ -393,11 +401,9 @@ class BeyondRow:
 @exp.sweep("beyond", over=ways, workers=THREADS)
 def simulate_way(way: Way, seed: int) -> dict[str, Any]:
     """Run one way with one seed."""
-    method, depth = WAYS[way.way]
-    point = Point(rate_max_hz=way.rate_max_hz, depth=depth, method=method, duration_s=way.duration_s)
-    scenario = scenario_of(point, seed=seed)
+    scenario = scenario_of(way.cell, seed=seed)
     if way.way.startswith("own"):
-        chosen = own_plan(way.rate_max_hz, cached=way.way == "own+LC")
+        chosen = own_plan(way.cell)
         scenario = replace(scenario, flows=tuple(_planned(flow, chosen) for flow in scenario.flows))
     outcome = run(scenario, seed=seed)
     latency = hello_latency_ms(outcome)
@@ -408,6 +414,7 @@ def simulate_way(way: Way, seed: int) -> dict[str, Any]:
         if flow.change_s
     ]
     return {
+        "rate_max_hz": way.cell.rate_max_hz,
         "rate_low_hz": min(rates),
         "rate_high_hz": max(rates),
         "depth_high": max(f.qos.depth for f in scenario.flows),
@@ -419,20 +426,19 @@ def simulate_way(way: Way, seed: int) -> dict[str, Any]:
 
 
 @lru_cache
-def own_plan(rate_max_hz: int, *, cached: bool = False) -> Plan:
-    """Return our programme's rates and depths for this experiment's topics, none faster than Rmax.
+def own_plan(cell: Point) -> Plan:
+    """Return our programme's rates and depths for a cell's topics, none faster than Rmax.
 
-    With `cached`, local caches send only changes, and rates are those of reading.
+    Where the cell's method has local caches, they send only changes, and rates are those of reading.
     """
-    method = "LC" if cached else "none"
-    scenario = scenario_of(Point(rate_max_hz=rate_max_hz, depth="1", method=method, duration_s=1.0))
+    scenario = scenario_of(cell)
     topics = [
         Topic(
             name=flow.name,
             source=flow.source,
             target=flow.target,
             size_bytes=flow.size_bytes,
-            rate_max_hz=float(rate_max_hz),
+            rate_max_hz=float(cell.rate_max_hz),
             change_s=flow.change_s or HELLO_CHANGE_S,
             cached=flow.cached,
         )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.arp.robots import METHODS
+from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.transmission.analysis import BEST, TIE, agreement, cells, compare_ways, order
 from sfglab.lab.experiments.transmission.experiment import OPT_DEPTH, Config, exp
 from sfglab.lab.experiments.transmission.stage import LATENCY_WITHIN, LOSS_WITHIN
@@ -211,12 +212,14 @@ def _draw_bands(loss: Axes, latency: Axes, live: pd.DataFrame) -> None:
 
 @exp.look(
     "hello",
-    turn=("loss", "depths", "rates_hz", "size_factor", "vendor"),
-    needs=("cell",),
-    size=(10, 3.6),
-    start={"seeds": 1, "rates_hz": (100,), "depths": (10,)},
-    coarse={"duration_s": 10.0},
-    reference="transmission_loss",
+    Look(
+        turn=("loss", "depths", "rates_hz", "size_factor", "vendor"),
+        needs=("cell",),
+        size=(10, 3.6),
+        start={"seeds": 1, "rates_hz": (100,), "depths": (10,)},
+        coarse={"duration_s": 10.0},
+        reference="transmission_loss",
+    ),
 )
 def draw_hello(figure: Figure, run: Run[Config]) -> None:
     """Draw latency, loss and fate of "Hello" at one Rmax: a bar a method at this depth, one at the optimum."""

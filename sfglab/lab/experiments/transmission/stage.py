@@ -31,6 +31,7 @@ from sfglab.lab.experiments.transmission.experiment import (
     OPT_DEPTH,
     Config,
     Point,
+    cells_of,
     exp,
     hello_latency_ms,
     scenario_of,
@@ -105,11 +106,15 @@ class LiveRow:
 
 
 def live_cells(config: Config) -> list[Point]:
-    """Return the cells that are run live as well; an optimised method has the depth ``opt`` in addition."""
+    """Return the cells that are run live as well; an optimised method has the depth ``opt`` in addition.
+
+    Live endpoints are those of Cyclone DDS, whose timing the model then has, whatever the run's vendor.
+    """
     if not config.live_s:
         return []
+    cell = cells_of(config)
     return [
-        Point(rate_max_hz=rate, depth=depth, method=method, duration_s=config.live_s)
+        cell(rate_max_hz=rate, depth=depth, method=method, duration_s=config.live_s)
         for rate in config.live_rates_hz
         for method in config.live_methods
         for depth in (*config.live_depths, *((OPT_DEPTH,) if METHODS[method].optimised else ()))
