@@ -34,7 +34,7 @@ test: setup ## Run the tests, as many at once as there are cores; at the end wha
 lab: setup ## Open JupyterLab on the notebooks
 	$(BIN)/jupyter lab notebooks/00_index.ipynb
 
-figures: setup ## Draw all figures again from logs alone
+figures: setup ## Draw figures/ again from committed logs alone
 	$(BIN)/sfglab figures
 
 screenshots: setup ## Make the screenshots of editor and viewer in figures/ (the viewer's needs a Vulkan driver)

@@ -198,6 +198,39 @@ def from_json(hint: Any, value: Any) -> Any:  # noqa: PLR0911  # one return a ki
     return _made(hint, value) if hint in (float, int) and not isinstance(value, bool) else value
 
 
+def read_field(row_class: type[Any], name: str, value: Any) -> Any:
+    """Return what somebody gives for a field of a dataclass, as `from_json` reads it and the field holds it.
+
+    Raises:
+        InvalidValueError: The field cannot hold it; names the field and its type.
+    """
+    hint = typed_fields(typing.cast("Any", row_class))[name].type
+    said = hint.__name__ if isinstance(hint, type) else str(hint).replace("typing.", "")
+    said = ", ".join(choices_of(hint)) or said
+    try:
+        read = from_json(hint, value)
+    except (TypeError, ValueError) as error:
+        raise InvalidValueError(name, value, said) from error
+    if not _holds(hint, read) or (isinstance(value, float) and read != value):
+        raise InvalidValueError(name, value, said)
+    return read
+
+
+def _holds(hint: Any, value: Any) -> bool:
+    """Return whether a value is of an annotated type; of containers but tuples only whether it is one."""
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        return any(_holds(option, value) for option in arguments)
+    if origin is typing.Literal:
+        return value in arguments
+    if origin is tuple and isinstance(value, tuple):
+        each = arguments[:1] * len(value) if arguments[1:] == (...,) else arguments
+        return all(_holds(h, v) for h, v in zip(each, value, strict=True))
+    if isinstance(value, bool):
+        return hint is bool
+    return isinstance(value, origin or hint) if hint is not Any else True
+
+
 def _dataclass_from_json(hint: type[Any], value: Mapping[str, Any]) -> Any:
     fields = [f for f in typed_fields(typing.cast("Any", hint)).values() if f.init and f.name in value]
     try:

@@ -23,7 +23,7 @@ def reproduce(
     profile: Annotated[str, typer.Option(help="smoke (seconds), quick (minutes) or paper.")] = "quick",
     seed: Annotated[int, typer.Option(help="Seed of everything that is drawn.")] = 0,
     parameter: Annotated[
-        list[str] | None, typer.Option("-p", "--parameter", help="Another parameter, as name=value.")
+        list[str] | None, typer.Option("-p", "--parameter", help="A field of the configuration, as name=value.")
     ] = None,
     write: Annotated[
         bool, typer.Option("--write", help="Also replace the notebooks by their executed copies.")
@@ -62,7 +62,7 @@ def reproduce(
 
 
 def figures() -> None:
-    """Draw all figures again, from logs alone."""
+    """Draw all figures of the repository again, from committed logs alone; a run's own are in runs/figures."""
     from sfglab.lab.ledger import redraw_figures
 
     project = find_project()

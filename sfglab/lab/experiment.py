@@ -14,10 +14,10 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import asdict, dataclass, field, fields, replace
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.fields import check_bounds, from_json, to_json
+from sfglab.fields import check_bounds, read_field, to_json
 from sfglab.lab.bench import Bench, Options, rows_of
 from sfglab.lab.claims import Finding, How, Measured
 from sfglab.lab.figures import house_style
@@ -323,7 +323,6 @@ class Experiment(Generic[C]):
         """
         if profile not in self._profiles:
             raise InvalidValueError("profile", profile, ", ".join(self._profiles))
-        hints = get_type_hints(self.config_class)
         names = [f.name for f in fields(self.config_class)]  # type: ignore[arg-type]
         for name in changes:
             if name not in names:
@@ -331,7 +330,7 @@ class Experiment(Generic[C]):
                 hint = f"; did you mean {close[0]!r}?" if close else ""
                 raise InvalidValueError(f"{self.name}: field", name, ", ".join(names) + hint)
         own = {"profile": profile} if "profile" in names else {}
-        given = {name: from_json(hints[name], value) for name, value in changes.items()}
+        given = {name: read_field(self.config_class, name, value) for name, value in changes.items()}
         config = self.config_class(**{**own, **self._profiles[profile], **given})
         check_bounds(config)
         return config

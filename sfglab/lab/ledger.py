@@ -94,14 +94,9 @@ def entries_of(project: Project, name: str, log: Path) -> list[Entry]:
     return [entry_for(claim, measured[claim.id], log=project.relative(log)) for claim in claims]
 
 
-def save_figures(project: Project, name: str, log: Path) -> list[Path]:
-    """Draw and save every figure of one experiment from a log; return the files.
-
-    Those of a log that speaks for no claim go to ``runs/figures`` and replace no other.
-    """
+def save_figures(project: Project, name: str, log: Path, folder: Path) -> list[Path]:
+    """Draw and save every figure of one experiment from a log into a folder; return the files."""
     origin = _origin(project, name, log)
-    reference = log.resolve().parent == project.reference_logs.resolve()
-    folder = project.figures if reference or standing(log).speaks else project.runs / "figures"
     files = []
     for stem, (figure, numbers) in experiment(name).figures(log).items():
         files += save_figure(figure, folder / stem, {**origin, "shown": numbers})
@@ -121,10 +116,12 @@ def _origin(project: Project, name: str, log: Path) -> dict[str, Any]:
 
 
 def redraw_figures(project: Project, names: Sequence[str] = EXPERIMENTS) -> dict[str, list[Path]]:
-    """Draw all figures of experiments again from logs alone.
+    """Draw the figures of experiments again into ``figures/``, from committed logs alone.
 
     Returns:
-        The files written, by experiment; an experiment without a log is missing.
+        The files written, by experiment; an experiment without a committed log is missing.
     """
-    logs = {name: find_log(project, name) for name in names}
-    return {name: save_figures(project, name, log) for name, log in logs.items() if log is not None}
+    logs = {name: project.reference_logs / f"{name}.mcap" for name in names}
+    return {
+        name: save_figures(project, name, log, project.figures) for name, log in logs.items() if log.is_file()
+    }

@@ -5,17 +5,20 @@ Keeps the notebooks thin; everything behind it is in the modules that it imports
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from sfglab.errors import InvalidValueError
 from sfglab.lab import ledger
 from sfglab.lab.claims import Entry, How
 from sfglab.lab.experiments import experiment
 from sfglab.lab.figures import png_of
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import SMOKE
+from sfglab.record import LogReader
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,16 +33,35 @@ if TYPE_CHECKING:
 _COLUMNS = ["claim", "where", "paper", "ours", "unit", "how", "verdict"]
 
 
-async def run(exp: Experiment[C], profile: str, log: str = "", **changes: Any) -> Run[C]:
+async def run(
+    exp: Experiment[C], profile: str, log: str = "", settings: Mapping[str, Any] | None = None, **changes: Any
+) -> Run[C]:
     """Run an experiment, or read the run that somebody has made.
 
     Args:
         exp: The experiment.
         profile: ``smoke``, ``quick`` or ``paper``.
-        log: The log of a run to read; empty: run it.
+        log: The log of a run to read, from here or from the repository's top folder; empty: run it.
+        settings: Further fields of the configuration; they count before `changes`.
         changes: Fields of the configuration.
+
+    Raises:
+        InvalidValueError: A value that its parameter cannot hold; says what it allows.
     """
-    return exp.load(Path(log)) if log else await exp.run(profile, **changes)
+    if not isinstance(settings or {}, Mapping):
+        raise InvalidValueError("settings", settings, "fields of the configuration and their values")
+    if not log:
+        return await exp.run(profile, **{**changes, **(settings or {})})
+    return _load(exp, log)
+
+
+def _load(exp: Experiment[C], log: str) -> Run[C]:
+    path = Path(log) if Path(log).exists() else find_project().root / log
+    with LogReader(path) as reader:
+        made_by = reader.metadata("config").get("experiment") if "config" in reader.metadata_names else None
+    if made_by != exp.name:
+        raise InvalidValueError("log", log, f"a log of the experiment {exp.name}")
+    return exp.load(path)
 
 
 def picture(run: Run[Any], name: str) -> Image:
@@ -76,9 +98,9 @@ def words(frame: pd.DataFrame) -> Styler:
 
 
 def save_figures(run: Run[Any]) -> str:
-    """Draw and save every figure of a run, and return their names."""
+    """Draw and save every figure of a run into ``runs/figures``, and return their names."""
     project = find_project()
-    files = ledger.save_figures(project, run.experiment, run.log)
+    files = ledger.save_figures(project, run.experiment, run.log, project.runs / "figures")
     return ", ".join(map(project.relative, files))
 
 

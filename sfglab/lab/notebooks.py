@@ -1,8 +1,9 @@
 """Run notebooks headless, stricter than papermill, and make their outputs fit for version control.
 
 papermill only warns about a parameter that a notebook does not declare, and injects into a notebook that
-declares none; here both are errors, before anything runs. One notebook that fails does not hide the others.
-`normalise` takes out what makes executed notebooks differ without a difference: times of day, paths,
+declares none; here both are errors, before anything runs. Fields of the configuration that a notebook's
+parameters cell does not list travel in its parameter ``settings``. One notebook that fails does not hide the
+others. `normalise` takes out what makes executed notebooks differ without a difference: times of day, paths,
 progress bars, the traces of the run itself.
 """
 
@@ -16,7 +17,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.lab.experiment import QUICK
+from sfglab.lab.experiments import experiment
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -29,6 +32,10 @@ if TYPE_CHECKING:
 
 INDEX = "00_index"
 
+KERNEL = {"display_name": "Python 3 (ipykernel)", "language": "python", "name": "python3"}
+"""The kernel that notebooks name, so that none asks for one when it is opened."""
+SETTINGS = "settings"
+_EXPERIMENT = re.compile(r"notebook\.run\((\w+)\.exp\b")
 _PROGRESS_BAR = re.compile(r"\d+%\|")
 _CELL_METADATA_KEPT = ("tags",)
 
@@ -89,11 +96,12 @@ def _one_notebook(name: str, every: Sequence[Path]) -> Path:
     return fitting[0]
 
 
-def check_parameters(path: Path, given: Mapping[str, Any]) -> None:
-    """Refuse parameters, by name, that the notebook does not declare, and a notebook that declares none.
+def fit_parameters(path: Path, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters as a notebook declares them: what its cell does not list is put into ``settings``.
 
     Raises:
-        NotebookError: No cell or several are tagged ``parameters``, or a name is not declared there.
+        NotebookError: No cell or several are tagged ``parameters``, a name is neither declared there nor a
+            field of the configuration, or a field cannot hold its value.
     """
     notebook = _read(path)
     tagged = [c for c in notebook.cells if "parameters" in c.metadata.get("tags", ())]
@@ -101,11 +109,27 @@ def check_parameters(path: Path, given: Mapping[str, Any]) -> None:
         raise NotebookError(f"{path.name}: {len(tagged)} cells are tagged 'parameters', needed is exactly one")
     declared = _assigned(path, tagged[0].source)
     unknown = sorted(set(given) - declared)
+    runs = _EXPERIMENT.search("\n".join(c.source for c in notebook.cells))
+    if runs and SETTINGS in declared:
+        settings = dict(given.get(SETTINGS, {})) | {name: given[name] for name in unknown}
+        listed = {name: value for name, value in given.items() if name in declared and name != SETTINGS}
+        _check_fields(path, runs[1], listed | settings)
+        return listed | ({SETTINGS: settings} if settings else {})
     if unknown:
         raise NotebookError(
             f"{path.name}: it declares no parameter {', '.join(unknown)}; "
             f"its parameters are {', '.join(sorted(declared)) or 'none'}"
         )
+    return dict(given)
+
+
+def _check_fields(path: Path, name: str, given: Mapping[str, Any]) -> None:
+    """Refuse what the configuration of a notebook's experiment cannot hold, in one sentence."""
+    profile = given.get("profile", QUICK)
+    try:
+        experiment(name).config(profile, **{k: v for k, v in given.items() if k not in ("profile", "log")})
+    except InvalidValueError as error:
+        raise NotebookError(f"{path.name}: {error}") from error
 
 
 def _assigned(path: Path, source: str) -> set[str]:
@@ -140,13 +164,13 @@ def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> Non
     import papermill
     from traitlets.config import Config
 
-    check_parameters(path, parameters)
+    parameters = fit_parameters(path, parameters)
     output.parent.mkdir(parents=True, exist_ok=True)
     try:
         papermill.execute_notebook(
             str(path),
             str(output),
-            parameters=dict(parameters),
+            parameters=parameters,
             kernel_name="python3",
             language="python",
             cwd=str(path.parent),
@@ -172,7 +196,7 @@ def run_notebooks(
     Args:
         paths: The notebooks.
         project: The checkout; executed copies go to ``runs/notebooks``.
-        parameters: Values for every notebook's ``parameters`` cell.
+        parameters: Values for every notebook's ``parameters`` cell, or fields of its configuration.
         write: Also put the executed, normalised copies in place of the notebooks.
         say: Takes a line of progress.
 
@@ -180,7 +204,7 @@ def run_notebooks(
         NotebookError: Before anything runs: parameters that do not fit a notebook.
     """
     for path in paths:
-        check_parameters(path, parameters)
+        fit_parameters(path, parameters)
     outcomes = []
     for position, path in enumerate(paths, start=1):
         say(f"[{position}/{len(paths)}] {path.stem} ...")
@@ -210,7 +234,7 @@ def normalise(notebook: NotebookNode, project: Project) -> NotebookNode:
 
     The project's path is taken out of the outputs.
     """
-    notebook.metadata = {"language_info": {"name": "python"}}
+    notebook.metadata = {"kernelspec": dict(KERNEL), "language_info": {"name": "python"}}
     notebook.cells = [c for c in notebook.cells if "injected-parameters" not in c.metadata.get("tags", ())]
     count = 0
     for cell in notebook.cells:

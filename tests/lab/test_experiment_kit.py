@@ -158,13 +158,11 @@ def test_smoke_tests_changed_and_explored_runs_do_not_speak(tmp_path):
         assert (found.why_not, found.profile) == (why, profile)
 
 
-def test_figures_of_a_run_that_does_not_speak_replace_no_other(tmp_path, monkeypatch):
+def test_figures_go_with_a_twin_where_they_are_wanted(tmp_path, monkeypatch):
     monkeypatch.setattr("sfglab.lab.ledger.experiment", lambda _: exp)
-    project = Project(root=tmp_path)
-    files = save_figures(project, "kit", run(tmp_path / "a.mcap", "quick", loss=0.2).log)
-    assert {f.parent for f in files} == {project.runs / "figures"}
-    files = save_figures(project, "kit", run(tmp_path / "b.mcap", "quick").log)
-    assert {f.parent for f in files} == {project.figures}
+    log = run(tmp_path / "a.mcap", "quick").log
+    files = save_figures(Project(root=tmp_path), "kit", log, tmp_path / "drawn")
+    assert {f.parent for f in files} == {tmp_path / "drawn"}
     twin = json.loads(next(f for f in files if f.suffix == ".json").read_text())
     assert twin["shown"] == {"total": 6.0}
 

@@ -67,6 +67,8 @@ def test_figures_and_verdicts_come_from_the_log_alone(project):
     assert entries["A-FQN"].verdict is Verdict.REPRODUCED
     assert entries["A-FQN"].log == project.relative(log)
     assert entries["A-CPU-SFG"].verdict is Verdict.NOT_YET
+    assert redraw_figures(project) == {}, "a run replaces no figure of the repository"
+    shutil.copy(log, project.reference_logs / "naming.mcap")
     files = redraw_figures(project)["naming"]
     assert sorted(p.suffix for p in files) == [".json", ".png", ".svg"]
     before = [p.read_bytes() for p in files]

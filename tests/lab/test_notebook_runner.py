@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import nbformat
 import pytest
 from nbformat.v4 import new_code_cell, new_notebook, new_output
 
 from sfglab.errors import SfglabError
+from sfglab.lab import notebook
+from sfglab.lab.experiments import naming
 from sfglab.lab.notebooks import (
     NotebookError,
-    check_parameters,
     find_notebooks,
+    fit_parameters,
     normalise,
     read_parameters,
     run_notebooks,
 )
 from sfglab.lab.paths import Project, find_project
+from sfglab.record import LogWriter
 
 
 @pytest.fixture
@@ -40,11 +45,59 @@ def test_a_parameter_that_is_not_declared_is_an_error_before_anything_runs(proje
     assert not project.runs.exists()
 
 
+DEPTH = (
+    'profile: str = "quick"\nsource: str = "stereo"\nsettings: dict = {}',
+    "notebook.run(depth_codecs.exp)",
+)
+
+
+def test_fields_that_the_parameters_cell_does_not_list_travel_as_settings(project):
+    write(project, "02_a", *DEPTH)
+    path = project.notebooks / "02_a.ipynb"
+    assert fit_parameters(path, {"source": "a.mp4"}) == {"source": "a.mp4"}
+    given = {"profile": "smoke", "frames": 3, "settings": {"seed": 2}}
+    assert fit_parameters(path, given) == {"profile": "smoke", "settings": {"seed": 2, "frames": 3}}
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"speed": 1}, r"02_a.ipynb: depth_codecs: field: given 'speed', allowed: .*frames"),
+        ({"frames": "many"}, r"02_a.ipynb: frames: given 'many', allowed: int"),
+        ({"frames": 1.5}, r"frames: given 1.5, allowed: int"),
+        ({"frames": True}, r"frames: given True, allowed: int"),
+        ({"source": 3}, r"source: given 3, allowed: str"),
+        ({"profile": "fast"}, r"profile: given 'fast', allowed: smoke, quick, paper"),
+    ],
+)
+def test_what_a_field_cannot_hold_is_one_sentence_before_anything_runs(project, given, sentence):
+    write(project, "02_a", *DEPTH)
+    with pytest.raises(NotebookError, match=sentence):
+        run_notebooks(find_notebooks(project), project=project, parameters=given, say=lambda _: None)
+    assert not project.runs.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("quick", "nowhere.mcap"), "no such file"),
+        (("quick", "a.mcap"), "log: given .*a.mcap', allowed: a log of the experiment naming"),
+        (("quick", "", [1]), "settings: given .*, allowed: fields"),
+    ],
+)
+def test_a_notebook_refuses_its_parameters_in_one_sentence(project, arguments, sentence, monkeypatch):
+    monkeypatch.setenv("SFGLAB_ROOT", str(project.root))
+    with LogWriter(project.root / "a.mcap") as log:
+        log.write_metadata("config", {"experiment": "routing"})
+    with pytest.raises(SfglabError, match=sentence):
+        asyncio.run(notebook.run(naming.exp, *arguments))
+
+
 @pytest.mark.parametrize("tagged", [0, 2])
 def test_a_notebook_needs_exactly_one_parameters_cell(project, tagged):
     write(project, "01_a", "x: int = 1", "y: int = 2", tagged=tagged)
     with pytest.raises(NotebookError, match=f"{tagged} cells are tagged"):
-        check_parameters(project.notebooks / "01_a.ipynb", {})
+        fit_parameters(project.notebooks / "01_a.ipynb", {})
 
 
 @pytest.mark.slow
@@ -110,7 +163,7 @@ def test_outputs_lose_paths_progress_and_traces_of_the_run(project):
 def test_a_file_that_is_no_notebook_is_named(project):
     (project.notebooks / "01_a.ipynb").write_text("no json")
     with pytest.raises(NotebookError, match=r"01_a.ipynb: not a notebook"):
-        check_parameters(project.notebooks / "01_a.ipynb", {})
+        fit_parameters(project.notebooks / "01_a.ipynb", {})
 
 
 def test_the_project_is_found_from_below_and_by_its_variable(project, monkeypatch, tmp_path):

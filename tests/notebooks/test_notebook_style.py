@@ -10,6 +10,8 @@ from pathlib import Path
 import nbformat
 import pytest
 
+from sfglab.lab.notebooks import KERNEL
+
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 
@@ -23,7 +25,7 @@ def code_cells(path: Path) -> list:
 def test_the_notebook_is_valid_and_bears_no_editors_traces(path):
     notebook = nbformat.read(path, as_version=4)
     nbformat.validate(notebook)
-    assert set(notebook.metadata) == {"language_info"}
+    assert notebook.metadata == {"kernelspec": KERNEL, "language_info": {"name": "python"}}
     assert all(set(c.metadata) <= {"tags"} for c in notebook.cells)
 
 
@@ -40,7 +42,7 @@ def test_imports_come_first_and_typed_parameters_second(path):
     assert parameters.metadata["tags"] == ["parameters"]
     for node in ast.parse(parameters.source).body:
         assert isinstance(node, ast.AnnAssign)
-        assert isinstance(node.value, ast.Constant)
+        assert isinstance(node.value, ast.Constant) or ast.unparse(node) == "settings: dict = {}"
     assert not any("import " in c.source for c in rest)
 
 
