@@ -7,6 +7,9 @@ PROFILE ?= quick
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3; do \
 	$$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 
+# Each notebook and each live part starts processes: without bytecode on disk each compiles all libraries anew.
+export PYTHONDONTWRITEBYTECODE :=
+
 .DEFAULT_GOAL := help
 .PHONY: help setup lock reproduce test lab figures screenshots claims check format lint types bench clean
 
