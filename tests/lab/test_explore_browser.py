@@ -17,29 +17,47 @@ from sfglab.lab.browser import Browser, BrowserError, free_port
 
 pytestmark = [pytest.mark.live, pytest.mark.browser]
 
-CELL = """from sfglab.lab.experiments import transmission
+EXPLORER = """from sfglab.lab.experiments import transmission
 from sfglab.lab.explore import explore
 explorer = explore(transmission.exp)
 explorer"""
+LIGHTS = """from sfglab.errors import InvalidValueError
+from sfglab.lab.explore import Pressed, part
+on = set()
+def press(name):
+    if name == "c":
+        raise InvalidValueError("light", name, "a, b")
+    on.symmetric_difference_update({name})
+def draw(figure):
+    axes = figure.subplots()
+    for x, name in enumerate("abc"):
+        part(name, axes.bar(x, 1, color="gold" if name in on else "grey", label=name)[0])
+Pressed(draw, size=(6, 2), press=press, titles=lambda: {"a": f"light a, {'on' if 'a' in on else 'off'}"})"""
 PICTURE = (
     "(() => { const i = document.querySelector('.jp-OutputArea img'); return i && i.naturalWidth && i.src; })()"
 )
+PART = """(() => { const part = document.querySelector('.jp-OutputArea [id="press:%s"]');
+  if (!part) return null;
+  part.scrollIntoView({block: 'center'});
+  const box = part.getBoundingClientRect();
+  return [box.x + box.width / 2, box.y + box.height / 2]; })()"""
+LOOKS = "getComputedStyle(document.querySelector('.jp-OutputArea [id=\"press:%s\"] path')).fill"
 HANDLE = """(() => { const row = [...document.querySelectorAll('.widget-slider')].find(
   r => r.querySelector('label').innerText.trim() === '%s');
   row.scrollIntoView({block: 'center'});
   const track = row.querySelector('.noUi-base').getBoundingClientRect();
   const handle = row.querySelector('.noUi-handle').getBoundingClientRect();
   return [handle.x + handle.width / 2, handle.y + handle.height / 2, track.x, track.width]; })()"""
+LEAVE = """jupyterapp.shell.currentWidget.context.model.dirty = false;
+  void jupyterapp.serviceManager.sessions.shutdownAll();"""
+"""End the kernel; the page does not ask whether to save when the next one is opened."""
 ANSWER_S = 180
 
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory):
-    """A JupyterLab on a folder with one notebook, its address."""
+    """A JupyterLab on an empty folder: the folder and its address."""
     folder = tmp_path_factory.mktemp("lab")
-    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL)])
-    notebook.metadata.kernelspec = {"name": "python3", "display_name": "Python 3", "language": "python"}
-    nbformat.write(notebook, folder / "explore.ipynb")
     settings = folder / "config" / "labconfig"
     settings.mkdir(parents=True)
     news = {"disabledExtensions": {"@jupyterlab/apputils-extension:announcements": True}}
@@ -52,7 +70,7 @@ def lab(tmp_path_factory):
         "IPYTHONDIR": str(folder / "ipython"),
     }
     server = subprocess.Popen(argv, cwd=folder, env=environment, stderr=subprocess.DEVNULL)
-    yield f"http://127.0.0.1:{port}/lab/tree/explore.ipynb"
+    yield folder, f"http://127.0.0.1:{port}"
     server.terminate()
     server.wait(60)
 
@@ -64,16 +82,31 @@ def browser(lab):
     except (MissingExtraError, BrowserError) as error:
         machine.skip("browser", str(error))
     with closing(made):
-        until_served(lab.removeprefix("http://"))
-        made.open(lab)
+        until_served(lab[1].removeprefix("http://"))
         yield made
 
 
-def until_served(url):
+@pytest.fixture(name="run")
+def _run(lab, browser):
+    """A function that opens a notebook of one cell and runs it; its kernel ends with the test."""
+    folder, address = lab
+
+    def run(cell):
+        notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell)])
+        notebook.metadata.kernelspec = {"name": "python3", "display_name": "Python 3", "language": "python"}
+        nbformat.write(notebook, folder / "explore.ipynb")
+        browser.open(f"{address}/lab/tree/explore.ipynb?reset")
+        run_all(browser)
+
+    yield run
+    browser.evaluate(LEAVE)
+
+
+def until_served(address):
     end = time.monotonic() + ANSWER_S
     while True:
         try:
-            with urllib.request.urlopen(f"http://{url}", timeout=5):
+            with urllib.request.urlopen(f"http://{address}/api", timeout=5):
                 return
         except OSError:
             assert time.monotonic() < end, "JupyterLab does not serve its page"
@@ -92,8 +125,8 @@ def slide(browser, label, share):
     browser.drag((x, y), (left + share * width, y), steps=5)
 
 
-def test_a_figure_follows_the_sliders_that_a_reader_drags(browser):
-    run_all(browser)
+def test_a_figure_follows_the_sliders_that_a_reader_drags(run, browser):
+    run(EXPLORER)
     before = browser.wait_for(PICTURE, ANSWER_S)
     for share in (0.3, 0.6):
         slide(browser, "loss", share)
@@ -103,3 +136,14 @@ def test_a_figure_follows_the_sliders_that_a_reader_drags(browser):
     browser.press("Copy as code")
     code = browser.wait_for("document.querySelector('.jp-OutputArea textarea')?.value", ANSWER_S)
     assert "loss=0.1" in code
+
+
+def test_a_part_of_a_figure_is_pressed_and_python_answers(run, browser):
+    run(LIGHTS)
+    before = {name: browser.wait_for(LOOKS % name, ANSWER_S) for name in "ab"}
+    browser.click(*browser.wait_for(PART % "a"))
+    browser.wait_for(f"{LOOKS % 'a'} !== {before['a']!r}")
+    assert browser.evaluate(LOOKS % "b") == before["b"]
+    assert browser.evaluate("document.querySelector('.jp-OutputArea title').textContent") == "light a, on"
+    browser.click(*browser.wait_for(PART % "c"))
+    browser.wait_for("document.querySelector('.jp-OutputArea').innerText.includes(\"light: given 'c'\")")

@@ -6,5 +6,6 @@ Knows experiments, their looks and widgets; refuses to know what any of them is 
 from __future__ import annotations
 
 from sfglab.lab.explore.explorer import Explorer, explore
+from sfglab.lab.explore.press import Pressed, part
 
-__all__ = ["Explorer", "explore"]
+__all__ = ["Explorer", "Pressed", "explore", "part"]

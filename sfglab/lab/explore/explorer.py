@@ -17,6 +17,7 @@ from sfglab.component import argument_of
 from sfglab.errors import InvalidValueError
 from sfglab.fields import to_json
 from sfglab.lab.explore.form import Form
+from sfglab.lab.explore.press import still_bundle
 from sfglab.lab.explore.task import Task
 from sfglab.lab.paths import find_project
 from sfglab.processes import LineProcess
@@ -122,10 +123,7 @@ class Explorer:
     def _repr_mimebundle_(self, **_: object) -> dict[str, Any]:
         """Show the form, and its first picture as a still where no kernel runs."""
         self.wait()
-        bundle: dict[str, Any] = self.widget._repr_mimebundle_()
-        if self._picture.value:
-            bundle["image/png"] = base64.b64encode(self._picture.value).decode()
-        return bundle
+        return still_bundle(self.widget, self._picture.value)
 
     def wait(self, timeout_s: float = _FIRST_PICTURE_S) -> bool:
         """Wait until the picture is whole and the newest one's; returns whether it is.

@@ -1,0 +1,74 @@
+// A figure as SVG in the page: parts whose id begins with "press:" are pressed, the rest is looked at.
+// Ctrl and wheel zoom around the pointer, a drag moves what is seen, a double click shows all again.
+const PRESS = "press:";
+
+function render({ model, el }) {
+  const box = document.createElement("div");
+  box.className = "sfglab-press";
+  const style = document.createElement("style");
+  style.textContent = `.sfglab-press [id^="${PRESS}"] { cursor: pointer }
+    .sfglab-press [id^="${PRESS}"]:hover { opacity: 0.65 }
+    .sfglab-press svg { width: 100%; height: auto; touch-action: none }`;
+  el.append(style, box);
+  let seen = null; // the part of the figure that is seen, as a viewBox
+  let drag = null;
+  let count = 0;
+  const svg = () => box.querySelector("svg");
+  const show = (view) => {
+    seen = view;
+    svg().setAttribute("viewBox", view.join(" "));
+  };
+  const whole = () => svg().dataset.whole.split(" ").map(Number);
+
+  function draw() {
+    box.innerHTML = model.get("svg");
+    const figure = svg();
+    figure.dataset.whole = figure.getAttribute("viewBox");
+    figure.style.maxWidth = figure.getAttribute("width").replace("pt", "px");
+    figure.removeAttribute("width");
+    figure.removeAttribute("height");
+    for (const [part, text] of Object.entries(model.get("titles"))) {
+      const title = document.createElementNS("http://www.w3.org/2000/svg", "title");
+      title.textContent = text;
+      figure.querySelector(`[id="${CSS.escape(PRESS + part)}"]`)?.prepend(title);
+    }
+    if (seen) show(seen);
+  }
+
+  function at(event) {
+    const frame = svg().getBoundingClientRect();
+    return [(event.clientX - frame.x) / frame.width, (event.clientY - frame.y) / frame.height];
+  }
+
+  box.addEventListener("click", (event) => {
+    const part = event.target.closest(`[id^="${PRESS}"]`);
+    if (!part || drag?.moved) return;
+    count += 1;
+    model.set("pressed", { part: part.id.slice(PRESS.length), count });
+    model.save_changes();
+  });
+  box.addEventListener("wheel", (event) => {
+    if (!event.ctrlKey && !event.metaKey) return; // the page scrolls
+    event.preventDefault();
+    const [x, y, width, height] = seen ?? whole();
+    const factor = Math.exp(event.deltaY / 400);
+    const [across, down] = at(event);
+    show([x + across * width * (1 - factor), y + down * height * (1 - factor), width * factor, height * factor]);
+  }, { passive: false });
+  box.addEventListener("pointerdown", (event) => {
+    drag = { from: at(event), view: seen ?? whole(), moved: false };
+  });
+  box.addEventListener("pointermove", (event) => {
+    if (!drag || event.buttons !== 1) return;
+    const [across, down] = at(event).map((value, i) => value - drag.from[i]);
+    if (Math.hypot(across, down) < 0.01 && !drag.moved) return;
+    drag.moved = true;
+    const [x, y, width, height] = drag.view;
+    show([x - across * width, y - down * height, width, height]);
+  });
+  box.addEventListener("dblclick", () => show(whole()));
+  model.on("change:svg", draw);
+  draw();
+}
+
+export default { render };

@@ -1,0 +1,130 @@
+"""A figure whose parts are pressed: artists that `part` has named send their name when the mouse is on them.
+
+Every press is answered by Python, which draws the figure anew: no rule is repeated in the page. Where no kernel
+runs, the same output shows the figure as a still.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+from functools import cache
+from html import escape
+from importlib import import_module, resources
+from typing import TYPE_CHECKING, Any
+
+from sfglab.errors import MissingExtraError, SfglabError
+from sfglab.lab.figures import house_style, png_of
+from sfglab.view.panel import widgets
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from matplotlib.artist import Artist
+    from matplotlib.figure import Figure
+
+
+def part(name: str, *artists: Artist) -> None:
+    """Make artists a part of the figure that can be pressed under a name; it is in the SVG alone."""
+    for artist in artists:
+        artist.set_gid(f"press:{name}")
+
+
+def still_bundle(widget: Any, png: bytes) -> dict[str, Any]:
+    """Return what a cell shows: the widget, and in the same output a picture for those who have no kernel."""
+    bundle: dict[str, Any] = widget._repr_mimebundle_()
+    if png:
+        bundle["image/png"] = base64.b64encode(png).decode()
+    return bundle
+
+
+class Pressed:
+    """A figure to press. `widget` is what a cell shows.
+
+    Args:
+        draw: Draws the present state into an empty figure, its parts marked by `part`.
+        size: Width and height of the figure, inches.
+        press: Called with the name of the part that was pressed; the figure is drawn anew afterwards. What it
+            raises, if it is ours, stands below the figure.
+        titles: Returns the sentence that a part shows under the mouse, by part.
+        above: Widgets above the figure.
+
+    Raises:
+        MissingExtraError: The extra ``view`` is not installed.
+    """
+
+    def __init__(
+        self,
+        draw: Callable[[Figure], object],
+        *,
+        size: tuple[float, float],
+        press: Callable[[str], object],
+        titles: Callable[[], Mapping[str, str]] = dict,
+        above: Sequence[Any] = (),
+    ) -> None:
+        self._draw, self._size, self._press, self._titles = draw, size, press, titles
+        self._said = widgets().HTML()
+        self._figure = _svg_widget()(svg=self._svg(), titles=dict(titles()))
+        self._figure.observe(lambda change: self.press(change["new"]["part"]), "pressed")
+        self.widget = widgets().VBox([*above, self._figure, self._said])
+
+    def press(self, name: str) -> None:
+        """Press a part, as the mouse does."""
+        self.answer(lambda: self._press(name))
+
+    def answer(self, action: Callable[[], object]) -> None:
+        """Do something that changes what is drawn, say what it refuses, and draw anew."""
+        try:
+            action()
+        except SfglabError as error:
+            self._said.value = f'<span style="color:#b00020">{escape(str(error))}</span>'
+            return
+        self._said.value = ""
+        self.redraw()
+
+    def redraw(self) -> None:
+        """Draw the present state."""
+        self._figure.titles = dict(self._titles())
+        self._figure.svg = self._svg()
+
+    @property
+    def said(self) -> str:
+        """The sentence below the figure, as HTML; empty: nothing was refused."""
+        text: str = self._said.value
+        return text
+
+    def _repr_mimebundle_(self, **_: object) -> dict[str, Any]:
+        return still_bundle(self.widget, png_of(self._drawn()))
+
+    def _drawn(self) -> Figure:
+        from matplotlib.figure import Figure
+
+        with house_style():
+            figure = Figure(figsize=self._size)
+            self._draw(figure)
+        return figure
+
+    def _svg(self) -> str:
+        import matplotlib as mpl
+
+        buffer = io.StringIO()
+        # Text as text is small, and the page's fonts draw it.
+        with house_style(), mpl.rc_context({"svg.fonttype": "none"}):
+            self._drawn().savefig(buffer, format="svg")
+        return "<svg" + buffer.getvalue().partition("<svg")[2]
+
+
+@cache
+def _svg_widget() -> Any:
+    """Return the class of the front-end part."""
+    try:
+        anywidget, traitlets = import_module("anywidget"), import_module("traitlets")
+    except ImportError as error:
+        raise MissingExtraError("anywidget", extra="view", purpose="pictures to press") from error
+    members = {
+        "_esm": resources.files(__package__).joinpath("press.js").read_text("utf-8"),
+        "svg": traitlets.Unicode().tag(sync=True),
+        "titles": traitlets.Dict().tag(sync=True),
+        "pressed": traitlets.Dict().tag(sync=True),
+    }
+    return type("SvgWidget", (anywidget.AnyWidget,), members)
