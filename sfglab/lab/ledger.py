@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from sfglab.lab.claims import Measured
     from sfglab.lab.paths import Project
+    from sfglab.lab.runs import Run
 
 _LOG = logging.getLogger(__name__)
 
@@ -87,27 +88,27 @@ def compute_ledger(project: Project, *, profile: str | None = None) -> list[Entr
     return entries
 
 
-def entries_of(project: Project, name: str, log: Path) -> list[Entry]:
-    """Return the claims that one log of an experiment answers, judged, whether or not it speaks."""
-    measured = experiment(name).measure_claims(log)
+def entries_of(project: Project, run: Run[Any]) -> list[Entry]:
+    """Return the claims that one run answers, judged, whether or not its log speaks."""
+    measured = run.once("claims", lambda: experiment(run.experiment).measure(run))
     claims = [claim for claim in load_claims(project.claims) if claim.id in measured]
-    return [entry_for(claim, measured[claim.id], log=project.relative(log)) for claim in claims]
+    return [entry_for(claim, measured[claim.id], log=project.relative(run.log)) for claim in claims]
 
 
-def save_figures(project: Project, name: str, log: Path, folder: Path) -> list[Path]:
-    """Draw and save every figure of one experiment from a log into a folder; return the files."""
-    origin = _origin(project, name, log)
+def save_figures(project: Project, run: Run[Any], folder: Path) -> list[Path]:
+    """Draw and save every figure of a run into a folder; return the files."""
+    origin = _origin(project, run.log)
     files = []
-    for stem, (figure, numbers) in experiment(name).figures(log).items():
+    for stem, (figure, numbers) in experiment(run.experiment).figures(run).items():
         files += save_figure(figure, folder / stem, {**origin, "shown": numbers})
     return files
 
 
-def _origin(project: Project, name: str, log: Path) -> dict[str, Any]:
+def _origin(project: Project, log: Path) -> dict[str, Any]:
     with LogReader(log) as reader:
         run, config = reader.metadata("run"), reader.metadata("config")
     return {
-        "experiment": name,
+        "experiment": config["experiment"],
         "log": project.relative(log),
         "log_sha256": file_sha256(log),
         "config": config,
@@ -123,5 +124,7 @@ def redraw_figures(project: Project, names: Sequence[str] = EXPERIMENTS) -> dict
     """
     logs = {name: project.reference_logs / f"{name}.mcap" for name in names}
     return {
-        name: save_figures(project, name, log, project.figures) for name, log in logs.items() if log.is_file()
+        name: save_figures(project, experiment(name).load(log), project.figures)
+        for name, log in logs.items()
+        if log.is_file()
     }

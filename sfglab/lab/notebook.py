@@ -100,13 +100,13 @@ def words(frame: pd.DataFrame) -> Styler:
 def save_figures(run: Run[Any]) -> str:
     """Draw and save every figure of a run into ``runs/figures``, and return their names."""
     project = find_project()
-    files = ledger.save_figures(project, run.experiment, run.log, project.runs / "figures")
+    files = ledger.save_figures(project, run, project.runs / "figures")
     return ", ".join(map(project.relative, files))
 
 
 def claims_of(run: Run[Any]) -> pd.DataFrame:
     """Return the claims that a run answers, judged: paper said, we measured."""
-    return _table(ledger.entries_of(find_project(), run.experiment, run.log))
+    return _table(ledger.entries_of(find_project(), run))
 
 
 def check(run: Run[Any], *verdicts: str, may_deviate: Sequence[str] = ()) -> str:
@@ -122,7 +122,7 @@ def check(run: Run[Any], *verdicts: str, may_deviate: Sequence[str] = ()) -> str
     Raises:
         AssertionError: A claim has another verdict; says which.
     """
-    entries = ledger.entries_of(find_project(), run.experiment, run.log)
+    entries = ledger.entries_of(find_project(), run)
     wrong = [e for e in entries if e.verdict.value not in verdicts]
     said = {e.claim.id: _excuse(e, run, may_deviate) for e in wrong}
     failed = [f"{e.claim.id}: {e.verdict.value}" for e in wrong if not said[e.claim.id]]

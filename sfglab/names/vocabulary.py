@@ -243,10 +243,9 @@ def read_standard(values: type[StandardT], text: str) -> StandardT | Suffixed[St
 
 def check_unmistakable(segment: str, text: str, *, own: type[_Standard]) -> None:
     """Raise `FqnError` if free text could be taken for a standard value, or its own set's with a suffix."""
-    for values in (Scope, Component, Stream, Resource):
-        meant = [str(value) for value in values if value.value == text]
-        if meant:
-            raise FqnError(segment, text, f"a name that cannot be mistaken for the standard {meant[0]}")
+    meant = _standard_texts().get(text)
+    if meant is not None:
+        raise FqnError(segment, text, f"a name that cannot be mistaken for the standard {meant}")
     spelled = _split(own, text)
     if spelled is not None:
         raise FqnError(
@@ -255,14 +254,22 @@ def check_unmistakable(segment: str, text: str, *, own: type[_Standard]) -> None
 
 
 @cache
-def _longest_first(values: type[StandardT]) -> tuple[StandardT, ...]:
-    return tuple(sorted(values, key=lambda value: len(value.text), reverse=True))
+def _standard_texts() -> dict[str, Enum]:
+    """Return the standard value that a text is; the first set's where several have it."""
+    return {value.value: value for values in (Resource, Stream, Component, Scope) for value in values}
+
+
+@cache
+def _longest_first(values: type[StandardT]) -> tuple[tuple[str, StandardT], ...]:
+    texts = [(value.text, value) for value in values]
+    return tuple(sorted(texts, key=lambda pair: len(pair[0]), reverse=True))
 
 
 def _split(values: type[StandardT], text: str) -> tuple[StandardT, str] | None:
     """Return the longest standard value at the start of a text, and what stands behind it."""
-    for value in _longest_first(values):
-        rest = text.removeprefix(value.text)
-        if text.startswith(value.text) and (not rest or rest[0] == "_" or _DIGITS.fullmatch(rest)):
-            return value, rest
+    for standard, value in _longest_first(values):
+        if text.startswith(standard):
+            rest = text.removeprefix(standard)
+            if not rest or rest[0] == "_" or _DIGITS.fullmatch(rest):
+                return value, rest
     return None

@@ -160,8 +160,8 @@ def test_smoke_tests_changed_and_explored_runs_do_not_speak(tmp_path):
 
 def test_figures_go_with_a_twin_where_they_are_wanted(tmp_path, monkeypatch):
     monkeypatch.setattr("sfglab.lab.ledger.experiment", lambda _: exp)
-    log = run(tmp_path / "a.mcap", "quick").log
-    files = save_figures(Project(root=tmp_path), "kit", log, tmp_path / "drawn")
+    one = run(tmp_path / "a.mcap", "quick")
+    files = save_figures(Project(root=tmp_path), one, tmp_path / "drawn")
     assert {f.parent for f in files} == {tmp_path / "drawn"}
     twin = json.loads(next(f for f in files if f.suffix == ".json").read_text())
     assert twin["shown"] == {"total": 6.0}
