@@ -147,3 +147,14 @@ def test_a_part_of_a_figure_is_pressed_and_python_answers(run, browser):
     assert browser.evaluate("document.querySelector('.jp-OutputArea title').textContent") == "light a, on"
     browser.click(*browser.wait_for(PART % "c"))
     browser.wait_for("document.querySelector('.jp-OutputArea').innerText.includes(\"light: given 'c'\")")
+
+
+def test_an_automaton_is_stepped_by_its_edges_and_refuses_what_its_table_does(run, browser):
+    run("from sfglab.lab.experiments import lifecycle\nlifecycle.press_lifecycle()")
+    browser.click(*browser.wait_for(PART % "UNKNOWN/HEARD", ANSWER_S))
+    said = "document.querySelector('.jp-OutputArea').innerText.includes(%r)"
+    browser.wait_for(said % "1: HEARD in UNKNOWN leads to QUERYING: QUERY")
+    browser.click(*browser.wait_for(PART % "LOST"))
+    browser.wait_for(said % "put into LOST")
+    browser.click(*browser.wait_for(PART % "REJOINING/SILENT"))
+    browser.wait_for(said % "agent in LOST: given SILENT, allowed are CHANGED")

@@ -28,9 +28,11 @@ function render({ model, el }) {
     figure.removeAttribute("width");
     figure.removeAttribute("height");
     for (const [part, text] of Object.entries(model.get("titles"))) {
-      const title = document.createElementNS("http://www.w3.org/2000/svg", "title");
-      title.textContent = text;
-      figure.querySelector(`[id="${CSS.escape(PRESS + part)}"]`)?.prepend(title);
+      for (const shown of figure.querySelectorAll(`[id="${CSS.escape(PRESS + part)}"]`)) {
+        const title = document.createElementNS("http://www.w3.org/2000/svg", "title");
+        title.textContent = text;
+        shown.prepend(title);
+      }
     }
     if (seen) show(seen);
   }

@@ -10,5 +10,6 @@ from __future__ import annotations
 from sfglab.lab.experiments.lifecycle import figures
 from sfglab.lab.experiments.lifecycle.analysis import heartbeat_checks, intervals, transitions
 from sfglab.lab.experiments.lifecycle.experiment import exp
+from sfglab.lab.experiments.lifecycle.figures import press_lifecycle, press_states
 
-__all__ = ["exp", "figures", "heartbeat_checks", "intervals", "transitions"]
+__all__ = ["exp", "figures", "heartbeat_checks", "intervals", "press_lifecycle", "press_states", "transitions"]

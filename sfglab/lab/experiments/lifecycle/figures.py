@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, TRANSITIONS, State, diagram
+from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, TRANSITIONS, Input, State, diagram
 from sfglab.lab.experiments.lifecycle.analysis import heard, heartbeat_checks, intervals, joined_ns, transitions
 from sfglab.lab.experiments.lifecycle.experiment import Config, exp
+from sfglab.lab.explore.automaton import Automaton, transition_part
+from sfglab.lab.explore.press import part
 from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from sfglab.fleet.discovery.lifecycle import Edge, Input, Node
+    from sfglab.fleet.discovery.lifecycle import Edge, Node
+    from sfglab.lab.explore.automaton import Moment
     from sfglab.lab.runs import Run
 
     Point = tuple[float, float]
@@ -136,12 +141,22 @@ _BETWEEN_ROWS: dict[tuple[str, str], tuple[tuple[Point, ...], Point]] = {
 }
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Ink:
+    """How the table is drawn: as a run walked it, or as a machine that is stepped stands in it."""
+
+    words: Callable[[Edge], str]  #: The text of a transition.
+    line: Callable[[Sequence[Edge]], dict[str, Any]]  #: How the arrow of some transitions is drawn.
+    border: Callable[[State], dict[str, Any]]  #: How a state's box is framed.
+    part: Callable[..., None] | None = None  #: Takes a part's name and its artists; None: nobody presses.
+
+
 @exp.figure("discovery_states", size=(13, 8.6))
 def draw_states(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the life cycle of a remote agent and how often the run took each of its transitions."""
     found = transitions(run)
     reached = sum(count > 0 for count in found.taken.values())
-    _draw_table(figure.subplots(), found.taken)
+    _draw_table(figure.subplots(), _walked(found.taken), _KEY_OF_RUN)
     figure.suptitle(
         f"Life cycle of a remote agent (after paper A, Fig. 3): {reached} of {len(TRANSITIONS)} "
         f"transitions taken live; {found.doubled} queries while another was outstanding"
@@ -150,61 +165,110 @@ def draw_states(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     return {"taken": shown, "reached": reached, "doubled": found.doubled}
 
 
-def _draw_table(axes: Axes, taken: Taken) -> None:
-    """Draw the states as a grid, and the transitions with how often each was taken."""
+def press_states(run: Run[Config]) -> Automaton:
+    """Return the life cycle to press: by hand, or as the run's discoverers walked it, the most varied first."""
+    moves = run["move"].sort_values("t_ns", kind="stable").groupby(["discoverer", "agent"], sort=False)
+    richest = sorted(moves, key=lambda item: -len(item[1][["before", "given"]].drop_duplicates()))
+    runs = {f"{agent}, seen by {by}": [Input[i] for i in rows["given"]] for (by, agent), rows in richest}
+    return press_lifecycle(runs)
+
+
+def press_lifecycle(runs: Mapping[str, Sequence[Input]] | None = None) -> Automaton:
+    """Return the life cycle of a remote agent to press: by hand, or through runs, given as their inputs."""
+    return Automaton("agent", TRANSITIONS, State.UNKNOWN, _draw_moment, size=(13, 8.4), runs=runs)
+
+
+def _draw_moment(figure: Figure, moment: Moment) -> None:
+    def line(edges: Sequence[Edge]) -> dict[str, Any]:
+        keys = [(edge.source, edge.given) for edge in edges]
+        return {"color": moment.color(keys), "linewidth": moment.width(keys)}
+
+    figure.set_layout_engine("none")  # which would draw everything twice
+    ink = _Ink(words=_label, line=line, border=moment.border, part=part)
+    _draw_table(figure.add_axes((0, 0, 1, 1)), ink, _KEY_OF_MOMENT)
+
+
+def _walked(taken: Taken) -> _Ink:
+    """Return how transitions look by how often a run took them: dashed where never."""
+
+    def words(edge: Edge) -> str:
+        return f"{_label(edge)}  \u00d7{taken[edge.source, edge.given]}"
+
+    def line(edges: Sequence[Edge]) -> dict[str, Any]:
+        counts = [taken[edge.source, edge.given] for edge in edges]
+        color = COLORS["proxy" if all(counts) else "standard"]
+        return {"color": color, "linewidth": 1.2, "linestyle": "solid" if any(counts) else "dashed"}
+
+    return _Ink(words=words, line=line, border=lambda _: {"edgecolor": "black"})
+
+
+_KEY = "\u21ba the state stays;  CAPITALS: a discovery event is published;  "
+_KEY_OF_RUN = f"input / what is done \u00d7 how often in this run;  {_KEY}dashed: not taken in this run"
+_KEY_OF_MOMENT = f"input / what is done;  {_KEY}orange: here, and how it came here;  blue: possible now"
+
+
+def _draw_table(axes: Axes, ink: _Ink, key: str) -> None:
+    """Draw the states as a grid, and the transitions between them."""
     nodes, edges = diagram()
-    _draw_grid(axes)
+    _draw_grid(axes, key)
     for node in nodes:
-        _draw_state(axes, node, [e for e in edges if e.source is e.target is node.state], taken)
+        _draw_state(axes, node, [e for e in edges if e.source is e.target is node.state], ink)
     grid = {node.state: node for node in nodes}
     for pair in dict.fromkeys((e.source, e.target) for e in edges if e.source is not e.target):
-        _draw_pair(axes, grid, [e for e in edges if (e.source, e.target) == pair], taken)
+        _draw_pair(axes, grid, [e for e in edges if (e.source, e.target) == pair], ink)
     axes.set(xlim=(-6.6, 15.0), ylim=(-2.8, 12.4))
     axes.axis("off")
 
 
-def _draw_grid(axes: Axes) -> None:
+def _draw_grid(axes: Axes, key: str) -> None:
     for y, text, color in zip(_Y, _ROWS, _BANDS, strict=True):
         axes.axhspan(y - _HALF_HEIGHT - 0.25, y + _HALF_HEIGHT + 0.25, color=color, alpha=0.07, linewidth=0)
         axes.text(-6.5, y, text, ha="left", va="center", fontsize=9, style="italic")
     for x, text in zip(_X, _COLUMNS, strict=True):
         axes.text(x, 12.1, text, ha="center", va="center", fontsize=9, style="italic")
-    key = (
-        "input / what is done \u00d7 how often in this run;  \u21ba the state stays;  "
-        "CAPITALS: a discovery event is published;  dashed: not taken in this run"
-    )
     axes.text(_X[1], -2.55, key, ha="center", va="center", fontsize=8)
 
 
-def _draw_state(axes: Axes, node: Node, loops: Sequence[Edge], taken: Taken) -> None:
+def _draw_state(axes: Axes, node: Node, loops: Sequence[Edge], ink: _Ink) -> None:
     from matplotlib.patches import FancyBboxPatch
 
     x, y = _X[node.column], _Y[node.row]
-    corner, box = (x - _HALF_WIDTH, y - _HALF_HEIGHT), "round,pad=0,rounding_size=0.25"
-    size = (2 * _HALF_WIDTH, 2 * _HALF_HEIGHT)
-    axes.add_patch(FancyBboxPatch(corner, *size, boxstyle=box, facecolor="white", zorder=3))
+    corner, style = (x - _HALF_WIDTH, y - _HALF_HEIGHT), "round,pad=0,rounding_size=0.25"
+    frame = {"boxstyle": style, "facecolor": "white", "zorder": 3, **ink.border(node.state)}
+    box = axes.add_patch(FancyBboxPatch(corner, 2 * _HALF_WIDTH, 2 * _HALF_HEIGHT, **frame))
     name = node.state.name.replace("_", " ").lower()
     top = y + 0.5 * _LINE_HEIGHT * len(loops)
-    axes.text(x, top, name, ha="center", va="center", fontsize=10, weight="bold", zorder=4)
+    title = axes.text(x, top, name, ha="center", va="center", fontsize=10, weight="bold", zorder=4)
+    if ink.part:
+        ink.part(node.state.name, box, title)
     for number, loop in enumerate(loops, start=1):
-        text, below = f"\u21ba {_words(loop, taken)}", top - number * _LINE_HEIGHT
-        style: dict[str, Any] = {"fontsize": 6.8, "zorder": 4, "color": _color([loop], taken)}
-        axes.text(x, below, text, ha="center", va="center", **style)
+        place = x, top - number * _LINE_HEIGHT
+        _draw_words(axes, place, loop, ink, s=f"\u21ba {ink.words(loop)}", fontsize=6.8, ha="center", zorder=4)
 
 
-def _draw_pair(axes: Axes, grid: dict[State, Node], edges: Sequence[Edge], taken: Taken) -> None:
+def _draw_pair(axes: Axes, grid: dict[State, Node], edges: Sequence[Edge], ink: _Ink) -> None:
     """Draw all transitions from one state to another as one arrow with a line of text each."""
     points, label, below = _route(grid[edges[0].source], grid[edges[0].target])
-    line: dict[str, Any] = {"color": _color(edges, taken), "linewidth": 1.2}
-    line["linestyle"] = "solid" if any(taken[e.source, e.given] for e in edges) else "dashed"
-    axes.plot(*zip(*points[:-1], strict=True), **line)
+    line = ink.line(edges)
+    drawn: list[Artist] = list(axes.plot(*zip(*points[:-1], strict=True), **line))
     arrow = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, **line}
-    axes.annotate("", points[-1], points[-2], arrowprops=arrow)
+    head = axes.annotate("", points[-1], points[-2], arrowprops=arrow).arrow_patch
+    assert head is not None
+    if ink.part:
+        broad = axes.plot(*zip(*points, strict=True), alpha=0, linewidth=9, zorder=1)  # for the mouse
+        ink.part(transition_part(edges[0].source, edges[0].given), *drawn, head, *broad)
     step = -_LINE_HEIGHT if below else _LINE_HEIGHT
     for number, edge in enumerate(edges if below else reversed(edges)):
         place = (label[0], label[1] + number * step)
-        style: dict[str, Any] = {"fontsize": 7.5, "color": _color([edge], taken), "zorder": 5, "bbox": _BEHIND}
-        axes.text(*place, _words(edge, taken), ha="left", va="center", **style)
+        style: dict[str, Any] = {"fontsize": 7.5, "ha": "left", "bbox": _BEHIND, "zorder": 5}
+        _draw_words(axes, place, edge, ink, s=ink.words(edge), **style)
+
+
+def _draw_words(axes: Axes, place: Point, edge: Edge, ink: _Ink, **style: Any) -> None:
+    color = ink.line([edge])["color"]
+    words = axes.text(*place, va="center", color=color, **style)
+    if ink.part:
+        ink.part(transition_part(edge.source, edge.given), words)
 
 
 def _route(source: Node, target: Node) -> tuple[Sequence[Point], Point, bool]:
@@ -232,14 +296,10 @@ def _route_in_row(source: Node, target: Node) -> tuple[list[Point], Point, bool]
     return points, (_X[1] + 1.9, outer + way * 0.22), way < 0
 
 
-def _words(edge: Edge, taken: Taken) -> str:
+def _label(edge: Edge) -> str:
+    """Return a transition's label, discovery events in capitals."""
     label = edge.label
     for action in ANNOUNCEMENTS.intersection(edge.actions):
         given, done = label.split(" / ")
         label = f"{given} / {done.replace(action.name.lower(), action.name)}"
-    return f"{label}  \u00d7{taken[edge.source, edge.given]}"
-
-
-def _color(edges: Sequence[Edge], taken: Taken) -> str:
-    """Return one colour for what was taken in the run and another for what was not."""
-    return COLORS["proxy"] if all(taken[e.source, e.given] for e in edges) else COLORS["standard"]
+    return label

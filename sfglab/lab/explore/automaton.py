@@ -1,0 +1,166 @@
+"""A machine as a picture to press: an edge gives its input, the table moves, the transition lights up.
+
+Knows tables of states and inputs as `sfglab.machine.step` walks them, which also refuses what cannot happen;
+refuses to know what states mean, and how a table is drawn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from sfglab.lab.explore.press import Pressed
+from sfglab.lab.figures import COLORS
+from sfglab.machine import step
+from sfglab.view.panel import widgets
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping, Sequence
+
+    from matplotlib.figure import Figure
+
+Transition: TypeAlias = tuple[Enum, Enum]
+"""A state and an input that can happen in it: a key of a table."""
+
+BY_HAND = "by hand"
+"""The run that a reader makes."""
+
+
+def transition_part(source: Enum, given: Enum) -> str:
+    """Return the name of the part that stands for a transition; that of a state is the state's name."""
+    return f"{source.name}/{given.name}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Moment:
+    """Where a machine stands, and how a drawing of its table shows that."""
+
+    state: Enum  #: The present state.
+    taken: Transition | None = None  #: The transition that led there; None: it began there, or was put there.
+    said: str = ""  #: What happened, for people.
+
+    def color(self, moves: Collection[Transition]) -> str:
+        """Return the colour of transitions that are drawn as one: just taken, possible now, or neither."""
+        if self.taken in moves:
+            return COLORS["standard"]
+        return COLORS["proxy"] if any(source is self.state for source, _ in moves) else "#888888"
+
+    def width(self, moves: Collection[Transition]) -> float:
+        """Return the width of such an arrow, points."""
+        return 3.0 if self.taken in moves else 1.2
+
+    def border(self, state: Enum) -> dict[str, Any]:
+        """Return how a state's box is framed, as patches take it."""
+        here = state is self.state
+        return {"edgecolor": COLORS["standard"] if here else "#333333", "linewidth": 3.0 if here else 1.0}
+
+
+class Automaton(Pressed):
+    """A machine to press: edges give their inputs, states put the machine there.
+
+    Args:
+        name: What the machine stands for, in messages.
+        table: (state, input) -> the next state, or a pair of it and what is done.
+        start: Where it begins.
+        draw: Draws the table at a moment into an empty figure; its parts are called as states and as
+            `transition_part` says.
+        size: Width and height of the figure, inches.
+        runs: Recorded runs by name, as their inputs from the start on.
+
+    Raises:
+        MissingExtraError: The extra ``view`` is not installed.
+    """
+
+    def __init__(  # noqa: PLR0913  # a machine, how it is drawn, what is stepped through
+        self,
+        name: str,
+        table: Mapping[Any, Any],
+        start: Enum,
+        draw: Callable[[Figure, Moment], object],
+        *,
+        size: tuple[float, float],
+        runs: Mapping[str, Sequence[Enum]] | None = None,
+    ) -> None:
+        self._name, self._table, self._begin = name, table, Moment(state=start, said=f"begins in {start.name}")
+        self._runs = {**(runs or {}), BY_HAND: ()}
+        self._past = [self._begin]
+        states = [source for source, _ in table] + [self._after(key) for key in table]
+        self._states = {state.name: state for state in [start, *states]}
+        self._moves = {transition_part(*key): key for key in table}
+        kit = widgets()
+        self.choice = kit.Dropdown(options=list(self._runs), description="run")
+        self.at = kit.IntSlider(max=0, description="step", layout={"width": "30em"})
+        self.back = kit.Button(description="Back", tooltip="As it was before", layout={"width": "auto"})
+        self._news = kit.HTML()
+        super().__init__(
+            lambda figure: draw(figure, self.moment),
+            size=size,
+            press=self._take,
+            titles=self._titled,
+            above=[kit.HBox([self.choice, self.at, self.back]), self._news],
+        )
+        self.choice.observe(lambda _: self.answer(self._choose), "value")
+        self.at.observe(lambda _: self.answer(self._replay), "value")
+        self.back.on_click(lambda _: self.answer(self._undo))
+        self._choose()
+        self.redraw()
+
+    @property
+    def moment(self) -> Moment:
+        """Where the machine stands."""
+        return self._past[-1]
+
+    def redraw(self) -> None:
+        """Draw the present moment."""
+        self._news.value = f"{len(self._past) - 1}: {self.moment.said}"
+        super().redraw()
+
+    def feed(self, given: Enum) -> None:
+        """Give the machine an input.
+
+        Raises:
+            IllegalInputError: It cannot happen in the present state.
+        """
+        key = self.moment.state, given
+        step(self._name, self._table, *key)
+        self._past.append(Moment(state=self._after(key), taken=key, said=self._words(key)))
+
+    def _after(self, key: Transition) -> Enum:
+        entry = self._table[key]
+        after: Enum = entry[0] if isinstance(entry, tuple) else entry
+        return after
+
+    def _words(self, key: Transition) -> str:
+        """Return what a transition does, in words."""
+        source, given = key
+        entry = self._table[key]
+        done = entry[1] if isinstance(entry, tuple) else ()
+        actions = [action.name for action in (done if isinstance(done, tuple) else (done,)) if action]
+        said = f"{given.name} in {source.name} leads to {self._after(key).name}"
+        return said + (f": {'; '.join(actions)}" if actions else "")
+
+    def _take(self, name: str) -> None:
+        if name in self._moves:
+            self.feed(self._moves[name][1])
+        else:
+            state = self._states[name]
+            self._past.append(Moment(state=state, said=f"put into {state.name}"))
+
+    def _titled(self) -> dict[str, str]:
+        moves = {name: self._words(key) for name, key in self._moves.items()}
+        return moves | {name: f"Put the machine into {name}" for name in self._states}
+
+    def _choose(self) -> None:
+        self.at.value, self.at.max = 0, len(self._runs[self.choice.value])
+        self.at.disabled = not self.at.max
+        self._replay()
+
+    def _replay(self) -> None:
+        self._past = [self._begin]
+        for given in self._runs[self.choice.value][: self.at.value]:
+            self.feed(given)
+
+    def _undo(self) -> None:
+        if len(self._past) > 1:
+            self._past.pop()
