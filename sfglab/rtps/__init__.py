@@ -1,27 +1,33 @@
 """RELIABLE and KEEP_LAST over a lossy medium: one model of writer, reader and medium, with vendors' timing.
 
 `model` has what a run is given (vendors' constants with their sources, flows, the medium), `session` what it
-comes to; between them, compiled: `world`, `medium`, `writer`, `reader` and `engine`, over `state`.
+comes to, `frames` what was on air; between them, compiled: `world`, `medium`, `writer`, `reader` and `engine`,
+over `state`.
 """
 
 from __future__ import annotations
 
+from sfglab.rtps.frames import AirFrame, Trace, trace
 from sfglab.rtps.model import CYCLONE_DDS, FAST_DDS, PRESETS, Flow, Medium, Scenario, Vendor
 from sfglab.rtps.session import FlowOutcome, Outcome, Session, run
-from sfglab.rtps.state import Drop, Fate
+from sfglab.rtps.state import Drop, Fate, Frame
 
 __all__ = [
     "CYCLONE_DDS",
     "FAST_DDS",
     "PRESETS",
+    "AirFrame",
     "Drop",
     "Fate",
     "Flow",
     "FlowOutcome",
+    "Frame",
     "Medium",
     "Outcome",
     "Scenario",
     "Session",
+    "Trace",
     "Vendor",
     "run",
+    "trace",
 ]

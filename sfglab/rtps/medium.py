@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from sfglab.rtps.model import BURST_ROOM, NETWORK_BYTES, airtime_ns, frame_bytes, next_sender
-from sfglab.rtps.state import Count, Drop, Event, FlowColumn, Frame, TimingColumn
+from sfglab.rtps.state import Count, Drop, Event, FlowColumn, Frame, T, TimingColumn
 from sfglab.rtps.world import compiled, push
 
 
@@ -101,8 +101,23 @@ def _send_next(world: Any, now: int, transmitter: int) -> None:
     airtime = _airtime_ns(size, contenders, overhead_ns, rates[1], rates[2])
     world.counts[Count.BYTES] += size
     world.counts[Count.AIRTIME_NS] += airtime
-    air[transmitter, 0] = 1
+    air[transmitter, 0], air[transmitter, 9] = 1, now
     push(world.heap, world.heap_sizes, now + airtime, Event.SENT, transmitter)
+
+
+@compiled
+def _traced(world: Any, now: int, transmitter: int, drawn: bool) -> bool:  # noqa: FBT001 - compiled
+    """Note a frame that leaves the air, and return whether it is lost: as drawn, if nobody wished otherwise."""
+    number = world.trace_end[0]
+    if number == world.trace.shape[0]:
+        return drawn
+    world.trace_end[0] += 1
+    row = world.trace[number]
+    for k in range(8):
+        row[k] = world.on_air[transmitter, 1 + k]
+    lost = row[T.WISH] == 1 or (drawn and row[T.WISH] == 0)
+    row[T.BEGAN], row[T.ENDED], row[T.LOST] = world.on_air[transmitter, 9], now, lost
+    return bool(lost)
 
 
 @compiled
@@ -113,7 +128,10 @@ def sent_frame(world: Any, now: int, transmitter: int, frame: Any) -> bool:
         frame[k] = air[transmitter, 1 + k]
     air[transmitter, 0] = 0
     there = False
-    if uniform(world.random) < world.rates[0]:
+    lost = uniform(world.random) < world.rates[0]
+    if world.trace.shape[0]:
+        lost = _traced(world, now, transmitter, lost)
+    if lost:
         world.counts[Count.LOST] += 1
         _note_drop(world, frame[0], frame[1], frame[2], Drop.MEDIUM)
     elif world.timing[TimingColumn.LATENCY_NS] == 0:

@@ -260,8 +260,11 @@ def _check_flow(flow: Flow, names: list[str]) -> None:
         raise InvalidValueError(f"flow {flow.name!r}: rate_hz", flow.rate_hz, "up to 1e9")
 
 
-def compile_scenario(scenario: Scenario, *, samples: int, seed: int) -> tuple[Params, State]:
-    """Return a scenario as the arrays that the engine takes, with room for so many samples of each flow."""
+def compile_scenario(scenario: Scenario, *, samples: int, seed: int, trace: int = 0) -> tuple[Params, State]:
+    """Return a scenario as the arrays that the engine takes.
+
+    There is room for so many samples of each flow, and for a trace of so many frames.
+    """
     hosts = _numbers(h for flow in scenario.flows for h in (flow.source, flow.target))
     executors = _numbers(flow.executor or f"{flow.name}\0" for flow in scenario.flows)
     params = Params(
@@ -275,6 +278,7 @@ def compile_scenario(scenario: Scenario, *, samples: int, seed: int) -> tuple[Pa
         samples=samples,
         queue=scenario.medium.queue_frames,
         flight=_most_under_way(scenario.medium),
+        trace=trace,
     )
     return params, new_state(params, sizes, seed=seed)
 

@@ -71,7 +71,7 @@ class Outcome:
     counts: dict[str, int]  #: What the protocol and the medium did, by `Count`'s names in lower case.
 
 
-def _outcome_of(flows: Sequence[Flow], params: Params, state: State) -> Outcome:
+def outcome_of(flows: Sequence[Flow], params: Params, state: State) -> Outcome:
     """Return what a state came to."""
     results = {}
     for i, flow in enumerate(flows):
@@ -101,7 +101,7 @@ def run(scenario: Scenario, *, seed: int) -> Outcome:
 
     params, state = compile_scenario(scenario, samples=most_samples(scenario), seed=seed)
     advance(World(params, state), int(params.timing[[TimingColumn.DURATION_NS, TimingColumn.DRAIN_NS]].sum()))
-    return _outcome_of(scenario.flows, params, state)
+    return outcome_of(scenario.flows, params, state)
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +182,7 @@ class Session:
 
     def outcome(self) -> Outcome:
         """Return what has become of every sample so far."""
-        return _outcome_of(self._scenario.flows, self._params, self._state)
+        return outcome_of(self._scenario.flows, self._params, self._state)
 
     def _number(self, flow: str) -> int:
         if flow not in self._numbers:

@@ -165,7 +165,9 @@ class State(NamedTuple):
     repair: Any  # (F, 5) base and bitmap of the request that waits
     queue: Any  # (H, Q, 8) frames
     queue_ends: Any  # (H, 2) head, length
-    on_air: Any  # (T, 9) busy, frame
+    on_air: Any  # (T, 10) busy, frame, since when
+    trace: Any  # (K, 12) see T; frames as they left the air; K is 0 where nobody looks
+    trace_end: Any  # (1,) how many there are
     next_host: Any  # (T,)
     flight: Any  # (T, K, 8) frames that are under way
     flight_ends: Any  # (T, 2)
@@ -199,6 +201,12 @@ class S(IntEnum):
     BUSY, FLOW, SAMPLE, NEXT, WAITING, SKIPS = range(6)
 
 
+class T(IntEnum):
+    """Columns of `State.trace` behind a frame's words; WISH, set from outside: 0 as drawn, 1 lost, 2 not."""
+
+    BEGAN, ENDED, LOST, WISH = range(8, 12)
+
+
 class D(IntEnum):
     """Entries of `State.delivery`; FRESH: it was watched, and not yet returned."""
 
@@ -219,6 +227,7 @@ class Sizes(NamedTuple):
     samples: int  #: Most of one flow.
     queue: int  #: Frames that a host's queue holds.
     flight: int  #: Most frames under way at once from one transmitter.
+    trace: int = 0  #: Frames of which a trace is kept.
 
 
 def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
@@ -254,7 +263,9 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
         repair=np.zeros((flows, 5), np.int64),
         queue=np.zeros((sizes.hosts, sizes.queue, _FRAME_FIELDS), np.int64),
         queue_ends=np.zeros((sizes.hosts, 2), np.int64),
-        on_air=np.zeros((transmitters, 1 + _FRAME_FIELDS), np.int64),
+        on_air=np.zeros((transmitters, 2 + _FRAME_FIELDS), np.int64),
+        trace=np.zeros((sizes.trace, _FRAME_FIELDS + len(T)), np.int64),
+        trace_end=np.zeros(1, np.int64),
         next_host=np.zeros(transmitters, np.int64),
         flight=np.zeros((transmitters, sizes.flight, _FRAME_FIELDS), np.int64),
         flight_ends=np.zeros((transmitters, 2), np.int64),

@@ -158,3 +158,11 @@ def test_an_automaton_is_stepped_by_its_edges_and_refuses_what_its_table_does(ru
     browser.wait_for(said % "put into LOST")
     browser.click(*browser.wait_for(PART % "REJOINING/SILENT"))
     browser.wait_for(said % "agent in LOST: given SILENT, allowed are CHANGED")
+
+
+def test_a_frame_of_the_time_line_is_pressed_and_lost(run, browser):
+    run("from sfglab.lab.experiments import transmission\ntransmission.press_timeline()")
+    title = "document.querySelector('.jp-OutputArea [id=\"press:a/DATA/2\"] title')?.textContent"
+    place = browser.wait_for(PART % "a/DATA/2", ANSWER_S)
+    browser.click(*place)
+    browser.wait_for(f"{title}?.endsWith('lost; press to let it pass')")

@@ -9,6 +9,7 @@ from __future__ import annotations
 from sfglab.lab.experiments.transmission import figures, stage
 from sfglab.lab.experiments.transmission.analysis import agreement, cells, compare_ways, order
 from sfglab.lab.experiments.transmission.experiment import Point, exp, grid, scenario_of
+from sfglab.lab.experiments.transmission.timeline import press_timeline
 
 __all__ = [
     "Point",
@@ -19,6 +20,7 @@ __all__ = [
     "figures",
     "grid",
     "order",
+    "press_timeline",
     "scenario_of",
     "stage",
 ]

@@ -1,0 +1,207 @@
+"""A time line of one writer and one reader: samples, heartbeats, requests and repairs; a pressed frame is lost.
+
+Drawn from the frames that the model's compiled engine had on air. Whatever is pressed or set is simulated anew.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from sfglab.fields import between
+from sfglab.lab.explore.form import Form
+from sfglab.lab.explore.press import Pressed, part
+from sfglab.lab.figures import COLORS
+from sfglab.qos import QoSProfile
+from sfglab.rtps import PRESETS, Flow, Frame, Medium, Scenario, trace
+from sfglab.units import NS_PER_S
+from sfglab.view.panel import widgets
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from sfglab.rtps import AirFrame, FlowOutcome
+
+_FLOW = "a"
+_DRAIN_S = 4.0
+"""As long as a periodic heartbeat of Fast DDS takes, and what follows it."""
+_SIZE = (11.0, 4.2)
+_TIMES = 18
+"""Times below the picture at most."""
+_REPAIR, _LOST = "repair", "lost"
+_KINDS = {
+    Frame.DATA: ("sample", COLORS["proxy"]),
+    Frame.BURST: (_REPAIR, COLORS["third"]),
+    Frame.HEARTBEAT: ("heartbeat", "black"),
+    Frame.ACKNACK: ("request (ACKNACK)", COLORS["fourth"]),
+    Frame.GAP: ("gap: no longer there", COLORS["network"]),
+}
+"""What a frame is called, and its colour."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exchange:
+    """One writer with its reader, and the air between them."""
+
+    vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"  #: Whose timing.
+    rate_hz: float = between(20.0, 1.0, 200.0, log=True)  #: How often a sample is published.
+    depth: int = between(8, 1, 50)  #: Samples of each history.
+    loss: float = between(0.0, 0.0, 0.5)  #: Share of frames that the air loses beside those that are pressed.
+    samples: int = between(16, 1, 40)  #: How many samples are published.
+    seed: int = 0  #: Of these losses.
+
+    def scenario(self) -> Scenario:
+        """Return it as what the model runs."""
+        qos = QoSProfile(depth=self.depth)
+        flow = Flow(name=_FLOW, source="robot", target="station", rate_hz=self.rate_hz, qos=qos)
+        return Scenario(
+            flows=(flow,),
+            medium=Medium(loss=self.loss),
+            vendor=PRESETS[self.vendor],
+            duration_s=(self.samples - 0.5) / self.rate_hz,
+            drain_s=_DRAIN_S,
+        )
+
+
+class Timeline:
+    """A time line to press. `picture` is what a cell shows.
+
+    Args:
+        exchange: What the form begins with.
+        lost: Frames that are lost to begin with, by `AirFrame.name`.
+    """
+
+    def __init__(self, exchange: Exchange, lost: Sequence[str] = ()) -> None:
+        kit = widgets()
+        self.lost = dict.fromkeys(lost, True)  #: Frames that were made to be lost, False: to pass, by name.
+        first = ["vendor", "rate_hz", "depth", "loss"]
+        self.form = Form(exchange, first, lambda: self.picture.answer(self._simulate))
+        self._shown = kit.FloatRangeSlider(value=(0, 100), description="shown (%)", layout={"width": "40em"})
+        self._to_scale = kit.Checkbox(description="time to scale", indent=False)
+        clear = kit.Button(description="Press nothing", tooltip="Every frame as the loss decides it")
+        self._simulate()
+        above = [self.form.widget, kit.HBox([self._shown, self._to_scale, clear])]
+        self.picture = Pressed(self.draw, size=_SIZE, press=self._press, titles=self._titles, above=above)
+        for control in (self._shown, self._to_scale):
+            control.observe(lambda _: self.picture.redraw(), "value")
+        clear.on_click(lambda _: self.picture.answer(self._clear))
+
+    def _press(self, name: str) -> None:
+        self.lost[name] = not next(frame.lost for frame in self.frames if frame.name == name)
+        self._simulate()
+
+    def _clear(self) -> None:
+        self.lost.clear()
+        self._simulate()
+
+    def _simulate(self) -> None:
+        found = trace(self.form.config.scenario(), seed=self.form.config.seed, lost=self.lost)
+        self.frames: tuple[AirFrame, ...] = found.frames  #: What was on air.
+        self.outcome: FlowOutcome = found.outcome.flows[_FLOW]  #: What it came to.
+
+    def _titles(self) -> dict[str, str]:
+        return {frame.name: sentence(frame) for frame in self.frames}
+
+    def draw(self, figure: Figure) -> None:
+        """Draw frames between the writer's line and the reader's, and when samples were written and taken."""
+        axes, place_of = figure.subplots(), self._places()
+        for y in (0, 1):
+            axes.axhline(y, color="black", linewidth=0.8)
+        for frame in self.frames:
+            _draw_frame(axes, frame, (place_of(frame.began_ns), place_of(frame.ended_ns)))
+        _draw_samples(axes, self.outcome, place_of)
+        end = place_of(self.frames[-1].ended_ns)
+        span = [end * share / 100 for share in self._shown.value]
+        margin = 0.01 * (span[1] - span[0])
+        axes.set(xlim=(span[0] - margin, span[1] + margin), ylim=(-0.25, 1.25), xlabel="time (ms)")
+        axes.set_yticks((0, 1), ("reader", "writer"))
+        self._draw_times(axes, place_of)
+        axes.grid(visible=False)
+        for label, color in {**dict(_KINDS.values()), _LOST: COLORS["standard"]}.items():
+            axes.plot([], [], "x" if label == _LOST else "-", color=color, label=label)
+        figure.legend(loc="outside lower center", ncols=6, fontsize=8)
+        had, all_ = int(self.outcome.delivered.sum()), len(self.outcome.fate)
+        late = f"{self.outcome.latency_ns.max() / 1e6:.1f} ms after it was written" if had else "never"
+        figure.suptitle(f"{had} of {all_} samples taken, the latest {late}", fontsize=10)
+
+    def _places(self) -> Callable[[int], float]:
+        """Return what gives a time its place: the root of each pause, that all are seen, or to scale."""
+        outcome = self.outcome
+        ends = [time for frame in self.frames for time in (frame.began_ns, frame.ended_ns)]
+        times = np.unique([0, *ends, *outcome.published_ns, *outcome.received_ns])
+        pauses = np.diff(times / NS_PER_S, prepend=0.0)
+        places = np.cumsum(pauses if self._to_scale.value else np.sqrt(pauses))
+        return lambda time_ns: float(np.interp(time_ns, times, places))
+
+    def _draw_times(self, axes: Axes, place_of: Callable[[int], float]) -> None:
+        """Write times where frames begin, as many as there is room for."""
+        low, high = axes.get_xlim()
+        places, labels = [low], []
+        for frame in self.frames:
+            place = place_of(frame.began_ns)
+            if place - places[-1] > (high - low) / _TIMES and place < high:
+                places.append(place)
+                labels.append(f"{frame.began_ns / 1e6:.4g}")
+        axes.set_xticks(places[1:], labels)
+
+
+def sentence(frame: AirFrame) -> str:
+    """Return what a frame says, what became of it, and what a press does."""
+    numbers = ", ".join(map(str, frame.samples))
+    said = f"{_label(frame)} {numbers}"
+    if frame.kind is Frame.ACKNACK:
+        said = f"has all up to {frame.newest}" + (f", asks for {numbers}" if numbers else "")
+    elif frame.newest:
+        said += f", and a heartbeat: there is up to {frame.newest}"
+    fate = "lost; press to let it pass" if frame.lost else "press to lose it"
+    return f"{frame.began_ns / 1e6:.2f} ms: {said}; {fate}"
+
+
+def _label(frame: AirFrame) -> str:
+    return _REPAIR if frame.repairs else _KINDS[frame.kind][0]
+
+
+def _draw_frame(axes: Axes, frame: AirFrame, places: tuple[float, float]) -> None:
+    """Draw a frame from the one line to the other; half the way if it is lost. A heartbeat with it is a dot."""
+    kind = Frame.BURST if frame.repairs else frame.kind
+    color = COLORS["standard"] if frame.lost else _KINDS[kind][1]
+    start = 0.0 if frame.kind is Frame.ACKNACK else 1.0
+    end = 0.5 if frame.lost else 1.0 - start
+    drawn = axes.plot(places, (start, end), color=color, linewidth=1.4)
+    if frame.lost:
+        drawn += axes.plot(places[1:], (end,), "x", color=color, markersize=7)
+    if frame.newest and frame.kind is not Frame.ACKNACK:
+        drawn += axes.plot(places[:1], (start,), "o", color="black", markersize=4)
+    # Easier to hit than a thin line is.
+    drawn += axes.plot(places, (start, 1.0 - start), color="white", alpha=0.01, linewidth=7)
+    part(frame.name, *drawn)
+
+
+def _draw_samples(axes: Axes, outcome: FlowOutcome, place_of: Callable[[int], float]) -> None:
+    """Write samples' numbers where they were written, and where the application took them; red: never."""
+    style: dict[str, Any] = {"ha": "center", "fontsize": 7, "clip_on": True}
+    taken: dict[int, list[int]] = defaultdict(list)
+    for i, had in enumerate(outcome.delivered):
+        color = "black" if had else COLORS["standard"]
+        axes.text(place_of(outcome.published_ns[i]), 1.06, str(i + 1), va="bottom", color=color, **style)
+        if had:
+            taken[outcome.received_ns[i]].append(i + 1)
+    for time_ns, numbers in taken.items():
+        said = str(numbers[0]) + (f"-{numbers[-1]}" if len(numbers) > 1 else "")
+        axes.text(place_of(time_ns), -0.06, said, va="top", **style)
+
+
+def press_timeline(lost: Sequence[str] = ("a/DATA/5",), **exchange: Any) -> Pressed:
+    """Show one writer and one reader over time; a press on a frame loses it, another lets it pass.
+
+    Args:
+        lost: Frames that are lost to begin with, such as ``a/DATA/5`` or ``a/HEARTBEAT/1``.
+        exchange: Fields of `Exchange` that the form begins with.
+    """
+    return Timeline(Exchange(**exchange), lost).picture
