@@ -10,6 +10,7 @@ progress bars, the traces of the run itself.
 from __future__ import annotations
 
 import ast
+import io
 import re
 import sys
 import time
@@ -20,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.lab.experiment import QUICK
 from sfglab.lab.experiments import experiment
+from sfglab.lab.progress import is_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -36,7 +38,6 @@ KERNEL = {"display_name": "Python 3 (ipykernel)", "language": "python", "name": 
 """The kernel that notebooks name, so that none asks for one when it is opened."""
 SETTINGS = "settings"
 _EXPERIMENT = re.compile(r"notebook\.run\((\w+)\.exp\b")
-_PROGRESS_BAR = re.compile(r"\d+%\|")
 _CELL_METADATA_KEPT = ("tags",)
 
 
@@ -155,6 +156,14 @@ def _read(path: Path) -> NotebookNode:
     return notebook
 
 
+class _Steps(io.TextIOBase):
+    """A stream that hands a notebook's lines of progress on to standard error."""
+
+    def write(self, text: str) -> int:
+        sys.stderr.writelines(line for line in text.splitlines(keepends=True) if is_line(line))
+        return len(text)
+
+
 def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> None:
     """Run one notebook with these parameters and keep the executed copy as `output`, also when it fails.
 
@@ -175,6 +184,7 @@ def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> Non
             language="python",
             cwd=str(path.parent),
             progress_bar=False,
+            stdout_file=_Steps(),
             stderr_file=sys.stderr,
             # A kernel is reached by this user only, and not over TCP.
             config=Config({"KernelManager": {"transport": "ipc"}}),
@@ -243,11 +253,8 @@ def normalise(notebook: NotebookNode, project: Project) -> NotebookNode:
             continue
         count += 1
         cell.execution_count = count
-        cell.outputs = [
-            _normal_output(output, project, count)
-            for output in cell.outputs
-            if not (output.output_type == "stream" and _PROGRESS_BAR.search(output.text))
-        ]
+        kept = [_normal_output(output, project, count) for output in cell.outputs]
+        cell.outputs = [output for output in kept if output.get("text") != ""]
     return notebook
 
 
@@ -258,7 +265,8 @@ def _normal_output(output: NotebookNode, project: Project, count: int) -> Notebo
     if "metadata" in output:
         output.metadata = {}
     if output.output_type == "stream":
-        output.text = output.text.replace(root, "")
+        lines = output.text.replace(root, "").splitlines(keepends=True)
+        output.text = "".join(line for line in lines if not is_line(line))
     for kind, content in output.get("data", {}).items():
         if kind.startswith("text/"):
             output.data[kind] = content.replace(root, "")

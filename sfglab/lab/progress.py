@@ -1,13 +1,18 @@
-"""Progress: a bar in a terminal, plain lines in a file, steps for whoever listens."""
+"""Progress: a bar in a terminal, a widget in JupyterLab, plain lines elsewhere, steps for whoever listens."""
 
 from __future__ import annotations
 
+import os
+import re
 import sys
 import time
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from html import escape
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
@@ -25,6 +30,9 @@ class Step:
     left_s: float  #: Time left at the pace until now, seconds.
 
 
+_BAR_S, _LINES_S = 0.1, 5.0
+"""How often a bar moves, and how often there is a new line."""
+_LINE = re.compile(r"\d+/\d+ steps, \d+ s left$")
 _LISTENER: ContextVar[Callable[[Step], None] | None] = ContextVar("listener", default=None)
 
 
@@ -40,7 +48,7 @@ def progress_to(listener: Callable[[Step], None]) -> Iterator[None]:
 
 @contextmanager
 def progress_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
-    """Show progress on standard error, or tell it to who listens.
+    """Show progress to who looks on, or tell it to who listens.
 
     Args:
         total: Number of steps.
@@ -52,25 +60,78 @@ def progress_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
     listener = _LISTENER.get()
     if listener is not None:
         yield _telling(total, what, listener)
-        return
-    # A log file or a captured stream gets a line now and then instead of a living bar.
-    period_s = 0.1 if sys.stderr.isatty() else 5.0
-    with tqdm(total=total, desc=what, file=sys.stderr, dynamic_ncols=True, mininterval=period_s) as bar:
-
-        def advance(step: str) -> None:
-            bar.set_postfix_str(step, refresh=False)
-            bar.update()
-
-        yield advance
+    elif _in_jupyterlab():
+        with _widget(total, what) as show:
+            yield _telling(total, what, show, _BAR_S)
+    elif sys.stderr.isatty():
+        with tqdm(total=total, desc=what, file=sys.stderr, dynamic_ncols=True, mininterval=_BAR_S) as bar:
+            yield partial(_move, bar)
+    else:
+        yield _telling(total, what, _print_line, _LINES_S)
 
 
-def _telling(total: int, what: str, listener: Callable[[Step], None]) -> Callable[[str], None]:
-    start_s, done = time.monotonic(), 0
+def _move(bar: Any, step: str) -> None:
+    bar.set_postfix_str(step, refresh=False)
+    bar.update()
+
+
+def _telling(
+    total: int, what: str, listener: Callable[[Step], None], period_s: float = 0
+) -> Callable[[str], None]:
+    """Return a function that tells a step at most once in a period, and the last one."""
+    start_s = told_s = time.monotonic()
+    done = 0
 
     def advance(step: str) -> None:
-        nonlocal done
-        done += 1
-        left_s = (time.monotonic() - start_s) / done * max(total - done, 0)
-        listener(Step(f"{what}, {step}", done, total, left_s))
+        nonlocal done, told_s
+        done, now_s = done + 1, time.monotonic()
+        if done == total or now_s - told_s >= period_s:
+            told_s, left_s = now_s, (now_s - start_s) / done * max(total - done, 0)
+            listener(Step(f"{what}, {step}", done, total, left_s))
 
     return advance
+
+
+def _print_line(step: Step) -> None:
+    """Print a step; a notebook's cell has it among what it prints, not in the red box of errors."""
+    print(line_of(step), file=sys.stdout if _in_kernel() else sys.stderr, flush=True)
+
+
+def line_of(step: Step) -> str:
+    """Return a step as a line, which `is_line` tells from others."""
+    return f"{step.what}: {step.done}/{step.total} steps, {step.left_s:.0f} s left"
+
+
+def is_line(text: str) -> bool:
+    """Return whether a line is one of progress."""
+    return bool(_LINE.search(text))
+
+
+def _in_kernel() -> bool:
+    ipython = sys.modules.get("IPython")
+    return ipython is not None and hasattr(ipython.get_ipython(), "kernel")
+
+
+def _in_jupyterlab() -> bool:
+    """Return whether somebody sees this kernel's widgets: servers name the session, papermill does not."""
+    return _in_kernel() and "JPY_SESSION_NAME" in os.environ and find_spec("ipywidgets") is not None
+
+
+@contextmanager
+def _widget(total: int, what: str) -> Iterator[Callable[[Step], None]]:
+    """Show a widget; at the end one plain line has its place, which can be read without a kernel."""
+    from IPython.display import display
+
+    from sfglab.view.panel import widgets
+
+    kit = widgets()
+    bar, text = kit.IntProgress(max=total), kit.HTML(escape(what))
+    handle = display(kit.HBox([bar, text]), display_id=True)
+
+    def show(step: Step) -> None:
+        bar.value, text.value = step.done, escape(line_of(step))
+
+    try:
+        yield show
+    finally:
+        handle.update({"text/plain": f"{what}: {bar.value} of {total} steps"}, raw=True)

@@ -145,7 +145,7 @@ def test_outputs_lose_paths_progress_and_traces_of_the_run(project):
     cell = new_code_cell("x", metadata={"execution": {"iopub": "12:00:00"}, "papermill": {"duration": 1}})
     cell.execution_count = 17
     cell.outputs = [
-        new_output("stream", name="stderr", text="decode once: 50%|###  | 1/2"),
+        new_output("stream", name="stdout", text="naming: checks, b: 1/2 steps, 3 s left\n"),
         new_output("stream", name="stdout", text=f"{root}/figures/a.svg"),
         new_output("execute_result", data={"text/plain": f"'{root}/x'"}, execution_count=17),
     ]
