@@ -34,8 +34,8 @@ test: setup ## Run the tests, as many at once as there are cores; at the end wha
 	$(BIN)/python -m pytest --quiet --numprocesses auto --dist worksteal
 	@echo "$$(wc -l < $(SFGLAB_SKIPS)) tests were skipped:"; sort $(SFGLAB_SKIPS) | uniq -c | sort -rn
 
-lab: setup ## Open JupyterLab on the notebooks
-	$(BIN)/jupyter lab notebooks/00_index.ipynb
+lab: setup ## Open JupyterLab on the index notebook (LAB="--no-browser ..." for options of its own)
+	$(BIN)/sfglab lab -- $(LAB)
 
 figures: setup ## Draw figures/ again from committed logs alone
 	$(BIN)/sfglab figures

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from sfglab.errors import InvalidValueError
+from sfglab.tables import Shown
 
 
 class Reliability(Enum):
@@ -34,7 +35,7 @@ class History(Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class QoSProfile:
+class QoSProfile(Shown):
     """One endpoint's quality of service; the defaults are rmw's default profile (rmw 7.5, qos_profiles.h)."""
 
     reliability: Reliability = Reliability.RELIABLE  #: Whether lost samples are repaired.
@@ -52,6 +53,12 @@ class QoSProfile:
             value = getattr(self, name)
             if value is not None and value <= 0:
                 raise InvalidValueError(f"QoS {name}", value, "positive nanoseconds or None")
+
+    def __repr__(self) -> str:
+        depth = f" {self.depth}" if self.history is History.KEEP_LAST else ""
+        times = [f"{n[:-3]} {t / 1e6:g} ms" for n in ("deadline_ns", "lifespan_ns") if (t := getattr(self, n))]
+        kept = f"{self.history.value}{depth}"
+        return f"<QoS {', '.join([self.reliability.value, self.durability.value, kept, *times])}>"
 
 
 DEFAULT = QoSProfile()

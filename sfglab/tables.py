@@ -1,11 +1,15 @@
-"""Rows as aligned columns for a terminal."""
+"""Rows as aligned columns for a terminal, and as HTML for a notebook."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import dataclasses
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from sfglab.fields import field_docs, to_json
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterable, Sequence
+    from collections.abc import Container, Iterable, Iterator, Sequence
 
 
 WIDTH = 110
@@ -30,3 +34,45 @@ def text_table(rows: Iterable[Sequence[str]]) -> str:
     lines = columns(rows)
     lines.insert(1, "-" * min(WIDTH, max(map(len, lines))))
     return "\n".join(f"  {line}" for line in lines)
+
+
+_CELL = "text-align: left; white-space: normal; vertical-align: top"
+
+
+def html_table(rows: Iterable[Sequence[object]], caption: str = "") -> str:
+    """Return rows as an HTML table, all texts escaped and shown in full; the first is the head."""
+    head, *body = (
+        "".join(f'<{tag} style="{_CELL}">{escape(str(cell))}</{tag}>' for cell in row)
+        for tag, row in _tagged(rows)
+    )
+    lines = "".join(f"<tr>{line}</tr>" for line in body)
+    said = f'<caption style="text-align: left">{escape(caption)}</caption>' if caption else ""
+    return f"<table>{said}<thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
+
+
+def _tagged(rows: Iterable[Sequence[object]]) -> Iterator[tuple[str, Sequence[object]]]:
+    yield from (("td" if number else "th", row) for number, row in enumerate(rows))
+
+
+class Shown:
+    """A dataclass that a notebook shows as a table: fields, values and what they mean."""
+
+    __slots__ = ()
+
+    def _repr_html_(self) -> str:
+        """Return the table."""
+        return html_table(field_rows(self), type(self).__name__)
+
+
+def field_rows(value: Any) -> list[tuple[str, str, str]]:
+    """Return a dataclass's fields with their values and documentation, after a head."""
+    docs = field_docs(type(value))
+    rows = [
+        (f.name, _text(to_json(getattr(value, f.name))), docs.get(f.name, ""))
+        for f in dataclasses.fields(value)
+    ]
+    return [("field", "value", "meaning"), *rows]
+
+
+def _text(value: Any) -> str:
+    return ", ".join(map(_text, value)) if isinstance(value, list) else str(value)

@@ -31,6 +31,7 @@ app = typer.Typer(
 _COMMANDS: dict[str, Callable[..., None]] = {
     "doctor": experiments.doctor,
     "reproduce": experiments.reproduce,
+    "lab": experiments.lab,
     "figures": experiments.figures,
     "claims": experiments.claims,
     "log": experiments.show_log,

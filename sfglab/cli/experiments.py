@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+import sfglab.lab
 from sfglab.lab.paths import find_project
 
 
@@ -61,6 +64,27 @@ def reproduce(
     raise typer.Exit(code=1 if failed else 0)
 
 
+def lab(
+    options: Annotated[list[str] | None, typer.Argument(help="JupyterLab's own, after --.")] = None,
+) -> None:
+    """Open JupyterLab on the index notebook, with the repository beside it.
+
+    Examples:
+
+      sfglab lab
+
+      sfglab lab -- --no-browser --ServerApp.base_url=/user/a/
+    """
+    project = find_project()
+    argv = [sys.executable, "-m", "jupyterlab", f"--ServerApp.root_dir={project.root.resolve()}"]
+    argv += ["--allow-root"] * (os.getuid() == 0)  # in a container everybody is
+    argv += ["--LabApp.default_url=/lab/tree/notebooks/00_index.ipynb", *(options or ())]
+    # Its configuration switches the part off that asks a public site for news.
+    paths = [str(Path(sfglab.lab.__file__).parent / "jupyter"), os.environ.get("JUPYTER_CONFIG_PATH", "")]
+    environment = os.environ | {"JUPYTER_CONFIG_PATH": os.pathsep.join(filter(None, paths))}
+    os.execve(argv[0], argv, environment)  # noqa: S606  # one process, whose signals are JupyterLab's
+
+
 def figures() -> None:
     """Draw all figures of the repository again, from committed logs alone; a run's own are in runs/figures."""
     from sfglab.lab.ledger import redraw_figures
@@ -84,15 +108,15 @@ def claims(
 def show_log(
     path: Annotated[Path | None, typer.Argument(help="An MCAP log; all runs' logs when none.")] = None,
 ) -> None:
-    """List what a log holds: topics, tables, metadata; without a log, list the runs and which of them speak."""
+    """List what a log holds: topics, rates, sizes, metadata; without one, list runs and which of them speak."""
     from sfglab.record import LogReader
+    from sfglab.tables import text_table
 
     if path is None:
         _list_runs()
         return
     with LogReader(path) as reader:
-        for topic, info in reader.topics.items():
-            typer.echo(f"{info.count:8d}  {topic}  ({info.type_name})")
+        typer.echo(text_table(reader.overview()))
         for name in reader.metadata_names:
             typer.echo(f"metadata  {name}: {json.dumps(reader.metadata(name))}")
         if reader.truncated:

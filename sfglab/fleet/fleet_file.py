@@ -35,6 +35,7 @@ from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy
 from sfglab.fleet.status.description import AgentDescription, SensorDescription, StreamDescription
 from sfglab.names import SHARED_FRAMES, FqnError, ResourceKind, validate_agent, validate_ros_name
 from sfglab.qos import COMPRESSED_STREAM, DEFAULT, LATCHED, SENSOR_DATA, SERVICES, QoSProfile
+from sfglab.tables import html_table
 from sfglab.units import NS_PER_S
 
 MAX_DOMAIN = 232
@@ -343,6 +344,13 @@ class Fleet(_Part):
     #: Where each rule of the policy stands; empty where the file names a known one.
     rule_places: tuple[Place, ...] = field(default=(), compare=False, repr=False)
 
+    def __repr__(self) -> str:
+        return f"<fleet {self.name}: {len(self.agents)} agents around domain {self.global_domain}>"
+
+    def _repr_html_(self) -> str:
+        head = "agent", "domain", "machine", "streams", "publishes", "subscribes"
+        return html_table([head, *map(_agent_row, self.agents)], repr(self)[1:-1])
+
     def agent(self, name: str) -> AgentSpec:
         """Return an agent by its name.
 
@@ -364,6 +372,18 @@ class Fleet(_Part):
     def global_address(self, name: str) -> BusAddress:
         """Return where on the bus an agent's router meets the others."""
         return BusAddress(domain_id=self.global_domain, interface=self.agent(name).global_interface)
+
+
+def _agent_row(agent: AgentSpec) -> tuple[object, ...]:
+    machine = agent.host.architecture.value if agent.host else ""
+    streams = ", ".join(f"{s.topic} ({s.codec}, {s.rate_hz:g} Hz)" for s in agent.streams)
+    return (
+        agent.name,
+        agent.domain,
+        machine,
+        streams,
+        *(", ".join(use.name for use in uses) for uses in (agent.publishes, agent.subscribes)),
+    )
 
 
 def load_fleet(path: Path | str) -> Fleet:

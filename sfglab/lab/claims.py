@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from sfglab.documents import OR_NULL, Document, Section, read_by
 from sfglab.errors import InvalidValueError
-from sfglab.tables import columns
+from sfglab.tables import Shown, columns, html_table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -41,7 +41,7 @@ class Verdict(Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Claim:
+class Claim(Shown):
     """One claim of a paper, as ``data/claims.yaml`` states it."""
 
     id: str  #: Short, stable name.
@@ -87,6 +87,14 @@ class Entry:
     measured: Measured | None = None
     log: str = ""
 
+    def __repr__(self) -> str:
+        name, paper, ours, unit, *_ = _row(self)
+        said = f"paper {paper or 'without a number'}, ours {ours or 'none'} {unit}"
+        return f"<{name}, {self.verdict.value}: {said}>"
+
+    def _repr_html_(self) -> str:
+        return Ledger([self])._repr_html_()
+
     def as_json(self) -> dict[str, Any]:
         """Return the line as JSON values; figures are null where nothing was measured."""
         m = self.measured
@@ -105,6 +113,23 @@ class Entry:
             "details": dict(m.details) if m else {},
             "log": self.log or None,
         }
+
+
+class Ledger(list[Entry]):
+    """All claims, judged."""
+
+    def __repr__(self) -> str:
+        counts = {v: sum(e.verdict is v for e in self) for v in Verdict}
+        return f"<ledger: {', '.join(f'{n} {v.value}' for v, n in counts.items() if n) or 'empty'}>"
+
+    def _repr_html_(self) -> str:
+        head = "claim", "where", "says", "paper", "ours (median, 95 % interval)", "unit", "how", "verdict"
+        return html_table([head, *map(_full_row, self)], repr(self)[1:-1])
+
+
+def _full_row(entry: Entry) -> tuple[str, ...]:
+    name, *figures = _row(entry)
+    return name, entry.claim.where, entry.claim.says, *figures
 
 
 def load_claims(path: Path) -> list[Claim]:
@@ -150,9 +175,7 @@ def render(entries: Sequence[Entry]) -> str:
     rows += [_row(entry) for entry in entries]
     lines = columns(rows)
     lines.insert(1, "-" * len(lines[0]))
-    counts = {v: sum(e.verdict is v for e in entries) for v in Verdict}
-    lines.append("")
-    lines.append(", ".join(f"{n} {v.value}" for v, n in counts.items() if n))
+    lines += ["", repr(Ledger(entries)).removeprefix("<ledger: ").removesuffix(">")]
     return "\n".join(lines)
 
 

@@ -27,6 +27,7 @@ from sfglab.lab.runs import COMPLETION, PART_SUFFIX, SMOKE, Run, new_log
 from sfglab.lab.sweep import Workers, journals, sweep
 from sfglab.lab.testbed import Testbed
 from sfglab.record import LogError, LogWriter, run_context
+from sfglab.tables import Shown
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -48,7 +49,7 @@ class SkippedPartError(SfglabError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Profiled:
+class Profiled(Shown):
     """A configuration that names its profile."""
 
     profile: str = QUICK  #: Name of the profile it came from.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
-from sfglab.lab.claims import Entry, entry_for, load_claims
+from sfglab.lab.claims import Ledger, entry_for, load_claims
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.figures import file_sha256, save_figure
 from sfglab.lab.runs import Standing, standing
@@ -65,7 +65,7 @@ def find_log(project: Project, name: str, *, profile: str | None = None) -> Path
     return newest.path if newest else None
 
 
-def compute_ledger(project: Project, *, profile: str | None = None) -> list[Entry]:
+def compute_ledger(project: Project, *, profile: str | None = None) -> Ledger:
     """Return every claim with our figure and verdict, computed from logs, runs of one profile preferred.
 
     A log that cannot be read costs the claims of its experiment only; it is said aloud.
@@ -81,18 +81,18 @@ def compute_ledger(project: Project, *, profile: str | None = None) -> list[Entr
             _LOG.warning("claims: %s: %s", project.relative(log), error)
             continue
         measured |= {claim: (figure, project.relative(log)) for claim, figure in found.items()}
-    entries = []
+    entries = Ledger()
     for claim in load_claims(project.claims):
         figure, log_name = measured.get(claim.id, (None, ""))
         entries.append(entry_for(claim, figure, log=log_name))
     return entries
 
 
-def entries_of(project: Project, run: Run[Any]) -> list[Entry]:
+def entries_of(project: Project, run: Run[Any]) -> Ledger:
     """Return the claims that one run answers, judged, whether or not its log speaks."""
     measured = run.once("claims", lambda: experiment(run.experiment).measure(run))
     claims = [claim for claim in load_claims(project.claims) if claim.id in measured]
-    return [entry_for(claim, measured[claim.id], log=project.relative(run.log)) for claim in claims]
+    return Ledger(entry_for(claim, measured[claim.id], log=project.relative(run.log)) for claim in claims)
 
 
 def save_figures(project: Project, run: Run[Any], folder: Path) -> list[Path]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar,
 from sfglab.errors import SfglabError
 from sfglab.fields import from_json
 from sfglab.record import LogReader
+from sfglab.tables import field_rows, html_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -52,6 +53,12 @@ class Run(Generic[C]):
 
     def __repr__(self) -> str:
         return f"<run of {self.experiment}: {self.log.name}>"
+
+    def _repr_html_(self) -> str:
+        silent = standing(self.log).why_not if COMPLETION in self._metadata else ""  # references have none
+        said = f"it speaks for no claim: {silent}" if silent else "it speaks for its claims"
+        tables = [("table", "lines"), *((name, len(self.table(name))) for name in self._tables)]
+        return html_table(field_rows(self.config), f"{repr(self)[1:-1]}, {said}") + html_table(tables)
 
     def __getitem__(self, table: str) -> pd.DataFrame:
         """Return a table without the times of its rows.

@@ -6,6 +6,7 @@ as rows of tables, configuration and versions as metadata.
 
 from __future__ import annotations
 
+from sfglab.record.looking import ShownMessage
 from sfglab.record.metadata import LogError, run_context
 from sfglab.record.reader import DecodedMessage, LogReader, TopicInfo
 from sfglab.record.writer import LogWriter
@@ -15,6 +16,7 @@ __all__ = [
     "LogError",
     "LogReader",
     "LogWriter",
+    "ShownMessage",
     "TopicInfo",
     "run_context",
 ]

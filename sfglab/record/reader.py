@@ -6,6 +6,7 @@ Knows MCAP with ROS 2 messages. Refuses to know what the messages mean.
 from __future__ import annotations
 
 import difflib
+import itertools
 from contextlib import suppress
 from dataclasses import dataclass
 from io import SEEK_END
@@ -13,8 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from sfglab.messages import UnknownTypeError, decoder_from_definition, definition, deserialize
+from sfglab.record.looking import ShownMessage, number_in
 from sfglab.record.metadata import LogError, values_from_strings
 from sfglab.record.writer import TABLE_PREFIX, TIME_COLUMN
+from sfglab.tables import html_table
 
 if TYPE_CHECKING:
     import os
@@ -25,6 +28,10 @@ if TYPE_CHECKING:
     from mcap.reader import SeekingReader
     from mcap.records import Channel, Schema
     from mcap.summary import Summary
+
+
+_SAMPLE = 100
+"""Messages of a topic that its rate and size are taken from, so that a long log is listed at once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,6 +130,62 @@ class LogReader:
             count = before + statistics.channel_message_counts.get(channel.id, 0)
             counts[channel.topic] = TopicInfo(type_name=self._type_of(channel), count=count)
         return counts
+
+    def __repr__(self) -> str:
+        cut = ", cut off" if self.truncated else ""
+        count = sum(info.count for info in self.topics.values())
+        return f"<log {self.path.name}: {count} messages of {len(self.topics)} topics{cut}>"
+
+    def _repr_html_(self) -> str:
+        more = (f"metadata: {', '.join(self.metadata_names)}", f"attached: {', '.join(self.attachment_names)}")
+        said = "; ".join((repr(self)[1:-1], *(text for text in more if not text.endswith(": "))))
+        return html_table(self.overview(), said)
+
+    def overview(self) -> list[tuple[str, ...]]:
+        """Return a head and a line a topic: type, count, and rate and mean size of its first messages."""
+        rows: list[tuple[str, ...]] = [("topic", "type", "messages", "Hz", "bytes")]
+        for topic, info in self.topics.items():
+            first = list(itertools.islice(self.messages(topic), _SAMPLE)) if info.count else []
+            span_s = (first[-1].log_time_ns - first[0].log_time_ns) * 1e-9 if first else 0
+            rate = f"{(len(first) - 1) / span_s:.3g}" if span_s else ""
+            size = f"{sum(len(message.cdr) for message in first) / len(first):.0f}" if first else ""
+            rows.append((topic, info.type_name, str(info.count), rate, size))
+        return rows
+
+    def message(self, topic: str, number: int = 0) -> ShownMessage:
+        """Return one message of a topic, counted from 0, to look at.
+
+        Raises:
+            LogError: As of `decoded`, or there are not so many.
+        """
+        found = next(itertools.islice(self.decoded(topic), number, None), None)
+        if found is None:
+            count = self.topics[topic].count
+            raise LogError(f"log {self.path}: {topic}: given message {number}, allowed: 0 to {count - 1}")
+        return ShownMessage(found.topic, found.type_name, found.message)
+
+    def series(self, topic: str, field: str) -> pd.Series:
+        """Return one field of a topic's messages over time, ready to `.plot()`.
+
+        Args:
+            topic: The topic.
+            field: The way to a number, as in ``pose.pose.position.x`` or ``ranges[0]``.
+
+        Returns:
+            Numbers; the index is log time from the log's beginning on, seconds.
+
+        Raises:
+            LogError: As of `decoded`, or a message has no such number.
+        """
+        import pandas as pd
+
+        statistics = self._summary.statistics
+        assert statistics is not None
+        times, values = [], []
+        for entry in self.decoded(topic):
+            times.append((entry.log_time_ns - statistics.message_start_time) * 1e-9)
+            values.append(number_in(entry.message, field, f"log {self.path}: {topic}"))
+        return pd.Series(values, index=pd.Index(times, name="s"), name=f"{topic}: {field}")
 
     @property
     def tables(self) -> tuple[str, ...]:

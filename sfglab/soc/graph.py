@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.documents import Document, DocumentError, Place, suggestion
 from sfglab.errors import InvalidValueError
+from sfglab.tables import html_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -133,6 +134,22 @@ class Graph:
         known = {node.name: node for node in self.nodes}
         for topic in self.topics:
             _check_topic(topic, known)
+
+    def __repr__(self) -> str:
+        placed = len(self.in_hardware)
+        return f"<graph {self.name}: {len(self.nodes)} nodes, {placed} in hardware; {len(self.topics)} topics>"
+
+    def _repr_html_(self) -> str:
+        head = "topic", "mapped to", "from", "to", "bytes", "Hz"
+        return html_table([head, *map(self._row, self.topics)], repr(self)[1:-1])
+
+    def _row(self, topic: Topic) -> tuple[object, ...]:
+        ends = (
+            ", ".join(f"{n} (hardware)" if n in self.in_hardware else n for n in names)
+            for names in (topic.publishers, topic.subscribers)
+        )
+        numbers = ("" if n is None else f"{n:,}" for n in (topic.size_bytes, topic.rate_hz))
+        return topic.name, topic.mapping.value, *ends, *numbers
 
     def node(self, name: str) -> Node:
         """Return a node by its name.

@@ -22,6 +22,7 @@ from sfglab.soc.memory import (
     judged_s,
     transfer_times,
 )
+from sfglab.tables import html_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -57,11 +58,25 @@ class CommunicationMapping:
         """The three graphs in the paper's order."""
         return self.software, self.hardware, self.gateways
 
+    def __repr__(self) -> str:
+        edges = " to ".join(map(str, self.crossing))
+        return f"<mapping of {self.gateways.name}: from {edges} edges across the boundary>"
+
+    def _repr_html_(self) -> str:
+        rows = [(t.name, *(_mapped(graph, t.name) for graph in self.stages)) for t in self.gateways.topics]
+        head = "topic (carried across, times a message)", "all in software", "topics in hardware", "gateways"
+        return html_table([head, *rows, ("edges across", *self.crossing)], repr(self)[1:-1])
+
     @property
     def crossing(self) -> tuple[int, int, int]:
         """Number of edges across the boundary in each; 10, 8 and 3 in the paper's example."""
         first, second, third = (len(crossing_edges(graph)) for graph in self.stages)
         return first, second, third
+
+
+def _mapped(graph: Graph, name: str) -> str:
+    topic = graph.topic(name)
+    return f"{topic.mapping.value} ({carriages_per_message(graph, topic):g})"
 
 
 def more_than_one_hardware_subscriber(graph: Graph, topic: Topic) -> bool:

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -194,6 +195,13 @@ class NodeMapping:
     graph: Graph  #: The graph.
     load: Load  #: What it takes.
     bound_s: float  #: No mapping takes less than this, seconds each second.
+
+    def __repr__(self) -> str:
+        best = "the best there is" if self.optimal else f"at most {self.gap:.1%} from the best"
+        return f"<{self.graph!r}: {self.load.total_s:.3g} s each second, {best}>"
+
+    def _repr_html_(self) -> str:
+        return f"<p>{escape(repr(self)[1:-1])}</p>{self.graph._repr_html_()}"
 
     @property
     def gap(self) -> float:

@@ -20,6 +20,7 @@ from sfglab.lab.figures import COLORS
 from sfglab.lab.runs import derived
 from sfglab.lab.sources import open_source
 from sfglab.lab.stats import Estimate, bootstrap
+from sfglab.tables import Shown
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,7 +42,7 @@ LABELS = {"rvl": "RVL", "png": "PNG (default,\nlevel 9)", "png_fast": "PNG\n(lev
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Shown):
     """What is compared."""
 
     frames: int = 40  #: Depth frames, each coded by both codecs.

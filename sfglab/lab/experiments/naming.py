@@ -15,6 +15,7 @@ from sfglab.lab.experiment import Experiment
 from sfglab.lab.figures import COLORS
 from sfglab.lab.stats import exactly
 from sfglab.names import schema_table
+from sfglab.tables import Shown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
+class Config(Shown):
     """How much is checked."""
 
     samples: int = 2000  #: Random names with suffixes and custom segments.

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
 from sfglab.spatial.poses import Pose, Quat, Vec3
+from sfglab.tables import html_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -68,6 +69,17 @@ class Trajectory:
                 allowed = f"whole nanoseconds above {before} and up to {LATEST_NS}"
                 raise TrajectoryError(f"waypoint {index}, time", f"{waypoint.time_ns} ns", allowed)
             before = waypoint.time_ns
+
+    def __repr__(self) -> str:
+        count, took_s = len(self.waypoints), (self.end_ns - self.start_ns) / 1e9
+        return f"<trajectory, {self.interpolation.value}: {count} waypoints, {took_s:g} s>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (f"{w.time_ns / 1e9:g}", *(f"{c:.3f}" for c in (*w.pose.position_m, *w.pose.quat_xyzw)))
+            for w in self.waypoints
+        ]
+        return html_table([("s", *"xyz", "qx", "qy", "qz", "qw"), *rows], repr(self)[1:-1])
 
     @property
     def start_ns(self) -> int:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Self, TypeVar
 from sfglab.errors import SfglabError
 from sfglab.spatial.scene.conflicts import conflicts
 from sfglab.spatial.scene.editor import Editor
+from sfglab.view.jupyter import LOOPBACK, address_of_port
 from sfglab.view.planner.context import Context, JobQueue, Part, quiet, viser
 from sfglab.view.planner.panels import Hierarchy, Inspector, Timeline, Warnings
 from sfglab.view.planner.toolbar import Toolbar
@@ -120,7 +121,7 @@ class Planner:
     """
 
     def __init__(
-        self, editor: Editor, *, host: str = "127.0.0.1", port: int = DEFAULT_PORT, height_px: int = 700
+        self, editor: Editor, *, host: str = LOOPBACK, port: int = DEFAULT_PORT, height_px: int = 700
     ) -> None:
         library = viser()
         _check_free(host, port)
@@ -191,7 +192,8 @@ class Planner:
         if self.closed:
             return "<p>This scene editor is closed.</p>"
         style = f"width:100%;height:{self._height_px}px;border:1px solid #ccc"
-        return f'<iframe src="{escape(self.url)}" style="{style}" title="scene editor"></iframe>'
+        address = address_of_port(self._server.get_port()) if self._host == LOOPBACK else self.url
+        return f'<iframe src="{escape(address)}" style="{style}" title="scene editor"></iframe>'
 
     def _furnish(self) -> None:
         """Put the panels around the viewport: hierarchy left, inspector right, time below."""
@@ -248,7 +250,8 @@ class Planner:
 def show_planner(scene: Path | str | Editor, *, port: int = 0, height_px: int = 700) -> Planner:
     """Return an editor to look at in a notebook's cell, or at its `url`.
 
-    The browser must reach this machine at 127.0.0.1, as it does where JupyterLab runs on the same one.
+    Where JupyterLab runs the kernel, the editor's page is below its address; else the browser must reach this
+    machine at 127.0.0.1.
 
     Args:
         scene: A scene file, which need not exist yet, or an editor.

@@ -1,0 +1,104 @@
+"""JupyterLab as `sfglab lab` serves it, below a path, seen through a reverse proxy on another host."""
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import machine
+import nbformat
+import pytest
+
+from sfglab.errors import MissingExtraError
+from sfglab.lab.browser import Browser, BrowserError
+from sfglab.lab.hosts import Network
+
+pytestmark = [pytest.mark.live, pytest.mark.browser, pytest.mark.netns]
+
+ROOT = Path(__file__).parents[2]
+BASE, PORT, ANSWER_S = "/user/a/", 8888, 180
+# Serves the listening socket that it inherits, and passes on what begins with the path; names all else.
+PROXY = """
+import asyncio, socket, sys
+async def copy(reader, writer, path=b""):
+    while data := await reader.read(65536):
+        line = data.split(b"\\r\\n", 1)[0].split(b" ")
+        if path and line[-1:] == [b"HTTP/1.1"] and not line[1].startswith(path):
+            print(line[1].decode(), flush=True)
+            break
+        writer.write(data)
+        await writer.drain()
+    writer.close()
+async def serve(reader, writer):
+    from_server, to_server = await asyncio.open_connection(sys.argv[2], sys.argv[3])
+    await asyncio.gather(copy(reader, to_server, sys.argv[4].encode()), copy(from_server, writer))
+async def main():
+    served = await asyncio.start_server(serve, sock=socket.socket(fileno=int(sys.argv[1])))
+    await served.serve_forever()
+asyncio.run(main())
+"""
+CELL = """from sfglab.lab.experiments import naming
+from sfglab.view.planner.server import show_planner
+run = await naming.exp.run("smoke")
+planner = show_planner("data/scenes/hall.yaml")
+planner"""
+FOLDERS = "document.querySelector('.jp-DirListing-content').innerText.includes('data')"
+CANVAS = "document.querySelector('.jp-OutputArea iframe')?.contentDocument?.querySelector('canvas') != null"
+
+
+@pytest.fixture
+def address(tmp_path):
+    """The address, on this host, of a proxy that leads to a JupyterLab on another; it must refuse nothing."""
+    project, port = tmp_path / "checkout", None
+    for folder in ("notebooks", "data/scenes"):
+        shutil.copytree(ROOT / folder, project / folder)
+    shutil.copy(ROOT / "data/claims.yaml", project / "data")
+    nbformat.write(
+        nbformat.v4.new_notebook(
+            cells=[nbformat.v4.new_code_cell(CELL)],
+            metadata={"kernelspec": {"name": "python3", "display_name": "Python 3"}},
+        ),
+        project / "cell.ipynb",
+    )
+    environment = os.environ | {"SFGLAB_ROOT": str(project), "HOME": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    with Network() as network, socket.create_server(("127.0.0.1", 0)) as listener:
+        server, proxy = network.add_host("server"), network.add_host("proxy")
+        options = [f"--ServerApp.ip={server.address}", f"--ServerApp.port={PORT}", "--IdentityProvider.token="]
+        options += ["--no-browser", f"--ServerApp.base_url={BASE}", "--LabApp.expose_app_in_browser=True"]
+        argv = [sys.executable, "-m", "sfglab", "lab", "--", *options]
+        lab = server.popen(argv, env=environment, cwd=project, stderr=subprocess.PIPE, text=True)
+        lines = iter(lab.stderr.readline, "")
+        assert any("is running at" in line for line in lines), "JupyterLab does not serve"
+        argv = [sys.executable, "-c", PROXY, str(listener.fileno()), server.address, str(PORT), BASE]
+        passing = proxy.popen(argv, pass_fds=[listener.fileno()], stdout=subprocess.PIPE, text=True)
+        port = listener.getsockname()[1]
+        yield f"http://127.0.0.1:{port}{BASE}"
+        passing.terminate()
+        lab.terminate()
+        assert passing.communicate(timeout=ANSWER_S)[0] == "", "asked for beside the path"
+        lab.communicate(timeout=ANSWER_S)
+
+
+def test_index_widgets_and_editor_work_below_a_path_on_another_host(address, tmp_path):
+    try:
+        browser = Browser(1300, 1000)
+    except (MissingExtraError, BrowserError) as error:
+        machine.skip("browser", str(error))
+    with closing(browser):
+        browser.open(address)
+        browser.wait_for("document.querySelector('#jp-main-dock-panel h1') != null", ANSWER_S)
+        assert "00_index" in browser.evaluate("document.title + location.href")
+        assert not browser.evaluate("document.body.innerText.includes('Would you like')")
+        browser.evaluate("void jupyterapp.commands.execute('filebrowser:go-to-path', {path: '/'})")
+        browser.wait_for(FOLDERS, ANSWER_S)
+        browser.open(f"{address}lab/tree/cell.ipynb?reset")
+        ready = "window.jupyterapp?.shell.currentWidget?.sessionContext"
+        browser.wait_for(f"{ready}?.isReady && {ready}.session?.kernel?.status === 'idle'", ANSWER_S)
+        browser.evaluate("void jupyterapp.commands.execute('notebook:run-all-cells')")
+        browser.wait_for(CANVAS, ANSWER_S)
+        said = browser.evaluate("document.querySelector('.jp-OutputArea').innerText")
+        browser.screenshot(tmp_path / "proxied.png")
+    assert "naming: " in said
