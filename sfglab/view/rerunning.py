@@ -10,7 +10,6 @@ from __future__ import annotations
 import socket
 from contextlib import closing, suppress
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from sfglab.fleet.fleet_file import Fleet
+    from sfglab.view.cell import CellViewer
 
 
 def rerun() -> Any:
@@ -108,15 +108,27 @@ class RerunCanvas:
         """Lay the viewer out."""
         self.recording.send_blueprint(blueprint)
 
+    def in_cell(self) -> CellViewer:
+        """Return a viewer of the recording for a cell, which has what is drawn while the kernel lives.
+
+        Raises:
+            MissingExtraError: The notebook's part of Rerun is not installed.
+        """
+        from sfglab.view.cell import CellViewer
+
+        viewer = CellViewer()
+        rr.bindings.set_callback_sink(recording=self.recording.to_native(), callback=viewer.send)
+        return viewer
+
     def show_in_notebook(self) -> None:
         """Show the recording below the running cell, and keep it up to date while the notebook's kernel lives.
 
         Raises:
             MissingExtraError: The notebook's part of Rerun is not installed.
         """
-        if find_spec("rerun_notebook") is None:
-            raise MissingExtraError("rerun_notebook", extra="view", purpose="the view in a notebook")
-        self.recording.notebook_show(width=950, height=600)
+        from IPython.display import display
+
+        display(self.in_cell().widget)
 
     def settle(self, size_bytes: int) -> None:
         """Wait until the sinks have taken everything, if much is on its way or the last time was a second ago.

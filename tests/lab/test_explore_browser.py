@@ -33,6 +33,10 @@ def draw(figure):
     for x, name in enumerate("abc"):
         part(name, axes.bar(x, 1, color="gold" if name in on else "grey", label=name)[0])
 Pressed(draw, size=(6, 2), press=press, titles=lambda: {"a": f"light a, {'on' if 'a' in on else 'off'}"})"""
+VIEWER = """from sfglab.lab.explore.viewer import viewer
+viewer({log!r})"""
+STEP = "document.querySelector('.jp-OutputArea')?.innerText.includes('shown: step %d of')"
+ASKED = "performance.getEntriesByType('resource').map(e => new URL(e.name)).map(u => u.hostname || u.protocol)"
 PICTURE = (
     "(() => { const i = document.querySelector('.jp-OutputArea img'); return i && i.naturalWidth && i.src; })()"
 )
@@ -166,3 +170,14 @@ def test_a_frame_of_the_time_line_is_pressed_and_lost(run, browser):
     place = browser.wait_for(PART % "a/DATA/2", ANSWER_S)
     browser.click(*place)
     browser.wait_for(f"{title}?.endsWith('lost; press to let it pass')")
+
+
+def test_the_viewer_is_scrubbed_without_a_mouse_and_asks_nothing_of_a_network(run, browser, pytestconfig):
+    run(VIEWER.format(log=str(pytestconfig.rootpath / "data/reference/mocap.mcap")))
+    browser.wait_for(STEP % 0, ANSWER_S)
+    browser.evaluate("document.querySelector('.jp-OutputArea .noUi-handle').focus()")
+    for step in (1, 2):
+        for kind in ("keyDown", "keyUp"):
+            browser.call("Input.dispatchKeyEvent", type=kind, key="ArrowRight", windowsVirtualKeyCode=39)
+        browser.wait_for(STEP % step, ANSWER_S)
+    assert set(browser.evaluate(ASKED)) <= {"127.0.0.1", "blob:"}

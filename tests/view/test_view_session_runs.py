@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import gzip
+import re
 import socket
 import subprocess
 import sys
 import threading
 from contextlib import closing
 from importlib.metadata import EntryPoint
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
@@ -396,11 +400,56 @@ def test_a_port_that_is_taken_is_said_at_once():
 
 def test_a_notebook_without_rerun_s_widget_is_told_what_to_install(monkeypatch):
     pytest.importorskip("rerun", reason="the extra 'view' is not installed")
-    monkeypatch.setattr("sfglab.view.rerunning.find_spec", lambda _: None)
+    monkeypatch.setattr("sfglab.view.cell.find_spec", lambda _: None)
     with pytest.raises(MissingExtraError, match="the view in a notebook needs 'rerun_notebook'"):
         open_canvas(["notebook"]).show_in_notebook()
     with pytest.raises(InvalidValueError, match="the notebook alone"):
         open_canvas(["notebook", "a.rrd"])
+
+
+def test_a_page_gets_the_viewer_by_the_way_it_asks_for_and_nothing_else():
+    pytest.importorskip("rerun_notebook", reason="the extra 'view' is not installed")
+    from sfglab.view import cell
+
+    times = []
+    viewer = cell.CellViewer(still=b"png", on_time=times.append)
+    viewer.go_to("received", 7)
+    viewer.send(b"part")
+    sent = []
+    viewer.widget.send = lambda content, buffers=None: sent.append((content, buffers))
+    viewer.widget.wanted = "served"
+    for name, kind in ((cell.PROGRAM, "text/javascript"), (cell.WASM, "application/wasm")):
+        with urlopen(f"{viewer.widget.address}/{name}") as answer:  # noqa: S310
+            assert answer.headers["Content-Type"] == kind
+    for wrong in (
+        viewer.widget.address + "/widget.css",
+        viewer.widget.address.rpartition("/")[0] + "/x/widget.js",
+    ):
+        with pytest.raises(HTTPError, match="404"):
+            urlopen(wrong)  # noqa: S310
+    viewer.widget.wanted = "inline"
+    assert "re_viewer_bg.wasm" in viewer.widget.program
+    assert gzip.decompress(viewer.widget.packed)[:4] == b"\0asm"
+    viewer._heard(None, "ready", [])
+    viewer._heard(None, '{"type": "recording_open"}', [])
+    viewer._heard(None, '{"type": "time_update", "time": 7.0}', [])
+    assert [(content["type"], buffers) for content, buffers in sent] == [
+        ("rrd", [b"part"]),
+        ("time_ctrl", None),
+    ]
+    assert times == [7]
+
+
+def test_every_request_of_the_viewers_program_passes_the_one_that_refuses_the_network():
+    pytest.importorskip("rerun_notebook", reason="the extra 'view' is not installed")
+    from sfglab.view import cell
+
+    program = (cell._files() / cell.PROGRAM).read_text("utf-8")
+    calls = re.findall(r"[^\n]*[^\w.\"/](?:\w+\.)?fetch\([^\n]*", program)
+    others = [line for line in calls if not re.search(r"= (?:arg0\.)?fetch\(", line)]
+    assert [line.strip() for line in others] == ["const response = await fetch(url);"]  # the viewer itself
+    assert not re.search(r"new (XMLHttpRequest|WebSocket|EventSource|Worker)\(", program)
+    assert program.count('new URL("./re_viewer_bg.wasm", import.meta.url)') == 1
 
 
 @pytest.mark.live

@@ -1,0 +1,159 @@
+"""Rerun's viewer in a cell of a notebook: its program from this machine, its data through the kernel.
+
+Where the browser reaches this machine's loopback, a small server gives it the viewer (67 MB, once a page); from
+elsewhere it comes through the kernel's connection (23 MB), if the page's address is one that browsers trust;
+else there is a still with a sentence. The page finds out which. Nothing comes from a network: what the viewer
+asks of one (whether there is a newer release) is refused in the page. Refuses to know what is drawn.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import threading
+from functools import cache, partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from importlib import import_module, resources
+from importlib.util import find_spec
+from pathlib import Path
+from secrets import token_urlsafe
+from typing import TYPE_CHECKING, Any
+
+from sfglab.errors import MissingExtraError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+WAITING_BYTES = 32 * 2**20
+"""How much of what is drawn waits for a page; what comes later than that, and before the page, is not shown."""
+PROGRAM, WASM = "widget.js", "re_viewer_bg.wasm"
+
+
+class CellViewer:
+    """A viewer; `widget` is what a cell shows.
+
+    Args:
+        height: In pixels; it is as wide as the cell.
+        still: A picture, PNG, for pages that cannot have the viewer.
+        on_page: Called when a page has the viewer: what is sent then is not too early.
+        on_time: Called with the time that the viewer shows, in ns, whenever it changes.
+
+    Raises:
+        MissingExtraError: The notebook's part of Rerun is not installed.
+    """
+
+    def __init__(
+        self,
+        *,
+        height: int = 600,
+        still: bytes = b"",
+        on_page: Callable[[], None] = lambda: None,
+        on_time: Callable[[int], None] = lambda _: None,
+    ) -> None:
+        _files()
+        self.widget = _widget_class()(_width="auto", _height=height, still=base64.b64encode(still).decode())
+        self.widget.on_msg(self._heard)
+        self.widget.observe(lambda change: self._give(change["new"]), "wanted")
+        self._on_page, self._on_time = on_page, on_time
+        self._ready = self._opened = False
+        self._waiting: list[bytes] = []
+        self._start: tuple[str, int] | None = None
+
+    @property
+    def mode(self) -> str:
+        """How the page has the viewer: ``served``, ``inline`` or ``still``; empty: there is no page yet."""
+        mode: str = self.widget.mode
+        return mode
+
+    def send(self, recording: bytes) -> None:
+        """Show a part of a recording, as ``.rrd`` has it; it waits until there is a page."""
+        if self._ready:
+            self.widget.send({"type": "rrd"}, buffers=[recording])
+        elif sum(map(len, self._waiting)) + len(recording) <= WAITING_BYTES:
+            self._waiting.append(recording)
+
+    def go_to(self, timeline: str, at_ns: int) -> None:
+        """Pause, and show a time; before there is a recording, show it as soon as there is one."""
+        self._start = timeline, at_ns
+        if self._opened:
+            order = {"type": "time_ctrl", "timeline": timeline, "timestamp_nanos": str(at_ns), "play": False}
+            self.widget.send(order | {"sequence": None, "duration_nanos": None})
+
+    def _heard(self, _: Any, content: Any, __: Any) -> None:
+        if content == "ready":
+            self._ready = True
+            waiting, self._waiting = self._waiting, []
+            for part in waiting:
+                self.send(part)
+            self._on_page()
+            return
+        event = json.loads(content) if isinstance(content, str) else {}
+        if event.get("type") == "recording_open":
+            self._opened = True
+            if self._start:
+                self.go_to(*self._start)
+        if event.get("type") in ("time_update", "timeline_change"):
+            self._on_time(round(event["time"]))
+
+    def _give(self, wanted: str) -> None:
+        """Give the page the viewer's program, by the way that it asks for."""
+        if wanted == "served":
+            self.widget.address = _address()
+        elif wanted == "inline":
+            folder = _files()
+            self.widget.program = (folder / PROGRAM).read_text("utf-8")
+            self.widget.packed = gzip.compress((folder / WASM).read_bytes(), 6)
+
+
+def _files() -> Path:
+    """Return the folder with the viewer's program."""
+    found = find_spec("rerun_notebook")
+    if found is None or found.origin is None:
+        raise MissingExtraError("rerun_notebook", extra="view", purpose="the view in a notebook")
+    return Path(found.origin).parent / "static"
+
+
+@cache
+def _widget_class() -> Any:
+    """Return the class of the front-end part; names with underscores are read by Rerun's program."""
+    try:
+        anywidget, traitlets = import_module("anywidget"), import_module("traitlets")
+    except ImportError as error:
+        raise MissingExtraError("anywidget", extra="view", purpose="the view in a notebook") from error
+    texts = dict.fromkeys(("_width", "wanted", "address", "program", "still", "mode"), traitlets.Unicode)
+    kinds = texts | {"_height": traitlets.Int, "packed": traitlets.Bytes}
+    members = {name: kind().tag(sync=True) for name, kind in kinds.items()}
+    members["_esm"] = resources.files(__package__).joinpath("cell.js").read_text("utf-8")
+    return type("CellViewerWidget", (anywidget.AnyWidget,), members)
+
+
+class _Handler(SimpleHTTPRequestHandler):
+    """Gives the viewer's two files to whoever knows where they are."""
+
+    extensions_map = {".js": "text/javascript", ".wasm": "application/wasm"}  # noqa: RUF012  # the base's
+
+    def __init__(self, *args: Any, token: str) -> None:
+        self._token = token
+        super().__init__(*args, directory=str(_files()))
+
+    def translate_path(self, path: str) -> str:
+        token, _, name = path.removeprefix("/").partition("/")
+        known = token == self._token and name in (PROGRAM, WASM)
+        return super().translate_path(name) if known else ""
+
+    def end_headers(self) -> None:
+        self.send_header("Access-Control-Allow-Origin", "*")
+        super().end_headers()
+
+    def log_message(self, *_: Any) -> None:
+        """Say nothing below the cell."""
+
+
+@cache
+def _address() -> str:
+    """Return where the viewer's program is served to this machine's browsers, as long as the kernel lives."""
+    token = token_urlsafe()
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, token=token))
+    threading.Thread(target=server.serve_forever, name="viewer's program", daemon=True).start()
+    return f"http://127.0.0.1:{server.server_port}/{token}"
