@@ -312,6 +312,12 @@ class Experiment(Generic[C]):
         """Names of its figures."""
         return tuple(self._drawings)
 
+    def caption(self, name: str) -> str:
+        """Return what a figure shows, one sentence, from the documentation of the function that draws it."""
+        text = inspect.getdoc(self._drawings[name].function) or name
+        said = " ".join(text.partition("\n\n")[0].removeprefix("Draw ").split())
+        return said[0].upper() + said[1:]
+
     def config(self, profile: str = QUICK, **changes: Any) -> C:
         """Return the configuration of a profile.
 

@@ -27,10 +27,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas.io.formats.style import Styler
 
+    from sfglab.lab.claims import Ledger
     from sfglab.lab.experiment import Experiment
+    from sfglab.lab.index import IndexPage
     from sfglab.lab.runs import C, Run
 
-_COLUMNS = ["claim", "where", "paper", "ours", "unit", "how", "verdict"]
+pd.set_option("display.max_colwidth", None)  # tables show their sentences whole
 
 
 async def run(
@@ -66,14 +68,15 @@ def _load(exp: Experiment[C], log: str) -> Run[C]:
 
 def picture(run: Run[Any], name: str) -> Image:
     """Return one of a run's figures as a picture for the notebook."""
-    return image_of(experiment(run.experiment).draw(name, run)[0])
+    exp = experiment(run.experiment)
+    return image_of(exp.draw(name, run)[0], exp.caption(name))
 
 
-def image_of(figure: Figure) -> Image:
-    """Return a figure as a picture for the notebook."""
+def image_of(figure: Figure, text: str = "") -> Image:
+    """Return a figure as a picture for the notebook, with a text for those who do not see it."""
     from IPython.display import Image
 
-    return Image(png_of(figure), format="png")
+    return Image(png_of(figure), format="png", alt=text or None)
 
 
 def video(mp4: bytes, width: int) -> Video:
@@ -87,7 +90,7 @@ def setup(exp: Experiment[Any]) -> Image:
     """Return a picture of what an experiment runs: hosts, processes, who sends what to whom."""
     from sfglab.lab.explore.setup_picture import draw_setup
 
-    return image_of(draw_setup(exp.setup))
+    return image_of(draw_setup(exp.setup), f"Hosts, processes and messages of {exp.name}")
 
 
 def words(frame: pd.DataFrame) -> Styler:
@@ -104,9 +107,9 @@ def save_figures(run: Run[Any]) -> str:
     return ", ".join(map(project.relative, files))
 
 
-def claims_of(run: Run[Any]) -> pd.DataFrame:
+def claims_of(run: Run[Any]) -> Ledger:
     """Return the claims that a run answers, judged: paper said, we measured."""
-    return _table(ledger.entries_of(find_project(), run))
+    return ledger.entries_of(find_project(), run)
 
 
 def check(run: Run[Any], *verdicts: str, may_deviate: Sequence[str] = ()) -> str:
@@ -144,24 +147,13 @@ def _excuse(entry: Entry, run: Run[Any], may_deviate: Sequence[str]) -> str:
     return ""
 
 
-def ledger_table(profile: str | None = None) -> pd.DataFrame:
+def whole_ledger(profile: str | None = None) -> Ledger:
     """Return the whole ledger, computed from the logs that are there; runs of the profile are preferred."""
-    return _table(ledger.compute_ledger(find_project(), profile=profile))
+    return ledger.compute_ledger(find_project(), profile=profile)
 
 
-def _table(entries: Sequence[Entry]) -> pd.DataFrame:
-    # A smoke test may answer no claim at all: the columns are there nevertheless.
-    return pd.DataFrame([_line(entry) for entry in entries], columns=_COLUMNS).set_index("claim")
+def index(whole: Ledger) -> IndexPage:
+    """Return the index of everything by paper and section, with the verdicts of a ledger and a figure each."""
+    from sfglab.lab.index import make_index
 
-
-def _line(entry: Entry) -> dict[str, Any]:
-    m = entry.measured
-    return {
-        "claim": entry.claim.id,
-        "where": entry.claim.where,
-        "paper": "" if entry.claim.paper is None else f"{entry.claim.paper:g}",
-        "ours": f"{m.estimate.value:.3g} [{m.estimate.low:.3g}, {m.estimate.high:.3g}]" if m else "",
-        "unit": entry.claim.unit,
-        "how": m.how.value if m else "",
-        "verdict": entry.verdict.value,
-    }
+    return make_index(find_project(), whole)

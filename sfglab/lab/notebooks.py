@@ -104,17 +104,17 @@ def fit_parameters(path: Path, given: Mapping[str, Any]) -> dict[str, Any]:
         NotebookError: No cell or several are tagged ``parameters``, a name is neither declared there nor a
             field of the configuration, or a field cannot hold its value.
     """
-    notebook = _read(path)
+    notebook = read_notebook(path)
     tagged = [c for c in notebook.cells if "parameters" in c.metadata.get("tags", ())]
     if len(tagged) != 1:
         raise NotebookError(f"{path.name}: {len(tagged)} cells are tagged 'parameters', needed is exactly one")
     declared = _assigned(path, tagged[0].source)
     unknown = sorted(set(given) - declared)
-    runs = _EXPERIMENT.search("\n".join(c.source for c in notebook.cells))
+    runs = experiment_of(notebook)
     if runs and SETTINGS in declared:
         settings = dict(given.get(SETTINGS, {})) | {name: given[name] for name in unknown}
         listed = {name: value for name, value in given.items() if name in declared and name != SETTINGS}
-        _check_fields(path, runs[1], listed | settings)
+        _check_fields(path, runs, listed | settings)
         return listed | ({SETTINGS: settings} if settings else {})
     if unknown:
         raise NotebookError(
@@ -144,7 +144,18 @@ def _assigned(path: Path, source: str) -> set[str]:
     return {t.id for t in targets if isinstance(t, ast.Name)}
 
 
-def _read(path: Path) -> NotebookNode:
+def experiment_of(notebook: NotebookNode) -> str:
+    """Return the name of the experiment that a notebook runs; empty: none."""
+    found = _EXPERIMENT.search("\n".join(c.source for c in notebook.cells))
+    return found[1] if found else ""
+
+
+def read_notebook(path: Path) -> NotebookNode:
+    """Return a notebook.
+
+    Raises:
+        NotebookError: There is none, or it is none.
+    """
     import nbformat
 
     try:
@@ -235,7 +246,7 @@ def _run_one(path: Path, project: Project, parameters: Mapping[str, Any], *, wri
     except NotebookError as error:
         return Outcome(name=path.stem, seconds=time.monotonic() - started, error=str(error))
     if write:
-        nbformat.write(normalise(_read(output), project), path)
+        nbformat.write(normalise(read_notebook(output), project), path)
     return Outcome(name=path.stem, seconds=time.monotonic() - started)
 
 
@@ -262,8 +273,9 @@ def _normal_output(output: NotebookNode, project: Project, count: int) -> Notebo
     root = f"{project.root.resolve().as_posix()}/"
     if output.output_type == "execute_result":
         output.execution_count = count
-    if "metadata" in output:
-        output.metadata = {}
+    if "metadata" in output:  # what is kept are pictures' texts
+        alts = {kind: m["alt"] for kind, m in output.metadata.items() if isinstance(m, dict) and "alt" in m}
+        output.metadata = {kind: {"alt": alt} for kind, alt in alts.items()}
     if output.output_type == "stream":
         lines = output.text.replace(root, "").splitlines(keepends=True)
         output.text = "".join(line for line in lines if not is_line(line))

@@ -1,0 +1,95 @@
+"""The index of everything, by paper and section: a figure, what it shows, and what the ledger says.
+
+Made from the notebooks' first cells, the committed figures and a ledger; nothing of it is typed.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING
+
+from sfglab.lab.experiments import experiment
+from sfglab.lab.notebooks import INDEX, experiment_of, find_notebooks, read_notebook
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+    from sfglab.lab.claims import Entry, Ledger
+    from sfglab.lab.paths import Project
+
+PAPERS = {
+    "A": "SFG-ROS: A Resource-Aware Framework for Dense Multi-Agent Perception",
+    "B": "Performance Improvement of Multi-Robot Data Transmission in Aggregated Robot Processing Architecture "
+    "with Caches and QoS Balancing Optimization",
+    "C": "Mapping and Optimizing Communication in ROS 2-based Applications on Configurable System-on-Chip "
+    "Platforms",
+}
+_COLORS = {"reproduced": "#00664B", "better": "#00558A", "deviates": "#A04000", "not yet": "#666666"}
+_WIDTH_PX = 240
+_CELL = 'style="text-align: left; vertical-align: top; white-space: normal"'
+
+
+@dataclass(frozen=True, slots=True)
+class IndexPage:
+    """The index as a notebook shows it."""
+
+    html: str  #: One table a paper.
+
+    def __repr__(self) -> str:
+        return f"<index of {self.html.count('<tr>')} notebooks>"
+
+    def _repr_html_(self) -> str:
+        return self.html
+
+
+def make_index(project: Project, ledger: Ledger) -> IndexPage:
+    """Return the index of a checkout's notebooks, by paper and section."""
+    rows = sorted(_row(project, path, ledger) for path in find_notebooks(project) if path.stem != INDEX)
+    html = ""
+    for paper, title in PAPERS.items():
+        lines = "".join(row for where, row in rows if where.startswith(paper))
+        html += f"<h3>Paper {paper}: {title}</h3><table><tbody>{lines}</tbody></table>"
+    return IndexPage(html)
+
+
+def _row(project: Project, path: Path, ledger: Ledger) -> tuple[str, str]:
+    """Return a notebook's paper with section, and its line."""
+    notebook = read_notebook(path)
+    exp = experiment(experiment_of(notebook))
+    title = notebook.cells[0].source.splitlines()[0].removeprefix("# ")
+    name = next((n for n in exp.drawings if (project.figures / f"{n}.png").is_file()), "")
+    caption = exp.caption(name) if name else ""
+    picture = _thumbnail(project.figures / f"{name}.png", caption) if name else ""
+    claims = _verdicts(entry for entry in ledger if entry.claim.id in exp.claims)
+    cells = (
+        picture,
+        f'<b><a href="{path.name}">{path.stem}</a></b> {escape(exp.where)}<br>{escape(title)}',
+        escape(caption),
+        claims,
+    )
+    return exp.where, "<tr>" + "".join(f"<td {_CELL}>{cell}</td>" for cell in cells) + "</tr>"
+
+
+def _verdicts(entries: Iterable[Entry]) -> str:
+    return "<br>".join(
+        f'<span style="white-space: nowrap">{e.claim.id} '
+        f'<b style="color: {_COLORS[e.verdict.value]}">{e.verdict.value}</b></span>'
+        for e in entries
+    )
+
+
+def _thumbnail(png: Path, text: str) -> str:
+    """Return a figure small and within the page, so that it is seen wherever the notebook is."""
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    with Image.open(png) as picture:
+        small = picture.convert("RGB")
+        small.thumbnail((2 * _WIDTH_PX, 2 * _WIDTH_PX))
+        small.quantize(64).save(buffer, format="png", optimize=True)
+    data = base64.b64encode(buffer.getvalue()).decode()
+    return f'<img alt="{escape(text)}" width="{_WIDTH_PX}" src="data:image/png;base64,{data}">'

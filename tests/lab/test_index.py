@@ -1,0 +1,50 @@
+"""The index, and the texts of figures for those who do not see them."""
+
+import re
+from pathlib import Path
+
+import nbformat
+import pytest
+
+from sfglab.lab import notebook
+from sfglab.lab.claims import Ledger, entry_for, load_claims
+from sfglab.lab.experiments import EXPERIMENTS, experiment
+from sfglab.lab.index import make_index
+from sfglab.lab.notebooks import normalise
+from sfglab.lab.paths import Project
+
+PROJECT = Project(root=Path(__file__).parents[2])
+
+
+def test_the_index_has_every_notebook_under_its_paper_with_figure_and_verdicts():
+    ledger = Ledger(entry_for(claim, None) for claim in load_claims(PROJECT.claims))
+    html = make_index(PROJECT, ledger)._repr_html_()
+    papers = html.split("<h3>")[1:]
+    assert [paper.count("<tr>") for paper in papers] == [11, 3, 3]
+    assert html.count("<img alt=") == len(EXPERIMENTS)
+    assert html.count(">not yet<") == len(ledger)
+    assert 'href="09_transmission.ipynb"' in papers[1]
+    assert papers[0].index("05_lifecycle") < papers[0].index("02_depth_codecs"), "by section"
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_figure_has_a_sentence_that_says_what_it_shows(name):
+    exp = experiment(name)
+    for drawing in exp.drawings:
+        assert re.fullmatch(r"[A-Z].{15,}\.", exp.caption(drawing)), drawing
+
+
+def test_pictures_carry_their_text_into_the_notebook(tmp_path):
+    run = experiment("naming").load(PROJECT.reference_logs / "naming.mcap")
+    _, metadata = notebook.picture(run, "naming_schema")._repr_png_()
+    assert metadata == {"alt": experiment("naming").caption("naming_schema")}
+    output = nbformat.v4.new_output("display_data", {"image/png": ""}, metadata={"image/png": metadata, "x": 1})
+    made = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("a", outputs=[output])])
+    assert normalise(made, Project(root=tmp_path)).cells[0].outputs[0].metadata == {"image/png": metadata}
+
+
+def test_pictures_on_the_repositorys_pages_have_their_figures_texts():
+    captions = {d: exp.caption(d) for exp in map(experiment, EXPERIMENTS) for d in exp.drawings}
+    for page in ("README.md", "DESIGN.md"):
+        for text, name in re.findall(r"!\[(.*?)\]\(figures/(\w+)\.png\)", (PROJECT.root / page).read_text()):
+            assert text == captions[name]
