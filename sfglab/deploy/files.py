@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 PLAIN = 0o644
@@ -24,6 +25,12 @@ def render(name: str, **values: Any) -> str:
     Raises:
         jinja2.UndefinedError: A hole has no value.
     """
+    return str(_templates().get_template(name).render(**values))
+
+
+@cache
+def _templates() -> Any:
+    """Return Jinja with our templates, each compiled once."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -35,4 +42,4 @@ def render(name: str, **values: Any) -> str:
         keep_trailing_newline=True,
     )
     environment.filters["sh"] = lambda value: shlex.quote(str(value))
-    return environment.get_template(name).render(**values)
+    return environment

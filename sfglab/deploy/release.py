@@ -76,7 +76,8 @@ def split_lock(lock_text: str, names: Iterable[str]) -> tuple[str, str]:
     return without, "".join(entry for name, entry in entries if name in taken)
 
 
-def _entries(lock_text: str) -> list[tuple[Requirement, str]]:
+@lru_cache(maxsize=16)
+def _entries(lock_text: str) -> tuple[tuple[Requirement, str], ...]:
     """Return each requirement, and its text with its digests."""
     from packaging.requirements import Requirement
 
@@ -86,7 +87,9 @@ def _entries(lock_text: str) -> list[tuple[Requirement, str]]:
             entries[-1] += line
         elif line.strip() and not line.startswith("#"):
             entries.append(line)
-    return [(Requirement(entry.partition("\n")[0].rstrip().removesuffix("\\")), entry) for entry in entries]
+    return tuple(
+        (Requirement(entry.partition("\n")[0].rstrip().removesuffix("\\")), entry) for entry in entries
+    )
 
 
 def _name(requirement: Requirement) -> str:

@@ -373,7 +373,9 @@ class Experiment(Generic[C]):
         path.parent.mkdir(parents=True, exist_ok=True)
         with journals(path, f"{self.name}-{profile}") as journal:
             sweeps = [one for one in self.sweeps if options.wants(one.table)]
-            rows = {one.table: self._swept(one, config, journal, options) for one in sweeps}
+            # A smoke test's sweeps are over before processes would have started.
+            usual = options.workers or (Workers(threads=True) if profile == SMOKE else None)
+            rows = {one.table: self._swept(one, config, journal, usual) for one in sweeps}
             unfinished = path.with_name(path.name + PART_SUFFIX)
             done: dict[str, Any] = {"experiment": self.name, "profile": profile, "explored": options.explored}
             done["changed"] = self._changed(profile, config)
@@ -391,14 +393,13 @@ class Experiment(Generic[C]):
         return [name for name in usual if usual[name] != given[name] and name not in _UNCOUNTED]
 
     def _swept(
-        self, one: _Sweep, config: C, journal: Callable[[str], Path], options: Options
+        self, one: _Sweep, config: C, journal: Callable[[str], Path], workers: Workers | None
     ) -> list[tuple[int | None, Any]]:
         """Return a sweep's rows with their times."""
         points, seeds = one.over(config), one.seeds(config)
         if not points or not seeds:
             return []
-        workers = options.workers or one.workers
-        results = sweep(one.task, points, seeds, journal=journal(one.table), workers=workers)
+        results = sweep(one.task, points, seeds, journal=journal(one.table), workers=workers or one.workers)
         pairs = [(point, seed) for point in points for seed in seeds]
         rows: list[tuple[int | None, Any]] = []
         for (point, seed), result in zip(pairs, results, strict=True):

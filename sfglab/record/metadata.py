@@ -12,6 +12,7 @@ import os
 import platform
 import shutil
 import subprocess
+from contextlib import suppress
 from enum import Enum
 from importlib import metadata
 from pathlib import Path
@@ -54,8 +55,11 @@ _GIT_TIMEOUT_S = 10.0
 
 
 def _versions() -> dict[str, str]:
-    installed = {dist.name.lower(): dist.version for dist in metadata.distributions()}
-    return {name: installed[name] for name in _LIBRARIES if name in installed}
+    versions = {}
+    for name in _LIBRARIES:
+        with suppress(metadata.PackageNotFoundError):
+            versions[name] = metadata.version(name)
+    return versions
 
 
 def _cpu_model() -> str:

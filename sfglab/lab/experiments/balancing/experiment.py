@@ -55,7 +55,15 @@ exp = Experiment(
     "balancing",
     Config,
     where="B 2.2 to 2.4",
-    smoke={"readings_s": 5.0, "stale_s": 20.0, "stale_seeds": 2, "silences_s": (0.0, 0.5), "weights": 5},
+    smoke={
+        "readings_s": 2.0,
+        "rates_hz": (100, 1000),
+        "stale_s": 20.0,
+        "stale_seeds": 2,
+        "silences_s": (0.0, 0.5),
+        "topics": ((7, 6, 6), (10,)),
+        "weights": 5,
+    },
     paper={"readings_s": 600.0, "stale_s": 3600.0, "stale_seeds": 50},
 )
 exp.table("check")(CheckRow)
