@@ -29,7 +29,9 @@ from sfglab.soc.graph_import import (
 )
 from sfglab.soc.mapping import (
     CommunicationMapping,
+    arrival_s,
     carriages_per_message,
+    chain_s,
     crossing_edges,
     faster_by_gateway,
     map_communication,
@@ -53,9 +55,11 @@ __all__ = [
     "Platform",
     "Topic",
     "TopicMapping",
+    "arrival_s",
     "assess",
     "build_cfg",
     "carriages_per_message",
+    "chain_s",
     "crossing_edges",
     "draw_graph",
     "draw_mapping",

@@ -18,8 +18,10 @@ from sfglab.soc.gateway import TABLE
 from sfglab.soc.gateway_world import Fault, first_world, in_flight, is_finished, steps
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from sfglab.soc.gateway import State, Table
-    from sfglab.soc.gateway_world import Bound, World
+    from sfglab.soc.gateway_world import Bound, Step, World
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,6 +114,28 @@ def explore(bound: Bound, table: Table = TABLE, *, limit: int = 1_000_000) -> Ex
         visited=frozenset(world.state for world in graph.worlds),
         counterexample=fault,
     )
+
+
+def walk(bound: Bound, rng: np.random.Generator, table: Table = TABLE) -> tuple[Step, ...]:
+    """Return one drawn interleaving of a core's behaviour in surroundings, until everybody has everything.
+
+    What only turns in a circle of polling comes as often as it is drawn.
+
+    Raises:
+        SfglabError: It came to a fault, or nothing could move any more; `explore` says why.
+    """
+    world = first_world(bound)
+    done: list[Step] = []
+    while not is_finished(world, bound):
+        possible = list(steps(world, bound, table))
+        if not possible:
+            raise SfglabError(f"walk of {bound}: nothing can move after {len(done)} steps")
+        step = possible[rng.integers(len(possible))]
+        if isinstance(step.after, Fault):
+            raise SfglabError(f"walk of {bound}: {step.after.text}")
+        done.append(step)
+        world = step.after
+    return tuple(done)
 
 
 def _search(graph: _Graph, bound: Bound, table: Table, limit: int) -> Counterexample | None:

@@ -19,13 +19,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
@@ -192,6 +193,11 @@ TABLE: Table = {
 """The gateway core (paper C, Fig. 4)."""
 
 
+def transitions(table: Table = TABLE) -> dict[tuple[State, Input], State]:
+    """Return a table as (state, input) -> the next state, for `sfglab.machine.step`."""
+    return {(state, given): move.to for state, row in table.items() for given, move in row.moves.items()}
+
+
 PLACES: dict[State, tuple[int, int]] = {
     State.START: (2, 0),
     State.REQUEST: (2, 1),
@@ -220,8 +226,9 @@ _DETOURS = {(State.CANCEL_WAIT, State.PUBLISH_HOLDING): ((4.8, 1), (4.8, 4))}
 _PITCH = np.array([2.5, 1.0])
 _HALF = np.array([0.9, 0.24])
 _APART = 0.16
-# Okabe and Ito's palette: software's side, hardware's side, neither.
-_OSIF, _HMT, _INNER = "#F5D67B", "#A8D4F0", "#FFFFFF"
+# Okabe and Ito's palette: software's side, hardware's side, neither; what happens now.
+_OSIF, _HMT, _INNER, _NOW = "#F5D67B", "#A8D4F0", "#FFFFFF", "#D55E00"
+_LINE = "#333333"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -242,23 +249,36 @@ def arrows(table: Table = TABLE) -> list[Arrow]:
     ]
 
 
-def draw_core(ax: Axes, table: Table = TABLE) -> None:
+def draw_core(
+    ax: Axes, table: Table = TABLE, *, at: State | None = None, taken: Arrow | None = None
+) -> dict[State | Arrow, tuple[Artist, ...]]:
     """Draw the core: calls and answers of its delegate yellow, uses of the stream blue.
 
     Letters fit from about 14 by 5 inches on.
+
+    Args:
+        ax: Where.
+        table: The core's behaviour.
+        at: The state to draw as the present one.
+        taken: The arrow to draw as the one that led there.
+
+    Returns:
+        The artists of each state and arrow.
     """
     drawn = arrows(table)
+    artists: dict[State | Arrow, tuple[Artist, ...]] = {}
     for arrow in drawn:
         meets = any((a.source, a.target) == (arrow.target, arrow.source) for a in drawn)
-        _draw_arrow(ax, arrow, _APART / 2 if meets else 0.0)
+        artists[arrow] = _draw_arrow(ax, arrow, _APART / 2 if meets else 0.0, now=arrow == taken)
     for state, row in table.items():
-        _draw_state(ax, state, row.drive.name)
+        artists[state] = _draw_state(ax, state, row.drive.name, now=state is at)
     places = np.array([*PLACES.values(), *(p for corners in _DETOURS.values() for p in corners)])
     low, high = _inches(places.min(axis=0)), _inches(places.max(axis=0))
     ax.set_xlim(low[0] - 1.1, high[0] + 0.2)
     ax.set_ylim(high[1] - 0.4, low[1] + 0.4)
     ax.set_aspect("equal")
     ax.axis("off")
+    return artists
 
 
 def _inches(place: Points | tuple[float, float]) -> Points:
@@ -267,18 +287,19 @@ def _inches(place: Points | tuple[float, float]) -> Points:
     return np.array([x, -y])
 
 
-def _draw_state(ax: Axes, state: State, drive: str) -> None:
+def _draw_state(ax: Axes, state: State, drive: str, *, now: bool) -> tuple[Artist, ...]:
     from matplotlib.patches import FancyBboxPatch
 
     fill = _HMT if "HMT" in drive else _OSIF if "OSIF" in drive or "CALL" in drive else _INNER
     centre = _inches(PLACES[state])
     left, bottom = centre - _HALF
     width, height = 2 * _HALF
-    box = FancyBboxPatch((left, bottom), width, height, "round,pad=0,rounding_size=0.08", fc=fill, ec="#333333")
-    ax.add_patch(box)
+    edge = {"ec": _NOW, "lw": 3.0} if now else {"ec": _LINE}
+    box = FancyBboxPatch((left, bottom), width, height, "round,pad=0,rounding_size=0.08", fc=fill, **edge)
     x, y = centre
-    ax.text(x, y + 0.09, _words(state.name), ha="center", va="center", fontsize=7, weight="bold")
-    ax.text(x, y - 0.1, _words(drive), ha="center", va="center", fontsize=6, style="italic")
+    middle: dict[str, Any] = {"ha": "center", "va": "center"}
+    name = ax.text(x, y + 0.09, _words(state.name), fontsize=7, weight="bold", **middle)
+    return ax.add_patch(box), name, ax.text(x, y - 0.1, _words(drive), fontsize=6, style="italic", **middle)
 
 
 def _words(name: str) -> str:
@@ -286,7 +307,8 @@ def _words(name: str) -> str:
     return " ".join(w if w in {"HMT", "SMT", "OSIF"} else w.lower() for w in name.split("_"))
 
 
-def _draw_arrow(ax: Axes, arrow: Arrow, aside: float) -> None:
+def _draw_arrow(ax: Axes, arrow: Arrow, aside: float, *, now: bool) -> tuple[Artist, ...]:
+    color, width = (_NOW, 2.4) if now else (_LINE, 0.9)
     corners = _DETOURS.get((arrow.source, arrow.target), ())
     way = np.array([_inches(p) for p in (PLACES[arrow.source], *corners, PLACES[arrow.target])])
     first, last = way[1] - way[0], way[-1] - way[-2]
@@ -294,13 +316,18 @@ def _draw_arrow(ax: Axes, arrow: Arrow, aside: float) -> None:
     way[0] = way[0] + first * _inside(first)
     way[-1] = way[-1] - last * _inside(last)
     for start, end in list(pairwise(way))[:-1]:
-        ax.plot(*zip(start, end, strict=True), color="#333333", lw=0.9, zorder=0)
-    ends = {"arrowstyle": "-|>", "color": "#333333", "lw": 0.9, "shrinkA": 0, "shrinkB": 0}
-    ax.annotate("", way[-1], way[-2], arrowprops=ends, zorder=0)
+        ax.plot(*zip(start, end, strict=True), color=color, lw=width, zorder=0)
+    ends = {"arrowstyle": "-|>", "color": color, "lw": width, "shrinkA": 0, "shrinkB": 0}
+    drawn = ax.annotate("", way[-1], way[-2], arrowprops=ends, zorder=0).arrow_patch
+    assert drawn is not None, "it was asked for"
     x, y = (way[0] + way[1]) / 2 + 2.6 * aside * np.array([last[1], -last[0]]) / np.hypot(*last)
     y += 0.1 * (first[1] == 0)  # level arrows are short: their label stands above
     white = {"fc": "white", "ec": "none", "pad": 0.4}
-    ax.text(x, y, _words(arrow.given.name), ha="center", va="center", fontsize=6.5, bbox=white, zorder=1)
+    look: dict[str, Any] = {"color": color if now else "black", "weight": "bold" if now else "normal"}
+    said = ax.text(
+        x, y, _words(arrow.given.name), ha="center", va="center", fontsize=6.5, bbox=white, zorder=1, **look
+    )
+    return drawn, said
 
 
 def _inside(direction: Points) -> float:

@@ -8,22 +8,24 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.soc.graph import EdgeKind, TopicMapping
+from sfglab.soc.graph import Edge, EdgeKind, TopicMapping
 from sfglab.soc.layout import ends_of, layered_layout, node_vertex, topic_vertex
 from sfglab.soc.mapping import crossing_edges, hardware_subgraphs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from sfglab.soc.graph import Edge, Graph
+    from sfglab.soc.graph import Graph
     from sfglab.soc.layout import Layout, Vertex
     from sfglab.soc.mapping import CommunicationMapping
 
@@ -66,11 +68,25 @@ class _Box:
         return np.logical_and(inside[:, 0], inside[:, 1])
 
 
-def draw_graph(ax: Axes, graph: Graph, *, layout: Layout | None = None, title: str = "") -> None:
+def draw_graph(
+    ax: Axes,
+    graph: Graph,
+    *,
+    layout: Layout | None = None,
+    title: str = "",
+    notes: Mapping[Edge | Vertex, str] = MappingProxyType({}),
+) -> dict[Vertex, tuple[Artist, ...]]:
     """Draw a graph as it is mapped: nodes round, topics angular, what runs in hardware blue, gateways yellow.
 
-    The layout has places, so that several pictures agree; None: `layered_layout`. The title stands above,
-    before the number of crossing edges.
+    Args:
+        ax: Where.
+        graph: What.
+        layout: Places, so that several pictures agree; None: `layered_layout`.
+        title: Stands above, before the number of crossing edges.
+        notes: What stands on an edge, and below a node or topic.
+
+    Returns:
+        The artists of each node and topic.
     """
     layout = layout or layered_layout(graph)
     pitch = _pitch(layout)
@@ -82,14 +98,35 @@ def draw_graph(ax: Axes, graph: Graph, *, layout: Layout | None = None, title: s
         _draw_outline(ax, inner, [r for e, r in routes.items() if e.node in nodes and e.topic in topics])
     for edge, route in routes.items():
         _draw_route(ax, route, crosses=edge in crossing)
+    drawn = {}
     for node in graph.nodes:
-        fill = FILLS["node in hardware" if node.in_hardware else "node in software"]
-        _draw_box(ax, boxes[node_vertex(node.name)], fill, rounding=0.13)
+        fill, vertex = (
+            FILLS["node in hardware" if node.in_hardware else "node in software"],
+            node_vertex(node.name),
+        )
+        drawn[vertex] = _draw_box(ax, boxes[vertex], fill, rounding=0.13)
     for topic in graph.topics:
-        _draw_box(ax, boxes[topic_vertex(topic.name)], _TOPIC_FILLS[topic.mapping], rounding=0.0)
+        vertex = topic_vertex(topic.name)
+        drawn[vertex] = _draw_box(ax, boxes[vertex], _TOPIC_FILLS[topic.mapping], rounding=0.0)
+    for at, note in notes.items():
+        _draw_note(ax, note, routes[at] if isinstance(at, Edge) else boxes[at], crosses=at in crossing)
     _frame(ax, layout)
     count = len(crossing)
     ax.set_title(f"{title + ': ' if title else ''}{count} edge{'s' * (count != 1)} across the boundary")
+    return drawn
+
+
+def _draw_note(ax: Axes, note: str, place: NDArray[np.float64] | _Box, *, crosses: bool) -> None:
+    below = isinstance(place, _Box)
+    x, y = place.centre - (0.0, place.half[1] + 0.03) if isinstance(place, _Box) else place[len(place) // 2]
+    white: dict[str, Any] = {"fc": "white", "ec": "none", "pad": 0.5, "alpha": 0.8}
+    look: dict[str, Any] = {
+        "color": CROSSING if crosses else FRAME,
+        "fontsize": 6,
+        "linespacing": 1.0,
+        "zorder": 5,
+    }
+    ax.text(x, y, note, ha="center", va="top" if below else "center", bbox=white, **look)
 
 
 def draw_mapping(mapping: CommunicationMapping, figure: Figure) -> None:
@@ -98,12 +135,18 @@ def draw_mapping(mapping: CommunicationMapping, figure: Figure) -> None:
     The figure must be empty; its size is set to what the graph needs.
     """
     layout = layered_layout(mapping.gateways)
-    (left, right), (low, high) = _limits(layout)
-    figure.set_size_inches(max(_LEGEND_WIDTH, right - left), 3 * (high - low + 0.3) + 0.6)
+    width, height = size_of(layout)
+    figure.set_size_inches(width, 3 * height + 0.6)
     titles = ("all topics in software", "topics in hardware", "topics in hardware and gateways")
     for ax, graph, title in zip(figure.subplots(3, 1), mapping.stages, titles, strict=True):
         draw_graph(ax, graph, layout=layout, title=title)
     draw_legend(figure)
+
+
+def size_of(layout: Layout) -> tuple[float, float]:
+    """Return width and height, inches, that a graph's picture needs with its title; a legend takes 0.6 more."""
+    (left, right), (low, high) = _limits(layout)
+    return max(_LEGEND_WIDTH, right - left), high - low + 0.3
 
 
 def draw_legend(figure: Figure) -> None:
@@ -187,15 +230,16 @@ def _draw_route(ax: Axes, line: NDArray[np.float64], *, crosses: bool) -> None:
     ax.add_patch(arrow)
 
 
-def _draw_box(ax: Axes, box: _Box, fill: str, *, rounding: float) -> None:
+def _draw_box(ax: Axes, box: _Box, fill: str, *, rounding: float) -> tuple[Artist, ...]:
     from matplotlib.patches import FancyBboxPatch
 
     low, size = box.centre - box.half, 2 * box.half
     style = f"round,pad=0,rounding_size={rounding}" if rounding else "square,pad=0"
     look: dict[str, Any] = {"facecolor": fill, "edgecolor": FRAME, "linewidth": 0.8, "zorder": 3}
-    ax.add_patch(FancyBboxPatch((low[0], low[1]), size[0], size[1], boxstyle=style, **look))
+    frame = ax.add_patch(FancyBboxPatch((low[0], low[1]), size[0], size[1], boxstyle=style, **look))
     x, y = box.centre
-    ax.text(x, y, box.text, ha="center", va="center", fontsize=7.5, linespacing=1.1, zorder=4, parse_math=False)
+    text: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7.5, "linespacing": 1.1, "zorder": 4}
+    return frame, ax.text(x, y, box.text, parse_math=False, **text)
 
 
 def _draw_outline(ax: Axes, boxes: list[_Box], routes: list[NDArray[np.float64]]) -> None:

@@ -9,10 +9,11 @@ has the interface for itself; topics do not wait for each other.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
-from sfglab.soc.graph import EdgeKind, TopicMapping
+from sfglab.soc.graph import Edge, EdgeKind, TopicMapping
 from sfglab.soc.memory import (
     STORED,
     Judge,
@@ -25,9 +26,9 @@ from sfglab.soc.memory import (
 from sfglab.tables import html_table
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
-    from sfglab.soc.graph import Edge, Graph, Topic
+    from sfglab.soc.graph import Graph, Node, Topic
     from sfglab.soc.memory import Costs
 
 
@@ -196,6 +197,57 @@ def transfer_s(graph: Graph, topic: Topic, *, judge: Judge = Judge.LAST, costs: 
         InvalidValueError: The topic's size is unknown.
     """
     return max(judged_s(transfer_times(setup, costs), setup, judge) for setup in _setups(graph, topic))
+
+
+def arrival_s(graph: Graph, edge: Edge, *, costs: Costs = STORED) -> float:
+    """Return how long a message takes to a subscription's node as its topic is mapped, s.
+
+    A node in hardware is counted as the last of those, one in software in the mean over orders of delivery.
+
+    Raises:
+        InvalidValueError: The topic's size is unknown.
+    """
+    topic = graph.topic(edge.topic)
+    judge = Judge.HARDWARE if edge.node in graph.in_hardware else Judge.SOFTWARE
+    return transfer_s(graph, topic, judge=judge, costs=costs)
+
+
+def chain_s(graph: Graph, chain: Sequence[str], *, costs: Costs = STORED) -> dict[Edge, float]:
+    """Return when the next node of a chain has the message, s, from the start of the first node's work.
+
+    Work is that of a node's activation where it is placed. A topic without a size is no part of a chain.
+
+    Args:
+        graph: The graph as it is mapped.
+        chain: Names of nodes, each of which publishes to the next.
+        costs: The memory model's constants.
+
+    Raises:
+        InvalidValueError: No topic with a size goes from a node to the next.
+    """
+    found: dict[Edge, float] = {}
+    now_s = 0.0
+    for before, after in pairwise(map(graph.node, chain)):
+        ways = [
+            t.name
+            for t in graph.topics
+            if before.name in t.publishers and after.name in t.subscribers and t.size_bytes
+        ]
+        if not ways:
+            raise InvalidValueError(
+                "chain", f"{before.name}, {after.name}", "nodes that a topic with a size joins"
+            )
+        edge = Edge(topic=ways[0], node=after.name, kind=EdgeKind.SUBSCRIBE)
+        now_s += activation_s(before) + arrival_s(graph, edge, costs=costs)
+        found[edge] = now_s
+    return found
+
+
+def activation_s(node: Node) -> float:
+    """Return the time of a node's activation where it is placed, s; 0 where unknown."""
+    if not node.in_hardware:
+        return node.software_s
+    return node.hardware.time_s if node.hardware else 0.0
 
 
 def faster_by_gateway(*, judge: Judge = Judge.LAST, costs: Costs = STORED) -> Callable[[Graph, Topic], bool]:

@@ -114,6 +114,18 @@ class Load:
         """Return whether the areas are there."""
         return self.lut <= platform.lut and self.bram <= platform.bram
 
+    def check_fits(self, platform: Platform) -> None:
+        """Refuse areas that are not there.
+
+        Raises:
+            SfglabError: They are not.
+        """
+        if not self.fits(platform):
+            raise SfglabError(
+                f"mapping: takes {self.lut} LUT and {self.bram:g} BRAM, "
+                f"{platform.name} has {platform.lut} and {platform.bram:g}"
+            )
+
 
 def assess(graph: Graph, platform: Platform) -> Load:
     """Return what a graph takes, with nodes and topics as they are mapped.
@@ -270,8 +282,8 @@ def place_nodes(
         InvalidValueError: A fixed node is not there, or a topic has no size or no rate.
         SfglabError: The fixed nodes do not fit or have no implementation, or no mapping was found in time.
     """
+    check_fixed(graph, platform, fixed or {})
     programme = build_programme(graph, platform, fixed=fixed)
-    _refuse_what_does_not_fit(graph, platform, fixed or {})
     bound_s = _solve(programme.problem, time_limit_s)
     mapped = _read(programme, graph, platform)
     load = assess(mapped, platform)
@@ -342,8 +354,14 @@ def _areas(graph: Graph, platform: Platform, x: Any, y: Any) -> list[Any]:
     return rows
 
 
-def _refuse_what_does_not_fit(graph: Graph, platform: Platform, fixed: Mapping[str, Placement]) -> None:
-    """Only fixed nodes can make the programme infeasible: all in software fits every platform."""
+def check_fixed(graph: Graph, platform: Platform, fixed: Mapping[str, Placement]) -> None:
+    """Refuse what makes the programme infeasible; only fixed nodes can: all in software fits every platform.
+
+    Raises:
+        InvalidValueError: A fixed node is not there.
+        SfglabError: The fixed nodes do not fit, or have no implementation in hardware.
+    """
+    _bounds(graph, fixed)
     parts = [n.hardware for n in graph.nodes if n.hardware and fixed.get(n.name) is Placement.HARDWARE]
     lut, bram = sum(part.lut for part in parts), sum(part.bram for part in parts)
     if lut > platform.lut or bram > platform.bram:

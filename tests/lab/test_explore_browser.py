@@ -7,6 +7,7 @@ import sys
 import time
 import urllib.request
 from contextlib import closing
+from pathlib import Path
 
 import machine
 import nbformat
@@ -14,6 +15,7 @@ import pytest
 
 from sfglab.errors import MissingExtraError
 from sfglab.lab.browser import Browser, BrowserError, free_port
+from sfglab.lab.paths import find_project
 
 pytestmark = [pytest.mark.live, pytest.mark.browser]
 
@@ -181,3 +183,23 @@ def test_the_viewer_is_scrubbed_without_a_mouse_and_asks_nothing_of_a_network(ru
             browser.call("Input.dispatchKeyEvent", type=kind, key="ArrowRight", windowsVirtualKeyCode=39)
         browser.wait_for(STEP % step, ANSWER_S)
     assert set(browser.evaluate(ASKED)) <= {"127.0.0.1", "blob:"}
+
+
+def test_paper_cs_pictures_answer_and_refuse(run, browser):
+    root = str(find_project(Path(__file__)).root)
+    mapping = f"from pathlib import Path\ngraph = soc.load_graph(Path({root!r}) / 'data/graphs/driving.yaml')"
+    cells = ["from IPython.display import display", "from sfglab import soc", mapping]
+    cells += [
+        "from sfglab.lab.experiments import gateways",
+        "from sfglab.lab.explore.mapping import PressedMapping",
+    ]
+    run("\n".join([*cells, "display(gateways.press_core(), PressedMapping(graph, soc.ZCU104))"]))
+    said = "document.querySelector('.jp-OutputArea').textContent.includes(%r)"
+    for part, answer in (
+        ("START/LOCATED", "1: LOCATED in START leads to REQUEST"),
+        ("CLAIM/GRANTED", "gateway core in REQUEST: given GRANTED, allowed are SENT"),
+        ("topic:/A", "/A is mapped to gateway"),
+        ("node:camera", "fixed in hardware, where it has no implementation"),
+    ):
+        browser.click(*browser.wait_for(PART % part, ANSWER_S))
+        browser.wait_for(said % answer, ANSWER_S)

@@ -8,6 +8,7 @@ example in its three stages. Nothing depends on the machine's speed.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.checks import CheckRow
@@ -17,17 +18,30 @@ from sfglab.lab.paths import find_project
 from sfglab.lab.stats import exactly
 from sfglab.soc import carriages_per_message, crossing_edges, load_graph, map_communication
 from sfglab.soc.exploration import explore
-from sfglab.soc.gateway import TABLE, Drive, Input, Move, Row, State, Table
-from sfglab.soc.gateway_world import Bound
+from sfglab.soc.gateway import (
+    TABLE,
+    Drive,
+    Input,
+    Move,
+    Row,
+    State,
+    Table,
+    arrows,
+    draw_core,
+    transitions,
+)
+from sfglab.soc.gateway_world import Bound, World
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     import pandas as pd
     from matplotlib.figure import Figure
 
     from sfglab.lab.bench import Bench
+    from sfglab.lab.explore.automaton import Automaton, Moment
     from sfglab.lab.runs import Run
+    from sfglab.soc.gateway_world import Step
     from sfglab.soc.graph import Graph
 
 _SMALL = (Bound(), Bound(subscribers=2), Bound(calls=2), Bound(port_messages=1), Bound(echoes=False))
@@ -232,8 +246,6 @@ def edges_left(run: Run[Config]) -> Finding:
 @exp.figure("gateway_core", size=(14, 5.4))
 def draw_gateway(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the core from its table."""
-    from sfglab.soc.gateway import draw_core
-
     worlds = int(run["exploration"]["worlds"].sum())
     draw_core(figure.subplots())
     figure.suptitle(f"The gateway core (paper C, Fig. 4), from its table: {worlds} moments explored")
@@ -247,3 +259,36 @@ def draw_stages(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 
     draw_mapping(map_communication(load_graph(find_project().data / run.config.graph_file)), figure)
     return {"stages": run["stage"]}
+
+
+def press_core(run: Sequence[Step] = ()) -> Automaton:
+    """Return the core as a picture to press: an arrow gives its input to the state where the core stands.
+
+    Args:
+        run: A walk of core and surroundings (`sfglab.soc.exploration.walk`), whose inputs are stepped through.
+
+    Raises:
+        MissingExtraError: The extra ``view`` is not installed.
+    """
+    from sfglab.lab.explore.automaton import Automaton
+
+    walked = {"a walk": inputs_of(run)} if run else {}
+    table = transitions()
+    return Automaton("gateway core", table, State.START, _draw_moment, size=(14, 5), runs=walked)
+
+
+def inputs_of(run: Sequence[Step]) -> list[Input]:
+    """Return what the core was given in a walk, beats of a transfer left out."""
+    states = [State.START, *(step.after.state for step in run if isinstance(step.after, World))]
+    given = {(arrow.source, arrow.target): arrow.given for arrow in arrows()}
+    return [given[pair] for pair in pairwise(states) if pair in given]
+
+
+def _draw_moment(figure: Figure, moment: Moment) -> None:
+    from sfglab.lab.explore.automaton import transition_part
+    from sfglab.lab.explore.press import part
+
+    lit = next((a for a in arrows() if (a.source, a.given) == moment.taken), None)
+    for drawn, artists in draw_core(figure.subplots(), at=State(moment.state), taken=lit).items():
+        of = drawn.name if isinstance(drawn, State) else transition_part(drawn.source, drawn.given)
+        part(of, *artists)

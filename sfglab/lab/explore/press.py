@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
+_COLORS = 128
+
 
 def part(name: str, *artists: Artist) -> None:
     """Make artists a part of the figure that can be pressed under a name; it is in the SVG alone."""
@@ -94,7 +96,7 @@ class Pressed:
         return text
 
     def _repr_mimebundle_(self, **_: object) -> dict[str, Any]:
-        return still_bundle(self.widget, png_of(self._drawn()))
+        return still_bundle(self.widget, _few_colors(png_of(self._drawn())))
 
     def _drawn(self) -> Figure:
         from matplotlib.figure import Figure
@@ -112,6 +114,15 @@ class Pressed:
         with house_style(), mpl.rc_context({"svg.fonttype": "none"}):
             self._drawn().savefig(buffer, format="svg")
         return "<svg" + buffer.getvalue().partition("<svg")[2]
+
+
+def _few_colors(png: bytes) -> bytes:
+    """Return a drawing as a PNG of a quarter of the size: notebooks hold it."""
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    Image.open(io.BytesIO(png)).convert("RGB").quantize(_COLORS).save(buffer, "png", optimize=True)
+    return buffer.getvalue()
 
 
 @cache

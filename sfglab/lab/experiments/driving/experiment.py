@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.lab.experiment import Experiment, Profiled, seeded
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
 from sfglab.lab.paths import find_project
 from sfglab.lab.sweep import Workers
 from sfglab.soc import load_graph
@@ -69,6 +69,16 @@ exp = Experiment(
     where="C 6",
     smoke={"laps": 1, "lap": LapPoint(limit_s=8.0), "chain": ChainPoint(limit_s=2.0)},
     paper={"laps": 100},
+    actors=(
+        Actor("town", "simulation", "draws what the camera sees, moves the car, judges the lap"),
+        Actor("stack", "application", "every node of Fig. 9, timed one by one"),
+        Actor("chain", "memory model", "adds what messages take over topic A, by either mapping"),
+    ),
+    links=(
+        Link("town", "stack", "an image", "calls"),
+        Link("stack", "town", "speed and turn", "calls"),
+        Link("stack", "chain", "node times of each frame", "calls", "software and hardware"),
+    ),
 )
 
 

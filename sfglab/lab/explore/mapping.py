@@ -1,0 +1,204 @@
+"""A picture of a mapped graph to press: a node or topic moves, and costs and times follow.
+
+What may be moved, what it costs and what would be best, the graph, the memory model and the programme of node
+mapping say; refuses to know any of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from sfglab.errors import SfglabError
+from sfglab.lab.explore.press import Pressed, part
+from sfglab.soc.graph import Edge, EdgeKind, Graph, Placement, TopicMapping
+from sfglab.soc.graph_drawing import draw_graph, draw_legend, size_of
+from sfglab.soc.layout import Vertex, layered_layout, node_vertex, topic_vertex
+from sfglab.soc.mapping import (
+    activation_s,
+    arrival_s,
+    carriages_per_message,
+    chain_s,
+    faster_by_gateway,
+    map_communication,
+    transfer_s,
+)
+from sfglab.soc.placement import Platform, assess, check_fixed, place_nodes, topic_load
+from sfglab.view.panel import widgets
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from matplotlib.figure import Figure
+
+_MS = 1e3
+_CYCLE = (TopicMapping.SOFTWARE, TopicMapping.GATEWAY, TopicMapping.HARDWARE)
+_OTHER = {Placement.SOFTWARE: Placement.HARDWARE, Placement.HARDWARE: Placement.SOFTWARE}
+
+
+class PressedMapping(Pressed):
+    """A mapped graph as a picture to press.
+
+    A node goes to the other side, and the topics follow by the paper's three cases; a topic goes from software
+    to a gateway, to hardware and back. On a subscription stands how long a message takes to it.
+
+    Args:
+        graph: The graph as it is mapped to begin with.
+        platform: Where it runs; its areas are kept, and the programme of node mapping optimises. None: nodes
+            may stand anywhere, and topics alone are optimised, by predicted time.
+        chain: Names of nodes, each of which publishes to the next, whose time is told along their edges.
+
+    Attributes:
+        graph: The graph as it is mapped now.
+        lut: The slider of look-up tables that there are.
+        why: What the last optimum's reasons are, as HTML.
+
+    Raises:
+        MissingExtraError: The extra ``view`` is not installed.
+    """
+
+    def __init__(self, graph: Graph, platform: Platform | None = None, *, chain: Sequence[str] = ()) -> None:
+        kit = widgets()
+        self.graph, self._begin, self._platform, self._chain = graph, graph, platform, chain
+        self._layout = layered_layout(graph)
+        self._asked: dict[str, TopicMapping] = {}
+        self.why = kit.HTML()
+        actions = {"Optimise": self.optimise, "Paper's rule": self._by_rule, "Reset": self._reset}
+        buttons = [kit.Button(description=label) for label in actions]
+        for button, action in zip(buttons, actions.values(), strict=True):
+            button.on_click(lambda _, action=action: self.answer(action))
+        most = platform.lut if platform else 0
+        self.lut = kit.IntSlider(value=most, max=most, description="LUT", layout={"width": "30em"})
+        self.lut.observe(lambda change: self.answer(lambda: self._limit(change["new"])), "value")
+        above = [kit.HBox([*buttons, *([self.lut] if platform else [])]), self.why]
+        width, height = size_of(self._layout)
+        size = (width, height + 0.9)
+        super().__init__(self._picture, size=size, press=self._move, titles=self._sentences, above=above)
+
+    def optimise(self) -> None:
+        """Map as the programme does, and say why."""
+        if self._platform is None:
+            rule = faster_by_gateway()
+            self._set(map_communication(self.graph, gateway=rule).gateways, self._reasons_of_topics)
+        else:
+            self._set(place_nodes(self.graph, self._platform).graph, self._reasons)
+
+    def _by_rule(self) -> None:
+        self._set(map_communication(self.graph).gateways)
+
+    def _reset(self) -> None:
+        self._set(self._begin)
+
+    def _limit(self, lut: int) -> None:
+        assert self._platform is not None, "without one there is no slider"
+        self._platform = replace(self._platform, lut=lut)
+        assess(self.graph, self._platform).check_fits(self._platform)
+
+    def _set(self, graph: Graph, reasons: Any = tuple) -> None:
+        if self._platform is not None:
+            assess(graph, self._platform).check_fits(self._platform)
+        self.graph = graph
+        self._asked.clear()
+        self.why.value = "<br>".join(escape(reason) for reason in reasons())
+
+    def _move(self, name: str) -> None:
+        kind, _, what = name.partition(":")
+        if kind == "topic":
+            asked = self._asked.get(what, self.graph.topic(what).mapping)
+            # What is refused is passed over by the next press.
+            self._asked[what] = _CYCLE[(_CYCLE.index(asked) + 1) % len(_CYCLE)]
+            self._set(self.graph.with_mappings({what: self._asked[what]}))
+            return
+        side = _OTHER[self.graph.node(what).placement]
+        if self._platform is not None:
+            check_fixed(self.graph, self._platform, {what: side})
+        at = self.graph.mapped_to(TopicMapping.GATEWAY)
+        placed = self.graph.with_placements({what: side})
+        self._set(map_communication(placed, gateway=lambda _, topic: topic.name in at).gateways)
+
+    # Why it is best.
+
+    def _reasons(self) -> Iterator[str]:
+        """Yield what a second's work would take with each choice the other way, all else at its best."""
+        assert self._platform is not None, "the programme needs one"
+        sides = {node.name: node.placement for node in self.graph.nodes}
+        least_s = assess(self.graph, self._platform).total_s
+        yield f"Least work and carriage: {_MS * least_s:.2f} ms each second. Others, all else at its best:"
+        for node in self.graph.nodes:
+            if node.hardware is None:
+                continue
+            other = _OTHER[node.placement]
+            try:
+                found = place_nodes(self.graph, self._platform, fixed=sides | {node.name: other}).load.total_s
+            except SfglabError as error:
+                yield f"{node.name} in {other.value}: {error}"
+                continue
+            yield f"{node.name} in {other.value}: {_MS * found:.2f} ms"
+        for name in self.graph.mapped_to(TopicMapping.GATEWAY):
+            without = self.graph.with_mappings({name: TopicMapping.SOFTWARE})
+            yield f"{name} without a gateway: {_MS * assess(without, self._platform).total_s:.2f} ms"
+
+    def _reasons_of_topics(self) -> Iterator[str]:
+        yield "Gateways where a message is with its last subscriber earlier:"
+        for topic in self.graph.topics:
+            both = {m: self.graph.with_mappings({topic.name: m}) for m in _CYCLE[:2]}
+            if topic.mapping in both:
+                told = (
+                    f"{_MS * transfer_s(g, g.topic(topic.name)):.2f} ms at {m.value}" for m, g in both.items()
+                )
+                yield f"{topic.name} to {topic.mapping.value}: " + ", ".join(told)
+
+    # How it looks.
+
+    def _picture(self, figure: Figure) -> None:
+        drawn = draw_graph(figure.subplots(), self.graph, layout=self._layout, notes=self._notes())
+        for (kind, name), artists in drawn.items():
+            part(f"{kind}:{name}", *artists)
+        figure.suptitle(self._cost(), fontsize="medium")
+        draw_legend(figure)
+
+    def _notes(self) -> dict[Edge | Vertex, str]:
+        notes: dict[Edge | Vertex, str] = {}
+        along = chain_s(self.graph, self._chain)
+        for edge in self.graph.edges():
+            if edge.kind is EdgeKind.SUBSCRIBE and self.graph.topic(edge.topic).size_bytes is not None:
+                notes[edge] = f"{_MS * arrival_s(self.graph, edge):.2g} ms"
+                notes[edge] += (
+                    f"\n\N{GREEK CAPITAL LETTER SIGMA} {_MS * along[edge]:.1f}" if edge in along else ""
+                )
+        for topic in self.graph.topics:
+            if times := carriages_per_message(self.graph, topic):
+                across = (
+                    f", {_MS * topic_load(self.graph, topic, self._platform):.2g} ms/s"
+                    if self._platform
+                    else ""
+                )
+                notes[topic_vertex(topic.name)] = f"carried {times:g}x{across}"
+        return notes
+
+    def _cost(self) -> str:
+        told = []
+        if self._platform:
+            load = assess(self.graph, self._platform)
+            times = {"software": load.software_s, "hardware": load.hardware_s, "carriage": load.communication_s}
+            parts = ", ".join(f"{name} {_MS * time_s:.1f}" for name, time_s in times.items())
+            told.append(
+                f"each second {_MS * load.total_s:.1f} ms ({parts}); {load.lut} LUT, {load.bram:g} BRAM"
+            )
+        if self._chain:
+            end_s = [*chain_s(self.graph, self._chain).values()][-1]
+            whole_s = end_s + activation_s(self.graph.node(self._chain[-1]))
+            told.append(f"chain (\N{GREEK CAPITAL LETTER SIGMA}) {_MS * whole_s:.2f} ms")
+        return "; ".join(told)
+
+    def _sentences(self) -> dict[str, str]:
+        nodes = {
+            ":".join(node_vertex(n.name)): f"{n.name} runs in {n.placement.value}: press to move it"
+            for n in self.graph.nodes
+        }
+        topics = {
+            ":".join(topic_vertex(t.name)): f"{t.name} is mapped to {t.mapping.value}: press for the next"
+            for t in self.graph.topics
+        }
+        return nodes | topics
