@@ -9,13 +9,14 @@ from __future__ import annotations
 from sfglab.arp.cache import CacheControl, LocalCache
 from sfglab.arp.plan import Limits, Plan, plan_as_printed
 from sfglab.arp.programme import pareto_front, plan_file
-from sfglab.arp.topics import TopicFile, load_topics
+from sfglab.arp.topics import Topic, TopicFile, load_topics
 
 __all__ = [
     "CacheControl",
     "Limits",
     "LocalCache",
     "Plan",
+    "Topic",
     "TopicFile",
     "load_topics",
     "pareto_front",

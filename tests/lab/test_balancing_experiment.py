@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from sfglab.arp.cache import Decision
 from sfglab.arp.robots import SENSORS
@@ -16,6 +17,7 @@ from sfglab.lab.claims import How
 from sfglab.lab.experiments.balancing import exp, experiment, staleness
 from sfglab.lab.experiments.balancing.experiment import QOS, readings, staleness_of
 from sfglab.lab.experiments.balancing.optimum import balance_checks, balance_rows
+from sfglab.lab.explore.preview import draw_look, preview
 from sfglab.qos import QoSProfile
 from sfglab.rtps import Drop, Fate, FlowOutcome
 from sfglab.units import NS_PER_S
@@ -104,3 +106,21 @@ def test_the_front_has_a_trade_off_and_the_printed_optimum_is_no_better():
 
 def test_the_model_qos_is_what_the_rows_say():
     assert QOS["reliable"] == QoSProfile(depth=1)
+
+
+@pytest.mark.parametrize(
+    ("look", "turned", "said"),
+    [
+        ("caches", {"silences_s": (2.0,), "loss": 0.5}, ("loses 50%", "silence at most 2 s")),
+        ("optimum", {"rates_min_hz": (30.0,), "rates_hz": (100,), "weights": 2}, ("CVXPY", "Rmax 100 Hz")),
+    ],
+)
+def test_a_look_follows_what_is_turned(look, turned, said):
+    async def text():
+        small = {"readings_s": 2.0, "stale_s": 20.0, **turned}
+        config = exp.config(**{**exp.looks[look].start, **small})
+        async with preview(exp, look, config) as run:
+            figure = draw_look(exp, look, run)
+        return " ".join(found.get_text() for found in figure.findobj(Text))
+
+    assert all(word in asyncio.run(text()) for word in said)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.errors import SfglabError
 from sfglab.lab.bench import Options, rows_of
 from sfglab.lab.figures import house_style
+from sfglab.lab.progress import progress_to
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Iterator
@@ -31,26 +32,31 @@ class StaleError(SfglabError):
 async def preview(
     exp: Experiment[C], look: str, config: C, *, stale: Callable[[], bool] = lambda: False
 ) -> AsyncIterator[Run[C]]:
-    """Run what a look of an experiment needs; `stale` is asked between points whether nobody waits any more.
+    """Run what a look of an experiment needs; `stale` is asked between steps whether nobody waits any more.
 
     Raises:
         StaleError: Nobody does.
         SfglabError: What a task or part raises.
     """
+
+    def go_on(_: object = None) -> None:
+        if stale():
+            raise StaleError(f"{exp.name}: a newer request is there")
+
     options = Options(explored=True, only=frozenset(exp.looks[look].needs))
     with TemporaryDirectory(prefix="sfglab-look-") as folder:
         path = Path(folder) / "look.mcap"
         sweeps = [one for one in exp.sweeps if options.wants(one.table)]
-        rows = {one.table: list(_rows(exp, one, config, stale)) for one in sweeps}
-        await exp.write(config, path, rows, options, {})
+        rows = {one.table: list(_rows(exp, one, config, go_on)) for one in sweeps}
+        with progress_to(go_on):
+            await exp.write(config, path, rows, options, {})
         yield exp.load(path)
 
 
-def _rows(exp: Experiment[C], one: Any, config: C, stale: Callable[[], bool]) -> Iterator[tuple[None, Any]]:
+def _rows(exp: Experiment[C], one: Any, config: C, go_on: Callable[[], None]) -> Iterator[tuple[None, Any]]:
     for point in one.over(config):
         for seed in one.seeds(config):
-            if stale():
-                raise StaleError(f"{exp.name}: a newer request is there")
+            go_on()
             for row in rows_of(exp.tables[one.table], one.task(point, seed), {"seed": seed}, point):
                 yield None, row
 

@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.balancing.experiment import SHOWN, Config, exp
+from sfglab.lab.experiment import Look
+from sfglab.lab.experiments.balancing.experiment import Config, exp, shown_of
 from sfglab.lab.experiments.balancing.optimum import mean_topics
 from sfglab.lab.figures import COLORS, MARKERS, grouped_bars
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import exactly
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -113,23 +116,41 @@ def draw_caches(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 def draw_lost_changes(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw what a lost change does, and what the longest silence does about it."""
     course, share = figure.subplots(1, 2)
-    _draw_courses(course, run["shown"])
+    _draw_courses(course, run["shown"], shown_of(run.config))
     _draw_staleness(share, staleness(run))
     loss = run.config.loss
     figure.suptitle(f"A lost change stays lost: local cache on a link that loses {loss:.0%} (simulated)")
     return {"stale": staleness(run)}
 
 
-def _draw_courses(axes: Axes, shown: pd.DataFrame) -> None:
+@exp.look(
+    "caches",
+    Look(
+        turn=("rates_hz", "loss", "silences_s"),
+        needs=("Table 1", "caches", "lost changes"),
+        size=(10, 8),
+        start={"rates_hz": (100,), "silences_s": (0.0, 2.0, 0.5), "stale_seeds": 3},
+        coarse={"readings_s": 10.0, "stale_s": 60.0},
+        reference="balancing_stale",
+    ),
+)
+def draw_held_and_stale(figure: Figure, run: Run[Config]) -> None:
+    """Draw what the caches hold back, above what a lost change does."""
+    halves: Any = figure.subfigures(2, 1, height_ratios=(3, 4))
+    draw_caches(halves[0], run)
+    draw_lost_changes(halves[1], run)
+
+
+def _draw_courses(axes: Axes, shown: pd.DataFrame, lanes: Sequence[tuple[str, float]]) -> None:
     """Draw the sensor's value against the station's in the examples; red where they differ."""
     end = float(np.ceil(shown["t_s"].max()))
-    for lane, (qos, silence_s) in enumerate(SHOWN):
+    for lane, (qos, silence_s) in enumerate(lanes):
         part = shown[(shown["qos"] == qos) & (shown["silence_s"] == silence_s)]
         steps = {w: part[part["where"] == w] for w in ("sensor", "station")}
         _draw_lane(axes, -lane, steps, end)
         text = f"{qos}, " + (f"silence at most {silence_s:g} s" if silence_s else "no longest silence")
         axes.text(0, -lane + 0.36, text, fontsize=8)
-    axes.set(yticks=[], xlim=(0, end), ylim=(-len(SHOWN) + 0.5, 0.75), xlabel="time (s)")
+    axes.set(yticks=[], xlim=(0, end), ylim=(-len(lanes) + 0.5, 0.75), xlabel="time (s)")
     axes.set_title("a PIR sensor's state: light and dark blue; red: the station has another", fontsize=9)
     axes.grid(visible=False)
 
@@ -165,6 +186,17 @@ def _draw_staleness(axes: Axes, table: pd.DataFrame) -> None:
     axes.legend()
 
 
+@exp.look(
+    "optimum",
+    Look(
+        turn=("rates_min_hz", "rates_hz", "weights"),
+        needs=("Eq. 6", "Pareto front"),
+        size=(10, 4.4),
+        start={"rates_min_hz": (1.0,), "rates_hz": (100, 500), "weights": 9},
+        coarse={"weights": 2},
+        reference="balancing_qos",
+    ),
+)
 @exp.figure("balancing_qos", size=(10, 4.4))
 def draw_qos(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the printed optimum, which has no trade-off, beside our own problem's Pareto front."""
@@ -220,7 +252,9 @@ def _draw_overloaded(axes: Axes, printed: Any) -> None:
 
 def _draw_optimum(axes: Axes, balance: pd.DataFrame) -> None:
     """Draw R and D of Eq. 6 over Rmax, CVXPY as markers on the closed form's lines."""
-    balance = balance[(balance["weight"] == 0.5) & (balance["rate_min_hz"] == 1.0)]
+    rates_min = set(balance["rate_min_hz"])
+    shown = 1.0 if 1.0 in rates_min else min(rates_min)
+    balance = balance[(balance["weight"] == 0.5) & (balance["rate_min_hz"] == shown)]
     colors = [*COLORS.values(), "black"]
     for (topics, group), color in zip(balance.groupby("topics", sort=False), colors, strict=False):
         label = f"{mean_topics(str(topics)):.3g} topics"

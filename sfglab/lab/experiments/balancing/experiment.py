@@ -15,8 +15,9 @@ import numpy as np
 
 from sfglab.arp.cache import CacheControl, Decision, LocalCache
 from sfglab.arp.robots import RATES_HZ, SENSORS, cdr_bytes, object_bytes
+from sfglab.fields import between
 from sfglab.lab.checks import CheckRow, check_row
-from sfglab.lab.experiment import Experiment, Profiled, seeded
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
 from sfglab.qos import QoSProfile, Reliability
 from sfglab.rtps import FAST_DDS, Flow, Medium, Scenario, Session, run
 from sfglab.units import NS_PER_S
@@ -36,18 +37,22 @@ if TYPE_CHECKING:
 class Config(Profiled):
     """The whole run."""
 
-    readings_s: float = 60.0  #: How long each sensor is read, seconds of its own time.
-    rates_hz: tuple[int, ...] = RATES_HZ  #: At which rates it is read.
-    stale_s: float = 600.0  #: How long each link with losses is simulated, seconds.
+    readings_s: float = between(
+        60.0, 1.0, 3600.0, log=True
+    )  #: How long each sensor is read, seconds of its own time.
+    rates_hz: tuple[int, ...] = between(RATES_HZ, 10, 1000, log=True)  #: At which rates it is read.
+    stale_s: float = between(600.0, 1.0, 3600.0)  #: How long each link with losses is simulated, seconds.
     stale_seeds: int = 20  #: With how many seeds.
     #: Longest silences of the local cache, seconds; 0: none, as in the paper.
     silences_s: tuple[float, ...] = (0.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
-    loss: float = 0.2  #: Share of frames that these links lose.
+    loss: float = between(0.2, 0.0, 0.9)  #: Share of frames that these links lose.
     #: Values of T_avg, as topics of one agent, for which Eq. 6 is solved.
     topics: tuple[tuple[int, ...], ...] = ((6, 5, 5), (7, 6, 6), (8, 5, 5), (8, 6, 6), (9, 9, 9), (10,))
-    rates_min_hz: tuple[float, ...] = (0.5, 1.0, 10.0)  #: Values of Rmin for which it is solved.
+    rates_min_hz: tuple[float, ...] = between(
+        (0.5, 1.0, 10.0), 0.1, 100.0, log=True
+    )  #: Values of Rmin for which it is solved.
     topic_file: str = "qos/paper_b.yaml"  #: Topics that our own problem is solved for, in the data folder.
-    weights: int = 25  #: Points of the Pareto front of our own problem.
+    weights: int = between(25, 2, 100)  #: Points of the Pareto front of our own problem.
     seed: int = 0  #: Seed of everything that is drawn.
 
 
@@ -65,6 +70,17 @@ exp = Experiment(
         "weights": 5,
     },
     paper={"readings_s": 600.0, "stale_s": 3600.0, "stale_seeds": 50},
+    actors=(
+        Actor("sensor", host="robot", does="one of Table 1's seven, simulated"),
+        Actor("local cache", host="robot", does="lets changes pass, and after the longest silence a repeat"),
+        Actor("cache control", host="station", does="lets planning have changes only"),
+        Actor("planning", host="station", does="works with the last value"),
+    ),
+    links=(
+        Link("sensor", "local cache", "every reading", over="a call"),
+        Link("local cache", "cache control", "changes", over="the RTPS model", boundary="a lossy link"),
+        Link("cache control", "planning", "changes", over="a call"),
+    ),
 )
 exp.table("check")(CheckRow)
 
@@ -263,8 +279,6 @@ def _cache_row(sensor: Sensor, passage: Passage, rate_hz: int, silence_s: float)
 STALE_SENSOR = "pir"
 STALE_RATE_HZ = 100.0
 QOS = {"best effort": QoSProfile(reliability=Reliability.BEST_EFFORT, depth=1), "reliable": QoSProfile(depth=1)}
-SHOWN = (("best effort", 0.0), ("reliable", 0.0), ("best effort", 0.5))
-"""The examples whose course is kept: QoS and longest silence, seconds."""
 _SHOWN_S = 40.0
 
 
@@ -301,8 +315,14 @@ def lose_changes(bench: Bench[Config]) -> None:
                 case = {"qos": qos, "silence_s": silence_s}
                 flow = _simulate(qos, silence_s, config, seed)
                 bench.write("stale", {**case, "seed": seed, **staleness_of(flow, config.stale_s)})
-                if seed == config.seed and (qos, silence_s) in SHOWN:
+                if seed == config.seed and (qos, silence_s) in shown_of(config):
                     bench.write_all("shown", ({**case, **step} for step in _course(flow)))
+
+
+def shown_of(config: Config) -> tuple[tuple[str, float], ...]:
+    """Return the examples whose course is kept: QoS and longest silence, seconds."""
+    some_s = 0.5 if 0.5 in config.silences_s else max(config.silences_s, default=0.0)
+    return ("best effort", 0.0), ("reliable", 0.0), ("best effort", some_s)
 
 
 def _simulate(qos: str, silence_s: float, config: Config, seed: int) -> FlowOutcome:
