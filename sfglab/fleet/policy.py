@@ -96,7 +96,12 @@ class Policy:
 
     def crosses(self, dds_name: str, direction: Direction) -> bool:
         """Return whether samples of a topic on the wire, as "rt/tf", cross the border this way."""
-        return any(direction in rule.directions and rule.matches(dds_name) for rule in self.rules)
+        return self.deciding(dds_name, direction) is not None
+
+    def deciding(self, dds_name: str, direction: Direction) -> ForwardRule | None:
+        """Return the rule that lets a topic on the wire cross this way; None: none does, and it stays."""
+        found = (rule for rule in self.rules if direction in rule.directions and rule.matches(dds_name))
+        return next(found, None)
 
     def domains(self, dds_name: str, published_in: Side) -> frozenset[Side]:
         """Return where a topic on the wire is heard: Eq. 1, with both sides of "D_i <-> D_0" named."""

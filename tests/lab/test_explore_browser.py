@@ -166,6 +166,14 @@ def test_an_automaton_is_stepped_by_its_edges_and_refuses_what_its_table_does(ru
     browser.wait_for(said % "agent in LOST: given SILENT, allowed are CHANGED")
 
 
+def test_a_name_is_pressed_and_read_anew(run, browser):
+    run("from sfglab.lab.experiments import naming\nnaming.press_name()")
+    browser.click(*browser.wait_for(PART % "component", ANSWER_S))
+    browser.wait_for(
+        "document.querySelector('.jp-OutputArea input').value === '/global/go2/depth_camera/color/ffmpeg'"
+    )
+
+
 def test_a_frame_of_the_time_line_is_pressed_and_lost(run, browser):
     run("from sfglab.lab.experiments import transmission\ntransmission.press_timeline()")
     title = "document.querySelector('.jp-OutputArea [id=\"press:a/DATA/2\"] title')?.textContent"

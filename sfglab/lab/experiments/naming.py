@@ -5,22 +5,42 @@ Exact, not measured: the log holds one row for each property, as `sfglab.lab.che
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
+from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.fleet.policy import Crossing, Direction, Policy
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.checks.naming import checks
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Experiment
+from sfglab.lab.explore.press import Pressed, part
 from sfglab.lab.figures import COLORS
 from sfglab.lab.stats import exactly
-from sfglab.names import schema_table
+from sfglab.names import (
+    Component,
+    Custom,
+    FqnError,
+    Resource,
+    ResourceKind,
+    RosFqn,
+    Scope,
+    Stream,
+    Suffixed,
+    dds_names,
+    parse,
+    schema_table,
+    validate_ros_name,
+)
 from sfglab.tables import Shown
+from sfglab.view.panel import widgets
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from sfglab.fleet.policy import ForwardRule
     from sfglab.lab.bench import Bench
     from sfglab.lab.runs import Run
     from sfglab.names import SchemaNode
@@ -66,8 +86,10 @@ def draw_naming(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     return {"permitted": permitted, "held": held, "checked": checked}
 
 
-def draw_schema(axes: Axes) -> dict[str, Any]:
+def draw_schema(axes: Axes, fqn: RosFqn | None = None) -> dict[str, Any]:
     """Draw Fig. 2 from the schema's own table: the chain of segments and the ways into the resource.
+
+    A name stands in its segments, which can be pressed, and the way that it takes is lit; None: none does.
 
     Returns:
         How many standard resources each way permits.
@@ -76,32 +98,176 @@ def draw_schema(axes: Axes) -> dict[str, Any]:
     places = {node.name: 2.2 * i for i, node in enumerate(table.nodes)}
     ways = [edge for edge in table.edges if edge.after is not None]
     for node in table.nodes:
-        _draw_segment(axes, node, places[node.name])
+        _draw_segment(axes, node, places[node.name], fqn)
     for edge in table.edges:
         if edge.after is None:
             _arrow(axes, places[edge.source] + 0.75, places[edge.target] - 0.75, height=0.0)
     for lane, edge in enumerate(ways):
         label = f"after {edge.source}: {len(edge.resources)} resources"
-        _arrow(axes, places[edge.source], places["resource"], height=1.1 + 0.45 * (len(ways) - lane))
-        axes.text(places[edge.source] + 0.1, 1.16 + 0.45 * (len(ways) - lane), label, fontsize=8)
+        taken = fqn is not None and fqn.preceding is edge.after
+        height = 1.1 + 0.45 * (len(ways) - lane)
+        _arrow(axes, places[edge.source], places["resource"], height=height, taken=taken)
+        axes.text(places[edge.source] + 0.1, height + 0.06, label, fontsize=8)
     axes.set(xlim=(-1, places["resource"] + 1), ylim=(-1.6, 3.3))
     axes.axis("off")
     return {edge.source: [resource.value for resource in edge.resources] for edge in ways}
 
 
-def _draw_segment(axes: Axes, node: SchemaNode, x: float) -> None:
+def _draw_segment(axes: Axes, node: SchemaNode, x: float, fqn: RosFqn | None) -> None:
     style = "solid" if node.mandatory else "dashed"
     box = {"boxstyle": "round,pad=0.5", "facecolor": "white", "edgecolor": "black", "linestyle": style}
-    axes.text(x, 0, f"<{node.name}>", ha="center", va="center", bbox=box)
+    text = dict(fqn.segments).get(node.name) if fqn else None
+    if text:
+        box |= {"edgecolor": COLORS["standard"], "linestyle": "solid"}
+    shown = axes.text(x, 0, fill(text, 16) if text else f"<{node.name}>", ha="center", va="center", bbox=box)
+    if fqn:
+        part(node.name, shown)
     values = f"{len(node.values)} values" if node.values else "SFG_AGENT_NAME,\nelse host name"
     more = "\n+ suffix, Custom" if node.extensible else ""
-    axes.text(x, -0.55, values + more, ha="center", va="top", fontsize=8)
+    below = f"{node.name}: {_origin(getattr(fqn, node.name))}" if text else values + more
+    axes.text(x, -0.55, below, ha="center", va="top", fontsize=8)
 
 
-def _arrow(axes: Axes, start: float, end: float, *, height: float) -> None:
-    arrow = {"arrowstyle": "->", "color": COLORS["proxy"] if height else "black"}
+def _origin(value: Any) -> str:
+    """Return where a segment's text comes from."""
+    if isinstance(value, Suffixed):
+        return f"standard\n{value.base.text!r} with {value.suffix!r}"
+    return "custom" if isinstance(value, Custom) else "given" if isinstance(value, str) else "standard"
+
+
+def _arrow(axes: Axes, start: float, end: float, *, height: float, taken: bool = False) -> None:
+    color = COLORS["standard" if taken else "proxy"] if height else "black"
+    arrow = {"arrowstyle": "->", "color": color}
     if not height:
         axes.annotate("", xy=(end, 0), xytext=(start, 0), arrowprops=arrow)
         return
-    axes.plot([start, start, end], [0.4, height, height], color=COLORS["proxy"], linewidth=1)
-    axes.annotate("", xy=(end, 0.4), xytext=(end, height), arrowprops=arrow)
+    line: dict[str, Any] = {"linewidth": 2.5, "zorder": 3} if taken else {"linewidth": 1}
+    axes.plot([start, start, end], [0.4, height, height], color=color, **line)
+    axes.annotate("", xy=(end, 0.4), xytext=(end, height), arrowprops=arrow | line)
+
+
+# --- A name to type -------------------------------------------------------------------------------------------
+
+_LEFT, _GATES, _RIGHT = 4.3, (5.4, 7.9), 9.0
+"""Where names end before the border, where its rules stand, and where names begin behind it."""
+_SETS = {values.__name__.lower(): values for values in (Scope, Component, Stream, Resource)}
+_SAID = {
+    Crossing.WHOLE: "crosses",
+    Crossing.HALF: "crosses only in part, so that callers wait for ever",
+    Crossing.NONE: "stays",
+}
+
+
+class NamePicture(Pressed):
+    """A ROS name to type, as the schema reads it, and which of its DDS topics cross the border by which rule.
+
+    A press on a segment puts the next standard value there that the schema allows. See `press_name`.
+    """
+
+    def __init__(self, name: str, policy: Policy) -> None:
+        self._policy = policy
+        self.name, self.kind = name, ResourceKind.TOPIC
+        self.fqn: RosFqn | None = None  #: The name as the schema reads it; None: it is none of its names.
+        self.why = ""  #: Why it is none of them.
+        kit, kinds = widgets(), {"what it is by its name": None} | {kind.value: kind for kind in ResourceKind}
+        self.field = kit.Text(value=name, description="name", layout={"width": "40em"})
+        self.choice = kit.Dropdown(options=kinds, layout={"width": "15em"})
+        self._read()
+        above = [kit.HBox([self.field, self.choice])]
+        titles = {node.name: f"The next {node.name} that the schema allows" for node in schema_table().nodes}
+        super().__init__(self._draw_name, size=(11, 6), press=self._turn, titles=lambda: titles, above=above)
+        for control in (self.field, self.choice):
+            control.observe(lambda _: self.answer(self._read), "value")
+
+    def _read(self) -> None:
+        """Read what is in the field; what is no ROS name at all is refused."""
+        name, kind = self.field.value, self.choice.value
+        fqn, why = None, ""
+        try:
+            fqn = parse(name, kind)
+        except FqnError as error:
+            why = str(error)
+            validate_ros_name(name, kind or ResourceKind.TOPIC)
+        self.name, self.fqn, self.why = name, fqn, why
+        self.kind = fqn.kind if fqn else kind or ResourceKind.TOPIC
+
+    def _turn(self, label: str) -> None:
+        """Put the next standard value into a segment.
+
+        Raises:
+            InvalidValueError: The segment has none, or the schema allows none of them here.
+        """
+        fqn = self.fqn or parse(self.name, self.choice.value)
+        value, values = getattr(fqn, label), list[Any](_SETS.get(label, ()))
+        base = value.base if isinstance(value, Suffixed) else value
+        refused: SfglabError = InvalidValueError(label, base, "what you type: it has no standard values")
+        after = values.index(base) + 1 if base in values else 0
+        for standard in (*values[after:], *values[:after]):
+            changed: dict[str, Any] = {label: standard}
+            try:
+                self.field.value = str(replace(fqn, **changed))
+            except FqnError as error:
+                refused = error
+            else:
+                return
+        raise refused
+
+    def _draw_name(self, figure: Figure) -> None:
+        schema, border = figure.subplots(2, 1, height_ratios=(3, 2.6))
+        draw_schema(schema, self.fqn)
+        ways = {way: self._policy.crossing(self.name, self.kind, way) for way in Direction}
+        said = {_SAID[crossing] for crossing in ways.values()}
+        verdict = said.pop() if len(said) == 1 else ", ".join(f"{_SAID[c]} {w.value}" for w, c in ways.items())
+        read = "a name of the schema" if self.fqn else f"no name of the schema: {self.why}"
+        figure.suptitle(fill(f"The {self.kind.value} {self.name} is {read}; it {verdict}.", 130), fontsize=10)
+        self._draw_border(border)
+
+    def _draw_border(self, axes: Axes) -> None:
+        """Draw every DDS topic's way to the rule that decides, and on."""
+        names, rules = dds_names(self.name, self.kind), self._policy.rules
+        gates = {rule: 8.0 * (i + 0.5) / len(rules) for i, rule in enumerate(reversed(rules))}
+        axes.axvspan(*_GATES, color=COLORS["network"], alpha=0.15, linewidth=0)
+        crossed: set[ForwardRule] = set()
+        for row, dds in enumerate(names):
+            y = 8.0 - 8.0 * (row + 0.5) / len(names)
+            axes.text(_LEFT, y, dds, ha="right", va="center", fontsize=8)
+            found = {way: rule for way in Direction if (rule := self._policy.deciding(dds, way))}
+            crossed.update(found.values())
+            if found:
+                axes.text(_RIGHT + 0.1, y, dds, ha="left", va="center", fontsize=8)
+            else:
+                axes.plot([_LEFT + 0.1, _GATES[0]], [y, y], "x-", color="#777777", markevery=[1], linewidth=1)
+            for way, rule in found.items():
+                _draw_way(axes, y, gates[rule], way)
+        for rule, y in gates.items():
+            color, weight = (COLORS["standard"], "bold") if rule in crossed else ("#777777", "normal")
+            style: dict[str, Any] = {"ha": "center", "va": "center", "color": color, "weight": weight}
+            axes.text(sum(_GATES) / 2, y, rule.pattern, **style)
+        for x, text in ((_LEFT - 2, "own domain"), (sum(_GATES) / 2, "border"), (_RIGHT + 2, "global domain")):
+            axes.text(x, 8.5, text, ha="center", fontsize=9, style="italic")
+        axes.set(xlim=(0, 13.3), ylim=(-0.2, 9.2))
+        axes.axis("off")
+
+
+def _draw_way(axes: Axes, y: float, gate: float, way: Direction) -> None:
+    """Draw a topic's way through its rule; the arrow's head is where samples come out."""
+    outward = way is Direction.OUTWARD
+    for (place, edge), head in (((_LEFT + 0.1, _GATES[0]), not outward), ((_RIGHT, _GATES[1]), outward)):
+        arrow = {"arrowstyle": "->" if head else "-", "color": COLORS["standard"], "shrinkA": 0}
+        axes.annotate("", (place, y), (edge, gate), arrowprops=arrow)
+
+
+def press_name(
+    name: str = "/global/go2/camera_front/color/ffmpeg", policy: Policy | None = None
+) -> NamePicture:
+    """Return a name to type and press: its parts, what of it crosses an agent's border, and by which rule.
+
+    Args:
+        name: The name to begin with.
+        policy: The router's; None: paper A's Table 1.
+
+    Raises:
+        FqnError: It is no ROS name.
+        MissingExtraError: The extra ``view`` is not installed.
+    """
+    return NamePicture(name, policy or Policy())

@@ -51,15 +51,15 @@ exp = Experiment(
     paper={"agents": 6, "seconds": 20.0, "busy": 50, "random_names": 200_000},
     hosts=lambda config: [party.host for party in parties_of(config.agents)],
     actors=(
+        Actor("router", "agent_i", "at the border of D_i and D_0", count="one an agent"),
         Actor("agent", "agent_i", "publishes, subscribes, serves and calls every name", count="2 to 6"),
-        Actor("router", "agent_i", "between D_i and D_0", count="one an agent"),
         Actor("ground", "ground_i", "the same in the global domain", count="2"),
     ),
     links=(
         Link("agent", "router", "all names"),
         Link("router", "agent", "what Table 1 names"),
-        Link("router", "ground", "what Table 1 names", boundary="agent domain and global domain"),
-        Link("ground", "router", "all names", boundary="agent domain and global domain"),
+        Link("router", "ground", "what Table 1 names", boundary="the border"),
+        Link("ground", "router", "all names", boundary="the border"),
     ),
 )
 exp.table("policy")(CheckRow)
