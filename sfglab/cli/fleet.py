@@ -237,6 +237,7 @@ def camera(
       sfglab camera /global/go2/camera_front/color/ffmpeg --source drive.mp4
     """
     from sfglab.bus.address import BusAddress
+    from sfglab.component import run_until_interrupted
     from sfglab.lab.workers.camera import CameraConfig, run_camera
 
     config = CameraConfig(
@@ -245,4 +246,4 @@ def camera(
         source=source,
         encoder=encoder,
     )
-    run(run_camera(config, typer.echo))
+    run(run_until_interrupted(run_camera(config, typer.echo)))

@@ -279,7 +279,7 @@ class DecoderConfig:
 async def run_decoder(
     config: DecoderConfig,
     *,
-    on_status: Callable[[PipelineStatus], None],
+    on_status: Callable[[PipelineStatus], None] = lambda _: None,
     on_ready: Callable[[WorkerPool], None] = lambda _: None,
 ) -> None:
     """Run a decoder until cancelled; everything it started has ended when this returns.

@@ -22,7 +22,7 @@ from sfglab.view.arrivals import open_log
 from sfglab.view.bridge import Bridge
 from sfglab.view.cell import CellViewer
 from sfglab.view.panel import Panel, widgets
-from sfglab.view.rerunning import NOTEBOOK, RECEIVED, blueprint, layout_of_topics, open_canvas
+from sfglab.view.rerunning import NOTEBOOK, RECEIVED, open_canvas
 from sfglab.view.session import Session
 from sfglab.view.stage import wanted_topics
 
@@ -144,7 +144,6 @@ class LiveView:
         self.session = Session()
         canvas = open_canvas([NOTEBOOK], title=node.name)
         self.viewer = canvas.in_cell()
-        canvas.show_blueprint(blueprint(layout_of_topics({})))
         self.bridge = Bridge(node, self.session, canvas, follow=("/",))
         self.panel = Panel(self.session, lambda: {t: k[0] for t, k in node.graph.topics().items() if k})
         self.widget = widgets().VBox([self.panel.widget, self.viewer.widget])
@@ -175,4 +174,5 @@ class LiveView:
             self.panel.refresh()
 
     def _repr_mimebundle_(self, **_: object) -> dict[str, Any]:
-        return still_bundle(self.widget, b"")
+        said = "<p>Live: the panel, and what the bus says in the viewer, where a kernel runs.</p>"
+        return still_bundle(self.widget, b"") | {"text/html": said}

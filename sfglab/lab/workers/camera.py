@@ -8,9 +8,8 @@ every second with the numbers and stamps of what it sent; ends when its standard
 from __future__ import annotations
 
 import asyncio
-import signal
 import time
-from contextlib import AsyncExitStack, asynccontextmanager, closing, suppress
+from contextlib import AsyncExitStack, asynccontextmanager, closing
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -140,8 +139,8 @@ async def serve(config: CameraConfig, report: Callable[[Report], None], _: async
         await camera.shoot
 
 
-async def run_camera(config: CameraConfig, say: Callable[[str], None]) -> None:
-    """Shoot for a person at a terminal, who is told of progress, until interrupted or terminated."""
+async def run_camera(config: CameraConfig, say: Callable[[str], None] = lambda _: None) -> None:
+    """Shoot until cancelled, and say every second what was sent."""
     total, (_, topic) = 0, config.places[0]
 
     def count(frames: list[_Sent]) -> None:
@@ -152,11 +151,7 @@ async def run_camera(config: CameraConfig, say: Callable[[str], None]) -> None:
 
     async with _camera(config, count) as camera:
         say(f"{topic}: {camera.encoder.name}, {camera.encoder.type}; end it with Ctrl-C")
-        shoot = asyncio.create_task(camera.shoot)
-        for number in (signal.SIGINT, signal.SIGTERM):
-            asyncio.get_running_loop().add_signal_handler(number, shoot.cancel)
-        with suppress(asyncio.CancelledError):
-            await shoot
+        await camera.shoot
 
 
 async def _shoot(

@@ -60,7 +60,7 @@ exp = Experiment(
     hosts=tuple(HOSTS.values()),
     actors=(
         Actor("robot", HOSTS["robot"], "publishes its frames, with odometry that drifts"),
-        Actor("bridge", HOSTS["bridge"], "publishes what synthetic cameras see, in all three ways"),
+        Actor("bridge", HOSTS["bridge"], "synthetic cameras, all three ways"),
         Actor("listener", HOSTS["listener"], "builds the three trees and looks from world to camera"),
     ),
     links=(
