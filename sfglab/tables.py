@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.fields import field_docs, to_json
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterable, Iterator, Sequence
+    from collections.abc import Container, Iterable, Sequence
 
 
 WIDTH = 110
@@ -41,17 +41,11 @@ _CELL = "text-align: left; white-space: normal; vertical-align: top"
 
 def html_table(rows: Iterable[Sequence[object]], caption: str = "") -> str:
     """Return rows as an HTML table, all texts escaped and shown in full; the first is the head."""
-    head, *body = (
-        "".join(f'<{tag} style="{_CELL}">{escape(str(cell))}</{tag}>' for cell in row)
-        for tag, row in _tagged(rows)
-    )
-    lines = "".join(f"<tr>{line}</tr>" for line in body)
+    lines = ("".join(f'<td style="{_CELL}">{escape(str(cell))}</td>' for cell in row) for row in rows)
+    head, *body = (f"<tr>{line}</tr>" for line in lines)
     said = f'<caption style="text-align: left">{escape(caption)}</caption>' if caption else ""
-    return f"<table>{said}<thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
-
-
-def _tagged(rows: Iterable[Sequence[object]]) -> Iterator[tuple[str, Sequence[object]]]:
-    yield from (("td" if number else "th", row) for number, row in enumerate(rows))
+    head = head.replace("<td ", "<th ").replace("</td>", "</th>")
+    return f"<table>{said}<thead>{head}</thead><tbody>{''.join(body)}</tbody></table>"
 
 
 class Shown:

@@ -197,6 +197,7 @@ def map_graph(
     figure: Annotated[
         Path | None, typer.Option(help="Draw the mapping into this file: .png, .svg or .pdf.")
     ] = None,
+    stage: Annotated[str, typer.Option(help="Draw one alone: software, hardware or gateways.")] = "",
     out: Annotated[Path | None, typer.Option(help="Write the mapped graph into this file, as YAML.")] = None,
     build: Annotated[
         Path | None, typer.Option("--build-cfg", help="Write the hardware's part for ReconROS into this file.")
@@ -230,7 +231,7 @@ def map_graph(
     mapping = _placed(graph, lut, bram) if place else _mapped(graph, rule)
     typer.echo(_report(mapping), nl=False)
     if figure is not None:
-        _draw(mapping, figure)
+        _draw(mapping, figure, stage)
     if out is not None:
         save_graph(mapping.gateways, out)
     if build is not None:
@@ -342,12 +343,12 @@ def _write_verilog(graph: Graph, folder: Path) -> None:
         typer.echo(f"{path.name}: for {', '.join(names)}")
 
 
-def _draw(mapping: CommunicationMapping, path: Path) -> None:
+def _draw(mapping: CommunicationMapping, path: Path, stage: str) -> None:
     from matplotlib.figure import Figure
 
     from sfglab.soc import draw_mapping
 
     figure = Figure(layout="constrained")
-    draw_mapping(mapping, figure)
+    draw_mapping(mapping, figure, stage)
     with writing("--figure", path, "a .png, .svg or .pdf"):
         figure.savefig(path)

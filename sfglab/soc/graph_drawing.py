@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.errors import InvalidValueError
 from sfglab.soc.graph import Edge, EdgeKind, TopicMapping
 from sfglab.soc.layout import ends_of, layered_layout, node_vertex, topic_vertex
 from sfglab.soc.mapping import crossing_edges, hardware_subgraphs
@@ -51,7 +52,13 @@ _PITCH, _GAP = np.array([1.2, 0.72]), np.array([0.35, 0.22])
 _LETTER, _LINE, _PAD, _MARGIN, _STEP = 0.068, 0.135, 0.07, 0.1, 0.015
 _POCKET = 0.15
 _LETTERS, _LINES = 12, 4
-_LEGEND_WIDTH = 7.6
+_LEGEND_WIDTH, _PAGE_WIDTH, _CELL = 7.6, 15.0, 0.17
+"""Inches: of the legend, of the widest picture in lines, of a matrix's cells."""
+STAGES = {
+    "software": "all topics in software",
+    "hardware": "topics in hardware",
+    "gateways": "topics in hardware and gateways",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,8 +118,7 @@ def draw_graph(
     for at, note in notes.items():
         _draw_note(ax, note, routes[at] if isinstance(at, Edge) else boxes[at], crosses=at in crossing)
     _frame(ax, layout)
-    count = len(crossing)
-    ax.set_title(f"{title + ': ' if title else ''}{count} edge{'s' * (count != 1)} across the boundary")
+    ax.set_title(_counted(title, len(crossing)))
     return drawn
 
 
@@ -129,18 +135,65 @@ def _draw_note(ax: Axes, note: str, place: NDArray[np.float64] | _Box, *, crosse
     ax.text(x, y, note, ha="center", va="top" if below else "center", bbox=white, **look)
 
 
-def draw_mapping(mapping: CommunicationMapping, figure: Figure) -> None:
-    """Draw the three states of a communication mapping one below the other, with a legend: Fig. 8 (b) to (d).
+def draw_mapping(mapping: CommunicationMapping, figure: Figure, stage: str = "") -> None:
+    """Draw the states of a communication mapping one below the other, with a legend: Fig. 8 (b) to (d).
 
-    The figure must be empty; its size is set to what the graph needs.
+    The figure must be empty; its size is set to what the graph needs. A graph whose lines need more than a page
+    is drawn as a matrix.
+
+    Args:
+        mapping: The mapping.
+        figure: Where.
+        stage: ``software``, ``hardware`` or ``gateways``; empty: all three.
+
+    Raises:
+        InvalidValueError: There is no such stage.
     """
+    if stage and stage not in STAGES:
+        raise InvalidValueError("stage", stage, ", ".join(STAGES))
+    stages = [stage] if stage else list(STAGES)
     layout = layered_layout(mapping.gateways)
     width, height = size_of(layout)
-    figure.set_size_inches(width, 3 * height + 0.6)
-    titles = ("all topics in software", "topics in hardware", "topics in hardware and gateways")
-    for ax, graph, title in zip(figure.subplots(3, 1), mapping.stages, titles, strict=True):
-        draw_graph(ax, graph, layout=layout, title=title)
+    wide = width > _PAGE_WIDTH
+    if wide:
+        width, height = (1.8 + _CELL * len(part) for part in (mapping.gateways.nodes, mapping.gateways.topics))
+    figure.set_size_inches(max(_LEGEND_WIDTH, width), len(stages) * height + 0.6)
+    for ax, name in zip(figure.subplots(len(stages), squeeze=False).flat, stages, strict=True):
+        if wide:
+            draw_matrix(ax, getattr(mapping, name), title=STAGES[name])
+        else:
+            draw_graph(ax, getattr(mapping, name), layout=layout, title=STAGES[name])
     draw_legend(figure)
+
+
+def draw_matrix(ax: Axes, graph: Graph, *, title: str = "") -> None:
+    """Draw a large graph: a row a topic, a column a node; triangles publish, circles subscribe.
+
+    Nodes in hardware stand to the right on blue; topics at gateways and in hardware have their rows' colour.
+    """
+    nodes = [node.name for node in sorted(graph.nodes, key=lambda node: node.in_hardware)]
+    topics = sorted(graph.topics, key=lambda topic: list(TopicMapping).index(topic.mapping))
+    rows, crossing = [topic.name for topic in topics], crossing_edges(graph)
+    first = len(nodes) - len(graph.in_hardware) - 0.5
+    ax.axvspan(first, len(nodes) - 0.5, color=FILLS["node in hardware"], alpha=0.4, linewidth=0)
+    for row, topic in enumerate(topics):
+        if topic.mapping is not TopicMapping.SOFTWARE:
+            ax.axhspan(row - 0.5, row + 0.5, color=_TOPIC_FILLS[topic.mapping], alpha=0.6, linewidth=0)
+    for edge in graph.edges():
+        marker = ">" if edge.kind is EdgeKind.PUBLISH else "o"
+        color = CROSSING if edge in crossing else PLAIN
+        ax.plot(nodes.index(edge.node), rows.index(edge.topic), marker, color=color, markersize=5)
+    names: dict[str, Any] = {"fontsize": 7, "parse_math": False}
+    ax.set_xticks(range(len(nodes)), nodes, rotation=90, **names)
+    ax.set_yticks(range(len(rows)), rows, **names)
+    ax.set_xlim(-0.5, len(nodes) - 0.5)
+    ax.set_ylim(len(rows) - 0.5, -0.5)
+    ax.set_xlabel("triangles publish, circles subscribe", fontsize=8)
+    ax.set_title(_counted(title, len(crossing)))
+
+
+def _counted(title: str, count: int) -> str:
+    return f"{title + ': ' if title else ''}{count} edge{'s' * (count != 1)} across the boundary"
 
 
 def size_of(layout: Layout) -> tuple[float, float]:

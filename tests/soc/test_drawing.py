@@ -108,6 +108,32 @@ def test_three_pictures_say_ten_eight_and_three():
     figure.savefig(BytesIO(), format="png")
 
 
+def test_one_stage_is_drawn_by_choice_and_no_other_than_there_are():
+    mapping, figure = map_communication(load_graph(GRAPHS / "figure_8.yaml")), Figure(layout="constrained")
+    draw_mapping(mapping, figure, "hardware")
+    assert [ax.get_title() for ax in figure.axes] == ["topics in hardware: 8 edges across the boundary"]
+    with pytest.raises(InvalidValueError, match="stage: given 'fast', allowed: software, hardware, gateways"):
+        draw_mapping(mapping, Figure(), "fast")
+
+
+def test_a_graph_of_fifty_nodes_fits_a_page_with_names_that_stand_apart():
+    nodes = tuple(Node(name=f"perception_node_{i}", placement=(SW, HW)[i % 3 == 0]) for i in range(50))
+    topics = tuple(
+        Topic(name=f"topic_{i}", publishers=(nodes[i].name,), subscribers=(nodes[i + 1].name, nodes[i + 4].name))
+        for i in range(45)
+    )
+    figure = Figure(layout="constrained")
+    draw_mapping(map_communication(Graph(nodes=nodes, topics=topics)), figure, "gateways")
+    assert figure.get_size_inches().max() < 11
+    figure.savefig(BytesIO(), format="png")
+    (ax,) = figure.axes
+    for labels in (ax.get_xticklabels(), ax.get_yticklabels()):
+        frames = [label.get_window_extent() for label in labels]
+        assert len(frames) >= 45
+        assert not any(one.overlaps(other) for one, other in combinations(frames, 2))
+    assert len(ax.lines) == 3 * 45
+
+
 def test_frames_of_long_names_stand_apart():
     names = ["publisher of /camera/depth_registered/image_raw", "participant " + "ab" * 16, "x" * 200, "n"]
     topics = tuple(

@@ -245,7 +245,7 @@ def edges_left(run: Run[Config]) -> Finding:
 
 @exp.figure("gateway_core", size=(14, 5.4))
 def draw_gateway(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw the core from its table."""
+    """Draw the gateway core (Fig. 4): its states and transitions, from its table."""
     worlds = int(run["exploration"]["worlds"].sum())
     draw_core(figure.subplots())
     figure.suptitle(f"The gateway core (paper C, Fig. 4), from its table: {worlds} moments explored")
@@ -254,7 +254,7 @@ def draw_gateway(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 
 @exp.figure("graph_mapping", size=(14, 5.2))
 def draw_stages(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw the example of Fig. 8 in its three stages; the log only says which run it belongs to."""
+    """Draw the example of Fig. 8 in its three stages, from software alone to gateways."""
     from sfglab.soc.graph_drawing import draw_mapping
 
     draw_mapping(map_communication(load_graph(find_project().data / run.config.graph_file)), figure)

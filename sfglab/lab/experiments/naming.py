@@ -79,7 +79,7 @@ def share_of_names(run: Run[Config]) -> Finding:
 
 @exp.figure("naming_schema", size=(10, 3.6))
 def draw_naming(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw the schema; the log only says which run it belongs to."""
+    """Draw the naming schema (Fig. 2): the chain of segments and the ways into the resource."""
     permitted = draw_schema(figure.subplots())
     held, checked = int(run["check"]["held"].sum()), int(run["check"]["checked"].sum())
     figure.suptitle(f"The naming schema (paper A, Fig. 2): {held} of {checked} checks hold")

@@ -34,7 +34,7 @@ def draw_colour(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 
 @exp.figure("decode_once_rvl", size=(11.5, 3.9), when=lambda run: "rvl" in codecs(run))
 def draw_depth(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw the same of the depth stream."""
+    """Draw CPU, network and cost model of the depth stream over the number of subscribers."""
     return _draw_stream(figure, run, "rvl")
 
 
