@@ -15,6 +15,7 @@ from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
+from sfglab.errors import InvalidValueError
 from sfglab.soc import (
     Graph,
     Node,
@@ -119,7 +120,9 @@ def test_one_stage_is_drawn_by_choice_and_no_other_than_there_are():
 def test_a_graph_of_fifty_nodes_fits_a_page_with_names_that_stand_apart():
     nodes = tuple(Node(name=f"perception_node_{i}", placement=(SW, HW)[i % 3 == 0]) for i in range(50))
     topics = tuple(
-        Topic(name=f"topic_{i}", publishers=(nodes[i].name,), subscribers=(nodes[i + 1].name, nodes[i + 4].name))
+        Topic(
+            name=f"topic_{i}", publishers=(nodes[i].name,), subscribers=(nodes[i + 1].name, nodes[i + 4].name)
+        )
         for i in range(45)
     )
     figure = Figure(layout="constrained")
