@@ -32,7 +32,22 @@ def _lack_of_a_browser() -> str:
     return f"needs a browser: {', '.join(missing)} not installed" if missing else ""
 
 
-NEEDS = {"netns": cache(_lack_of_namespaces), "browser": cache(_lack_of_a_browser)}
+def _lack_of_ros() -> str:
+    missing = [name for name in DISTRIBUTIONS if not ros_python(name).exists()]
+    return f"needs ROS 2 {' and '.join(missing)}: make ros" if missing else ""
+
+
+DISTRIBUTIONS = ("jazzy", "kilted")
+NEEDS = {
+    "netns": cache(_lack_of_namespaces),
+    "browser": cache(_lack_of_a_browser),
+    "ros": cache(_lack_of_ros),
+}
+
+
+def ros_python(distribution: str) -> Path:
+    """Return the interpreter of a distribution of ROS 2 that `make ros` has made."""
+    return Path(__file__).parents[1] / f".venv-{distribution}" / "bin" / "python"
 
 
 def pytest_configure() -> None:

@@ -173,8 +173,8 @@ def _decoder(store: Typestore, name: str) -> Callable[[Buffer], Any]:
     """Return a function from CDR bytes to messages; what does not change between messages is done here."""
     from rosbags.serde import SerdeError
 
-    decode = store.deserialize_cdr
     read = flat_reader(store, name)
+    definition = store.get_msgdef(name)
 
     def decoded(data: Buffer) -> Any:
         is_bytes = type(data) is memoryview and data.readonly and data.format == "B"
@@ -188,9 +188,13 @@ def _decoder(store: Typestore, name: str) -> Callable[[Buffer], Any]:
             else:
                 if message is not None:
                     return message
+        if view.nbytes < len(_HEADER) or bytes(view[:2]) not in {b"\0\0", _HEADER[:2]}:
+            raise CdrError(name, "the encapsulation is not CDR", size_bytes=view.nbytes)
+        decode = definition.deserialize_cdr_le if view[1] else definition.deserialize_cdr_be
         try:
-            return decode(view, name)
-        except SerdeError as exc:
+            # Bytes may follow, as rclpy takes them: Fast DDS over-estimates what a message needs.
+            return decode(view[4:], 0, definition.cls, store)[0]
+        except (SerdeError, struct.error, ValueError, IndexError) as exc:
             raise CdrError(name, str(exc), size_bytes=view.nbytes) from exc
 
     return decoded
@@ -224,7 +228,8 @@ def deserialize(data: Buffer, type_or_name: type[Any] | str) -> Any:
         change or to keep one.
 
     Raises:
-        CdrError: The bytes are truncated, malformed or of another type.
+        CdrError: The bytes are truncated, malformed or of another type. What follows a whole message does
+            not matter, as in rclpy.
         UnknownTypeError: There is no such type.
     """
     return decoder(type_or_name)(data)

@@ -158,7 +158,6 @@ def flat_reader(store: Typestore, name: str) -> Callable[[memoryview], Any] | No
         "n = len(b)",
         "p = 0",
         *source.lines,
-        "if p + 3 < n: raise ValueError(f'{n - p} bytes too many')",
         f"return {result}",
     ]
     code = "def read(b):\n" + "\n".join(f"    {line}" for line in body)

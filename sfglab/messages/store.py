@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 import functools
 import itertools
+import os
 import re
 import threading
 from dataclasses import dataclass
@@ -95,11 +96,22 @@ def _shipped_texts() -> Iterator[tuple[str, str]]:
                 yield from _parts_of_interface(f"{package.name}/{folder.name}/{stem}", file.read_text("utf-8"))
 
 
+def _types_of() -> str:
+    """Return the distribution of ROS 2 whose types we have; later than Humble only where ROS_DISTRO says so."""
+    named = os.environ.get("ROS_DISTRO", "")
+    return named if named in {"iron", "jazzy", "kilted", "lyrical"} else "humble"
+
+
 @functools.cache
 def _built_store() -> Typestore:
+    from rosbags.serde import primitives
     from rosbags.typesys import Stores, get_typestore
 
-    store = get_typestore(Stores.ROS2_HUMBLE)
+    # An octet has no sign (IDL 4.2, clause 7.4.1.4.4.2.6); rosbags gives `byte` one and refuses 128 and more.
+    for packing in ("pack", "unpack"):
+        for order in ("le", "be"):
+            setattr(primitives, f"{packing}_byte_{order}", getattr(primitives, f"{packing}_char_{order}"))
+    store = get_typestore(Stores(f"ros2_{_types_of()}"))
     texts = dict(_shipped_texts())
     parsed: Typesdict = {}
     for name, text in texts.items():

@@ -12,6 +12,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from sfglab.bus.api import entries, user_data
 from sfglab.bus.dds.domain import DomainConfig, domain_xml
 from sfglab.bus.endpoints import SampleQueue
+from sfglab.bus.errors import DomainError
 from sfglab.bus.shm.fanout import MAX_CREDITS, Fanout, SlotPool, credits_of, slot_capacity
 from sfglab.bus.shm.wire import (
     DATA_OFFSET_BYTES,
@@ -239,10 +240,39 @@ def test_loopback_gets_large_datagrams_and_real_links_do_not(monkeypatch):
     monkeypatch.delenv("CYCLONEDDS_URI", raising=False)
     assert "<MaxMessageSize>65500B</MaxMessageSize>" in domain_xml(DomainConfig(interface="lo"))
     real = domain_xml(DomainConfig(interface="eth0", multicast="spdp", lease_s=2.5))
-    assert real == (
+    assert real.startswith(
         '<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface name="eth0"/></Interfaces>'
-        "<AllowMulticast>spdp</AllowMulticast></General>"
-        "<Discovery><LeaseDuration>2500ms</LeaseDuration></Discovery></Domain></CycloneDDS>"
+        "<AllowMulticast>spdp</AllowMulticast></General><Discovery><LeaseDuration>2500ms</LeaseDuration>"
+        "<ExternalDomainId>0</ExternalDomainId></Discovery>"
     )
     monkeypatch.setenv("CYCLONEDDS_URI", "file:///site.xml")
     assert domain_xml(DomainConfig()).startswith("file:///site.xml,<CycloneDDS>")
+
+
+def test_an_interface_that_is_asked_for_is_the_only_one_whatever_the_environment_says(monkeypatch, tmp_path):
+    other = "<Interfaces><NetworkInterface name='eth0'/></Interfaces>"
+    piece, end = f"<CycloneDDS><Domain><General>{other}{{}}</General></Domain>{{}}", "</CycloneDDS>"
+    rest = "<DontRoute>true</DontRoute>"
+    site = tmp_path / "site.xml"
+    site.write_text(piece.format(rest, end))
+    monkeypatch.setenv("CYCLONEDDS_URI", f"{site},{piece.format('', end)} , file://{site}")
+    xml = domain_xml(DomainConfig(interface="lo"))
+    assert "eth0" not in xml
+    assert xml.count(rest) == 2
+    assert xml.count("<NetworkInterface ") == 1
+    assert "eth0" in domain_xml(DomainConfig())
+    for broken in ("<CycloneDDS>", str(tmp_path / "missing.xml")):
+        monkeypatch.setenv("CYCLONEDDS_URI", broken)
+        with pytest.raises(DomainError, match="CYCLONEDDS_URI cannot be read: given"):
+            domain_xml(DomainConfig(interface="lo"))
+
+
+@pytest.mark.parametrize("name", ["ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE"])
+def test_an_environment_that_keeps_ros_2_on_this_host_keeps_us_too(monkeypatch, name):
+    monkeypatch.delenv("CYCLONEDDS_URI", raising=False)
+    monkeypatch.setenv(name, "1" if name == "ROS_LOCALHOST_ONLY" else "LOCALHOST")
+    monkeypatch.setenv("ROS_STATIC_PEERS", "10.0.0.7;robot.local")
+    xml = domain_xml(DomainConfig())
+    assert '<NetworkInterface name="lo"/>' in xml
+    assert '<Peer Address="10.0.0.7"/><Peer Address="robot.local"/><Peer Address="localhost"/>' in xml
+    assert '<NetworkInterface name="eth0"/>' in domain_xml(DomainConfig(interface="eth0"))

@@ -219,6 +219,6 @@ def test_an_external_domain_is_one_that_exists(monkeypatch):
     assert config.wire_id == 7
     assert DomainConfig(domain_id=5).wire_id == 5
     assert "<ExternalDomainId>7</ExternalDomainId>" in domain_xml(config)
-    assert "ExternalDomainId" not in domain_xml(DomainConfig(domain_id=5))
+    assert "<ExternalDomainId>5</ExternalDomainId>" in domain_xml(DomainConfig(domain_id=5))
     with pytest.raises(bus.DomainError, match="allowed ids are 0 to 232"):
         DomainConfig(domain_id=5, external_domain_id=233)

@@ -9,10 +9,12 @@ from __future__ import annotations
 import ctypes as ct
 import logging
 import os
+import re
 import socket
 import threading
 from dataclasses import dataclass
 from itertools import count
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, get_args
 from xml.sax.saxutils import quoteattr
 
@@ -29,7 +31,7 @@ from sfglab.bus.dds.clib import (
 from sfglab.bus.errors import BusError, DomainError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from sfglab.qos import QoSProfile
 
@@ -40,6 +42,17 @@ Multicast = Literal["default", "spdp", "true", "false"]
 _MAX_DOMAIN_ID = 232
 # Loopback carries 64 KiB datagrams whole; measured against 1344-byte fragments this halves the latency of
 # a 691 kB image. Real links keep Cyclone's default, which fits an Ethernet frame.
+_MAX_INDEX = "<MaxAutoParticipantIndex>99</MaxAutoParticipantIndex>"
+"""So many processes of a domain find each other on one host without multicast."""
+# Fast DDS from 3 on announces type information that Cyclone DDS cannot read: its endpoints match by name, as
+# those of older ones do; 1.15 is eProsima's vendor id. Without the hash of the key it does not notice that an
+# endpoint of ours has ended.
+_COMPATIBILITY = (
+    "<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>"
+    "<Internal><GenerateKeyhash>true</GenerateKeyhash></Internal>"
+)
+_INTERFACE_ELEMENTS = ("Interfaces", "NetworkInterfaceAddress")
+_PIECE_END = re.compile(r"(?<=>)\s*,\s*(?=<|file:|/)")
 _LOOPBACK_SIZES = "<MaxMessageSize>65500B</MaxMessageSize><FragmentSize>64000B</FragmentSize>"
 
 
@@ -105,28 +118,84 @@ def check_interface(config: DomainConfig) -> None:
 
 
 def domain_xml(config: DomainConfig) -> str:
-    """Return Cyclone's configuration for a domain; CYCLONEDDS_URI, if set, comes first and is overridden."""
-    own = f'<CycloneDDS><Domain Id="any">{_general(config)}{_discovery(config)}</Domain></CycloneDDS>'
+    """Return Cyclone's configuration for a domain; CYCLONEDDS_URI, if set, comes first and is overridden.
+
+    Where no interface is asked for, ROS 2's ROS_LOCALHOST_ONLY and ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST keep
+    to loopback; ROS_STATIC_PEERS are asked in addition.
+
+    Raises:
+        DomainError: CYCLONEDDS_URI cannot be read, where an interface is asked for.
+    """
+    interface = config.interface or ("lo" if _stays_on_this_host() else None)
+    parts = _general(config, interface), _discovery(config, interface), _COMPATIBILITY
+    own = f'<CycloneDDS><Domain Id="any">{"".join(parts)}</Domain></CycloneDDS>'
     environment = os.environ.get("CYCLONEDDS_URI", "")
+    if environment and interface:
+        environment = without_interfaces(environment, config.domain_id)
     return f"{environment},{own}" if environment else own
 
 
-def _general(config: DomainConfig) -> str:
+def _stays_on_this_host() -> bool:
+    values = map(os.environ.get, ("ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE"))
+    return any(value in {"1", "LOCALHOST"} for value in values)
+
+
+def _general(config: DomainConfig, interface: str | None) -> str:
     parts = [f"<AllowMulticast>{config.multicast}</AllowMulticast>"]
-    if config.interface is not None:
-        parts.insert(0, f"<Interfaces><NetworkInterface name={quoteattr(config.interface)}/></Interfaces>")
-    if config.interface == "lo":
+    if interface is not None:
+        parts.insert(0, f"<Interfaces><NetworkInterface name={quoteattr(interface)}/></Interfaces>")
+    if interface == "lo":
         parts.append(_LOOPBACK_SIZES)
     return f"<General>{''.join(parts)}</General>"
 
 
-def _discovery(config: DomainConfig) -> str:
+def _discovery(config: DomainConfig, interface: str | None) -> str:
+    peers = [peer for peer in os.environ.get("ROS_STATIC_PEERS", "").split(";") if peer]
+    # An environment must not join what is apart: the id stands here even where it is the usual one.
     parts = [f"<LeaseDuration>{round(config.lease_s * 1e3)}ms</LeaseDuration>"]
-    if config.external_domain_id is not None:
-        parts.append(f"<ExternalDomainId>{config.external_domain_id}</ExternalDomainId>")
-    if config.multicast == "false":
-        parts.append("<ParticipantIndex>auto</ParticipantIndex><Peers><Peer Address='localhost'/></Peers>")
+    parts.append(f"<ExternalDomainId>{config.wire_id}</ExternalDomainId>")
+    if config.multicast == "false" or interface == "lo":
+        # Linux's lo has no multicast as it comes, and Fast DDS uses none within LOCALHOST.
+        parts.append(f"<ParticipantIndex>auto</ParticipantIndex>{_MAX_INDEX}")
+        peers.append("localhost")
+    named = "".join(f"<Peer Address={quoteattr(peer)}/>" for peer in peers)
+    parts.append(f"<Peers>{named}</Peers>" if peers else "")
     return f"<Discovery>{''.join(parts)}</Discovery>"
+
+
+def without_interfaces(uri: str, domain_id: int) -> str:
+    """Return what a CYCLONEDDS_URI configures without its choice of interfaces, as XML.
+
+    Cyclone DDS adds its lists of interfaces up: ours would be joined with that of the environment.
+
+    Raises:
+        DomainError: A file or a piece of XML in it cannot be read.
+    """
+    from xml.dom.minidom import parseString
+    from xml.parsers.expat import ExpatError
+
+    kept = []
+    try:
+        for document in _documents(uri):
+            root: Any = parseString(document).documentElement  # noqa: S318 - the user's own environment
+            for element in [e for e in root.getElementsByTagName("*") if e.tagName in _INTERFACE_ELEMENTS]:
+                element.parentNode.removeChild(element)
+            kept.append(root.toxml())
+    except (OSError, ExpatError) as error:
+        raise DomainError(domain_id, f"CYCLONEDDS_URI cannot be read: given {uri!r}: {error}") from error
+    return ",".join(kept)
+
+
+def _documents(uri: str) -> Iterator[str]:
+    """Yield the XML of a comma-separated list of files and pieces of XML."""
+    while uri := uri.strip(", "):
+        if uri.startswith("<"):
+            end = _PIECE_END.search(uri)
+            yield uri[: end.start()] if end else uri
+            uri = uri[end.end() :] if end else ""
+        else:
+            file, _, uri = uri.partition(",")
+            yield Path(file.removeprefix("file://")).read_text("utf-8")
 
 
 @dataclass(slots=True)

@@ -1,0 +1,43 @@
+"""Real ROS 2 beside the tests: a node of rclpy in an interpreter of its own, for each distribution."""
+
+from __future__ import annotations
+
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import machine
+import pytest
+from beside import ANSWER_S
+
+from sfglab.processes import LineProcess
+
+_PEER = Path(__file__).with_name("peer.py")
+
+
+@pytest.fixture(params=machine.DISTRIBUTIONS)
+def distribution(request, monkeypatch):
+    """A distribution's name, in our environment too: it says what ROS 2 puts on the wire."""
+    monkeypatch.setenv("ROS_DISTRO", request.param)
+    for name in ("ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "CYCLONEDDS_URI"):
+        monkeypatch.delenv(name, raising=False)
+    return request.param
+
+
+@pytest.fixture
+def peer(distribution, domain_id):
+    """A function that starts a real node in the test's domain; it ends with the block."""
+
+    @asynccontextmanager
+    async def started(name="peer", **environment):
+        # The wheels' own variables, of another distribution, would be theirs too.
+        values = {"ROS_DISTRO": distribution, "ROS_DOMAIN_ID": domain_id, **environment}
+        argv = ["env", "-u", "PYTHONPATH", "-u", "LD_LIBRARY_PATH", *(f"{k}={v}" for k, v in values.items())]
+        argv += [str(machine.ros_python(distribution)), str(_PEER), name]
+        process = await LineProcess.start(name, argv)
+        try:
+            await process.expect("ready", timeout_s=ANSWER_S)
+            yield process
+        finally:
+            await process.close()
+
+    return started

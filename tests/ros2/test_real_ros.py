@@ -1,0 +1,260 @@
+"""Interoperability with real ROS 2: rclpy of two distributions on its own Fast DDS, beside our nodes."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import sys
+from collections import Counter
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from beside import ANSWER_S, asked, until
+from random_messages import random_message
+
+from sfglab.bus import Node
+from sfglab.messages import default_message, deserialize, message_types, serialize
+from sfglab.processes import LineProcess
+from sfglab.qos import Durability, QoSProfile, Reliability, incompatibilities
+
+pytestmark = [pytest.mark.live, pytest.mark.ros]
+
+VALUES = 200
+PACKAGES = (
+    "action_msgs",
+    "builtin_interfaces",
+    "geometry_msgs",
+    "lifecycle_msgs",
+    "nav_msgs",
+    "rcl_interfaces",
+    "rosgraph_msgs",
+    "sensor_msgs",
+    "std_msgs",
+    "trajectory_msgs",
+    "unique_identifier_msgs",
+    "visualization_msgs",
+)
+# Later than Humble, whose types we have unless ROS_DISTRO says more; named here, so that more are noticed.
+NEWER = {
+    "geometry_msgs/msg/PolygonInstance",
+    "geometry_msgs/msg/PolygonInstanceStamped",
+    "geometry_msgs/msg/VelocityStamped",
+    "nav_msgs/msg/Goals",
+    "rcl_interfaces/msg/LoggerLevel",
+    "rcl_interfaces/msg/SetLoggerLevelsResult",
+}
+# Added to a distribution after its release; rosbags does not have them there.
+UNKNOWN = {"jazzy": {"nav_msgs/msg/Goals"}, "kilted": set()}
+# One field more than in Humble: `test_types_are_those_of_the_distribution`.
+CHANGED = {"sensor_msgs/msg/Range"}
+LATCHED = {"durability": "transient_local", "depth": 1}
+OURS_LATCHED = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)
+STRING = "std_msgs/msg/String"
+ELSEWHERE = (
+    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='none0'/></Interfaces></General></Domain>"
+    "</CycloneDDS>"
+)
+
+
+async def common_types(process):
+    theirs = set((await asked(process, "types", "types", packages=PACKAGES))["types"])
+    assert theirs - set(message_types()) <= NEWER
+    return sorted(theirs & set(message_types()) - CHANGED)
+
+
+def without_padding(message):
+    """Return a message whose one octet, where it has no fields, is zero: rosidl never looks at it."""
+    if hasattr(message, "structure_needs_at_least_one_member"):
+        message.structure_needs_at_least_one_member = 0
+    return message
+
+
+async def test_random_values_of_every_common_type_come_back_as_they_were(peer):
+    rng = np.random.default_rng(17)
+    async with peer() as ros:
+        for name in await common_types(ros):
+            given = [serialize(without_padding(random_message(rng, name))) for _ in range(VALUES)]
+            passed = await asked(ros, "pass_through", "passed", kind=name, cdr=[one.hex() for one in given])
+            back = [serialize(deserialize(bytes.fromhex(one), name)) for one in passed["cdr"]]
+            assert back == given, name
+
+
+NEWER_TYPES = """
+import json, sys
+import numpy as np
+from random_messages import random_message
+from sfglab.messages import deserialize, serialize
+rng = np.random.default_rng(19)
+given = {name: serialize(random_message(rng, name)) for name in sys.argv[1:]}
+print(json.dumps({"is": "given", "cdr": {name: cdr.hex() for name, cdr in given.items()}}), flush=True)
+back = {name: bytes.fromhex(cdr) for name, cdr in json.loads(sys.stdin.readline())["cdr"].items()}
+same = {name: serialize(deserialize(cdr, name)) for name, cdr in back.items()} == given
+print(json.dumps({"is": "compared", "same": same}), flush=True)
+"""
+
+
+async def test_types_are_those_of_the_distribution(peer, distribution):
+    """In a process of its own, because a process has the types of one distribution."""
+    unknown = {"rcl_interfaces/msg/LoggerLevel", *UNKNOWN[distribution]}
+    names = sorted((NEWER | CHANGED) - unknown)
+    argv = ["env", f"PYTHONPATH={os.pathsep.join(sys.path)}", sys.executable, "-c", NEWER_TYPES, *names]
+    ours = await LineProcess.start("ours", argv)
+    given = (await ours.expect("given", timeout_s=ANSWER_S))["cdr"]
+    assert sorted(given) == names
+    async with peer() as ros:
+        back = {}
+        for name, cdr in given.items():
+            (back[name],) = (await asked(ros, "pass_through", "passed", kind=name, cdr=[cdr]))["cdr"]
+    assert (await asked(ours, "compare", "compared", cdr=back))["same"]
+    await ours.close()
+
+
+async def test_every_common_type_crosses_both_ways(peer, domain_id):
+    rng = np.random.default_rng(18)
+    async with peer() as ros, Node("us", domain_id=domain_id) as node:
+        names = await common_types(ros)
+        given = {name: without_padding(random_message(rng, name)) for name in names}
+        back = {}
+        for name in names:
+            topic = name.replace("/", "_")
+
+            def take(message, name=name):
+                back[name] = serialize(message)
+
+            node.create_subscription(name, f"/back/{topic}", take, OURS_LATCHED)
+            node.create_publisher(name, f"/forth/{topic}", OURS_LATCHED).publish(given[name])
+        await asked(ros, "echo", "echoing", types=names, qos=LATCHED)
+
+        async def all_back():
+            return back.keys() == given.keys()
+
+        with suppress(TimeoutError):
+            await until(all_back)
+        assert sorted(given.keys() - back.keys()) == []
+        assert back == {name: serialize(message) for name, message in given.items()}
+
+
+PROFILES = [
+    QoSProfile(reliability=reliability, durability=durability, depth=1)
+    for reliability, durability in itertools.product(Reliability, Durability)
+]
+
+
+def named(profile):
+    return {"reliability": profile.reliability.value, "durability": profile.durability.value, "depth": 1}
+
+
+async def test_who_hears_whom_is_what_request_versus_offered_says(peer, domain_id):
+    pairs = dict(enumerate(itertools.product(PROFILES, PROFILES)))
+    expected = {
+        n
+        for n, (offered, requested) in pairs.items()
+        if not incompatibilities(offered=offered, requested=requested)
+    }
+    heard = Counter()
+    message = default_message(STRING)
+    async with peer() as ros, Node("us", domain_id=domain_id) as node:
+        publishers = []
+        for n, (offered, requested) in pairs.items():
+            node.create_subscription(STRING, f"/to_us/pair{n}", lambda _, n=n: heard.update([n]), requested)
+            publishers.append(node.create_publisher(STRING, f"/to_ros/pair{n}", offered))
+            await asked(ros, "listen", "listening", kind=STRING, topic=f"/to_ros/pair{n}", qos=named(requested))
+        told = set()
+
+        def listen(report):
+            if report["is"] == "heard":
+                told.add(int(report["topic"].rpartition("pair")[2]))
+
+        ros.on_report = listen
+
+        async def everybody():
+            for n, (offered, _) in pairs.items():
+                publishers[n].publish(message)
+                cdr = [serialize(message).hex()]
+                await asked(
+                    ros,
+                    "publish",
+                    "published",
+                    kind=STRING,
+                    topic=f"/to_us/pair{n}",
+                    qos=named(offered),
+                    cdr=cdr,
+                )
+            return expected <= told and expected <= heard.keys()
+
+        await until(everybody)
+        assert told == set(heard) == expected
+
+
+async def test_each_side_sees_the_other_in_its_graph_and_sees_it_go(peer, domain_id):
+    async with Node("us", domain_id=domain_id, namespace="/lab") as node:
+        async with peer("ros_node") as ros:
+            publisher = node.create_publisher(STRING, "/chatter", OURS_LATCHED)
+            await asked(ros, "publish", "published", kind=STRING, topic="/answer", qos=LATCHED, cdr=[])
+
+            async def graph_has(node_name, topic):
+                graph = await asked(ros, "graph", "graph")
+                kinds = {
+                    (end["kind"], end["reliability"], end["durability"]) for end in graph["ends"].get(topic, ())
+                }
+                return node_name in graph["nodes"] and ("PUBLISHER", "reliable", "transient_local") in kinds
+
+            async def we_see():
+                names = {f"{each.namespace.rstrip('/')}/{each.name}" for each in node.graph.nodes()}
+                ends = node.graph.publishers("/answer")
+                return "/ros_node" in names and [end.qos.durability for end in ends] == [
+                    Durability.TRANSIENT_LOCAL
+                ]
+
+            await until(lambda: graph_has("/lab/us", "/chatter"))
+            await until(we_see)
+            publisher.close()
+
+            async def publisher_gone():
+                return not (await asked(ros, "graph", "graph"))["ends"].get("/chatter")
+
+            await until(publisher_gone)
+
+        async def peer_gone():
+            return not node.graph.publishers("/answer")
+
+        await until(peer_gone)
+
+
+async def test_bytes_behind_a_message_do_not_matter(peer, domain_id):
+    message = default_message(STRING)
+    message.data = "three"
+    heard = []
+    async with peer() as ros, Node("us", domain_id=domain_id) as node:
+        node.create_subscription(STRING, "/padded", lambda m: heard.append(m.data), OURS_LATCHED)
+        longer = (serialize(message) + b"\0" * 8).hex()
+        await asked(ros, "publish", "published", kind=STRING, topic="/padded", qos=LATCHED, cdr=[longer])
+
+        async def arrived():
+            return heard == ["three"]
+
+        await until(arrived)
+
+
+@pytest.mark.parametrize("ours", [{"interface": "lo"}, {}], ids=["interface", "environment"])
+async def test_nodes_kept_on_this_host_meet(peer, domain_id, monkeypatch, ours):
+    if not ours:
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv(
+        "CYCLONEDDS_URI",
+        ELSEWHERE,
+    )
+    heard = []
+    async with (
+        peer(ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST") as ros,
+        Node("us", domain_id=domain_id, **ours) as node,
+    ):
+        node.create_subscription(STRING, "/here", heard.append, OURS_LATCHED)
+        cdr = [serialize(default_message(STRING)).hex()]
+        await asked(ros, "publish", "published", kind=STRING, topic="/here", qos=LATCHED, cdr=cdr)
+
+        async def arrived():
+            return bool(heard)
+
+        await until(arrived)
