@@ -295,6 +295,9 @@ def test_a_component_that_is_killed_comes_back_and_the_fleet_converges(world, ag
 
     async def scenario():
         await fleet.is_together()
+        if agent == "station":
+            decoder = psutil.Process(victim.pid_of("decoder"))
+            await fleet.until("a pipeline runs and a spare waits", lambda: len(decoder.children()) == 2)
         marks = fleet.mark()
         crashes, family = victim.crashes(component), victim.family()
         below = {p.pid for p in psutil.Process(victim.pid_of(component)).children(recursive=True)}
