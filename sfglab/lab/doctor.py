@@ -255,6 +255,19 @@ def _viewer() -> _Verdict:
     return Level.OK, f"rerun-sdk {version}", "logs open in the Rerun viewer"
 
 
+def _ros() -> _Verdict:
+    from sfglab.lab.paths import find_project
+
+    root = find_project().root
+    made = sorted(path.parents[1].name for path in root.glob(".venv-*/bin/python"))
+    sourced = os.environ.get("ROS_DISTRO", "") if os.environ.get("AMENT_PREFIX_PATH") else ""
+    found = [f"{name.removeprefix('.venv-')} (make ros)" for name in made]
+    found += [f"{sourced} (sourced)"] if sourced else []
+    if not found:
+        raise SfglabError("neither environments of make ros nor a sourced ROS 2")
+    return Level.OK, ", ".join(found), "our nodes are tested beside rclpy"
+
+
 _NOT_INSTALLED = (importlib.metadata.PackageNotFoundError,)
 _CHECKS = (
     _Check(
@@ -299,6 +312,9 @@ _CHECKS = (
         _viewer,
         _NOT_INSTALLED,
         "logs are not opened in the Rerun viewer; figures and tables need nothing of it",
+    ),
+    _Check(
+        "ROS 2 (optional)", _ros, (SfglabError,), "nothing is tested beside rclpy; sfglab itself needs no ROS"
     ),
 )
 
