@@ -55,9 +55,14 @@ class SpeedUp:
         return self.smt_s / self.gateway_s
 
 
-def speed_ups(costs: Costs = STORED) -> list[SpeedUp]:
-    """Return the model's value of every bar of Fig. 6 and 7, panel by panel."""
-    cells = itertools.product(Panel, SUBSCRIBERS, MESSAGE_BYTES)
+def speed_ups(
+    costs: Costs = STORED,
+    *,
+    subscribers: Sequence[int] = SUBSCRIBERS,
+    sizes_bytes: Sequence[int] = MESSAGE_BYTES,
+) -> list[SpeedUp]:
+    """Return the model's value of every bar of Fig. 6 and 7, or of others, panel by panel."""
+    cells = itertools.product(Panel, subscribers, sizes_bytes)
     return [_speed_up(panel, subscribers, size, costs) for panel, subscribers, size in cells]
 
 

@@ -211,3 +211,10 @@ def test_paper_cs_pictures_answer_and_refuse(run, browser):
     ):
         browser.click(*browser.wait_for(PART % part, ANSWER_S))
         browser.wait_for(said % answer, ANSWER_S)
+
+
+def test_the_scene_editor_stands_in_its_cell_below_the_servers_address(run, browser):
+    run("from sfglab.lab.experiments import planning\nplanning.edit_scene()")
+    frame = "document.querySelector('.jp-OutputArea iframe')"
+    browser.wait_for(f"{frame}?.getAttribute('src').startsWith('/proxy/')", ANSWER_S)
+    browser.wait_for(f"{frame}.contentDocument?.body?.innerText.includes('Save')", ANSWER_S)

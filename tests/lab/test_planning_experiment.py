@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from sfglab.lab.checks import editing, trajectories
-from sfglab.lab.experiments.planning import checks, exp
+from sfglab.lab.experiments.planning import checks, edit_scene, exp
+from sfglab.lab.experiments.planning.experiment import example_rows
 from sfglab.record import LogReader
 from sfglab.spatial.trajectory.path import Interpolation, stretched
 
@@ -118,3 +119,24 @@ def test_evenly_spaced_knots_make_loops_and_the_check_sees_them():
     points = np.array([[5.3, 7.2], [0.47, 0.14], [-0.05, 0.24], [-5.3, 6.5]])
     assert any(map(trajectories.loops, trajectories.uniform_curve(points)))
     assert not any(map(trajectories.loops, trajectories.planar_curve(points)))
+
+
+def test_the_editor_in_a_cell_edits_a_copy_and_has_a_still(tmp_path, monkeypatch):
+    pytest.importorskip("viser")
+    (tmp_path / "data").symlink_to(REFERENCE.parents[1])
+    monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
+    cell = edit_scene()
+    try:
+        shown = cell._repr_mimebundle_()
+        assert {"image/png", "application/vnd.jupyter.widget-view+json"} <= set(shown)
+        assert "text/html" not in shown  # a page of a server that is gone would be committed
+        assert "<iframe" in cell.widget.value
+        assert cell.planner.call(lambda editor: editor.file) == tmp_path / "runs/scenes/hall.yaml"
+    finally:
+        cell.planner.close()
+
+
+def test_the_example_is_retimed_to_the_limits_that_are_asked():
+    rows = list(example_rows(exp.config(speed_m_s=0.5, segment_s=2.0)))
+    assert max(row["speed_m_s"] for row in rows if row["retimed"]) == pytest.approx(0.5, rel=1e-3)
+    assert max(row["t_s"] for row in rows if not row["retimed"]) == 10.0

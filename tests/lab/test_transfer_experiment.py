@@ -77,6 +77,19 @@ def test_bars_residuals_and_tendencies_are_the_model_s(run, model):
     assert list(table["value"]) == [item.value for item in constants(costs)]
 
 
+def test_curves_are_those_of_the_run_s_own_constants(run):
+    own = stage.costs_of(run.config)
+    assert [c.value for c in constants(own)] == pytest.approx([c.value for c in constants(STORED)])
+    turned = replace(run.config, endpoint_us=1.0, read_latency_cycles=60.0)
+    assert stage.costs_of(turned).endpoint_s == pytest.approx(1e-6)
+    assert stage.costs_of(turned).memory.read_latency_cycles == 60.0
+    at = run["curve"][run["curve"]["message_bytes"] == run.config.message_bytes]
+    assert set(at["subscribers"]) == {run.config.subscribers}
+    sizes = [run.config.message_bytes]
+    expected = speed_ups(subscribers=[run.config.subscribers], sizes_bytes=sizes)
+    assert at["smt_s"].tolist() == pytest.approx([one.smt_s for one in expected])
+
+
 def test_the_committed_constants_are_what_the_run_s_own_fits_find(run):
     assert (run["refit"]["farthest"] > 1.5).all()
     best = run["refit"].groupby("model")["shift"].min()

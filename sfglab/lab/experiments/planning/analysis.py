@@ -11,7 +11,8 @@ import pandas as pd
 
 from sfglab.lab.checks import CheckRow, check_row, share_of_checks
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.planning.experiment import EXAMPLE_LIMITS, EXAMPLE_M, Config, exp
+from sfglab.lab.experiment import Look
+from sfglab.lab.experiments.planning.experiment import EXAMPLE_M, Config, example_limits, exp
 from sfglab.lab.figures import COLORS
 from sfglab.lab.runs import Run, derived
 from sfglab.spatial.execution.agent import Tolerances
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from sfglab.spatial import Pose
     from sfglab.spatial.scene.tree import Scene
     from sfglab.spatial.trajectory.clearance import Shape
+    from sfglab.spatial.trajectory.limits import Limits
     from sfglab.spatial.trajectory.path import Trajectory
 
     Holds = Callable[[Any], bool]
@@ -189,12 +191,10 @@ def _draw_hall(axes: Axes, run: Run[Config]) -> None:
     from matplotlib.collections import LineCollection
 
     scene = scene_of(run)
-    for thing in (*scene.all_of(ZoneObject), *scene.all_of(ObstacleObject)):
-        _draw_body(axes, thing, scene.world_pose(thing.id))
+    draw_from_above(axes, scene)
     fastest = float(run["track"]["speed_m_s"].max())
     drawn = LineCollection([])
     for agent in scene.all_of(AgentObject):
-        _draw_plan(axes, scene.motion(agent.id), label=agent is next(scene.all_of(AgentObject)))
         track = run["track"][run["track"]["agent"] == agent.name]
         places = track[["x_m", "y_m"]].to_numpy()
         segments = np.stack([places[:-1], places[1:]], axis=1)
@@ -206,8 +206,17 @@ def _draw_hall(axes: Axes, run: Run[Config]) -> None:
         axes.annotate(agent.name, places[0], weight="bold", **beside)
     _mark_closest(axes, run)
     axes.figure.colorbar(drawn, ax=axes, label="speed, driven (m/s)", shrink=0.75, pad=0.01)
-    axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)", title="From above")
+    axes.set_title("From above")
     axes.legend(loc="upper left", bbox_to_anchor=(0.05, 0.945), fontsize=8)
+
+
+def draw_from_above(axes: Axes, scene: Scene) -> None:
+    """Draw a scene's zones and obstacles, and the ways of its agents with their waypoints."""
+    for thing in (*scene.all_of(ZoneObject), *scene.all_of(ObstacleObject)):
+        _draw_body(axes, thing, scene.world_pose(thing.id))
+    for number, agent in enumerate(scene.all_of(AgentObject)):
+        _draw_plan(axes, scene.motion(agent.id), label=number == 0)
+    axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)")
 
 
 def _draw_body(axes: Axes, thing: ZoneObject | ObstacleObject, pose: Pose) -> None:
@@ -291,6 +300,15 @@ def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, Any]:
     return {"largest error (m)": worst}
 
 
+@exp.look(
+    "interpolation",
+    Look(
+        turn=("segment_s", "speed_m_s", "acceleration_m_s2"),
+        needs=("example",),
+        size=(12.5, 6.2),
+        reference="planning_interpolation",
+    ),
+)
 @exp.figure("planning_interpolation", size=(12.5, 6.2))
 def draw_interpolation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw path, speed and acceleration of both interpolations, as drawn and re-timed."""
@@ -300,7 +318,7 @@ def draw_interpolation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     for row, (slow, words) in enumerate(((False, "as drawn"), (True, "re-timed to its limits"))):
         chosen = run["sample"][run["sample"]["retimed"] == slow]
         pair = [figure.add_subplot(grid[row, 1]), figure.add_subplot(grid[row, 2])]
-        tops[words] = _draw_rates(pair, chosen, words)
+        tops[words] = _draw_rates(pair, chosen, words, example_limits(run.config))
     title = "One trajectory as polyline and as centripetal Catmull-Rom spline, before and after re-timing"
     figure.suptitle(title, fontsize=11)
     return {"highest speed (m/s) and acceleration (m/s^2)": tops}
@@ -318,7 +336,7 @@ def _draw_paths(axes: Axes, run: Run[Config]) -> None:
     axes.legend(fontsize=8, loc="upper right")
 
 
-def _draw_rates(pair: list[Axes], samples: Any, words: str) -> dict[str, list[float]]:
+def _draw_rates(pair: list[Axes], samples: Any, words: str, most: Limits) -> dict[str, list[float]]:
     tops: dict[str, list[float]] = {}
     for kind in Interpolation:
         chosen = samples[samples["interpolation"] == kind.value]
@@ -333,7 +351,7 @@ def _draw_rates(pair: list[Axes], samples: Any, words: str) -> dict[str, list[fl
             pair[1].plot(times, chosen["acceleration_m_s2"], color=color)
         top = max(chosen["acceleration_m_s2"].max(), chosen["jump_m_s2"].max())
         tops[kind.value] = [float(chosen["speed_m_s"].max()), float(top)]
-    limits = (EXAMPLE_LIMITS.speed_m_s, EXAMPLE_LIMITS.acceleration_m_s2)
+    limits = (most.speed_m_s, most.acceleration_m_s2)
     names = (("speed (m/s)", "Speed"), ("acceleration (m/s²)", "Acceleration"))
     for axes, limit, (label, name) in zip(pair, limits, names, strict=True):
         axes.axhline(limit or 0.0, color="crimson", linestyle=":", label="limit")

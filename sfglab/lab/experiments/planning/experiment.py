@@ -12,6 +12,7 @@ import numpy as np
 
 from sfglab.bus import Node
 from sfglab.bus.sim import run_simulated
+from sfglab.fields import between
 from sfglab.lab.checks import CheckRow, editing, exchange, trajectories
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.planning.driving import drive_scene, try_goals
@@ -33,9 +34,8 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene.tree import Scene
 
 
-EXAMPLE_LIMITS = Limits(speed_m_s=1.0, acceleration_m_s2=1.0)
 EXAMPLE_M = ((0.0, 0.0), (1.2, 0.3), (1.5, 1.5), (3.0, 1.5), (3.3, 1.3), (5.0, 0.0))
-"""Where the waypoints lie, a second apart as drawn; some far from each other and some close."""
+"""Where the waypoints lie; some far from each other and some close."""
 _SAMPLES = 160
 _PATH_STEP_NS = 200_000_000
 _SIMULATED_LIMIT_S = 3600.0
@@ -52,6 +52,10 @@ class Config(Profiled):
     live: bool = True
     domain: int = 57  #: Which DDS domain.
     scene_file: str = "scenes/hall.yaml"  #: The scene whose agents are sent along, in the data folder.
+    segment_s: float = between(1.0, 0.3, 4.0)  #: From one waypoint of the example to the next, as drawn.
+    speed_m_s: float = between(1.0, 0.2, 4.0)  #: Highest speed that the example is re-timed to [m/s].
+    #: Highest acceleration that it is re-timed to [m/s²].
+    acceleration_m_s2: float = between(1.0, 0.2, 8.0)
     seed: int = 0  #: Of all cases.
 
 
@@ -153,13 +157,18 @@ def check_edits(bench: Bench[Config]) -> None:
     bench.write("disk", editing.survives_kills(np.random.default_rng(config.seed), config.kills))
 
 
+@exp.part("example", total=0, timed=False)
+def draw_example(bench: Bench[Config]) -> None:
+    """Write the example's moments in every way."""
+    bench.write_all("sample", example_rows(bench.config))
+
+
 @exp.part("agents on their way", timed=False)
 async def drive(bench: Bench[Config]) -> None:
     """Drive the scene and try all ways in which a goal can end; write tracks as rows and as messages."""
     config = bench.config
     scene = load_scene(find_project().data / config.scene_file)
     bench.metadata("scene", {"text": scene_text(scene)})
-    bench.write_all("sample", example_rows())
     driven, goals = await _executed(config, scene)
     bench.write_all("goal", [*driven.goals, *goals])
     for row in driven.tracks:
@@ -187,13 +196,19 @@ async def _executed(config: Config, scene: Scene) -> tuple[Driven, list[dict[str
     return await asyncio.to_thread(run_simulated, main, seed=config.seed, limit_s=_SIMULATED_LIMIT_S)
 
 
-def example_rows() -> Iterator[dict[str, Any]]:
+def example_limits(config: Config) -> Limits:
+    """Return what the example is re-timed to."""
+    return Limits(speed_m_s=config.speed_m_s, acceleration_m_s2=config.acceleration_m_s2)
+
+
+def example_rows(config: Config) -> Iterator[dict[str, Any]]:
     """Yield the example's moments, by interpolation and timing."""
-    pairs = ((i * NS_PER_S, Pose.at((x, y, 0.0))) for i, (x, y) in enumerate(EXAMPLE_M))
+    segment_ns = round(config.segment_s * NS_PER_S)
+    pairs = ((i * segment_ns, Pose.at((x, y, 0.0))) for i, (x, y) in enumerate(EXAMPLE_M))
     drawn = Trajectory.of(pairs)
     for kind, slow in product(Interpolation, (False, True)):
         path = replace(drawn, interpolation=kind)
-        yield from _rows(retimed(path, EXAMPLE_LIMITS) if slow else path, retimed_=slow)
+        yield from _rows(retimed(path, example_limits(config)) if slow else path, retimed_=slow)
 
 
 def _rows(path: Trajectory, *, retimed_: bool) -> Iterator[dict[str, Any]]:

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sfglab.fields import between
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
+from sfglab.soc.memory import STORED
 from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS
+
+_US = 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,6 +32,16 @@ class Config(Profiled):
     small_nodes: int = 8  #: Their largest number of nodes.
     large_graphs: int = 4  #: Random graphs on which node mapping is timed.
     large_nodes: int = 50  #: Their number of nodes.
+    subscribers: int = between(4, 1, 16)  #: Hardware subscribers of the curves.
+    message_bytes: int = between(1_000_000, 256, 100_000_000, log=True)  #: Where the curves are read.
+    #: From a read request to its first word [cycles].
+    read_latency_cycles: float = between(STORED.memory.read_latency_cycles, 1, 300, log=True)
+    #: From a write's last word to its response [cycles].
+    write_latency_cycles: float = between(STORED.memory.write_latency_cycles, 1, 300, log=True)
+    delegate_us: float = between(_US * STORED.delegate_s, 1, 2000, log=True)  #: A delegate's round trip [µs].
+    #: What a node or core spends on a message at either end [µs].
+    endpoint_us: float = between(_US * STORED.endpoint_s, 1, 2000, log=True)
+    cancel_us: float = between(_US * STORED.cancel_s, 1, 2000, log=True)  #: A gateway core's cancel [µs].
     seed: int = 0  #: Seed of everything that is drawn.
 
 
@@ -60,8 +74,8 @@ exp = Experiment(
     actors=(
         Actor("software", "software's side", "holds the topic in software and publishes"),
         Actor("subscriber", "software's side", "subscribes in software"),
-        Actor("publisher", "hardware's side", "publishes"),
         Actor("gateway", "hardware's side", "carries each message across once"),
+        Actor("publisher", "hardware's side", "publishes"),
         Actor("reader", "hardware's side", "subscribes", count="2, 4 or 8"),
     ),
     links=(
@@ -77,11 +91,12 @@ exp = Experiment(
 )
 
 
-@exp.table("bar")
+@exp.table("bar", "curve")
 class TransferBarRow:
-    """A bar of Fig. 6 or 7."""
+    """A bar of Fig. 6 or 7, or a point of a curve over sizes by the configuration's own constants."""
 
-    model: str  #: Which set of constants, or ``rtl``: the first with the hardware's cycles of a chunk.
+    #: Which set of constants; ``rtl``: the first with the hardware's cycles of a chunk; ``own``: the run's.
+    model: str
     panel: str  #: From whom to whom.
     message_bytes: int  #: Size of the message.
     subscribers: int  #: Subscribing hardware nodes.

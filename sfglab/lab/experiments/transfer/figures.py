@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.transfer.analysis import (
     MAIN,
     bars,
@@ -90,6 +91,43 @@ def draw_live_transfer(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         "conditions": live_note(run),
         "agreement": {"bars": all_, "decided": decided, "as the model": same},
     }
+
+
+@exp.look(
+    "sizes",
+    Look(
+        turn=(
+            "message_bytes",
+            "subscribers",
+            "read_latency_cycles",
+            "write_latency_cycles",
+            "delegate_us",
+            "endpoint_us",
+            "cancel_us",
+        ),
+        needs=("curves",),
+        size=(13.5, 3.6),
+        reference="transfer",
+    ),
+)
+def draw_curves(figure: Figure, run: Run[Config]) -> None:
+    """Draw transfer times over sizes by the run's own constants, and what a gateway gains at its size."""
+    size, seconds = run.config.message_bytes, run["curve"].set_index("message_bytes")
+    for axes, panel in zip(figure.subplots(1, len(Panel), sharex=True, sharey=True), Panel, strict=True):
+        table = seconds[seconds["panel"] == panel.value]
+        for transport, color in TRANSPORT_COLORS.items():
+            name = "gateway" if transport == "gateway" else "software-mapped topic"
+            axes.plot(table.index, table[f"{transport}_s"] * _MS_PER_S, color=color, label=name)
+        axes.axvline(size, color="black", linewidth=0.8)
+        here = table.loc[size]
+        times = " and ".join(f"{_MS_PER_S * here[f'{name}_s']:.3g}" for name in TRANSPORT_COLORS)
+        axes.set_title(f"{panel.value}\n{times} ms: {here['smt_s'] / here['gateway_s']:.2f} times as fast")
+        axes.set(xscale="log", yscale="log", xlabel="message")
+        axes.set_xticks(list(_BYTE_TICKS), list(_BYTE_TICKS.values()))
+        axes.minorticks_off()
+    figure.axes[0].set_ylabel("transfer time (ms)")
+    figure.axes[0].legend(loc="upper left", fontsize="small")
+    figure.suptitle(f"{size} B to {run.config.subscribers} hardware subscribers and one in software")
 
 
 def _counts(table: pd.DataFrame) -> list[int]:

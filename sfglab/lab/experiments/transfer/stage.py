@@ -81,6 +81,7 @@ OUT, IN, READS, WRITE = "gateway, memory to stream", "gateway, stream to memory"
 """What a message does at the memory interface, by `sfglab.soc.rtl.MemoryPath`'s values."""
 GRAPH_FILE = "graphs/figure_8.yaml"
 _GRID = np.unique(np.geomspace(STORED.memory.chunk_bytes, LARGEST_BYTES, 200).astype(int))
+_CURVE_BYTES = tuple(int(size) for size in np.geomspace(256, 100_000_000, 48))
 
 
 def _generator(config: Config, which: int) -> np.random.Generator:
@@ -163,6 +164,22 @@ def _write_sized_mappings(bench: Bench[Config]) -> None:
                 "carriages": float(sum(carriages_per_message(mapped, topic) for topic in mapped.topics)),
             }
             bench.write("sized_mapping", row)
+
+
+def costs_of(config: Config) -> Costs:
+    """Return the run's own constants: the first set with those that a reader can turn."""
+    cycles = {name: getattr(config, name) for name in ("read_latency_cycles", "write_latency_cycles")}
+    seconds = {f"{name}_s": 1e-6 * getattr(config, f"{name}_us") for name in ("delegate", "endpoint", "cancel")}
+    return replace(STORED, memory=replace(STORED.memory, **cycles), **seconds)
+
+
+@exp.part("curves", total=0, timed=False)
+def curves(bench: Bench[Config]) -> None:
+    """Write what the run's own constants say from size to size, with its number of subscribers."""
+    config = bench.config
+    sizes = sorted({*_CURVE_BYTES, config.message_bytes})
+    points = speed_ups(costs_of(config), subscribers=[config.subscribers], sizes_bytes=sizes)
+    bench.write_all("curve", ({"model": "own"} | to_json(point) for point in points))
 
 
 @exp.part("node mapping", total=lambda config: config.small_graphs + config.large_graphs, timed=False)

@@ -1,0 +1,76 @@
+"""The scene editor in a cell: its page where a kernel runs, else a picture of the scene with a sentence.
+
+What is edited is a copy below ``runs/``: the scenes of the repository stay as they are.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from sfglab.lab.explore.press import still_bundle
+from sfglab.lab.figures import house_style, png_of
+from sfglab.lab.paths import find_project
+from sfglab.spatial.scene.editor import Editor
+from sfglab.spatial.scene.files import load_scene
+from sfglab.spatial.scene.objects import AgentObject
+from sfglab.view.panel import widgets
+from sfglab.view.planner.server import show_planner
+
+if TYPE_CHECKING:
+    from sfglab.view.planner.server import Planner
+
+_SIZE = (9.0, 5.6)
+
+
+class SceneCell:
+    """A scene editor as a cell shows it.
+
+    Args:
+        planner: The editor, served.
+
+    Attributes:
+        planner: The same: its `call` edits from Python, its `close` ends it.
+        widget: What the cell shows.
+    """
+
+    def __init__(self, planner: Planner) -> None:
+        self.planner = planner
+        self.widget = widgets().HTML(planner._repr_html_())
+
+    def __repr__(self) -> str:
+        return f"<scene editor: {self.planner.call(lambda editor: editor.scene.name)}>"
+
+    def _repr_mimebundle_(self, **_: object) -> dict[str, Any]:
+        return still_bundle(self.widget, self._still()) | {"text/plain": repr(self)}
+
+    def _still(self) -> bytes:
+        from matplotlib.figure import Figure
+
+        from sfglab.lab.experiments.planning.analysis import draw_from_above
+
+        scene = self.planner.call(lambda editor: editor.scene)
+        with house_style():
+            figure = Figure(figsize=_SIZE)
+            axes = figure.subplots()
+            draw_from_above(axes, scene)
+            for agent in scene.all_of(AgentObject):
+                start = scene.motion(agent.id).waypoints[0].pose.position_m
+                axes.annotate(agent.name, start[:2], (-7, 8), textcoords="offset points", weight="bold")
+            axes.set_title(f"{scene.name} from above: run this cell to edit it here, or: sfglab plan")
+        return png_of(figure)
+
+
+def edit_scene(name: str = "scenes/hall.yaml") -> SceneCell:
+    """Return an editor of a copy of a scene, to look at in a cell; *Save* writes the copy below ``runs/``.
+
+    Args:
+        name: A scene file in the data folder.
+
+    Raises:
+        SceneError: The file is no scene.
+        MissingExtraError: The extra ``view`` is not installed.
+    """
+    project = find_project()
+    file = project.runs / name
+    file.parent.mkdir(parents=True, exist_ok=True)
+    return SceneCell(show_planner(Editor(load_scene(project.data / name), file=file)))
