@@ -1,15 +1,11 @@
-"""The latency experiment: known delays are found again, and a short live run proves itself."""
+"""The latency experiment: known delays are found again. Its live run is that of its notebook."""
 
 from __future__ import annotations
 
-import asyncio
-
 import numpy as np
-import psutil
 import pytest
 from made_logs import made_run
 
-from sfglab.lab.bench import Options
 from sfglab.lab.experiments.latency import checks, exp
 from sfglab.lab.experiments.latency.analysis import (
     added,
@@ -100,21 +96,3 @@ def test_every_repetition_asks_all_paths_at_one_phase_and_phases_cover_the_group
         orders.add(tuple(look.path for look in asked))
     assert len(orders) > 1
     assert sorted({int(10 * look.phase) for look in looks}) == list(range(10))
-
-
-@pytest.mark.live
-@pytest.mark.slow
-def test_a_short_live_run_shows_present_pictures_and_leaves_nothing(tmp_path):
-    before = {p.pid for p in psutil.Process().children(recursive=True)}
-    short = {"repeats": 1, "encoder": "libx264", "idle_s": 0.5, "skipped": 0}
-    options = Options(separate=False)
-    run = asyncio.run(exp.run("smoke", path=tmp_path / "run.mcap", options=options, **short))
-    assert run.metadata("hosts")["separate"] is False
-    table = checks(run).set_index("path")
-    assert set(table.index) == set(PATHS)
-    assert (table[["unreadable", "disordered", "broken", "unknown"]] == 0).all(axis=None)
-    assert (table["pictures"] > 0).all()
-    assert (table.loc[["decoder", "agent"], "replay_packets"] > 0).all(), "keepers were asked"
-    assert (table.loc[["standard", "on_demand"], "replay_packets"] == 0).all()
-    assert (sights(run)["glass_ms"] > 0).all()
-    assert {p.pid for p in psutil.Process().children(recursive=True)} <= before

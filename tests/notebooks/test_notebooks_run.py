@@ -10,9 +10,16 @@ from pathlib import Path
 import psutil
 import pytest
 
-from sfglab.lab.experiments import EXPERIMENTS
+from sfglab.lab.checks import trees
+from sfglab.lab.experiments import EXPERIMENTS, experiment, latency, mocap, visualisation
+from sfglab.lab.experiments.latency.analysis import sights
+from sfglab.lab.experiments.latency.stage import PATHS
 from sfglab.lab.notebooks import find_notebooks, run_notebooks
 from sfglab.lab.paths import Project
+from sfglab.record import LogReader
+from sfglab.spatial.frames.buffer import FrameBuffer
+from sfglab.spatial.frames.lint import lint_frames
+from sfglab.spatial.frames.listener import fill_from_log
 
 ROOT = Path(__file__).parents[2]
 INDEX = "00_index"
@@ -90,6 +97,47 @@ def test_every_notebook_is_known_and_the_index_reports_on_all():
     assert len(FIGURES) == len(EXPERIMENTS)
 
 
+def pictures_are_present(run):
+    """No picture on any way is a wrong one, and keepers are asked where they should be."""
+    table = latency.checks(run).set_index("path")
+    assert set(table.index) == set(PATHS)
+    assert (table[["unreadable", "disordered", "broken", "unknown"]] == 0).all(axis=None)
+    assert (table["pictures"] > 0).all()
+    assert (table.loc[["decoder", "agent"], "replay_packets"] > 0).all(), "keepers were asked"
+    assert (table.loc[["standard", "on_demand"], "replay_packets"] == 0).all()
+    assert (sights(run)["glass_ms"] > 0).all()
+
+
+def the_bridge_keeps_the_tree_whole(run):
+    """The direct receiver does not, and what is logged is a tree."""
+    table = mocap.checks(run)
+    broken = table[table["held"] < table["checked"]]["check"]
+    # How soon a look is answered, and how far apart its samples are, depends on the machine.
+    assert all("every look is answered" in name or "within 20 mm" in name for name in broken), list(broken)
+    assert (run["heard"]["heard_ms"] >= run["heard"]["receipt_ms"]).all()
+    assert run.log.stat().st_size < 100_000
+    buffer = FrameBuffer(history_s=None)
+    with LogReader(run.log) as reader:
+        fill_from_log(reader, buffer)
+    assert lint_frames(buffer.edges, rule=trees.RULE, root="map") == ()
+
+
+def everything_is_shown(run):
+    """The claim is filled, and both arms are timed."""
+    measured = visualisation.exp.measure(run)["A-VIZ"]
+    assert (measured.estimate.value, measured.reason, measured.how.value) == (1, "", "live")
+    assert set(visualisation.latency_table(run).index) == {"bare", "bridge"}
+    assert run.log.stat().st_size < 500_000
+
+
+LIVE_RUNS = {
+    "07_latency": pictures_are_present,
+    "14_mocap": the_bridge_keeps_the_tree_whole,
+    "16_visualisation": everything_is_shown,
+}
+"""What the logs of live runs say beside their claims."""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_notebook_runs_through_and_leaves_a_log_its_figures_and_nothing_else(project, name):
@@ -98,6 +146,7 @@ def test_a_notebook_runs_through_and_leaves_a_log_its_figures_and_nothing_else(p
     assert log.parent.name in EXPERIMENTS
     assert not project.figures.exists(), "a smoke test replaces no figure"
     assert {p.stem for p in (project.runs / "figures").glob("*.svg")} == FIGURES[name]
+    LIVE_RUNS.get(name, lambda _: None)(experiment(log.parent.name).load(log))
 
 
 @pytest.mark.slow

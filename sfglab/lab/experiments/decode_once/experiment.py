@@ -66,11 +66,11 @@ exp = Experiment(
     Config,
     where="A 4.3, 5.2",
     smoke={
-        "stages": (Stage(codec="h264", counts=(1, 3), network_counts=(3,)),),
+        "stages": (Stage(codec="h264", counts=(1, 2), network_counts=(2,)),),
         "samples": 2,
-        "period_s": 0.5,
-        "settle_s": 0.3,
-        "raw_s": 2.2,
+        "period_s": 0.3,
+        "settle_s": 0.1,
+        "raw_s": 1.2,
     },
     paper={
         "stages": (

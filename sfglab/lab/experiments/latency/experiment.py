@@ -41,7 +41,7 @@ exp = Experiment(
     "latency",
     Config,
     where="A 5.4",
-    smoke={"repeats": 2, "look_s": 0.4, "idle_s": 1.0},
+    smoke={"repeats": 2, "look_s": 0.4, "idle_s": 0.5},
     paper={"repeats": 120, "look_s": 1.0, "idle_s": 30.0},
     hosts=("edge", "consumer"),
     actors=(

@@ -42,13 +42,13 @@ exp = Experiment(
     Config,
     where="A 4.5, Eq. 4, Fig. 6",
     smoke={
-        "trees": 20,
+        "trees": 3,
         "rounds": ("faulty",),
-        "live_s": 1.2,
-        "fault_s": 20.0,
-        "fault_recordings": 2,
+        "live_s": 0.8,
+        "fault_s": 10.0,
+        "fault_recordings": 1,
         "lengths_s": (5.0,),
-        "recordings": 3,
+        "recordings": 1,
     },
     paper={
         "trees": 2000,

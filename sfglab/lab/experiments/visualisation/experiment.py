@@ -57,7 +57,7 @@ exp = Experiment(
     "visualisation",
     Config,
     where="A 4.5",
-    smoke={"clouds": 1, "streams": 20, "rounds": 1, "pictures": 15, "stopped_s": 1.2, "observed_s": 0.8},
+    smoke={"clouds": 1, "streams": 2, "rounds": 1, "pictures": 5, "stopped_s": 0.4, "observed_s": 0.8},
     paper={"clouds": 60, "streams": 2000, "rounds": 10, "pictures": 150, "stopped_s": 8.0},
     actors=(
         Actor("scene", "this host", "sends a fleet's messages, a moment an order"),
