@@ -61,6 +61,27 @@ def pytest_configure() -> None:
         )
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put slow tests at the beginning of each worker's share, so that none is left for the end.
+
+    Those that share fixtures of their module stay where they are.
+    """
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    slow = [item for item in items if item.get_closest_marker("slow") and not _shares_fixtures(item)]
+    moved = set(slow)
+    rest = [item for item in items if item not in moved]
+    bounds = [len(rest) * k // workers for k in range(workers + 1)]
+    items[:] = [
+        item for k in range(workers) for item in (*slow[k::workers], *rest[bounds[k] : bounds[k + 1]])
+    ]
+
+
+def _shares_fixtures(item: pytest.Item) -> bool:
+    found = getattr(item, "_fixtureinfo").name2fixturedefs.values()  # noqa: B009 - only functions have it
+    return any(fixtures[-1].scope in ("module", "class", "package") for fixtures in found)
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     for need, lack in NEEDS.items():
