@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pandas as pd
 import pytest
 
 from sfglab.arp import LocalCache
-from sfglab.arp.hallway import BEAMS_DEG, Command
+from sfglab.arp.hallway import BEAMS_DEG, SCAN_HZ, Command
 from sfglab.arp.robots import METHODS, RATES_HZ
 from sfglab.lab.experiments import cooperation
 from sfglab.lab.experiments.cooperation import exp
@@ -28,6 +29,8 @@ from sfglab.lab.experiments.cooperation.experiment import (
     scenario_of,
 )
 from sfglab.lab.experiments.cooperation.figures import frames_of
+from sfglab.lab.experiments.cooperation.replay import Replay, first_round
+from sfglab.lab.explore.preview import draw_look, preview
 from sfglab.lab.workers.hallway import COMMAND
 from sfglab.messages import default_message, serialized_size
 from sfglab.qos import QoSProfile
@@ -170,3 +173,32 @@ def test_a_command_travels_as_a_twist_without_loss():
     for turn in (-440, -1, 0, 3, 440):
         command = Command(moving=True, turn_mrad_s=turn)
         assert Command.from_velocities(command.speed_m_s, command.turn_rad_s) == command
+
+
+def test_the_methods_to_choose_are_those_that_there_are():
+    assert exp.config("quick").methods == tuple(METHODS), "the order is the sweep's"
+
+
+def test_a_replay_shows_the_run_again_and_how_long_the_station_was_wrong():
+    replay = Replay(first_round(REFERENCE, "OPT+LC"))
+    row = replay.run.row
+    assert row.end != "success"
+    measured, believed = replay.run.beliefs[-1]
+    assert measured.shape == believed.shape == (len(ROBOTS), len(BEAMS_DEG))
+    assert len(replay.late_s) * len(ROBOTS) == len(replay.run.tracks)
+    # What is wrong for longest was sent and not heard for no longer than the engine says.
+    assert 1 < replay.late_s.max() <= row.stale_s + 2 / SCAN_HZ
+    replay.picture.press("robot2")
+    assert replay.turn.value == replay.late_s[:, 1].argmax()
+
+
+@pytest.mark.parametrize("method", ["LC", "OPT"])
+def test_the_look_drives_the_round_that_is_asked_for(method):
+    async def title():
+        config = exp.config(**{**exp.looks["hallway"].start, "methods": (method,), "rates_hz": (500,)})
+        async with preview(exp, "hallway", config) as run:
+            return draw_look(exp, "hallway", run), run["course"].iloc[0]
+
+    figure, row = asyncio.run(title())
+    assert figure.get_suptitle().startswith(row["end"])
+    assert f"{method}, Rmax 500 Hz" in figure.axes[0].get_ylabel()

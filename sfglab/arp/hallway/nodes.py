@@ -153,7 +153,7 @@ class LocalisationNode:
 
     def __init__(self) -> None:
         self._steps: list[int | None] = [None] * len(BEAMS_DEG)
-        self._ranges = [math.inf] * len(BEAMS_DEG)
+        self.ranges_m = [math.inf] * len(BEAMS_DEG)  #: What each beam measured last, as far as is known here.
         self.view: View | None = None
 
     def hear(self, beam: int, step: int) -> bool:
@@ -161,10 +161,10 @@ class LocalisationNode:
         if self._steps[beam] == step:
             return False
         self._steps[beam] = step
-        self._ranges[beam] = range_from_step(step)
+        self.ranges_m[beam] = range_from_step(step)
         if None in self._steps:
             return False
-        self.view = _view(self._ranges)
+        self.view = _view(self.ranges_m)
         return True
 
 

@@ -143,7 +143,7 @@ class Station:
     """The nodes at the station, for so many robots; the first one leads."""
 
     def __init__(self, robots: int = 3) -> None:
-        self._localisations = [LocalisationNode() for _ in range(robots)]
+        self.localisations = [LocalisationNode() for _ in range(robots)]  #: One a robot.
         self._planning = PlanningNode()
         self.commands = [STOP] * robots  #: What each robot is told at present.
         #: Robot whose localisation was the last to see an obstacle and stop all; None: none has.
@@ -152,9 +152,9 @@ class Station:
 
     def hear(self, robot: int, beam: int, step: int) -> bool:
         """Take the value of a robot's beam in `BEAMS_DEG`; return whether any command is another one now."""
-        if not self._localisations[robot].hear(beam, step):
+        if not self.localisations[robot].hear(beam, step):
             return False
-        views = [localisation.view for localisation in self._localisations]
+        views = [localisation.view for localisation in self.localisations]
         known = [view for view in views if view is not None]
         if len(known) < len(views):
             return False

@@ -99,8 +99,11 @@ class Form:
             return self._kit.Checkbox(value=value, indent=False)
         if choices := choices_of(hint):
             return self._kit.Dropdown(options=list(choices.items()), value=value)
-        if get_origin(hint) is tuple and len(value) == 1 and bounds:
-            return self._slider(get_args(hint)[0], bounds, value[0])
+        one = get_args(hint)[0] if get_origin(hint) is tuple and len(value) == 1 else None
+        if one and (choices := choices_of(one)):
+            return self._kit.Dropdown(options=list(choices.items()), value=value[0])
+        if one and bounds:
+            return self._slider(one, bounds, value[0])
         if hint in (int, float) and bounds and math.isfinite(bounds.high):
             return self._slider(hint, bounds, value)
         return self._entry(hint, value)
@@ -164,4 +167,5 @@ def _read(hint: Any, given: Any) -> Any:
         one = get_args(hint)[0]
         parts = [p.strip() for p in given.split(",") if p.strip()] if isinstance(given, str) else [given]
         return tuple(round(p) if one is int and isinstance(p, float) else from_json(one, p) for p in parts)
-    return from_json(hint, given)
+    is_tuple = get_origin(hint) is tuple and not isinstance(given, tuple)
+    return from_json(hint, (given,) if is_tuple else given)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from sfglab.arp.hallway import (
     AREAS,
     BEAMS_DEG,
     LIMIT_S,
+    NO_ECHO,
     SCAN_HZ,
     STEP_NS,
     STOP,
@@ -27,8 +29,10 @@ from sfglab.arp.hallway import (
     Verdict,
     World,
     judge,
+    range_from_step,
 )
 from sfglab.arp.robots import METHODS, PLAN_S, RATES_HZ, TAKE_S
+from sfglab.fields import between
 from sfglab.lab.bench import as_row
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
 from sfglab.qos import DEFAULT, QoSProfile
@@ -62,11 +66,19 @@ _MEDIUM = Medium()
 _SCAN_STEPS = round(NS_PER_S / SCAN_HZ / STEP_NS)
 
 
+MethodName = Literal["none", "OPT", "CC", "LC", "OPT+CC", "OPT+LC", "OPT+LC+CC"]
+"""Names in `METHODS`."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
     """The whole run."""
 
-    rates_hz: tuple[int, ...] = RATES_HZ  #: The values of Rmax.
+    methods: tuple[MethodName, ...] = get_args(MethodName)  #: Names of methods.
+    rates_hz: tuple[int, ...] = between(RATES_HZ, 10, 1000, log=True)  #: The values of Rmax.
+    depths: tuple[int, ...] = between(DEPTHS, 1, 5000, log=True)  #: Depths without optimisation.
+    loss: float = between(_MEDIUM.loss, 0.0, 0.3)  #: Share of frames that the air loses.
+    vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"  #: Whose timing; the paper used Fast DDS.
     seeds: int = 6  #: How many runs of each point.
     #: How many of each point of the contrasts: no loss, another vendor's timing, and the rate of Eq. 6 without
     #: its depth.
@@ -119,11 +131,12 @@ def rate_and_depth(point: Point) -> tuple[float, int]:
 
 def points_of(config: Config) -> list[Point]:
     """Return the points of Fig. 16, method by method."""
+    medium = replace(_MEDIUM, loss=config.loss)
     return [
-        Point(method=name, rate_max_hz=rate, depth=depth)
-        for name, method in METHODS.items()
+        Point(method=name, rate_max_hz=rate, depth=depth, vendor=config.vendor, medium=medium)
+        for name in config.methods
         for rate in config.rates_hz
-        for depth in ((OPTIMUM,) if method.optimised else DEPTHS)
+        for depth in ((OPTIMUM,) if METHODS[name].optimised else config.depths)
     ]
 
 
@@ -272,6 +285,10 @@ class SimulatedRun:
         self._last = [STOP.number] * len(ROBOTS)
         self._tracked = tracked
         self.tracks: list[TrackRow] = []
+        #: With each turn's tracks: ranges as the LIDARs measure them, and as the station has them, metres,
+        #: shape (2, robots, beams).
+        self.beliefs: list[NDArray[np.float64]] = []
+        self.row: CourseRow | None = None  #: How it ended; None before.
 
     def run(self, limit_s: float = LIMIT_S) -> CourseRow:
         """Drive until it ends, or is given up."""
@@ -292,7 +309,8 @@ class SimulatedRun:
                 limit_s=limit_s,
             )
         self._track(steps * STEP_NS / NS_PER_S)
-        return self._row(verdict, steps * STEP_NS)
+        self.row = self._row(verdict, steps * STEP_NS)
+        return self.row
 
     def _scan(self, now_s: float) -> None:
         for robot, node in enumerate(self._sensing):
@@ -325,6 +343,10 @@ class SimulatedRun:
         manoeuvre = self._station.manoeuvre.value
         for robot, (x_m, y_m, heading_rad) in zip(ROBOTS, self._world.poses.tolist(), strict=True):
             self.tracks.append(TrackRow(self._tracked, robot, now_s, x_m, y_m, heading_rad, manoeuvre))
+        steps = [[node.value(beam) or NO_ECHO for beam in range(len(BEAMS_DEG))] for node in self._sensing]
+        measured = [[range_from_step(step) for step in robot] for robot in steps]
+        believed = [localisation.ranges_m for localisation in self._station.localisations]
+        self.beliefs.append(np.array([measured, believed]))
 
     def _row(self, verdict: Verdict, now_ns: int) -> CourseRow:
         outcome, (rate_hz, depth) = self._session.outcome(), rate_and_depth(self._point)
@@ -387,6 +409,20 @@ def _ended_ns(row: CourseRow) -> int:
     return round(row.ended_s * NS_PER_S)
 
 
+@lru_cache(maxsize=2)
+def driven(point: Point, seed: int) -> SimulatedRun:
+    """Drive a point with a seed; its tracks and beliefs are kept, and so are the last runs."""
+    run = SimulatedRun(point, seed, tracked="driven")
+    run.run()
+    return run
+
+
+def point_of(row: Any) -> Point:
+    """Return the point of a `CourseRow`, or of a line of their table."""
+    names = ("method", "rate_max_hz", "depth", "vendor")
+    return Point(**{name: getattr(row, name) for name in names}, medium=Medium(loss=row.loss))
+
+
 @exp.sweep(
     "contrast",
     over=contrasts_of,
@@ -396,4 +432,6 @@ def _ended_ns(row: CourseRow) -> int:
 @exp.sweep("course", over=points_of, at_ns=_ended_ns)
 def run_point(point: Point, seed: int) -> CourseRow:
     """Run a point with a seed."""
-    return SimulatedRun(point, seed).run()
+    row = driven(point, seed).row
+    assert row is not None, "it has ended"
+    return row

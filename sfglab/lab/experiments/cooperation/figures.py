@@ -8,11 +8,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
-from sfglab.arp.hallway import AREAS, BEAMS_DEG, HALF_WIDTH_M, HOME, RADIUS_M, WAYPOINTS, course_length_m
+from sfglab.arp.hallway import AREAS, BEAMS_DEG, HALF_WIDTH_M, HOME, RADIUS_M, WAYPOINTS, End, course_length_m
 from sfglab.arp.robots import METHODS
+from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.cooperation.analysis import contrasts, courses, difference, rates
-from sfglab.lab.experiments.cooperation.experiment import Config, exp
+from sfglab.lab.experiments.cooperation.experiment import Config, driven, exp, point_of
 from sfglab.lab.experiments.cooperation.stage import scan_at
 from sfglab.lab.figures import COLORS, MARKERS, grouped_bars, house_style, mp4
 from sfglab.lab.runs import lines_of
@@ -20,7 +22,6 @@ from sfglab.lab.runs import lines_of
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
@@ -144,6 +145,26 @@ def _draw_track(axes: Axes, way: pd.DataFrame, color: str, **style: Any) -> None
     axes.plot(every["x_m"], every["y_m"], _FAILED, color=color, markersize=2.5)
     last = way.iloc[-1]
     axes.add_patch(Circle((last["x_m"], last["y_m"]), RADIUS_M, color=color, alpha=0.7))
+
+
+@exp.look(
+    "hallway",
+    Look(
+        turn=("methods", "rates_hz", "depths", "loss", "vendor", "seed"),
+        needs=("course",),
+        size=(10.2, 3.9),
+        start={"methods": ("LC",), "rates_hz": (100,), "depths": (10,), "seeds": 1},
+        reference="cooperation_tracks",
+    ),
+)
+def draw_round(figure: Figure, run: Run[Config]) -> None:
+    """Draw the three robots' ways in a run's first round."""
+    row = lines_of(run["course"])[0]
+    name = "success" if row.end == End.SUCCESS.value else "failure"
+    tracks = pd.DataFrame(driven(point_of(row), row.seed).tracks)
+    _draw_run(figure.subplots(1, len(AREAS)), tracks, name, row._asdict())
+    late = f"at worst {row.stale_flow} was out of date for {row.stale_s:.2f} s"
+    figure.suptitle(f"{row.end} after {row.ended_s:.1f} s; {late}")
 
 
 @exp.figure("cooperation_staleness", size=(9.6, 3.8))

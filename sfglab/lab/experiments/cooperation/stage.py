@@ -37,13 +37,13 @@ from sfglab.lab.experiments.cooperation.experiment import (
     SimulatedRun,
     TrackRow,
     exp,
+    point_of,
     rate_and_depth,
 )
 from sfglab.lab.hosts import Network
 from sfglab.lab.workers.hallway import STATION, HallwayConfig
 from sfglab.messages import default_message, message_type
 from sfglab.processes import Member, ProcessGroup
-from sfglab.rtps import Medium
 from sfglab.spatial.poses import header_msg
 from sfglab.units import NS_PER_S
 
@@ -82,8 +82,7 @@ def drive_again(bench: Bench[Config]) -> None:
     examples = examples_of(bench.rows["course"])
     bench.metadata("examples", {name: asdict(row) for name, row in examples.items()})
     for name, row in examples.items():
-        same = {key: getattr(row, key) for key in ("method", "rate_max_hz", "depth", "vendor")}
-        tracked = SimulatedRun(Point(**same, medium=Medium(loss=row.loss)), row.seed, tracked=name)
+        tracked = SimulatedRun(point_of(row), row.seed, tracked=name)
         # Written out, because a NaN is not equal to itself.
         assert repr(tracked.run()) == repr(row), "the same point and seed are the same run"
         _write_tracks(bench, tracked.tracks)
