@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
+    from sfglab.fields import Bounds
+
 C = TypeVar("C")
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -140,6 +142,8 @@ class Look:
     start: Mapping[str, Any] = field(default_factory=dict)
     #: Fields set anew for a first picture, where the whole takes longer.
     coarse: Mapping[str, Any] = field(default_factory=dict)
+    #: Bounds of fields that are narrower than their own, where more takes too long to follow a slider.
+    within: Mapping[str, Bounds] = field(default_factory=dict)
     reference: str = ""  #: The experiment's figure that is shown for comparison; empty: none.
     draw: Callable[[Figure, Run[Any]], Any] = lambda _figure, _run: None  #: Draws into an empty figure.
 

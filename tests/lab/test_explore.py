@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import subprocess
 import sys
 import time
@@ -13,9 +14,10 @@ import pytest
 
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between
-from sfglab.lab.experiments import EXPERIMENTS, experiment, transmission
+from sfglab.lab.experiments import EXPERIMENTS, discovery, experiment, transmission
 from sfglab.lab.explore import explore
 from sfglab.lab.explore.form import Form, unit_of
+from sfglab.lab.explore.preview import draw_look, preview
 from sfglab.lab.explore.setup_picture import draw_setup
 from sfglab.lab.paths import find_project
 
@@ -107,6 +109,26 @@ def test_what_cannot_be_turned_is_refused_by_name():
         Form(Config(), ["colour"])
     with pytest.raises(InvalidValueError, match=r"transmission: look: given 'nothing', allowed: hello"):
         explore(transmission.exp, "nothing")
+
+
+def test_a_part_of_a_configuration_is_turned_within_what_follows_a_slider():
+    look = discovery.exp.looks["fleet"]
+    config = discovery.exp.config("quick", **look.start)
+    form = Form(config, look.turn, within=look.within)
+    agents = form.controls["simulated.agents"]
+    assert (agents.min, agents.max, agents.value) == (2, 16, 6)
+    assert agents.tooltip == "Sizes of the fleet."
+    agents.value = 3
+    form.controls["simulated.talkers"].value = form.controls["simulated.listeners"].value = 1
+    assert form.config.simulated == replace(config.simulated, agents=(3,), talkers=1, listeners=1)
+
+    async def drawn():
+        async with preview(discovery.exp, "fleet", form.config) as run:
+            return set(run["simulated"]["mode"]), len(draw_look(discovery.exp, "fleet", run).axes)
+
+    assert asyncio.run(drawn()) == ({"standard", "routed"}, 2)
+    form.reset()
+    assert form.config == config
 
 
 @pytest.mark.parametrize("name", [name for name in EXPERIMENTS if experiment(name).setup.actors])

@@ -100,7 +100,7 @@ class Explorer:
         self._kit = widgets()
         self._exp, self._look, self._profile = exp, look, profile
         declared = exp.looks[look]
-        self.form = Form(exp.config(profile, **declared.start), declared.turn, self._ask)
+        self.form = Form(exp.config(profile, **declared.start), declared.turn, self._ask, declared.within)
         self.shown, self.whole = -1, False
         self.kept: list[str] = []
         self._request = -1

@@ -2,6 +2,7 @@
 
 A field with both bounds is a slider, on a logarithmic scale where its bounds say so; an enumeration or a
 ``Literal`` is a choice; a tuple of one bounded number is a slider as well, any other tuple a text with commas.
+Fields of a part of the configuration are called ``part.field``.
 Knows dataclasses and widgets; refuses to know experiments.
 """
 
@@ -9,8 +10,9 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
 from html import escape
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, get_args, get_origin
 
 from sfglab.errors import InvalidValueError, SfglabError
@@ -18,7 +20,8 @@ from sfglab.fields import BOUNDS, check_bounds, choices_of, field_docs, from_jso
 from sfglab.view.panel import widgets
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
+    from dataclasses import Field
 
     from sfglab.fields import Bounds
 
@@ -40,20 +43,26 @@ class Form:
         config: The configuration to begin with.
         first: Names of fields that are shown first; the others are in a fold below.
         on_change: Called when a valid value was set.
+        within: Bounds of sliders that are narrower than their fields'.
 
     Raises:
         MissingExtraError: ipywidgets is not installed.
         InvalidValueError: There is no such field, or it has a type that no widget holds.
     """
 
-    def __init__(self, config: Any, first: Sequence[str], on_change: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self,
+        config: Any,
+        first: Sequence[str],
+        on_change: Callable[[], None] = lambda: None,
+        within: Mapping[str, Bounds] | None = None,
+    ) -> None:
         self._kit = widgets()
         self._begin, self.config, self._on_change = config, config, on_change
-        self._docs = field_docs(type(config))
+        self._within = within or {}
         self._said = self._kit.HTML()
         self.controls: dict[str, Any] = {}
-        config_class: Any = type(config)
-        self._fields = typed_fields(config_class)
+        self._fields = _fields_of(type(config))
         rows = {name: self._row(name) for name in self._fields if name not in _HIDDEN}
         shown = {name: row for name, row in rows.items() if row is not None}
         for name in first:
@@ -70,7 +79,7 @@ class Form:
     def reset(self) -> None:
         """Set every field to what it was in the beginning."""
         for name, control in self.controls.items():
-            control.value = _shown(getattr(self._begin, name), control)
+            control.value = _shown(attrgetter(name)(self._begin), control)
 
     def say(self, text: str) -> None:
         """Show a sentence below the widgets; empty: none."""
@@ -78,14 +87,14 @@ class Form:
 
     def _row(self, name: str) -> Any | None:
         """Return a field's widget with its unit; None where no widget can hold it."""
-        field = self._fields[name]
-        value = getattr(self.config, name)
-        control = self._control(field.type, field.metadata.get(BOUNDS), value)
+        field, text = self._fields[name]
+        bounds = self._within.get(name) or field.metadata.get(BOUNDS)
+        control = self._control(field.type, bounds, attrgetter(name)(self.config))
         if control is None:
             return None
-        text = self._docs.get(name, "")
         unit = unit_of(name, text)
-        control.description = (name.removesuffix(f"_{unit.lower()}") if unit else name).replace("_", " ")
+        words = name.removesuffix(f"_{unit.lower()}") if unit else name
+        control.description = words.replace("_", " ").replace(".", " ")
         control.tooltip = text
         control.style.description_width = "9em"
         control.layout.width = "26em"
@@ -133,8 +142,7 @@ class Form:
 
     def _set(self, name: str, hint: Any, given: Any) -> None:
         try:
-            config = replace(self.config, **{name: _read(hint, given)})
-            check_bounds(config)
+            config = _replaced(self.config, name, _read(hint, given))
         except (SfglabError, ValueError) as error:
             self.say(str(error))
             return
@@ -142,6 +150,26 @@ class Form:
         if config != self.config:
             self.config = config
             self._on_change()
+
+
+def _fields_of(config_class: Any, part: str = "") -> dict[str, tuple[Field[Any], str]]:
+    """Return a configuration's fields with their texts, those of its parts too, by name."""
+    found: dict[str, tuple[Field[Any], str]] = {}
+    docs = field_docs(config_class)
+    for name, field in typed_fields(config_class).items():
+        if is_dataclass(field.type):
+            found |= _fields_of(field.type, f"{part}{name}.")
+        else:
+            found[part + name] = field, docs.get(name, "")
+    return found
+
+
+def _replaced(config: Any, name: str, value: Any) -> Any:
+    """Return a configuration with another value of a field, which may be a part's, within its bounds."""
+    head, _, rest = name.partition(".")
+    changed = replace(config, **{head: _replaced(getattr(config, head), rest, value) if rest else value})
+    check_bounds(changed)
+    return changed
 
 
 def _is_plain_tuple(hint: Any) -> bool:

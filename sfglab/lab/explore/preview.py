@@ -5,6 +5,7 @@ Runs the experiment's own tasks and parts, into a log that is gone with the prev
 
 from __future__ import annotations
 
+import asyncio
 from contextlib import asynccontextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,7 +17,7 @@ from sfglab.lab.figures import house_style
 from sfglab.lab.progress import progress_to
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable, Iterator
+    from collections.abc import AsyncIterator, Callable
 
     from matplotlib.figure import Figure
 
@@ -47,18 +48,21 @@ async def preview(
     with TemporaryDirectory(prefix="sfglab-look-") as folder:
         path = Path(folder) / "look.mcap"
         sweeps = [one for one in exp.sweeps if options.wants(one.table)]
-        rows = {one.table: list(_rows(exp, one, config, go_on)) for one in sweeps}
+        # In a thread, because a task may run a loop of its own.
+        rows = {one.table: await asyncio.to_thread(_rows, exp, one, config, go_on) for one in sweeps}
         with progress_to(go_on):
             await exp.write(config, path, rows, options, {})
         yield exp.load(path)
 
 
-def _rows(exp: Experiment[C], one: Any, config: C, go_on: Callable[[], None]) -> Iterator[tuple[None, Any]]:
+def _rows(exp: Experiment[C], one: Any, config: C, go_on: Callable[[], None]) -> list[tuple[None, Any]]:
+    rows: list[tuple[None, Any]] = []
     for point in one.over(config):
         for seed in one.seeds(config):
             go_on()
-            for row in rows_of(exp.tables[one.table], one.task(point, seed), {"seed": seed}, point):
-                yield None, row
+            made = rows_of(exp.tables[one.table], one.task(point, seed), {"seed": seed}, point)
+            rows += [(None, row) for row in made]
+    return rows
 
 
 def draw_look(exp: Experiment[C], look: str, run: Run[C]) -> Figure:

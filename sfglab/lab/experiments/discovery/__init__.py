@@ -10,6 +10,6 @@ from __future__ import annotations
 
 from sfglab.lab.experiments.discovery import simulated, stage
 from sfglab.lab.experiments.discovery.analysis import live, summary
-from sfglab.lab.experiments.discovery.experiment import exp
+from sfglab.lab.experiments.discovery.experiment import Fleet, exp
 
-__all__ = ["exp", "live", "simulated", "stage", "summary"]
+__all__ = ["Fleet", "exp", "live", "simulated", "stage", "summary"]

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from sfglab.fields import Bounds
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.discovery.experiment import ROUTED, STANDARD, Config, exp
+from sfglab.lab.experiment import Look
+from sfglab.lab.experiments.discovery.experiment import ROUTED, STANDARD, Config, Scale, exp
 from sfglab.lab.figures import COLORS, MARKERS
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import Estimate, bootstrap
@@ -335,6 +337,40 @@ def draw_scale(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     figure.suptitle("Fleet discovery beyond six agents")
     medians = run["simulated"].groupby(KEYS)[["resolved_s", "rx_bytes"]].median().reset_index()
     return {"live": _records(summary(run)), "simulated": _records(medians)}
+
+
+_NODES = Bounds(1, 20)
+
+
+@exp.look(
+    "fleet",
+    Look(
+        turn=("simulated.agents", "simulated.talkers", "simulated.listeners"),
+        needs=("simulated",),
+        size=(10, 2.4),
+        start={"simulated": Scale(agents=(6,))},
+        within={
+            "simulated.agents": Bounds(2, 16),
+            "simulated.talkers": _NODES,
+            "simulated.listeners": _NODES,
+        },
+        reference="discovery_scale",
+    ),
+)
+def draw_one(figure: Figure, run: Run[Config]) -> None:
+    """Draw one simulated fleet of each kind: how long its agents take, and what each receives until then."""
+    time_axes, bytes_axes = figure.subplots(1, 2, sharey=True)
+    for axes, column, label, limits, text in (
+        (time_axes, "resolved_s", "time until an agent knows all its peers (s)", (0.01, 300), "{:.2f}".format),
+        (bytes_axes, "rx_bytes", "received at its interface until then", (1e3, 1e9), _bytes_text),
+    ):
+        for mode, style in MODES.items():
+            values = run["simulated"].query("mode == @mode")[column]
+            middle = float(f"{values.median():.3g}")
+            axes.barh(LABELS[mode], middle, color=COLORS[style], alpha=0.5)
+            axes.plot(values, [LABELS[mode]] * len(values), MARKERS[style], color=COLORS[style], markersize=4)
+            axes.annotate(text(middle), (middle, LABELS[mode]), (6, 0), textcoords="offset points", va="center")
+        axes.set(xscale="log", xlim=limits, xlabel=label)
 
 
 def _draw_fleets(axes: Axes, run: Run[Config], column: str) -> None:

@@ -132,7 +132,7 @@ exp = Experiment(
     },
     hosts=_hosts_of,
     actors=(
-        Actor("nodes", host="each agent", does="as many ROS 2 nodes of demo_nodes_cpp", count="2 or 20"),
+        Actor("nodes", host="each agent", does="ROS 2 nodes of demo_nodes_cpp", count="2 or 20"),
         Actor("router", host="each agent", does="joins the agent's domain with the global one"),
         Actor("status provider", host="each agent", does="announces the agent"),
         Actor("discoverer", host="each agent", does="finds the peers"),

@@ -15,7 +15,7 @@ import asyncio
 import gc
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import EndpointAdded, RawEndpoint
@@ -98,8 +98,9 @@ def run_fleet(fleet: Fleet, seed: int = 0) -> FleetOutcome:
         return run_simulated(partial(_routed, fleet), seed=seed, costs=costs, lean_services=True)
 
 
+@lru_cache(maxsize=64)
 def _standard_fleet(fleet: Fleet, seed: int) -> FleetOutcome:
-    """Simulate a small fleet, or follow the line through two smaller ones."""
+    """Simulate a small fleet, or follow the line through two smaller ones, which all larger ones have."""
     if fleet.agents > _STANDARD_MOST:
         few, more = (_standard_fleet(replace(fleet, agents=agents), seed) for agents in (2, 3))
         return _extrapolated(few, more, fleet.agents)
