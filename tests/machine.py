@@ -72,9 +72,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     moved = set(slow)
     rest = [item for item in items if item not in moved]
     bounds = [len(rest) * k // workers for k in range(workers + 1)]
-    items[:] = [
-        item for k in range(workers) for item in (*slow[k::workers], *rest[bounds[k] : bounds[k + 1]])
-    ]
+    items[:] = [item for k in range(workers) for item in (*slow[k::workers], *rest[bounds[k] : bounds[k + 1]])]
 
 
 def _shares_fixtures(item: pytest.Item) -> bool:

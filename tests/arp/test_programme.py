@@ -163,6 +163,7 @@ def test_behind_a_local_cache_slow_values_are_read_often_and_sent_seldom():
     assert cached["/robot1/dht11"].deadline_ns is None, "silence is no fault there"
 
 
+@pytest.mark.slow
 def test_behind_a_local_cache_the_simulated_air_is_the_expected_one_from_above():
     planned = plan([replace(t, cached=True) for t in PAPER_B.topics], PAPER_B.medium, FAST_DDS)
     outcome = run_plan(planned, seed=1, duration_s=40.0)

@@ -34,6 +34,7 @@ def test_detection_says_what_was_found_why_and_which_codecs_open():
     assert all(name in done.output for name in ("jetson", "cuda", "rocm", "vaapi", "v4l2"))
 
 
+@pytest.mark.slow
 def test_the_papers_fleet_passes_its_check():
     kinds = ("go2", "pi1", "steamdeck", "workstation")  # the other Raspberry Pis differ in name and domain
     done = call("check", FLEET, *(part for name in kinds for part in ("--agent", name)))

@@ -38,6 +38,7 @@ def test_the_reference_run_fills_the_claim_and_one_fault_would_show():
     assert (measured.estimate.value, "a dry run changes nothing" in measured.reason) == (0.0, True)
 
 
+@pytest.mark.slow
 @pytest.mark.live
 @pytest.mark.netns
 def test_agents_meet_over_their_bridges_and_routers_and_nothing_of_their_own_gets_out(tmp_path):

@@ -163,6 +163,7 @@ def test_a_cleared_link_loses_nothing(network):
     assert arrived == sent >= 500
 
 
+@pytest.mark.slow
 @netns
 def test_a_full_queue_drops_the_tail(network):
     arrived = []

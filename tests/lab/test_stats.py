@@ -18,6 +18,7 @@ def test_a_line_through_one_place_is_undefined():
     assert np.isnan(line_fit(np.ones(4), np.arange(4.0))[0])
 
 
+@pytest.mark.slow
 def test_the_interval_of_a_median_covers_the_truth_about_95_times_of_100():
     rng = np.random.default_rng(0)
     covered = 0

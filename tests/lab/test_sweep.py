@@ -115,6 +115,7 @@ def test_numpy_scalars_become_pythons_and_other_fields_are_refused_by_name():
 # --- Where it runs --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_threads_processes_and_a_cluster_give_the_same_bits_in_order(tmp_path, monkeypatch):
     wanted = bits(expected())
     assert bits(sweep(quick, POINTS, SEEDS, journal=tmp_path / "a", workers=THREADS)) == wanted
@@ -363,6 +364,7 @@ def test_ctrl_c_in_a_terminal_ends_a_sweep_quietly_with_all_its_processes(tmp_pa
     resumed(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_killed_sweep_leaves_no_workers_and_is_continued(tmp_path):
     ended = sweep_elsewhere(tmp_path, "kill")
     assert ended.returncode == -9, ended.stderr

@@ -150,6 +150,7 @@ def test_the_order_is_judged_by_winner_and_by_loser(best, small, deep, wins, wor
     assert (bool(judged["wins"]), bool(judged["small_is_worst"])) == (wins, worst)
 
 
+@pytest.mark.slow
 def test_a_run_repeats_to_the_byte_and_fills_its_claims(tmp_path):
     one, two = (run_small(tmp_path / name / "a.mcap") for name in ("one", "two"))
     assert all(one.table(name).equals(two.table(name)) for name in ("cell", "lossless", "beyond"))

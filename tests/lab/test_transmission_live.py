@@ -100,6 +100,7 @@ def play(*scenarios: Scenario) -> list[Played]:
     return asyncio.run(all_of_them())
 
 
+@pytest.mark.slow
 @pytest.mark.netns
 def test_flows_caches_and_chains_run_live_as_in_the_model():
     flow = {"source": "robot", "target": "station", "rate_hz": 100.0, "qos": QoSProfile(depth=10)}

@@ -71,6 +71,7 @@ def test_a_bent_arrow_is_caught(state, given, to, violated):
     assert re.search(violated, found.property)
 
 
+@pytest.mark.slow
 def test_of_all_arrows_bent_anywhere_only_three_pass_and_these_change_nothing_but_the_polling():
     passed = {
         (state, given, to)
