@@ -48,8 +48,9 @@ lab: setup ## Open JupyterLab on the index notebook (LAB="--no-browser ..." for 
 figures: setup ## Draw figures/ again from committed logs alone
 	$(BIN)/sfglab figures
 
-screenshots: setup ## Make the screenshots of editor and viewer in figures/ (the viewer's needs a Vulkan driver)
+screenshots: setup ## Make the pictures of editor, viewer and explorer in figures/ (the viewer's needs a Vulkan driver)
 	$(BIN)/python -m sfglab.lab.screenshots figures
+	$(BIN)/python tests/lab/film_explorer.py figures/explore.gif
 
 claims: setup ## Print the ledger: paper said, we measured
 	$(BIN)/sfglab claims

@@ -1,0 +1,114 @@
+"""A film of an explorer for the README, from a real JupyterLab: sliders are dragged, the figure follows.
+
+python tests/lab/film_explorer.py figures/explore.gif
+"""
+
+import base64
+import io
+import subprocess
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+import nbformat
+from PIL import Image, ImageDraw
+
+from sfglab.lab.browser import Browser, free_port
+from sfglab.lab.paths import find_project
+
+CELL = """from sfglab.lab.experiments import transmission
+from sfglab.lab.explore import explore
+explore(transmission.exp)"""
+READY = "window.jupyterapp?.shell.currentWidget?.sessionContext?.session?.kernel?.status === 'idle'"
+PICTURE = "document.querySelector('.jp-OutputArea img')?.naturalWidth > 0"
+SOURCE = "document.querySelector('.jp-OutputArea img').src"
+PLACE = """(() => { const b = document.querySelector('.jp-OutputArea').getBoundingClientRect();
+  return [b.x, b.y, b.width, b.height]; })()"""
+HANDLE = """(() => { const row = [...document.querySelectorAll('.widget-slider')].find(
+  r => r.querySelector('label').innerText.trim() === '%s');
+  const track = row.querySelector('.noUi-base').getBoundingClientRect();
+  const handle = row.querySelector('.noUi-handle').getBoundingClientRect();
+  return [handle.x + handle.width / 2, handle.y + handle.height / 2, track.x, track.width]; })()"""
+MOVES = (("loss", (0.25, 0.45, 0.65)), ("depths", (0.1, 0.5)))
+WIDTH, HEIGHT, BAR, WIDEST_PX = 1180, 900, 30, 860
+ANSWER_S, LATEST_S, SETTLES_S = 240, 15, 2.0
+
+
+def shoot(browser, frames, pointer):
+    """Keep what the output shows now, with the mouse's place."""
+    x, y, width, height = browser.evaluate(PLACE)
+    clip = {"x": x, "y": y, "width": width, "height": min(height, HEIGHT - y - BAR), "scale": 1}
+    shot = browser.call("Page.captureScreenshot", format="png", clip=clip)["data"]
+    picture = Image.open(io.BytesIO(base64.b64decode(shot))).convert("RGB")
+    px, py = pointer[0] - x, pointer[1] - y
+    ImageDraw.Draw(picture).ellipse((px - 7, py - 7, px + 7, py + 7), outline="#D55E00", width=3)
+    frames.append((time.monotonic(), picture))
+
+
+def drag(browser, frames, label, shares):
+    """Drag a slider in steps, and watch what follows."""
+
+    def mouse(kind, at, **more):
+        browser.call("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], **more)
+
+    x, y, left, width = browser.evaluate(HANDLE % label)
+    mouse("mouseMoved", (x, y))
+    mouse("mousePressed", (x, y), button="left", buttons=1, clickCount=1)
+    for share in shares:
+        at = (left + share * width, y)
+        mouse("mouseMoved", at, button="left", buttons=1)
+        before, end = browser.evaluate(SOURCE), time.monotonic() + LATEST_S
+        while time.monotonic() < end:
+            shoot(browser, frames, at)
+            if (now := browser.evaluate(SOURCE)) != before:  # a coarse picture may come first
+                before, end = now, time.monotonic() + SETTLES_S
+    mouse("mouseReleased", at, button="left", clickCount=1)
+
+
+def write(frames, to):
+    """Write a GIF: equal pictures once, each as long as it was seen, at most two seconds."""
+    kept = [frames[0]]
+    for taken, picture in frames[1:]:
+        if picture.tobytes() != kept[-1][1].tobytes():
+            kept.append((taken, picture))
+    until = [taken for taken, _ in kept[1:]] + [kept[-1][0] + 2.0]
+    durations = [min(2000, int(1000 * (b - a))) for (a, _), b in zip(kept, until, strict=True)]
+    size = min(WIDEST_PX / kept[0][1].width, 1.0)
+    small = [p.resize((int(p.width * size), int(p.height * size)), Image.Resampling.LANCZOS) for _, p in kept]
+    first = small[0].quantize(64)
+    pictures = [p.quantize(palette=first, dither=Image.Dither.NONE) for p in small]
+    pictures[0].save(to, save_all=True, append_images=pictures[1:], duration=durations, loop=0, optimize=True)
+
+
+def main(to):
+    root = find_project().root
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL)])
+    notebook.metadata.kernelspec = {"name": "python3", "display_name": "Python 3 (ipykernel)"}
+    (root / "runs").mkdir(exist_ok=True)
+    nbformat.write(notebook, root / "runs" / "film.ipynb")
+    port = free_port()
+    argv = [sys.executable, "-m", "sfglab", "lab", "--", "--no-browser", f"--ServerApp.port={port}"]
+    argv += ["--IdentityProvider.token=", "--LabApp.expose_app_in_browser=True"]
+    server = subprocess.Popen(argv, stderr=subprocess.PIPE, text=True)
+    try:
+        next(line for line in server.stderr if "is running at" in line)
+        with closing(Browser(WIDTH, HEIGHT)) as browser:
+            browser.open(f"http://127.0.0.1:{port}/lab/tree/runs/film.ipynb?reset")
+            browser.wait_for(READY, ANSWER_S)
+            for command in ("application:toggle-left-area", "notebook:run-all-cells"):
+                browser.evaluate(f"void jupyterapp.commands.execute('{command}')")
+            browser.wait_for(PICTURE, ANSWER_S)
+            time.sleep(2 * SETTLES_S)
+            frames = []
+            for label, shares in MOVES:
+                drag(browser, frames, label, shares)
+    finally:
+        server.terminate()
+        server.wait(60)
+        (root / "runs" / "film.ipynb").unlink()
+    write(frames, to)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
