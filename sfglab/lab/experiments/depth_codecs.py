@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from sfglab.fields import between
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiment import Experiment
+from sfglab.lab.experiment import Experiment, Look
 from sfglab.lab.figures import COLORS
 from sfglab.lab.runs import derived
 from sfglab.lab.sources import open_source
@@ -33,19 +34,21 @@ if TYPE_CHECKING:
 
 CODECS: dict[str, dict[str, Any]] = {
     "rvl": {"codec": "rvl"},
-    "png": {"codec": "png", "png_level": 9},
+    "png": {"codec": "png"},
     "png_fast": {"codec": "png", "png_level": 1},
 }
-"""What is compared, as `encode_depth` takes it: PNG at the transport plug-in's default, and at its fastest."""
+"""What is compared, as `encode_depth` takes it: PNG at a level of the configuration's, and at its fastest."""
 
-LABELS = {"rvl": "RVL", "png": "PNG (default,\nlevel 9)", "png_fast": "PNG\n(level 1)"}
+_DEFAULT_LEVEL = 9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Shown):
     """What is compared."""
 
-    frames: int = 40  #: Depth frames, each coded by both codecs.
+    frames: int = between(40, 1, 1200, log=True)  #: Depth frames, each coded by all codecs.
+    png_level: int = between(9, 0, 9)  #: Level of PNG beside its fastest, 1; the transport plug-in's is 9.
+    noise_mm: float = between(0.0, 0.0, 50.0)  #: Standard deviation of noise that is added to depth [mm].
     source: str = "stereo"  #: Source of frames with depth.
     seed: int = 0  #: Seed of the view's path and of the codecs' order.
 
@@ -66,11 +69,12 @@ class CodingRow:
     exact: bool  #: Whether the decoded frame equals the original in every bit.
 
 
-def _code(depth: Any, codec: str) -> dict[str, Any]:
+def _code(depth: Any, codec: str, png_level: int) -> dict[str, Any]:
     from sfglab.codecs import decode_depth, encode_depth
 
+    given = {"png_level": png_level} | CODECS[codec]
     started = time.thread_time_ns()
-    depth_format, data = encode_depth(depth, **CODECS[codec])
+    depth_format, data = encode_depth(depth, **given)
     encoded = time.thread_time_ns()
     back, _ = decode_depth(data, depth_format)
     decoded = time.thread_time_ns()
@@ -84,18 +88,28 @@ def _code(depth: Any, codec: str) -> dict[str, Any]:
     }
 
 
+def _noisy(depth_mm: Any, noise_mm: float, rng: np.random.Generator) -> Any:
+    """Return depth with noise where it is known, shape (H, W), uint16, in mm."""
+    if not noise_mm:
+        return depth_mm
+    noisy = np.rint(depth_mm + rng.normal(0.0, noise_mm, depth_mm.shape)).clip(1, 65535)
+    return np.where(depth_mm > 0, noisy, 0).astype(np.uint16)
+
+
 @exp.part("frames", total=lambda config: config.frames)
 def code_frames(bench: Bench[Config]) -> None:
     """Code every frame by every codec and write one row each."""
-    rng = np.random.default_rng(bench.config.seed)
-    source = open_source(bench.config.source, seed=bench.config.seed)
-    warm_up = source.frame().depth_mm
+    config = bench.config
+    rng, noise = (np.random.default_rng((config.seed, *more)) for more in ((), (1,)))
+    source = open_source(config.source, seed=config.seed)
+    warm_up = np.ascontiguousarray(source.frame().depth_mm[:32, :32])  # a corner: level 9 takes its time
     for codec in CODECS:  # compiled code must not be timed cold
-        _code(warm_up, codec)
-    for _ in range(bench.config.frames):
+        _code(warm_up, codec, config.png_level)
+    for _ in range(config.frames):
         frame = source.frame()
+        depth = _noisy(frame.depth_mm, config.noise_mm, noise)
         for codec in rng.permutation(list(CODECS)):
-            bench.write("coding", {"frame": frame.number, **_code(frame.depth_mm, str(codec))})
+            bench.write("coding", {"frame": frame.number, **_code(depth, str(codec), config.png_level)})
         bench.advance(f"frame {frame.number}")
     source.close()
 
@@ -154,6 +168,17 @@ def encoding_speed(run: Run[Config]) -> Finding:
     return Finding(estimate=lossy, details=details, reason="not every frame came back exactly")
 
 
+@exp.look(
+    "codecs",
+    Look(
+        turn=("png_level", "noise_mm", "frames"),
+        needs=("frames",),
+        size=(11, 3.6),
+        start={"frames": 4},
+        coarse={"frames": 1},
+        reference="depth_codecs",
+    ),
+)
 @exp.figure("depth_codecs", size=(11, 3.6))
 def draw_codecs(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw coding times and sizes of both codecs."""
@@ -162,7 +187,7 @@ def draw_codecs(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     axes = figure.subplots(1, 3)
     shown = {"encode": "encode_ms", "decode": "decode_ms", "size": "coded_bytes"}
     for place, (title, column) in zip(axes, shown.items(), strict=True):
-        _draw_spread(place, table[column], title)
+        _draw_spread(place, table[column], title, run.config.png_level)
     axes[0].set_ylabel("CPU time a frame (ms), log scale")
     axes[1].set_ylabel("CPU time a frame (ms), log scale")
     axes[2].set_ylabel("compressed size (kB)")
@@ -175,10 +200,11 @@ def draw_codecs(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     }
 
 
-def _draw_spread(axes: Axes, columns: Any, title: str) -> None:
+def _draw_spread(axes: Axes, columns: Any, title: str, png_level: int) -> None:
     scale = 1e-3 if title == "size" else 1.0
     values = [columns[codec].astype(float).to_numpy() * scale for codec in CODECS]
-    labels = list(LABELS.values())
+    level = f" (default,\nlevel {png_level})" if png_level == _DEFAULT_LEVEL else f"\n(level {png_level})"
+    labels = ["RVL", f"PNG{level}", "PNG\n(level 1)"]
     parts = axes.boxplot(values, tick_labels=labels, showfliers=False, patch_artist=True, widths=0.5)
     for patch, color in zip(parts["boxes"], ("proxy", "standard", "network"), strict=True):
         patch.set_facecolor(COLORS[color])
