@@ -32,11 +32,11 @@ class Options:
     separate: bool | None = None  #: False insists on one host; None takes separate hosts where the machine can.
     workers: Workers | None = None  #: Who runs the sweeps; None: what each of them names.
     explored: bool = False  #: Whether somebody only looks: the log will speak for no claim.
-    only: frozenset[str] = frozenset()  #: Tables of sweeps and names of parts that are run; empty: all.
+    only: frozenset[str] | None = None  #: Tables of sweeps and names of parts that are run; None: all.
 
     def wants(self, name: str) -> bool:
         """Return whether a sweep's table or a part is run."""
-        return not self.only or name in self.only
+        return self.only is None or name in self.only
 
 
 def as_row(row_class: type[Any], row: Row, *origins: Any) -> Any:

@@ -136,7 +136,7 @@ class Look:
     """A figure that follows what a reader turns, computed from a few quick tables."""
 
     turn: Sequence[str]  #: Fields of the configuration that a form offers first.
-    needs: Collection[str]  #: Tables of sweeps, and names of parts, that it is drawn from.
+    needs: Collection[str]  #: Tables of sweeps, and names of parts, that it is drawn from; may be empty.
     size: tuple[float, float]  #: Width and height, inches.
     #: Fields that differ from the profile ``quick`` to begin with.
     start: Mapping[str, Any] = field(default_factory=dict)
@@ -416,7 +416,8 @@ class Experiment(Generic[C]):
     ) -> None:
         """Write a log: a sweep's rows by table, what the parts write, and how the run was completed."""
         with ExitStack() as stack:
-            names = self._hosts(config) if callable(self._hosts) else self._hosts
+            hosted = self._hosts if options.only != frozenset() else ()
+            names = hosted(config) if callable(hosted) else hosted
             hosts = stack.enter_context(Testbed(*names, separate=options.separate)) if names else None
             log = stack.enter_context(LogWriter(path, overwrite=True))
             log.write_metadata("run", run_context())

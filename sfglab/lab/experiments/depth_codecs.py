@@ -100,9 +100,10 @@ def _noisy(depth_mm: Any, noise_mm: float, rng: np.random.Generator) -> Any:
 def code_frames(bench: Bench[Config]) -> None:
     """Code every frame by every codec and write one row each."""
     config = bench.config
-    rng, noise = (np.random.default_rng((config.seed, *more)) for more in ((), (1,)))
+    rng, noise = np.random.default_rng(config.seed), np.random.default_rng((config.seed, 1))
     source = open_source(config.source, seed=config.seed)
-    warm_up = np.ascontiguousarray(source.frame().depth_mm[:32, :32])  # a corner: level 9 takes its time
+    corner: Any = source.frame().depth_mm  # the whole takes its time at level 9
+    warm_up = np.ascontiguousarray(corner[:32, :32])
     for codec in CODECS:  # compiled code must not be timed cold
         _code(warm_up, codec, config.png_level)
     for _ in range(config.frames):

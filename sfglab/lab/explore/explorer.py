@@ -145,11 +145,11 @@ class Explorer:
 
     def keep(self) -> None:
         """Write what is shown into a log below ``runs/``, marked as explored: it speaks for no claim."""
-        self._run(sorted(self._exp.looks[self._look].needs))
+        self._run(tuple(sorted(self._exp.looks[self._look].needs)))
 
     def run_all(self) -> None:
         """Run the whole experiment with these settings, live parts too; its log is marked as explored."""
-        self._run([])
+        self._run(None)
 
     def stop(self) -> None:
         """Stop what runs on a button; what it started ends with it."""
@@ -189,13 +189,13 @@ class Explorer:
 
     # What runs on a button.
 
-    def _run(self, only: list[str]) -> None:
+    def _run(self, only: tuple[str, ...] | None) -> None:
         if self._running is not None:
             self._state.value = "one run at a time: stop the other first"
             return
         settings = to_json(self.form.config)
         settings.pop("profile", None)
-        task = Task(experiment=self._exp.name, profile=self._profile, settings=settings, only=tuple(only))
+        task = Task(experiment=self._exp.name, profile=self._profile, settings=settings, only=only)
         self._outcome = ""
         self._show_busy(busy=True)
         self._running = Worker(task, self._follow)

@@ -13,4 +13,4 @@ class Task:
     experiment: str  #: The experiment's name.
     profile: str = ""  #: Of the run that it makes; empty: it draws.
     settings: dict[str, Any] = field(default_factory=dict)  #: Fields of that run, as JSON has them.
-    only: tuple[str, ...] = ()  #: Tables of sweeps and names of parts that it makes; empty: all.
+    only: tuple[str, ...] | None = None  #: Tables of sweeps and names of parts that it makes; None: all.

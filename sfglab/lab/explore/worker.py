@@ -74,7 +74,7 @@ async def _run(exp: Experiment[Any], task: Task, report: Callable[[Report], None
     def step(step: Step) -> None:
         report({"is": "step", "what": step.what, "done": step.done, "total": step.total, "left_s": step.left_s})
 
-    options = Options(explored=True, only=frozenset(task.only))
+    options = Options(explored=True, only=None if task.only is None else frozenset(task.only))
     with progress_to(step):
         run = await exp.run(task.profile, options=options, **task.settings)
     report({"is": "done", "log": str(run.log)})

@@ -107,7 +107,7 @@ class CostModel:
     residuals: pd.DataFrame  #: One line a cell: mode, subscribers, measured, fitted.
 
 
-def _design(mode: str, count: float) -> tuple[float, float, float]:
+def design(mode: str, count: float) -> tuple[float, float, float]:
     """Return the factors of (net, dec, ipc) in Eq. 2 (standard), Eq. 3 (proxy), or receiving alone."""
     return {"standard": (count, count, 0.0), "proxy": (1.0, 1.0, count), "network": (count, 0.0, 0.0)}[mode]
 
@@ -126,7 +126,7 @@ def _errors(rows: Floats) -> Floats:
 def cost_model(run: Run[Config], codec: str = "h264") -> CostModel:
     """Fit Eq. 2 and 3 to the cells of one codec's stream, without any term that the paper does not have."""
     chosen = cells(run)[cells(run)["codec"] == codec]
-    rows = np.array([(*_design(m, n), c) for m, n, c in chosen[["mode", "subscribers", "cpu"]].to_numpy()])
+    rows = np.array([(*design(m, n), c) for m, n, c in chosen[["mode", "subscribers", "cpu"]].to_numpy()])
 
     def relative_residual(groups: Sequence[Floats]) -> float:
         error = _errors(groups[0])

@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from sfglab.fields import between
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.decode_once.stage import MBIT, Running
 from sfglab.lab.meters import measure
@@ -44,6 +45,7 @@ class Config(Profiled):
 
     source: str = "photos"  #: Source of the colour stream; depth always comes from the stereo pair.
     stages: tuple[Stage, ...] = (_COLOUR, _DEPTH)  #: Streams, one after the other.
+    most: int = between(10, 2, 10)  #: Most local subscribers: a stream's larger numbers are left out.
     samples: int = 3  #: Meter readings in a cell.
     period_s: float = 0.7  #: Time between readings, seconds.
     #: Wait in a cell between the last subscriber's first frame and the first reading, seconds.
@@ -53,12 +55,24 @@ class Config(Profiled):
     encoder: str = "auto"  #: H.264 encoder by FFmpeg's name, or ``auto``.
     #: How far DDS uses multicast between hosts: ``spdp`` (discovery only, as Cyclone DDS does on Wi-Fi, the
     #: paper's network) or ``default`` (data too, on a wired link).
-    multicast: str = "spdp"
+    multicast: Literal["spdp", "default"] = "spdp"
     seed: int = 0  #: Seed of the frames' path and of the order of cells.
 
     def __post_init__(self) -> None:
         filled = tuple(replace(stage, source=stage.source or self.source) for stage in self.stages)
         object.__setattr__(self, "stages", filled)
+
+    @property
+    def measured(self) -> tuple[Stage, ...]:
+        """The stages with at most so many subscribers."""
+        return tuple(
+            replace(
+                stage,
+                counts=tuple(n for n in stage.counts if n <= self.most),
+                network_counts=tuple(n for n in stage.network_counts if n <= self.most),
+            )
+            for stage in self.stages
+        )
 
 
 exp = Experiment(
@@ -179,14 +193,14 @@ def cells_of(stage: Stage, *, rng: np.random.Generator) -> list[tuple[str, int, 
 def _cells(config: Config) -> list[list[tuple[str, int, int]]]:
     """Return the cells of every stage."""
     rng = np.random.default_rng(config.seed)
-    return [cells_of(stage, rng=rng) for stage in config.stages]
+    return [cells_of(stage, rng=rng) for stage in config.measured]
 
 
 @exp.part("cells", total=lambda config: sum(map(len, _cells(config))))
 async def measure_cells(bench: Bench[Config]) -> None:
     """Measure all cells, stream by stream."""
     first = 0
-    for stage, cells in zip(bench.config.stages, _cells(bench.config), strict=True):
+    for stage, cells in zip(bench.config.measured, _cells(bench.config), strict=True):
         keys = [
             {"cell": i, "codec": stage.codec, "mode": mode, "subscribers": n, "repeat": r}
             for i, (mode, n, r) in enumerate(cells, start=first)

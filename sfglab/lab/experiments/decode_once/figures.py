@@ -7,9 +7,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.fields import to_json
-from sfglab.lab.experiments.decode_once.analysis import CostModel, Slopes, codecs, cost_model, readings, slopes
+from sfglab.lab.experiment import Look
+from sfglab.lab.experiments.decode_once.analysis import (
+    CostModel,
+    Slopes,
+    codecs,
+    cost_model,
+    design,
+    readings,
+    slopes,
+    stream_facts,
+)
 from sfglab.lab.experiments.decode_once.experiment import Config, exp
 from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE
+from sfglab.lab.paths import find_project
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -116,6 +127,31 @@ def _draw_cost_model(axes: Axes, fit: CostModel) -> None:
     axes.set_ylabel("% of one core")
     axes.set_title(f"Eq. 2 and 3 fitted: {100 * fit.explained.value:.1f} % of the variance", fontsize=9)
     axes.grid(visible=False, axis="x")
+
+
+@exp.look("equations", Look(turn=("most", "multicast"), needs=(), size=(10, 3.6), reference="decode_once_h264"))
+def draw_equations(figure: Figure, run: Run[Config]) -> None:
+    """Draw what Eq. 2 and 3 say of so many subscribers, with the terms fitted to the reference run's colour.
+
+    Nothing is measured here; what the network carries follows from the stream's rate and from multicast.
+    """
+    reference = exp.load(find_project().reference_logs / f"{exp.name}.mcap")
+    fit, rate = cost_model(reference), stream_facts(reference).bitrate.value
+    counts = np.arange(1, run.config.most + 1)
+    copies = counts if run.config.multicast == "spdp" else np.ones_like(counts)
+    terms = np.array([fit.net.value, fit.dec.value, fit.ipc.value])
+    cpu, net = figure.subplots(1, 2)
+    for mode in ("standard", "proxy"):
+        style: dict[str, Any] = {"color": COLORS[mode], "marker": MARKERS[mode], "label": LABELS[mode]}
+        style |= {"linewidth": 4.0} if mode == "standard" else {}  # where both are equal, both are seen
+        cpu.plot(counts, [np.dot(terms, design(mode, float(n))) for n in counts], **style)
+        net.plot(counts, rate * (copies if mode == "standard" else np.ones_like(counts)), **style)
+    cpu.set(ylabel="CPU of the consumer (% of a core)", title="Eq. 2 and 3")
+    net.set(ylabel="received by the consumer (Mbit/s)", title=f"network, multicast: {run.config.multicast}")
+    for axes in (cpu, net):
+        axes.set(xlabel="local subscribers", xticks=counts, ylim=(0, 1.1 * axes.dataLim.ymax))
+    cpu.legend(fontsize=8)
+    figure.suptitle("Computed, not measured: terms and bit rate of the reference run; Run all measures")
 
 
 def _twin(found: Slopes, fit: CostModel) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.fields import between
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.latency.stage import PATHS, Running
 from sfglab.lab.meters import measure
@@ -31,6 +32,10 @@ class Config(Profiled):
     idle_s: float = 3.0  #: How long the idle load is measured, seconds.
     source: str = "photos"  #: Where frames come from, as `open_source` takes it.
     encoder: str = "auto"  #: H.264 encoder by FFmpeg's name, or ``auto``.
+    gop: int = between(30, 1, 300, log=True)  #: Frames from key frame to key frame.
+    bitrate_mbit_s: float = between(4.0, 0.5, 20.0, log=True)  #: Of the stream [Mbit/s].
+    #: Of the network in the computed budget; the live one is as fast as it is [Mbit/s].
+    link_mbit_s: float = between(50.0, 5.0, 1000.0, log=True)
     #: How far DDS uses multicast between hosts: ``spdp`` (discovery only, as Cyclone DDS does on Wi-Fi, the
     #: paper's network) or ``default`` (data too, on a wired link).
     multicast: str = "spdp"

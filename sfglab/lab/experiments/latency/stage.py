@@ -115,6 +115,8 @@ class Running(StreamProcesses):
             source=self._config.source,
             seed=self._config.seed,
             encoder=self._config.encoder,
+            gop=self._config.gop,
+            bitrate_bps=round(self._config.bitrate_mbit_s * 1e6),
         )
 
     def _router(self, host: str) -> RouterConfig:
