@@ -195,3 +195,30 @@ def test_a_run_on_a_button_is_stopped_and_nothing_is_kept(project):
         assert not list(project.runs.glob("logs/*/*.mcap*"))
     finally:
         explorer.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("decode_once", {"most": 3}),
+        ("latency", {"gop": 10}),
+        ("depth_codecs", {"frames": 1, "png_level": 1, "noise_mm": 5.0}),
+    ],
+)
+def test_a_look_at_media_is_drawn_without_a_host_or_a_live_part(name, changes, monkeypatch):
+    monkeypatch.setattr("sfglab.lab.experiment.Testbed", None)
+    exp = experiment(name)
+    (look,) = exp.looks
+
+    async def drawn():
+        async with preview(exp, look, exp.config(**{**exp.looks[look].start, **changes})) as run:
+            return draw_look(exp, look, run)
+
+    assert all(axes.has_data() for axes in asyncio.run(drawn()).axes)
+
+
+def test_no_more_subscribers_are_measured_than_the_configuration_asks_for():
+    exp = experiment("decode_once")
+    few = exp.config(most=3)
+    assert [stage.counts for stage in few.measured] == [(1, 2, 3), (1,)]
+    assert replace(few, most=10).measured == exp.config().stages
