@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
+from sfglab import names
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.policy import Crossing, Direction, Policy
 from sfglab.lab.checks import CheckRow
@@ -18,21 +19,6 @@ from sfglab.lab.experiment import Experiment
 from sfglab.lab.explore.press import Pressed, part
 from sfglab.lab.figures import COLORS
 from sfglab.lab.stats import exactly
-from sfglab.names import (
-    Component,
-    Custom,
-    FqnError,
-    Resource,
-    ResourceKind,
-    RosFqn,
-    Scope,
-    Stream,
-    Suffixed,
-    dds_names,
-    parse,
-    schema_table,
-    validate_ros_name,
-)
 from sfglab.tables import Shown
 from sfglab.view.panel import widgets
 
@@ -43,7 +29,7 @@ if TYPE_CHECKING:
     from sfglab.fleet.policy import ForwardRule
     from sfglab.lab.bench import Bench
     from sfglab.lab.runs import Run
-    from sfglab.names import SchemaNode
+    from sfglab.names import RosFqn, SchemaNode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +80,7 @@ def draw_schema(axes: Axes, fqn: RosFqn | None = None) -> dict[str, Any]:
     Returns:
         How many standard resources each way permits.
     """
-    table = schema_table()
+    table = names.schema_table()
     places = {node.name: 2.2 * i for i, node in enumerate(table.nodes)}
     ways = [edge for edge in table.edges if edge.after is not None]
     for node in table.nodes:
@@ -120,7 +106,7 @@ def _draw_segment(axes: Axes, node: SchemaNode, x: float, fqn: RosFqn | None) ->
     if text:
         box |= {"edgecolor": COLORS["standard"], "linestyle": "solid"}
     shown = axes.text(x, 0, fill(text, 16) if text else f"<{node.name}>", ha="center", va="center", bbox=box)
-    if fqn:
+    if node.values and fqn:
         part(node.name, shown)
     values = f"{len(node.values)} values" if node.values else "SFG_AGENT_NAME,\nelse host name"
     more = "\n+ suffix, Custom" if node.extensible else ""
@@ -130,9 +116,9 @@ def _draw_segment(axes: Axes, node: SchemaNode, x: float, fqn: RosFqn | None) ->
 
 def _origin(value: Any) -> str:
     """Return where a segment's text comes from."""
-    if isinstance(value, Suffixed):
+    if isinstance(value, names.Suffixed):
         return f"standard\n{value.base.text!r} with {value.suffix!r}"
-    return "custom" if isinstance(value, Custom) else "given" if isinstance(value, str) else "standard"
+    return "custom" if isinstance(value, names.Custom) else "given" if isinstance(value, str) else "standard"
 
 
 def _arrow(axes: Axes, start: float, end: float, *, height: float, taken: bool = False) -> None:
@@ -150,7 +136,7 @@ def _arrow(axes: Axes, start: float, end: float, *, height: float, taken: bool =
 
 _LEFT, _GATES, _RIGHT = 4.3, (5.4, 7.9), 9.0
 """Where names end before the border, where its rules stand, and where names begin behind it."""
-_SETS = {values.__name__.lower(): values for values in (Scope, Component, Stream, Resource)}
+_SETS = {kind.__name__.lower(): kind for kind in (names.Scope, names.Component, names.Stream, names.Resource)}
 _SAID = {
     Crossing.WHOLE: "crosses",
     Crossing.HALF: "crosses only in part, so that callers wait for ever",
@@ -166,15 +152,15 @@ class NamePicture(Pressed):
 
     def __init__(self, name: str, policy: Policy) -> None:
         self._policy = policy
-        self.name, self.kind = name, ResourceKind.TOPIC
-        self.fqn: RosFqn | None = None  #: The name as the schema reads it; None: it is none of its names.
-        self.why = ""  #: Why it is none of them.
-        kit, kinds = widgets(), {"what it is by its name": None} | {kind.value: kind for kind in ResourceKind}
+        kit, kinds = (
+            widgets(),
+            {"what it is by its name": None} | {kind.value: kind for kind in names.ResourceKind},
+        )
         self.field = kit.Text(value=name, description="name", layout={"width": "40em"})
         self.choice = kit.Dropdown(options=kinds, layout={"width": "15em"})
         self._read()
         above = [kit.HBox([self.field, self.choice])]
-        titles = {node.name: f"The next {node.name} that the schema allows" for node in schema_table().nodes}
+        titles = {kind: f"The next {kind} that the schema allows" for kind in _SETS}
         super().__init__(self._draw_name, size=(11, 6), press=self._turn, titles=lambda: titles, above=above)
         for control in (self.field, self.choice):
             control.observe(lambda _: self.answer(self._read), "value")
@@ -184,12 +170,13 @@ class NamePicture(Pressed):
         name, kind = self.field.value, self.choice.value
         fqn, why = None, ""
         try:
-            fqn = parse(name, kind)
-        except FqnError as error:
+            fqn = names.parse(name, kind)
+        except names.FqnError as error:
             why = str(error)
-            validate_ros_name(name, kind or ResourceKind.TOPIC)
-        self.name, self.fqn, self.why = name, fqn, why
-        self.kind = fqn.kind if fqn else kind or ResourceKind.TOPIC
+            names.validate_ros_name(name, kind or names.ResourceKind.TOPIC)
+        self.name, self.why = name, why  #: The name, and why the schema does not know it.
+        self.fqn: RosFqn | None = fqn  #: The name as the schema reads it; None: it is none of its names.
+        self.kind = fqn.kind if fqn else kind or names.ResourceKind.TOPIC
 
     def _turn(self, label: str) -> None:
         """Put the next standard value into a segment.
@@ -197,16 +184,16 @@ class NamePicture(Pressed):
         Raises:
             InvalidValueError: The segment has none, or the schema allows none of them here.
         """
-        fqn = self.fqn or parse(self.name, self.choice.value)
+        fqn = self.fqn or names.parse(self.name, self.choice.value)
         value, values = getattr(fqn, label), list[Any](_SETS.get(label, ()))
-        base = value.base if isinstance(value, Suffixed) else value
+        base = value.base if isinstance(value, names.Suffixed) else value
         refused: SfglabError = InvalidValueError(label, base, "what you type: it has no standard values")
         after = values.index(base) + 1 if base in values else 0
         for standard in (*values[after:], *values[:after]):
             changed: dict[str, Any] = {label: standard}
             try:
                 self.field.value = str(replace(fqn, **changed))
-            except FqnError as error:
+            except names.FqnError as error:
                 refused = error
             else:
                 return
@@ -224,12 +211,12 @@ class NamePicture(Pressed):
 
     def _draw_border(self, axes: Axes) -> None:
         """Draw every DDS topic's way to the rule that decides, and on."""
-        names, rules = dds_names(self.name, self.kind), self._policy.rules
+        topics, rules = names.dds_names(self.name, self.kind), self._policy.rules
         gates = {rule: 8.0 * (i + 0.5) / len(rules) for i, rule in enumerate(reversed(rules))}
         axes.axvspan(*_GATES, color=COLORS["network"], alpha=0.15, linewidth=0)
         crossed: set[ForwardRule] = set()
-        for row, dds in enumerate(names):
-            y = 8.0 - 8.0 * (row + 0.5) / len(names)
+        for row, dds in enumerate(topics):
+            y = 8.0 - 8.0 * (row + 0.5) / len(topics)
             axes.text(_LEFT, y, dds, ha="right", va="center", fontsize=8)
             found = {way: rule for way in Direction if (rule := self._policy.deciding(dds, way))}
             crossed.update(found.values())
@@ -241,8 +228,7 @@ class NamePicture(Pressed):
                 _draw_way(axes, y, gates[rule], way)
         for rule, y in gates.items():
             color, weight = (COLORS["standard"], "bold") if rule in crossed else ("#777777", "normal")
-            style: dict[str, Any] = {"ha": "center", "va": "center", "color": color, "weight": weight}
-            axes.text(sum(_GATES) / 2, y, rule.pattern, **style)
+            axes.text(sum(_GATES) / 2, y, rule.pattern, ha="center", va="center", color=color, weight=weight)
         for x, text in ((_LEFT - 2, "own domain"), (sum(_GATES) / 2, "border"), (_RIGHT + 2, "global domain")):
             axes.text(x, 8.5, text, ha="center", fontsize=9, style="italic")
         axes.set(xlim=(0, 13.3), ylim=(-0.2, 9.2))

@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 Transition: TypeAlias = tuple[Enum, Enum]
 """A state and an input that can happen in it: a key of a table."""
 
-BY_HAND = "by hand"
-"""The run that a reader makes."""
-
 
 def transition_part(source: Enum, given: Enum) -> str:
     """Return the name of the part that stands for a transition; that of a state is the state's name."""
@@ -82,11 +79,11 @@ class Automaton(Pressed):
         size: tuple[float, float],
         runs: Mapping[str, Sequence[Enum]] | None = None,
     ) -> None:
-        self._name, self._table, self._begin = name, table, Moment(state=start, said=f"begins in {start.name}")
-        self._runs = {**(runs or {}), BY_HAND: ()}
+        self._name, self._begin = name, Moment(state=start, said=f"begins in {start.name}")
+        self._table = {key: to if isinstance(to, tuple) else (to, None) for key, to in table.items()}
+        self._runs = {**(runs or {}), "by hand": ()}
         self._past = [self._begin]
-        states = [source for source, _ in table] + [self._after(key) for key in table]
-        self._states = {state.name: state for state in [start, *states]}
+        self._states = {state.name: state for state in type(start)}
         self._moves = {transition_part(*key): key for key in table}
         kit = widgets()
         self.choice = kit.Dropdown(options=list(self._runs), description="run")
@@ -123,21 +120,14 @@ class Automaton(Pressed):
             IllegalInputError: It cannot happen in the present state.
         """
         key = self.moment.state, given
-        step(self._name, self._table, *key)
-        self._past.append(Moment(state=self._after(key), taken=key, said=self._words(key)))
-
-    def _after(self, key: Transition) -> Enum:
-        entry = self._table[key]
-        after: Enum = entry[0] if isinstance(entry, tuple) else entry
-        return after
+        after, _ = step(self._name, self._table, *key)
+        self._past.append(Moment(state=after, taken=key, said=self._words(key)))
 
     def _words(self, key: Transition) -> str:
         """Return what a transition does, in words."""
-        source, given = key
-        entry = self._table[key]
-        done = entry[1] if isinstance(entry, tuple) else ()
+        (source, given), (after, done) = key, self._table[key]
         actions = [action.name for action in (done if isinstance(done, tuple) else (done,)) if action]
-        said = f"{given.name} in {source.name} leads to {self._after(key).name}"
+        said = f"{given.name} in {source.name} leads to {after.name}"
         return said + (f": {'; '.join(actions)}" if actions else "")
 
     def _take(self, name: str) -> None:

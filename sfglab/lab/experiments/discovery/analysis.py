@@ -339,9 +339,6 @@ def draw_scale(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     return {"live": _records(summary(run)), "simulated": _records(medians)}
 
 
-_NODES = Bounds(1, 20)
-
-
 @exp.look(
     "fleet",
     Look(
@@ -349,11 +346,8 @@ _NODES = Bounds(1, 20)
         needs=("simulated",),
         size=(10, 2.4),
         start={"simulated": Scale(agents=(6,))},
-        within={
-            "simulated.agents": Bounds(2, 16),
-            "simulated.talkers": _NODES,
-            "simulated.listeners": _NODES,
-        },
+        within={f"simulated.{nodes}": Bounds(1, 20) for nodes in ("talkers", "listeners")}
+        | {"simulated.agents": Bounds(2, 16)},
         reference="discovery_scale",
     ),
 )

@@ -18,7 +18,6 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -250,13 +249,12 @@ def _draw_pair(axes: Axes, grid: dict[State, Node], edges: Sequence[Edge], ink: 
     """Draw all transitions from one state to another as one arrow with a line of text each."""
     points, label, below = _route(grid[edges[0].source], grid[edges[0].target])
     line = ink.line(edges)
-    drawn: list[Artist] = list(axes.plot(*zip(*points[:-1], strict=True), **line))
+    axes.plot(*zip(*points[:-1], strict=True), **line)
     arrow = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, **line}
-    head = axes.annotate("", points[-1], points[-2], arrowprops=arrow).arrow_patch
-    assert head is not None
+    axes.annotate("", points[-1], points[-2], arrowprops=arrow)
     if ink.part:
-        broad = axes.plot(*zip(*points, strict=True), alpha=0, linewidth=9, zorder=1)  # for the mouse
-        ink.part(transition_part(edges[0].source, edges[0].given), *drawn, head, *broad)
+        broad = axes.plot(*zip(*points, strict=True), alpha=0, linewidth=9, zorder=2.5)  # for the mouse
+        ink.part(transition_part(edges[0].source, edges[0].given), *broad)
     step = -_LINE_HEIGHT if below else _LINE_HEIGHT
     for number, edge in enumerate(edges if below else reversed(edges)):
         place = (label[0], label[1] + number * step)
