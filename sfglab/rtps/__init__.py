@@ -7,7 +7,7 @@ over `state`.
 
 from __future__ import annotations
 
-from sfglab.rtps.frames import AirFrame, Trace, trace
+from sfglab.rtps.frames import AirFrame, trace
 from sfglab.rtps.model import CYCLONE_DDS, FAST_DDS, PRESETS, Flow, Medium, Scenario, Vendor
 from sfglab.rtps.session import FlowOutcome, Outcome, Session, run
 from sfglab.rtps.state import Drop, Fate, Frame
@@ -26,7 +26,6 @@ __all__ = [
     "Outcome",
     "Scenario",
     "Session",
-    "Trace",
     "Vendor",
     "run",
     "trace",

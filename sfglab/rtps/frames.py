@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from sfglab.rtps.model import Scenario
     from sfglab.rtps.session import Outcome
 
-_ROOM = 1024
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AirFrame:
@@ -32,7 +30,6 @@ class AirFrame:
 
     #: Flow, kind and number, as in ``a/HEARTBEAT/2``; of DATA its sample's, and which repair: ``a/DATA/7.1``.
     name: str
-    flow: str  #: Name of the flow that it belongs to.
     kind: Frame  #: Which submessages it carries.
     began_ns: int  #: When it went on air.
     ended_ns: int  #: When it left the air.
@@ -43,16 +40,10 @@ class AirFrame:
     repairs: bool  #: Whether its samples were on air before.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Trace:
-    """A run with its frames."""
-
-    outcome: Outcome  #: What it came to.
-    frames: tuple[AirFrame, ...]  #: In the order in which they left the air.
-
-
-def trace(scenario: Scenario, *, seed: int, lost: Mapping[str, bool] | None = None) -> Trace:
-    """Simulate a scenario as `run` does, and keep every frame.
+def trace(
+    scenario: Scenario, *, seed: int, lost: Mapping[str, bool] | None = None
+) -> tuple[Outcome, tuple[AirFrame, ...]]:
+    """Simulate a scenario as `run` does, and return every frame as well, as they left the air.
 
     Args:
         scenario: What.
@@ -62,18 +53,18 @@ def trace(scenario: Scenario, *, seed: int, lost: Mapping[str, bool] | None = No
     wishes: dict[int, bool] = {}
     # A wish changes what follows, so that each is granted where its frame turns up: the earliest first.
     while True:
-        found = _run(scenario, seed, wishes)
-        ungranted = [i for i, f in enumerate(found.frames) if (lost or {}).get(f.name, f.lost) != f.lost]
+        outcome, frames = _run(scenario, seed, wishes)
+        ungranted = [i for i, f in enumerate(frames) if (lost or {}).get(f.name, f.lost) != f.lost]
         if not ungranted:
-            return found
-        wishes[ungranted[0]] = not found.frames[ungranted[0]].lost
+            return outcome, frames
+        wishes[ungranted[0]] = not frames[ungranted[0]].lost
 
 
-def _run(scenario: Scenario, seed: int, wishes: Mapping[int, bool]) -> Trace:
+def _run(scenario: Scenario, seed: int, wishes: Mapping[int, bool]) -> tuple[Outcome, tuple[AirFrame, ...]]:
     from sfglab.rtps.engine import advance
     from sfglab.rtps.world import World
 
-    room = _ROOM
+    room = 1024
     while True:
         params, state = compile_scenario(scenario, samples=most_samples(scenario), seed=seed, trace=room)
         for number, is_lost in wishes.items():
@@ -81,9 +72,8 @@ def _run(scenario: Scenario, seed: int, wishes: Mapping[int, bool]) -> Trace:
         until_ns = params.timing[[TimingColumn.DURATION_NS, TimingColumn.DRAIN_NS]].sum()
         advance(World(params, state), int(until_ns))
         if state.trace_end[0] < room:
-            names = [flow.name for flow in scenario.flows]
-            frames = tuple(_frames(state.trace[: state.trace_end[0]], names))
-            return Trace(outcome=outcome_of(scenario.flows, params, state), frames=frames)
+            rows, names = state.trace[: state.trace_end[0]], [flow.name for flow in scenario.flows]
+            return outcome_of(scenario.flows, params, state), tuple(_frames(rows, names))
         room *= 8
 
 
@@ -95,33 +85,26 @@ def _frames(rows: NDArray[np.int64], flows: Sequence[str]) -> Iterator[AirFrame]
         name = f"{flow}/{kind.name}" + (f"/{row[2]}" if is_data else "")
         number = before[name]
         before[name] += 1
+        samples, newest = _said(kind, row)
         yield AirFrame(
             name=(f"{name}.{number}" if number else name) if is_data else f"{name}/{number + 1}",
-            flow=flow,
             kind=kind,
             began_ns=row[T.BEGAN],
             ended_ns=row[T.ENDED],
             lost=bool(row[T.LOST]),
-            samples=_samples(kind, row),
-            newest=_newest(kind, row),
+            samples=samples,
+            newest=newest,
             repairs=kind is Frame.BURST or (is_data and number > 0),
         )
 
 
-def _samples(kind: Frame, row: Sequence[int]) -> tuple[int, ...]:
-    """Return the samples that a frame, as `medium.enqueue` has it, is about."""
-    if kind is Frame.DATA:
-        return (row[2],)
-    if kind is Frame.GAP:
-        return tuple(range(row[2], row[3]))
-    if kind is Frame.HEARTBEAT:
-        return ()
-    return tuple(row[2] + i for i in range(256) if row[4 + i // 64] >> i % 64 & 1)
-
-
-def _newest(kind: Frame, row: Sequence[int]) -> int:
+def _said(kind: Frame, row: Sequence[int]) -> tuple[tuple[int, ...], int]:
+    """Return the samples that a frame, as `medium.enqueue` has it, is about, and `AirFrame.newest`."""
+    asked = tuple(row[2] + i for i in range(256) if row[4 + i // 64] >> i % 64 & 1)
     if kind is Frame.ACKNACK:
-        return row[2] - 1
+        return asked, row[2] - 1
     if kind is Frame.BURST:
-        return row[3] // BURST_ROOM
-    return row[5] if row[3] or kind is not Frame.DATA else 0
+        return asked, row[3] // BURST_ROOM
+    if kind is Frame.DATA:
+        return (row[2],), row[5] if row[3] else 0
+    return tuple(range(row[2], row[3])), row[5]  # a heartbeat's is empty

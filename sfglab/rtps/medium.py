@@ -108,11 +108,8 @@ def _send_next(world: Any, now: int, transmitter: int) -> None:
 @compiled
 def _traced(world: Any, now: int, transmitter: int, drawn: bool) -> bool:  # noqa: FBT001 - compiled
     """Note a frame that leaves the air, and return whether it is lost: as drawn, if nobody wished otherwise."""
-    number = world.trace_end[0]
-    if number == world.trace.shape[0]:
-        return drawn
+    row = world.trace[world.trace_end[0]]
     world.trace_end[0] += 1
-    row = world.trace[number]
     for k in range(8):
         row[k] = world.on_air[transmitter, 1 + k]
     lost = row[T.WISH] == 1 or (drawn and row[T.WISH] == 0)
@@ -129,7 +126,7 @@ def sent_frame(world: Any, now: int, transmitter: int, frame: Any) -> bool:
     air[transmitter, 0] = 0
     there = False
     lost = uniform(world.random) < world.rates[0]
-    if world.trace.shape[0]:
+    if world.trace_end[0] < world.trace.shape[0]:
         lost = _traced(world, now, transmitter, lost)
     if lost:
         world.counts[Count.LOST] += 1

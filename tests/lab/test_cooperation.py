@@ -29,7 +29,7 @@ from sfglab.lab.experiments.cooperation.experiment import (
     scenario_of,
 )
 from sfglab.lab.experiments.cooperation.figures import frames_of
-from sfglab.lab.experiments.cooperation.replay import Replay, first_round
+from sfglab.lab.experiments.cooperation.replay import Replay
 from sfglab.lab.explore.preview import draw_look, preview
 from sfglab.lab.workers.hallway import COMMAND
 from sfglab.messages import default_message, serialized_size
@@ -180,8 +180,8 @@ def test_the_methods_to_choose_are_those_that_there_are():
 
 
 def test_a_replay_shows_the_run_again_and_how_long_the_station_was_wrong():
-    replay = Replay(first_round(REFERENCE, "OPT+LC"))
-    row = replay.run.row
+    replay = Replay(REFERENCE, "OPT+LC")
+    row = replay.row
     assert row.end != "success"
     measured, believed = replay.run.beliefs[-1]
     assert measured.shape == believed.shape == (len(ROBOTS), len(BEAMS_DEG))

@@ -45,14 +45,14 @@ def agrees(line):
 
 def test_a_trace_changes_nothing_and_counts_as_the_engine_does():
     scenario = Exchange(loss=0.3, samples=40, depth=4).scenario()
-    traced, plain = trace(scenario, seed=3), run(scenario, seed=3)
-    assert traced.outcome.counts == plain.counts
+    (traced, frames), plain = trace(scenario, seed=3), run(scenario, seed=3)
+    assert traced.counts == plain.counts
     for column in ("published_ns", "received_ns", "fate", "dropped"):
-        assert np.array_equal(getattr(traced.outcome.flows["a"], column), getattr(plain.flows["a"], column))
-    kinds = [frame.kind for frame in traced.frames]
+        assert np.array_equal(getattr(traced.flows["a"], column), getattr(plain.flows["a"], column))
+    kinds = [frame.kind for frame in frames]
     assert all(kinds.count(kind) == plain.counts[kind.name.lower()] for kind in Frame if kind != Frame.BURST)
-    assert sum(frame.lost for frame in traced.frames) == plain.counts["lost"]
-    assert sum(frame.repairs for frame in traced.frames) == plain.counts["repeated"]
+    assert sum(frame.lost for frame in frames) == plain.counts["lost"]
+    assert sum(frame.repairs for frame in frames) == plain.counts["repeated"]
 
 
 def test_a_frame_that_the_seed_loses_is_made_to_pass_and_the_rest_of_the_losses_stay():

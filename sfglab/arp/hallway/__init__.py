@@ -10,7 +10,6 @@ from __future__ import annotations
 from sfglab.arp.hallway.course import AREAS, HALF_WIDTH_M, HOME, WAYPOINTS, Area, course_length_m
 from sfglab.arp.hallway.nodes import (
     BEAMS_DEG,
-    NO_ECHO,
     SCAN_HZ,
     STOP,
     ActuationNode,
@@ -28,7 +27,6 @@ __all__ = [
     "HALF_WIDTH_M",
     "HOME",
     "LIMIT_S",
-    "NO_ECHO",
     "RADIUS_M",
     "SCAN_HZ",
     "STEP_NS",

@@ -37,9 +37,7 @@ if TYPE_CHECKING:
 class Config(Profiled):
     """The whole run."""
 
-    readings_s: float = between(
-        60.0, 1.0, 3600.0, log=True
-    )  #: How long each sensor is read, seconds of its own time.
+    readings_s: float = between(60.0, 1.0, 3600.0, log=True)  #: How long each sensor is read, seconds.
     rates_hz: tuple[int, ...] = between(RATES_HZ, 10, 1000, log=True)  #: At which rates it is read.
     stale_s: float = between(600.0, 1.0, 3600.0)  #: How long each link with losses is simulated, seconds.
     stale_seeds: int = 20  #: With how many seeds.

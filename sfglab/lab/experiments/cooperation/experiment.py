@@ -18,7 +18,6 @@ from sfglab.arp.hallway import (
     AREAS,
     BEAMS_DEG,
     LIMIT_S,
-    NO_ECHO,
     SCAN_HZ,
     STEP_NS,
     STOP,
@@ -67,7 +66,6 @@ _SCAN_STEPS = round(NS_PER_S / SCAN_HZ / STEP_NS)
 
 
 MethodName = Literal["none", "OPT", "CC", "LC", "OPT+CC", "OPT+LC", "OPT+LC+CC"]
-"""Names in `METHODS`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -288,7 +286,6 @@ class SimulatedRun:
         #: With each turn's tracks: ranges as the LIDARs measure them, and as the station has them, metres,
         #: shape (2, robots, beams).
         self.beliefs: list[NDArray[np.float64]] = []
-        self.row: CourseRow | None = None  #: How it ended; None before.
 
     def run(self, limit_s: float = LIMIT_S) -> CourseRow:
         """Drive until it ends, or is given up."""
@@ -309,8 +306,7 @@ class SimulatedRun:
                 limit_s=limit_s,
             )
         self._track(steps * STEP_NS / NS_PER_S)
-        self.row = self._row(verdict, steps * STEP_NS)
-        return self.row
+        return self._row(verdict, steps * STEP_NS)
 
     def _scan(self, now_s: float) -> None:
         for robot, node in enumerate(self._sensing):
@@ -343,7 +339,7 @@ class SimulatedRun:
         manoeuvre = self._station.manoeuvre.value
         for robot, (x_m, y_m, heading_rad) in zip(ROBOTS, self._world.poses.tolist(), strict=True):
             self.tracks.append(TrackRow(self._tracked, robot, now_s, x_m, y_m, heading_rad, manoeuvre))
-        steps = [[node.value(beam) or NO_ECHO for beam in range(len(BEAMS_DEG))] for node in self._sensing]
+        steps = [[node.value(beam) or 0 for beam in range(len(BEAMS_DEG))] for node in self._sensing]
         measured = [[range_from_step(step) for step in robot] for robot in steps]
         believed = [localisation.ranges_m for localisation in self._station.localisations]
         self.beliefs.append(np.array([measured, believed]))
@@ -410,11 +406,10 @@ def _ended_ns(row: CourseRow) -> int:
 
 
 @lru_cache(maxsize=2)
-def driven(point: Point, seed: int) -> SimulatedRun:
-    """Drive a point with a seed; its tracks and beliefs are kept, and so are the last runs."""
+def driven(point: Point, seed: int) -> tuple[SimulatedRun, CourseRow]:
+    """Drive a point with a seed, its tracks and beliefs kept; the last ones are not driven again."""
     run = SimulatedRun(point, seed, tracked="driven")
-    run.run()
-    return run
+    return run, run.run()
 
 
 def point_of(row: Any) -> Point:
@@ -432,6 +427,4 @@ def point_of(row: Any) -> Point:
 @exp.sweep("course", over=points_of, at_ns=_ended_ns)
 def run_point(point: Point, seed: int) -> CourseRow:
     """Run a point with a seed."""
-    row = driven(point, seed).row
-    assert row is not None, "it has ended"
-    return row
+    return driven(point, seed)[1]

@@ -25,21 +25,21 @@ if TYPE_CHECKING:
 
 WRONG_M = 0.1
 """By which a beam that the station has is wrong; in a turn of the LIDAR a robot comes a fifth of it ahead."""
-_FAR_M = 99.0
-"""Stands for infinite."""
+_FAR_M = 99.0  # stands for infinite
+_TITLES = {robot: f"go where the station is wrong about {robot} for longest" for robot in ROBOTS}
 _COLORS = dict(zip(ROBOTS, ("proxy", "third", "fourth"), strict=True))
 
 
 class Replay:
-    """A round to scrub; its `picture` is what a cell shows.
+    """A round to scrub, whose `picture` is what a cell shows; arguments as of `press_round`."""
 
-    Args:
-        row: A line of the table ``course``: the same point and seed are driven again.
-    """
-
-    def __init__(self, row: Any) -> None:
-        kit, self._row = widgets(), row
-        self.run = driven(point_of(row), row.seed)
+    def __init__(self, run: Run[Config], method: str) -> None:
+        rows = run["course"][run["course"]["method"] == method]
+        if rows.empty:
+            raise InvalidValueError("method", method, ", ".join(dict.fromkeys(run["course"]["method"])))
+        failed, kit = rows[rows["end"] != End.SUCCESS.value], widgets()
+        first = lines_of(rows if failed.empty else failed)[0]
+        self.run, self.row = driven(point_of(first), first.seed)
         self.late_s = late_s(np.array(self.run.beliefs))  #: See `late_s`.
         last = len(self.late_s) - 1
         #: The turn of the LIDARs that is shown; the worst one to begin with.
@@ -48,7 +48,7 @@ class Replay:
         play = kit.Play(max=last, interval=500, step=3)
         kit.jslink((play, "value"), (self.turn, "value"))
         above = [kit.HBox([play, self.turn])]
-        self.picture = Pressed(self.draw, size=(10.2, 5.2), press=self._press, titles=_titles, above=above)
+        self.picture = Pressed(self.draw, size=(10.2, 5.2), press=self._press, titles=_TITLES.copy, above=above)
         self.turn.observe(lambda _: self.picture.redraw(), "value")
 
     def _press(self, robot: str) -> None:
@@ -70,7 +70,7 @@ class Replay:
         late.axvline(turn / SCAN_HZ, color="black", linewidth=1)
         late.set(xlabel="time (s)", ylabel="station wrong\nfor (s)")
         late.legend(fontsize=8, ncols=3, loc="upper left")
-        point = f"{self._row.method}, Rmax {self._row.rate_max_hz} Hz: {self._row.end} {self._row.robot}"
+        point = f"{self.row.method}, Rmax {self.row.rate_max_hz} Hz: {self.row.end} {self.row.robot}"
         said = f"{turn / SCAN_HZ:.1f} s: the station has released {tracks[0].manoeuvre!r}"
         figure.suptitle(f"{point}\n{said}", fontsize=10)
 
@@ -87,10 +87,6 @@ def late_s(beliefs: NDArray[np.float64]) -> NDArray[np.float64]:
     for turn in range(1, len(wrong)):
         lasting[turn] = (lasting[turn - 1] + 1 / SCAN_HZ) * wrong[turn]
     return lasting
-
-
-def _titles() -> dict[str, str]:
-    return {robot: f"go where the station is wrong about {robot} for longest" for robot in ROBOTS}
 
 
 def _draw_robot(axes: Axes, track: Any, measured: NDArray[np.float64], believed: NDArray[np.float64]) -> None:
@@ -114,19 +110,10 @@ def _draw_robot(axes: Axes, track: Any, measured: NDArray[np.float64], believed:
     axes.set_title(f"{track.robot}: {ahead}", fontsize=8)
 
 
-def first_round(run: Run[Config], method: str) -> Any:
-    """Return a method's first round that failed, its first one if none did, as a line of the table ``course``.
+def press_round(run: Run[Config], method: str = "OPT+LC") -> Pressed:
+    """Show a method's first round that failed, its first one if none did, to scrub.
 
     Raises:
         InvalidValueError: The run has no round with this method.
     """
-    rows = run["course"][run["course"]["method"] == method]
-    if rows.empty:
-        raise InvalidValueError("method", method, ", ".join(dict.fromkeys(run["course"]["method"])))
-    failed = rows[rows["end"] != End.SUCCESS.value]
-    return lines_of(rows if failed.empty else failed)[0]
-
-
-def press_round(run: Run[Config], method: str = "OPT+LC") -> Pressed:
-    """Show a method's `first_round` to scrub; a press on a robot's dot goes where it is known worst."""
-    return Replay(first_round(run, method)).picture
+    return Replay(run, method).picture

@@ -29,11 +29,6 @@ if TYPE_CHECKING:
     from sfglab.rtps import AirFrame, FlowOutcome
 
 _FLOW = "a"
-_DRAIN_S = 4.0
-"""As long as a periodic heartbeat of Fast DDS takes, and what follows it."""
-_SIZE = (11.0, 4.2)
-_TIMES = 18
-"""Times below the picture at most."""
 _REPAIR, _LOST = "repair", "lost"
 _KINDS = {
     Frame.DATA: ("sample", COLORS["proxy"]),
@@ -65,17 +60,12 @@ class Exchange:
             medium=Medium(loss=self.loss),
             vendor=PRESETS[self.vendor],
             duration_s=(self.samples - 0.5) / self.rate_hz,
-            drain_s=_DRAIN_S,
+            drain_s=4.0,  # as long as a periodic heartbeat of Fast DDS takes, and what follows it
         )
 
 
 class Timeline:
-    """A time line to press. `picture` is what a cell shows.
-
-    Args:
-        exchange: What the form begins with.
-        lost: Frames that are lost to begin with, by `AirFrame.name`.
-    """
+    """A time line to press, whose `picture` is what a cell shows; arguments as of `press_timeline`."""
 
     def __init__(self, exchange: Exchange, lost: Sequence[str] = ()) -> None:
         kit = widgets()
@@ -84,29 +74,23 @@ class Timeline:
         self.form = Form(exchange, first, lambda: self.picture.answer(self._simulate))
         self._shown = kit.FloatRangeSlider(value=(0, 100), description="shown (%)", layout={"width": "40em"})
         self._to_scale = kit.Checkbox(description="time to scale", indent=False)
-        clear = kit.Button(description="Press nothing", tooltip="Every frame as the loss decides it")
         self._simulate()
-        above = [self.form.widget, kit.HBox([self._shown, self._to_scale, clear])]
-        self.picture = Pressed(self.draw, size=_SIZE, press=self._press, titles=self._titles, above=above)
+        above = [self.form.widget, kit.HBox([self._shown, self._to_scale])]
+        self.picture = Pressed(self.draw, size=(11.0, 4.2), press=self._press, titles=self._titles, above=above)
         for control in (self._shown, self._to_scale):
             control.observe(lambda _: self.picture.redraw(), "value")
-        clear.on_click(lambda _: self.picture.answer(self._clear))
 
     def _press(self, name: str) -> None:
         self.lost[name] = not next(frame.lost for frame in self.frames if frame.name == name)
         self._simulate()
 
-    def _clear(self) -> None:
-        self.lost.clear()
-        self._simulate()
-
-    def _simulate(self) -> None:
-        found = trace(self.form.config.scenario(), seed=self.form.config.seed, lost=self.lost)
-        self.frames: tuple[AirFrame, ...] = found.frames  #: What was on air.
-        self.outcome: FlowOutcome = found.outcome.flows[_FLOW]  #: What it came to.
-
     def _titles(self) -> dict[str, str]:
         return {frame.name: sentence(frame) for frame in self.frames}
+
+    def _simulate(self) -> None:
+        config = self.form.config
+        outcome, self.frames = trace(config.scenario(), seed=config.seed, lost=self.lost)
+        self.outcome = outcome.flows[_FLOW]
 
     def draw(self, figure: Figure) -> None:
         """Draw frames between the writer's line and the reader's, and when samples were written and taken."""
@@ -145,7 +129,7 @@ class Timeline:
         places, labels = [low], []
         for frame in self.frames:
             place = place_of(frame.began_ns)
-            if place - places[-1] > (high - low) / _TIMES and place < high:
+            if place - places[-1] > (high - low) / 18 and place < high:
                 places.append(place)
                 labels.append(f"{frame.began_ns / 1e6:.4g}")
         axes.set_xticks(places[1:], labels)
@@ -154,17 +138,13 @@ class Timeline:
 def sentence(frame: AirFrame) -> str:
     """Return what a frame says, what became of it, and what a press does."""
     numbers = ", ".join(map(str, frame.samples))
-    said = f"{_label(frame)} {numbers}"
+    said = f"{_REPAIR if frame.repairs else _KINDS[frame.kind][0]} {numbers}"
     if frame.kind is Frame.ACKNACK:
         said = f"has all up to {frame.newest}" + (f", asks for {numbers}" if numbers else "")
     elif frame.newest:
         said += f", and a heartbeat: there is up to {frame.newest}"
     fate = "lost; press to let it pass" if frame.lost else "press to lose it"
     return f"{frame.began_ns / 1e6:.2f} ms: {said}; {fate}"
-
-
-def _label(frame: AirFrame) -> str:
-    return _REPAIR if frame.repairs else _KINDS[frame.kind][0]
 
 
 def _draw_frame(axes: Axes, frame: AirFrame, places: tuple[float, float]) -> None:
@@ -200,8 +180,6 @@ def _draw_samples(axes: Axes, outcome: FlowOutcome, place_of: Callable[[int], fl
 def press_timeline(lost: Sequence[str] = ("a/DATA/5",), **exchange: Any) -> Pressed:
     """Show one writer and one reader over time; a press on a frame loses it, another lets it pass.
 
-    Args:
-        lost: Frames that are lost to begin with, such as ``a/DATA/5`` or ``a/HEARTBEAT/1``.
-        exchange: Fields of `Exchange` that the form begins with.
+    `lost` are frames that are lost to begin with, as in `AirFrame.name`; the rest are fields of `Exchange`.
     """
     return Timeline(Exchange(**exchange), lost).picture
