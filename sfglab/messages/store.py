@@ -1,5 +1,7 @@
 """The one store of message types: all of ROS 2 Humble, our interfaces, and types registered at run time.
 
+Where ROS_DISTRO names a later distribution, its types stand in the place of Humble's.
+
 Knows names, definitions and default values. Refuses to know bytes (`cdr`) and middleware (`dds`).
 """
 
@@ -22,6 +24,7 @@ from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from rosbags.interfaces.typing import FieldDesc, Typesdict
     from rosbags.typesys.store import Typestore
@@ -79,9 +82,11 @@ def _parts_of_interface(name: str, text: str) -> Iterator[tuple[str, str]]:
     if "/action/" in name:
         yield from action_texts(name, text).items()
     elif "/srv/" in name:
-        request, response = text.split("\n---\n")
-        yield f"{name}_Request", request
-        yield f"{name}_Response", response
+        parts = _ACTION_RULE.split(text)
+        if len(parts) != len(_SERVICE_PARTS):
+            raise MessageError(f"service {name!r}: given {len(parts)} part(s), allowed are 2 and `---` between")
+        for kind, part in zip(_SERVICE_PARTS, parts, strict=True):
+            yield f"{name}_{kind}", part.strip("\n")
     else:
         yield name, text
 
@@ -145,6 +150,62 @@ def register(name: str, text: str) -> type[Any]:
             store.register(parsed)
             _sources[name] = text
         return store.types[name]
+
+
+def register_interfaces(path: Path) -> tuple[str, ...]:
+    """Add the types of a ROS 2 package, or of one of its files, to the store, and return their names, sorted.
+
+        register_interfaces(Path("/opt/ros/jazzy/share/example_interfaces"))
+
+    Args:
+        path: The package's folder with `msg`, `srv` and `action` folders, in a source tree or below `share`;
+            or one `.msg`, `.srv` or `.action` file in such a folder. Types that they use and that are neither
+            among them nor in the store yet are added first, by a call of their own.
+
+    Raises:
+        MessageError: There is no such file; a definition cannot be read, has `wstring`, uses a type that is
+            not there, or belongs to a type with other fields. Nothing was added then.
+    """
+    files = [path] if path.is_file() else sorted(f for kind in _SUFFIXES for f in path.glob(f"{kind}/*.{kind}"))
+    if not files:
+        raise MessageError(f"{path}: given no .msg, .srv or .action file, allowed are those of a package")
+    texts: dict[str, str] = {}
+    for file in files:
+        package = file.absolute().parents[1].name
+        name = f"{package}/{file.suffix[1:]}/{file.stem}"
+        texts |= dict(_parts_of_interface(name, file.read_text("utf-8")))
+    with _lock:
+        store = type_store()
+        parsed = {name: _parsed(name, text)[name] for name, text in texts.items()}
+        _check_new(store, parsed)
+        new = {name: fields for name, fields in parsed.items() if name not in store.fielddefs}
+        store.register(new)
+        _sources.update({name: texts[name] for name in new})
+    return tuple(sorted(texts))
+
+
+def _parsed(name: str, text: str) -> Typesdict:
+    try:
+        return parse_definition(name, text)
+    except (SyntaxError, ValueError, KeyError) as error:
+        raise MessageError(f"{name}: its definition cannot be read: {error}") from error
+
+
+def _check_new(store: Typestore, parsed: Typesdict) -> None:
+    """Refuse definitions that contradict the store or use what is not there."""
+    from rosbags.interfaces import Nodetype
+
+    for name, (_, fields) in parsed.items():
+        known = store.fielddefs.get(name, parsed[name])
+        if known != parsed[name] and (fields or known[1][0][0] != _EMPTY):
+            raise MessageError(f"{name} is already registered with other fields: choose another name")
+        for field, desc in fields:
+            inner: Any = desc[1] if desc[0] in {Nodetype.BASE, Nodetype.NAME} else desc[1][0][1]
+            if not isinstance(inner, str) or inner in parsed or inner in store.fielddefs:
+                continue
+            if inner.endswith("/wstring"):
+                raise MessageError(f"{name}.{field}: given wstring, allowed is string")
+            raise MessageError(f"{name}.{field}: there is no type {inner}: register its package first")
 
 
 def message_types() -> tuple[str, ...]:
@@ -270,6 +331,7 @@ def default_message(type_or_name: type[Any] | str) -> Any:
     return _default_of(type_store(), name)
 
 
+_SERVICE_PARTS = ("Request", "Response")
 _ACTION_RULE = re.compile(r"^---[ \t]*$", re.MULTILINE)
 _ACTION_PARTS = ("Goal", "Result", "Feedback")
 _GOAL_ID = "unique_identifier_msgs/UUID goal_id\n"
@@ -306,6 +368,9 @@ def action_texts(name: str, text: str) -> dict[str, str]:
 
 
 # rosidl_adapter's rules for packages and messages (Humble); services add _Request, _Response and _Event.
+_EMPTY = "structure_needs_at_least_one_member"
+"""The octet that rosbags gives a message without fields, when it is registered (rosidl's rule)."""
+_SUFFIXES = ("msg", "srv", "action")
 _PACKAGE = r"[a-z](?:_?[a-z0-9]+)*"
 _NAME = r"[A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)*"
 _ROS = re.compile(rf"(?P<package>{_PACKAGE})/(?P<kind>msg|srv|action)/(?P<name>{_NAME})")
