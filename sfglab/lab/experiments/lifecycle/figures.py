@@ -253,7 +253,7 @@ def _draw_pair(axes: Axes, grid: dict[State, Node], edges: Sequence[Edge], ink: 
     arrow = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, **line}
     axes.annotate("", points[-1], points[-2], arrowprops=arrow)
     if ink.part:
-        broad = axes.plot(*zip(*points, strict=True), alpha=0, linewidth=9, zorder=2.5)  # for the mouse
+        broad = axes.plot(*zip(*points, strict=True), alpha=0, linewidth=9, zorder=3.5)  # for the mouse
         ink.part(transition_part(edges[0].source, edges[0].given), *broad)
     step = -_LINE_HEIGHT if below else _LINE_HEIGHT
     for number, edge in enumerate(edges if below else reversed(edges)):
