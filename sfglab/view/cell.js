@@ -11,7 +11,12 @@ const WASM = 'new URL("./re_viewer_bg.wasm", import.meta.url)';
 
 function changed(model, name) {
   return new Promise((resolve) => {
-    const take = () => { if (model.get(name)) { model.off(`change:${name}`, take); resolve(model.get(name)); } };
+    const take = () => {
+      const value = model.get(name);
+      if (!(value?.byteLength ?? value)) return; // bytes that are not there yet are an empty view
+      model.off(`change:${name}`, take);
+      resolve(value);
+    };
     model.on(`change:${name}`, take);
     take();
   });
