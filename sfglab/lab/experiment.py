@@ -416,7 +416,8 @@ class Experiment(Generic[C]):
     ) -> None:
         """Write a log: a sweep's rows by table, what the parts write, and how the run was completed."""
         with ExitStack() as stack:
-            hosted = self._hosts if options.only != frozenset() else ()
+            live = options.only is None or any(options.wants(part.name) for part in self._parts)
+            hosted = self._hosts if live else ()
             names = hosted(config) if callable(hosted) else hosted
             hosts = stack.enter_context(Testbed(*names, separate=options.separate)) if names else None
             log = stack.enter_context(LogWriter(path, overwrite=True))
