@@ -23,6 +23,7 @@ from sfglab.spatial.frames.listener import fill_from_log
 
 ROOT = Path(__file__).parents[2]
 INDEX = "00_index"
+SHOWN = "data/reference/cooperation.mcap"
 # What the notebooks draw in a smoke test.
 FIGURES_ANYWHERE = {
     "01_naming": {"naming_schema"},
@@ -65,9 +66,11 @@ NAMES = [*FIGURES_ANYWHERE, *(pytest.param(name, marks=LIVE) for name in FIGURES
 
 @pytest.fixture
 def project(tmp_path, monkeypatch):
-    """A checkout of its own, without logs; what runs for it is gone at the end."""
+    """A checkout of its own, without logs but the one that a reader looks at; what runs for it is gone at the end."""
     shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks", ignore=shutil.ignore_patterns(".*"))
     shutil.copytree(ROOT / "data", tmp_path / "data", ignore=shutil.ignore_patterns("reference"))
+    (tmp_path / "data" / "reference").mkdir()
+    shutil.copy(ROOT / SHOWN, tmp_path / SHOWN)
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
     yield Project(root=tmp_path)
     _, alive = psutil.wait_procs(processes_of(tmp_path), timeout=60)
@@ -151,6 +154,6 @@ def test_a_notebook_runs_through_and_leaves_a_log_its_figures_and_nothing_else(p
 
 @pytest.mark.slow
 def test_the_index_runs_through_on_the_reference_logs(project):
-    shutil.copytree(ROOT / "data" / "reference", project.reference_logs)
+    shutil.copytree(ROOT / "data" / "reference", project.reference_logs, dirs_exist_ok=True)
     run_through(project, INDEX)
     assert not project.runs.joinpath("logs").exists()
