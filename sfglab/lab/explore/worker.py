@@ -12,6 +12,7 @@ from __future__ import annotations
 import asyncio
 import base64
 from dataclasses import replace
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from sfglab.component import run_component
@@ -39,16 +40,26 @@ async def serve(task: Task, report: Callable[[Report], None], orders: asyncio.Qu
         await _run(exp, task, report)
         return
     report({"is": "ready"})
-    while True:
-        order = await orders.get()
-        while not orders.empty():
-            order = orders.get_nowait()
-        try:
-            await asyncio.to_thread(asyncio.run, _draw(exp, order, report, lambda: not orders.empty()))
-        except StaleError:
-            continue
-        except SfglabError as error:
-            report({"is": "refused", "request": order["request"], "why": str(error)})
+    ended = Event()
+    try:
+        while True:
+            order = await orders.get()
+            while not orders.empty():
+                order = orders.get_nowait()
+            await _answer(exp, order, report, lambda: ended.is_set() or not orders.empty())
+    finally:
+        ended.set()  # the thread that draws ends between two points, and takes its folder along
+
+
+async def _answer(
+    exp: Experiment[Any], order: Report, report: Callable[[Report], None], stale: Callable[[], bool]
+) -> None:
+    try:
+        await asyncio.to_thread(asyncio.run, _draw(exp, order, report, stale))
+    except StaleError:
+        return
+    except SfglabError as error:
+        report({"is": "refused", "request": order["request"], "why": str(error)})
 
 
 async def _draw(
