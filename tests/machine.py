@@ -33,7 +33,7 @@ def _lack_of_a_browser() -> str:
 
 
 def _lack_of_ros() -> str:
-    missing = [name for name in DISTRIBUTIONS if not ros_python(name).exists()]
+    missing = [name for name in DISTRIBUTIONS if not ros_python(name).parents[1].joinpath(".ready").exists()]
     return f"needs ROS 2 {' and '.join(missing)}: make ros" if missing else ""
 
 

@@ -259,7 +259,7 @@ def _ros() -> _Verdict:
     from sfglab.lab.paths import find_project
 
     root = find_project().root
-    made = sorted(path.parents[1].name for path in root.glob(".venv-*/bin/python"))
+    made = sorted(path.parent.name for path in root.glob(".venv-*/.ready"))
     sourced = os.environ.get("ROS_DISTRO", "") if os.environ.get("AMENT_PREFIX_PATH") else ""
     found = [f"{name.removeprefix('.venv-')} (make ros)" for name in made]
     found += [f"{sourced} (sourced)"] if sourced else []

@@ -8,7 +8,6 @@ import json
 import os
 import sys
 import threading
-import time
 from contextlib import suppress
 
 import rclpy
@@ -91,7 +90,7 @@ class Peer:
         """Report every message of a topic."""
 
         def heard(message):
-            report("heard", topic=topic, cdr=serialize_message(message).hex(), at_ns=time.monotonic_ns())
+            report("heard", topic=topic, cdr=serialize_message(message).hex())
 
         self.kept.append(self.node.create_subscription(interface(kind), topic, heard, profile_of(qos)))
         report("listening")
@@ -103,11 +102,6 @@ class Peer:
         for one in cdr:
             self.publishers[topic].publish(bytes.fromhex(one))
         report("published")
-
-    def forget(self, topic):
-        """End a publisher."""
-        self.node.destroy_publisher(self.publishers.pop(topic))
-        report("forgotten")
 
     def graph(self):
         """Report nodes, topics and endpoints as the ROS 2 command line has them."""
@@ -129,8 +123,7 @@ class Peer:
                 for i in infos
             ]
         nodes = [ns.rstrip("/") + "/" + name for name, ns in self.node.get_node_names_and_namespaces()]
-        services = dict(self.node.get_service_names_and_types())
-        report("graph", nodes=nodes, topics=topics, ends=ends, services=services)
+        report("graph", nodes=nodes, ends=ends)
 
 
 def main():
