@@ -23,7 +23,7 @@ from sfglab.errors import SfglabError
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
     from rosbags.interfaces.typing import FieldDesc, Typesdict
@@ -138,18 +138,10 @@ def register(name: str, text: str) -> type[Any]:
     The name is the full one, such as `pkg/msg/Type`.
 
     Raises:
-        MessageError: The name belongs to a type with other fields.
+        MessageError: It cannot be read, or the name belongs to a type with other fields.
     """
-    with _lock:
-        store = type_store()
-        parsed = parse_definition(name, text)
-        if name in store.fielddefs:
-            if store.fielddefs[name] != parsed[name]:
-                raise MessageError(f"{name} is already registered with other fields: choose another name")
-        else:
-            store.register(parsed)
-            _sources[name] = text
-        return store.types[name]
+    _add({name: text})
+    return type_store().types[name]
 
 
 def register_interfaces(path: Path) -> tuple[str, ...]:
@@ -174,6 +166,12 @@ def register_interfaces(path: Path) -> tuple[str, ...]:
         package = file.absolute().parents[1].name
         name = f"{package}/{file.suffix[1:]}/{file.stem}"
         texts |= dict(_parts_of_interface(name, file.read_text("utf-8")))
+    _add(texts)
+    return tuple(sorted(texts))
+
+
+def _add(texts: Mapping[str, str]) -> None:
+    """Add types, all or none, by their full names; those that are there already stay."""
     with _lock:
         store = type_store()
         parsed = {name: _parsed(name, text)[name] for name, text in texts.items()}
@@ -181,7 +179,6 @@ def register_interfaces(path: Path) -> tuple[str, ...]:
         new = {name: fields for name, fields in parsed.items() if name not in store.fielddefs}
         store.register(new)
         _sources.update({name: texts[name] for name in new})
-    return tuple(sorted(texts))
 
 
 def _parsed(name: str, text: str) -> Typesdict:
