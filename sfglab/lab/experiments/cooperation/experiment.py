@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -405,9 +404,8 @@ def _ended_ns(row: CourseRow) -> int:
     return round(row.ended_s * NS_PER_S)
 
 
-@lru_cache(maxsize=2)
 def driven(point: Point, seed: int) -> tuple[SimulatedRun, CourseRow]:
-    """Drive a point with a seed, its tracks and beliefs kept; the last ones are not driven again."""
+    """Drive a point with a seed, its tracks and beliefs kept."""
     run = SimulatedRun(point, seed, tracked="driven")
     return run, run.run()
 
@@ -427,4 +425,4 @@ def point_of(row: Any) -> Point:
 @exp.sweep("course", over=points_of, at_ns=_ended_ns)
 def run_point(point: Point, seed: int) -> CourseRow:
     """Run a point with a seed."""
-    return driven(point, seed)[1]
+    return SimulatedRun(point, seed).run()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from sfglab.lab.paths import find_project
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from sfglab.lab.runs import Run
 
@@ -129,17 +131,24 @@ def _draw_cost_model(axes: Axes, fit: CostModel) -> None:
     axes.grid(visible=False, axis="x")
 
 
+@cache
+def _reference_terms() -> tuple[NDArray[np.float64], float]:
+    """Return the reference run's terms of Eq. 2 and 3, % of a core, and its stream's rate, Mbit/s."""
+    reference = exp.load(find_project().reference_logs / f"{exp.name}.mcap")
+    fit = cost_model(reference)
+    terms = np.array([fit.net.value, fit.dec.value, fit.ipc.value])
+    return terms, stream_facts(reference).bitrate.value
+
+
 @exp.look("equations", Look(turn=("most", "multicast"), needs=(), size=(10, 3.6), reference="decode_once_h264"))
 def draw_equations(figure: Figure, run: Run[Config]) -> None:
     """Draw what Eq. 2 and 3 say of so many subscribers, with the terms fitted to the reference run's colour.
 
     Nothing is measured here; what the network carries follows from the stream's rate and from multicast.
     """
-    reference = exp.load(find_project().reference_logs / f"{exp.name}.mcap")
-    fit, rate = cost_model(reference), stream_facts(reference).bitrate.value
+    terms, rate = _reference_terms()
     counts = np.arange(1, run.config.most + 1)
     copies = counts if run.config.multicast == "spdp" else np.ones_like(counts)
-    terms = np.array([fit.net.value, fit.dec.value, fit.ipc.value])
     cpu, net = figure.subplots(1, 2)
     for mode in ("standard", "proxy"):
         style: dict[str, Any] = {"color": COLORS[mode], "marker": MARKERS[mode], "label": LABELS[mode]}

@@ -9,6 +9,7 @@ replay.
 from __future__ import annotations
 
 from sfglab.lab.experiments.latency.analysis import checks
+from sfglab.lab.experiments.latency.budget import draw_budget
 from sfglab.lab.experiments.latency.experiment import exp
 
-__all__ = ["checks", "exp"]
+__all__ = ["checks", "draw_budget", "exp"]
