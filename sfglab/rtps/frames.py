@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.rtps.model import BURST_ROOM, compile_scenario, most_samples
 from sfglab.rtps.session import outcome_of
-from sfglab.rtps.state import Frame, T, TimingColumn
+from sfglab.rtps.state import Frame, TimingColumn, TraceColumn
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -68,7 +68,7 @@ def _run(scenario: Scenario, seed: int, wishes: Mapping[int, bool]) -> tuple[Out
     while True:
         params, state = compile_scenario(scenario, samples=most_samples(scenario), seed=seed, trace=room)
         for number, is_lost in wishes.items():
-            state.trace[number, T.WISH] = 1 if is_lost else 2
+            state.trace[number, TraceColumn.WISH] = 1 if is_lost else 2
         until_ns = params.timing[[TimingColumn.DURATION_NS, TimingColumn.DRAIN_NS]].sum()
         advance(World(params, state), int(until_ns))
         if state.trace_end[0] < room:
@@ -89,9 +89,9 @@ def _frames(rows: NDArray[np.int64], flows: Sequence[str]) -> Iterator[AirFrame]
         yield AirFrame(
             name=(f"{name}.{number}" if number else name) if is_data else f"{name}/{number + 1}",
             kind=kind,
-            began_ns=row[T.BEGAN],
-            ended_ns=row[T.ENDED],
-            lost=bool(row[T.LOST]),
+            began_ns=row[TraceColumn.BEGAN],
+            ended_ns=row[TraceColumn.ENDED],
+            lost=bool(row[TraceColumn.LOST]),
             samples=samples,
             newest=newest,
             repairs=kind is Frame.BURST or (is_data and number > 0),

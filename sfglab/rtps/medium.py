@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from sfglab.rtps.model import BURST_ROOM, NETWORK_BYTES, airtime_ns, frame_bytes, next_sender
-from sfglab.rtps.state import Count, Drop, Event, FlowColumn, Frame, T, TimingColumn
+from sfglab.rtps.state import Count, Drop, Event, FlowColumn, Frame, TimingColumn, TraceColumn
 from sfglab.rtps.world import compiled, push
 
 
@@ -112,8 +112,9 @@ def _traced(world: Any, now: int, transmitter: int, drawn: bool) -> bool:  # noq
     world.trace_end[0] += 1
     for k in range(8):
         row[k] = world.on_air[transmitter, 1 + k]
-    lost = row[T.WISH] == 1 or (drawn and row[T.WISH] == 0)
-    row[T.BEGAN], row[T.ENDED], row[T.LOST] = world.on_air[transmitter, 9], now, lost
+    lost = row[TraceColumn.WISH] == 1 or (drawn and row[TraceColumn.WISH] == 0)
+    row[TraceColumn.BEGAN], row[TraceColumn.ENDED] = world.on_air[transmitter, 9], now
+    row[TraceColumn.LOST] = lost
     return bool(lost)
 
 

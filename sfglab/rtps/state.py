@@ -166,7 +166,7 @@ class State(NamedTuple):
     queue: Any  # (H, Q, 8) frames
     queue_ends: Any  # (H, 2) head, length
     on_air: Any  # (T, 10) busy, frame, since when
-    trace: Any  # (K, 12) see T; frames as they left the air; K is 0 where nobody looks
+    trace: Any  # (K, 12) see TraceColumn; frames as they left the air; K is 0 where nobody looks
     trace_end: Any  # (1,) how many there are
     next_host: Any  # (T,)
     flight: Any  # (T, K, 8) frames that are under way
@@ -201,7 +201,7 @@ class S(IntEnum):
     BUSY, FLOW, SAMPLE, NEXT, WAITING, SKIPS = range(6)
 
 
-class T(IntEnum):
+class TraceColumn(IntEnum):
     """Columns of `State.trace` behind a frame's words; WISH, set from outside: 0 as drawn, 1 lost, 2 not."""
 
     BEGAN, ENDED, LOST, WISH = range(8, 12)
@@ -264,7 +264,7 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
         queue=np.zeros((sizes.hosts, sizes.queue, _FRAME_FIELDS), np.int64),
         queue_ends=np.zeros((sizes.hosts, 2), np.int64),
         on_air=np.zeros((transmitters, 2 + _FRAME_FIELDS), np.int64),
-        trace=np.zeros((sizes.trace, _FRAME_FIELDS + len(T)), np.int64),
+        trace=np.zeros((sizes.trace, _FRAME_FIELDS + len(TraceColumn)), np.int64),
         trace_end=np.zeros(1, np.int64),
         next_host=np.zeros(transmitters, np.int64),
         flight=np.zeros((transmitters, sizes.flight, _FRAME_FIELDS), np.int64),
