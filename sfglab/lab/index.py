@@ -1,6 +1,6 @@
 """The index of everything, by paper and section: a figure, what it shows, and what the ledger says.
 
-Made from the notebooks' first cells, the committed figures and a ledger; nothing of it is typed.
+Made from the notebooks' first cells, the committed figures and a ledger; no verdict is typed.
 """
 
 from __future__ import annotations

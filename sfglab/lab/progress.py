@@ -122,7 +122,7 @@ def _widget(total: int, what: str) -> Iterator[Callable[[Step], None]]:
     """Show a widget; at the end one plain line has its place, which can be read without a kernel."""
     from IPython.display import display
 
-    from sfglab.view.panel import widgets
+    from sfglab.view.widgets import widgets
 
     kit = widgets()
     bar, text = kit.IntProgress(max=total), kit.HTML(escape(what))

@@ -14,13 +14,13 @@ import json
 import threading
 from functools import cache, partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
-from importlib import import_module, resources
 from importlib.util import find_spec
 from pathlib import Path
 from secrets import token_urlsafe
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import MissingExtraError
+from sfglab.view.widgets import front_end
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -117,15 +117,8 @@ def _files() -> Path:
 @cache
 def _widget_class() -> Any:
     """Return the class of the front-end part; names with underscores are read by Rerun's program."""
-    try:
-        anywidget, traitlets = import_module("anywidget"), import_module("traitlets")
-    except ImportError as error:
-        raise MissingExtraError("anywidget", extra="view", purpose="the view in a notebook") from error
-    texts = dict.fromkeys(("_width", "wanted", "address", "program", "still", "mode"), traitlets.Unicode)
-    kinds = texts | {"_height": traitlets.Int, "packed": traitlets.Bytes}
-    members = {name: kind().tag(sync=True) for name, kind in kinds.items()}
-    members["_esm"] = resources.files(__package__).joinpath("cell.js").read_text("utf-8")
-    return type("CellViewerWidget", (anywidget.AnyWidget,), members)
+    texts = dict.fromkeys(("_width", "wanted", "address", "program", "still", "mode"), "Unicode")
+    return front_end(Path(__file__).with_name("cell.js"), texts | {"_height": "Int", "packed": "Bytes"})
 
 
 class _Handler(SimpleHTTPRequestHandler):

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import InvalidValueError, MissingExtraError
+from sfglab.errors import InvalidValueError
 from sfglab.qos import Durability, QoSProfile, Reliability
 from sfglab.view.session import Change, Changed, available
+from sfglab.view.widgets import refusal_html, widgets
 
 if TYPE_CHECKING:
     from sfglab.view.session import Display, Session
@@ -21,18 +21,6 @@ if TYPE_CHECKING:
 
 
 Topics = Callable[[], Mapping[str, str]]
-
-
-def widgets() -> Any:
-    """Return ipywidgets.
-
-    Raises:
-        MissingExtraError: They are not installed.
-    """
-    try:
-        return import_module("ipywidgets")
-    except ImportError as error:
-        raise MissingExtraError("ipywidgets", extra="view", purpose="the panel in a notebook") from error
 
 
 class Panel:
@@ -162,12 +150,10 @@ class Panel:
 
     def _try(self, action: Callable[[], object]) -> bool:
         """Do something, and say what the session refuses."""
-        from html import escape
-
         try:
             action()
         except InvalidValueError as error:
-            self._said.value = escape(str(error))
+            self._said.value = refusal_html(str(error))
             return False
         self._said.value = ""
         return True

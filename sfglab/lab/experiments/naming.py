@@ -20,7 +20,7 @@ from sfglab.lab.explore.press import Pressed, part
 from sfglab.lab.figures import COLORS
 from sfglab.lab.stats import exactly
 from sfglab.tables import Shown
-from sfglab.view.panel import widgets
+from sfglab.view.widgets import widgets
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from sfglab.lab.explore.press import Pressed
 from sfglab.lab.figures import COLORS
 from sfglab.machine import step
-from sfglab.view.panel import widgets
+from sfglab.view.widgets import widgets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -90,6 +90,8 @@ class Automaton(Pressed):
         self.at = kit.IntSlider(max=0, description="step", layout={"width": "30em"})
         self.back = kit.Button(description="Back", tooltip="As it was before", layout={"width": "auto"})
         self._news = kit.HTML()
+        self._choose()
+        self._tell()
         super().__init__(
             lambda figure: draw(figure, self.moment),
             size=size,
@@ -100,8 +102,6 @@ class Automaton(Pressed):
         self.choice.observe(lambda _: self.answer(self._choose), "value")
         self.at.observe(lambda _: self.answer(self._replay), "value")
         self.back.on_click(lambda _: self.answer(self._undo))
-        self._choose()
-        self.redraw()
 
     @property
     def moment(self) -> Moment:
@@ -110,8 +110,11 @@ class Automaton(Pressed):
 
     def redraw(self) -> None:
         """Draw the present moment."""
-        self._news.value = f"{len(self._past) - 1}: {self.moment.said}"
+        self._tell()
         super().redraw()
+
+    def _tell(self) -> None:
+        self._news.value = f"{len(self._past) - 1}: {self.moment.said}"
 
     def feed(self, given: Enum) -> None:
         """Give the machine an input.

@@ -21,7 +21,7 @@ from sfglab.lab.explore.press import still_bundle
 from sfglab.lab.explore.task import Task
 from sfglab.lab.paths import find_project
 from sfglab.processes import LineProcess
-from sfglab.view.panel import widgets
+from sfglab.view.widgets import widgets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, get_args, get_origin
 
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fields import BOUNDS, check_bounds, choices_of, field_docs, from_json, typed_fields
-from sfglab.view.panel import widgets
+from sfglab.view.widgets import refusal_html, widgets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -83,7 +83,7 @@ class Form:
 
     def say(self, text: str) -> None:
         """Show a sentence below the widgets; empty: none."""
-        self._said.value = f'<span style="color:#b00020">{escape(text)}</span>' if text else ""
+        self._said.value = refusal_html(text)
 
     def _row(self, name: str) -> Any | None:
         """Return a field's widget with its unit; None where no widget can hold it."""

@@ -25,7 +25,7 @@ from sfglab.soc.mapping import (
     transfer_s,
 )
 from sfglab.soc.placement import Platform, assess, check_fixed, place_nodes, topic_load
-from sfglab.view.panel import widgets
+from sfglab.view.widgets import widgets
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -64,7 +64,7 @@ class PressedMapping(Pressed):
         self._layout = layered_layout(graph)
         self._asked: dict[str, TopicMapping] = {}
         self.why = kit.HTML()
-        actions = {"Optimise": self.optimise, "Paper's rule": self._by_rule, "Reset": self._reset}
+        actions = {"Optimise": self.optimise, "Reset": self._reset}
         buttons = [kit.Button(description=label) for label in actions]
         for button, action in zip(buttons, actions.values(), strict=True):
             button.on_click(lambda _, action=action: self.answer(action))
@@ -83,9 +83,6 @@ class PressedMapping(Pressed):
             self._set(map_communication(self.graph, gateway=rule).gateways, self._reasons_of_topics)
         else:
             self._set(place_nodes(self.graph, self._platform).graph, self._reasons)
-
-    def _by_rule(self) -> None:
-        self._set(map_communication(self.graph).gateways)
 
     def _reset(self) -> None:
         self._set(self._begin)

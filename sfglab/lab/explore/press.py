@@ -9,13 +9,12 @@ from __future__ import annotations
 import base64
 import io
 from functools import cache
-from html import escape
-from importlib import import_module, resources
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import MissingExtraError, SfglabError
+from sfglab.errors import SfglabError
 from sfglab.lab.figures import house_style, png_of
-from sfglab.view.panel import widgets
+from sfglab.view.widgets import front_end, refusal_html, widgets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -79,7 +78,7 @@ class Pressed:
         try:
             action()
         except SfglabError as error:
-            self._said.value = f'<span style="color:#b00020">{escape(str(error))}</span>'
+            self._said.value = refusal_html(str(error))
             return
         self._said.value = ""
         self.redraw()
@@ -128,14 +127,5 @@ def _few_colors(png: bytes) -> bytes:
 @cache
 def _svg_widget() -> Any:
     """Return the class of the front-end part."""
-    try:
-        anywidget, traitlets = import_module("anywidget"), import_module("traitlets")
-    except ImportError as error:
-        raise MissingExtraError("anywidget", extra="view", purpose="pictures to press") from error
-    members = {
-        "_esm": resources.files(__package__).joinpath("press.js").read_text("utf-8"),
-        "svg": traitlets.Unicode().tag(sync=True),
-        "titles": traitlets.Dict().tag(sync=True),
-        "pressed": traitlets.Dict().tag(sync=True),
-    }
-    return type("SvgWidget", (anywidget.AnyWidget,), members)
+    traits = {"svg": "Unicode", "titles": "Dict", "pressed": "Dict"}
+    return front_end(Path(__file__).with_name("press.js"), traits)

@@ -21,10 +21,11 @@ from sfglab.view.app import ViewOptions, session_for, view_log
 from sfglab.view.arrivals import open_log
 from sfglab.view.bridge import Bridge
 from sfglab.view.cell import CellViewer
-from sfglab.view.panel import Panel, widgets
+from sfglab.view.panel import Panel
 from sfglab.view.rerunning import NOTEBOOK, RECEIVED, open_canvas
 from sfglab.view.session import Session
 from sfglab.view.stage import wanted_topics
+from sfglab.view.widgets import widgets
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

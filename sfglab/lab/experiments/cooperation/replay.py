@@ -13,7 +13,7 @@ from sfglab.lab.experiments.cooperation.figures import draw_area
 from sfglab.lab.explore.press import Pressed, part
 from sfglab.lab.figures import COLORS
 from sfglab.lab.runs import lines_of
-from sfglab.view.panel import widgets
+from sfglab.view.widgets import widgets
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,8 +13,8 @@ from sfglab.lab.paths import find_project
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene
 from sfglab.spatial.scene.objects import AgentObject
-from sfglab.view.panel import widgets
 from sfglab.view.planner.server import show_planner
+from sfglab.view.widgets import widgets
 
 if TYPE_CHECKING:
     from sfglab.view.planner.server import Planner

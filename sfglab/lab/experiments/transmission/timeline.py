@@ -18,7 +18,7 @@ from sfglab.lab.figures import COLORS
 from sfglab.qos import QoSProfile
 from sfglab.rtps import PRESETS, Flow, Frame, Medium, Scenario, trace
 from sfglab.units import NS_PER_S
-from sfglab.view.panel import widgets
+from sfglab.view.widgets import widgets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
