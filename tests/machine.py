@@ -33,8 +33,10 @@ def _lack_of_a_browser() -> str:
 
 
 def _lack_of_ros() -> str:
-    missing = [name for name in DISTRIBUTIONS if not ros_python(name).parents[1].joinpath(".ready").exists()]
-    return f"needs ROS 2 {' and '.join(missing)}: make ros" if missing else ""
+    from sfglab.lab.ros2 import RosMissingError, distributions
+
+    missing = [name for name in DISTRIBUTIONS if name not in distributions()]
+    return str(RosMissingError(missing)) if missing else ""
 
 
 DISTRIBUTIONS = ("jazzy", "kilted")
@@ -43,11 +45,6 @@ NEEDS = {
     "browser": cache(_lack_of_a_browser),
     "ros": cache(_lack_of_ros),
 }
-
-
-def ros_python(distribution: str) -> Path:
-    """Return the interpreter of a distribution of ROS 2 that `make ros` has made."""
-    return Path(__file__).parents[1] / f".venv-{distribution}" / "bin" / "python"
 
 
 def pytest_configure() -> None:

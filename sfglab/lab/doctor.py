@@ -256,16 +256,12 @@ def _viewer() -> _Verdict:
 
 
 def _ros() -> _Verdict:
-    from sfglab.lab.paths import find_project
+    from sfglab.lab.ros2 import distributions
 
-    root = find_project().root
-    made = sorted(path.parent.name for path in root.glob(".venv-*/.ready"))
-    sourced = os.environ.get("ROS_DISTRO", "") if os.environ.get("AMENT_PREFIX_PATH") else ""
-    found = [f"{name.removeprefix('.venv-')} (make ros)" for name in made]
-    found += [f"{sourced} (sourced)"] if sourced else []
+    found = ", ".join(map(str, distributions().values()))
     if not found:
         raise SfglabError("neither environments of make ros nor a sourced ROS 2")
-    return Level.OK, ", ".join(found), "our nodes are tested beside rclpy"
+    return Level.OK, found, "our nodes are tested beside rclpy"
 
 
 _NOT_INSTALLED = (importlib.metadata.PackageNotFoundError,)

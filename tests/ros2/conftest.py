@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from contextlib import asynccontextmanager
-from pathlib import Path
 
 import machine
 import pytest
 from beside import ANSWER_S
 
+from sfglab.lab import ros2
 from sfglab.processes import LineProcess
-
-_PEER = Path(__file__).with_name("peer.py")
 
 
 @pytest.fixture(params=machine.DISTRIBUTIONS)
@@ -25,16 +23,14 @@ def distribution(request, monkeypatch):
 
 @pytest.fixture
 def peer(distribution, domain_id):
-    """A function that starts a real node, in the test's domain or on a host of the test; it ends with the block."""
+    """A function that starts a real node, in the test's domain or on a test host; it ends with the block."""
 
     @asynccontextmanager
     async def started(name="peer", host=None, **environment):
-        # The wheels' own variables, of another distribution, would be theirs too.
-        values = {"ROS_DISTRO": distribution, "ROS_DOMAIN_ID": domain_id, **environment}
+        values = {"ROS_DOMAIN_ID": domain_id, **environment}
         if host:  # hosts of a test share /dev/shm: Fast DDS would pass the link by
             values.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-        argv = ["env", "-u", "PYTHONPATH", "-u", "LD_LIBRARY_PATH", *(f"{k}={v}" for k, v in values.items())]
-        argv += [str(machine.ros_python(distribution)), str(_PEER), name]
+        argv = ros2.distributions()[distribution].argv(str(ros2.PEER), name, **values)
         argv = host.argv(argv) if host else argv
         process = await LineProcess.start(name, argv)
         try:

@@ -9,13 +9,13 @@ import sys
 from collections import Counter
 from contextlib import suppress
 
-import machine
 import numpy as np
 import pytest
 from beside import ANSWER_S, asked, until
 from random_messages import random_message
 
 from sfglab.bus import Node
+from sfglab.lab.ros2 import distributions
 from sfglab.messages import (
     MessageError,
     default_message,
@@ -134,7 +134,7 @@ async def test_types_are_those_of_the_distribution(peer, distribution):
 
 async def test_a_package_of_a_user_s_own_is_registered_and_is_what_rclpy_has(peer, distribution, tmp_path):
     """rosidl's own package for tests: bounds, defaults, constants, arrays, and types of each other."""
-    share = machine.ros_python(distribution).parents[1] / "share" / "test_msgs"
+    share = distributions()[distribution].python.parents[1] / "share" / "test_msgs"
     ours = tmp_path / "test_msgs"
     shutil.copytree(share, ours)
     with pytest.raises(MessageError, match=r"given wstring, allowed is string"):

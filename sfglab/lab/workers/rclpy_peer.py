@@ -1,7 +1,11 @@
-"""A real ROS 2 node that does as it is told: orders as JSON lines in, reports as JSON lines out.
+"""Peer that is a real ROS 2 node and does as it is told: ``python rclpy_peer.py NAME``, see `sfglab.lab.ros2`.
 
-Runs in ROS 2's own interpreter and imports nothing of sfglab. Messages travel as CDR in hexadecimal digits.
+Orders come as JSON lines, each names a method of `Peer` as ``do``; reports go out as JSON lines. Messages
+travel as CDR in hexadecimal digits. Runs in ROS 2's own interpreter, from Python 3.10 on, and imports nothing
+of sfglab.
 """
+
+from __future__ import annotations
 
 import importlib
 import json
@@ -9,26 +13,29 @@ import os
 import sys
 import threading
 from contextlib import suppress
+from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 
-OUT = os.fdopen(os.dup(1), "w", buffering=1)
+_OUT = os.fdopen(os.dup(1), "w", buffering=1)
 os.dup2(2, 1)  # what libraries print is no report
 
 
-def report(kind, **values):
-    OUT.write(json.dumps({"is": kind, **values}) + "\n")
+def report(kind: str, **values: Any) -> None:
+    """Write a report."""
+    _OUT.write(json.dumps({"is": kind, **values}) + "\n")
 
 
-def interface(name):
+def interface(name: str) -> Any:
+    """Return the class of an interface, ``package/msg/Name``."""
     package, kind, title = name.split("/")
     return getattr(importlib.import_module(f"{package}.{kind}"), title)
 
 
-def profile_of(given):
+def profile_of(given: dict[str, Any]) -> QoSProfile:
     """Return a profile from names as ROS 2 prints them."""
     named = {k: v for k, v in given.items() if k in {"reliability", "durability", "history"}}
     times = {
@@ -44,20 +51,37 @@ def profile_of(given):
 
 
 class Peer:
-    def __init__(self, name):
+    """The node and what it has made so far."""
+
+    def __init__(self, name: str) -> None:
         rclpy.init()
         self.node = rclpy.create_node(name)
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
-        self.kept = []
-        self.publishers = {}
-        threading.Thread(target=self.spin, daemon=True).start()
+        self.kept: list[Any] = []
+        self.publishers: dict[str, Any] = {}
+        self.thread = threading.Thread(target=self.spin)
+        self.thread.start()
 
-    def spin(self):
+    def spin(self) -> None:
+        """Work until the context is shut down."""
         with suppress(ExternalShutdownException):
             self.executor.spin()
 
-    def types(self, packages):
+    def end(self) -> None:
+        """End in order: a participant that is killed leaves its shared memory behind."""
+        rclpy.shutdown()
+        self.thread.join()
+        self.node.destroy_node()
+
+    def obey(self, order: dict[str, Any]) -> None:
+        """Follow one order."""
+        try:
+            getattr(self, order.pop("do"))(**order)
+        except Exception as error:  # noqa: BLE001 - a refusal of ROS 2 is an answer
+            report("refused", why=f"{type(error).__name__}: {error}")
+
+    def types(self, packages: list[str]) -> None:
         """Report all message types that it has."""
         found = []
         for package in packages:
@@ -69,7 +93,7 @@ class Peer:
             ]
         report("types", types=found)
 
-    def pass_through(self, kind, cdr):
+    def pass_through(self, kind: str, cdr: list[str]) -> None:
         """Read and write messages: what rclpy makes of our bytes."""
         report(
             "passed",
@@ -78,7 +102,7 @@ class Peer:
             ],
         )
 
-    def echo(self, types, qos):
+    def echo(self, types: list[str], qos: dict[str, Any]) -> None:
         """Publish below /back whatever is published below /forth, a topic a type."""
         for name in types:
             topic, kind, profile = name.replace("/", "_"), interface(name), profile_of(qos)
@@ -86,16 +110,16 @@ class Peer:
             self.kept.append(self.node.create_subscription(kind, f"/forth/{topic}", publisher.publish, profile))
         report("echoing")
 
-    def listen(self, kind, topic, qos):
+    def listen(self, kind: str, topic: str, qos: dict[str, Any]) -> None:
         """Report every message of a topic."""
 
-        def heard(message):
+        def heard(message: Any) -> None:
             report("heard", topic=topic, cdr=serialize_message(message).hex())
 
         self.kept.append(self.node.create_subscription(interface(kind), topic, heard, profile_of(qos)))
         report("listening")
 
-    def publish(self, kind, topic, qos, cdr):
+    def publish(self, kind: str, topic: str, qos: dict[str, Any], cdr: list[str]) -> None:
         """Publish messages; the publisher stays."""
         if topic not in self.publishers:
             self.publishers[topic] = self.node.create_publisher(interface(kind), topic, profile_of(qos))
@@ -103,7 +127,7 @@ class Peer:
             self.publishers[topic].publish(bytes.fromhex(one))
         report("published")
 
-    def graph(self):
+    def graph(self) -> None:
         """Report nodes, topics and endpoints as the ROS 2 command line has them."""
         topics = dict(self.node.get_topic_names_and_types())
         ends = {}
@@ -126,16 +150,15 @@ class Peer:
         report("graph", nodes=nodes, ends=ends)
 
 
-def main():
+def main() -> None:
+    """Obey orders until the standard input ends."""
     peer = Peer(sys.argv[1])
     report("ready", distribution=os.environ.get("ROS_DISTRO", ""))
-    for line in sys.stdin:
-        order = json.loads(line)
-        try:
-            getattr(peer, order.pop("do"))(**order)
-        except Exception as error:  # noqa: BLE001 - a refusal of ROS 2 is an answer
-            report("refused", why=f"{type(error).__name__}: {error}")
-    os._exit(0)
+    try:
+        for line in sys.stdin:
+            peer.obey(json.loads(line))
+    finally:
+        peer.end()
 
 
 main()

@@ -1,0 +1,86 @@
+"""Real ROS 2 beside us: which distributions are there, and the command line of a program that runs in one.
+
+ROS 2 is never imported here: its programs run in its own interpreter and take orders as JSON lines, see
+`sfglab.lab.workers.rclpy_peer`.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sfglab.errors import SfglabError
+from sfglab.lab.paths import find_project
+from sfglab.processes import Member
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+PEER = Path(__file__).parent / "workers" / "rclpy_peer.py"
+"""The program: a node of rclpy that does as it is told."""
+
+# Theirs are not the wheels', and those of another distribution's wheels would be.
+_FOREIGN = ("PYTHONPATH", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
+
+
+class RosMissingError(SfglabError):
+    """There is no ROS 2 beside us."""
+
+    def __init__(self, names: Iterable[str] = ()) -> None:
+        super().__init__(f"needs ROS 2 {' and '.join(names)}".rstrip() + ": make ros")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Distribution:
+    """A distribution of ROS 2 on this machine."""
+
+    name: str  #: As ``ROS_DISTRO`` has it.
+    python: Path  #: Its interpreter.
+    sourced: bool = (
+        False  #: Whether it is the system's, whose set-up our environment has; else `make ros` made it.
+    )
+
+    def __str__(self) -> str:
+        return f"{self.name} ({'sourced' if self.sourced else 'make ros'})"
+
+    def argv(self, *arguments: str, **environment: object) -> list[str]:
+        """Return the command line that runs a script, such as `PEER`, with environment variables of its own."""
+        foreign = [] if self.sourced else [f"--unset={name}" for name in _FOREIGN]
+        values = {"ROS_DISTRO": self.name, "PYTHONSAFEPATH": 1, **environment}
+        return ["env", *foreign, *(f"{k}={v}" for k, v in values.items()), str(self.python), *arguments]
+
+
+def distributions() -> dict[str, Distribution]:
+    """Return the distributions that are there, by name: those of `make ros` first, then a sourced one."""
+    made = sorted(path.parent for path in find_project().root.glob(".venv-*/.ready"))
+    names = {venv.name.removeprefix(".venv-"): venv / "bin" / "python" for venv in made}
+    found = {name: Distribution(name=name, python=python) for name, python in names.items()}
+    if os.environ.get("AMENT_PREFIX_PATH") and (name := os.environ.get("ROS_DISTRO", "")):
+        found.setdefault(name, Distribution(name=name, python=Path("/usr/bin/python3"), sourced=True))
+    return found
+
+
+def distribution() -> Distribution:
+    """Return the first distribution that is there.
+
+    Raises:
+        RosMissingError: None is.
+    """
+    for found in distributions().values():
+        return found
+    raise RosMissingError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosMember(Member):
+    """A distribution's program as a process of a group; `module` is the script, `config` its one argument."""
+
+    distribution: Distribution  #: Whose interpreter runs it.
+    environment: tuple[tuple[str, Any], ...] = ()  #: Environment variables of its own.
+
+    @property
+    def command(self) -> tuple[str, ...]:
+        """Program and arguments."""
+        return tuple(self.distribution.argv(self.module, str(self.config), **dict(self.environment)))
