@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from sfglab import __version__
-from sfglab.cli import deploy, experiments, fleet, mapping, mocap, plan, view
+from sfglab.cli import deploy, experiments, fleet, interfaces, mapping, mocap, plan, view
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "router": fleet.router,
     "decoder": fleet.decoder,
     "camera": fleet.camera,
+    "interfaces": interfaces.interfaces,
     "qos": mapping.qos,
     "map": mapping.map_graph,
     "plan": plan.plan,

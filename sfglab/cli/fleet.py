@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sfglab.cli.interfaces import Interfaces
 from sfglab.component import run
 
 if TYPE_CHECKING:
@@ -107,6 +108,7 @@ def agent_up(
         typer.Option(help="A component to leave out: router, status, discoverer, keeper, decoder."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Report JSON lines instead of sentences.")] = False,
+    _interfaces: Interfaces = None,
 ) -> None:
     """Run an agent: everything that paper A puts on each robot, until Ctrl-C.
 
@@ -119,6 +121,8 @@ def agent_up(
       sfglab agent up --domain 7 --interface lo --global-interface wlan0
 
       sfglab agent up --fleet data/fleets/lab.yaml --agent go2
+
+      sfglab agent up --domain 7 --interfaces ~/ros2_ws/src/my_msgs   # types of your own
 
       sfglab agent up --domain 7 --without router   # beside a DDS Router of your own
     """
@@ -139,6 +143,7 @@ def router(
     prefix_frames: Annotated[
         bool | None, typer.Option(help="Whether TF frames get the agent's name in front on their way out; yes.")
     ] = None,
+    _interfaces: Interfaces = None,
 ) -> None:
     """Run a router alone: what Table 1, or the fleet file's policy, names crosses, everything else stays.
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sfglab.cli.interfaces import Interfaces
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ def view(
     ] = False,
     domain: Annotated[int | None, typer.Option(help="DDS domain to look at, live. [default: 0]")] = None,
     interface: Annotated[str | None, typer.Option(help="Network interface, live; lo stays inside.")] = None,
+    _interfaces: Interfaces = None,
 ) -> None:
     """Show what is on the bus, or a log, in the Rerun viewer or a file (paper A, section 4.5).
 

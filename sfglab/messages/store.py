@@ -10,11 +10,13 @@ from __future__ import annotations
 import difflib
 import functools
 import itertools
+import logging
 import os
 import re
 import threading
 from dataclasses import dataclass
 from importlib import resources
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,16 +26,19 @@ from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
-    from pathlib import Path
 
     from rosbags.interfaces.typing import FieldDesc, Typesdict
     from rosbags.typesys.store import Typestore
 
 
+INTERFACES_VARIABLE = "SFGLAB_INTERFACES"
+"""Paths for `register_interfaces` with `os.pathsep` between: processes that we start know these types, too."""
+_log = logging.getLogger("sfglab.messages")
 _RULE = "=" * 80
 _FOLDER = re.compile("/(?:srv|action)/")
 _sources: dict[str, str] = {}
 _lock = threading.RLock()
+_to_register = list(filter(None, os.environ.get(INTERFACES_VARIABLE, "").split(os.pathsep)))
 
 
 class MessageError(SfglabError, ValueError):
@@ -46,7 +51,8 @@ class UnknownTypeError(SfglabError, LookupError):
     def __init__(self, name: object, *, near: tuple[str, ...] = ()) -> None:
         self.name = name  #: What was asked for.
         self.near = near  #: Names of types that look similar, best first.
-        hint = f"did you mean {', '.join(near)}?" if near else "names look like std_msgs/msg/String"
+        own = "names look like std_msgs/msg/String; types of your own: register_interfaces, --interfaces"
+        hint = f"did you mean {', '.join(near)}?" if near else own
         super().__init__(f"message type {name!r} is unknown: {hint}")
 
 
@@ -129,6 +135,8 @@ def _built_store() -> Typestore:
 def type_store() -> Typestore:
     """Return the store as rosbags knows it; built on first use, once per process."""
     with _lock:
+        while _to_register:
+            register_interfaces(Path(_to_register.pop()))
         return _built_store()
 
 
@@ -145,29 +153,57 @@ def register(name: str, text: str) -> type[Any]:
 
 
 def register_interfaces(path: Path) -> tuple[str, ...]:
-    """Add the types of a ROS 2 package, or of one of its files, to the store, and return their names, sorted.
+    """Add the types of ROS 2 packages, or of one of their files, to the store, and return their names, sorted.
 
         register_interfaces(Path("/opt/ros/jazzy/share/example_interfaces"))
 
     Args:
-        path: The package's folder with `msg`, `srv` and `action` folders, in a source tree or below `share`;
-            or one `.msg`, `.srv` or `.action` file in such a folder. Types that they use and that are neither
-            among them nor in the store yet are added first, by a call of their own.
+        path: A package's folder with `msg`, `srv` and `action` folders, in a source tree or below `share`; a
+            folder of such packages; or one `.msg`, `.srv` or `.action` file in such a folder. Types that they
+            use and that are neither among them nor in the store yet are added first, by a call of their own.
+            Types with `wstring`, which we do not have, are left out of a folder, with a warning.
 
     Raises:
-        MessageError: There is no such file; a definition cannot be read, has `wstring`, uses a type that is
-            not there, or belongs to a type with other fields. Nothing was added then.
+        MessageError: There is no such file; a definition cannot be read, uses a type that is not there, or
+            belongs to a type with other fields; the one file has `wstring`. Nothing was added then.
     """
-    files = [path] if path.is_file() else sorted(f for kind in _SUFFIXES for f in path.glob(f"{kind}/*.{kind}"))
+    found = [path] if path.is_file() else path.rglob("*")
+    files = sorted(
+        file for file in found if file.suffix[1:] in _SUFFIXES and file.parent.name == file.suffix[1:]
+    )
     if not files:
         raise MessageError(f"{path}: given no .msg, .srv or .action file, allowed are those of a package")
-    texts: dict[str, str] = {}
-    for file in files:
-        package = file.absolute().parents[1].name
-        name = f"{package}/{file.suffix[1:]}/{file.stem}"
-        texts |= dict(_parts_of_interface(name, file.read_text("utf-8")))
+    parts = {file: dict(_parts_of_interface(_name_of(file), file.read_text("utf-8"))) for file in files}
+    for file in _with_wstring(parts) if path.is_dir() else ():
+        _log.warning("%s: given wstring, allowed is string; the type is left out", file)
+        del parts[file]
+    texts = {name: text for part in parts.values() for name, text in part.items()}
     _add(texts)
     return tuple(sorted(texts))
+
+
+def _name_of(file: Path) -> str:
+    """Return the full name of the interface in a file; its package's manifest knows better than the folder."""
+    package = file.absolute().parents[1]
+    manifest = package / "package.xml"
+    said = re.search(r"<name>\s*(\w+)\s*</name>", manifest.read_text("utf-8")) if manifest.is_file() else None
+    return f"{said[1] if said else package.name}/{file.suffix[1:]}/{file.stem}"
+
+
+def _with_wstring(parts: Mapping[Path, Mapping[str, str]]) -> set[Path]:
+    """Return the files with `wstring`, or with a type of such a file."""
+    uses = {
+        file: {i for n, text in part.items() for _, i in _used(_parsed(n, text)[n])}
+        for file, part in parts.items()
+    }
+    wide: set[Path] = set()
+    while more := {
+        file
+        for file, used in uses.items()
+        if file not in wide and any(i.endswith(_WSTRING) or any(i in parts[w] for w in wide) for i in used)
+    }:
+        wide |= more
+    return wide
 
 
 def _add(texts: Mapping[str, str]) -> None:
@@ -188,21 +224,27 @@ def _parsed(name: str, text: str) -> Typesdict:
         raise MessageError(f"{name}: its definition cannot be read: {error}") from error
 
 
-def _check_new(store: Typestore, parsed: Typesdict) -> None:
-    """Refuse definitions that contradict the store or use what is not there."""
+def _used(definition: Any) -> Iterator[tuple[str, str]]:
+    """Yield the fields of a definition whose type is a message, with its name."""
     from rosbags.interfaces import Nodetype
 
-    for name, (_, fields) in parsed.items():
-        known = store.fielddefs.get(name, parsed[name])
-        if known != parsed[name] and (fields or known[1][0][0] != _EMPTY):
+    for field, desc in definition[1]:
+        inner: Any = desc[1] if desc[0] in {Nodetype.BASE, Nodetype.NAME} else desc[1][0][1]
+        if isinstance(inner, str):
+            yield field, inner
+
+
+def _check_new(store: Typestore, parsed: Typesdict) -> None:
+    """Refuse definitions that contradict the store or use what is not there."""
+    for name, definition_ in parsed.items():
+        known = store.fielddefs.get(name, definition_)
+        if known != definition_ and (definition_[1] or known[1][0][0] != _EMPTY):
             raise MessageError(f"{name} is already registered with other fields: choose another name")
-        for field, desc in fields:
-            inner: Any = desc[1] if desc[0] in {Nodetype.BASE, Nodetype.NAME} else desc[1][0][1]
-            if not isinstance(inner, str) or inner in parsed or inner in store.fielddefs:
-                continue
-            if inner.endswith("/wstring"):
+        for field, inner in _used(definition_):
+            if inner.endswith(_WSTRING):
                 raise MessageError(f"{name}.{field}: given wstring, allowed is string")
-            raise MessageError(f"{name}.{field}: there is no type {inner}: register its package first")
+            if inner not in parsed and inner not in store.fielddefs:
+                raise MessageError(f"{name}.{field}: there is no type {inner}: register its package first")
 
 
 def message_types() -> tuple[str, ...]:
@@ -368,6 +410,8 @@ def action_texts(name: str, text: str) -> dict[str, str]:
 _EMPTY = "structure_needs_at_least_one_member"
 """The octet that rosbags gives a message without fields, when it is registered (rosidl's rule)."""
 _SUFFIXES = ("msg", "srv", "action")
+_WSTRING = "/wstring"
+"""How the name of the type that rosbags takes `wstring` for ends."""
 _PACKAGE = r"[a-z](?:_?[a-z0-9]+)*"
 _NAME = r"[A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)*"
 _ROS = re.compile(rf"(?P<package>{_PACKAGE})/(?P<kind>msg|srv|action)/(?P<name>{_NAME})")

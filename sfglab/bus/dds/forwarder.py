@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes as ct
 import logging
+import re
 from collections import deque
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
@@ -56,6 +57,7 @@ _BATCH = 64
 # What a KEEP_ALL reader may hold before its senders have to wait: a target slower than its source would
 # otherwise fill the memory. Measured: 256 halve the rate of 64-byte messages, more than this gains nothing.
 _MAX_KEPT = 1024
+_PART = re.compile("_(?:SendGoal_|GetResult_)?(?:Request|Response)$|_FeedbackMessage$")
 
 
 def wire_type(endpoint: RawEndpoint) -> type[Any]:
@@ -71,15 +73,21 @@ def wire_type(endpoint: RawEndpoint) -> type[Any]:
 
 @cache
 def _opaque(type_: str) -> type[Any]:
-    """Return a type that passes anything; cached, so that it is warned of once."""
+    """Return a type that passes anything."""
     from sfglab.messages.dds import opaque_idl_struct
 
+    _warn_of(_PART.sub("", type_))
+    return opaque_idl_struct(type_)
+
+
+@cache
+def _warn_of(interface: str) -> None:
+    """Say it once, also for a service or an action, which have many types."""
     _log.warning(
         "forwarding: type %s is not known here; its samples pass as they are between ROS 2 nodes, but not to "
-        "and from nodes of sfglab that know the type",
-        type_,
+        "and from nodes of sfglab that know the type: give its package with --interfaces",
+        interface,
     )
-    return opaque_idl_struct(type_)
 
 
 class DdsRawWriter:
