@@ -23,7 +23,7 @@ from sfglab.lab.claims import Finding, How, Measured
 from sfglab.lab.figures import house_style
 from sfglab.lab.paths import find_project
 from sfglab.lab.progress import progress_bar
-from sfglab.lab.runs import COMPLETION, PART_SUFFIX, SMOKE, Run, new_log
+from sfglab.lab.runs import COMPLETION, SMOKE, Run, new_log, unfinished_of
 from sfglab.lab.sweep import Workers, journals, sweep
 from sfglab.lab.testbed import Testbed
 from sfglab.record import LogError, LogWriter, run_context
@@ -380,7 +380,7 @@ class Experiment(Generic[C]):
             # A smoke test's sweeps are over before processes would have started.
             usual = options.workers or (Workers(threads=True) if profile == SMOKE else None)
             rows = {one.table: self._swept(one, config, journal, usual) for one in sweeps}
-            unfinished = path.with_name(path.name + PART_SUFFIX)
+            unfinished = unfinished_of(path)
             done: dict[str, Any] = {"experiment": self.name, "profile": profile, "explored": options.explored}
             done["changed"] = self._changed(profile, config)
             try:

@@ -151,6 +151,11 @@ def new_log(project: Project, name: str, profile: str) -> Path:
     return folder / f"{stem}.mcap"
 
 
+def unfinished_of(log: Path) -> Path:
+    """Return the path of a log while it is written."""
+    return log.with_name(log.name + PART_SUFFIX)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standing:
     """What a log may be used for."""

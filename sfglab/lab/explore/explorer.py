@@ -20,6 +20,7 @@ from sfglab.lab.explore.form import Form
 from sfglab.lab.explore.press import still_bundle
 from sfglab.lab.explore.task import Task
 from sfglab.lab.paths import find_project
+from sfglab.lab.runs import new_log, unfinished_of
 from sfglab.processes import LineProcess
 from sfglab.view.widgets import widgets
 
@@ -195,7 +196,9 @@ class Explorer:
             return
         settings = to_json(self.form.config)
         settings.pop("profile", None)
-        task = Task(experiment=self._exp.name, profile=self._profile, settings=settings, only=only)
+        self._log = new_log(find_project(), self._exp.name, self._profile)
+        name, log = self._exp.name, str(self._log)
+        task = Task(experiment=name, profile=self._profile, log=log, settings=settings, only=only)
         self._outcome = ""
         self._show_busy(busy=True)
         self._running = Worker(task, self._follow)
@@ -211,6 +214,7 @@ class Explorer:
         elif report["is"] == "failed":
             self._outcome = report["why"]
         elif report["is"] == "ended":
+            unfinished_of(self._log).unlink(missing_ok=True)  # a process that was ended by force left it
             self._state.value = self._outcome or "stopped; nothing was kept"
             self._running = None
             self._show_busy(busy=False)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import asyncio
 import base64
 from dataclasses import replace
+from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
@@ -87,7 +88,7 @@ async def _run(exp: Experiment[Any], task: Task, report: Callable[[Report], None
 
     options = Options(explored=True, only=None if task.only is None else frozenset(task.only))
     with progress_to(step):
-        run = await exp.run(task.profile, options=options, **task.settings)
+        run = await exp.run(task.profile, path=Path(task.log), options=options, **task.settings)
     report({"is": "done", "log": str(run.log)})
 
 
