@@ -27,6 +27,7 @@ PAPERS = {
     "with Caches and QoS Balancing Optimization",
     "C": "Mapping and Optimizing Communication in ROS 2-based Applications on Configurable System-on-Chip "
     "Platforms",
+    "beside": "Real ROS 2 nodes beside ours, feature by feature",
 }
 _COLORS = {"reproduced": "#00664B", "better": "#00558A", "deviates": "#A04000", "not yet": "#666666"}
 _WIDTH_PX = 240
@@ -51,8 +52,9 @@ def make_index(project: Project, ledger: Ledger) -> IndexPage:
     rows = sorted(_row(project, path, ledger) for path in find_notebooks(project) if path.stem != INDEX)
     html = ""
     for paper, title in PAPERS.items():
+        part = f"Paper {paper}" if len(paper) == 1 else paper.capitalize()
         lines = "".join(row for where, row in rows if where.startswith(paper))
-        html += f"<h3>Paper {paper}: {title}</h3><table><tbody>{lines}</tbody></table>"
+        html += f"<h3>{part}: {title}</h3><table><tbody>{lines}</tbody></table>"
     return IndexPage(html)
 
 

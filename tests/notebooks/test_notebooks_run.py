@@ -48,6 +48,7 @@ FIGURES_ANYWHERE = {
     "13_driving": {"driving_chain", "driving_lap", "driving_laps"},
     "15_planning": {"planning_interpolation", "planning_scene"},
     "17_deployment": {"deployment_checks", "deployment_layers"},
+    "18_ros2": {"ros2_features"},
 }
 # The same for those that mean little without hosts of their own.
 FIGURES_OF_HOSTS = {

@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
+import json
+import os
 from contextlib import asynccontextmanager
+from dataclasses import asdict, replace
+from pathlib import Path
 
+import features
 import machine
 import pytest
 from beside import ANSWER_S
 
 from sfglab.lab import ros2
 from sfglab.processes import LineProcess
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    """Tell the experiment `ros2`, where it runs the tests, which feature a test shows and how it ended."""
+    report = yield
+    if "SFGLAB_FEATURES" in os.environ and (report.when == "call" or not report.passed):
+        with Path(os.environ["SFGLAB_FEATURES"]).open("a", encoding="utf-8") as told:
+            for row in features.rows_of(item.obj, [item.callspec.params["distribution"]]):
+                ended = replace(row, outcome=report.outcome, duration_s=round(report.duration, 2))
+                told.write(json.dumps(asdict(ended)) + "\n")
+    return report
 
 
 @pytest.fixture(params=machine.DISTRIBUTIONS)

@@ -93,6 +93,7 @@ async def passed_through(ros, name, given):
     return back
 
 
+@pytest.mark.feature("Message types of ROS 2's own packages: 200 random values each")
 async def test_random_values_of_every_common_type_come_back_as_they_were(peer):
     rng = np.random.default_rng(17)
     async with peer() as ros:
@@ -115,6 +116,7 @@ print(json.dumps({"is": "compared", "same": same}), flush=True)
 """
 
 
+@pytest.mark.feature("Types as this distribution has them")
 async def test_types_are_those_of_the_distribution(peer, distribution):
     """In a process of its own, because a process has the types of one distribution."""
     unknown = {"rcl_interfaces/msg/LoggerLevel", *UNKNOWN[distribution]}
@@ -131,6 +133,7 @@ async def test_types_are_those_of_the_distribution(peer, distribution):
     await ours.close()
 
 
+@pytest.mark.feature("Own message packages, registered from their files", condition="without wstring")
 async def test_a_package_of_a_user_s_own_is_registered_and_is_what_rclpy_has(peer, distribution):
     """rosidl's own package for tests: bounds, defaults, constants, arrays, and types of each other."""
     share = distributions()[distribution].python.parents[1] / "share" / "test_msgs"
@@ -146,6 +149,7 @@ async def test_a_package_of_a_user_s_own_is_registered_and_is_what_rclpy_has(pee
             assert await passed_through(ros, name, given) == given, name
 
 
+@pytest.mark.feature("Topics of every common type, both ways")
 async def test_every_common_type_crosses_both_ways(peer, domain_id):
     rng = np.random.default_rng(18)
     async with peer() as ros, Node("us", domain_id=domain_id) as node:
@@ -181,6 +185,7 @@ def named(profile):
     return {"reliability": profile.reliability.value, "durability": profile.durability.value, "depth": 1}
 
 
+@pytest.mark.feature("Reliability and durability: who hears whom")
 async def test_who_hears_whom_is_what_request_versus_offered_says(peer, domain_id):
     pairs = dict(enumerate(itertools.product(PROFILES, PROFILES)))
     expected = {
@@ -223,6 +228,7 @@ async def test_who_hears_whom_is_what_request_versus_offered_says(peer, domain_i
         assert told == set(heard) == expected
 
 
+@pytest.mark.feature("Graph: nodes, endpoints and QoS, also when they end")
 async def test_each_side_sees_the_other_in_its_graph_and_sees_it_go(peer, domain_id):
     async with Node("us", domain_id=domain_id, namespace="/lab") as node:
         async with peer("ros_node") as ros:
@@ -258,6 +264,7 @@ async def test_each_side_sees_the_other_in_its_graph_and_sees_it_go(peer, domain
         await until(peer_gone)
 
 
+@pytest.mark.feature("Bytes behind a message, as rclpy sends serialised ones")
 async def test_bytes_behind_a_message_do_not_matter(peer, domain_id):
     message = default_message(STRING)
     message.data = "three"
@@ -273,6 +280,7 @@ async def test_bytes_behind_a_message_do_not_matter(peer, domain_id):
         await until(arrived)
 
 
+@pytest.mark.feature("Nodes kept on this host (ROS_AUTOMATIC_DISCOVERY_RANGE, CYCLONEDDS_URI)")
 @pytest.mark.parametrize("ours", [{"interface": "lo"}, {}], ids=["interface", "environment"])
 async def test_nodes_kept_on_this_host_meet(peer, domain_id, monkeypatch, ours):
     if not ours:

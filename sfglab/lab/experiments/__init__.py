@@ -31,6 +31,7 @@ EXPERIMENTS = (
     "planning",
     "visualisation",
     "deployment",
+    "ros2",
 )
 
 

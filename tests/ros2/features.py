@@ -1,0 +1,65 @@
+"""The features that tests beside ROS 2 show by their marks, and the README's table of them.
+
+    @pytest.mark.feature("Topics", condition="on one host", cannot={"kilted": "why"})
+
+`python tests/ros2/features.py` writes the table anew.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pandas as pd
+
+from sfglab.lab.experiments.ros2 import DISTRIBUTIONS, UNTESTED, FeatureRow, compatibility
+
+HERE = Path(__file__).parent
+README = HERE.parents[1] / "README.md"
+BEGIN, END = "<!-- compatibility: tests/ros2/features.py -->\n", "<!-- end -->\n"
+# Nobody has a build of these for these tests.
+ELSEWHERE = ("rmw_cyclonedds_cpp, rmw_connextdds, rmw_zenoh_cpp", "Humble, Rolling", "ROS 2 on aarch64")
+
+
+def rows_of(function, distributions=DISTRIBUTIONS):
+    """Yield a row for each feature that a test shows and each distribution."""
+    for mark in getattr(function, "pytestmark", ()):
+        if mark.name == "feature":
+            (name,), cannot = mark.args, mark.kwargs.get("cannot", {})
+            for distribution in distributions:
+                yield FeatureRow(
+                    feature=name,
+                    distribution=distribution,
+                    test=function.__name__,
+                    outcome="passed",
+                    condition=mark.kwargs.get("condition", ""),
+                    cannot=cannot.get(distribution, ""),
+                )
+
+
+def tests():
+    """Return all tests beside ROS 2."""
+    modules = [import_module(path.stem) for path in sorted(HERE.glob("test_*.py"))]
+    return [value for module in modules for name, value in vars(module).items() if name.startswith("test_")]
+
+
+def table():
+    """Return the README's table, as it is while all tests pass."""
+    rows = pd.DataFrame([row for test in tests() for row in rows_of(test)])
+    lines = [f"| beside real rclpy | {' | '.join(map(str.capitalize, DISTRIBUTIONS))} |", "|---|---|---|"]
+    lines += [f"| {' | '.join(row)} |" for row in compatibility(rows).itertuples(index=False)]
+    lines += [f"| {name} | {UNTESTED} | {UNTESTED} |" for name in ELSEWHERE]
+    return "\n".join(lines) + "\n"
+
+
+def readme():
+    """Return the README with the table as it should be."""
+    before, begin, rest = README.read_text(encoding="utf-8").partition(BEGIN)
+    _, end, after = rest.partition(END)
+    return before + begin + table() + end + after
+
+
+if __name__ == "__main__":
+    sys.path.append(str(HERE.parent))  # where tests find what they share
+    README.write_text(readme(), encoding="utf-8")
