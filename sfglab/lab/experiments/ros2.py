@@ -147,6 +147,7 @@ def draw_features(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     )
     axes.xaxis.tick_top()
     axes.tick_params(length=0)
+    axes.grid(visible=False)
     axes.spines[:].set_visible(False)
     works = table[columns].apply(lambda cells: cells.str.startswith(WORKS)).to_numpy()
     figure.suptitle(
