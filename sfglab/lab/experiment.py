@@ -20,7 +20,7 @@ from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fields import check_bounds, read_field, to_json
 from sfglab.lab.bench import Bench, Options, rows_of
 from sfglab.lab.claims import Finding, How, Measured
-from sfglab.lab.figures import house_style
+from sfglab.lab.figures import caption_of, house_style
 from sfglab.lab.paths import find_project
 from sfglab.lab.progress import progress_bar
 from sfglab.lab.runs import COMPLETION, SMOKE, Run, new_log, unfinished_of
@@ -318,9 +318,7 @@ class Experiment(Generic[C]):
 
     def caption(self, name: str) -> str:
         """Return what a figure shows, one sentence, from the documentation of the function that draws it."""
-        text = inspect.getdoc(self._drawings[name].function) or name
-        said = " ".join(text.partition("\n\n")[0].removeprefix("Draw ").split())
-        return said[0].upper() + said[1:]
+        return caption_of(self._drawings[name].function) or name
 
     def config(self, profile: str = QUICK, **changes: Any) -> C:
         """Return the configuration of a profile.

@@ -8,6 +8,7 @@ is done by the experiments, in functions that take axes.
 from __future__ import annotations
 
 import hashlib
+import inspect
 import io
 import json
 from contextlib import contextmanager
@@ -108,6 +109,25 @@ def png_of(figure: Figure) -> bytes:
     with house_style():
         figure.savefig(buffer, format="png", dpi=PAGE_DPI)
     return buffer.getvalue()
+
+
+def few_colors(png: bytes, size: tuple[int, int] = (4096, 4096), colors: int = 128) -> bytes:
+    """Return a picture of few colours, no larger than a size in pixels: a quarter of the bytes or less."""
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    with Image.open(io.BytesIO(png)) as picture:
+        small = picture.convert("RGB")
+        small.thumbnail(size)
+        small.quantize(colors).save(buffer, "png", optimize=True)
+    return buffer.getvalue()
+
+
+def caption_of(thing: object) -> str:
+    """Return what a function draws, or what a class shows: the first paragraph of its documentation."""
+    text = (inspect.getdoc(thing) or "").partition("\n\n")[0]
+    said = " ".join(text.removeprefix("Draw ").split())
+    return said[:1].upper() + said[1:]
 
 
 def file_sha256(path: Path) -> str:

@@ -6,12 +6,12 @@ Made from the notebooks' first cells, the committed figures and a ledger; no ver
 from __future__ import annotations
 
 import base64
-import io
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
 from sfglab.lab.experiments import experiment
+from sfglab.lab.figures import few_colors
 from sfglab.lab.notebooks import INDEX, experiment_of, find_notebooks, read_notebook
 
 if TYPE_CHECKING:
@@ -86,12 +86,6 @@ def _verdicts(entries: Iterable[Entry]) -> str:
 
 def _thumbnail(png: Path, text: str) -> str:
     """Return a figure small and within the page, so that it is seen wherever the notebook is."""
-    from PIL import Image
-
-    buffer = io.BytesIO()
-    with Image.open(png) as picture:
-        small = picture.convert("RGB")
-        small.thumbnail((2 * _WIDTH_PX, 2 * _WIDTH_PX))
-        small.quantize(64).save(buffer, format="png", optimize=True)
-    data = base64.b64encode(buffer.getvalue()).decode()
+    small = few_colors(png.read_bytes(), (2 * _WIDTH_PX, 2 * _WIDTH_PX), 64)
+    data = base64.b64encode(small).decode()
     return f'<img alt="{escape(text)}" width="{_WIDTH_PX}" src="data:image/png;base64,{data}">'

@@ -12,8 +12,9 @@ import base64
 import gzip
 import json
 import threading
-from functools import cache, partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from functools import cache
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.util import find_spec
 from pathlib import Path
 from secrets import token_urlsafe
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 WAITING_BYTES = 32 * 2**20
 """How much of what is drawn waits for a page; what comes later than that, and before the page, is not shown."""
 PROGRAM, WASM = "widget.js", "re_viewer_bg.wasm"
+_KINDS, _TOKEN = {PROGRAM: "text/javascript", WASM: "application/wasm"}, token_urlsafe()
 
 
 class CellViewer:
@@ -121,23 +123,19 @@ def _widget_class() -> Any:
     return front_end(Path(__file__).with_name("cell.js"), texts | {"_height": "Int", "packed": "Bytes"})
 
 
-class _Handler(SimpleHTTPRequestHandler):
+class _Handler(BaseHTTPRequestHandler):
     """Gives the viewer's two files to whoever knows where they are."""
 
-    extensions_map = {".js": "text/javascript", ".wasm": "application/wasm"}  # noqa: RUF012  # the base's
-
-    def __init__(self, *args: Any, token: str) -> None:
-        self._token = token
-        super().__init__(*args, directory=str(_files()))
-
-    def translate_path(self, path: str) -> str:
-        token, _, name = path.removeprefix("/").partition("/")
-        known = token == self._token and name in (PROGRAM, WASM)
-        return super().translate_path(name) if known else ""
-
-    def end_headers(self) -> None:
+    def do_GET(self) -> None:  # the base's
+        token, _, name = self.path.removeprefix("/").partition("/")
+        if token != _TOKEN or name not in _KINDS:
+            self.send_error(HTTPStatus.NOT_FOUND)
+            return
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", _KINDS[name])
         self.send_header("Access-Control-Allow-Origin", "*")
-        super().end_headers()
+        self.end_headers()
+        self.wfile.write((_files() / name).read_bytes())
 
     def log_message(self, *_: Any) -> None:
         """Say nothing below the cell."""
@@ -146,7 +144,6 @@ class _Handler(SimpleHTTPRequestHandler):
 @cache
 def _address() -> str:
     """Return where the viewer's program is served to this machine's browsers, as long as the kernel lives."""
-    token = token_urlsafe()
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, token=token))
+    server = ThreadingHTTPServer(("127.0.0.1", 0), _Handler)
     threading.Thread(target=server.serve_forever, name="viewer's program", daemon=True).start()
-    return f"http://127.0.0.1:{server.server_port}/{token}"
+    return f"http://127.0.0.1:{server.server_port}/{_TOKEN}"

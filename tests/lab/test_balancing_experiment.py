@@ -17,7 +17,7 @@ from sfglab.lab.claims import How
 from sfglab.lab.experiments.balancing import exp, experiment, staleness
 from sfglab.lab.experiments.balancing.experiment import QOS, readings, staleness_of
 from sfglab.lab.experiments.balancing.optimum import balance_checks, balance_rows
-from sfglab.lab.explore.preview import draw_look, preview
+from sfglab.lab.workers.preview import draw_look, preview
 from sfglab.qos import QoSProfile
 from sfglab.rtps import Drop, Fate, FlowOutcome
 from sfglab.units import NS_PER_S

@@ -30,8 +30,8 @@ from sfglab.lab.experiments.cooperation.experiment import (
 )
 from sfglab.lab.experiments.cooperation.figures import frames_of
 from sfglab.lab.experiments.cooperation.replay import Replay
-from sfglab.lab.explore.preview import draw_look, preview
 from sfglab.lab.workers.hallway import COMMAND
+from sfglab.lab.workers.preview import draw_look, preview
 from sfglab.messages import default_message, serialized_size
 from sfglab.qos import QoSProfile
 from sfglab.rtps import Flow, Medium, Scenario, Session
@@ -188,7 +188,7 @@ def test_a_replay_shows_the_run_again_and_how_long_the_station_was_wrong():
     assert len(replay.late_s) * len(ROBOTS) == len(replay.run.tracks)
     # What is wrong for longest was sent and not heard for no longer than the engine says.
     assert 1 < replay.late_s.max() <= row.stale_s + 2 / SCAN_HZ
-    replay.picture.press("robot2")
+    replay.press("robot2")
     assert replay.turn.value == replay.late_s[:, 1].argmax()
 
 

@@ -17,9 +17,9 @@ from sfglab.fields import between
 from sfglab.lab.experiments import EXPERIMENTS, discovery, experiment, transmission
 from sfglab.lab.explore import explore
 from sfglab.lab.explore.form import Form, unit_of
-from sfglab.lab.explore.preview import draw_look, preview
 from sfglab.lab.explore.setup_picture import draw_setup
 from sfglab.lab.paths import find_project
+from sfglab.lab.workers.preview import draw_look, preview
 
 pytest.importorskip("ipywidgets")
 ROOT = find_project(Path(__file__)).root
@@ -159,13 +159,14 @@ def test_a_figure_follows_only_the_newest_of_many_moves_and_what_is_kept_speaks_
     explorer = explore(transmission.exp)
     try:
         assert explorer.wait()
-        still = explorer._repr_mimebundle_()
+        still, alt = explorer._repr_mimebundle_()
         assert still["image/png"]
+        assert alt["image/png"]["alt"]
         for loss in (0.05, 0.1, 0.15, 0.2):
             explorer.form.controls["loss"].value = loss
         assert explorer.wait()
         assert explorer.shown == 4
-        assert explorer._repr_mimebundle_()["image/png"] != still["image/png"]
+        assert explorer._repr_mimebundle_()[0]["image/png"] != still["image/png"]
         assert "loss=0.2" in explorer.code()
         explorer.keep()
         while explorer._running is not None:

@@ -35,8 +35,8 @@ def draw(figure):
     for x, name in enumerate("abc"):
         part(name, axes.bar(x, 1, color="gold" if name in on else "grey", label=name)[0])
 Pressed(draw, size=(6, 2), press=press, titles=lambda: {"a": f"light a, {'on' if 'a' in on else 'off'}"})"""
-VIEWER = """from sfglab.lab.explore.viewer import viewer
-viewer({log!r})"""
+VIEWER = """from sfglab.lab.explore.viewer import LogViewer
+LogViewer({log!r})"""
 STEP = "document.querySelector('.jp-OutputArea')?.innerText.includes('shown: step %d of')"
 ASKED = "performance.getEntriesByType('resource').map(e => new URL(e.name)).map(u => u.hostname || u.protocol)"
 PICTURE = (
@@ -167,7 +167,7 @@ def test_an_automaton_is_stepped_by_its_edges_and_refuses_what_its_table_does(ru
 
 
 def test_a_name_is_pressed_and_read_anew(run, browser):
-    run("from sfglab.lab.experiments import naming\nnaming.press_name()")
+    run("from sfglab.lab.experiments import naming\nnaming.NamePicture()")
     browser.click(*browser.wait_for(PART % "component", ANSWER_S))
     browser.wait_for(
         "document.querySelector('.jp-OutputArea input').value === '/global/go2/depth_camera/color/ffmpeg'"
@@ -175,7 +175,7 @@ def test_a_name_is_pressed_and_read_anew(run, browser):
 
 
 def test_a_frame_of_the_time_line_is_pressed_and_lost(run, browser):
-    run("from sfglab.lab.experiments import transmission\ntransmission.press_timeline()")
+    run("from sfglab.lab.experiments import transmission\ntransmission.Timeline()")
     title = "document.querySelector('.jp-OutputArea [id=\"press:a/DATA/2\"] title')?.textContent"
     place = browser.wait_for(PART % "a/DATA/2", ANSWER_S)
     browser.click(*place)
@@ -214,7 +214,7 @@ def test_paper_cs_pictures_answer_and_refuse(run, browser):
 
 
 def test_the_scene_editor_stands_in_its_cell_below_the_servers_address(run, browser):
-    run("from sfglab.lab.experiments import planning\nplanning.edit_scene()")
+    run("from sfglab.lab.experiments import planning\nplanning.SceneCell()")
     frame = "document.querySelector('.jp-OutputArea iframe')"
     browser.wait_for(f"{frame}?.getAttribute('src').startsWith('/proxy/')", ANSWER_S)
     browser.wait_for(f"{frame}.contentDocument?.body?.innerText.includes('Save')", ANSWER_S)

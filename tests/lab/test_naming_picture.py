@@ -31,7 +31,7 @@ def said(picture):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_typed_name_shows_its_parts_its_way_and_the_rules_that_decide(name):
-    picture = naming.press_name()
+    picture = naming.NamePicture()
     picture.field.value = name
     title, texts, decided = said(picture)
     assert title == "The {1} {0} is {2}".format(name, *NAMES[name])
@@ -44,7 +44,7 @@ def test_a_typed_name_shows_its_parts_its_way_and_the_rules_that_decide(name):
 
 
 def test_a_way_that_is_open_outward_only_is_said_and_kinds_are_chosen():
-    picture = naming.press_name("/odom", OUTWARD)
+    picture = naming.NamePicture("/odom", OUTWARD)
     assert said(picture)[0].endswith("it crosses outward, stays inward.")
     picture.choice.value = ResourceKind.ACTION
     assert picture.kind is ResourceKind.ACTION
@@ -52,7 +52,7 @@ def test_a_way_that_is_open_outward_only_is_said_and_kinds_are_chosen():
 
 
 def test_a_press_puts_the_next_value_that_the_schema_allows_and_its_refusals_are_said():
-    picture = naming.press_name("/global/go2/camera_front/color/ffmpeg")
+    picture = naming.NamePicture("/global/go2/camera_front/color/ffmpeg")
     for label in ("scope", "component", "stream", "resource"):
         before = parse(picture.name)
         picture.press(label)

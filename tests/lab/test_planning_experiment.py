@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sfglab.lab.checks import editing, trajectories
-from sfglab.lab.experiments.planning import checks, edit_scene, exp
+from sfglab.lab.experiments.planning import SceneCell, checks, exp
 from sfglab.lab.experiments.planning.experiment import example_rows
 from sfglab.record import LogReader
 from sfglab.spatial.trajectory.path import Interpolation, stretched
@@ -125,9 +125,9 @@ def test_the_editor_in_a_cell_edits_a_copy_and_has_a_still(tmp_path, monkeypatch
     pytest.importorskip("viser")
     (tmp_path / "data").symlink_to(REFERENCE.parents[1])
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
-    cell = edit_scene()
+    cell = SceneCell()
     try:
-        shown = cell._repr_mimebundle_()
+        shown, _ = cell._repr_mimebundle_()
         assert {"image/png", "application/vnd.jupyter.widget-view+json"} <= set(shown)
         assert "text/html" not in shown  # a page of a server that is gone would be committed
         assert "<iframe" in cell.widget.value

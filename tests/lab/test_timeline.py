@@ -15,10 +15,10 @@ pytest.importorskip("anywidget")
 @pytest.mark.parametrize("vendor", ["fast_dds", "cyclone_dds"])
 @pytest.mark.parametrize(("depth", "loss"), [(1, 0.3), (50, 0.0), (50, 0.3)])
 def test_what_is_drawn_comes_to_what_the_engine_came_to(vendor, depth, loss):
-    line = Timeline(Exchange(vendor=vendor, depth=depth, loss=loss, samples=40), ["a/DATA/5", "a/DATA/5.1"])
+    line = Timeline(["a/DATA/5", "a/DATA/5.1"], vendor=vendor, depth=depth, loss=loss, samples=40)
     for press in ("a/DATA/7", "a/ACKNACK/1", "a/DATA/7", "a/HEARTBEAT/1"):
         if press in {frame.name for frame in line.frames}:
-            line.picture.press(press)
+            line.press(press)
         agrees(line)
 
 
@@ -56,9 +56,9 @@ def test_a_trace_changes_nothing_and_counts_as_the_engine_does():
 
 
 def test_a_frame_that_the_seed_loses_is_made_to_pass_and_the_rest_of_the_losses_stay():
-    line = Timeline(Exchange(loss=0.3, samples=40))
+    line = Timeline([], loss=0.3, samples=40)
     first = next(frame for frame in line.frames if frame.lost)
-    line.picture.press(first.name)
+    line.press(first.name)
     assert line.lost == {first.name: False}
     assert not next(frame.lost for frame in line.frames if frame.name == first.name)
     line.form.controls["depth"].value = 1

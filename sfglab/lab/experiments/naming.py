@@ -134,6 +134,7 @@ def _arrow(axes: Axes, start: float, end: float, *, height: float, taken: bool =
 
 # --- A name to type -------------------------------------------------------------------------------------------
 
+_CAMERA, _TABLE_1 = "/global/go2/camera_front/color/ffmpeg", Policy()
 _LEFT, _GATES, _RIGHT = 4.3, (5.4, 7.9), 9.0
 """Where names end before the border, where its rules stand, and where names begin behind it."""
 _SETS = {kind.__name__.lower(): kind for kind in (names.Scope, names.Component, names.Stream, names.Resource)}
@@ -147,15 +148,20 @@ _SAID = {
 class NamePicture(Pressed):
     """A ROS name to type, as the schema reads it, and which of its DDS topics cross the border by which rule.
 
-    A press on a segment puts the next standard value there that the schema allows. See `press_name`.
+    A press on a segment puts the next standard value there that the schema allows.
+
+    Args:
+        name: The name to begin with.
+        policy: The router's; paper A's Table 1 when not given.
+
+    Raises:
+        FqnError: It is no ROS name.
+        MissingExtraError: The extra ``view`` is not installed.
     """
 
-    def __init__(self, name: str, policy: Policy) -> None:
-        self._policy = policy
-        kit, kinds = (
-            widgets(),
-            {"what it is by its name": None} | {kind.value: kind for kind in names.ResourceKind},
-        )
+    def __init__(self, name: str = _CAMERA, policy: Policy = _TABLE_1) -> None:
+        self._policy, kit = policy, widgets()
+        kinds = {"what it is by its name": None} | {kind.value: kind for kind in names.ResourceKind}
         self.field = kit.Text(value=name, description="name", layout={"width": "40em"})
         self.choice = kit.Dropdown(options=kinds, layout={"width": "15em"})
         self._read()
@@ -241,19 +247,3 @@ def _draw_way(axes: Axes, y: float, gate: float, way: Direction) -> None:
     for (place, edge), head in (((_LEFT + 0.1, _GATES[0]), not outward), ((_RIGHT, _GATES[1]), outward)):
         arrow = {"arrowstyle": "->" if head else "-", "color": COLORS["standard"], "shrinkA": 0}
         axes.annotate("", (place, y), (edge, gate), arrowprops=arrow)
-
-
-def press_name(
-    name: str = "/global/go2/camera_front/color/ffmpeg", policy: Policy | None = None
-) -> NamePicture:
-    """Return a name to type and press: its parts, what of it crosses an agent's border, and by which rule.
-
-    Args:
-        name: The name to begin with.
-        policy: The router's; None: paper A's Table 1.
-
-    Raises:
-        FqnError: It is no ROS name.
-        MissingExtraError: The extra ``view`` is not installed.
-    """
-    return NamePicture(name, policy or Policy())

@@ -6,11 +6,13 @@ What takes long runs on a button, in a process of its own, with progress and a s
 
 from __future__ import annotations
 
-import asyncio
 import base64
+import json
+import subprocess
 import sys
 import threading
-from functools import cache
+from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sfglab.component import argument_of
@@ -18,14 +20,12 @@ from sfglab.errors import InvalidValueError
 from sfglab.fields import to_json
 from sfglab.lab.explore.form import Form
 from sfglab.lab.explore.press import still_bundle
-from sfglab.lab.explore.task import Task
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import new_log, unfinished_of
-from sfglab.processes import LineProcess
 from sfglab.view.widgets import widgets
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable
 
     from sfglab.component import Report
     from sfglab.lab.experiment import Experiment
@@ -36,51 +36,47 @@ _FAINT = "sfglab-before"
 _STYLE = f"<style>.{_FAINT} {{ opacity: 0.35 }}</style>"
 
 
-@cache
-def _loop() -> asyncio.AbstractEventLoop:
-    """Return a loop in a thread of its own, which a busy cell does not block."""
-    loop = asyncio.new_event_loop()
-    threading.Thread(target=loop.run_forever, name="explore", daemon=True).start()
-    return loop
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """What the process is for."""
 
-
-def _soon(body: Coroutine[Any, Any, Any]) -> None:
-    asyncio.run_coroutine_threadsafe(body, _loop())
-
-
-async def _started(task: Task, on_report: Callable[[Report], None]) -> LineProcess:
-    argv = [sys.executable, "-m", "sfglab.lab.explore.worker", argument_of(task)]
-    process = await LineProcess.start(f"explore {task.experiment}", argv, on_report=on_report)
-    process.keeps = False
-    return process
+    experiment: str  #: The experiment's name.
+    profile: str = ""  #: Of the run that it makes; empty: it draws.
+    log: str = ""  #: Path of that run's log.
+    settings: dict[str, Any] = field(default_factory=dict)  #: Fields of that run, as JSON has them.
+    only: tuple[str, ...] | None = None  #: Tables of sweeps and names of parts that it makes; None: all.
 
 
 class Worker:
-    """A worker process as the explorer sees it.
+    """A worker process as the explorer sees it, without a loop: a busy cell blocks neither orders nor reports.
 
     Args:
         task: What it is for.
-        on_report: Called on the explorers' thread with every report.
+        on_report: Called on a thread of its own with every report; the last one is ``{"is": "ended"}``.
     """
 
     def __init__(self, task: Task, on_report: Callable[[Report], None]) -> None:
-        self._process = asyncio.run_coroutine_threadsafe(_started(task, on_report), _loop())
+        argv = [sys.executable, "-m", "sfglab.lab.workers.preview", argument_of(task)]
+        pipe = subprocess.PIPE
+        self._process = subprocess.Popen(argv, stdin=pipe, stdout=pipe, text=True)
+        threading.Thread(target=self._listen, args=(on_report,), name="explore", daemon=True).start()
+
+    def _listen(self, on_report: Callable[[Report], None]) -> None:
+        with self._process as process:
+            for line in process.stdout or ():
+                on_report(json.loads(line))
+        on_report({"is": "ended"})
 
     def order(self, **values: Any) -> None:
-        """Give an order, as soon as the process is there."""
-
-        async def give() -> None:
-            (await asyncio.wrap_future(self._process)).order(**values)
-
-        _soon(give())
+        """Give an order; a process that is gone does not mind."""
+        with suppress(OSError, ValueError):
+            print(json.dumps(values), file=self._process.stdin, flush=True)
 
     def close(self) -> None:
         """End it; what it started ends with it. Harmless when repeated."""
-
-        async def end() -> None:
-            await (await asyncio.wrap_future(self._process)).close(grace_s=15)
-
-        _soon(end())
+        if self._process.stdin:
+            with suppress(OSError):
+                self._process.stdin.close()
 
 
 class Explorer:
@@ -121,10 +117,10 @@ class Explorer:
         self._worker = Worker(Task(experiment=exp.name), self._take)
         self._ask()
 
-    def _repr_mimebundle_(self, **_: object) -> dict[str, Any]:
+    def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
         """Show the form, and its first picture as a still where no kernel runs."""
         self.wait()
-        return still_bundle(self.widget, self._picture.value)
+        return still_bundle(self.widget, self._picture.value, self._exp.looks[self._look].draw)
 
     def wait(self, timeout_s: float = _FIRST_PICTURE_S) -> bool:
         """Wait until the picture is whole and the newest one's; returns whether it is.

@@ -104,27 +104,21 @@ class Form:
         return self._kit.HBox([control, said])
 
     def _control(self, hint: Any, bounds: Bounds | None, value: Any) -> Any | None:
+        """Return a widget that holds a value of a type; None where none can."""
+        kit, choices = self._kit, choices_of(hint)
+        if get_origin(hint) is tuple:
+            one = get_args(hint)[0]
+            if len(value) == 1 and (bounds or choices_of(one)):
+                return self._control(one, bounds, value[0])
+            hint = str if one in (int, float, str) else None
         if hint is bool:
-            return self._kit.Checkbox(value=value, indent=False)
-        if choices := choices_of(hint):
-            return self._kit.Dropdown(options=list(choices.items()), value=value)
-        one = get_args(hint)[0] if get_origin(hint) is tuple and len(value) == 1 else None
-        if one and (choices := choices_of(one)):
-            return self._kit.Dropdown(options=list(choices.items()), value=value[0])
-        if one and bounds:
-            return self._slider(one, bounds, value[0])
+            return kit.Checkbox(value=value, indent=False)
+        if choices:
+            return kit.Dropdown(options=list(choices.items()), value=value)
         if hint in (int, float) and bounds and math.isfinite(bounds.high):
             return self._slider(hint, bounds, value)
-        return self._entry(hint, value)
-
-    def _entry(self, hint: Any, value: Any) -> Any | None:
-        """Return a widget to write a value into."""
-        if hint in (int, float):
-            kind = self._kit.IntText if hint is int else self._kit.FloatText
-            return kind(value=value, continuous_update=False)
-        if hint is str or _is_plain_tuple(hint):
-            return self._kit.Text(value=_as_text(value), continuous_update=False)
-        return None
+        entry = {int: kit.IntText, float: kit.FloatText, str: kit.Text}.get(hint)
+        return entry and entry(value=_as_text(value) if hint is str else value, continuous_update=False)
 
     def _slider(self, hint: Any, bounds: Bounds, value: float) -> Any:
         shown = ".0f" if hint is int else ".3g"
@@ -172,10 +166,6 @@ def _replaced(config: Any, name: str, value: Any) -> Any:
     return changed
 
 
-def _is_plain_tuple(hint: Any) -> bool:
-    return get_origin(hint) is tuple and get_args(hint)[0] in (int, float, str)
-
-
 def _as_text(value: Any) -> str:
     return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
@@ -189,11 +179,8 @@ def _shown(value: Any, control: Any) -> Any:
 
 def _read(hint: Any, given: Any) -> Any:
     """Return a widget's value as its field's."""
-    if hint is int and isinstance(given, float):
-        return round(given)  # a slider on a logarithmic scale has fractions
-    if _is_plain_tuple(hint):
-        one = get_args(hint)[0]
+    if get_origin(hint) is tuple:
         parts = [p.strip() for p in given.split(",") if p.strip()] if isinstance(given, str) else [given]
-        return tuple(round(p) if one is int and isinstance(p, float) else from_json(one, p) for p in parts)
-    is_tuple = get_origin(hint) is tuple and not isinstance(given, tuple)
-    return from_json(hint, (given,) if is_tuple else given)
+        return tuple(_read(get_args(hint)[0], part) for part in parts)
+    # A slider on a logarithmic scale has fractions.
+    return round(given) if hint is int and isinstance(given, float) else from_json(hint, given)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
-from sfglab.lab.figures import house_style, png_of
+from sfglab.lab.figures import caption_of, few_colors, house_style, png_of
 from sfglab.view.widgets import front_end, refusal_html, widgets
 
 if TYPE_CHECKING:
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
-_COLORS = 128
-
 
 def part(name: str, *artists: Artist) -> None:
     """Make artists a part of the figure that can be pressed under a name; it is in the SVG alone."""
@@ -31,12 +29,13 @@ def part(name: str, *artists: Artist) -> None:
         artist.set_gid(f"press:{name}")
 
 
-def still_bundle(widget: Any, png: bytes) -> dict[str, Any]:
-    """Return what a cell shows: the widget, and in the same output a picture for those who have no kernel."""
-    bundle: dict[str, Any] = widget._repr_mimebundle_()
-    if png:
-        bundle["image/png"] = base64.b64encode(png).decode()
-    return bundle
+def still_bundle(widget: Any, png: bytes, about: object) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what a cell shows: the widget, and in the same output a picture for those who have no kernel.
+
+    The picture's text, in the output's metadata, is what documents the thing that it is about.
+    """
+    picture = {"image/png": base64.b64encode(png).decode()}
+    return widget._repr_mimebundle_() | picture, {"image/png": {"alt": caption_of(about)}}
 
 
 class Pressed:
@@ -94,8 +93,8 @@ class Pressed:
         text: str = self._said.value
         return text
 
-    def _repr_mimebundle_(self, **_: object) -> dict[str, Any]:
-        return still_bundle(self.widget, _few_colors(png_of(self._drawn())))
+    def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
+        return still_bundle(self.widget, few_colors(png_of(self._drawn())), type(self))
 
     def _drawn(self) -> Figure:
         from matplotlib.figure import Figure
@@ -113,15 +112,6 @@ class Pressed:
         with house_style(), mpl.rc_context({"svg.fonttype": "none"}):
             self._drawn().savefig(buffer, format="svg")
         return "<svg" + buffer.getvalue().partition("<svg")[2]
-
-
-def _few_colors(png: bytes) -> bytes:
-    """Return a drawing as a PNG of a quarter of the size: notebooks hold it."""
-    from PIL import Image
-
-    buffer = io.BytesIO()
-    Image.open(io.BytesIO(png)).convert("RGB").quantize(_COLORS).save(buffer, "png", optimize=True)
-    return buffer.getvalue()
 
 
 @cache

@@ -8,16 +8,21 @@ from __future__ import annotations
 
 import asyncio
 from bisect import bisect_right
+from contextlib import AsyncExitStack
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+from sfglab.bus import Node
+from sfglab.bus.address import BusAddress
+from sfglab.component import beside, is_set_before
 from sfglab.errors import InvalidValueError
 from sfglab.lab.explore.press import still_bundle
 from sfglab.lab.figures import COLORS, house_style, png_of
+from sfglab.lab.testbed import held_domains
 from sfglab.units import NS_PER_S
-from sfglab.view.app import ViewOptions, session_for, view_log
+from sfglab.view.app import ViewOptions, report_of, session_for, view_log
 from sfglab.view.arrivals import open_log
 from sfglab.view.bridge import Bridge
 from sfglab.view.cell import CellViewer
@@ -28,43 +33,40 @@ from sfglab.view.stage import wanted_topics
 from sfglab.view.widgets import widgets
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Coroutine, Mapping, Sequence
 
-    from sfglab.bus import Node
+    from matplotlib.figure import Figure
+
     from sfglab.lab.runs import Run
+    from sfglab.view.app import Report
 
-_PERIOD_S = 0.5
+_PERIOD_S, _FIRST_S = 0.5, 30.0
+"""How often messages are counted, and how long the first one is waited for."""
 _ROUNDED_NS = 256
 """The viewer tells its time as a float: nanoseconds since 1970 are multiples of 256 there."""
 
 
-def viewer(recording: Run[Any] | Path | str, *, frame: str = "") -> LogViewer:
-    """Show a run or a log, also one of your own, in Rerun's viewer in the cell.
+class LogViewer:
+    """A log in Rerun's viewer, to scrub, and which topic has messages when.
 
     Args:
-        recording: A run, an MCAP file, or a bag that rosbags reads.
+        recording: A run, an MCAP file, or a bag that rosbags reads, also your own.
         frame: The frame in which space is drawn; empty: the viewer's choice.
+
+    Attributes:
+        times_ns: The time of each step on the log's clock: those at which the log has messages.
+        slider: Its value is the step that is asked for.
+        said: Its value says which step the viewer shows.
 
     Raises:
         LogError: There is no such file.
         InvalidValueError: It holds no message that a visualizer shows.
         MissingExtraError: The extra ``view`` is not installed.
     """
-    return LogViewer(Path(recording if isinstance(recording, Path | str) else recording.log), frame)
 
-
-class LogViewer:
-    """What `viewer` shows: a slider of steps, each a time at which the log has messages, above the viewer.
-
-    Attributes:
-        times_ns: The time of each step, on the log's clock.
-        slider: Its value is the step that is asked for.
-        said: Its value says which step the viewer shows.
-    """
-
-    def __init__(self, log: Path, frame: str) -> None:
-        self._log, self._frame = log, frame
-        self._spoken = _spoken(log)
+    def __init__(self, recording: Run[Any] | Path | str, *, frame: str = "") -> None:
+        self._log = Path(recording if isinstance(recording, Path | str) else recording.log)
+        self._frame, self._spoken = frame, _spoken(self._log)
         self.times_ns = sorted({t for times in self._spoken.values() for t in times})
         kit = widgets()
         wide = {"width": "36em"}
@@ -74,8 +76,8 @@ class LogViewer:
         self.viewer = CellViewer(still=self.still, on_page=self._show, on_time=self._shown)
         self.widget = kit.VBox([kit.HBox([self.slider, self.said]), self.viewer.widget])
 
-    def _repr_mimebundle_(self, **_: object) -> dict[str, Any]:
-        return still_bundle(self.widget, self.still)
+    def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
+        return still_bundle(self.widget, self.still, type(self))
 
     @cached_property
     def still(self) -> bytes:
@@ -115,7 +117,7 @@ def _spoken(log: Path) -> dict[str, list[int]]:
     return dict(sorted(spoken.items(), reverse=True))
 
 
-def _timeline(spoken: Mapping[str, Sequence[int]], start_ns: int) -> Any:
+def _timeline(spoken: Mapping[str, Sequence[int]], start_ns: int) -> Figure:
     from matplotlib.figure import Figure
 
     with house_style():
@@ -130,50 +132,86 @@ def _timeline(spoken: Mapping[str, Sequence[int]], start_ns: int) -> Any:
 
 
 class LiveView:
-    """The bus in a cell: the panel above, the viewer below, a running bridge between them, until closed.
+    """A domain in a cell: the panel above, Rerun's viewer below, a running bridge between them, until closed.
 
-    Every topic that a visualizer offers itself for is shown as soon as it is heard of.
+    Every topic that a visualizer offers itself for is shown as soon as it is heard of. One at a time is open: a
+    cell that runs again ends the one before.
 
-        live = await LiveView.open(node)
+        live = await LiveView.open(lambda here: run_camera(CameraConfig(places=((here, topic),))))
         live
 
     Args:
-        node: On the domain to look at; it stays open.
+        node: On the domain to look at.
     """
 
+    _last: ClassVar[LiveView | None] = None
+
     def __init__(self, node: Node) -> None:
-        self.session = Session()
+        self.session, kit = Session(), widgets()
         canvas = open_canvas([NOTEBOOK], title=node.name)
         self.viewer = canvas.in_cell()
         self.bridge = Bridge(node, self.session, canvas, follow=("/",))
         self.panel = Panel(self.session, lambda: {t: k[0] for t, k in node.graph.topics().items() if k})
-        self.widget = widgets().VBox([self.panel.widget, self.viewer.widget])
-        self._counting: asyncio.Task[None] | None = None
+        self.end = kit.Button(
+            description="End", tooltip="End what runs for this view; the viewer keeps what it has"
+        )
+        self.widget = kit.VBox([self.end, self.panel.widget, self.viewer.widget])
+        loop = asyncio.get_running_loop()
+        self.end.on_click(lambda _: asyncio.run_coroutine_threadsafe(self.close(), loop))
+        self._runs, self._shows = AsyncExitStack(), asyncio.Event()
 
     @classmethod
-    async def open(cls, node: Node) -> Self:
-        """Return one whose bridge runs.
+    async def open(
+        cls, *programs: Callable[[BusAddress], Coroutine[Any, Any, None]], here: BusAddress | None = None
+    ) -> Self:
+        """Return one whose bridge runs, and which has heard of a program's first message.
 
-        Raises:
-            MissingExtraError: The extra ``view`` is not installed.
+        Args:
+            programs: Run beside it until it is closed, at the address that they are given.
+            here: The domain to look at; None: one of the loopback that nobody else uses.
         """
-        live = cls(node)
-        await live.bridge.__aenter__()
-        live._counting = asyncio.create_task(live._count())
+        if cls._last is not None:
+            await cls._last.close()
+        async with AsyncExitStack() as runs:
+            here = here or BusAddress(domain_id=runs.enter_context(held_domains())[0], interface="lo")
+            live = cls(await runs.enter_async_context(Node("panel", **here.options())))
+            await runs.enter_async_context(live.bridge)
+            runs.callback(live.panel.close)
+            await runs.enter_async_context(beside(live._count(), *(program(here) for program in programs)))
+            if programs:
+                await is_set_before(live._shows, asyncio.get_running_loop().time() + _FIRST_S)
+            live._runs = runs.pop_all()
+        cls._last = live
         return live
 
     async def close(self) -> None:
-        """End the bridge; harmless when repeated."""
-        if self._counting is not None:
-            self._counting.cancel()
-        self.panel.close()
-        await self.bridge.close()
+        """End the bridge and what runs beside it; harmless when repeated."""
+        self.end.disabled = True
+        await self._runs.aclose()
 
     async def _count(self) -> None:
         while True:
-            await asyncio.sleep(_PERIOD_S)
             self.panel.refresh()
+            if any(report.shown for report in report_of(self.session)):
+                self._shows.set()
+            await asyncio.sleep(_PERIOD_S)
 
-    def _repr_mimebundle_(self, **_: object) -> dict[str, Any]:
-        said = "<p>Live: the panel, and what the bus says in the viewer, where a kernel runs.</p>"
-        return still_bundle(self.widget, b"") | {"text/html": said}
+    def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
+        return still_bundle(self.widget, png_of(_counts(report_of(self.session))), _counts)
+
+
+def _counts(reports: Sequence[Report]) -> Figure:
+    """Draw how many messages each display of a live domain has received and shown."""
+    from matplotlib.figure import Figure
+
+    with house_style():
+        figure = Figure(figsize=(9.6, 1.4 + 0.4 * len(reports)))
+        axes = figure.subplots()
+        names = [f"{report.display}\n{', '.join(report.topics)}" for report in reports]
+        axes.barh(names, [r.received for r in reports], 0.6, color=COLORS["network"], label="received")
+        axes.barh(names, [r.shown for r in reports], 0.3, color=COLORS["proxy"], label="shown")
+        axes.set(
+            xlabel="messages", title="Live: what the displays had when this cell was shown; run it to look"
+        )
+        figure.legend(loc="outside lower center", ncols=2, fontsize=8)
+    return figure

@@ -10,6 +10,6 @@ from __future__ import annotations
 from sfglab.lab.experiments.cooperation.analysis import courses, difference, failures, rates, staleness
 from sfglab.lab.experiments.cooperation.experiment import exp
 from sfglab.lab.experiments.cooperation.figures import film
-from sfglab.lab.experiments.cooperation.replay import press_round
+from sfglab.lab.experiments.cooperation.replay import Replay
 
-__all__ = ["courses", "difference", "exp", "failures", "film", "press_round", "rates", "staleness"]
+__all__ = ["Replay", "courses", "difference", "exp", "failures", "film", "rates", "staleness"]

@@ -30,10 +30,15 @@ _TITLES = {robot: f"go where the station is wrong about {robot} for longest" for
 _COLORS = dict(zip(ROBOTS, ("proxy", "third", "fourth"), strict=True))
 
 
-class Replay:
-    """A round to scrub, whose `picture` is what a cell shows; arguments as of `press_round`."""
+class Replay(Pressed):
+    """A method's first round that failed, its first one if none did, to scrub, with what the station believed.
 
-    def __init__(self, run: Run[Config], method: str) -> None:
+    Raises:
+        InvalidValueError: The run has no round with this method.
+        MissingExtraError: The extra ``view`` is not installed.
+    """
+
+    def __init__(self, run: Run[Config], method: str = "OPT+LC") -> None:
         rows = run["course"][run["course"]["method"] == method]
         if rows.empty:
             raise InvalidValueError("method", method, ", ".join(dict.fromkeys(run["course"]["method"])))
@@ -48,10 +53,10 @@ class Replay:
         play = kit.Play(max=last, interval=500, step=3)
         kit.jslink((play, "value"), (self.turn, "value"))
         above = [kit.HBox([play, self.turn])]
-        self.picture = Pressed(self.draw, size=(10.2, 5.2), press=self._press, titles=_TITLES.copy, above=above)
-        self.turn.observe(lambda _: self.picture.redraw(), "value")
+        super().__init__(self.draw, size=(10.2, 5.2), press=self._go, titles=_TITLES.copy, above=above)
+        self.turn.observe(lambda _: self.redraw(), "value")
 
-    def _press(self, robot: str) -> None:
+    def _go(self, robot: str) -> None:
         self.turn.value = int(self.late_s[:, ROBOTS.index(robot)].argmax())
 
     def draw(self, figure: Figure) -> None:
@@ -108,12 +113,3 @@ def _draw_robot(axes: Axes, track: Any, measured: NDArray[np.float64], believed:
     axes.add_patch(Circle((track.x_m, track.y_m), RADIUS_M, color=COLORS[_COLORS[track.robot]], zorder=3))
     ahead = f"ahead {measured[0]:.2f} m; the station has {believed[0]:.2f} m"
     axes.set_title(f"{track.robot}: {ahead}", fontsize=8)
-
-
-def press_round(run: Run[Config], method: str = "OPT+LC") -> Pressed:
-    """Show a method's first round that failed, its first one if none did, to scrub.
-
-    Raises:
-        InvalidValueError: The run has no round with this method.
-    """
-    return Replay(run, method).picture

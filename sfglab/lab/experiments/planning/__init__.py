@@ -7,7 +7,7 @@ cases; the agents of a scene are sent along its trajectories over the action's s
 from __future__ import annotations
 
 from sfglab.lab.experiments.planning.analysis import apart_m, checks
-from sfglab.lab.experiments.planning.editor import edit_scene
+from sfglab.lab.experiments.planning.editor import SceneCell
 from sfglab.lab.experiments.planning.experiment import exp
 
-__all__ = ["apart_m", "checks", "edit_scene", "exp"]
+__all__ = ["SceneCell", "apart_m", "checks", "exp"]

@@ -5,7 +5,7 @@ What is edited is a copy below ``runs/``: the scenes of the repository stay as t
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sfglab.lab.explore.press import still_bundle
 from sfglab.lab.figures import house_style, png_of
@@ -16,32 +16,37 @@ from sfglab.spatial.scene.objects import AgentObject
 from sfglab.view.planner.server import show_planner
 from sfglab.view.widgets import widgets
 
-if TYPE_CHECKING:
-    from sfglab.view.planner.server import Planner
-
 _SIZE = (9.0, 5.6)
 
 
 class SceneCell:
-    """A scene editor as a cell shows it.
+    """A scene from above, in its editor; *Save* writes a copy below ``runs/``.
 
     Args:
-        planner: The editor, served.
+        name: A scene file in the data folder.
 
     Attributes:
-        planner: The same: its `call` edits from Python, its `close` ends it.
+        planner: The editor, served: its `call` edits from Python, its `close` ends it.
         widget: What the cell shows.
+
+    Raises:
+        SceneError: The file is no scene.
+        MissingExtraError: The extra ``view`` is not installed.
     """
 
-    def __init__(self, planner: Planner) -> None:
-        self.planner = planner
-        self.widget = widgets().HTML(planner._repr_html_())
+    def __init__(self, name: str = "scenes/hall.yaml") -> None:
+        project = find_project()
+        file = project.runs / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        self.planner = show_planner(Editor(load_scene(project.data / name), file=file))
+        self.widget = widgets().HTML(self.planner._repr_html_())
 
     def __repr__(self) -> str:
         return f"<scene editor: {self.planner.call(lambda editor: editor.scene.name)}>"
 
-    def _repr_mimebundle_(self, **_: object) -> dict[str, Any]:
-        return still_bundle(self.widget, self._still()) | {"text/plain": repr(self)}
+    def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
+        data, metadata = still_bundle(self.widget, self._still(), type(self))
+        return data | {"text/plain": repr(self)}, metadata
 
     def _still(self) -> bytes:
         from matplotlib.figure import Figure
@@ -58,19 +63,3 @@ class SceneCell:
                 axes.annotate(agent.name, start[:2], (-7, 8), textcoords="offset points", weight="bold")
             axes.set_title(f"{scene.name} from above: run this cell to edit it here, or: sfglab plan")
         return png_of(figure)
-
-
-def edit_scene(name: str = "scenes/hall.yaml") -> SceneCell:
-    """Return an editor of a copy of a scene, to look at in a cell; *Save* writes the copy below ``runs/``.
-
-    Args:
-        name: A scene file in the data folder.
-
-    Raises:
-        SceneError: The file is no scene.
-        MissingExtraError: The extra ``view`` is not installed.
-    """
-    project = find_project()
-    file = project.runs / name
-    file.parent.mkdir(parents=True, exist_ok=True)
-    return SceneCell(show_planner(Editor(load_scene(project.data / name), file=file)))

@@ -9,10 +9,11 @@ from __future__ import annotations
 from sfglab.lab.experiments.transmission import figures, stage
 from sfglab.lab.experiments.transmission.analysis import agreement, cells, compare_ways, order
 from sfglab.lab.experiments.transmission.experiment import Point, exp, grid, scenario_of
-from sfglab.lab.experiments.transmission.timeline import press_timeline
+from sfglab.lab.experiments.transmission.timeline import Timeline
 
 __all__ = [
     "Point",
+    "Timeline",
     "agreement",
     "cells",
     "compare_ways",
@@ -20,7 +21,6 @@ __all__ = [
     "figures",
     "grid",
     "order",
-    "press_timeline",
     "scenario_of",
     "stage",
 ]

@@ -64,27 +64,35 @@ class Exchange:
         )
 
 
-class Timeline:
-    """A time line to press, whose `picture` is what a cell shows; arguments as of `press_timeline`."""
+class Timeline(Pressed):
+    """One writer and one reader over time; a press on a frame loses it, another lets it pass.
 
-    def __init__(self, exchange: Exchange, lost: Sequence[str] = ()) -> None:
+    Args:
+        lost: Frames that are lost to begin with, as in `AirFrame.name`.
+        exchange: Fields of `Exchange`.
+
+    Raises:
+        MissingExtraError: The extra ``view`` is not installed.
+    """
+
+    def __init__(self, lost: Sequence[str] = ("a/DATA/5",), **exchange: Any) -> None:
         kit = widgets()
         self.lost = dict.fromkeys(lost, True)  #: Frames that were made to be lost, False: to pass, by name.
         first = ["vendor", "rate_hz", "depth", "loss"]
-        self.form = Form(exchange, first, lambda: self.picture.answer(self._simulate))
+        self.form = Form(Exchange(**exchange), first, lambda: self.answer(self._simulate))
         self._shown = kit.FloatRangeSlider(value=(0, 100), description="shown (%)", layout={"width": "40em"})
         self._to_scale = kit.Checkbox(description="time to scale", indent=False)
         self._simulate()
         above = [self.form.widget, kit.HBox([self._shown, self._to_scale])]
-        self.picture = Pressed(self.draw, size=(11.0, 4.2), press=self._press, titles=self._titles, above=above)
+        super().__init__(self.draw, size=(11.0, 4.2), press=self._lose, titles=self._sentences, above=above)
         for control in (self._shown, self._to_scale):
-            control.observe(lambda _: self.picture.redraw(), "value")
+            control.observe(lambda _: self.redraw(), "value")
 
-    def _press(self, name: str) -> None:
+    def _lose(self, name: str) -> None:
         self.lost[name] = not next(frame.lost for frame in self.frames if frame.name == name)
         self._simulate()
 
-    def _titles(self) -> dict[str, str]:
+    def _sentences(self) -> dict[str, str]:
         return {frame.name: sentence(frame) for frame in self.frames}
 
     def _simulate(self) -> None:
@@ -175,11 +183,3 @@ def _draw_samples(axes: Axes, outcome: FlowOutcome, place_of: Callable[[int], fl
     for time_ns, numbers in taken.items():
         said = str(numbers[0]) + (f"-{numbers[-1]}" if len(numbers) > 1 else "")
         axes.text(place_of(time_ns), -0.06, said, va="top", **style)
-
-
-def press_timeline(lost: Sequence[str] = ("a/DATA/5",), **exchange: Any) -> Pressed:
-    """Show one writer and one reader over time; a press on a frame loses it, another lets it pass.
-
-    `lost` are frames that are lost to begin with, as in `AirFrame.name`; the rest are fields of `Exchange`.
-    """
-    return Timeline(Exchange(**exchange), lost).picture
