@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
+import subprocess
 from contextlib import asynccontextmanager
 from dataclasses import asdict, replace
+from fcntl import LOCK_EX, flock
+from hashlib import sha256
+from importlib import resources
 from pathlib import Path
 
 import features
@@ -14,6 +19,8 @@ import pytest
 from beside import ANSWER_S
 
 from sfglab.lab import ros2
+from sfglab.messages import definition
+from sfglab.messages.ament import write_package
 from sfglab.processes import LineProcess
 
 
@@ -57,3 +64,34 @@ def peer(distribution, domain_id):
             await process.close()
 
     return started
+
+
+def _package_of_transforms(folder):
+    """Write tf2_msgs, for which there is no wheel, into a folder, and return the package's."""
+    package = folder / "tf2_msgs"
+    shutil.copytree(resources.files("sfglab.messages") / "interfaces" / "tf2_msgs", package)
+    for name in ("TFMessage", "TF2Error"):
+        file = package / "msg" / f"{name}.msg"
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(definition(f"tf2_msgs/msg/{name}").partition("=" * 80)[0])
+    return package
+
+
+@pytest.fixture
+def own_types(distribution, tmp_path):
+    """The ``PYTHONPATH`` on which rclpy finds tf2_msgs and our own interfaces; made when it is missing."""
+    found = ros2.distributions()[distribution]
+    packages = [_package_of_transforms(tmp_path), write_package(tmp_path)]
+    files = [Path(__file__).with_name("typesupport.py"), *sorted(f for p in packages for f in p.rglob("*.*"))]
+    digest = sha256(b"".join(file.read_bytes() for file in files if file.is_file())).hexdigest()[:16]
+    made = found.python.parents[1] / "sfglab_types"
+    made.mkdir(exist_ok=True)
+    with (made / "lock").open("w") as lock:
+        flock(lock, LOCK_EX)
+        if not (made / digest / "ready").exists():
+            shutil.rmtree(made / digest, ignore_errors=True)
+            argv = found.argv(str(files[0]), str(made / digest), *map(str, packages))
+            done = subprocess.run(argv, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stderr
+            (made / digest / "ready").touch()
+    return str(made / digest / "python")

@@ -10,7 +10,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from beside import ANSWER_S, asked, until
+from beside import ANSWER_S, asked, passed_through, until, without_padding
 from random_messages import random_message
 
 from sfglab.bus import Node
@@ -18,7 +18,6 @@ from sfglab.lab.ros2 import distributions
 from sfglab.messages import (
     MessageError,
     default_message,
-    deserialize,
     message_types,
     register_interfaces,
     serialize,
@@ -70,27 +69,6 @@ async def common_types(process):
     theirs = set((await asked(process, "types", "types", packages=PACKAGES))["types"])
     assert theirs - set(message_types()) <= NEWER
     return sorted(theirs & set(message_types()) - CHANGED)
-
-
-def without_padding(message):
-    """Return a message in which the octet of those without fields is zero: rosidl never looks at it."""
-    for name, value in vars(message).items():
-        if name == "structure_needs_at_least_one_member":
-            setattr(message, name, 0)
-        for inner in value if isinstance(value, list) else [value]:
-            if hasattr(inner, "__msgtype__"):
-                without_padding(inner)
-    return message
-
-
-async def passed_through(ros, name, given):
-    """Return what rclpy makes of messages, in our bytes: its own have no zeros in their gaps."""
-    back = []
-    for first in range(0, len(given), 20):
-        part = given[first : first + 20]
-        passed = await asked(ros, "pass_through", "passed", kind=name, cdr=[one.hex() for one in part])
-        back += [serialize(deserialize(bytes.fromhex(one), name)) for one in passed["cdr"]]
-    return back
 
 
 @pytest.mark.feature("Message types of ROS 2's own packages: 200 random values each")

@@ -13,6 +13,7 @@ import os
 import sys
 import threading
 from contextlib import suppress
+from operator import attrgetter
 from typing import Any
 
 import rclpy
@@ -30,9 +31,9 @@ def report(kind: str, **values: Any) -> None:
 
 
 def interface(name: str) -> Any:
-    """Return the class of an interface, ``package/msg/Name``."""
+    """Return the class of an interface, ``package/msg/Name``, or of a part of it, as ``Name.Impl.Part``."""
     package, kind, title = name.split("/")
-    return getattr(importlib.import_module(f"{package}.{kind}"), title)
+    return attrgetter(title)(importlib.import_module(f"{package}.{kind}"))
 
 
 def profile_of(given: dict[str, Any]) -> QoSProfile:

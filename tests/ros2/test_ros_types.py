@@ -1,0 +1,133 @@
+"""Types of services and types without a wheel, beside rclpy: what it makes of them; transforms both ways."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from beside import asked, passed_through, until, without_padding
+from random_messages import random_message
+
+from sfglab.bus import Node
+from sfglab.lab.ros2 import distributions
+from sfglab.messages import (
+    deserialize,
+    message_type,
+    message_types,
+    register_interfaces,
+    serialize,
+)
+from sfglab.names import TF, TF_STATIC
+from sfglab.qos import Durability, QoSProfile
+from sfglab.spatial import Pose, StampedTransform
+from sfglab.spatial.frames.buffer import FrameBuffer
+from sfglab.spatial.frames.listener import TF_QOS, TF_STATIC_QOS, TRANSFORMS, FramesListener
+
+pytestmark = [pytest.mark.live, pytest.mark.ros]
+
+OURS = "sfglab_interfaces"
+LATCHED = {"durability": "transient_local", "depth": 1}
+OURS_LATCHED = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)
+# rosidl's own for tests, and what looks types up, of which Humble has no message.
+NOT_SHIPPED = {"test_msgs", "type_description_interfaces"}
+
+
+@pytest.mark.feature("Services' types of ROS 2's own packages")
+async def test_services_that_we_bring_are_those_of_the_distribution(peer, distribution):
+    share = distributions()[distribution].python.parents[1] / "share"
+    files = [f for f in sorted(share.glob("*/srv/*.srv")) if f.parents[1].name not in NOT_SHIPPED]
+    names = [f"{f.parents[1].name}/srv/{f.stem}_{half}" for f in files for half in ("Request", "Response")]
+    assert len(names) == 44
+    assert set(names) <= set(message_types())
+    for file in files:
+        register_interfaces(file)  # refuses other fields
+    rng = np.random.default_rng(21)
+    async with peer() as ros:
+        for name in names:
+            given = [serialize(without_padding(random_message(rng, name))) for _ in range(10)]
+            assert await passed_through(ros, name, given) == given, name
+
+
+@pytest.mark.feature("Interfaces of sfglab and tf2_msgs, built by rosidl from what `sfglab interfaces` writes")
+async def test_our_messages_services_and_actions_are_what_rosidl_makes_of_them(peer, own_types):
+    inner = ("_Goal", "_Result", "_Feedback")  # rclpy has them inside of others only
+    names = [name for name in message_types() if name.startswith((f"{OURS}/", "tf2_msgs/"))]
+    names = [name for name in names if not name.endswith(inner)]
+    assert len(names) == 7 + 2 + 5 + 2 + 2 + 5
+    rng = np.random.default_rng(22)
+    async with peer(PYTHONPATH=own_types) as ros:
+        for name in names:
+            given = [serialize(without_padding(random_message(rng, name))) for _ in range(20)]
+            theirs = name.replace("_FeedbackMessage", ".Impl.FeedbackMessage")
+            assert await passed_through(ros, name, given, theirs) == given, name
+
+
+@pytest.mark.feature("Topics of sfglab's own messages, both ways")
+async def test_our_messages_cross_both_ways(peer, own_types, domain_id):
+    rng = np.random.default_rng(23)
+    names = [name for name in message_types() if name.startswith(f"{OURS}/msg/")]
+    given = {name: random_message(rng, name) for name in names}
+    back = {}
+    async with peer(PYTHONPATH=own_types) as ros, Node("us", domain_id=domain_id) as node:
+        for name in names:
+            topic = name.replace("/", "_")
+
+            def take(message, name=name):
+                back[name] = serialize(message)
+
+            node.create_subscription(name, f"/back/{topic}", take, OURS_LATCHED)
+            node.create_publisher(name, f"/forth/{topic}", OURS_LATCHED).publish(given[name])
+        await asked(ros, "echo", "echoing", types=names, qos=LATCHED)
+
+        async def all_back():
+            return back.keys() == given.keys()
+
+        with suppress(TimeoutError):
+            await until(all_back)
+        assert back == {name: serialize(message) for name, message in given.items()}
+
+
+def tree(parent, child, *position_m):
+    """The message with one transform."""
+    one = StampedTransform(parent=parent, child=child, stamp_ns=10**9, pose=Pose(position_m=position_m))
+    return message_type(TRANSFORMS)(transforms=[one.to_msg()])
+
+
+@pytest.mark.feature("TF: /tf and latched /tf_static, both ways")
+async def test_transforms_reach_both_sides_latched_ones_also_who_comes_later(peer, own_types, domain_id):
+    heard = {}
+    buffer = FrameBuffer()
+    async with Node("us", domain_id=domain_id) as node:
+        node.create_publisher(TRANSFORMS, TF_STATIC, TF_STATIC_QOS).publish(tree("map", "us/odom", 1, 0, 0))
+        moving = node.create_publisher(TRANSFORMS, TF, TF_QOS)
+        async with peer(PYTHONPATH=own_types) as ros:
+
+            def listen(report):
+                if report["is"] == "heard":
+                    message = deserialize(bytes.fromhex(report["cdr"]), TRANSFORMS)
+                    heard.update({(report["topic"], t.child_frame_id): t for t in message.transforms})
+
+            ros.on_report = listen
+
+            async def publish(topic, qos, message):
+                values = {"kind": TRANSFORMS, "topic": topic, "qos": qos, "cdr": [serialize(message).hex()]}
+                await asked(ros, "publish", "published", **values)
+
+            await publish(TF_STATIC, LATCHED, tree("map", "ros/odom", 0, 2, 0))
+            for topic, qos in ((TF_STATIC, LATCHED), (TF, {"depth": 100})):
+                await asked(ros, "listen", "listening", kind=TRANSFORMS, topic=topic, qos=qos)
+            async with FramesListener(node, buffer):
+
+                async def both_hear():
+                    moving.publish(tree("us/odom", "us/base", 0, 0, 3))
+                    await publish(TF, {"depth": 100}, tree("ros/odom", "ros/base", 0.5, 0, 0))
+                    return {"ros/base", "ros/odom"} <= set(buffer.frames) and {
+                        (TF_STATIC, "us/odom"),
+                        (TF, "us/base"),
+                    } <= heard.keys()
+
+                await until(both_hear)
+    assert tuple(buffer.look_up("map", "ros/base").position_m) == (0.5, 2, 0)
+    assert heard[TF_STATIC, "us/odom"].transform.translation.x == 1
+    assert heard[TF, "us/base"].transform.translation.z == 3
