@@ -88,7 +88,8 @@ class FrameTrace:
 
 async def trace_frames(remote: dict[str, Any], local: dict[str, Any], trace: FrameTrace) -> None:
     """Let a camera shoot, a pipeline decode and a viewer see."""
-    from sfglab.fleet.decoder.pipeline import IMAGE_TYPE, Outputs
+    from sfglab.fleet.decoder.pipeline import Outputs
+    from sfglab.fleet.decoder.streams import IMAGE_TYPE
     from sfglab.lab.workers import camera
 
     async with Node("camera_pipeline", **remote) as far, Node("viewer", **local) as near:

@@ -32,6 +32,8 @@ DEFAULT_MAX_MESSAGE_BYTES = 64 * 2**20
 NODE_KEY = "sfglab.node"
 HOST_KEY = "sfglab.host"
 SHM_KEY = "sfglab.shm"
+OFFER_KEY = "sfglab.offer"
+"""On writers that send nothing: somebody would, if it were wanted."""
 SHM_PARTITION = "sfglab.shm"
 """Shared-memory endpoints show themselves in this partition, where no ordinary endpoint matches them."""
 

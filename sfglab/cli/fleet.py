@@ -21,6 +21,10 @@ agent_app = typer.Typer(
 )
 _GlobalDomain = Annotated[int | None, typer.Option(help="The domain that all agents share; 0.")]
 _GlobalInterface = Annotated[str | None, typer.Option(help="Interface towards the other agents.")]
+_Offers = Annotated[
+    bool | None,
+    typer.Option(help="Whether ROS 2's tools list what nobody has subscribed yet; yes, or the fleet file's."),
+]
 
 
 @fleet_app.command()
@@ -107,6 +111,7 @@ def agent_up(
         list[str] | None,
         typer.Option(help="A component to leave out: router, status, discoverer, keeper, decoder."),
     ] = None,
+    offers: _Offers = None,
     as_json: Annotated[bool, typer.Option("--json", help="Report JSON lines instead of sentences.")] = False,
     _interfaces: Interfaces = None,
 ) -> None:
@@ -129,7 +134,7 @@ def agent_up(
     from sfglab.fleet.agent import plan
     from sfglab.fleet.agent.app import serve_agent
 
-    config = _agent_config(agent, fleet, (domain, interface), (global_domain, global_interface))
+    config = _agent_config(agent, fleet, (domain, interface), (global_domain, global_interface), offers)
     run(serve_agent(plan.without(config, without or ()), typer.echo, as_json=as_json))
 
 
@@ -143,6 +148,7 @@ def router(
     prefix_frames: Annotated[
         bool | None, typer.Option(help="Whether TF frames get the agent's name in front on their way out; yes.")
     ] = None,
+    offers: _Offers = None,
     _interfaces: Interfaces = None,
 ) -> None:
     """Run a router alone: what Table 1, or the fleet file's policy, names crosses, everything else stays.
@@ -160,7 +166,8 @@ def router(
 
     if domain is None and fleet is None:
         raise typer.BadParameter("nothing is given, allowed: a domain, or a fleet file", param_hint="--domain")
-    config = router_config(_agent_config(agent, fleet, (domain, interface), (global_domain, global_interface)))
+    sides = (domain, interface), (global_domain, global_interface)
+    config = router_config(_agent_config(agent, fleet, *sides, offers))
     if prefix_frames is not None:
         config = replace(config, prefix_frames=prefix_frames)
     run(serve_terminal(config, typer.echo))
@@ -169,15 +176,20 @@ def router(
 _Side = tuple[int | None, str | None]
 
 
-def _agent_config(agent: str | None, fleet: Path | None, local: _Side, remote: _Side) -> AgentConfig:
+def _agent_config(
+    agent: str | None, fleet: Path | None, local: _Side, remote: _Side, offers: bool | None
+) -> AgentConfig:
     """Return an agent as the command line and the fleet file describe it; sides are domain and interface."""
+    from dataclasses import replace
+
     from sfglab.fleet.agent.plan import SideOptions, config_from_options
     from sfglab.fleet.fleet_file import load_fleet
     from sfglab.names import default_agent
 
     sides = [SideOptions(domain_id=domain, interface=interface) for domain, interface in (local, remote)]
     described = load_fleet(fleet) if fleet is not None else None
-    return config_from_options(agent or default_agent(), described, local=sides[0], remote=sides[1])
+    config = config_from_options(agent or default_agent(), described, local=sides[0], remote=sides[1])
+    return config if offers is None else replace(config, offers=offers)
 
 
 def decoder(
@@ -192,6 +204,7 @@ def decoder(
     ] = None,
     remote_interface: Annotated[str | None, typer.Option(help="Interface of the remote domain.")] = None,
     linger: Annotated[float, typer.Option(help="Seconds a pipeline outlives its last subscriber.")] = 1.0,
+    offers: Annotated[bool, typer.Option(help="Whether ROS 2's tools list what nobody decodes yet.")] = True,
 ) -> None:
     """Decode remote streams once for all subscribers on this device, on demand.
 
@@ -219,6 +232,7 @@ def decoder(
         streams=tuple(streams or ()),
         discovery_topic=str(discovery),
         linger_s=linger,
+        offers=offers,
     )
     run(serve_terminal(config, typer.echo))
 

@@ -338,6 +338,8 @@ class Fleet(_Part):
     name: str = field(metadata=named("fleet"))  #: What the fleet is called.
     global_domain: int = 0  #: The domain that all routers join, D_0 in the paper.
     policy: Policy = field(default_factory=Policy)  #: What crosses.
+    #: Whether ROS 2's tools list on each agent what could be had from the others, before anybody subscribes.
+    offers: bool = True
     agents: tuple[AgentSpec, ...] = ()  #: The agents, in the order of the file.
     #: What is the same on all their machines.
     deployment: DeploymentSpec = field(default_factory=DeploymentSpec)

@@ -8,7 +8,8 @@ A reader is opened in the source's domain when somebody subscribes in the target
 source too, so that nothing but what is in use is announced in the global domain. Inward the reader is opened at
 once: it is how another agent's router learns that somebody here wants the topic, and if all routers waited for
 each other nothing would ever flow. A writer is opened when there is a source as well, also for one whose
-samples have to wait. Nobody is to tell the router from a direct connection: what a source offers is offered
+samples have to wait; where a router offers what it could open, when there is a source, so that ROS 2's tools
+list it, and still nothing is read before somebody subscribes. Nobody is to tell the router from a direct connection: what a source offers is offered
 across the border, and nothing stronger is requested than a direct connection would have.
 """
 
@@ -254,11 +255,15 @@ class PathState:
         self.held.discard(gid)
 
 
-def wanted(path: Path, state: PathState) -> Setup:
-    """Return what of a path has to be open: the rules of this module, as a function of what is known."""
+def wanted(path: Path, state: PathState, *, offers: bool = False) -> Setup:
+    """Return what of a path has to be open: the rules of this module, as a function of what is known.
+
+    With `offers` sources that nobody wants have their writers already, if they are no service's.
+    """
     sinks = [sink.qos for sink in state.sinks.values()]
     if not sinks or (path.outward and not state.sources):
-        return Setup()
+        offered = offers and not path.dds_topic.startswith(_SERVICE_PREFIXES)
+        return Setup(writers=_offered(path, state) if offered else ())
     if not state.sources:
         readers = {ReaderSpec(path=path, qos=announced_qos(path.dds_topic, sinks)): None}
         return Setup(tuple(readers), (), _judged(readers, {}, state))
@@ -266,6 +271,16 @@ def wanted(path: Path, state: PathState) -> Setup:
     readers = dict.fromkeys(reader for reader, _ in ways.values())
     writers = dict.fromkeys(writer for _, writer in ways.values())
     return Setup(tuple(readers), tuple(writers), _judged(readers, ways, state))
+
+
+def _offered(path: Path, state: PathState) -> tuple[WriterSpec, ...]:
+    """Return writers that show what there is.
+
+    A volatile source's is the one that its samples will go to. Latched samples will go to another, which has no
+    history of an earlier demand: that could not be taken back.
+    """
+    sources = sorted(state.sources.items())
+    return tuple(dict.fromkeys(WriterSpec(path=path, qos=offered_qos(source.qos)) for _, source in sources))
 
 
 def _way(path: Path, source: EndpointInfo, sinks: list[QoSProfile]) -> tuple[ReaderSpec, WriterSpec]:

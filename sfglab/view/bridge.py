@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.bus import ClosedError, EndpointAdded, EndpointKind, EndpointRemoved
+from sfglab.bus.api import OFFER_KEY, entries
 from sfglab.errors import SfglabError
 from sfglab.qos import Durability, QoSProfile, Reliability
 from sfglab.view.arrivals import Arrival
@@ -153,7 +154,9 @@ class Bridge:
         self._facts[endpoint.gid] = event
         if isinstance(event, EndpointRemoved):
             return
-        if endpoint.type and endpoint.topic.startswith(self._follow):
+        # To follow what is only offered would decode everything that there is.
+        offered = OFFER_KEY in entries(endpoint.user_data)
+        if endpoint.type and endpoint.topic.startswith(self._follow) and not offered:
             self._types[endpoint.topic] = endpoint.type
         self._arrange_soon()
 

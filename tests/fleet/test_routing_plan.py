@@ -29,8 +29,9 @@ GLOBAL = 0
 class World:
     """Domains with endpoints, and routers that hear of them late, in any interleaving."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, offers: bool = False) -> None:
         self.now_ns = 0
+        self.offers = offers
         self.numbers = itertools.count(1)
         self.domains: dict[int, dict[bytes, EndpointInfo]] = {}
         self.routers: list[Router] = []
@@ -113,7 +114,11 @@ class Router:
         self.heard = {side: deque() for side in Side}
         self.tag = user_data({ROUTER_KEY: name})
         self.plan = Plan(
-            POLICY, participants=frozenset(self.participants.values()), pair=name, linger_ns=SECOND
+            POLICY,
+            participants=frozenset(self.participants.values()),
+            pair=name,
+            linger_ns=SECOND,
+            offers=world.offers,
         )
         self.open: dict[ReaderSpec | WriterSpec, bytes] = {}
         self.judged: dict[tuple[bytes, bytes], bytes | None] = {}
@@ -186,10 +191,11 @@ class Fleet(RuleBasedStateMachine):
 
     agents = (1, 2)
     names = ("host/1", "host/2")
+    offers = False
 
     def __init__(self) -> None:
         super().__init__()
-        self.world = World()
+        self.world = World(offers=self.offers)
         for local, name in zip(self.agents, self.names, strict=True):
             self.world.start_router(local, name)
 
@@ -253,7 +259,7 @@ class Fleet(RuleBasedStateMachine):
                 way = spec.path.direction
                 state = router.plan.paths[spec.path]
                 needs_source = isinstance(spec, WriterSpec) or way is Direction.OUTWARD
-                assert state.sinks
+                assert state.sinks or (self.offers and isinstance(spec, WriterSpec))
                 assert state.sources or not needs_source
 
     @rule()
@@ -276,6 +282,21 @@ class Fleet(RuleBasedStateMachine):
         self.world.settle()
         assert self.world.routers_own() == [], "nothing remains when all have left"
         assert all(router.plan.paths == {} for router in self.world.routers)
+
+
+class OfferingFleet(Fleet):
+    """The same where routers offer what they could open: all of it is visible, and nothing else is read."""
+
+    offers = True
+
+    @rule()
+    def what_could_come_is_listed(self):
+        self.world.settle()
+        for domain, source in self.world.plain():
+            if source.kind is PUB and source.dds_topic == "rt/tf_static":
+                for other in {GLOBAL, 1, 2} - {domain}:
+                    seen = self.world.domains.get(other, {}).values()
+                    assert any(matches(e, replace(source, kind=SUB)) for e in seen), (domain, other)
 
 
 class DoubledFleet(Fleet):
@@ -306,14 +327,16 @@ _SETTINGS = settings(
 )
 TestFleet = Fleet.TestCase
 TestFleet.settings = _SETTINGS
+TestOfferingFleet = OfferingFleet.TestCase
+TestOfferingFleet.settings = _SETTINGS
 TestDoubledFleet = DoubledFleet.TestCase
 TestDoubledFleet.settings = _SETTINGS
 TestCrossedFleet = CrossedFleet.TestCase
 TestCrossedFleet.settings = _SETTINGS
 
 
-def two_agents() -> tuple[World, Router, Router]:
-    world = World()
+def two_agents(*, offers: bool = False) -> tuple[World, Router, Router]:
+    world = World(offers=offers)
     return world, world.start_router(1, "host/1"), world.start_router(2, "host/2")
 
 
@@ -326,6 +349,26 @@ def test_a_local_subscription_is_announced_at_once_and_a_publisher_only_on_deman
     world.settle()
     assert {type(spec) for spec in two.open} == {type(spec) for spec in one.open} == {ReaderSpec, WriterSpec}
     assert sum(d == GLOBAL for d, _ in world.routers_own()) == 2
+
+
+@pytest.mark.parametrize(("qos", "kept"), [(DEFAULT, True), (SENSOR_DATA, True), (LATCHED, False)])
+def test_an_offer_becomes_the_writer_unless_it_would_keep_what_an_earlier_demand_left(qos, kept):
+    world, one, two = two_agents(offers=True)
+    topic = "rt/global/a/pose"
+    world.add(1, plain(world, PUB, topic, qos))
+    world.add(1, plain(world, PUB, REPLIES))
+    for _ in range(2):
+        world.settle()
+        offers = [dict(router.open) for router in (one, two)]
+        assert [[(type(s), s.path.dds_topic, s.qos.durability) for s in o] for o in offers] == 2 * [
+            [(WriterSpec, topic, qos.durability)]
+        ]
+        sink = world.add(2, plain(world, SUB, topic, qos))
+        world.settle()
+        for router, before in zip((one, two), offers, strict=True):
+            assert (before.items() <= router.open.items()) is kept
+            assert sorted(type(s).__name__ for s in router.open) == ["ReaderSpec", "WriterSpec"]
+        world.remove(2, sink.gid)
 
 
 def test_latched_sources_get_a_writer_each_and_volatile_ones_share():

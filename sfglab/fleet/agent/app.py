@@ -303,7 +303,7 @@ class Narrator:
         return []
 
     def _of_paths(self, paths: list[Report]) -> list[str]:
-        told = (_path(path["topic"], path["direction"]) for path in paths)
+        told = (_path(path["topic"], path["direction"]) for path in paths if path["readers"])
         before, self._paths = self._paths, frozenset(path for path in told if path)
         opened = [f"{path} opened" for path in sorted(self._paths - before)]
         return opened + [f"{path} closed" for path in sorted(before - self._paths)]

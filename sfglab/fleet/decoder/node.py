@@ -20,9 +20,11 @@ from signal import SIGKILL
 from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
+from sfglab.bus.api import OFFER_KEY, user_data
+from sfglab.bus.pubsub import Publisher, topic_endpoint
 from sfglab.component import beside, run_component, run_until_interrupted
 from sfglab.fields import from_json
-from sfglab.fleet.decoder.pipeline import Statistics
+from sfglab.fleet.decoder.pipeline import LOCAL_QOS, Statistics
 from sfglab.fleet.decoder.process import WorkerConfig, WorkerPool
 from sfglab.fleet.decoder.streams import (
     Action,
@@ -48,6 +50,8 @@ if TYPE_CHECKING:
 
 
 _LOG = logging.getLogger(__name__)
+OFFER = user_data({OFFER_KEY: "decoder"})
+"""USER_DATA of writers that only show what could be decoded."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,13 +74,15 @@ class _Pipeline:
     worker: Worker | None = None
     statistics: Statistics | None = None
     successor: Route | None = None  # the stream came back while its old pipeline was ending
+    offer: Publisher | None = None  # shows what could be decoded; nothing is ever sent by it
 
 
 class AgentDecoder:
     """Demand-driven decoding of remote streams for all subscribers on this device.
 
     Its node is on the local domain, its pool of pipeline processes is started, and the timing is that of
-    every pipeline. With `replay`, streams are joined by their replay where their sender offers one.
+    every pipeline. With `replay`, streams are joined by their replay where their sender offers one. With
+    `offers`, every stream has a silent writer beside that of its pipeline, so that ROS 2's tools list it.
     `on_status` is called with a stream's status whenever its state or counts change.
     """
 
@@ -87,9 +93,11 @@ class AgentDecoder:
         *,
         timing: Timing | None = None,
         replay: bool = True,
+        offers: bool = True,
         on_status: Callable[[PipelineStatus], None] | None = None,
     ) -> None:
         self._local = local
+        self._offers = offers
         self._pool = pool
         self._timing = timing or Timing()
         self._replay = replay
@@ -179,6 +187,9 @@ class AgentDecoder:
 
     async def _add(self, route: Route) -> None:
         pipeline = self._pipelines[route.local_topic] = _Pipeline(route, Lifecycle(self._timing))
+        if self._offers:
+            endpoint = topic_endpoint(route.local_type, route.local_topic, LOCAL_QOS, user_data=OFFER)
+            pipeline.offer = Publisher(self._local, self._local.backend, endpoint)
         self._on_status(self._status(pipeline))
         await self._follow_demand(pipeline)
 
@@ -226,6 +237,8 @@ class AgentDecoder:
         self._on_status(self._status(pipeline))
         if pipeline.life.state is State.GONE:
             del self._pipelines[pipeline.route.local_topic]
+            if pipeline.offer is not None:
+                pipeline.offer.close()
             if pipeline.successor is not None:
                 await self._add(pipeline.successor)
 
@@ -274,6 +287,7 @@ class DecoderConfig:
     replay: bool = True
     #: Whether a pipeline process waits, warm, for the next stream; in paper A it is loaded on demand.
     spare: bool = True
+    offers: bool = True  #: Whether ROS 2's tools list what could be decoded, before anybody subscribes.
 
 
 async def run_decoder(
@@ -301,7 +315,14 @@ async def run_decoder(
         try:
             await pool.start()
             timing = Timing(linger_ns=round(config.linger_s * 1e9))
-            decoder = AgentDecoder(local, pool, timing=timing, replay=config.replay, on_status=on_status)
+            decoder = AgentDecoder(
+                local,
+                pool,
+                timing=timing,
+                replay=config.replay,
+                offers=config.offers,
+                on_status=on_status,
+            )
             for agent in sorted({route.agent for route in routes}):
                 decoder.offer(agent, [route for route in routes if route.agent == agent])
             on_ready(pool)

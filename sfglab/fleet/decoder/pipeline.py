@@ -75,8 +75,6 @@ def image_bytes(prefix: bytes, pixels: NDArray[np.generic]) -> bytes:
 LOCAL_QOS = QoSProfile(depth=5)
 """Reliable on the device, so that every subscription matches: no less may be offered than is asked for."""
 
-IMAGE_TYPE = "sensor_msgs/msg/Image"
-
 PATIENCE_S = 3.0
 """How long a replay may take to connect with the live stream; a key frame will have come by then."""
 

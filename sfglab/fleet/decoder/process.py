@@ -23,8 +23,8 @@ from sfglab.bus.address import BusAddress
 from sfglab.codecs import FFMPEG_PACKET, CodecError, image_decoder
 from sfglab.component import Report, run_component
 from sfglab.fields import from_json
-from sfglab.fleet.decoder.pipeline import IMAGE_TYPE, Outputs, Statistics, run_pipeline
-from sfglab.fleet.decoder.streams import RELAY, Route
+from sfglab.fleet.decoder.pipeline import Outputs, Statistics, run_pipeline
+from sfglab.fleet.decoder.streams import IMAGE_TYPE, Route
 from sfglab.messages import default_message, deserialize, serialize
 from sfglab.processes import LineProcess, Member, ProcessFailedError
 
@@ -82,8 +82,7 @@ class PipelineWorker:
             self._pipeline = None
 
     async def _run_one(self, route: Route, transports: list[str]) -> None:
-        type_ = route.source_type if route.codec == RELAY else IMAGE_TYPE
-        outputs = self._outputs = Outputs(self._local, type_, route.local_topic)
+        outputs = self._outputs = Outputs(self._local, route.local_type, route.local_topic)
         counts = Statistics()
         reports: asyncio.Task[None] | None = None
         try:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+IMAGE_TYPE = "sensor_msgs/msg/Image"
 RELAY = "relay"
 """Codec hint of a stream whose messages pass on as they are."""
 
@@ -55,6 +56,11 @@ class Route:
     codec: str  #: Codec hint, or `RELAY` for messages that pass unchanged.
     local_topic: str  #: The local topic.
     replay_topic: str = ""  #: Where its sender may replay the last group of pictures; empty: nowhere.
+
+    @property
+    def local_type(self) -> str:
+        """The ROS type of the local topic."""
+        return self.source_type if self.codec == RELAY else IMAGE_TYPE
 
 
 def routes_of_topic(topic: str) -> tuple[Route, Route]:

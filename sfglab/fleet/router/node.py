@@ -24,6 +24,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
+from sfglab.bus.api import EndpointKind
 from sfglab.component import is_set_before, run_component, run_until_interrupted
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.policy import TABLE_1, ForwardRule, Policy, Side
@@ -118,6 +119,9 @@ class RouterSettings:
     shared_frames: tuple[str, ...] = SHARED_FRAMES
     #: Frames of the agent, without prefix, that others may give a parent.
     placed_by_others: tuple[str, ...] = ()
+    #: Whether topics that could cross are listed on the other side, as offers of a writer that nothing is sent
+    #: to before somebody subscribes. Each is announced to all agents, wanted or not.
+    offers: bool = False
 
     def __post_init__(self) -> None:
         validate_agent(self.agent)
@@ -168,7 +172,9 @@ class Router:
             participants=frozenset(node.guid for node in self._nodes.values()),
             pair=pair or settings.agent,
             linger_ns=round(settings.linger_s * 1e9),
+            offers=settings.offers,
         )
+        self._offers = settings.offers
         self._gate = TransformGate(settings.frames) if settings.prefix_frames else None
         self._carrier = Carrier(self._nodes, pair=pair or settings.agent, gate=self._gate)
         self._heard: deque[tuple[Side, EndpointEvent]] = deque()
@@ -187,15 +193,23 @@ class Router:
 
         def hear(event: EndpointEvent) -> None:
             if event.endpoint.participant != local.guid:
-                interest.feed(event)
+                if not (self._offers and _is_topic(event, EndpointKind.SUBSCRIPTION)):
+                    interest.feed(event)
                 self._hear(Side.LOCAL, event)
 
-        end = local.graph.listen(hear)
+        def hear_publisher(event: EndpointEvent) -> None:
+            if _is_topic(event, EndpointKind.PUBLISHER):
+                self._hear(Side.GLOBAL, event)
+
+        ends = [local.graph.listen(hear)]
+        if self._offers:  # all publishers there, met or not; then nothing has to ask for those
+            ends.append(remote.graph.listen(hear_publisher))
         on_ready()
         try:
             await self._route()
         finally:
-            end()
+            for end in ends:
+                end()
             interest.close()
             self._carrier.close()
 
@@ -222,6 +236,10 @@ class Router:
         actions = self._plan.feed(heard, now_ns=now_ns)
         self._carrier.carry_out(actions)
         return bool(actions)
+
+
+def _is_topic(event: EndpointEvent, kind: EndpointKind) -> bool:
+    return event.endpoint.kind is kind and not event.endpoint.dds_topic.startswith(("rq/", "rr/"))
 
 
 def _now_ns() -> int:

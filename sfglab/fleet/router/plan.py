@@ -162,16 +162,24 @@ class Plan:
         participants: The 16-byte GUIDs of the router's own participants; their endpoints never count.
         pair: Which pair of domains the router serves, as its endpoints' USER_DATA says under `ROUTER_KEY`.
         linger_ns: How long an endpoint that has gone still counts, nanoseconds.
+        offers: Whether topics that nobody wants have their writers already.
     """
 
     def __init__(
-        self, policy: Policy, *, participants: frozenset[bytes], pair: str, linger_ns: int = 1_000_000_000
+        self,
+        policy: Policy,
+        *,
+        participants: frozenset[bytes],
+        pair: str,
+        linger_ns: int = 1_000_000_000,
+        offers: bool = False,
     ) -> None:
         self.paths: dict[Path, PathState] = {}
         self._policy = policy
         self._participants = participants
         self._pair = pair
         self._linger_ns = linger_ns
+        self._offers = offers
         self._leaving: dict[tuple[Path, bytes], int] = {}
         self._replies = Replies()
 
@@ -253,7 +261,7 @@ class Plan:
 
     def _refresh(self, path: Path) -> list[Action]:
         state = self.paths[path]
-        before, state.setup = state.setup, wanted(path, state)
+        before, state.setup = state.setup, wanted(path, state, offers=self._offers)
         if not state:
             del self.paths[path]
         return _actions(before, state)
