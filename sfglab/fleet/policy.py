@@ -9,8 +9,9 @@ source too, so that nothing but what is in use is announced in the global domain
 once: it is how another agent's router learns that somebody here wants the topic, and if all routers waited for
 each other nothing would ever flow. A writer is opened when there is a source as well, also for one whose
 samples have to wait; where a router offers what it could open, when there is a source, so that ROS 2's tools
-list it, and still nothing is read before somebody subscribes. Nobody is to tell the router from a direct connection: what a source offers is offered
-across the border, and nothing stronger is requested than a direct connection would have.
+list it, and still nothing is read before somebody subscribes. Nobody is to tell the router from a direct
+connection: what a source offers is offered across the border, and nothing stronger is requested than a direct
+connection would have.
 """
 
 from __future__ import annotations

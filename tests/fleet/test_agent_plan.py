@@ -134,8 +134,8 @@ def test_options_go_before_the_fleet_file():
     assert config.remote == BusAddress(domain_id=3, interface="eth1")
 
 
-def path(topic: str, direction: str = "inward") -> dict[str, str]:
-    return {"topic": topic, "direction": direction}
+def path(topic: str, direction: str = "inward", readers: int = 1) -> dict[str, str | int]:
+    return {"topic": topic, "direction": direction, "readers": readers}
 
 
 def said(component: str, **report) -> Said:
@@ -175,7 +175,9 @@ def test_a_person_reads_of_paths_that_open_and_close_by_their_names_in_ros():
     heartbeat = path("rt/global/agent_heartbeat")
     service = [path("rq/global/pi1/set_modeRequest", "outward"), path("rr/global/pi1/set_modeReply")]
     queries = [path("rq/global/pi1/get_metadataRequest"), path("rr/global/pi1/get_metadataReply", "outward")]
-    first = said("router", **{"is": "status", "paths": [heartbeat, *service, *queries]})
+    first = said(
+        "router", **{"is": "status", "paths": [heartbeat, *service, *queries, path("rt/tf", readers=0)]}
+    )
     assert narrator.lines(first) == [
         "router: /global/agent_heartbeat inward opened",
         "router: /global/pi1/set_mode outward opened",

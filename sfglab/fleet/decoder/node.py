@@ -86,7 +86,7 @@ class AgentDecoder:
     `on_status` is called with a stream's status whenever its state or counts change.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - by keyword
         self,
         local: Node,
         pool: WorkerPool,

@@ -12,7 +12,9 @@ import json
 import os
 import sys
 import threading
+from collections import Counter
 from contextlib import suppress
+from functools import partial
 from operator import attrgetter
 from typing import Any
 
@@ -38,7 +40,7 @@ def interface(name: str) -> Any:
 
 def profile_of(given: dict[str, Any]) -> QoSProfile:
     """Return a profile from names as ROS 2 prints them."""
-    named = {k: v for k, v in given.items() if k in {"reliability", "durability", "history"}}
+    named = {k: v for k, v in given.items() if k in {"reliability", "durability", "history", "liveliness"}}
     times = {
         k: rclpy.duration.Duration(seconds=v)
         for k, v in given.items()
@@ -61,6 +63,7 @@ class Peer:
         self.executor.add_node(self.node)
         self.kept: list[Any] = []
         self.publishers: dict[str, Any] = {}
+        self.counts: Counter[str] = Counter()
         self.thread = threading.Thread(target=self.spin)
         self.thread.start()
 
@@ -111,14 +114,44 @@ class Peer:
             self.kept.append(self.node.create_subscription(kind, f"/forth/{topic}", publisher.publish, profile))
         report("echoing")
 
-    def listen(self, kind: str, topic: str, qos: dict[str, Any]) -> None:
-        """Report every message of a topic."""
+    def listen(self, kind: str, topic: str, qos: dict[str, Any], *, quiet: bool = False) -> None:
+        """Report every message of a topic, or only count them, and what happens to its QoS."""
+        from rclpy.event_handler import SubscriptionEventCallbacks
 
         def heard(message: Any) -> None:
-            report("heard", topic=topic, cdr=serialize_message(message).hex())
+            self.counts[topic] += 1
+            if not quiet:
+                report("heard", topic=topic, cdr=serialize_message(message).hex())
 
-        self.kept.append(self.node.create_subscription(interface(kind), topic, heard, profile_of(qos)))
+        def told(event: str, status: Any) -> None:
+            alive = getattr(status, "alive_count", None)
+            report("told", topic=topic, event=event, alive=alive)
+
+        events = SubscriptionEventCallbacks(
+            **{name: partial(told, name) for name in ("incompatible_qos", "deadline", "liveliness")}
+        )
+        profile = profile_of(qos)
+        self.kept.append(
+            self.node.create_subscription(interface(kind), topic, heard, profile, event_callbacks=events)
+        )
         report("listening")
+
+    def count(self) -> None:
+        """Report how many messages of each topic came."""
+        report("counts", counts=self.counts)
+
+    def repeat(self, topic: str, cdr: str, times: int, rate_hz: float) -> None:
+        """Publish a message again and again, and report the end of it."""
+        publisher, message, left = self.publishers[topic], bytes.fromhex(cdr), iter(range(times))
+
+        def send() -> None:
+            if next(left, None) is not None:
+                publisher.publish(message)
+            else:
+                timer.cancel()
+                report("repeated", topic=topic)
+
+        timer = self.node.create_timer(1 / rate_hz, send)
 
     def publish(self, kind: str, topic: str, qos: dict[str, Any], cdr: list[str]) -> None:
         """Publish messages; the publisher stays."""
