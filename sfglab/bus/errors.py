@@ -19,7 +19,7 @@ class ClosedError(BusError, RuntimeError):
 class DomainError(BusError, ValueError):
     """A DDS domain cannot be joined as asked."""
 
-    def __init__(self, domain_id: int, reason: str) -> None:
+    def __init__(self, domain_id: int | str, reason: str) -> None:
         super().__init__(f"DDS domain {domain_id}: {reason}")
 
 

@@ -13,7 +13,7 @@ from sfglab.bus.actions.server import ActionServer, ActionServerOptions, Execute
 from sfglab.bus.api import DEFAULT_MAX_MESSAGE_BYTES, Callback, Handler, MessageType, Transport
 from sfglab.bus.backend import Backend, Clock, Join
 from sfglab.bus.dds.backend import DdsBackend
-from sfglab.bus.dds.domain import DomainConfig, DomainOptions
+from sfglab.bus.dds.domain import DomainConfig, DomainOptions, usual_domain_id
 from sfglab.bus.errors import ClosedError
 from sfglab.bus.pubsub import Publisher, Subscription, topic_endpoint
 from sfglab.bus.service import Client, Service
@@ -79,7 +79,7 @@ class Node:
         namespace: Where relative topic names live.
         on_error: Called with every exception of a callback and a text that names its place; None logs it.
         join: Joins the middleware; None is DDS, with shared memory, as the other arguments say.
-        domain_id: The DDS domain, 0 to 232.
+        domain_id: The DDS domain, 0 to 232; None is that of ROS_DOMAIN_ID, else 0.
         discovery_info: False keeps the node off ROS 2's graph: its endpoints are seen, but not as a node's.
         domain: `interface`, `multicast`, `lease_s` and `external_domain_id` of `DomainConfig`; nodes of one
             process and domain share them.
@@ -92,13 +92,14 @@ class Node:
         namespace: str = "/",
         on_error: OnError | None = None,
         join: Join | None = None,
-        domain_id: int = 0,
+        domain_id: int | None = None,
         discovery_info: bool = True,
         **domain: Unpack[DomainOptions],
     ) -> None:
         self._name = name
         self._namespace = namespace
         self._on_error = on_error
+        domain_id = usual_domain_id() if domain_id is None else domain_id
         config = DomainConfig(domain_id=domain_id, **domain)
         self._join = join or partial(DdsBackend, config, discovery_info=discovery_info)
         self._live: Backend | None = None

@@ -104,6 +104,18 @@ def _check_id(domain_id: Any) -> None:
         raise DomainError(domain_id, "allowed ids are 0 to 232: the UDP ports of higher ones do not exist")
 
 
+def usual_domain_id() -> int:
+    """Return the domain of a process that names none, as ROS 2 has it: ROS_DOMAIN_ID, else 0.
+
+    Raises:
+        DomainError: ROS_DOMAIN_ID is no number from 0 to 232.
+    """
+    given = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not given.isdecimal():
+        raise DomainError(given, "ROS_DOMAIN_ID is no whole number; allowed are 0 to 232")
+    return int(given)
+
+
 def check_interface(config: DomainConfig) -> None:
     """Refuse an interface that this host does not have.
 
@@ -122,7 +134,7 @@ def domain_xml(config: DomainConfig) -> str:
     """Return Cyclone's configuration for a domain; CYCLONEDDS_URI, if set, comes first and is overridden.
 
     Where no interface is asked for, ROS 2's ROS_LOCALHOST_ONLY and ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST keep
-    to loopback; ROS_STATIC_PEERS are asked in addition.
+    to loopback, and OFF to this process; ROS_STATIC_PEERS are asked in addition.
 
     Raises:
         DomainError: CYCLONEDDS_URI cannot be read, where an interface is asked for.
@@ -138,7 +150,7 @@ def domain_xml(config: DomainConfig) -> str:
 
 def _stays_on_this_host() -> bool:
     values = map(os.environ.get, ("ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE"))
-    return any(value in {"1", "LOCALHOST"} for value in values)
+    return any(value in {"1", "LOCALHOST", "OFF"} for value in values)
 
 
 def _general(config: DomainConfig, interface: str | None) -> str:
@@ -159,6 +171,8 @@ def _discovery(config: DomainConfig, interface: str | None) -> str:
         # Linux's lo has no multicast as it comes, and Fast DDS uses none within LOCALHOST.
         parts.append(f"<ParticipantIndex>auto</ParticipantIndex>{_MAX_INDEX}")
         peers.append("localhost")
+    if config.interface is None and os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == "OFF":
+        parts.append(f"<Tag>off-{os.getpid()}</Tag>")  # who has another tag is nobody
     named = "".join(f"<Peer Address={quoteattr(peer)}/>" for peer in peers)
     parts.append(f"<Peers>{named}</Peers>" if peers else "")
     return f"<Discovery>{''.join(parts)}</Discovery>"

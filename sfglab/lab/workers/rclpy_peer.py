@@ -161,6 +161,12 @@ class Peer:
             self.publishers[topic].publish(bytes.fromhex(one))
         report("published")
 
+    def unpublish(self, topics: list[str]) -> None:
+        """End publishers."""
+        for topic in topics:
+            self.node.destroy_publisher(self.publishers.pop(topic))
+        report("unpublished")
+
     def graph(self) -> None:
         """Report nodes, topics and endpoints as the ROS 2 command line has them."""
         topics = dict(self.node.get_topic_names_and_types())

@@ -1,0 +1,175 @@
+"""A user's environment, publishers that come and go, and processes that die, beside real ROS 2."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+
+import pytest
+from beside import ANSWER_S, asked, until
+
+from sfglab.bus import DomainError, Node
+from sfglab.messages import default_message, serialize
+from sfglab.processes import LineProcess
+from sfglab.qos import Durability, QoSProfile
+
+pytestmark = [pytest.mark.live, pytest.mark.ros]
+
+STRING = "std_msgs/msg/String"
+OURS_LATCHED = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)
+LATCHED = {"durability": "transient_local", "depth": 1}
+ELSEWHERE = (
+    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='none0'/></Interfaces></General></Domain>"
+    "</CycloneDDS>"
+)
+CDR = [serialize(default_message(STRING)).hex()]
+ENVIRONMENT = pytest.mark.feature(
+    "A user's environment (ROS_DOMAIN_ID, ROS_LOCALHOST_ONLY, ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_STATIC_PEERS)"
+)
+
+
+@ENVIRONMENT
+@pytest.mark.parametrize(
+    "both",
+    [
+        {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"},
+        {"ROS_LOCALHOST_ONLY": "1"},
+        {
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "ROS_STATIC_PEERS": "127.0.0.1",
+            "CYCLONEDDS_URI": ELSEWHERE,
+        },
+    ],
+    ids=["subnet", "localhost only", "localhost and peers"],
+)
+async def test_the_same_environment_brings_both_together(peer, domain_id, monkeypatch, both):
+    for name, value in {"ROS_DOMAIN_ID": str(domain_id), **both}.items():
+        monkeypatch.setenv(name, value)
+    heard = []
+    async with peer(**both) as ros, Node("us") as node:
+        node.create_subscription(STRING, "/here", heard.append, OURS_LATCHED)
+        await asked(ros, "publish", "published", kind=STRING, topic="/here", qos=LATCHED, cdr=CDR)
+
+        async def arrived():
+            return bool(heard)
+
+        await until(arrived)
+
+
+@ENVIRONMENT
+async def test_range_off_keeps_everybody_out(peer, domain_id, monkeypatch):
+    """A second node of ours, without the range, hears: so nothing was merely late."""
+    heard = Counter()
+    async with peer() as ros, Node("open", domain_id=domain_id) as there:
+        there.create_subscription(STRING, "/here", lambda _: heard.update(["open"]), OURS_LATCHED)
+        argv = [sys.executable, "-c", SHUT, str(domain_id)]
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
+        shut = await LineProcess.start("shut", argv)
+        await shut.expect("ready", timeout_s=ANSWER_S)
+        await asked(ros, "publish", "published", kind=STRING, topic="/here", qos=LATCHED, cdr=CDR)
+
+        async def arrived():
+            return bool(heard)
+
+        await until(arrived)
+        assert "/shut" not in (await asked(ros, "graph", "graph"))["nodes"]
+        assert (await asked(shut, "count", "counted"))["heard"] == 0
+        await shut.close()
+
+
+SHUT = """
+import asyncio, json, sys
+from sfglab.bus import Node
+from sfglab.qos import Durability, QoSProfile
+
+async def main():
+    heard = []
+    async with Node("shut", domain_id=int(sys.argv[1])) as node:
+        latched = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)
+        node.create_subscription("std_msgs/msg/String", "/here", heard.append, latched)
+        print(json.dumps({"is": "ready"}), flush=True)
+        await asyncio.to_thread(sys.stdin.readline)
+        print(json.dumps({"is": "counted", "heard": len(heard)}), flush=True)
+        await asyncio.to_thread(sys.stdin.readline)
+
+asyncio.run(main())
+"""
+
+
+@ENVIRONMENT
+def test_a_domain_that_is_none_is_refused(monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
+    with pytest.raises(
+        DomainError, match="DDS domain seven: ROS_DOMAIN_ID is no whole number; allowed are 0 to"
+    ):
+        Node("us")
+
+
+CHURN = pytest.mark.feature("Publishers and processes that come, go and die")
+ROUNDS, TOPICS = 3, 20
+
+
+@CHURN
+async def test_publishers_come_and_go_on_either_side_and_nothing_is_left(peer, domain_id):
+    topics = [f"/churn/t{n}" for n in range(TOPICS)]
+    heard, told = Counter(), Counter()
+    qos, ours = {"durability": "transient_local"}, QoSProfile(durability=Durability.TRANSIENT_LOCAL)
+    async with peer() as ros, Node("us", domain_id=domain_id) as node:
+        ros.on_report = lambda report: told.update([report["topic"]] if report["is"] == "heard" else [])
+        for topic in topics:
+            node.create_subscription(STRING, topic, lambda _, topic=topic: heard.update([topic]), ours)
+            await asked(ros, "listen", "listening", kind=STRING, topic=topic, qos=qos)
+        for wave in range(1, ROUNDS + 1):
+            publishers = [node.create_publisher(STRING, topic, ours) for topic in topics]
+            for publisher, topic in zip(publishers, topics, strict=True):
+                publisher.publish(default_message(STRING))
+                await asked(ros, "publish", "published", kind=STRING, topic=topic, qos=qos, cdr=CDR)
+
+            async def all_heard(wave=wave):
+                return all(told[topic] >= 2 * wave and heard[topic] >= 2 * wave for topic in topics)
+
+            await until(all_heard)
+            for publisher in publishers:
+                publisher.close()
+            await asked(ros, "unpublish", "unpublished", topics=topics)
+        assert max(told.values()) == max(heard.values()) == 2 * ROUNDS, "nothing twice"
+
+        async def nobody_left():
+            ends = (await asked(ros, "graph", "graph"))["ends"]
+            kinds = {end["kind"] for topic in topics for end in ends[topic]}
+            return kinds == {"SUBSCRIPTION"} and not any(node.graph.publishers(topic) for topic in topics)
+
+        await until(nobody_left)
+
+
+DYING = """
+import asyncio, json, sys
+from sfglab.bus import Node
+
+async def main():
+    async with Node("dying", domain_id=int(sys.argv[1]), lease_s=1.5) as node:
+        node.create_publisher("std_msgs/msg/String", "/here")
+        print(json.dumps({"is": "ready"}), flush=True)
+        await asyncio.to_thread(sys.stdin.readline)
+
+asyncio.run(main())
+"""
+
+
+@CHURN
+async def test_a_process_that_is_killed_leaves_ros_2_s_graph(peer, domain_id):
+    async with peer() as ros:
+        ours = await LineProcess.start("dying", [sys.executable, "-c", DYING, str(domain_id)])
+
+        async def seen():
+            graph = await asked(ros, "graph", "graph")
+            return "/dying" in graph["nodes"] and bool(graph["ends"].get("/here"))
+
+        async def gone():
+            graph = await asked(ros, "graph", "graph")
+            return "/dying" not in graph["nodes"] and not graph["ends"].get("/here")
+
+        await until(seen)
+        ours.signal(9)
+        await until(gone)
+        await ours.close()
