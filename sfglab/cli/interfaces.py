@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+import sfglab.messages
 
 
 def _register(paths: list[Path] | None) -> None:
@@ -41,7 +44,7 @@ def interfaces(
       sfglab interfaces ~/ros2_ws/src   # then: colcon build --packages-select sfglab_interfaces
     """
     from sfglab.cli.mapping import writing
-    from sfglab.messages.ament import write_package
 
+    package = Path(sfglab.messages.__file__).parent / "interfaces" / "sfglab_interfaces"
     with writing("FOLDER", folder, "a folder"):
-        typer.echo(write_package(folder))
+        typer.echo(shutil.copytree(package, folder / package.name, dirs_exist_ok=True))

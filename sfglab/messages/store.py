@@ -101,7 +101,7 @@ def _shipped_texts() -> Iterator[tuple[str, str]]:
     """Yield the full name and the text of every message that this package defines."""
     root = resources.files("sfglab.messages") / "interfaces"
     for package in sorted(root.iterdir(), key=lambda p: p.name):
-        for folder in package.iterdir():
+        for folder in (package / kind for kind in _SUFFIXES if (package / kind).is_dir()):
             for file in folder.iterdir():
                 stem = file.name.rpartition(".")[0]
                 yield from _parts_of_interface(f"{package.name}/{folder.name}/{stem}", file.read_text("utf-8"))

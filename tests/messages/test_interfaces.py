@@ -12,6 +12,7 @@ from importlib import resources
 import pytest
 from typer.testing import CliRunner
 
+import sfglab
 from sfglab.bus.dds.forwarder import _opaque
 from sfglab.cli import app
 from sfglab.messages import (
@@ -108,11 +109,15 @@ def test_our_interfaces_are_written_as_a_package_of_ament(tmp_path):
     package = tmp_path / "sfglab_interfaces"
     assert done.output == f"{package}\n"
     ours = resources.files("sfglab.messages") / "interfaces" / "sfglab_interfaces"
-    files = {f"{kind.name}/{file.name}": file.read_text() for kind in ours.iterdir() for file in kind.iterdir()}
+    kinds = [ours / kind for kind in ("msg", "srv", "action")]
+    files = {f"{kind.name}/{file.name}": file.read_text() for kind in kinds for file in kind.iterdir()}
     assert files == {name: (package / name).read_text() for name in files}
     assert set(register_interfaces(package)) <= set(message_types())
-    depends = set(re.findall("<depend>(.*)</depend>", (package / "package.xml").read_text()))
-    assert depends == {"action_msgs", "builtin_interfaces", "geometry_msgs", "trajectory_msgs"}
+    manifest = (package / "package.xml").read_text()
+    used = {name for text in files.values() for name in re.findall(r"^([a-z]\w*)/", text, re.MULTILINE)}
+    depends = set(re.findall("<depend>(.*)</depend>", manifest))
+    assert depends == used - {"sfglab_interfaces"} | {"action_msgs"}
+    assert f"<version>{sfglab.__version__}</version>" in manifest
     cmake = (package / "CMakeLists.txt").read_text()
     assert all(f'  "{name}"\n' in cmake for name in files)
     assert all(f"find_package({name} REQUIRED)" in cmake for name in depends)

@@ -17,10 +17,11 @@ import features
 import machine
 import pytest
 from beside import ANSWER_S
+from typer.testing import CliRunner
 
+from sfglab.cli import app
 from sfglab.lab import ros2
 from sfglab.messages import definition
-from sfglab.messages.ament import write_package
 from sfglab.processes import LineProcess
 
 
@@ -81,7 +82,8 @@ def _package_of_transforms(folder):
 def own_types(distribution, tmp_path):
     """The ``PYTHONPATH`` on which rclpy finds tf2_msgs and our own interfaces; made when it is missing."""
     found = ros2.distributions()[distribution]
-    packages = [_package_of_transforms(tmp_path), write_package(tmp_path)]
+    CliRunner().invoke(app, ["interfaces", str(tmp_path)])
+    packages = [_package_of_transforms(tmp_path), tmp_path / "sfglab_interfaces"]
     files = [Path(__file__).with_name("typesupport.py"), *sorted(f for p in packages for f in p.rglob("*.*"))]
     digest = sha256(b"".join(file.read_bytes() for file in files if file.is_file())).hexdigest()[:16]
     made = found.python.parents[1] / "sfglab_types"
