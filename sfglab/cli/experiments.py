@@ -106,7 +106,7 @@ def claims(
 
 
 def show_log(
-    path: Annotated[Path | None, typer.Argument(help="An MCAP log; all runs' logs when none.")] = None,
+    path: Annotated[Path | None, typer.Argument(help="An MCAP log or a bag; all runs' logs when none.")] = None,
 ) -> None:
     """List what a log holds: topics, rates, sizes, metadata; without one, list runs and which of them speak."""
     from sfglab.record import LogReader

@@ -180,7 +180,9 @@ class _Rule(StrEnum):
 
 
 def map_graph(
-    file: Annotated[Path, typer.Argument(help="A computation graph, e.g. data/graphs/figure_8.yaml")],
+    file: Annotated[
+        Path, typer.Argument(help="A computation graph, e.g. data/graphs/figure_8.yaml, or a log.")
+    ],
     rule: Annotated[
         _Rule | None,
         typer.Option(
@@ -217,13 +219,16 @@ def map_graph(
 
       sfglab map data/graphs/driving.yaml --rule size --figure driving.png
 
+      sfglab map bag/ --out graph.yaml   # a bag or MCAP; then say in the file what is in hardware
+
       sfglab map data/graphs/driving.yaml --place --lut 40000 --out placed.yaml
 
       sfglab map data/graphs/driving.yaml --build-cfg build.cfg --verilog rtl
     """
+    from sfglab.record.reader import is_bag
     from sfglab.soc import load_graph, save_graph
 
-    graph = load_graph(file)
+    graph = _recorded(file) if is_bag(file) or file.suffix == ".mcap" else load_graph(file)
     if place and rule is not None:
         raise SfglabError("--rule: given with --place, which chooses gateways by their cost")
     if not place and (lut is not None or bram is not None):
@@ -238,6 +243,18 @@ def map_graph(
         _write_build_cfg(mapping.gateways, build)
     if verilog is not None:
         _write_verilog(mapping.gateways, verilog)
+
+
+def _recorded(file: Path) -> Graph:
+    """Return the graph of a log, and say what is not part of it."""
+    from sfglab.record import LogReader
+    from sfglab.soc import graph_from_log
+
+    with LogReader(file) as log:
+        found = graph_from_log(log)
+    for left in found.left_out:
+        typer.echo(f"left out: {left.topic}: {left.why}", err=True)
+    return found.graph
 
 
 def _mapped(graph: Graph, rule: _Rule | None) -> CommunicationMapping:

@@ -218,10 +218,25 @@ def _add(texts: Mapping[str, str]) -> None:
 
 
 def _parsed(name: str, text: str) -> Typesdict:
+    from rosbags.typesys import TypesysError
+
     try:
         return parse_definition(name, text)
-    except (SyntaxError, ValueError, KeyError) as error:
+    except (TypesysError, SyntaxError, ValueError, KeyError) as error:
         raise MessageError(f"{name}: its definition cannot be read: {error}") from error
+
+
+def is_known_as(name: str, text: str) -> bool:
+    """Return whether a definition with its dependencies, as `definition` returns it, is that of the store."""
+    known = type_store().fielddefs
+    try:
+        return name in known and all(_agree(known.get(n), given) for n, given in _parsed(name, text).items())
+    except MessageError:
+        return False
+
+
+def _agree(known: Any, given: Any) -> bool:
+    return known == given or bool(known and not given[1] and known[1][0][0] == _EMPTY)
 
 
 def _used(definition: Any) -> Iterator[tuple[str, str]]:
@@ -237,8 +252,7 @@ def _used(definition: Any) -> Iterator[tuple[str, str]]:
 def _check_new(store: Typestore, parsed: Typesdict) -> None:
     """Refuse definitions that contradict the store or use what is not there."""
     for name, definition_ in parsed.items():
-        known = store.fielddefs.get(name, definition_)
-        if known != definition_ and (definition_[1] or known[1][0][0] != _EMPTY):
+        if name in store.fielddefs and not _agree(store.fielddefs[name], definition_):
             raise MessageError(f"{name} is already registered with other fields: choose another name")
         for field, inner in _used(definition_):
             if inner.endswith(_WSTRING):

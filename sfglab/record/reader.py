@@ -1,6 +1,6 @@
 """Reading a log: messages, tables, metadata; also of other recorders, and also when it was cut off.
 
-Knows MCAP with ROS 2 messages. Refuses to know what the messages mean.
+Knows MCAP with ROS 2 messages; `bags` makes bags such. Refuses to know what the messages mean.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from io import SEEK_END
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-from sfglab.messages import UnknownTypeError, decoder_from_definition, definition, deserialize
+from sfglab.messages import decoder, decoder_from_definition
+from sfglab.messages.store import is_known_as
 from sfglab.record.looking import ShownMessage, number_in
 from sfglab.record.metadata import LogError, values_from_strings
 from sfglab.record.writer import TABLE_PREFIX, TIME_COLUMN
@@ -28,6 +29,13 @@ if TYPE_CHECKING:
     from mcap.reader import SeekingReader
     from mcap.records import Channel, Schema
     from mcap.summary import Summary
+
+    from sfglab.record.bags import Bag
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path looks like a bag's: a folder, .db3 or .bag."""
+    return path.is_dir() or path.suffix in {".db3", ".bag"}
 
 
 _SAMPLE = 100
@@ -63,7 +71,9 @@ class DecodedMessage(NamedTuple):
 
 
 class LogReader:
-    """An MCAP file to read, as a context manager; for one thread.
+    """An MCAP file or a bag to read, as a context manager; for one thread.
+
+    A bag is a rosbag2 folder (SQLite or MCAP) or its .db3 file, of any ROS 2, or a .bag of ROS 1.
 
     A file that its writer did not finish, even one that is still being written, is read up to its last whole
     chunk at the time of opening; `truncated` says so.
@@ -73,51 +83,59 @@ class LogReader:
         """Open a file of any recorder and read its index.
 
         Raises:
-            LogError: There is no file, or the file is no MCAP file, or one that has neither chunks nor an
-                index.
+            LogError: There is no file, or it is neither an MCAP file nor a bag, or one that has neither
+                chunks nor an index.
         """
         self.path = Path(path)  #: The file.
         self.truncated = False  #: Whether the file ends before its data does.
         self._decoders: dict[int, Callable[[bytes], Any]] = {}
+        self._stream: BinaryIO | Bag
+        self._mcap: Any
+        if is_bag(self.path):
+            from sfglab.record.bags import Bag
+
+            self._mcap = self._stream = Bag(self.path)
+            self._summary = self._mcap.summary
+            return
         try:
-            self._stream: BinaryIO = self.path.open("rb")
+            self._stream = stream = self.path.open("rb")
         except FileNotFoundError as exc:
             raise LogError(f"log {self.path}: no such file") from exc
         try:
-            self._mcap, self._summary = self._indexed()
+            self._mcap, self._summary = self._indexed(stream)
         except BaseException:
-            self._stream.close()
+            stream.close()
             raise
 
-    def _indexed(self) -> tuple[SeekingReader, Summary]:
+    def _indexed(self, stream: BinaryIO) -> tuple[SeekingReader, Summary]:
         """Return a reader with the file's own index, or with one from a scan."""
         from mcap.reader import SeekingReader
 
         from sfglab.record.recovery import DAMAGE, MAGIC, UnchunkedError, has_sound_index, scan
 
-        size = self._stream.seek(0, SEEK_END)
-        self._stream.seek(0)
+        size = stream.seek(0, SEEK_END)
+        stream.seek(0)
         if size == 0:
             raise LogError(f"log {self.path}: the file is empty")
-        if self._stream.read(len(MAGIC)) != MAGIC:
-            raise LogError(f"log {self.path}: not an MCAP file")
-        self._stream.seek(0)
-        reader = SeekingReader(self._stream, validate_crcs=True)
+        if stream.read(len(MAGIC)) != MAGIC:
+            raise LogError(f"log {self.path}: not an MCAP file, nor a bag (a folder, .db3 or .bag)")
+        stream.seek(0)
+        reader = SeekingReader(stream, validate_crcs=True)
         own = None
-        if has_sound_index(self._stream, size):
+        if has_sound_index(stream, size):
             with suppress(*DAMAGE):  # then a scan finds out
                 own = reader.get_summary()
         if own is not None and own.statistics is not None:
             return reader, own
         try:
-            found = scan(self._stream, size)
+            found = scan(stream, size)
         except UnchunkedError as exc:
             raise LogError(
                 f"log {self.path}: no index, and messages outside chunks: try `mcap recover`"
             ) from exc
         self.truncated = not found.complete
-        self._stream.seek(0)
-        return _scanned_reader(self._stream, found.summary), found.summary
+        stream.seek(0)
+        return _scanned_reader(stream, found.summary), found.summary
 
     @property
     def topics(self) -> dict[str, TopicInfo]:
@@ -258,6 +276,12 @@ class LogReader:
             for schema, c, m in found
         )
 
+    def knows(self, topic: str) -> bool:
+        """Return whether a topic's messages are of a type that this process has, with the same fields."""
+        channels = [channel for channel in self._summary.channels.values() if channel.topic == topic]
+        schemas = [self._summary.schemas.get(channel.schema_id) for channel in channels]
+        return all(schema and is_known_as(schema.name, schema.data.decode()) for schema in schemas)
+
     def table(self, name: str) -> pd.DataFrame:
         """Return a table: rows in the order of log times; columns are `log_time_ns` and the fields.
 
@@ -329,13 +353,11 @@ class LogReader:
                 f"log {self.path}: topic {channel.topic}: given {what}, allowed are 'cdr', 'ros2msg'"
             )
         text = schema.data.decode()
-        try:
-            ours = definition(schema.name)
-        except UnknownTypeError:
-            ours = None
-        if ours == text:
-            return lambda cdr: deserialize(cdr, schema.name)
-        return decoder_from_definition(schema.name, text)
+        return (
+            decoder(schema.name)
+            if is_known_as(schema.name, text)
+            else decoder_from_definition(schema.name, text)
+        )
 
 
 def _missing(kind: str, name: str, present: Iterable[str]) -> LogError:

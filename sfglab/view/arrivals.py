@@ -1,4 +1,4 @@
-"""Messages as they arrive from anywhere, and logs that they come from: MCAP files, and what else rosbags reads.
+"""Messages as they arrive from anywhere, and logs that they come from.
 
 Bytes stay bytes until somebody wants to see them, so a message that is passed over costs no decoding; the
 capture stamp is read from where it stands in the bytes. Knows the order of a log; refuses to know what is shown
@@ -12,17 +12,16 @@ import heapq
 import struct
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sfglab.errors import SfglabError
-from sfglab.messages import decoder, message_type, message_types, ns_from_stamp
+from sfglab.messages import decoder, message_type, ns_from_stamp
 from sfglab.messages.store import type_store
 from sfglab.record import LogReader
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
+    from pathlib import Path
 
 
 _STAMP = {b"\0\0": struct.Struct(">iI"), b"\0\1": struct.Struct("<iI")}
@@ -100,67 +99,30 @@ class Log:
     arrivals: Callable[[Collection[str]], Iterator[Arrival]]
 
 
-def _of_mcap(reader: LogReader) -> Log:
-    """Return an MCAP file's log; types that this process does not know are decoded by its definitions."""
-    types = {topic: info.type_name for topic, info in reader.topics.items()}
-
-    def ours(topics: Collection[str]) -> Iterator[Arrival]:
-        for entry in reader.messages():
-            if entry.topic in topics:
-                yield Arrival(entry.topic, entry.type_name, entry.log_time_ns, entry.cdr)
-
-    def decoded_by_file(topic: str) -> Iterator[Arrival]:
-        for entry in reader.decoded(topic):
-            yield Arrival(topic, entry.type_name, entry.log_time_ns, b"", entry.message)
-
-    def arrivals(topics: Collection[str]) -> Iterator[Arrival]:
-        known = set(message_types())
-        foreign = [topic for topic in topics if types.get(topic) not in known]
-        sources = map(decoded_by_file, foreign)
-        return heapq.merge(ours(set(topics) - set(foreign)), *sources, key=lambda a: a.received_ns)
-
-    return Log(types, arrivals)
-
-
-def _of_bag(reader: Any) -> Log:
-    def arrivals(topics: Collection[str]) -> Iterator[Arrival]:
-        wanted = [connection for connection in reader.connections if connection.topic in topics]
-        if not wanted:  # rosbags takes none for all
-            return
-        for connection, received_ns, data in reader.messages(connections=wanted):
-            message = reader.deserialize(data, connection.msgtype)
-            yield Arrival(connection.topic, connection.msgtype, received_ns, b"", message)
-
-    return Log({connection.topic: connection.msgtype for connection in reader.connections}, arrivals)
-
-
 @contextmanager
 def open_log(path: str | Path) -> Iterator[Log]:
-    """Open a log.
+    """Open a log; types that this process does not know, or with other fields, are decoded by its definitions.
 
     Args:
-        path: An MCAP file, also one that was cut off; a rosbag2 directory or its file; a ROS 1 bag.
+        path: What `sfglab.record.LogReader` takes: an MCAP file, also one that was cut off, or a bag.
 
     Raises:
-        LogError: There is no such MCAP file, or it cannot be read.
-        SfglabError: Any other cannot be read.
+        LogError: There is no such log, or it cannot be read.
     """
-    path = Path(path)
-    if path.suffix == ".mcap":
-        with LogReader(path) as reader:
-            yield _of_mcap(reader)
-        return
-    from rosbags.highlevel import AnyReader, AnyReaderError
+    with LogReader(path) as reader:
 
-    bag = path.parent if path.suffix == ".db3" and (path.parent / "metadata.yaml").is_file() else path
-    try:
-        bag_reader = AnyReader([bag], default_typestore=type_store())
-        bag_reader.open()
-    except (AnyReaderError, OSError) as error:
-        raise SfglabError(
-            f"log {path}: given what rosbags does not read, allowed an MCAP or a bag: {error}"
-        ) from error
-    try:
-        yield _of_bag(bag_reader)
-    finally:
-        bag_reader.close()
+        def ours(topics: Collection[str]) -> Iterator[Arrival]:
+            for entry in reader.messages():
+                if entry.topic in topics:
+                    yield Arrival(entry.topic, entry.type_name, entry.log_time_ns, entry.cdr)
+
+        def decoded_by_file(topic: str) -> Iterator[Arrival]:
+            for entry in reader.decoded(topic):
+                yield Arrival(topic, entry.type_name, entry.log_time_ns, b"", entry.message)
+
+        def arrivals(topics: Collection[str]) -> Iterator[Arrival]:
+            foreign = [topic for topic in topics if not reader.knows(topic)]
+            sources = map(decoded_by_file, foreign)
+            return heapq.merge(ours(set(topics) - set(foreign)), *sources, key=lambda a: a.received_ns)
+
+        yield Log({topic: info.type_name for topic, info in reader.topics.items()}, arrivals)

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from sfglab.bus import Node
-from sfglab.errors import InvalidValueError, MissingExtraError, SfglabError
+from sfglab.errors import InvalidValueError, MissingExtraError
 from sfglab.lab.checks.plugins import installed
 from sfglab.messages import default_message, message_type, serialize, stamp_from_ns
 from sfglab.qos import SENSOR_DATA
@@ -190,31 +190,12 @@ with open_log({str(path)!r}) as log:
     assert [d.what[0] for d in paper.drawn] == [2.5]
 
 
-@pytest.mark.parametrize("version", [8, 9])
-def test_a_rosbag2_directory_is_a_log_too(tmp_path, paper, version):
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
-    from sfglab.messages.store import type_store
-
-    path = tmp_path / "bag"
-    with Writer(path, version=version, storage_plugin=StoragePlugin.SQLITE3) as bag:
-        connection = bag.add_connection("/words", STRING, typestore=type_store())
-        for number in range(3):
-            bag.write(connection, number, said(f"word {number}").cdr)
-    session = Session()
-    session.add(Word, "/words")
-    with open_log(path) as log:
-        assert log.topics == {"/words": STRING}
-        replay(log.arrivals(["/words"]), session, paper)
-    assert [d.what[0] for d in paper.drawn] == ["word 0", "word 1", "word 2"]
-
-
 def test_a_log_that_is_none_is_one_clear_sentence(tmp_path):
     with pytest.raises(LogError, match="nothing"), open_log(tmp_path / "nothing.mcap"):
         pass
     (tmp_path / "notes.txt").write_text("no bag")
     with (
-        pytest.raises(SfglabError, match=r"notes\.txt: given what rosbags does not read"),
+        pytest.raises(LogError, match=r"notes\.txt: not an MCAP file, nor a bag"),
         open_log(tmp_path / "notes.txt"),
     ):
         pass

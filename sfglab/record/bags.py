@@ -1,0 +1,78 @@
+"""Bag as a log: rosbag2 of every ROS 2, a folder or its .db3, and ROS 1's .bag, in MCAP's records.
+
+Knows what `rosbags` reads. Before Iron a bag defined no types: the process's own stand in for them.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import apsw
+from mcap.records import Channel, Message, Schema, Statistics
+from mcap.summary import Summary
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.rosbag2 import ReaderError
+from rosbags.typesys import TypesysError
+
+from sfglab.messages.store import type_store
+from sfglab.record.metadata import LogError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from rosbags.interfaces import Connection
+
+
+class Bag:
+    """What an MCAP file and its reader are for a `LogReader`, of a bag; it has no metadata and attachments."""
+
+    def __init__(self, path: Path) -> None:
+        self.closed = False  #: Whether it was closed.
+        self.summary = Summary()  #: Topics, types and counts.
+        self._path = path
+        split = path.suffix == ".db3" and (path.parent / "metadata.yaml").is_file()
+        with self._reading():
+            self._bag = AnyReader([path.parent if split else path], default_typestore=type_store())
+            self._bag.open()
+        channels, counts = self.summary.channels, {}
+        for found in self._bag.connections:
+            self.summary.schemas[found.id] = self._schema(found)
+            channels[found.id] = Channel(found.id, found.topic, "cdr", {}, found.id)
+            counts[found.id] = found.msgcount
+        size, (start, end) = len(channels), (self._bag.start_time, self._bag.end_time)
+        self.summary.statistics = Statistics(0, size, counts, 0, sum(counts.values()), end, start, 0, size)
+
+    def _schema(self, found: Connection) -> Schema:
+        try:
+            text, _ = self._bag.typestore.generate_msgdef(found.msgtype, ros_version=2)
+        except (KeyError, TypesysError):
+            return Schema(found.id, b"", "none: give its package with --interfaces", found.msgtype)
+        return Schema(found.id, text.encode(), "ros2msg", found.msgtype)
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        try:
+            yield
+        except (AnyReaderError, ReaderError, TypesysError, apsw.Error, OSError, EOFError) as error:
+            raise LogError(f"log {self._path}: given what rosbags does not read: {error}") from error
+
+    def iter_messages(
+        self, topic: str | None, *, starting_at: int | None, ending_before: int | None
+    ) -> Iterator[tuple[Schema, Channel, Message]]:
+        """Yield messages in the order of their times, with their records; of one topic, None: of all."""
+        wanted = [found for found in self._bag.connections if topic in (None, found.topic)]
+        with self._reading():
+            for found, time_ns, data in (
+                self._bag.messages(wanted, starting_at, ending_before) if wanted else ()
+            ):
+                cdr = data if self._bag.is2 else self._bag.typestore.ros1_to_cdr(data, found.msgtype)
+                message = Message(found.id, time_ns, bytes(cdr), time_ns, 0)
+                yield self.summary.schemas[found.id], self.summary.channels[found.id], message
+
+    def close(self) -> None:
+        """Close it; a second time does nothing."""
+        if not self.closed:
+            self.closed = True
+            self._bag.close()

@@ -1,0 +1,198 @@
+"""Bags of every ROS 2 from Humble to Kilted, in its own format, as logs; and ROS 1's."""
+
+from __future__ import annotations
+
+import itertools
+import sqlite3
+
+import numpy as np
+import pytest
+import yaml
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from typer.testing import CliRunner
+
+from sfglab.cli import app
+from sfglab.messages import default_message, message_type, serialize
+from sfglab.record import LogError, LogReader
+from sfglab.view.arrivals import decoded, open_log
+
+STRING = "std_msgs/msg/String"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+RANGE = "sensor_msgs/msg/Range"
+OWN = "bag_msgs/msg/Thing"
+# Formats of metadata.yaml (rosbag2_storage, bag_metadata.hpp), and of the tables in SQLite.
+FORMATS = {"humble": 5, "iron": 8, "jazzy": 9, "kilted": 9}
+BAGS = list(itertools.product(FORMATS, StoragePlugin))
+SECOND = 10**9
+FOREVER = QosTime(9223372036, 854775807)
+LATCHED = Qos(
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    FOREVER,
+    FOREVER,
+    QosLiveliness.AUTOMATIC,
+    FOREVER,
+    False,
+)
+
+
+def transforms(parent, child):
+    message = default_message(TRANSFORMS)
+    one = default_message("geometry_msgs/msg/TransformStamped")
+    one.header.frame_id, one.child_frame_id, one.transform.rotation.w = parent, child, 1.0
+    message.transforms.append(one)
+    return message
+
+
+def as_humble_has_it(path, storage):
+    """Take out what came after Humble: hashes, definitions, what wrote it."""
+    metadata = yaml.safe_load((path / "metadata.yaml").read_text())
+    bag = metadata["rosbag2_bagfile_information"]
+    bag["version"] = FORMATS["humble"]
+    for later in ("custom_data", "ros_distro"):
+        del bag[later]
+    for topic in bag["topics_with_message_count"]:
+        del topic["topic_metadata"]["type_description_hash"]
+    (path / "metadata.yaml").write_text(yaml.safe_dump(metadata))
+    if storage is StoragePlugin.SQLITE3:
+        with sqlite3.connect(path / f"{path.name}.db3") as database:
+            for table in ("message_definitions", "schema", "metadata"):
+                database.execute(f"DROP TABLE {table}")
+            database.execute("ALTER TABLE topics DROP COLUMN type_description_hash")
+
+
+@pytest.fixture(params=BAGS, ids=[f"{name}-{storage.name.lower()}" for name, storage in BAGS])
+def bag(request, tmp_path):
+    """A bag of a distribution, in one of its two storages: frames, a type of its own, one that changed."""
+    name, storage = request.param
+    path = tmp_path / name
+    store = get_typestore(Stores(f"ros2_{name}"))
+    store.register(get_types_from_msg("string what\nbuiltin_interfaces/Time when\n", OWN))
+    values = store.types[RANGE].__dataclass_fields__.keys() - {"header", "__msgtype__"}
+    zeros = {value: 0 for value in values if not value.isupper()}
+    header = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](3, 0), "sonar")
+    far = store.types[RANGE](header=header, **zeros | {"range": 2.5})
+    thing = store.types[OWN]("cup", header.stamp)
+    given = [
+        ("/tf_static", TRANSFORMS, serialize(transforms("map", "go2/odom")), [LATCHED]),
+        ("/tf", TRANSFORMS, serialize(transforms("go2/odom", "go2/base")), []),
+        ("/range", RANGE, store.serialize_cdr(far, RANGE), []),
+        ("/thing", OWN, store.serialize_cdr(thing, OWN), []),
+    ]
+    with Writer(path, version=max(FORMATS[name], 8), storage_plugin=storage) as writer:
+        for topic, kind, cdr, qos in given:
+            connection = writer.add_connection(topic, kind, typestore=store, offered_qos_profiles=qos)
+            for second in range(3):
+                writer.write(connection, second * SECOND, cdr)
+    if name == "humble":
+        as_humble_has_it(path, storage)
+    return path, name == "humble" and storage is StoragePlugin.SQLITE3
+
+
+def test_a_bag_is_a_log(bag):
+    path, undefined = bag
+    with LogReader(path) as log:
+        assert {topic: (info.type_name, info.count) for topic, info in log.topics.items()} == {
+            "/tf_static": (TRANSFORMS, 3),
+            "/tf": (TRANSFORMS, 3),
+            "/range": (RANGE, 3),
+            "/thing": (OWN, 3),
+        }
+        assert [entry.log_time_ns for entry in log.messages("/tf")] == [0, SECOND, 2 * SECOND]
+        assert [entry.log_time_ns for entry in log.messages("/tf", start_ns=1, end_ns=2 * SECOND)] == [SECOND]
+        times = [entry.log_time_ns for entry in log.messages()]
+        assert len(times) == 12
+        assert times == sorted(times)
+        assert [type(entry.message) for entry in log.decoded("/tf")] == [message_type(TRANSFORMS)] * 3
+        assert log.series("/range", "range").tolist() == [2.5] * 3
+        assert (log.metadata_names, log.attachment_names, log.truncated) == ((), (), False)
+        if undefined:
+            with pytest.raises(LogError, match=r"/thing: given .*none: give its package with --interfaces"):
+                next(log.decoded("/thing"))
+        else:
+            assert next(log.decoded("/thing")).message.what == "cup"
+    with pytest.raises(LogError, match="closed"):
+        next(log.messages())
+
+
+def test_commands_take_bags(bag, tmp_path):
+    path, _ = bag
+    for target in (path, *path.glob("*.db3"), *path.glob("*.mcap")):
+        linted = CliRunner().invoke(app, ["frames", "lint", str(target), "--root", "map", "--agents", "go2"])
+        assert "3 frames" in linted.output, linted
+        listed = CliRunner().invoke(app, ["log", str(target)])
+        assert f"/thing      {OWN}" in listed.output
+        mapped = CliRunner().invoke(app, ["map", str(target), "--out", str(tmp_path / "graph.yaml")])
+        assert mapped.exit_code == 0
+        drawn = yaml.safe_load((tmp_path / "graph.yaml").read_text())["topics"]
+        assert drawn["/range"]["type"] == RANGE
+        assert drawn["/range"]["rate_hz"] == 1
+        seen = CliRunner().invoke(app, ["view", str(target), "--to", str(tmp_path / "seen.rrd")])
+        assert seen.output.split("\n")[0] == "2 displays, 6 updates shown"
+        with open_log(target) as log:
+            shown = [(entry.topic, decoded(entry)) for entry in log.arrivals(["/tf", "/range"])]
+        assert [topic for topic, _ in shown].count("/tf") == 3
+        assert {message.range for topic, message in shown if topic == "/range"} == {2.5}
+
+
+def test_a_bag_of_ros_1_is_a_log(tmp_path):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    string = store.types[STRING]("hello")
+    with Writer1(tmp_path / "old.bag") as writer:
+        connection = writer.add_connection("/words", STRING, typestore=store)
+        writer.write(connection, 7, store.serialize_ros1(string, STRING))
+    with LogReader(tmp_path / "old.bag") as log:
+        [entry] = log.decoded("/words")
+    assert (entry.log_time_ns, entry.message) == (7, message_type(STRING)("hello"))
+
+
+@pytest.mark.parametrize("name", ["empty", "a.db3", "a.bag", "cut"])
+def test_what_is_no_bag_is_one_sentence(tmp_path, name):
+    path = tmp_path / name
+    if name in {"empty", "cut"}:
+        path.mkdir()
+    else:
+        path.write_bytes(b"SQLite format 3\0" * 10)
+    if name == "cut":
+        with Writer(path / "b", version=9) as writer:
+            connection = writer.add_connection("/words", STRING, typestore=get_typestore(Stores.ROS2_JAZZY))
+            for time_ns in range(2000):
+                writer.write(connection, time_ns, serialize(message_type(STRING)("x" * 100)))
+        path /= "b"
+        data = (path / "b.db3").read_bytes()
+        (path / "b.db3").write_bytes(data[: len(data) // 2])
+    with pytest.raises(LogError, match=f"{path}: given what rosbags does not read"), LogReader(path) as log:
+        list(log.messages())
+    with pytest.raises(LogError, match=r"none.db3: given what rosbags does not read"):
+        LogReader(tmp_path / "none.db3")
+
+
+def test_what_we_record_is_read_with_the_types_of_jazzy(tmp_path):
+    """`test_interoperation` has the definitions of the log; these are a distribution's own."""
+    from sfglab.record import LogWriter
+
+    rng = np.random.default_rng(3)
+    image = default_message("sensor_msgs/msg/Image")
+    image.data = rng.integers(0, 256, 99, np.uint8)
+    given = {"/tf": transforms("map", "go2/odom"), "/image": image}
+    with LogWriter(tmp_path / "run.mcap") as log:
+        for topic, message in given.items():
+            log.write(topic, message, log_time_ns=5)
+    from rosbags.rosbag2 import Reader
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Reader(tmp_path / "run.mcap") as reader:
+        read = {
+            c.topic: (c.msgtype, store.deserialize_cdr(data, c.msgtype)) for c, _, data in reader.messages()
+        }
+    assert read.keys() == given.keys()
+    for topic, (kind, message) in read.items():
+        assert (
+            bytes(store.serialize_cdr(message, kind))
+            == serialize(given[topic])[: len(store.serialize_cdr(message, kind))]
+        )
