@@ -8,11 +8,9 @@ from __future__ import annotations
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-import apsw
 from mcap.records import Channel, Message, Schema, Statistics
 from mcap.summary import Summary
-from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.rosbag2 import ReaderError
+from rosbags.highlevel import AnyReader
 from rosbags.typesys import TypesysError
 
 from sfglab.messages.store import type_store
@@ -55,7 +53,7 @@ class Bag:
     def _reading(self) -> Iterator[None]:
         try:
             yield
-        except (AnyReaderError, ReaderError, TypesysError, apsw.Error, OSError, EOFError) as error:
+        except Exception as error:  # rosbags passes on what SQLite, YAML and zstd raise for damage
             raise LogError(f"log {self._path}: given what rosbags does not read: {error}") from error
 
     def iter_messages(
