@@ -34,6 +34,13 @@ class History(Enum):
     KEEP_ALL = "keep_all"
 
 
+class Liveliness(Enum):
+    """DDS LIVELINESS, the two kinds that ROS 2 uses (DDS 1.4, clause 2.2.3.11), the weaker first."""
+
+    AUTOMATIC = "automatic"
+    MANUAL_BY_TOPIC = "manual_by_topic"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QoSProfile(Shown):
     """One endpoint's quality of service; the defaults are rmw's default profile (rmw 7.5, qos_profiles.h)."""
@@ -45,22 +52,26 @@ class QoSProfile(Shown):
     depth: int = 10  #: Samples kept with KEEP_LAST, at least 1; ignored with KEEP_ALL.
     deadline_ns: int | None = None  #: Longest agreed gap between samples, in nanoseconds; None is infinite.
     lifespan_ns: int | None = None  #: Age after which a sample is dropped, in nanoseconds; None is infinite.
+    liveliness: Liveliness = Liveliness.AUTOMATIC  #: Whether the process or each sample shows life.
+    lease_ns: int | None = None  #: After how long without life a writer is lost, in ns; None is infinite.
 
     def __post_init__(self) -> None:
         if self.depth < 1:
             raise InvalidValueError("QoS depth", self.depth, "whole numbers from 1")
-        for name in ("deadline_ns", "lifespan_ns"):
+        for name in _TIMES:
             value = getattr(self, name)
             if value is not None and value <= 0:
                 raise InvalidValueError(f"QoS {name}", value, "positive nanoseconds or None")
 
     def __repr__(self) -> str:
         depth = f" {self.depth}" if self.history is History.KEEP_LAST else ""
-        times = [f"{n[:-3]} {t / 1e6:g} ms" for n in ("deadline_ns", "lifespan_ns") if (t := getattr(self, n))]
+        times = [f"{n[:-3]} {t / 1e6:g} ms" for n in _TIMES if (t := getattr(self, n))]
         kept = f"{self.history.value}{depth}"
-        return f"<QoS {', '.join([self.reliability.value, self.durability.value, kept, *times])}>"
+        alive = [self.liveliness.value] if self.liveliness is not Liveliness.AUTOMATIC else []
+        return f"<QoS {', '.join([self.reliability.value, self.durability.value, kept, *alive, *times])}>"
 
 
+_TIMES = ("deadline_ns", "lifespan_ns", "lease_ns")
 DEFAULT = QoSProfile()
 SENSOR_DATA = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=5)
 COMPRESSED_STREAM = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=60)
@@ -81,10 +92,11 @@ def incompatibilities(*, offered: QoSProfile, requested: QoSProfile) -> tuple[st
         reasons.append("reliability: the reader requests RELIABLE, the writer offers BEST_EFFORT")
     if requested.durability is Durability.TRANSIENT_LOCAL and offered.durability is Durability.VOLATILE:
         reasons.append("durability: the reader requests TRANSIENT_LOCAL, the writer offers VOLATILE")
-    if requested.deadline_ns is not None and (
-        offered.deadline_ns is None or offered.deadline_ns > requested.deadline_ns
-    ):
-        reasons.append(
-            f"deadline: the reader requests {requested.deadline_ns} ns, the writer offers {offered.deadline_ns}"
-        )
+    kinds = list(Liveliness)
+    if kinds.index(requested.liveliness) > kinds.index(offered.liveliness):
+        reasons.append("liveliness: the reader requests MANUAL_BY_TOPIC, the writer offers AUTOMATIC")
+    for name in ("deadline", "lease"):
+        asked, given = getattr(requested, f"{name}_ns"), getattr(offered, f"{name}_ns")
+        if asked is not None and (given is None or given > asked):
+            reasons.append(f"{name}: the reader requests {asked} ns, the writer offers {given}")
     return tuple(reasons)

@@ -77,6 +77,10 @@ class SourceGate(Generic[_Sample, _Exit]):
         for sample in self._held.pop(source, ()):
             self.take(source, sample)
 
+    def exit_of(self, source: bytes) -> _Exit | None:
+        """Return where a source's samples go; None: nowhere, or nobody has said so yet."""
+        return self._exits.get(source)
+
     def forget(self, source: bytes) -> None:
         """Take a source for one that was never judged."""
         self._exits.pop(source, None)

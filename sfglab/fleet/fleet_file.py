@@ -88,6 +88,8 @@ def _read_qos(section: Section, key: str) -> QoSProfile:
         depth=inner.whole("depth", DEFAULT.depth, low=1),
         deadline_ns=_nanoseconds(inner.positive("deadline_s", None)),
         lifespan_ns=_nanoseconds(inner.positive("lifespan_s", None)),
+        liveliness=inner.choice("liveliness", DEFAULT.liveliness),
+        lease_ns=_nanoseconds(inner.positive("lease_s", None)),
     )
     inner.close()
     return profile

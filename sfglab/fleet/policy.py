@@ -206,8 +206,8 @@ class WriterSpec:
     path: Path  #: What for.
     qos: QoSProfile  #: What it offers.
     #: The one source that it stands for, if that one's samples are latched: several in one writer would push
-    #: each other out of its history, and stay when their source has gone. Empty: all volatile sources that
-    #: offer the same.
+    #: each other out of its history, and stay when their source has gone; or if its life has a lease. Empty:
+    #: all other sources that offer the same.
     source: bytes = b""
 
 
@@ -280,14 +280,18 @@ def _offered(path: Path, state: PathState) -> tuple[WriterSpec, ...]:
     A volatile source's is the one that its samples will go to. Latched samples will go to another, which has no
     history of an earlier demand: that could not be taken back.
     """
-    sources = sorted(state.sources.items())
-    return tuple(dict.fromkeys(WriterSpec(path=path, qos=offered_qos(source.qos)) for _, source in sources))
+    writers = [_writer(path, source) for _, source in sorted(state.sources.items())]
+    latched = Durability.TRANSIENT_LOCAL
+    return tuple(dict.fromkeys(replace(w, source=b"") if w.qos.durability is latched else w for w in writers))
 
 
 def _way(path: Path, source: EndpointInfo, sinks: list[QoSProfile]) -> tuple[ReaderSpec, WriterSpec]:
-    reader = ReaderSpec(path=path, qos=requested_qos(path.dds_topic, source.qos, sinks))
-    own = source.gid if source.qos.durability is Durability.TRANSIENT_LOCAL else b""
-    return reader, WriterSpec(path=path, qos=offered_qos(source.qos), source=own)
+    return ReaderSpec(path=path, qos=requested_qos(path.dds_topic, source.qos, sinks)), _writer(path, source)
+
+
+def _writer(path: Path, source: EndpointInfo) -> WriterSpec:
+    alone = source.qos.durability is Durability.TRANSIENT_LOCAL or source.qos.lease_ns is not None
+    return WriterSpec(path=path, qos=offered_qos(source.qos), source=source.gid if alone else b"")
 
 
 def _judged(

@@ -24,7 +24,7 @@ import psutil
 import sfglab
 from sfglab.errors import SfglabError
 from sfglab.fields import to_json
-from sfglab.qos import Durability, History, Reliability
+from sfglab.qos import Durability, History, Liveliness, Reliability
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def run_context() -> dict[str, Any]:
 _HISTORY = {History.KEEP_LAST: 1, History.KEEP_ALL: 2}
 _RELIABILITY = {Reliability.RELIABLE: 1, Reliability.BEST_EFFORT: 2}
 _DURABILITY = {Durability.TRANSIENT_LOCAL: 1, Durability.VOLATILE: 2}
-_LIVELINESS_AUTOMATIC = 1
+_LIVELINESS = {Liveliness.AUTOMATIC: 1, Liveliness.MANUAL_BY_TOPIC: 3}
 _INFINITE_NS = 2**63 - 1
 
 
@@ -142,8 +142,8 @@ def offered_qos_profiles(qos: QoSProfile) -> str:
         f"  durability: {_DURABILITY[qos.durability]}\n"
         f"  deadline:{_duration_yaml(qos.deadline_ns)}\n"
         f"  lifespan:{_duration_yaml(qos.lifespan_ns)}\n"
-        f"  liveliness: {_LIVELINESS_AUTOMATIC}\n"
-        f"  liveliness_lease_duration:{_duration_yaml(None)}\n"
+        f"  liveliness: {_LIVELINESS[qos.liveliness]}\n"
+        f"  liveliness_lease_duration:{_duration_yaml(qos.lease_ns)}\n"
         "  avoid_ros_namespace_conventions: false\n"
     )
 

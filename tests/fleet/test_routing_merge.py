@@ -14,6 +14,7 @@ from sfglab.qos import (
     SENSOR_DATA,
     Durability,
     History,
+    Liveliness,
     QoSProfile,
     Reliability,
     incompatibilities,
@@ -27,6 +28,8 @@ profiles = st.builds(
     depth=st.integers(1, 2000),
     deadline_ns=st.none() | st.integers(1, 10**12),
     lifespan_ns=st.none() | st.integers(1, 10**12),
+    liveliness=st.sampled_from(Liveliness),
+    lease_ns=st.none() | st.integers(1, 10**12),
 )
 topics = st.sampled_from(["rt/tf", "rq/global/a/xRequest", "rr/global/a/xReply"])
 

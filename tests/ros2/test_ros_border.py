@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import sys
 from contextlib import AsyncExitStack, asynccontextmanager
+from signal import SIGCONT, SIGSTOP
 
 import pytest
 from beside import ANSWER_S, asked, until
@@ -48,18 +50,21 @@ async def component(host, module, config):
 
 
 @asynccontextmanager
-async def agents(network, peer):
-    """A real node of each agent, on a host of its own behind its router."""
+async def agents(network, peer, *more):
+    """Real nodes of each agent, on a host of its own behind its router: one, and those named in addition."""
     async with AsyncExitStack() as stack:
-        peers = {}
+        starting = {}
         for name, domain in DOMAINS.items():
             host = network.hosts[name]
             local = BusAddress(domain_id=domain, interface="lo")
             remote = BusAddress(domain_id=GLOBAL, interface="eth0")
             config = RouterConfig(agent=name, local=local, remote=remote, linger_s=0.2, offers=True)
-            await stack.enter_async_context(component(host, "sfglab.fleet.router.node", config))
-            peers[name] = await stack.enter_async_context(peer(name, host, ROS_DOMAIN_ID=domain))
-        yield peers
+            starting[f"{name}'s router"] = component(host, "sfglab.fleet.router.node", config)
+            starting[name] = peer(name, host, ROS_DOMAIN_ID=domain)
+        for name, (agent, domain) in more:
+            starting[name] = peer(name, network.hosts[agent], ROS_DOMAIN_ID=domain)
+        started = await asyncio.gather(*map(stack.enter_async_context, starting.values()))
+        yield dict(zip(starting, started, strict=True))
 
 
 async def publish(ros, topic, qos, *, times=1):
@@ -115,3 +120,99 @@ async def listed_then_opened(network, go2, spot, *, names):
             return (await asked(spot, "count", "counts"))["counts"].get(STATE)
 
         await until(heard)
+
+
+LEASE, BY_TOPIC = {"liveliness_lease_duration": 1.0}, {"liveliness": "manual_by_topic"}
+LATCHED = {"durability": "transient_local", "depth": 5}
+# What a publisher offers, what a subscription requests, and how many of eight earlier messages it gets; None:
+# it never gets any, and says so.
+MATRIX = [
+    ({"deadline": 0.5}, {"deadline": 0.1}, None),
+    ({"deadline": 0.5}, {"deadline": 1.0}, 0),
+    ({}, {"deadline": 1.0}, None),
+    ({"lifespan": 0.2}, {}, 0),
+    ({}, LEASE, None),
+    (LEASE, LEASE, 0),
+    (LEASE, {"liveliness_lease_duration": 0.5}, None),
+    (LEASE, LEASE | BY_TOPIC, None),
+    (LEASE | BY_TOPIC, LEASE | BY_TOPIC, 0),
+    (LEASE | BY_TOPIC, LEASE, 0),
+    ({"history": "keep_all"}, {"history": "keep_all"}, 0),
+    ({"reliability": "best_effort"}, {}, None),
+    ({}, LATCHED, None),
+    (LATCHED, LATCHED, 5),
+    (LATCHED | {"depth": 1}, LATCHED, 1),
+]
+TOPICS = [f"/global/go2/pair{n}" for n in range(len(MATRIX))]
+LEASED = [
+    t for t, (offered, _, past) in zip(TOPICS, MATRIX, strict=True) if offered | LEASE == offered and past == 0
+]
+
+
+class Told:
+    """What the subscriptions of a node say of their QoS, and how many of their publishers are alive."""
+
+    def __init__(self, process):
+        self.refused = set()
+        self.alive = {}
+        process.on_report = self.hear
+
+    def hear(self, report):
+        if report.get("event") == "incompatible_qos":
+            self.refused.add(report["topic"])
+        elif report.get("event") == "liveliness":
+            self.alive[report["topic"]] = report["alive"]
+
+
+@pytest.mark.feature(
+    "Deadline, lifespan, liveliness and history across two routers, as without",
+    condition="life that is asserted without a message does not cross",
+)
+async def test_qos_is_across_two_routers_what_it_is_without(network, peer):
+    async with agents(network, peer, ("beside", ("go2", DOMAINS["go2"]))) as ros:
+        go2, hearers = ros["go2"], (ros["beside"], ros["spot"])
+        told = [Told(hearer) for hearer in hearers]
+        await everybody_hears(go2, hearers, told)
+        go2.signal(SIGSTOP)
+        try:
+            await until(lambda: same(told, 0))
+        finally:
+            go2.signal(SIGCONT)
+
+        async def alive_again():
+            for topic in LEASED:
+                await publish(go2, topic, {})
+            return await same(told, 1)
+
+        await until(alive_again)
+
+
+async def same(told, count):
+    return all(each.alive == dict.fromkeys(LEASED, count) for each in told)
+
+
+async def everybody_hears(go2, hearers, told):
+    for topic, (offered, _, _) in zip(TOPICS, MATRIX, strict=True):
+        await publish(go2, topic, offered, times=8)
+    past = {topic: past for topic, (_, _, past) in zip(TOPICS, MATRIX, strict=True) if past is not None}
+    for hearer in hearers:
+        for topic, (_, requested, _) in zip(TOPICS, MATRIX, strict=True):
+            await asked(hearer, "listen", "listening", kind=STRING, topic=topic, qos=requested, quiet=True)
+
+    async def heard():
+        return [(await asked(hearer, "count", "counts"))["counts"] for hearer in hearers]
+
+    async def latched():
+        return all({t: n for t, n in past.items() if n}.items() <= counts.items() for counts in await heard())
+
+    await until(latched)
+    assert await heard() == 2 * [{t: n for t, n in past.items() if n}]
+
+    async def all_heard():
+        for topic in TOPICS:
+            await publish(go2, topic, {})
+        return all(counts.keys() >= past.keys() for counts in await heard())
+
+    await until(all_heard)
+    assert [counts.keys() for counts in await heard()] == 2 * [past.keys()]
+    assert [each.refused for each in told] == 2 * [set(TOPICS) - past.keys()]

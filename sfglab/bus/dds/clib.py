@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, Any, TypedDict
 
-from sfglab.qos import Durability, History, QoSProfile, Reliability
+from sfglab.qos import Durability, History, Liveliness, QoSProfile, Reliability
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,7 +26,8 @@ ALIVE = 16  # DDS_ALIVE_INSTANCE_STATE
 SDK_DATA = 2  # enum ddsi_serdata_kind
 RETCODE_ERROR = -1
 RETCODE_TIMEOUT = -10
-STATUS_SAMPLE_LOST = 1 << 6
+STATUS_SAMPLE_LOST = 1 << 5
+STATUS_LIVELINESS_CHANGED = 1 << 10
 STATUS_PUBLICATION_MATCHED = 1 << 11
 STATUS_SUBSCRIPTION_MATCHED = 1 << 12
 BUILTIN_PARTICIPANT = 0x7FFF0001
@@ -94,6 +95,18 @@ class MatchedStatus(ct.Structure):
     )
 
 
+class LivelinessStatus(ct.Structure):
+    """`dds_liveliness_changed_status_t`."""
+
+    _fields_ = (
+        ("alive_count", ct.c_uint32),
+        ("not_alive_count", ct.c_uint32),
+        ("alive_count_change", ct.c_int32),
+        ("not_alive_count_change", ct.c_int32),
+        ("last_handle", ct.c_uint64),
+    )
+
+
 class SampleLostStatus(ct.Structure):
     """`dds_sample_lost_status_t`."""
 
@@ -130,6 +143,7 @@ _SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "dds_get_publication_matched_status": (_I32, (_I32, _PTR)),
     "dds_get_subscription_matched_status": (_I32, (_I32, _PTR)),
     "dds_get_sample_lost_status": (_I32, (_I32, _PTR)),
+    "dds_get_liveliness_changed_status": (_I32, (_I32, _PTR)),
     "dds_get_matched_subscriptions": (_I32, (_I32, _PTR, _SIZE)),
     "dds_get_matched_publications": (_I32, (_I32, _PTR, _SIZE)),
     "dds_get_matched_subscription_data": (ct.POINTER(Endpoint), (_I32, _U64)),
@@ -149,6 +163,7 @@ _SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "dds_qset_history": (None, (_PTR, ct.c_int, _I32)),
     "dds_qset_deadline": (None, (_PTR, _I64)),
     "dds_qset_lifespan": (None, (_PTR, _I64)),
+    "dds_qset_liveliness": (None, (_PTR, ct.c_int, _I64)),
     "dds_qset_userdata": (None, (_PTR, _PTR, _SIZE)),
     "dds_qset_partition1": (None, (_PTR, _STR)),
     "dds_qset_ignorelocal": (None, (_PTR, ct.c_int)),
@@ -160,6 +175,7 @@ _SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "dds_qget_history": (_BOOL, (_PTR, _PTR, _PTR)),
     "dds_qget_deadline": (_BOOL, (_PTR, _PTR)),
     "dds_qget_lifespan": (_BOOL, (_PTR, _PTR)),
+    "dds_qget_liveliness": (_BOOL, (_PTR, _PTR, _PTR)),
     "dds_qget_userdata": (_BOOL, (_PTR, _PTR, _PTR)),
     "dds_qget_partition": (_BOOL, (_PTR, _PTR, _PTR)),
     "dds_qget_prop": (_BOOL, (_PTR, _STR, _PTR)),
@@ -198,6 +214,8 @@ def entity_guid(entity: int) -> bytes:
 
 _RELIABILITY = (Reliability.BEST_EFFORT, Reliability.RELIABLE)
 _HISTORY = (History.KEEP_LAST, History.KEEP_ALL)
+# DDS has a kind in between, by participant, which ROS 2 has not; an offer of it is as good as automatic.
+_LIVELINESS = (Liveliness.AUTOMATIC, Liveliness.AUTOMATIC, Liveliness.MANUAL_BY_TOPIC)
 _DURABILITY = (Durability.VOLATILE, Durability.TRANSIENT_LOCAL)
 _UNLIMITED = -1
 _IGNORE_PARTICIPANT = 1  # enum dds_ignorelocal_kind
@@ -244,6 +262,7 @@ def endpoint_qos(profile: QoSProfile, **more: Unpack[EndpointOptions]) -> Iterat
         lib.dds_qset_durability_service(qos, 0, history, depth, _UNLIMITED, _UNLIMITED, _UNLIMITED)
         lib.dds_qset_deadline(qos, _or_infinite(profile.deadline_ns))
         lib.dds_qset_lifespan(qos, _or_infinite(profile.lifespan_ns))
+        lib.dds_qset_liveliness(qos, _LIVELINESS.index(profile.liveliness), _or_infinite(profile.lease_ns))
         lib.dds_qset_writer_data_lifecycle(qos, False)
         if partition := more.get("partition"):
             lib.dds_qset_partition1(qos, partition.encode())
@@ -266,6 +285,8 @@ def profile_from_dds(qos: int) -> QoSProfile:
     lib.dds_qget_history(qos, ct.byref(history), ct.byref(depth))
     lib.dds_qget_deadline(qos, ct.byref(deadline))
     lib.dds_qget_lifespan(qos, ct.byref(lifespan))
+    liveliness, lease = ct.c_int(), ct.c_int64(INFINITY_NS)
+    lib.dds_qget_liveliness(qos, ct.byref(liveliness), ct.byref(lease))
     return QoSProfile(
         reliability=_RELIABILITY[reliability.value],
         # DDS knows TRANSIENT and PERSISTENT above TRANSIENT_LOCAL; ROS 2 does not.
@@ -274,6 +295,8 @@ def profile_from_dds(qos: int) -> QoSProfile:
         depth=max(depth.value, 1),
         deadline_ns=_or_none(deadline.value),
         lifespan_ns=_or_none(lifespan.value),
+        liveliness=_LIVELINESS[liveliness.value],
+        lease_ns=_or_none(lease.value),
     )
 
 

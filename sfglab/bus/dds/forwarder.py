@@ -19,7 +19,9 @@ from sfglab.bus.dds.clib import (
     ANY_STATE,
     RETCODE_ERROR,
     RETCODE_TIMEOUT,
+    STATUS_LIVELINESS_CHANGED,
     STATUS_SUBSCRIPTION_MATCHED,
+    LivelinessStatus,
     MatchedStatus,
     SampleInfo,
     entity_guid,
@@ -39,13 +41,14 @@ from sfglab.bus.dds.endpoints import (
 )
 from sfglab.bus.forwarding import Forward, Transform
 from sfglab.messages import UnknownTypeError
-from sfglab.qos import History
+from sfglab.qos import Durability, History, Liveliness
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus.api import RawEndpoint
     from sfglab.bus.dds.domain import DdsParticipant, WaitSetThread
+    from sfglab.qos import QoSProfile
 
 _log = logging.getLogger("sfglab.bus")
 
@@ -94,21 +97,40 @@ class DdsRawWriter:
     """A raw writer in the target's domain, which lives in the forwarder's thread.
 
     Its C writer batches. One that keeps all may block, because it must not lose what is not acknowledged yet.
+    One whose source shows life by its process vanishes while the source shows none, since our process lives on;
+    a latched one stays, for its history would go as well.
     """
 
-    def __init__(self, handle: int, order: Callable[[Callable[[], None]], None], *, keeps_all: bool) -> None:
+    def __init__(
+        self, create: Callable[[], int], order: Callable[[Callable[[], None]], None], qos: QoSProfile
+    ) -> None:
+        self._create = create
+        self._handle = handle = create()
         self.gid = entity_guid(handle)  #: Its 16-byte GUID.
         self.sertype = sertype_of(handle)  #: What new samples for it are made with.
         self.closed = False  #: Whether it was deleted.
-        self._handle = handle
         self._order = order
-        self._keeps_all = keeps_all
+        self._keeps_all = qos.history is History.KEEP_ALL
+        leased = qos.lease_ns is not None and qos.liveliness is Liveliness.AUTOMATIC
+        self._vanishes = leased and qos.durability is Durability.VOLATILE
         self._unsent = False
         self._failed = False
 
     def close(self) -> None:
         """Delete the writer once every order given so far is carried out; again is harmless."""
         self._order(self._end)
+
+    def show_life(self, *, alive: bool) -> None:
+        """Be there if its source is alive, in the forwarder's thread; again is harmless."""
+        if self.closed or not self._vanishes or alive is bool(self._handle):
+            return
+        if alive:
+            self._handle = self._create()
+            self.sertype = sertype_of(self._handle)
+        else:
+            self.flush()
+            delete_writer(self._handle)
+            self._handle = 0
 
     def hand_on(self, serdata: int, size: int) -> int:
         """Send a sample, whose CDR has so many bytes, with its next packet or at once.
@@ -118,6 +140,7 @@ class DdsRawWriter:
             or another negative code: the sample is lost.
         """
         lib = library()
+        self.show_life(alive=True)
         if self._keeps_all:
             lib.ddsi_serdata_ref(serdata)
         code: int = lib.dds_forwardcdr(self._handle, serdata)  # consumes a reference, also on failure
@@ -140,7 +163,8 @@ class DdsRawWriter:
         if not self.closed:
             self.flush()
             self.closed = True
-            delete_writer(self._handle)
+            if self._handle:
+                delete_writer(self._handle)
 
     def _refused(self, code: int) -> int:
         if self._keeps_all and code == RETCODE_TIMEOUT:
@@ -179,7 +203,8 @@ class DdsForwarder:
 
     def open_writer(self, endpoint: RawEndpoint) -> DdsRawWriter:
         """Write to a topic in the target's domain."""
-        handle = self._target.create_writer(
+        create = partial(
+            self._target.create_writer,
             endpoint.dds_topic,
             wire_type(endpoint),
             endpoint.qos,
@@ -188,7 +213,7 @@ class DdsForwarder:
             batching=True,
             max_blocking_ns=MAX_BLOCKING_NS,
         )
-        return DdsRawWriter(handle, self._order, keeps_all=endpoint.qos.history is History.KEEP_ALL)
+        return DdsRawWriter(create, self._order, endpoint.qos)
 
     def close(self) -> None:
         """End all forwards; called when the source node has stopped reading."""
@@ -232,7 +257,7 @@ class DdsForward(Forward[int, DdsRawWriter]):
 
     def attach(self, waitset: WaitSetThread) -> None:
         """Begin to read in a WaitSet thread."""
-        library().dds_set_status_mask(self._handle, STATUS_SUBSCRIPTION_MATCHED)
+        library().dds_set_status_mask(self._handle, STATUS_SUBSCRIPTION_MATCHED | STATUS_LIVELINESS_CHANGED)
         waitset.attach(self._handle, self._note_publishers)
         condition = waitset.attach_reader(self._handle, self._take)
 
@@ -327,8 +352,14 @@ class DdsForward(Forward[int, DdsRawWriter]):
         self.counts.dropped += 1
 
     def _note_publishers(self) -> None:
+        life = LivelinessStatus()
         library().dds_get_subscription_matched_status(self._handle, ct.byref(MatchedStatus()))
+        library().dds_get_liveliness_changed_status(self._handle, ct.byref(life))
         self._publishers.matched()
+        # Cyclone names the latest of those that changed; of two at once the other goes with its participant.
+        exit_ = self._gate.exit_of(self._publishers.gid(life.last_handle)) if life.last_handle else None
+        if exit_ is not None and (life.alive_count_change > 0 or life.not_alive_count_change > 0):
+            exit_[0].show_life(alive=life.alive_count_change > 0)
 
 
 def _transformed(serdata: int, transform: Transform, sertype: int | None) -> int | None:

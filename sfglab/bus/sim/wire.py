@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.messages import TypeNameError, dds_type_name
 from sfglab.messages.store import type_store
-from sfglab.qos import Durability, History, QoSProfile, Reliability
+from sfglab.qos import Durability, History, Liveliness, QoSProfile, Reliability
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -227,6 +227,7 @@ def _qos(qos: QoSProfile, *, writer: bool) -> int:
     # RELIABLE is a writer's default and not a reader's.
     size += 16 if (qos.reliability is Reliability.RELIABLE) is not writer else 0
     size += 12 if qos.deadline_ns is not None else 0
+    size += 16 if qos.lease_ns is not None or qos.liveliness is not Liveliness.AUTOMATIC else 0
     return size + (12 if writer and qos.lifespan_ns is not None else 0)
 
 

@@ -17,6 +17,7 @@ from sfglab.fleet.policy import Direction, ReaderSpec, WriterSpec
 from sfglab.fleet.router.frames import TF_TYPE
 from sfglab.fleet.router.plan import ROUTER_KEY, Close, Forget, Judge, Open
 from sfglab.names import TF, TF_STATIC, dds_topic
+from sfglab.qos import Liveliness
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -182,6 +183,8 @@ class Carrier:
             if isinstance(spec, ReaderSpec):
                 opened.readers[spec] = forwarder.open(endpoint)
             else:
+                if spec.qos.liveliness is Liveliness.MANUAL_BY_TOPIC and spec.qos.lease_ns is not None:
+                    _log.warning("%s: life that is asserted without a message does not cross", path.dds_topic)
                 opened.writers[spec] = forwarder.open_writer(endpoint)
         except BusError:
             # A topic that cannot be served must not end the others.
