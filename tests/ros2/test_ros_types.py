@@ -29,8 +29,8 @@ pytestmark = [pytest.mark.live, pytest.mark.ros]
 OURS = "sfglab_interfaces"
 LATCHED = {"durability": "transient_local", "depth": 1}
 OURS_LATCHED = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)
-# rosidl's own for tests, and what looks types up, of which Humble has no message.
-NOT_SHIPPED = {"test_msgs", "type_description_interfaces"}
+# rosidl's own for tests.
+NOT_SHIPPED = {"test_msgs"}
 
 
 @pytest.mark.feature("Services' types of ROS 2's own packages")
@@ -38,7 +38,7 @@ async def test_services_that_we_bring_are_those_of_the_distribution(peer, distri
     share = distributions()[distribution].python.parents[1] / "share"
     files = [f for f in sorted(share.glob("*/srv/*.srv")) if f.parents[1].name not in NOT_SHIPPED]
     names = [f"{f.parents[1].name}/srv/{f.stem}_{half}" for f in files for half in ("Request", "Response")]
-    assert len(names) == 44
+    assert len(names) == 46
     assert set(names) <= set(message_types())
     for file in files:
         register_interfaces(file)  # refuses other fields
