@@ -15,7 +15,7 @@ from sfglab.errors import InvalidValueError
 from sfglab.lab import ledger
 from sfglab.lab.claims import Entry, How
 from sfglab.lab.experiments import experiment
-from sfglab.lab.figures import png_of
+from sfglab.lab.figures import few_colors, png_of
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import SMOKE
 from sfglab.record import LogReader
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from sfglab.lab.index import IndexPage
     from sfglab.lab.runs import C, Run
 
+_LARGE_BYTES = 200_000
 pd.set_option("display.max_colwidth", None)  # tables show their sentences whole
 
 
@@ -73,10 +74,15 @@ def picture(run: Run[Any], name: str) -> Image:
 
 
 def image_of(figure: Figure, text: str = "") -> Image:
-    """Return a figure as a picture for the notebook, with a text for those who do not see it."""
+    """Return a figure as a picture for the notebook, with a text for those who do not see it.
+
+    A large one, which has photographs in it, gets 256 colours: notebooks are committed.
+    """
     from IPython.display import Image
 
-    return Image(png_of(figure), format="png", alt=text or None)
+    png = png_of(figure)
+    small = png if len(png) < _LARGE_BYTES else few_colors(png, colors=256)
+    return Image(small, format="png", alt=text or None)
 
 
 def video(mp4: bytes, width: int) -> Video:

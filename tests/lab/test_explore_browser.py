@@ -4,18 +4,22 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 import time
 import urllib.request
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import machine
 import nbformat
+import psutil
 import pytest
+from pixels import CAMERA, pixel
 
 from sfglab.errors import MissingExtraError
 from sfglab.lab.browser import Browser, BrowserError, free_port
 from sfglab.lab.paths import find_project
+from sfglab.spatial.scene.files import load_scene
 
 pytestmark = [pytest.mark.live, pytest.mark.browser]
 
@@ -23,8 +27,14 @@ EXPLORER = """from sfglab.lab.experiments import transmission
 from sfglab.lab.explore import explore
 explorer = explore(transmission.exp)
 explorer"""
-LIGHTS = """from sfglab.errors import InvalidValueError
+PICTURES = """from IPython.display import display
+from sfglab import soc
+from sfglab.errors import InvalidValueError
+from sfglab.lab.experiments import gateways, lifecycle, naming, transmission
 from sfglab.lab.explore import Pressed, part
+from sfglab.lab.explore.mapping import PressedMapping
+from sfglab.lab.paths import find_project
+from sfglab.spatial.scene.files import load_scene
 on = set()
 def press(name):
     if name == "c":
@@ -34,7 +44,30 @@ def draw(figure):
     axes = figure.subplots()
     for x, name in enumerate("abc"):
         part(name, axes.bar(x, 1, color="gold" if name in on else "grey", label=name)[0])
-Pressed(draw, size=(6, 2), press=press, titles=lambda: {"a": f"light a, {'on' if 'a' in on else 'off'}"})"""
+display(
+    Pressed(draw, size=(6, 2), press=press, titles=lambda: {"a": f"light a, {'on' if 'a' in on else 'off'}"}),
+    lifecycle.press_lifecycle(), naming.NamePicture(), transmission.Timeline(), gateways.press_core(),
+    PressedMapping(soc.load_graph(find_project().data / "graphs/driving.yaml"), soc.ZCU104))"""
+TITLE = "document.querySelector('.jp-OutputArea [id=\"press:%s\"] title')?.textContent"
+NAME = "[...document.querySelectorAll('.jp-OutputArea input')]"
+SAYS = "document.querySelector('.jp-OutputArea')?.textContent.includes(%r)"
+PRESSED = [
+    ("a", "document.querySelector('.jp-OutputArea title').textContent === 'light a, on'"),
+    ("c", SAYS % "light: given 'c'"),
+    ("UNKNOWN/HEARD", SAYS % "1: HEARD in UNKNOWN leads to QUERYING: QUERY"),
+    ("LOST", SAYS % "put into LOST"),
+    ("REJOINING/SILENT", SAYS % "agent in LOST: given SILENT, allowed are CHANGED"),
+    ("component", NAME + ".some(i => i.value === '/global/go2/depth_camera/color/ffmpeg')"),
+    ("a/DATA/2", TITLE % "a/DATA/2" + "?.endsWith('lost; press to let it pass')"),
+    ("START/LOCATED", SAYS % "1: LOCATED in START leads to REQUEST"),
+    ("CLAIM/GRANTED", SAYS % "gateway core in REQUEST: given GRANTED, allowed are SENT"),
+    ("topic:/A", SAYS % "/A is mapped to gateway"),
+    ("node:camera", SAYS % "fixed in hardware, where it has no implementation"),
+]
+"""Parts to press one after the other, and what is true afterwards."""
+LIVE = """from sfglab.lab.experiments import decode_once
+from sfglab.lab.explore import explore
+explore(decode_once.exp)"""
 VIEWER = """from sfglab.lab.explore.viewer import LogViewer
 LogViewer({log!r})"""
 STEP = "document.querySelector('.jp-OutputArea')?.innerText.includes('shown: step %d of')"
@@ -57,6 +90,19 @@ HANDLE = """(() => { const row = [...document.querySelectorAll('.widget-slider')
 LEAVE = """jupyterapp.shell.currentWidget.context.model.dirty = false;
   void jupyterapp.serviceManager.sessions.shutdownAll();"""
 """End the kernel; the page does not ask whether to save when the next one is opened."""
+SESSION = "window.jupyterapp?.shell.currentWidget?.sessionContext"
+FRAME = "document.querySelector('.jp-OutputArea iframe')"
+INSIDE = """(() => {
+  const frame = document.querySelector('.jp-OutputArea iframe');
+  frame.scrollIntoView({block: 'center'});
+  const seen = [...frame.contentDocument.querySelectorAll('legend, label, button, p, div')].filter(
+    e => (e.innerText || '').trim() === %s || e.getAttribute('aria-label') === %s);
+  const shown = seen.map(e => e.getBoundingClientRect()).find(r => r.width > 0 && r.height > 0);
+  const at = frame.getBoundingClientRect();
+  return shown ? [at.x + shown.x + shown.width / 2, at.y + shown.y + shown.height / 2] : null;
+})()"""
+CANVAS = f"""(() => {{ const r = {FRAME}.contentDocument.querySelector('canvas').getBoundingClientRect();
+  const at = {FRAME}.getBoundingClientRect(); return [at.x + r.x, at.y + r.y, r.width, r.height]; }})()"""
 ANSWER_S = 180
 
 
@@ -71,9 +117,12 @@ def lab(tmp_path_factory):
     port = free_port()
     argv = [sys.executable, "-m", "jupyterlab", "--no-browser", "--allow-root", f"--ServerApp.port={port}"]
     argv += ["--IdentityProvider.token=", "--LabApp.expose_app_in_browser=True"]
+    for name in ("data", "figures"):
+        (folder / name).symlink_to(find_project(Path(__file__)).root / name)
     environment = os.environ | {
         "JUPYTER_CONFIG_DIR": str(folder / "config"),
         "IPYTHONDIR": str(folder / "ipython"),
+        "SFGLAB_ROOT": str(folder),
     }
     server = subprocess.Popen(argv, cwd=folder, env=environment, stderr=subprocess.DEVNULL)
     yield folder, f"http://127.0.0.1:{port}"
@@ -88,7 +137,7 @@ def browser(lab):
     except (MissingExtraError, BrowserError) as error:
         machine.skip("browser", str(error))
     with closing(made):
-        until_served(lab[1].removeprefix("http://"))
+        until(lambda: is_served(lab[1].removeprefix("http://")))
         yield made
 
 
@@ -108,20 +157,21 @@ def _run(lab, browser):
     browser.evaluate(LEAVE)
 
 
-def until_served(address):
+def until(holds):
     end = time.monotonic() + ANSWER_S
-    while True:
-        try:
-            with urllib.request.urlopen(f"http://{address}/api", timeout=5):
-                return
-        except OSError:
-            assert time.monotonic() < end, "JupyterLab does not serve its page"
-            time.sleep(0.2)
+    while not holds():
+        assert time.monotonic() < end, "it did not come to that"
+        time.sleep(0.05)
+
+
+def is_served(address):
+    with suppress(OSError), urllib.request.urlopen(f"http://{address}/api", timeout=5):
+        return True
+    return False
 
 
 def run_all(browser):
-    ready = "window.jupyterapp?.shell.currentWidget?.sessionContext"
-    browser.wait_for(f"{ready}?.isReady && {ready}.session?.kernel?.status === 'idle'", ANSWER_S)
+    browser.wait_for(f"{SESSION}?.isReady && {SESSION}.session?.kernel?.status === 'idle'", ANSWER_S)
     browser.evaluate("void jupyterapp.commands.execute('notebook:run-all-cells')")
 
 
@@ -144,42 +194,15 @@ def test_a_figure_follows_the_sliders_that_a_reader_drags(run, browser):
     assert "loss=0.1" in code
 
 
-def test_a_part_of_a_figure_is_pressed_and_python_answers(run, browser):
-    run(LIGHTS)
+def test_parts_of_pictures_are_pressed_and_python_answers_or_refuses(run, browser):
+    """All pictures stand below one cell, so that one kernel answers."""
+    run(PICTURES)
     before = {name: browser.wait_for(LOOKS % name, ANSWER_S) for name in "ab"}
-    browser.click(*browser.wait_for(PART % "a"))
-    browser.wait_for(f"{LOOKS % 'a'} !== {before['a']!r}")
+    for part, answer in PRESSED:
+        browser.click(*browser.wait_for(PART % part, ANSWER_S))
+        browser.wait_for(answer, ANSWER_S)
+    assert browser.evaluate(LOOKS % "a") != before["a"]
     assert browser.evaluate(LOOKS % "b") == before["b"]
-    assert browser.evaluate("document.querySelector('.jp-OutputArea title').textContent") == "light a, on"
-    browser.click(*browser.wait_for(PART % "c"))
-    browser.wait_for("document.querySelector('.jp-OutputArea').innerText.includes(\"light: given 'c'\")")
-
-
-def test_an_automaton_is_stepped_by_its_edges_and_refuses_what_its_table_does(run, browser):
-    run("from sfglab.lab.experiments import lifecycle\nlifecycle.press_lifecycle()")
-    browser.click(*browser.wait_for(PART % "UNKNOWN/HEARD", ANSWER_S))
-    said = "document.querySelector('.jp-OutputArea').innerText.includes(%r)"
-    browser.wait_for(said % "1: HEARD in UNKNOWN leads to QUERYING: QUERY")
-    browser.click(*browser.wait_for(PART % "LOST"))
-    browser.wait_for(said % "put into LOST")
-    browser.click(*browser.wait_for(PART % "REJOINING/SILENT"))
-    browser.wait_for(said % "agent in LOST: given SILENT, allowed are CHANGED")
-
-
-def test_a_name_is_pressed_and_read_anew(run, browser):
-    run("from sfglab.lab.experiments import naming\nnaming.NamePicture()")
-    browser.click(*browser.wait_for(PART % "component", ANSWER_S))
-    browser.wait_for(
-        "document.querySelector('.jp-OutputArea input').value === '/global/go2/depth_camera/color/ffmpeg'"
-    )
-
-
-def test_a_frame_of_the_time_line_is_pressed_and_lost(run, browser):
-    run("from sfglab.lab.experiments import transmission\ntransmission.Timeline()")
-    title = "document.querySelector('.jp-OutputArea [id=\"press:a/DATA/2\"] title')?.textContent"
-    place = browser.wait_for(PART % "a/DATA/2", ANSWER_S)
-    browser.click(*place)
-    browser.wait_for(f"{title}?.endsWith('lost; press to let it pass')")
 
 
 def test_the_viewer_is_scrubbed_without_a_mouse_and_asks_nothing_of_a_network(run, browser, pytestconfig):
@@ -191,30 +214,69 @@ def test_the_viewer_is_scrubbed_without_a_mouse_and_asks_nothing_of_a_network(ru
             browser.call("Input.dispatchKeyEvent", type=kind, key="ArrowRight", windowsVirtualKeyCode=39)
         browser.wait_for(STEP % step, ANSWER_S)
     assert set(browser.evaluate(ASKED)) <= {"127.0.0.1", "blob:"}
+    browser.evaluate("void Object.defineProperty(window, 'isSecureContext', {value: false})")
+    run_all(browser)  # an address that the browser does not trust has a still and a sentence
+    browser.wait_for(SAYS % "A picture only: Rerun's viewer needs an address", ANSWER_S)
+    assert browser.evaluate("document.querySelector('.jp-OutputArea img').naturalWidth") > 100
 
 
-def test_paper_cs_pictures_answer_and_refuse(run, browser):
-    root = str(find_project(Path(__file__)).root)
-    mapping = f"from pathlib import Path\ngraph = soc.load_graph(Path({root!r}) / 'data/graphs/driving.yaml')"
-    cells = ["from IPython.display import display", "from sfglab import soc", mapping]
-    cells += [
-        "from sfglab.lab.experiments import gateways",
-        "from sfglab.lab.explore.mapping import PressedMapping",
-    ]
-    run("\n".join([*cells, "display(gateways.press_core(), PressedMapping(graph, soc.ZCU104))"]))
-    said = "document.querySelector('.jp-OutputArea').textContent.includes(%r)"
-    for part, answer in (
-        ("START/LOCATED", "1: LOCATED in START leads to REQUEST"),
-        ("CLAIM/GRANTED", "gateway core in REQUEST: given GRANTED, allowed are SENT"),
-        ("topic:/A", "/A is mapped to gateway"),
-        ("node:camera", "fixed in hardware, where it has no implementation"),
-    ):
-        browser.click(*browser.wait_for(PART % part, ANSWER_S))
-        browser.wait_for(said % answer, ANSWER_S)
+def test_a_live_run_is_stopped_from_the_page_and_leaves_nothing(run, browser, lab):
+    folder, _ = lab
+    run(LIVE)
+    browser.wait_for(PICTURE, ANSWER_S)
+    before, folders = descendants(), scratch()
+    browser.press("Run all")
+    until(lambda: len(descendants() - before) > 3)  # the run's process, a camera, subscribers
+    browser.press("Stop")
+    browser.wait_for(SAYS % "stopped; nothing was kept", ANSWER_S)
+    assert descendants() <= before
+    assert scratch() <= folders
+    assert not [*(folder / "runs").rglob("*.mcap*")]
 
 
-def test_the_scene_editor_stands_in_its_cell_below_the_servers_address(run, browser):
-    run("from sfglab.lab.experiments import planning\nplanning.SceneCell()")
-    frame = "document.querySelector('.jp-OutputArea iframe')"
-    browser.wait_for(f"{frame}?.getAttribute('src').startsWith('/proxy/')", ANSWER_S)
-    browser.wait_for(f"{frame}.contentDocument?.body?.innerText.includes('Save')", ANSWER_S)
+def descendants():
+    return {child.pid for child in psutil.Process().children(recursive=True) if child.status() != "zombie"}
+
+
+def scratch():
+    return set(Path(tempfile.gettempdir()).glob("sfglab-*"))
+
+
+def test_a_waypoint_is_dragged_and_saved_in_the_scene_editors_cell(run, browser, lab):
+    folder, _ = lab
+    run("from sfglab.lab.experiments import planning\ncell = planning.SceneCell()\ncell")
+    browser.wait_for(f"{FRAME}?.getAttribute('src').startsWith('/proxy/')", ANSWER_S)
+    for row in ("go2 patrol #8", "3.40 s #10"):
+        in_frame(browser, row)
+    in_frame(browser, "waypoint: 3.40 s #10", press=False)
+    camera = in_kernel(
+        browser,
+        folder,
+        f"[{CAMERA} for c in [next(iter(cell.planner._server.get_clients().values())).camera]][0]",
+    )
+    canvas = browser.evaluate(CANVAS)
+    browser.drag(*(pixel(camera, canvas, (-2.0, 1.0, 0.3 + height)) for height in (1.4, 1.9)))
+    in_frame(browser, "Undo: Change pose", press=False)
+    in_frame(browser, "Save *")
+    browser.wait_for(
+        f"![...{FRAME}.contentDocument.querySelectorAll('button')].some(b => b.innerText == 'Save *')"
+    )
+    height = load_scene(folder / "runs/scenes/hall.yaml").world_pose(10).position_m[2]
+    assert height == pytest.approx(0.8, abs=0.1)
+
+
+def in_frame(browser, text, *, press=True):
+    """Wait until something is in the editor's page with a text or label, and press it."""
+    place = browser.wait_for(INSIDE % (json.dumps(text), json.dumps(text)), ANSWER_S)
+    if press:
+        browser.click(*place)
+
+
+def in_kernel(browser, folder, expression):
+    """Return what an expression gives in the page's kernel."""
+    said = folder / "said.json"
+    said.unlink(missing_ok=True)
+    code = f"import json, pathlib; pathlib.Path({str(said)!r}).write_text(json.dumps({expression}))"
+    browser.evaluate(f"void {SESSION}.session.kernel.requestExecute({{code: {json.dumps(code)}}})")
+    until(lambda: said.exists() and said.read_text())
+    return json.loads(said.read_text())

@@ -40,12 +40,15 @@ async def main():
     await served.serve_forever()
 asyncio.run(main())
 """
-CELL = """from sfglab.lab.experiments import naming
+CELL = """from IPython.display import display
+from sfglab.lab.experiments import naming
+from sfglab.lab.explore.viewer import LogViewer
 from sfglab.view.planner.server import show_planner
 run = await naming.exp.run("smoke")
 planner = show_planner("data/scenes/hall.yaml")
-planner"""
+display(planner, LogViewer("data/reference/mocap.mcap"))"""
 FOLDERS = "document.querySelector('.jp-DirListing-content').innerText.includes('data')"
+SHOWN = "document.querySelector('.jp-OutputArea').innerText.includes('shown: step 0 of')"
 CANVAS = "document.querySelector('.jp-OutputArea iframe')?.contentDocument?.querySelector('canvas') != null"
 
 
@@ -55,7 +58,9 @@ def address(tmp_path):
     project, port = tmp_path / "checkout", None
     for folder in ("notebooks", "data/scenes"):
         shutil.copytree(ROOT / folder, project / folder)
-    shutil.copy(ROOT / "data/claims.yaml", project / "data")
+    for file in ("data/claims.yaml", "data/reference/mocap.mcap"):
+        (project / file).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / file, project / file)
     nbformat.write(
         nbformat.v4.new_notebook(
             cells=[nbformat.v4.new_code_cell(CELL)],
@@ -99,6 +104,7 @@ def test_index_widgets_and_editor_work_below_a_path_on_another_host(address, tmp
         browser.wait_for(f"{ready}?.isReady && {ready}.session?.kernel?.status === 'idle'", ANSWER_S)
         browser.evaluate("void jupyterapp.commands.execute('notebook:run-all-cells')")
         browser.wait_for(CANVAS, ANSWER_S)
+        browser.wait_for(SHOWN, ANSWER_S)  # through the kernel's connection: its loopback is another host's
         said = browser.evaluate("document.querySelector('.jp-OutputArea').innerText")
         browser.screenshot(tmp_path / "proxied.png")
     assert "naming: " in said

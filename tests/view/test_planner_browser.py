@@ -1,12 +1,11 @@
 """The scene editor as people have it: in a real browser, with a mouse, until the file on disk."""
 
-import math
 import time
 from contextlib import closing
 
 import machine
-import numpy as np
 import pytest
+from pixels import CAMERA, pixel
 
 from sfglab.errors import MissingExtraError
 from sfglab.lab.browser import Browser, BrowserError
@@ -46,18 +45,10 @@ def until(planner, holds, timeout_s=60):
     return found
 
 
-def pixel(planner, browser, point):
+def place(planner, browser, point):
     """Where a point of the scene is on the page, by the camera that the browser reports."""
     camera = next(iter(planner._server.get_clients().values())).camera
-    ahead = np.array(camera.look_at) - camera.position
-    ahead /= np.linalg.norm(ahead)
-    right = np.cross(ahead, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    down = np.cross(ahead, right)
-    x, y, width, height = browser.evaluate(CANVAS)
-    seen = np.array(point) - camera.position
-    scale = height / 2 / math.tan(camera.fov / 2) / (seen @ ahead)
-    return (x + width / 2 + scale * (seen @ right), y + height / 2 + scale * (seen @ down))
+    return pixel(eval(CAMERA, {"c": camera}), browser.evaluate(CANVAS), point)  # noqa: S307 - it is our own
 
 
 def test_a_trajectory_is_made_dragged_undone_redone_saved_and_loaded_with_the_mouse(planner, browser):
@@ -73,7 +64,7 @@ def test_a_trajectory_is_made_dragged_undone_redone_saved_and_loaded_with_the_mo
 
     browser.find(f"waypoint: 2.00 s #{waypoint}", "legend, label, button, p, div")
     arrow = (2.0, 0.0, 1.4)
-    browser.drag(pixel(planner, browser, arrow), pixel(planner, browser, (2.0, 0.0, 2.4)))
+    browser.drag(place(planner, browser, arrow), place(planner, browser, (2.0, 0.0, 2.4)))
     browser.find("Undo: Change pose")
     moved = until(planner, lambda e: not e._drag and e.scene)
     x, y, z = moved.world_pose(waypoint).position_m
