@@ -7,6 +7,7 @@ verdicts; refuses to know how a figure is measured: the experiments do.
 
 from __future__ import annotations
 
+from collections.abc import Mapping  # noqa: TC003 - a document's fields are typed at run time
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Literal
@@ -16,7 +17,7 @@ from sfglab.errors import InvalidValueError
 from sfglab.tables import Shown, columns, html_table
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from sfglab.lab.stats import Estimate
@@ -41,6 +42,19 @@ class Verdict(Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Criterion:
+    """By what a claim is judged, written down before the runs that it judges exist."""
+
+    sentence: str  #: The paper's own words that it comes from.
+    #: Presets of `sfglab.rtps` that may stand for the paper's middleware; the lowest figure of them judges.
+    modes: tuple[str, ...]
+    region: Mapping[str, tuple[float, float]]  #: Least and largest value of each condition, bounds included.
+    measure: str  #: What is computed in each condition, and of it when the claim holds there.
+    unit: str  #: Of the figure.
+    band: tuple[float, float]  #: Lowest and highest figure that counts as reproduced.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Claim(Shown):
     """One claim of a paper, as ``data/claims.yaml`` states it."""
 
@@ -55,6 +69,8 @@ class Claim(Shown):
     better: Literal["above", "below"] | None = None
     #: Name of the experiment that measures it; None: there is none yet.
     experiment: str | None = field(metadata=OR_NULL)
+    #: What judges runs on the paper's own middleware, once there are any; until then `band` judges.
+    criterion: Criterion | None = None
 
     def __post_init__(self) -> None:
         low, high = self.band
