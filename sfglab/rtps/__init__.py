@@ -1,6 +1,6 @@
 """RELIABLE and KEEP_LAST over a lossy medium: one model of writer, reader and medium, with vendors' timing.
 
-`model` has what a run is given (vendors' constants with their sources, flows, the medium), `session` what it
+`model` has what a run is given (flows, the medium; `vendors`: constants with their sources), `session` what it
 comes to, `frames` what was on air; between them, compiled: `world`, `medium`, `writer`, `reader` and `engine`,
 over `state`.
 """
@@ -8,13 +8,16 @@ over `state`.
 from __future__ import annotations
 
 from sfglab.rtps.frames import AirFrame, trace
-from sfglab.rtps.model import CYCLONE_DDS, FAST_DDS, PRESETS, Flow, Medium, Scenario, Vendor
+from sfglab.rtps.model import Flow, Medium, Scenario
 from sfglab.rtps.session import FlowOutcome, Outcome, Session, run
 from sfglab.rtps.state import Drop, Fate, Frame
+from sfglab.rtps.vendors import CYCLONE_DDS, FAST_DDS, FAST_DDS_ASYNC, FAST_DDS_SYNC, PRESETS, Vendor
 
 __all__ = [
     "CYCLONE_DDS",
     "FAST_DDS",
+    "FAST_DDS_ASYNC",
+    "FAST_DDS_SYNC",
     "PRESETS",
     "AirFrame",
     "Drop",

@@ -14,7 +14,7 @@ from sfglab.rtps.model import BURST_ROOM
 from sfglab.rtps.reader import drop_overflow, hear_gap, hear_heartbeat, hear_samples, request
 from sfglab.rtps.state import Count, D, Event, Fate, FlowColumn, Frame, R, S, TimingColumn, W
 from sfglab.rtps.world import compiled, pop, push
-from sfglab.rtps.writer import hear_acknack, heartbeat, repair, write
+from sfglab.rtps.writer import hear_acknack, heartbeat, repair, send_unsent, write
 
 # --- The executor -------------------------------------------------------------------------------------------
 
@@ -113,8 +113,10 @@ def _hear(world: Any, now: int, frame: Any) -> None:
 @compiled
 def _step(world: Any, now: int, kind: int, argument: int, frame: Any) -> None:
     if kind == Event.SENT:
+        host = world.on_air[argument, 10]
         if sent_frame(world, now, argument, frame):
             _hear(world, now, frame)
+        send_unsent(world, now, world.on_air[argument, 10] if world.on_air[argument, 0] else host)
     elif kind == Event.ARRIVED:
         arrived_frame(world, argument, frame)
         _hear(world, now, frame)

@@ -11,7 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from sfglab.rtps.model import BURST_ROOM, NETWORK_BYTES, airtime_ns, frame_bytes, next_sender
+from sfglab.rtps.model import (
+    BURST_ROOM,
+    NETWORK_BYTES,
+    QUEUE_RULES,
+    after_stall_ns,
+    airtime_ns,
+    frame_bytes,
+    is_lost,
+    next_sender,
+)
 from sfglab.rtps.state import Count, Drop, Event, FlowColumn, Frame, TimingColumn, TraceColumn
 from sfglab.rtps.world import compiled, push
 
@@ -28,6 +37,14 @@ def uniform(random: Any) -> float:
 
 
 _frame_bytes, _airtime_ns, _next_sender = compiled(frame_bytes), compiled(airtime_ns), compiled(next_sender)
+_after_stall_ns, _is_lost = compiled(after_stall_ns), compiled(is_lost)
+_TAIL, _HEAD, _BLOCK = range(len(QUEUE_RULES))
+
+
+@compiled
+def message_bytes(size: int, extra: int) -> int:
+    """Return the size of a sample's RTPS message."""
+    return int(_frame_bytes(Frame.DATA, size, 0) - NETWORK_BYTES + extra)
 
 
 @compiled
@@ -39,14 +56,33 @@ def burst_most(size: int, message_bytes: int) -> int:
 
 
 @compiled
-def _note_drop(world: Any, kind: int, flow: int, sample: int, where: int) -> None:
-    if kind == Frame.DATA and world.dropped[flow, sample] == 0 and world.arrived[flow, sample] == 0:
-        world.dropped[flow, sample] = where
+def note_drop(world: Any, frame: Any, where: int) -> None:
+    """Note of a frame's samples that this is where they were lost, if they never were before.
+
+    Where no history is a queue, a BURST has only samples that were.
+    """
+    flow, alone = frame[1], frame[0] == Frame.DATA
+    if not alone and (frame[0] != Frame.BURST or not world.timing[TimingColumn.QUEUES]):
+        return
+    for i in range(1 if alone else 256):
+        sample = frame[2] + i
+        asked = alone or (frame[4 + i // 64] >> (i % 64)) & 1
+        if asked and world.dropped[flow, sample] == 0 and world.arrived[flow, sample] == 0:
+            world.dropped[flow, sample] = where
+
+
+@compiled
+def has_room(world: Any, host: int) -> bool:
+    """Return whether a host's queue lets who sends go on."""
+    blocks = world.timing[TimingColumn.QUEUE_RULE] == _BLOCK
+    return bool(not blocks or world.queue_ends[host, 1] < world.timing[TimingColumn.QUEUE_FRAMES])
 
 
 @compiled
 def enqueue(world: Any, now: int, host: int, frame: Any) -> None:
     """Put a frame at the end of a host's queue, unless that is full, and send if the medium is free.
+
+    A full one drops it, or what came first; one that blocks was asked before (`has_room`).
 
     A frame is eight words: kind, flow, two arguments, four more. Arguments of DATA: sample, and whether a
     heartbeat rides along, 1 to be answered, 2 FINAL; of BURST: first sample of its bitmap, and the number of
@@ -57,8 +93,12 @@ def enqueue(world: Any, now: int, host: int, frame: Any) -> None:
     capacity = world.queue.shape[1]
     if ends[host, 1] == capacity:
         world.counts[Count.QUEUE_FULL] += 1
-        _note_drop(world, frame[0], frame[1], frame[2], Drop.QUEUE)
-        return
+        if world.timing[TimingColumn.QUEUE_RULE] != _HEAD:
+            note_drop(world, frame, Drop.QUEUE)
+            return
+        note_drop(world, world.queue[host, ends[host, 0]], Drop.QUEUE)
+        ends[host, 0] = 0 if ends[host, 0] + 1 == capacity else ends[host, 0] + 1
+        ends[host, 1] -= 1
     place = ends[host, 0] + ends[host, 1]
     ends[host, 1] += 1
     if place >= capacity:
@@ -94,15 +134,20 @@ def _send_next(world: Any, now: int, transmitter: int) -> None:
         air[transmitter, 1 + k] = world.queue[host, place, k]
     world.queue_ends[host, 0] = 0 if place + 1 == world.queue.shape[1] else place + 1
     world.queue_ends[host, 1] -= 1
-    size = _frame_bytes(
-        air[transmitter, 1], world.flows[air[transmitter, 2], FlowColumn.SIZE_BYTES], air[transmitter, 4]
+    kind, flow, timing = air[transmitter, 1], air[transmitter, 2], world.timing
+    size = _frame_bytes(kind, world.flows[flow, FlowColumn.SIZE_BYTES], air[transmitter, 4])
+    size += timing[TimingColumn.EXTRA_BYTES]
+    near = host  # the end of this crossing that is not the access point
+    if host == timing[TimingColumn.ACCESS_POINT]:
+        near = world.flows[flow, FlowColumn.SOURCE if kind == Frame.ACKNACK else FlowColumn.TARGET]
+    airtime = _airtime_ns(
+        size, contenders, timing[TimingColumn.OVERHEAD_NS], world.host_bps[near], world.rates[1]
     )
-    rates, overhead_ns = world.rates, world.timing[TimingColumn.OVERHEAD_NS]
-    airtime = _airtime_ns(size, contenders, overhead_ns, rates[1], rates[2])
     world.counts[Count.BYTES] += size
     world.counts[Count.AIRTIME_NS] += airtime
-    air[transmitter, 0], air[transmitter, 9] = 1, now
-    push(world.heap, world.heap_sizes, now + airtime, Event.SENT, transmitter)
+    begin = _after_stall_ns(now, timing[TimingColumn.STALL_EVERY_NS], timing[TimingColumn.STALL_NS])
+    air[transmitter, 0], air[transmitter, 9], air[transmitter, 10] = 1, begin, host
+    push(world.heap, world.heap_sizes, begin + airtime, Event.SENT, transmitter)
 
 
 @compiled
@@ -126,12 +171,17 @@ def sent_frame(world: Any, now: int, transmitter: int, frame: Any) -> bool:
         frame[k] = air[transmitter, 1 + k]
     air[transmitter, 0] = 0
     there = False
-    lost = uniform(world.random) < world.rates[0]
+    host = air[transmitter, 10]
+    lost = _is_lost(world.bad[host] != 0, uniform(world.random), world.rates[0], world.rates[2])
+    world.bad[host] = lost
+    first_crossing = 0 <= world.timing[TimingColumn.ACCESS_POINT] != host
     if world.trace_end[0] < world.trace.shape[0]:
         lost = _traced(world, now, transmitter, lost)
     if lost:
         world.counts[Count.LOST] += 1
-        _note_drop(world, frame[0], frame[1], frame[2], Drop.MEDIUM)
+        note_drop(world, frame, Drop.MEDIUM)
+    elif first_crossing:
+        enqueue(world, now, world.timing[TimingColumn.ACCESS_POINT], frame)
     elif world.timing[TimingColumn.LATENCY_NS] == 0:
         there = True
     else:

@@ -1,22 +1,24 @@
-"""RELIABLE and KEEP_LAST as a model: vendors' timing, flows, the medium with its rules, scenarios.
+"""RELIABLE and KEEP_LAST as a model: flows, the medium with its rules, scenarios.
 
 A flow is one topic's writer and its one reader; hosts share a medium; readers are served by executors that take
-time. The protocol is RTPS 2.5, clause 8.4, timed as a vendor does: times are the vendors' defaults, with their
-sources; what a default does in the protocol stands in `writer` and `reader`. Here is everything that a run is
+time. The protocol is RTPS 2.5, clause 8.4, timed as a vendor does (`vendors`). Here is everything that a run is
 given, and it becomes the arrays that the engine takes.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+import math
+from collections.abc import Mapping  # noqa: TC003 - a dataclass's fields are typed at run time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from sfglab.errors import InvalidValueError
 from sfglab.qos import DEFAULT, Durability, History, QoSProfile, Reliability
 from sfglab.rtps.state import FlowColumn, Frame, Params, Sizes, State, TimingColumn, new_state
-from sfglab.units import NS_PER_MS, NS_PER_S
+from sfglab.rtps.vendors import FAST_DDS, Vendor
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -26,88 +28,6 @@ _NOT_NEGATIVE = (
     *("rate_hz", "phase_s", "size_bytes", "reader_depth"),
     *("service_s", "compare_s", "change_s", "max_silence_s"),
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Vendor:
-    """How one DDS implementation times its reliability protocol (RTPS 2.5, clause 8.4)."""
-
-    name: str  #: Of the implementation.
-    heartbeat_ns: int  #: Period of heartbeats while something is unacknowledged.
-    #: The period doubles with each heartbeat that brings no progress, up to this; equal to `heartbeat_ns` where
-    #: it does not.
-    heartbeat_max_ns: int
-    #: A heartbeat travels with each sample while the writer's history is full: of samples that are
-    #: unacknowledged, and with TRANSIENT_LOCAL durability of any.
-    piggyback_when_full: bool
-    nack_delay_ns: int  #: From the first heartbeat that shows a gap to the reader's request.
-    ack_delay_ns: int  #: From a heartbeat that shows no gap to the reader's acknowledgement.
-    nack_response_ns: int  #: From a request to the writer's repair.
-    #: Samples that one request can ask for: a bitmap has 256 bits (RTPS 2.5, clause 9.4.2.6).
-    nack_most: int = 256
-    #: A heartbeat travels with every sample. The reader answers each at once: with a request if it lacks
-    #: something that it has not asked for yet, with an acknowledgement only if it is asked. `nack_delay_ns` is
-    #: then how long it waits before it asks for the same again, `ack_delay_ns` before it acknowledges the same
-    #: again. The writer's repairs end with a heartbeat to which the reader may ask again at once, and it sends
-    #: a periodic one only if it has sent no other for a period, which does not grow.
-    prompt: bool = False
-    #: A heartbeat that travels with a sample asks for no answer (it is FINAL) when the sample before is younger
-    #: than this; 0: it always asks.
-    final_within_ns: int = 0
-    #: Samples that wait behind a gap, apart from the reader's history; beyond that the newest is dropped. 0:
-    #: they wait in the reader's history.
-    reorder_most: int = 0
-    burst_bytes: int = 0  #: RTPS message in which repairs travel together; 0: each has a frame of its own.
-
-    def __post_init__(self) -> None:
-        if not 0 < self.heartbeat_ns <= self.heartbeat_max_ns:
-            raise InvalidValueError(
-                f"{self.name}: heartbeat_ns, heartbeat_max_ns",
-                (self.heartbeat_ns, self.heartbeat_max_ns),
-                "0 < heartbeat_ns <= heartbeat_max_ns",
-            )
-        delays_ns = self.nack_delay_ns, self.ack_delay_ns, self.nack_response_ns
-        if min(delays_ns) < 0:
-            raise InvalidValueError(f"{self.name}: delays", delays_ns, "0 and more")
-        if not 1 <= self.nack_most <= 256:
-            raise InvalidValueError(f"{self.name}: nack_most", self.nack_most, "1 to 256")
-
-
-FAST_DDS = Vendor(
-    name="Fast DDS",
-    # fastdds/rtps/attributes/WriterAttributes.hpp: heartbeatPeriod 3 s, nackResponseDelay 5 ms;
-    # ReaderAttributes.hpp: heartbeatResponseDelay 5 ms, for requests and acknowledgements alike;
-    # StatefulWriter.cpp: a heartbeat is sent along when the history is full; DataWriterImpl.cpp (2.x, 3.x) and
-    # PublisherImpl.cpp (before): a VOLATILE writer's sample leaves the history once all have acknowledged it.
-    heartbeat_ns=3 * NS_PER_S,
-    heartbeat_max_ns=3 * NS_PER_S,
-    piggyback_when_full=True,
-    nack_delay_ns=5 * NS_PER_MS,
-    ack_delay_ns=5 * NS_PER_MS,
-    nack_response_ns=5 * NS_PER_MS,
-)
-
-CYCLONE_DDS = Vendor(
-    name="Cyclone DDS",
-    # docs/manual/options.md: HeartbeatInterval 100 ms (min 5 ms, minsched 20 ms, max 8 s), NackDelay 100 ms,
-    # AckDelay 10 ms, PrimaryReorderMaxSamples 128, MaxRexmitMessageSize 1456 B. ddsi_hbcontrol.c: a heartbeat
-    # travels with every sample and asks for an answer when 4/5 of the interval have passed since the sample
-    # before; the interval grows after five heartbeats in vain, which is left out. ddsi_acknack.c: what is new
-    # is asked for at once. ddsi_radmin.c: no more is asked for than can wait.
-    heartbeat_ns=100 * NS_PER_MS,
-    heartbeat_max_ns=8 * NS_PER_S,
-    piggyback_when_full=False,
-    nack_delay_ns=100 * NS_PER_MS,
-    ack_delay_ns=10 * NS_PER_MS,
-    nack_response_ns=0,
-    nack_most=128,
-    prompt=True,
-    final_within_ns=80 * NS_PER_MS,
-    reorder_most=128,
-    burst_bytes=1456,
-)
-
-PRESETS = {"fast_dds": FAST_DDS, "cyclone_dds": CYCLONE_DDS}
 
 
 # --- The rules of the medium, plain Python: `medium` compiles them, the test hosts' radio calls them ----------
@@ -173,6 +93,43 @@ def next_sender(waiting: Sequence[Any], turn: int) -> tuple[int, int]:
     return chosen, contenders
 
 
+def after_stall_ns(now_ns: int, every_ns: int, stall_ns: int) -> int:
+    """Return when a frame can begin that is ready now: not while the medium stalls, as each period begins."""
+    if stall_ns == 0 or now_ns % every_ns >= stall_ns:
+        return now_ns
+    return now_ns + stall_ns - now_ns % every_ns
+
+
+def is_lost(bad: bool, draw: float, loss: float, burst_frames: float) -> bool:  # noqa: FBT001 - compiled
+    """Return whether a frame is lost, given whether the sender's one before was and a number of [0, 1).
+
+    Losses come in bursts of so many frames in the mean (E. N. Gilbert, Capacity of a Burst-Noise Channel, 1960,
+    with every frame lost in the bad state); below 1 each is drawn by itself.
+    """
+    if burst_frames < 1:
+        return draw < loss
+    return draw >= 1 / burst_frames if bad else draw < loss / ((1 - loss) * burst_frames)
+
+
+_MCS_BPS = (65.0, 58.5, 52.0, 39.0, 26.0, 19.5, 13.0, 6.5)
+_MCS_LACKING_DB = (0, 1, 2, 6, 10, 13, 15, 18)
+
+
+def rate_share(distance_m: float) -> float:
+    """Return the share of the highest rate that is left at a distance from the access point, metres.
+
+    The rates of 802.11n, 20 MHz, one stream (IEEE 802.11-2016, table 19-27), chosen by the sensitivity that
+    each needs (table 19-23); the highest up to 10 m, and indoors ten times as far costs 35 dB.
+    """
+    lacking_db = 35 * math.log10(max(distance_m, 10.0) / 10)
+    place = max((i for i, db in enumerate(_MCS_LACKING_DB) if db <= lacking_db), default=0)
+    return _MCS_BPS[place] / _MCS_BPS[0]
+
+
+QueueRule = Literal["tail", "head", "block"]
+QUEUE_RULES: tuple[QueueRule, ...] = get_args(QueueRule)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flow:
     """One topic with its writer and its reader."""
@@ -207,7 +164,40 @@ class Medium:
     overhead_s: float = 300e-6  #: Airtime of a frame beside its bits: preamble, gaps, acknowledgement.
     contention: float = 0.15  #: By which share each further host that wants to send stretches a frame.
     latency_s: float = 0.0  #: From the end of sending to arrival.
-    queue_frames: int = 500  #: Frames that a host's queue holds; more are dropped.
+    queue_frames: int = 500  #: Frames that a host's queue holds.
+    #: What a full one does: drops what comes last, as a driver's or an access point's; drops what came first,
+    #: as CoDel does, the default of Ubuntu; blocks who sends, as Linux does where the socket's buffer is
+    #: smaller. A test host's radio cannot block.
+    queue_rule: QueueRule = "tail"
+    #: Whether frames go by an access point, a host more that contends: on air twice.
+    access_point: bool = False
+    burst_frames: float = 0.0  #: Mean length of a burst of losses, frames; below 1: each is lost by itself.
+    stall_every_s: float = 0.0  #: How often the medium stalls: scans, power saving, neighbours.
+    stall_s: float = 0.0  #: For how long nothing begins to be sent then.
+    #: How far hosts are from the access point, by name; see `rate_share`. Others are near.
+    distances_m: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.loss < 1 or self.rate_bps <= 0 or self.queue_frames < 1:
+            raise InvalidValueError("medium", self, "0 <= loss < 1, rate_bps > 0, queue_frames >= 1")
+        if min(self.overhead_s, self.contention, self.latency_s, self.burst_frames, self.stall_s) < 0:
+            allowed = "overhead_s, contention, burst_frames, stall_s and latency_s from 0"
+            raise InvalidValueError("medium", self, allowed)
+        if self.queue_rule not in QUEUE_RULES:
+            raise InvalidValueError("medium: queue_rule", self.queue_rule, ", ".join(QUEUE_RULES))
+        if self.access_point and not self.shared:
+            raise InvalidValueError("medium: access_point", self.access_point, "only on a shared medium")
+        if self.stall_s and self.stall_s >= self.stall_every_s:
+            given = self.stall_s, self.stall_every_s
+            raise InvalidValueError("medium: stall_s, stall_every_s", given, "stall_s < stall_every_s")
+
+    def rate_of(self, host: str) -> float:
+        """Return the bits a second of frames to and from a host."""
+        return self.rate_bps * rate_share(self.distances_m.get(host, 0.0))
+
+    def begin_ns(self, now_ns: int) -> int:
+        """Return when a frame can begin that is ready now, nanoseconds."""
+        return after_stall_ns(now_ns, _ns(self.stall_every_s), _ns(self.stall_s))
 
     @property
     def overhead_ns(self) -> int:
@@ -219,9 +209,9 @@ class Medium:
         """`latency_s` in nanoseconds."""
         return _ns(self.latency_s)
 
-    def airtime_ns(self, size_bytes: int, contenders: int) -> int:
-        """Return how long a frame is on air while so many hosts want to send, nanoseconds."""
-        return airtime_ns(size_bytes, contenders, self.overhead_ns, self.rate_bps, self.contention)
+    def airtime_ns(self, size_bytes: int, contenders: int, rate_bps: float | None = None) -> int:
+        """Return how long a frame is on air while so many hosts want to send, ns; None: of a near host."""
+        return airtime_ns(size_bytes, contenders, self.overhead_ns, rate_bps or self.rate_bps, self.contention)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -241,11 +231,6 @@ class Scenario:
             raise InvalidValueError("flows", names, "different names, one at least")
         for flow in self.flows:
             _check_flow(flow, names)
-        medium = self.medium
-        if not 0 <= medium.loss < 1 or medium.rate_bps <= 0 or medium.queue_frames < 1:
-            raise InvalidValueError("medium", medium, "0 <= loss < 1, rate_bps > 0, queue_frames >= 1")
-        if min(medium.overhead_s, medium.contention, medium.latency_s) < 0:
-            raise InvalidValueError("medium", medium, "overhead_s, contention and latency_s from 0")
         if not self.duration_s > 0 or self.drain_s < 0:
             raise InvalidValueError("duration_s, drain_s", (self.duration_s, self.drain_s), "> 0, >= 0")
 
@@ -253,9 +238,9 @@ class Scenario:
 def _check_flow(flow: Flow, names: list[str]) -> None:
     if flow.then is not None and flow.then not in names:
         raise InvalidValueError(f"flow {flow.name!r}: then", flow.then, ", ".join(names))
-    for field in _NOT_NEGATIVE:
-        if (getattr(flow, field) or 0) < 0:
-            raise InvalidValueError(f"flow {flow.name!r}: {field}", getattr(flow, field), "0 and more")
+    for name in _NOT_NEGATIVE:
+        if (getattr(flow, name) or 0) < 0:
+            raise InvalidValueError(f"flow {flow.name!r}: {name}", getattr(flow, name), "0 and more")
     if flow.rate_hz > 1e9:
         raise InvalidValueError(f"flow {flow.name!r}: rate_hz", flow.rate_hz, "up to 1e9")
 
@@ -267,17 +252,20 @@ def compile_scenario(scenario: Scenario, *, samples: int, seed: int, trace: int 
     """
     hosts = _numbers(h for flow in scenario.flows for h in (flow.source, flow.target))
     executors = _numbers(flow.executor or f"{flow.name}\0" for flow in scenario.flows)
+    medium = scenario.medium
+    access_point = len(hosts) if medium.access_point else -1
     params = Params(
         flows=_flow_table(scenario, hosts, executors),
-        timing=_timing(scenario),
-        rates=np.array([scenario.medium.loss, scenario.medium.rate_bps, scenario.medium.contention]),
+        timing=_timing(scenario, access_point),
+        rates=np.array([medium.loss, medium.contention, medium.burst_frames]),
+        host_bps=np.array([medium.rate_of(host) for host in hosts]),
     )
     sizes = Sizes(
-        hosts=len(hosts),
+        hosts=len(hosts) + medium.access_point,
         servers=len(executors),
         samples=samples,
-        queue=scenario.medium.queue_frames,
-        flight=_most_under_way(scenario.medium),
+        queue=medium.queue_frames + (_BEYOND if medium.queue_rule == "block" else 0),
+        flight=_most_under_way(medium),
         trace=trace,
     )
     return params, new_state(params, sizes, seed=seed)
@@ -317,7 +305,11 @@ def _flow_table(scenario: Scenario, hosts: dict[str, int], executors: dict[str, 
     return table
 
 
-def _timing(scenario: Scenario) -> np.ndarray:
+_BEYOND = 4096
+"""Frames for which a queue that blocks has room beyond its bound: heartbeats, answers, whose threads wait."""
+
+
+def _timing(scenario: Scenario, access_point: int) -> np.ndarray:
     vendor, medium = scenario.vendor, scenario.medium
     values: dict[TimingColumn, int] = {
         TimingColumn.HEARTBEAT_NS: vendor.heartbeat_ns,
@@ -337,6 +329,15 @@ def _timing(scenario: Scenario) -> np.ndarray:
         TimingColumn.FINAL_NS: vendor.final_within_ns,
         TimingColumn.REORDER_MOST: vendor.reorder_most,
         TimingColumn.BURST_BYTES: vendor.burst_bytes,
+        TimingColumn.PIGGYBACK_BYTES: vendor.piggyback_bytes,
+        TimingColumn.SENT_BEFORE: -1 if vendor.sent_before_bytes is None else vendor.sent_before_bytes,
+        TimingColumn.QUEUES: int(vendor.asynchronous),
+        TimingColumn.EXTRA_BYTES: vendor.extra_bytes,
+        TimingColumn.QUEUE_FRAMES: medium.queue_frames,
+        TimingColumn.QUEUE_RULE: QUEUE_RULES.index(medium.queue_rule),
+        TimingColumn.ACCESS_POINT: access_point,
+        TimingColumn.STALL_EVERY_NS: _ns(medium.stall_every_s),
+        TimingColumn.STALL_NS: _ns(medium.stall_s),
     }
     return np.array([values[column] for column in TimingColumn], np.int64)
 

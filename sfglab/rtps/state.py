@@ -136,14 +136,32 @@ class TimingColumn(IntEnum):
     PROMPT = 14
     FINAL_NS = 15
     REORDER_MOST = 16
+    PIGGYBACK_BYTES = 17
+    SENT_BEFORE = 18
+    """-1: a sample adds its own bytes only."""
+    QUEUES = 19
+    """1: the history is the queue of what is not sent yet."""
+    EXTRA_BYTES = 20
+    QUEUE_FRAMES = 21
+    QUEUE_RULE = 22
+    """Place in `model.QUEUE_RULES`."""
+    ACCESS_POINT = 23
+    """Its number among the hosts; -1: there is none."""
+    STALL_EVERY_NS = 24
+    STALL_NS = 25
 
 
 class Params(NamedTuple):
-    """What does not change: `flows` [flow, FlowColumn], `timing`, `rates` (loss, bits a second, contention)."""
+    """What does not change.
+
+    `flows` [flow, FlowColumn], `timing`, `rates` (loss, contention, mean burst of losses); `host_bps` [host]
+    are bits a second to and from each.
+    """
 
     flows: Any
     timing: Any
     rates: Any
+    host_bps: Any
 
 
 class State(NamedTuple):
@@ -160,12 +178,13 @@ class State(NamedTuple):
     dropped: Any  # (F, N + 1) see Drop
     arrived: Any  # (F, N + 1) 1 received, 2 declared irrelevant
     order: Any  # (F, N + 1) samples as the reader's history received them
-    writer: Any  # (F, 11) see W
+    writer: Any  # (F, 14) see W
     reader: Any  # (F, 17) see R
     repair: Any  # (F, 5) base and bitmap of the request that waits
     queue: Any  # (H, Q, 8) frames
     queue_ends: Any  # (H, 2) head, length
-    on_air: Any  # (T, 10) busy, frame, since when
+    on_air: Any  # (T, 11) busy, frame, since when, whose
+    bad: Any  # (H,) whether a host's frames are in a burst of losses
     trace: Any  # (K, 12) see TraceColumn; frames as they left the air; K is 0 where nobody looks
     trace_end: Any  # (1,) how many there are
     next_host: Any  # (T,)
@@ -181,6 +200,8 @@ class W(IntEnum):
     """Columns of `State.writer`; HB is a heartbeat."""
 
     LAST, ACKED, ARMED, INTERVAL, LAST_HB, ACKED_AT_HB, VALUE, CHANGE_AT, SENT, SENT_AT, WROTE_AT = range(11)
+    # Newest sample that has left the history for the host's queue; bytes since the last heartbeat, and in all.
+    QUEUED, UNSHOWN, BYTES = range(11, 14)
 
 
 class R(IntEnum):
@@ -263,7 +284,8 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
         repair=np.zeros((flows, 5), np.int64),
         queue=np.zeros((sizes.hosts, sizes.queue, _FRAME_FIELDS), np.int64),
         queue_ends=np.zeros((sizes.hosts, 2), np.int64),
-        on_air=np.zeros((transmitters, 2 + _FRAME_FIELDS), np.int64),
+        on_air=np.zeros((transmitters, 3 + _FRAME_FIELDS), np.int64),
+        bad=np.zeros(sizes.hosts, np.int8),
         trace=np.zeros((sizes.trace, _FRAME_FIELDS + len(TraceColumn)), np.int64),
         trace_end=np.zeros(1, np.int64),
         next_host=np.zeros(transmitters, np.int64),

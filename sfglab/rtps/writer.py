@@ -11,10 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from sfglab.rtps.medium import burst_most, enqueue, uniform
+from sfglab.rtps.medium import burst_most, enqueue, has_room, message_bytes, note_drop, uniform
 from sfglab.rtps.model import BURST_ROOM
-from sfglab.rtps.state import SET, Count, Event, FlowColumn, Frame, TimingColumn, W
+from sfglab.rtps.state import SET, Count, Drop, Event, FlowColumn, Frame, TimingColumn, W
 from sfglab.rtps.world import compiled, push
+
+_TOGETHER_BYTES = 1456
+"""Samples that waited travel in RTPS messages of up to 64 kB, which IP cuts: reckoned as what fits a frame."""
 
 
 @compiled
@@ -75,13 +78,30 @@ def _piggybacks(world: Any, flow: int) -> bool:
 
 
 @compiled
-def _send_data(world: Any, now: int, flow: int, sample: int) -> None:
-    reliable = world.flows[flow, FlowColumn.RELIABLE]
-    rides = 1 if reliable and _piggybacks(world, flow) else 0
+def _rides(world: Any, now: int, flow: int, samples: int, repairs: bool) -> bool:  # noqa: FBT001 - compiled
+    """Return whether a heartbeat travels with so many samples, and note that it does."""
+    writer, most = world.writer, world.timing[TimingColumn.PIGGYBACK_BYTES]
+    if not world.flows[flow, FlowColumn.RELIABLE]:
+        return False
+    rides = _piggybacks(world, flow)
+    if most:
+        extra, before = world.timing[TimingColumn.EXTRA_BYTES], world.timing[TimingColumn.SENT_BEFORE]
+        own = samples * message_bytes(world.flows[flow, FlowColumn.SIZE_BYTES], extra)
+        if before >= 0 and (repairs or world.timing[TimingColumn.QUEUES]):
+            writer[flow, W.BYTES] += own
+            own = samples * (before + writer[flow, W.BYTES])
+        writer[flow, W.UNSHOWN] += own
+        rides = rides or writer[flow, W.UNSHOWN] > most
     if rides:
-        world.writer[flow, W.LAST_HB] = now
-        if now - world.writer[flow, W.WROTE_AT] < world.timing[TimingColumn.FINAL_NS]:
-            rides = 2
+        writer[flow, W.LAST_HB], writer[flow, W.UNSHOWN] = now, 0
+    return bool(rides)
+
+
+@compiled
+def _send_data(world: Any, now: int, flow: int, sample: int) -> None:
+    rides = 1 if _rides(world, now, flow, 1, False) else 0
+    if rides and now - world.writer[flow, W.WROTE_AT] < world.timing[TimingColumn.FINAL_NS]:
+        rides = 2
     world.writer[flow, W.WROTE_AT] = now
     last = world.writer[flow, W.LAST]
     _send(world, now, (Frame.DATA, flow), (sample, rides), (_first_kept(world, flow), last))
@@ -94,6 +114,12 @@ def write(world: Any, now: int, flow: int) -> None:
     value = _sample_value(world, now, flow)
     if _held_back(world, now, flow, value):
         world.counts[Count.HELD] += 1
+        return
+    goes = (
+        has_room(world, world.flows[flow, FlowColumn.SOURCE]) and writer[flow, W.QUEUED] == writer[flow, W.LAST]
+    )
+    if not goes and not world.timing[TimingColumn.QUEUES]:
+        world.counts[Count.THROTTLED] += 1  # whoever publishes still waits to be rid of what came before
         return
     unacked = writer[flow, W.LAST] - writer[flow, W.ACKED]
     if (
@@ -110,11 +136,46 @@ def write(world: Any, now: int, flow: int) -> None:
     sample = writer[flow, W.LAST]
     world.published_ns[flow, sample] = now
     world.value[flow, sample] = value
-    _send_data(world, now, flow, sample)
+    if goes:
+        writer[flow, W.QUEUED] = sample
+        _send_data(world, now, flow, sample)
     if world.flows[flow, FlowColumn.RELIABLE] and not writer[flow, W.ARMED]:
         writer[flow, W.ARMED] = 1
         writer[flow, W.INTERVAL] = world.timing[TimingColumn.HEARTBEAT_NS]
         push(world.heap, world.heap_sizes, now + writer[flow, W.INTERVAL], Event.HEARTBEAT, flow)
+
+
+@compiled
+def send_unsent(world: Any, now: int, host: int) -> None:
+    """Send what waits longest in the histories of a host whose queue has room again: of one flow, together."""
+    oldest = -1
+    for flow in range(world.flows.shape[0]):
+        queued = world.writer[flow, W.QUEUED]
+        if world.flows[flow, FlowColumn.SOURCE] == host and queued < world.writer[flow, W.LAST]:
+            since = world.published_ns[flow, queued + 1]
+            if oldest < 0 or since < world.published_ns[oldest, world.writer[oldest, W.QUEUED] + 1]:
+                oldest = flow
+    if oldest < 0 or not has_room(world, host):
+        return
+    last, frame = world.writer[oldest, W.LAST], world.scratch[1]
+    first = max(world.writer[oldest, W.QUEUED] + 1, _first_kept(world, oldest))
+    frame[0], frame[1] = Frame.DATA, oldest
+    for sample in range(world.writer[oldest, W.QUEUED] + 1, first):
+        frame[2] = sample
+        note_drop(world, frame, Drop.QUEUE)
+    most = burst_most(world.flows[oldest, FlowColumn.SIZE_BYTES], _TOGETHER_BYTES)
+    count = min(last - first + 1, most, 256)
+    world.writer[oldest, W.QUEUED] = first + count - 1
+    if count == 1:
+        _send_data(world, now, oldest, first)
+        return
+    frame[:] = 0
+    frame[0], frame[1], frame[2] = Frame.BURST, oldest, first
+    frame[3] = count + (BURST_ROOM * last if _rides(world, now, oldest, count, False) else 0)
+    for i in range(count):
+        frame[4 + i // 64] |= np.int64(1) << (i % 64)
+    world.counts[Count.DATA] += 1
+    enqueue(world, now, host, frame)
 
 
 @compiled
@@ -129,7 +190,7 @@ def heartbeat(world: Any, now: int, flow: int) -> None:
         writer[flow, W.ARMED] = 1
         push(world.heap, world.heap_sizes, due, Event.HEARTBEAT, flow)
         return
-    writer[flow, W.LAST_HB] = now
+    writer[flow, W.LAST_HB], writer[flow, W.UNSHOWN] = now, 0
     _send(world, now, (Frame.HEARTBEAT, flow), (0, 0), (_first_kept(world, flow), writer[flow, W.LAST]))
     stuck = writer[flow, W.ACKED] == writer[flow, W.ACKED_AT_HB]
     longer = min(2 * writer[flow, W.INTERVAL], world.timing[TimingColumn.HEARTBEAT_MAX_NS])
@@ -177,16 +238,17 @@ def repair(world: Any, now: int, flow: int) -> None:
         for i in range(64):
             if (word >> i) & 1:
                 sample = base + 64 * k + i
-                if kept <= sample <= world.writer[flow, W.LAST]:
+                if kept <= sample <= world.writer[flow, W.QUEUED]:
                     world.counts[Count.REPEATED] += 1
                     _send_data(world, now, flow, sample)
 
 
 @compiled
 def _repair_in_bursts(world: Any, now: int, flow: int, base: int, kept: int) -> None:
-    """Send what was asked for, many samples a frame, and a heartbeat with the last one."""
+    """Send what was asked for, many samples a frame; a prompt vendor sends a heartbeat with the last one."""
+    prompt = world.timing[TimingColumn.PROMPT]
     last, most = (
-        world.writer[flow, W.LAST],
+        world.writer[flow, W.QUEUED],
         burst_most(world.flows[flow, FlowColumn.SIZE_BYTES], world.timing[TimingColumn.BURST_BYTES]),
     )
     left = 0
@@ -196,7 +258,7 @@ def _repair_in_bursts(world: Any, now: int, flow: int, base: int, kept: int) -> 
     frame[:] = 0
     if base < kept:
         frame[0], frame[1], frame[2], frame[3] = Frame.GAP, flow, base, kept
-        frame[4], frame[5] = kept, last if left == 0 else 0
+        frame[4], frame[5] = kept, last if left == 0 and prompt else 0
         world.counts[Count.GAP] += 1
         enqueue(world, now, world.flows[flow, FlowColumn.SOURCE], frame)
     inside = 0
@@ -209,7 +271,8 @@ def _repair_in_bursts(world: Any, now: int, flow: int, base: int, kept: int) -> 
         frame[4 + i // 64] |= np.int64(1) << (i % 64)
         inside, left = inside + 1, left - 1
         if inside == most or left == 0:
-            frame[3] = inside + (BURST_ROOM * last if left == 0 else 0)
+            rides = left == 0 if prompt else _rides(world, now, flow, inside, True)
+            frame[3] = inside + (BURST_ROOM * world.writer[flow, W.LAST] if rides else 0)
             world.counts[Count.DATA] += 1
             world.counts[Count.REPEATED] += inside
             enqueue(world, now, world.flows[flow, FlowColumn.SOURCE], frame)

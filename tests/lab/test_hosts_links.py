@@ -261,7 +261,7 @@ def arrivals_of(air: Air, offers) -> list[tuple[int, int]]:
     arrived = []
     for t_ns, host, frame, size_bytes in sorted(offers):
         arrived += air.advance(t_ns)
-        air.offer(host, frame, size_bytes=size_bytes, now_ns=t_ns)
+        air.offer(host, frame, size_bytes=size_bytes, now_ns=t_ns, target=1)
     while (next_ns := air.next_ns()) is not None:
         arrived += air.advance(next_ns)
     return [(sent.frame, sent.due_ns) for sent in arrived]
@@ -269,15 +269,19 @@ def arrivals_of(air: Air, offers) -> list[tuple[int, int]]:
 
 @settings(max_examples=40, deadline=None)
 @given(
-    shared=st.booleans(),
+    shared=st.sampled_from([False, True, "twice"]),
     rates=st.lists(st.sampled_from([90.0, 170.0, 410.0, 730.0]), min_size=2, max_size=4),
     latency_s=st.sampled_from([0.0, 0.003]),
     queue_frames=st.sampled_from([1, 3, 200]),
+    queue_rule=st.sampled_from(["tail", "head"]),
+    stall_s=st.sampled_from([0.0, 0.02]),
+    far=st.booleans(),
 )
-def test_the_radio_delivers_each_frame_when_the_model_does(shared, rates, latency_s, queue_frames):
+def test_the_radio_delivers_each_frame_when_the_model_does(shared, rates, far, **given):
     medium = Medium(
-        rate_bps=3e6, loss=0.0, shared=shared, overhead_s=4e-4, latency_s=latency_s, queue_frames=queue_frames
-    )
+        rate_bps=3e6, loss=0.0, shared=shared is not False, overhead_s=4e-4, access_point=shared == "twice",
+        stall_every_s=0.1, distances_m={"h1": 30.0, "sink": 20.0} if far else {}, **given,
+    )  # fmt: skip
     qos = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=1000)
     flows = tuple(
         Flow(name=f"f{i}", source=f"h{i}", target="sink", rate_hz=rate, phase_s=1.37e-4 * (i + 1), qos=qos,
@@ -293,27 +297,27 @@ def test_the_radio_delivers_each_frame_when_the_model_does(shared, rates, latenc
             offers.append((int(t_ns), hosts[f"h{i}"], (i, k), MODEL_BYTES + flow.size_bytes))
             if fate.delivered[k]:
                 expected[i, k] = int(fate.received_ns[k])
-    air: Air = Air(len(hosts), medium)
+    air: Air = Air(list(hosts), medium)
     assert dict(arrivals_of(air, offers)) == expected
     assert sum(use.airtime_ns for use in air.use) == outcome.counts["airtime_ns"]
     assert sum(use.queue_full for use in air.use) == outcome.counts["queue_full"]
 
 
 def test_a_late_look_lowers_no_rate():
-    air: Air = Air(1, Medium(rate_bps=8e6, overhead_s=0.0, contention=0.0))
+    air: Air = Air(["h0"], Medium(rate_bps=8e6, overhead_s=0.0, contention=0.0))
     for k in range(10):
         air.offer(0, k, size_bytes=1000, now_ns=0)
     assert [sent.due_ns for sent in air.advance(10_000_000)] == [1_000_000 * (k + 1) for k in range(10)]
 
 
 def test_a_full_queue_drops_what_comes_last():
-    air: Air = Air(1, Medium(queue_frames=2))
+    air: Air = Air(["h0"], Medium(queue_frames=2))
     assert [air.offer(0, k, size_bytes=100, now_ns=0) for k in range(4)] == [True, True, True, False]
     assert air.use[0].queue_full == 1
 
 
 def test_a_change_of_the_medium_keeps_the_frames():
-    air: Air = Air(2, Medium(queue_frames=5))
+    air: Air = Air(["h0", "h1"], Medium(queue_frames=5))
     for k in range(3):
         air.offer(0, k, size_bytes=100, now_ns=0)
     air.change(Medium(shared=False, overhead_s=0.0))

@@ -13,8 +13,7 @@ from numba.core.registry import CPUDispatcher
 
 from sfglab.qos import Durability, History, QoSProfile, Reliability
 from sfglab.rtps import (
-    CYCLONE_DDS,
-    FAST_DDS,
+    PRESETS,
     Fate,
     Flow,
     Medium,
@@ -26,6 +25,7 @@ from sfglab.rtps import (
     world,
     writer,
 )
+from sfglab.rtps.model import QUEUE_RULES
 
 MODULES = (engine, medium, reader, world, writer)
 
@@ -97,7 +97,7 @@ def flow(draw, name, then):
 
 @st.composite
 def scenarios(draw):
-    names = "abcd"[: draw(st.integers(1, 4))]
+    names, shared = "abcd"[: draw(st.integers(1, 4))], draw(st.booleans())
     # A chain goes to a later flow: a ring would publish for ever.
     chains = [draw(st.sampled_from([None, *names[i + 1 :]])) for i in range(len(names))]
     return Scenario(
@@ -105,12 +105,18 @@ def scenarios(draw):
         medium=Medium(
             rate_bps=draw(st.sampled_from([3e5, 2e6, 20e6])),
             loss=draw(st.sampled_from([0.0, 0.05, 0.3, 0.7])),
-            shared=draw(st.booleans()),
+            shared=shared,
             overhead_s=draw(st.sampled_from([0.0, 3e-4])),
             latency_s=draw(st.sampled_from([0.0, 0.004])),
             queue_frames=draw(st.sampled_from([1, 3, 500])),
+            queue_rule=draw(st.sampled_from(QUEUE_RULES)),
+            access_point=shared and draw(st.booleans()),
+            burst_frames=draw(st.sampled_from([0.0, 4.0])),
+            stall_every_s=0.05,
+            stall_s=draw(st.sampled_from([0.0, 0.02])),
+            distances_m=draw(st.sampled_from([{}, {"robot1": 25.0}])),
         ),
-        vendor=draw(st.sampled_from([FAST_DDS, CYCLONE_DDS])),
+        vendor=draw(st.sampled_from(list(PRESETS.values()))),
         duration_s=draw(st.sampled_from([0.05, 0.3])),
         drain_s=draw(st.sampled_from([0.0, 0.2, 7.0])),
         unacked_most=draw(st.sampled_from([1, 7, 5000])),

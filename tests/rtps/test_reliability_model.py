@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
 from sfglab.qos import Durability, History, QoSProfile, Reliability
-from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Drop, Fate, Flow, Medium, Scenario, run
+from sfglab.rtps import CYCLONE_DDS, FAST_DDS, PRESETS, Drop, Fate, Flow, Medium, Scenario, run
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -210,7 +210,7 @@ scenarios = st.builds(
     depth=st.sampled_from([0, 1, 2, 5, 50, 5000]),
     rate=st.sampled_from([7.0, 100.0, 900.0]),
     loss=st.sampled_from([0.0, 0.05, 0.4]),
-    vendor=st.sampled_from([FAST_DDS, CYCLONE_DDS]),
+    vendor=st.sampled_from(list(PRESETS.values())),
     shared=st.booleans(),
     service=st.sampled_from([0.0, 0.0005, 0.01]),
     latency=st.sampled_from([0.0, 0.004]),
@@ -229,7 +229,7 @@ def test_samples_come_in_order_after_their_publication_and_every_loss_has_a_plac
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.sampled_from([FAST_DDS, CYCLONE_DDS]), st.sampled_from([0.0, 0.1, 0.3]), st.integers(0, 20))
+@given(st.sampled_from(list(PRESETS.values())), st.sampled_from([0.0, 0.1, 0.3]), st.integers(0, 20))
 def test_keep_all_loses_nothing(vendor, loss, seed):
     scenario = replace(
         one(replace(QUIET, loss=loss), vendor=vendor, qos=KEEP_ALL, duration_s=2.0), drain_s=300.0

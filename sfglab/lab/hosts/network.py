@@ -355,11 +355,16 @@ class Network:
             seed: Of the losses.
 
         Raises:
+            InvalidValueError: The medium's queues block who sends.
             LinkControlError: The kernel refuses.
             HostsError: The network is closed or lost, or has no hosts.
         """
         if not self._hosts:
             raise HostsError("a radio needs hosts: add them before `set_radio`")
+        if medium.queue_rule == "block":
+            raise InvalidValueError(
+                "medium: queue_rule", "block", "tail or head: what it relays has left its host"
+            )
         try:
             self._channel.request("set_radio", medium=asdict(medium), seed=seed)
         except PermissionError as error:

@@ -6,10 +6,11 @@ receiver. It ends when its control socket does.
 
 The medium is a pure machine: frames at times in, frames at later times out, all in nanoseconds of one clock
 that the caller reads. Its rules are those of the model of RTPS, frame for frame, and airtime and turns its very
-functions: queues with drop-tail at the hosts, one frame on air at a time, turns among hosts that have something
-to send, airtime stretched by contention, then latency. The kernel's time of arrival counts, and a frame's end
-follows from the end of the one before, not from when somebody looked: the relay's own slowness adds delay,
-which it counts, and lowers no rate.
+functions: queues at the hosts that drop at their tail or head, one frame on air at a time, turns among hosts
+that have something to send, airtime stretched by contention, stalls, an access point that sends each frame once
+more, losses in bursts, then latency. Only a queue that blocks it cannot have: what it sees has left its host.
+The kernel's time of arrival counts, and a frame's end follows from the end of the one before, not from when
+somebody looked: the relay's own slowness adds delay, which it counts, and lowers no rate.
 """
 
 from __future__ import annotations
@@ -25,12 +26,15 @@ import sys
 import time
 from collections import deque
 from dataclasses import asdict, dataclass, field
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from sfglab.lab.hosts.radio import RadioHost
 from sfglab.rtps import Medium
-from sfglab.rtps.model import next_sender
+from sfglab.rtps.model import is_lost, next_sender
 from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
 
 F = TypeVar("F")
 
@@ -51,12 +55,15 @@ class _Transmitter(Generic[F]):
     next_: int = 0
     free_ns: int = 0
     on_air: Sent[F] | None = None
+    relayed: _Waiting[F] | None = None  #: What the access point has to send then.
 
 
 class _Waiting(NamedTuple, Generic[F]):
     since_ns: int
     size_bytes: int
     frame: F
+    sender: int
+    target: int | None
 
 
 @dataclass(slots=True)
@@ -70,16 +77,21 @@ class Air(Generic[F]):
     """The medium.
 
     Args:
-        hosts: How many there are.
+        hosts: Their names.
         medium: What it is like.
+        lose: Whether a frame of a host is lost on its way to the access point.
 
     Attributes:
         use: What each host has done with it; losses are the caller's to count.
     """
 
-    def __init__(self, hosts: int, medium: Medium) -> None:
-        self.use = [RadioHost() for _ in range(hosts)]
-        self._state: _State[F] = _State([deque() for _ in range(hosts)])
+    def __init__(
+        self, hosts: Sequence[str], medium: Medium, *, lose: Callable[[int], bool] = lambda _: False
+    ) -> None:
+        self._hosts, self._lose = tuple(hosts), lose
+        self.use = [RadioHost() for _ in hosts]
+        self._access_point = len(self.use)  # last, and without a part where the medium has none
+        self._state: _State[F] = _State([deque() for _ in range(len(hosts) + 1)])
         self.change(medium)
 
     def change(self, medium: Medium) -> None:
@@ -87,40 +99,54 @@ class Air(Generic[F]):
         state = self._state
         state.flight.extend(t.on_air for t in state.transmitters if t.on_air is not None)
         free_ns = max((t.free_ns for t in state.transmitters), default=0)
-        everybody = tuple(range(len(self.use)))
+        everybody = tuple(range(len(self._hosts) + 1))
         groups = [everybody] if medium.shared else [(host,) for host in everybody]
         state.transmitters = [_Transmitter(group, free_ns=free_ns) for group in groups]
         self._medium = medium
+        self._rates_bps = [medium.rate_of(host) for host in self._hosts]
         self.use = [RadioHost() for _ in everybody]
         for transmitter in state.transmitters:
             self._start(transmitter)
 
-    def offer(self, host: int, frame: F, *, size_bytes: int, now_ns: int) -> bool:
-        """Put a frame into a host's queue; False when it is full. Time must have been advanced to now.
+    def offer(self, host: int, frame: F, *, size_bytes: int, now_ns: int, target: int | None = None) -> bool:
+        """Put a frame into a host's queue; False when one is dropped for it. Time must be advanced to now.
 
         Args:
             host: Who sends.
             frame: What.
             size_bytes: Bytes on the medium.
             now_ns: When it came.
+            target: For whom; None: a group.
         """
-        queue = self._state.queues[host]
-        if len(queue) >= self._medium.queue_frames:
-            self.use[host].queue_full += 1
-            return False
-        queue.append(_Waiting(now_ns, size_bytes, frame))
+        took = self._queue(host, _Waiting(now_ns, size_bytes, frame, host, target))
         for transmitter in self._state.transmitters:
             # A frame that finds the medium free is on air at once and takes no place in the queue.
             if host in transmitter.hosts and transmitter.on_air is None:
                 self._start(transmitter)
-        return True
+        return took
+
+    def _queue(self, host: int, waiting: _Waiting[F]) -> bool:
+        queue = self._state.queues[host]
+        full = len(queue) >= self._medium.queue_frames
+        if full:
+            self.use[host].queue_full += 1
+            if self._medium.queue_rule != "head":
+                return False
+            queue.popleft()
+        queue.append(waiting)
+        return not full
 
     def advance(self, until_ns: int) -> list[Sent[F]]:
         """Return the frames that have arrived until a time, this time included, in order."""
         state = self._state
         for transmitter in state.transmitters:
             while transmitter.on_air is not None and transmitter.free_ns <= until_ns:
-                state.flight.append(transmitter.on_air)
+                if transmitter.relayed is None:
+                    state.flight.append(transmitter.on_air)
+                elif self._lose(transmitter.on_air.host):
+                    self.use[transmitter.on_air.host].lost += 1
+                else:
+                    self._queue(self._access_point, transmitter.relayed)
                 transmitter.on_air = None
                 self._start(transmitter)
         arrived = [sent for sent in state.flight if sent.due_ns <= until_ns]
@@ -144,10 +170,15 @@ class Air(Generic[F]):
         ready = {host for host in waiting if queues[host][0].since_ns <= start_ns}
         host, contenders = next_sender([host in ready for host in range(len(queues))], transmitter.next_)
         entry = queues[host].popleft()
-        airtime_ns = self._medium.airtime_ns(entry.size_bytes, contenders)
+        # Of the access point's frames to a group, nobody's distance counts.
+        near = host if host != self._access_point else entry.target
+        rate_bps = None if near is None else self._rates_bps[near]
+        airtime_ns = self._medium.airtime_ns(entry.size_bytes, contenders, rate_bps)
         transmitter.next_ = host + 1
-        transmitter.free_ns = start_ns + airtime_ns
-        transmitter.on_air = Sent(transmitter.free_ns + self._medium.latency_ns, host, entry.frame)
+        transmitter.free_ns = self._medium.begin_ns(start_ns) + airtime_ns
+        transmitter.on_air = Sent(transmitter.free_ns + self._medium.latency_ns, entry.sender, entry.frame)
+        first = self._medium.access_point and host != self._access_point
+        transmitter.relayed = entry._replace(since_ns=transmitter.free_ns) if first else None
         use = self.use[host]
         use.frames += 1
         use.bytes_ += entry.size_bytes
@@ -241,15 +272,17 @@ class _Relay:
         self._air: Air[bytes] | None = None
         self._medium: Medium
         self._random = random.Random()
+        self._bad: dict[tuple[int, int], bool] = {}  # whether the last frame of a way was lost
         self._kept = _Kept(time.time_ns())
 
     def set(self, *, medium: dict[str, Any], seed: int) -> dict[str, Any]:
         self._medium = Medium(**medium)
         if self._air is None:
-            self._air = Air(len(self._names), self._medium)
+            self._air = Air(self._names, self._medium, lose=lambda host: self._lost(host, host))
         else:
             self._air.change(self._medium)
         self._random.seed(seed)
+        self._bad.clear()
         self._overrun()  # forgets, as reading resets it
         self._kept = _Kept(time.time_ns())
         return {}
@@ -257,7 +290,8 @@ class _Relay:
     def counters(self) -> dict[str, Any]:
         assert self._air is not None
         self._kept.overrun += self._overrun()
-        hosts = zip(self._names, map(asdict, self._air.use), strict=True)
+        names = [*self._names, "access point"] if self._medium.access_point else self._names
+        hosts = zip(names, map(asdict, self._air.use), strict=False)
         return {"hosts": dict(hosts), **self._kept.report()}
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
@@ -286,13 +320,15 @@ class _Relay:
             return  # the medium is not set yet: there is none
         for arrival in arrivals:
             self._deliver(air, air.advance(arrival.t_ns))
-            air.offer(arrival.host, arrival.frame, size_bytes=len(arrival.frame), now_ns=arrival.t_ns)
+            target = None if arrival.frame[0] & _GROUP_BIT else self._host_of.get(arrival.frame[:6])
+            size_bytes = len(arrival.frame)
+            air.offer(arrival.host, arrival.frame, size_bytes=size_bytes, now_ns=arrival.t_ns, target=target)
         self._deliver(air, air.advance(time.time_ns()))
 
     def _deliver(self, air: Air[bytes], sent: list[Sent[bytes]]) -> None:
         for due_ns, host, frame in sent:
             for receiver in self._receivers(host, frame):
-                if self._random.random() < self._medium.loss:
+                if self._lost(host, receiver):
                     air.use[host].lost += 1
                     continue
                 try:
@@ -300,6 +336,13 @@ class _Relay:
                 except OSError:  # the host's queue is full, or the host is going away
                     self._kept.overrun += 1
                 self._kept.note(due_ns, time.time_ns())
+
+    def _lost(self, host: int, receiver: int) -> bool:
+        """Return whether a frame is lost; a host's way to the access point has the host itself as receiver."""
+        way, medium = (host, receiver), self._medium
+        draw = self._random.random()
+        self._bad[way] = is_lost(self._bad.get(way, False), draw, medium.loss, medium.burst_frames)
+        return self._bad[way]
 
     def _receivers(self, host: int, frame: bytes) -> tuple[int, ...]:
         if frame[0] & _GROUP_BIT:
