@@ -1,8 +1,9 @@
 """Peer that is a real ROS 2 node and does as it is told: ``python rclpy_peer.py NAME``, see `sfglab.lab.ros2`.
 
 Orders come as JSON lines, each names a method of `Peer` as ``do``; reports go out as JSON lines. Messages
-travel as CDR in hexadecimal digits. Runs in ROS 2's own interpreter, from Python 3.10 on, and imports nothing
-of sfglab.
+travel as CDR in hexadecimal digits. As a host's part of scenarios of the reliability model it takes the orders
+of `sfglab.lab.workers.flowplay`, and knows samples by their values, as source time stamps are Fast DDS's own.
+Runs in ROS 2's own interpreter, from Python 3.10 on, and imports nothing of sfglab.
 """
 
 from __future__ import annotations
@@ -12,12 +13,14 @@ import json
 import os
 import sys
 import threading
+import time
 from collections import Counter
 from contextlib import suppress
 from functools import partial
 from operator import attrgetter
 from typing import Any
 
+import numpy as np
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile
@@ -53,6 +56,17 @@ def profile_of(given: dict[str, Any]) -> QoSProfile:
     return QoSProfile(depth=given.get("depth", 10), **values, **times)
 
 
+_WARM = 1500
+"""Samples after which an asynchronous Fast DDS sends a heartbeat with each (`sfglab.rtps.FAST_DDS_ASYNC`)."""
+
+
+def sample_of(value: int, size_bytes: int) -> bytes:
+    """Return the CDR of a text of a size that carries a value's number."""
+    letters = size_bytes - 9
+    text = f"{value:>{letters}}".encode()
+    return b"\x00\x01\x00\x00" + (letters + 1).to_bytes(4, "little") + text + b"\x00"
+
+
 class Peer:
     """The node and what it has made so far."""
 
@@ -63,6 +77,9 @@ class Peer:
         self.executor.add_node(self.node)
         self.kept: list[Any] = []
         self.publishers: dict[str, Any] = {}
+        self.flows: dict[str, dict[str, Any]] = {}
+        self.received: dict[str, list[tuple[int, int]]] = {}
+        self.warm = False
         self.counts: Counter[str] = Counter()
         self.thread = threading.Thread(target=self.spin)
         self.thread.start()
@@ -188,6 +205,74 @@ class Peer:
             ]
         nodes = [ns.rstrip("/") + "/" + name for name, ns in self.node.get_node_names_and_namespaces()]
         report("graph", nodes=nodes, ends=ends)
+
+    def open(self, flows: list[dict[str, Any]], **_seed: Any) -> None:
+        """Make the ends of flows, and wait for the other ones."""
+        here, kind = self.node.get_name(), interface("std_msgs/msg/String")
+        self.flows = {flow["name"]: flow for flow in flows}
+        for name, flow in self.flows.items():
+            profile = QoSProfile(depth=flow["qos"]["depth"])
+            if flow["source"] == here:
+                self.publishers[name] = self.node.create_publisher(kind, name, profile)
+            else:
+                heard = self.hearing(name)
+                self.kept.append(self.node.create_subscription(kind, name, heard, profile, raw=True))
+        counts = self.node.count_publishers, self.node.count_subscribers
+        while not all(count(name) for name in self.flows for count in counts):
+            time.sleep(0.01)
+        while not all(publisher.get_subscription_count() for publisher in self.publishers.values()):
+            time.sleep(0.01)
+        for name, publisher in self.publishers.items() if not self.warm else ():
+            for _ in range(_WARM):
+                publisher.publish(sample_of(-1, self.flows[name]["size_bytes"]))
+                time.sleep(2e-4)
+            self.warm = True
+        report("matched")
+
+    def hearing(self, name: str) -> Any:
+        """Return what notes a flow's samples."""
+        received = self.received[name] = []
+        return lambda cdr: received.append((int(cdr[8:-1]), time.time_ns()))
+
+    def play(self, start_ns: int, duration_s: float, drain_s: float, result: str) -> None:
+        """Publish on schedule, wait for what comes later, and write both down."""
+        last_ns, agenda = start_ns + round(duration_s * 1e9), []
+        for name in self.publishers:
+            first_ns = start_ns + round(self.flows[name]["phase_s"] * 1e9)
+            dues = range(first_ns, last_ns, round(1e9 / self.flows[name]["rate_hz"]))
+            agenda += [(due_ns, value, name) for value, due_ns in enumerate(dues, 1)]
+        columns: dict[str, list[int]] = {
+            f"{name} written {c}": [] for name in self.publishers for c in ("sent_ns", "value")
+        }
+        # Who only hears looks at the time instead: how late shows whether it could hear in time.
+        agenda = agenda or [(due_ns, 0, "") for due_ns in range(start_ns, last_ns, 5_000_000)]
+        late_ns = []
+        for due_ns, value, name in sorted(agenda):
+            time.sleep(max(0, due_ns - time.time_ns()) / 1e9)
+            now_ns = time.time_ns()
+            late_ns.append(now_ns - due_ns)
+            if not name:
+                continue
+            self.publishers[name].publish(sample_of(value, self.flows[name]["size_bytes"]))
+            columns[f"{name} written sent_ns"].append(now_ns)
+            columns[f"{name} written value"].append(value)
+        time.sleep(max(0, last_ns + round(drain_s * 1e9) - time.time_ns()) / 1e9)
+        for name, rows in self.received.items():
+            columns[f"{name} received value"] = [value for value, _ in rows if value > 0]
+            columns[f"{name} received done_ns"] = [done_ns for value, done_ns in rows if value > 0]
+        arrays: dict[str, Any] = {name: np.array(column, np.int64) for name, column in columns.items()}
+        np.savez(result, **arrays)
+        late_s = sorted(late_ns)[len(late_ns) * 95 // 100] / 1e9
+        report("done", late_p95_s=late_s, held=0, compared=0, refused=0)
+
+    def close(self) -> None:
+        """Take the ends of flows away."""
+        for publisher in self.publishers.values():
+            self.node.destroy_publisher(publisher)
+        for subscription in self.kept:
+            self.node.destroy_subscription(subscription)
+        self.publishers, self.kept, self.received = {}, [], {}
+        report("closed")
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ import time
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from sfglab.lab.experiments.transmission.experiment import (
     scenario_of,
 )
 from sfglab.lab.hosts import HostsUnavailableError, Network
+from sfglab.lab.ros2 import PEER, RosMember, distribution
 from sfglab.lab.workers.flowplay import PartsConfig
 from sfglab.processes import Member, ProcessGroup
 from sfglab.qos import QoSProfile
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
 
     from sfglab.component import Report
     from sfglab.lab.bench import Bench
-    from sfglab.lab.hosts import RadioCounters
+    from sfglab.lab.hosts import Host, RadioCounters
     from sfglab.rtps import Scenario
 
     Arrays = dict[str, NDArray[np.int64]]
@@ -148,7 +149,7 @@ class Played:
     #: of the medium.
     scenario: Scenario
     #: What kernel, relay and DDS add to a sample's airtime between the applications, measured with one topic
-    #: alone on the same medium without losses.
+    #: alone on a calm medium.
     delay_s: float
     #: As the model's; a sample that never came has the fate UNDERWAY, as nobody saw why. Counts are those that
     #: can be seen: ``lost``, ``queue_full``, ``bytes``, ``airtime_ns``, ``held``, ``compared``.
@@ -168,23 +169,42 @@ def hosts_of(scenario: Scenario) -> tuple[str, ...]:
     return tuple(dict.fromkeys(host for flow in scenario.flows for host in (flow.source, flow.target)))
 
 
+RosMode = Literal["SYNCHRONOUS", "ASYNCHRONOUS"]
+
+
 @asynccontextmanager
-async def live_hosts(*names: str) -> AsyncIterator[LiveHosts]:
+async def live_hosts(*names: str, ros: RosMode | None = None) -> AsyncIterator[LiveHosts]:
     """Provide hosts of these names on a radio, with a process each.
+
+    None: of our own, on Cyclone DDS; else a real ROS 2 node that publishes in this mode of Fast DDS.
 
     Raises:
         HostsUnavailableError: This machine has no test hosts.
+        RosMissingError: This machine has no ROS 2.
         ProcessFailedError: A process did not start.
     """
     with Network() as network:
-        members = []
-        for host in map(network.add_host, names):
-            address = BusAddress(domain_id=0, interface=host.interface, multicast="spdp")
-            config = PartsConfig(host=host.name, address=address)
-            members.append(Member(name=host.name, host=host.name, module=_MODULE, config=config))
+        members = [_member(host, ros) for host in map(network.add_host, names)]
         network.set_radio(QUIET)
         async with ProcessGroup(network.argv, members, start_s=START_S) as group:
             yield LiveHosts(network, group)
+
+
+def _member(host: Host, ros: RosMode | None) -> Member:
+    if ros is None:
+        address = BusAddress(domain_id=0, interface=host.interface, multicast="spdp")
+        config = PartsConfig(host=host.name, address=address)
+        return Member(name=host.name, host=host.name, module=_MODULE, config=config)
+    # Hosts of a test share /dev/shm, by which Fast DDS would pass the radio by.
+    environment = {"RMW_FASTRTPS_PUBLICATION_MODE": ros, "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    return RosMember(
+        name=host.name,
+        host=host.name,
+        module=os.fspath(PEER),
+        config=host.name,
+        distribution=distribution(),
+        environment=tuple(environment.items()),
+    )
 
 
 class LiveHosts:
@@ -210,7 +230,8 @@ class LiveHosts:
         return await self._play(scenario, delay_s=self._delay_s, seed=seed)
 
     async def _play(self, scenario: Scenario, *, delay_s: float, seed: int) -> Played:
-        scenario = replace(scenario, drain_s=min(scenario.drain_s, LONGEST_DRAIN_S))
+        if scenario.vendor.prompt:
+            scenario = replace(scenario, drain_s=min(scenario.drain_s, LONGEST_DRAIN_S))
         for host in self._group:
             flows = [flow for flow in scenario.flows if host in (flow.source, flow.target)]
             self._group.order([host], do="open", flows=flows, seed=seed)
@@ -244,7 +265,7 @@ class LiveHosts:
 
 
 def _probe(scenario: Scenario) -> Scenario:
-    flow, medium, qos = scenario.flows[0], replace(scenario.medium, loss=0.0), QoSProfile(depth=10)
+    flow, medium, qos = scenario.flows[0], Medium(loss=0.0), QoSProfile(depth=10)
     probe = Flow(name="probe", source=flow.source, target=flow.target, rate_hz=PROBE_HZ, qos=qos)
     return replace(scenario, flows=(probe,), medium=medium, duration_s=PROBE_S, drain_s=LEAD_S)
 
@@ -287,10 +308,12 @@ def _outcome(
 
 def _flow_outcome(flow: Flow, source: Arrays, target: Arrays, start_ns: int) -> FlowOutcome:
     sent_ns = source[f"{flow.name} written sent_ns"]
-    heard_ns, done_ns = (target[f"{flow.name} received {column}"] for column in ("sent_ns", "done_ns"))
     received_ns = np.zeros(len(sent_ns), np.int64)
-    place = np.searchsorted(sent_ns, heard_ns - _STAMP_SLACK_NS)
-    received_ns[place] = done_ns - start_ns
+    if (stamps := f"{flow.name} received sent_ns") in target:
+        place = np.searchsorted(sent_ns, target[stamps] - _STAMP_SLACK_NS)
+    else:  # Fast DDS's stamps are its own
+        place = np.searchsorted(source[f"{flow.name} written value"], target[f"{flow.name} received value"])
+    received_ns[place] = target[f"{flow.name} received done_ns"] - start_ns
     fate = np.full(len(sent_ns), Fate.UNDERWAY, np.int8)
     fate[place] = Fate.DELIVERED
     return FlowOutcome(
