@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.messages.flat import flat_reader
-from sfglab.messages.store import MessageError, numpy_dtype, parse_definition, type_name, type_store
+from sfglab.messages.store import MessageError, check_new, numpy_dtype, parse_definition, type_name, type_store
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -248,8 +248,10 @@ def decoder_from_definition(name: str, text: str) -> Callable[[Buffer], Any]:
 
     store = get_typestore(Stores.EMPTY)
     try:
-        store.register(parse_definition(name, text))
+        check_new(store, parsed := parse_definition(name, text))
+        store.register(parsed)
         store.get_msgdef(name)
-    except (TypesysError, KeyError, SyntaxError) as exc:
-        raise CdrError(name, f"its definition cannot be read: {exc!r}") from exc
+    except (TypesysError, KeyError, SyntaxError, MessageError) as exc:
+        reason = exc if isinstance(exc, MessageError) else repr(exc)
+        raise CdrError(name, f"its definition cannot be read: {reason}") from exc
     return _decoder(store, name)

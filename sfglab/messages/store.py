@@ -211,7 +211,7 @@ def _add(texts: Mapping[str, str]) -> None:
     with _lock:
         store = type_store()
         parsed = {name: _parsed(name, text)[name] for name, text in texts.items()}
-        _check_new(store, parsed)
+        check_new(store, parsed)
         new = {name: fields for name, fields in parsed.items() if name not in store.fielddefs}
         store.register(new)
         _sources.update({name: texts[name] for name in new})
@@ -249,7 +249,7 @@ def _used(definition: Any) -> Iterator[tuple[str, str]]:
             yield field, inner
 
 
-def _check_new(store: Typestore, parsed: Typesdict) -> None:
+def check_new(store: Typestore, parsed: Typesdict) -> None:
     """Refuse definitions that contradict the store or use what is not there."""
     for name, definition_ in parsed.items():
         if name in store.fielddefs and not _agree(store.fielddefs[name], definition_):

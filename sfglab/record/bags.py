@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from mcap.records import Channel, Message, Schema, Statistics
 from mcap.summary import Summary
 from rosbags.highlevel import AnyReader
-from rosbags.typesys import TypesysError
+from rosbags.rosbag2 import Reader
 
-from sfglab.messages.store import type_store
+from sfglab.messages import UnknownTypeError, definition
 from sfglab.record.metadata import LogError
 
 if TYPE_CHECKING:
@@ -32,7 +32,9 @@ class Bag:
         self._path = path
         split = path.suffix == ".db3" and (path.parent / "metadata.yaml").is_file()
         with self._reading():
-            self._bag = AnyReader([path.parent if split else path], default_typestore=type_store())
+            # AnyReader would refuse a whole rosbag2 for one type that it cannot make, such as one with wstring.
+            self._old = AnyReader([path]) if path.suffix == ".bag" else None
+            self._bag = self._old or Reader(path.parent if split else path)
             self._bag.open()
         channels, counts = self.summary.channels, {}
         for found in self._bag.connections:
@@ -43,11 +45,15 @@ class Bag:
         self.summary.statistics = Statistics(0, size, counts, 0, sum(counts.values()), end, start, 0, size)
 
     def _schema(self, found: Connection) -> Schema:
-        try:
-            text, _ = self._bag.typestore.generate_msgdef(found.msgtype, ros_version=2)
-        except (KeyError, TypesysError):
-            return Schema(found.id, b"", "none: give its package with --interfaces", found.msgtype)
-        return Schema(found.id, text.encode(), "ros2msg", found.msgtype)
+        text, encoding = found.msgdef.data, f"ros2{found.msgdef.format.name.lower()}"
+        if self._old is not None:
+            text, encoding = self._old.typestore.generate_msgdef(found.msgtype, ros_version=2)[0], "ros2msg"
+        elif not text:
+            try:
+                text, encoding = definition(found.msgtype), "ros2msg"
+            except UnknownTypeError:
+                encoding = "none: give its package with --interfaces"
+        return Schema(found.id, text.encode(), encoding, found.msgtype)
 
     @contextmanager
     def _reading(self) -> Iterator[None]:
@@ -65,7 +71,7 @@ class Bag:
             for found, time_ns, data in (
                 self._bag.messages(wanted, starting_at, ending_before) if wanted else ()
             ):
-                cdr = data if self._bag.is2 else self._bag.typestore.ros1_to_cdr(data, found.msgtype)
+                cdr = self._old.typestore.ros1_to_cdr(data, found.msgtype) if self._old else data
                 message = Message(found.id, time_ns, bytes(cdr), time_ns, 0)
                 yield self.summary.schemas[found.id], self.summary.channels[found.id], message
 

@@ -10,12 +10,12 @@ import pytest
 import yaml
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from typer.testing import CliRunner
 
 from sfglab.cli import app
-from sfglab.messages import default_message, message_type, serialize
+from sfglab.messages import CdrError, default_message, message_type, serialize
 from sfglab.record import LogError, LogReader
 from sfglab.view.arrivals import decoded, open_log
 
@@ -149,6 +149,25 @@ def test_a_bag_of_ros_1_is_a_log(tmp_path):
     with LogReader(tmp_path / "old.bag") as log:
         [entry] = log.decoded("/words")
     assert (entry.log_time_ns, entry.message) == (7, message_type(STRING)("hello"))
+
+
+@pytest.mark.parametrize("storage", StoragePlugin, ids=lambda storage: storage.name.lower())
+@pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
+def test_one_topic_that_we_cannot_decode_leaves_the_others_and_compression_does_not_matter(
+    tmp_path, storage, mode
+):
+    writer = Writer(tmp_path / "bag", version=9, storage_plugin=storage)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        words = writer.add_connection("/words", STRING, typestore=get_typestore(Stores.ROS2_JAZZY))
+        wide = writer.add_connection("/wide", "bag_msgs/msg/Wide", msgdef="wstring text\n", rihs01="RIHS01_0")
+        writer.write(words, 1, serialize(message_type(STRING)("hello")))
+        writer.write(wide, 2, serialize(message_type(STRING)("hello")))
+    with LogReader(tmp_path / "bag") as log:
+        assert [info.count for info in log.topics.values()] == [1, 1]
+        assert [entry.message.data for entry in log.decoded("/words")] == ["hello"]
+        with pytest.raises(CdrError, match=r"bag_msgs/msg/Wide.text: given wstring, allowed is string"):
+            next(log.decoded("/wide"))
 
 
 @pytest.mark.parametrize("name", ["empty", "a.db3", "a.bag", "cut"])
