@@ -68,6 +68,7 @@ async def common_types(process):
 
 
 @pytest.mark.feature("Message types of ROS 2's own packages: 200 random values each")
+@pytest.mark.slow
 async def test_random_values_of_every_common_type_come_back_as_they_were(peer):
     rng = np.random.default_rng(17)
     async with peer() as ros:

@@ -110,6 +110,7 @@ ROUNDS, TOPICS = 3, 20
 
 
 @CHURN
+@pytest.mark.slow
 async def test_publishers_come_and_go_on_either_side_and_nothing_is_left(peer, domain_id):
     topics = [f"/churn/t{n}" for n in range(TOPICS)]
     heard, told = Counter(), Counter()

@@ -40,6 +40,7 @@ class Config(Profiled):
 
     distributions: tuple[str, ...] = DISTRIBUTIONS  #: Beside which the tests are run.
     only: str = ""  #: Expression over tests' names, as pytest's `-k` takes it; empty: all.
+    slow: bool = False  #: Whether those run, too, that take more than five seconds.
     seed: int = 0  #: Of nothing that is random; for the record.
 
 
@@ -48,7 +49,7 @@ exp = Experiment(
     Config,
     where="beside all papers",
     smoke={"distributions": ("jazzy",), "only": "bytes_behind"},
-    paper={},
+    paper={"slow": True},
     actors=(
         Actor("node", "this machine or a host", "sfglab's nodes, routers and decoders"),
         Actor("rclpy", "the same, or another host", "a real node on its own Fast DDS"),
@@ -81,16 +82,23 @@ async def run_tests(bench: Bench[Config]) -> None:
         raise SkippedPartError("the tests beside ROS 2 are in the repository only (tests/ros2)")
     for name in bench.config.distributions:
         told = bench.folder(name) / "features"
-        said = await _run_pytest(f"{name} and ({bench.config.only or name})", told)
+        chosen = [
+            "-k",
+            f"{name} and ({bench.config.only or name})",
+            "-m",
+            "ros" if bench.config.slow else "not slow",
+        ]
+        said = await _run_pytest(chosen, told)
         bench.attach(f"{name}.txt", said, "text/plain")
         lines = told.read_text(encoding="utf-8").splitlines() if told.exists() else ()
         bench.write_all("test", map(json.loads, lines))
         bench.advance(name)
 
 
-async def _run_pytest(chosen: str, told: Path) -> bytes:
+async def _run_pytest(chosen: list[str], told: Path) -> bytes:
     """Run tests; what they show goes into a file. Returns what pytest printed."""
-    argv = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", chosen, str(TESTS)]
+    argv = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--color=no", *chosen, str(TESTS)]
+    argv += ["--numprocesses=auto", "--dist=worksteal"]
     # What the run of tests that we may be a part of has set is not meant for this one.
     own = {k: v for k, v in os.environ.items() if not k.startswith(("PYTEST_", "SFGLAB_SKIPS", "SFGLAB_ROOT"))}
     process = await asyncio.create_subprocess_exec(
