@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def _require_vendor(plan: Plan, vendor: Vendor) -> None:
-    if plan.vendor.name != vendor.name:
+    if not plan.vendor.name.startswith(vendor.name):
         allowed = f"a plan with the timing of {vendor.name}: plan again for it"
         raise InvalidValueError("export: the plan's timing", plan.vendor.name, allowed)
 
@@ -103,6 +103,9 @@ def fast_dds_xml(plan: Plan, *, generation: int = 2) -> str:
     root = ET.Element("dds", xmlns=_NAMESPACES[generation])
     root.append(_new_comment(_summary(plan)))
     root.append(_new_comment(_FAST_HOW))
+    if vendor.piggyback_bytes:
+        mode = "ASYNCHRONOUS" if vendor.asynchronous else "SYNCHRONOUS"
+        root.append(_new_comment(f"Planned for RMW_FASTRTPS_PUBLICATION_MODE={mode}: set it, too."))
     profiles = ET.SubElement(root, "profiles")
     for part in plan.topics:
         profiles.append(_new_comment(f"{part.topic.name}: {_rate_text(part)}"))

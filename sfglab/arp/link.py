@@ -55,7 +55,7 @@ class Link:
     period_s: float  #: Between heartbeats that travel alone.
     final_within_s: float  #: A heartbeat that follows a sample sooner than this asks for no answer.
     nack_most: int  #: Samples that one request can ask for.
-    loss: float  #: Share of frames that the medium loses.
+    loss: NDArray[np.float64]  #: Share of a topic's samples of which the medium loses a frame, shape (n,).
     reliable: NDArray[np.bool_]  #: Whether a topic is repaired, shape (n,).
     batching: NDArray[np.bool_]  #: Whether heartbeats come once in `depth` samples, shape (n,).
     #: `repairs.Held` of each topic, zeros of those that are not repaired, shape (3, n).
@@ -107,13 +107,15 @@ def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
     acknack_way_s = _air_s(medium, ACKNACK_BYTES) + medium.latency_s
     reliable = np.array([t.reliable for t in topics])
     change_most_hz = np.array([1 / t.change_s if t.cached else np.inf for t in topics])
+    frames = np.array([frames_of(t) for t in topics])
+    loss = np.where(frames == 1, medium.loss, 1 - (1 - medium.loss) ** frames)
     spacing_s = _spacing_s(vendor)
     bundled_s = 0.0 if vendor.prompt else max(vendor.ack_delay_ns / 1e9, spacing_s)
     volatile = np.array([t.durability is Durability.VOLATILE for t in topics])
     link = Link(
         senders=senders,
         sender=data_s.argmax(axis=0),
-        data_s=data_s * (1 + contention) * np.where(reliable, 1 / (1 - medium.loss), 1.0),
+        data_s=data_s * (1 + contention) * np.where(reliable, 1 / (1 - loss), 1.0),
         acknack_s=acknack_s * (1 + contention),
         acknack_share=np.ones(len(topics)),
         acknack_most_hz=np.full(len(topics), 1 / max(bundled_s, _LEAST)),
@@ -126,9 +128,9 @@ def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
         period_s=vendor.heartbeat_ns / 1e9,
         final_within_s=vendor.final_within_ns / 1e9,
         nack_most=vendor.nack_most,
-        loss=medium.loss,
+        loss=loss,
         reliable=reliable,
-        batching=reliable & volatile & vendor.piggyback_when_full,
+        batching=reliable & volatile & (vendor.piggyback_when_full and not vendor.shows_each),
         held=np.zeros((3, len(topics))),
     )
     ones = np.ones(len(topics), np.int64)
@@ -146,20 +148,20 @@ def at_depths(link: Link, depths: NDArray[np.int64], rates_hz: NDArray[np.float6
     sent_hz = link.sent_hz(rates_hz)
     share, most_hz, held = np.ones_like(sent_hz), link.acknack_most_hz.copy(), np.zeros_like(link.held)
     for i in np.flatnonzero(link.reliable):
-        sent, round_s = float(sent_hz[i]), float(link.round_s[i])
+        sent, round_s, loss = float(sent_hz[i]), float(link.round_s[i]), float(link.loss[i])
         batch = int(depths[i]) if link.batching[i] else 1
         alone = batch > sent * link.period_s
         if alone:
-            held[:, i] = alone_held(sent, link.period_s, round_s, link.loss)
+            held[:, i] = alone_held(sent, link.period_s, round_s, loss)
         elif link.batching[i]:
-            held[:, i] = batch_held(batch, round_s, link.loss)
+            held[:, i] = batch_held(batch, round_s, loss)
         else:
-            held[:, i] = steady_held(round_s, link.again_s, link.loss)
+            held[:, i] = steady_held(round_s, link.again_s, loss)
         if alone and batch > 1:
             most_hz[i] = 1 / link.period_s
         else:
             unasked = link.unasked(sent, at_random=bool(np.isfinite(link.change_most_hz[i])))
-            share[i] = min(1.0, (1 - unasked) / batch + max(link.loss, _LEAST))
+            share[i] = min(1.0, (1 - unasked) / batch + max(loss, _LEAST))
     return replace(link, acknack_share=share, acknack_most_hz=most_hz, held=held)
 
 
@@ -211,11 +213,22 @@ def _frames_s(
     data_s, acknack_s = np.zeros((2, len(senders), len(topics)))
     for i, topic in enumerate(topics):
         there = 0 if medium.shared else senders.index(topic.source)
-        data_s[there, i] = _air_s(medium, data_bytes(topic.size_bytes, with_heartbeat=topic.reliable))
+        more = frames_of(topic) - 1
+        size_bytes = data_bytes(topic.size_bytes, with_heartbeat=topic.reliable) + more * _AGAIN_BYTES
+        data_s[there, i] = _air_s(medium, size_bytes) + more * medium.overhead_s
         if topic.reliable:
             back = 0 if medium.shared else senders.index(topic.target)
             acknack_s[back, i] = _air_s(medium, ACKNACK_BYTES)
     return data_s, acknack_s
+
+
+_PAYLOAD_BYTES, _AGAIN_BYTES = 1480, 34
+"""What a frame carries of an IP packet (RFC 894, RFC 791), and the headers that each further one has."""
+
+
+def frames_of(topic: Topic) -> int:
+    """Return into how many frames IP cuts a sample; it is lost with any of them."""
+    return -(-(data_bytes(topic.size_bytes, with_heartbeat=topic.reliable) - _AGAIN_BYTES) // _PAYLOAD_BYTES)
 
 
 def _air_s(medium: Medium, size_bytes: int) -> float:

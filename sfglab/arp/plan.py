@@ -88,7 +88,7 @@ def depths_for(link: Link, rates_hz: NDArray[np.float64], *, residual_loss: floa
 
     Best-effort topics get the depth of rmw's profile for sensors.
     """
-    rounds = rounds_needed(link.loss, residual_loss)
+    rounds = np.array([rounds_needed(float(loss), residual_loss) for loss in link.loss])
     during = np.minimum(link.sent_hz(rates_hz) * _rounds_s(link, rates_hz, rounds), _MOST)
     steady = np.ceil(during) + 1
     depths = np.where(link.reliable, steady, SENSOR_DATA.depth).astype(np.int64)
@@ -102,7 +102,7 @@ def expected_losses(
 ) -> NDArray[np.float64]:
     """Return which share of each topic's samples never comes because the medium loses frames."""
     sent_hz = link.sent_hz(rates_hz)
-    losses = np.full(len(depths), link.loss)
+    losses = link.loss.copy()
     during = np.minimum(sent_hz * (link.round_s + _SLACK * waits_s(link, rates_hz)), _MOST)
     rounds = np.zeros(len(depths))
     for k in range(1, 9):  # more rounds than that leave nothing that matters
@@ -111,11 +111,11 @@ def expected_losses(
     for i in np.flatnonzero(link.reliable):
         depth = int(depths[i])
         if not link.batching[i]:
-            losses[i] = link.loss * failing ** rounds[i]
+            losses[i] *= failing[i] ** rounds[i]
         elif np.isfinite(link.change_most_hz[i]):
-            losses[i] = random_batch_loss(depth, during[i], link.loss)
+            losses[i] = random_batch_loss(depth, during[i], float(link.loss[i]))
         else:
-            losses[i] = batch_loss(depth, int(during[i]), link.loss)
+            losses[i] = batch_loss(depth, int(during[i]), float(link.loss[i]))
     return losses
 
 
@@ -146,7 +146,9 @@ _SLACK = 4.0
 """Mean waits in queues that a repair may meet on its three ways before it is too late."""
 
 
-def _rounds_s(link: Link, rates_hz: NDArray[np.float64], rounds: int) -> NDArray[np.float64]:
+def _rounds_s(
+    link: Link, rates_hz: NDArray[np.float64], rounds: int | NDArray[np.int64]
+) -> NDArray[np.float64]:
     """Return how long so many repairs, one after the other, take where heartbeats are steady."""
     shown_s = np.minimum(1 / link.sent_hz(rates_hz), link.period_s)
     each = shown_s + link.round_s + 2 * waits_s(link, rates_hz)
@@ -165,7 +167,7 @@ def _batch_depths(link: Link, rates_hz: NDArray[np.float64], residual_loss: floa
     states = np.isfinite(link.change_most_hz)
     chosen = np.argmin(delay_s + loss / sent_hz, axis=0)
     for i in np.flatnonzero(~states):
-        limits = [residual_loss, one_repair_loss(link.loss), float(loss[:, i].min())]
+        limits = [residual_loss, one_repair_loss(float(link.loss[i])), float(loss[:, i].min())]
         allowed = next(a for limit in limits if (a := loss[:, i] <= limit * (1 + 1e-9)).any())
         chosen[i] = np.argmin(np.where(allowed, delay_s[:, i], math.inf))
     return np.asarray(np.array(CANDIDATES)[chosen])

@@ -28,7 +28,7 @@ class Topic:
     name: str  #: Full name, with its leading slash.
     source: str = field(metadata=named("from"))  #: Host that publishes.
     target: str = field(metadata=named("to"))  #: Host that subscribes.
-    size_bytes: int = field(metadata=bounds(0, 64_000))  #: CDR size of a message.
+    size_bytes: int = field(metadata=bounds(0))  #: CDR size of a message; large ones take several frames.
     rate_min_hz: float = 1.0  #: Below this it is of no use.
     rate_max_hz: float = 1000.0  #: The most that it could be sent.
     #: Mean time between changes of its value; what a higher rate is worth follows from it.

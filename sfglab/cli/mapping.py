@@ -48,6 +48,19 @@ class _Vendor(StrEnum):
     CYCLONE_DDS = "cyclone_dds"
 
 
+class _Rmw(StrEnum):
+    FASTRTPS_ASYNC = "fastrtps-async"
+    FASTRTPS_SYNC = "fastrtps-sync"
+    CYCLONE = "cyclone"
+
+
+_PRESET_OF = {
+    _Rmw.FASTRTPS_ASYNC: "fast_dds_async",
+    _Rmw.FASTRTPS_SYNC: "fast_dds_sync",
+    _Rmw.CYCLONE: "cyclone_dds",
+}
+
+
 def qos(
     file: Annotated[Path, typer.Argument(help="A file of topics, e.g. data/qos/paper_b.yaml")],
     method: Annotated[
@@ -63,6 +76,10 @@ def qos(
     rate_max: Annotated[float | None, typer.Option(min=0.001, help="No topic faster than this, Hz.")] = None,
     vendor: Annotated[
         _Vendor | None, typer.Option(help="Another DDS than the file's, with its defaults.")
+    ] = None,
+    rmw: Annotated[
+        _Rmw | None,
+        typer.Option(help="What ROS 2 runs on, and how that publishes; instead of --vendor."),
     ] = None,
     latency_price: Annotated[
         float | None,
@@ -80,6 +97,8 @@ def qos(
 
       sfglab qos data/qos/paper_b.yaml --method printed --rate-max 500
 
+      sfglab qos data/qos/paper_b.yaml --rmw fastrtps-async
+
       sfglab qos data/qos/paper_b.yaml --front
 
       sfglab qos data/qos/paper_b.yaml --format fastdds --out config
@@ -93,8 +112,9 @@ def qos(
     from sfglab.rtps import PRESETS
 
     given = load_topics(file).limited_to(rate_max)
-    if vendor is not None and PRESETS[vendor.value].name != given.vendor.name:
-        given = replace(given, vendor=PRESETS[vendor.value])
+    preset = _PRESET_OF[rmw] if rmw else vendor
+    if preset is not None and PRESETS[preset].name != given.vendor.name:
+        given = replace(given, vendor=PRESETS[preset])
     if front:
         typer.echo(_front_table(given))
         return

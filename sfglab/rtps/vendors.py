@@ -53,6 +53,11 @@ class Vendor:
     asynchronous: bool = False
     extra_bytes: int = 0  #: What each RTPS message has beside what RTPS asks for.
 
+    @property
+    def shows_each(self) -> bool:
+        """Whether a heartbeat travels with every sample."""
+        return self.prompt or (self.asynchronous and (self.sent_before_bytes or 0) >= self.piggyback_bytes > 0)
+
     def __post_init__(self) -> None:
         if not 0 < self.heartbeat_ns <= self.heartbeat_max_ns:
             raise InvalidValueError(

@@ -422,3 +422,15 @@ def test_an_overloaded_plan_has_no_finite_latency():
 def test_a_lower_rmax_lowers_minimal_rates_with_it():
     limited = TopicFile(topics=(topic(rate_min_hz=20),)).limited_to(10)
     assert (limited.topics[0].rate_min_hz, limited.topics[0].rate_max_hz) == (10, 10)
+
+
+@pytest.mark.parametrize(("size_bytes", "frames"), [(24, 1), (1384, 1), (1385, 2), (100_000, 68)])
+def test_a_large_message_takes_several_frames_and_is_lost_with_any_of_them(size_bytes, frames):
+    topics, medium = [topic(size_bytes=size_bytes, rate_max_hz=20)], Medium(loss=0.01, contention=0.0)
+    link = link_of(topics, medium, FAST_DDS)
+    assert link.loss[0] == pytest.approx(1 - 0.99**frames)
+    bits_s = (size_bytes + 100) * 8 / medium.rate_bps
+    assert link.way_s[0] == pytest.approx(
+        frames * (medium.overhead_s + 34 * 8 / medium.rate_bps) + bits_s, rel=0.1
+    )
+    assert plan(topics, medium, CYCLONE_DDS)["/a"].depth >= 2

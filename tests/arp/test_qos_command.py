@@ -76,6 +76,22 @@ def test_another_vendor_can_be_planned_for():
     assert "<NackDelay>10 ms<" in call(WAREHOUSE, "--vendor", "cyclone_dds", "--format", "cyclone")
 
 
+@pytest.mark.parametrize(
+    ("rmw", "named", "depth", "said"),
+    [
+        ("fastrtps-async", "Fast DDS, asynchronous", 6, "PUBLICATION_MODE=ASYNCHRONOUS"),
+        ("fastrtps-sync", "Fast DDS, synchronous", 4, "PUBLICATION_MODE=SYNCHRONOUS"),
+        ("cyclone", "Cyclone DDS", 16, None),
+    ],
+)
+def test_what_is_recommended_follows_what_ros_2_runs_on(rmw, named, depth, said):
+    text = call(PAPER_B, "--rmw", rmw)
+    assert f"{named}, 20 Mbit/s" in text
+    assert int(re.search(r"^/hello +\S+ +(\d+)", text, re.MULTILINE)[1]) == depth
+    if said:
+        assert said in call(PAPER_B, "--rmw", rmw, "--format", "fastdds")
+
+
 def test_a_file_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "taken").write_text("")
     with pytest.raises(SfglabError, match=r"--out: given .*taken, needed is a folder"):
