@@ -22,7 +22,10 @@ from typer.testing import CliRunner
 from sfglab.cli import app
 from sfglab.lab import ros2
 from sfglab.messages import definition
+from sfglab.messages.store import type_store
 from sfglab.processes import LineProcess
+
+type_store()  # as it is without a distribution: `distribution` would else choose it for all tests after it
 
 
 @pytest.hookimpl(wrapper=True)
