@@ -71,15 +71,16 @@ class LineProcess:
         *,
         on_report: Callable[[Report], None] = lambda _: None,
         pass_fds: Sequence[int] = (),
+        limit_bytes: int = LINE_LIMIT_BYTES,
     ) -> Self:
-        """Start a process from program and arguments; its standard error stays ours.
+        """Start a process from program and arguments, with a limit of a report; its standard error stays ours.
 
         Raises:
             OSError: The operating system cannot.
         """
         pipe = asyncio.subprocess.PIPE
         process = await asyncio.create_subprocess_exec(
-            *argv, stdin=pipe, stdout=pipe, limit=LINE_LIMIT_BYTES, pass_fds=pass_fds
+            *argv, stdin=pipe, stdout=pipe, limit=limit_bytes, pass_fds=pass_fds
         )
         return cls(name, process, on_report)
 
@@ -92,6 +93,12 @@ class LineProcess:
     def status(self) -> int | None:
         """Its exit status, below zero the signal that ended it; None while it runs."""
         return self._process.returncode
+
+    @property
+    def unsent_bytes(self) -> int:
+        """How many bytes of orders it has not taken yet."""
+        assert self._process.stdin is not None
+        return self._process.stdin.transport.get_write_buffer_size()
 
     def order(self, **values: Any) -> None:
         """Give an order; a process that is gone does not mind."""

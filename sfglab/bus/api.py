@@ -19,7 +19,7 @@ from sfglab.errors import InvalidValueError
 if TYPE_CHECKING:
     from sfglab.qos import QoSProfile
 
-Transport = Literal["dds", "shm"]
+Transport = Literal["dds", "shm", "ros", "any"]
 MessageType = str | type[Any]
 Callback = Callable[[Any], Awaitable[None] | None]
 Handler = Callable[[Any], Any]
@@ -36,6 +36,10 @@ OFFER_KEY = "sfglab.offer"
 """On writers that send nothing: somebody would, if it were wanted."""
 SHM_PARTITION = "sfglab.shm"
 """Shared-memory endpoints show themselves in this partition, where no ordinary endpoint matches them."""
+
+
+FAST_DDS = b"\x01\x0f"
+"""Fast DDS's vendor id, with which its GUIDs begin (RTPS 2.5, clause 9.3.1.5)."""
 
 
 class EndpointKind(Enum):
@@ -65,7 +69,9 @@ class RawEndpoint:
     qos: QoSProfile  #: What is requested or offered.
     user_data: bytes = b""  #: The endpoint's USER_DATA, which the others' graphs show.
     name: str = ""  #: The ROS name of the topic or service, for error messages.
-    transport: Transport = "dds"  #: Endpoints of different transports do not meet.
+    #: Endpoints of different transports do not meet. "ros" is for services (`sfglab.bus.ros`), "any" for a
+    #: raw writer of them.
+    transport: Transport = "dds"
     max_message_bytes: int = DEFAULT_MAX_MESSAGE_BYTES  #: The limit of one message's CDR with "shm".
     #: Whether samples pass as they are and endpoints of the own participant do not match, as a router wants it.
     forwards: bool = False
@@ -73,6 +79,8 @@ class RawEndpoint:
     def __post_init__(self) -> None:
         if self.transport not in get_args(Transport):
             raise InvalidValueError("transport", self.transport, ", ".join(get_args(Transport)))
+        if self.transport in ("ros", "any") and not self.is_service:
+            raise InvalidValueError(f"topic {self.name!r}, transport", self.transport, "dds, shm")
 
     @property
     def is_service(self) -> bool:
@@ -89,7 +97,8 @@ class EndpointInfo:
     type: str  #: The ROS type ("std_msgs/msg/String"), or the DDS type as it is when it has no ROS name.
     gid: bytes  #: The endpoint's 16-byte DDS GUID.
     qos: QoSProfile  #: What the endpoint offers or requests.
-    transport: Transport = "dds"  #: "dds", or "shm" for what announces a shared-memory endpoint.
+    #: "dds", "shm" for what announces a shared-memory endpoint, or "ros" for a service's half in rmw_fastrtps.
+    transport: Transport = "dds"
     participant: bytes = b""  #: The 16-byte GUID of its participant.
     host: str = ""  #: Which host it lives on: a host id of sfglab, else a host name, else empty.
     #: The full name of the node that owns it, else empty. Of nodes that are not sfglab's it is known only once

@@ -18,6 +18,7 @@ from sfglab.bus.api import EndpointKind, Listener, RawEndpoint
 from sfglab.bus.endpoints import Inbox, Sample
 from sfglab.bus.forwarding import Forward, Forwarder, Transform
 from sfglab.bus.loop import Calls, LoopBridge, OnError
+from sfglab.bus.ros.services import RosServices
 from sfglab.messages import decoder
 
 if TYPE_CHECKING:
@@ -55,12 +56,14 @@ class Backend(ABC):
     kind: ClassVar[str]  #: What nodes of it are called in error messages.
     graph: Graph  #: All endpoints of the node's domain.
     guid: bytes  #: The 16-byte GUID of the node's participant.
+    ros: RosServices  #: Services of rmw_fastrtps in the node's domain.
 
     def __init__(self, on_error: OnError | None) -> None:
         self.loop = asyncio.get_running_loop()
         self.bridge = LoopBridge(self.loop)  #: Where other threads post to.
         self.clock = Clock()
         self.closed = False
+        self.ros = RosServices(self.calls)
         self._on_error = on_error
         self._owned: dict[Owned, None] = {}
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -157,20 +160,24 @@ class LoopWriter:
 
     def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
         self._backend = backend
-        self._writer: Writer | None = backend.open_writer(endpoint, _ignore)
-        self.gid = self._writer.gid
-        backend.register(self._writer)
+        self._writers = [
+            backend.open_writer(replace(endpoint, transport=transport), _ignore)
+            for transport in (("dds", "ros") if endpoint.transport == "any" else (endpoint.transport,))
+        ]
+        self.gid = self._writers[0].gid
+        for writer in self._writers:
+            backend.register(writer)
 
     def write(self, cdr: bytes, source_timestamp_ns: int) -> None:
         """Send one sample with the time stamp that its first publisher gave it."""
-        if self._writer is not None and not self._backend.closed:
-            self._writer.write(cdr, source_timestamp_ns)
+        if not self._backend.closed:
+            for writer in self._writers:
+                writer.write(cdr, source_timestamp_ns)
 
     def close(self) -> None:
         """End it; again is harmless."""
-        if self._writer is not None:
-            self._backend.end(self._writer)
-            self._writer = None
+        while self._writers:
+            self._backend.end(self._writers.pop())
 
 
 class LoopForward(Forward[Sample, LoopWriter]):

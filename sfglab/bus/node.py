@@ -216,16 +216,20 @@ class Node:
         endpoint = topic_endpoint(type_, self._resolve(topic), qos, transport=transport)
         return Subscription(self, backend, endpoint, callback, raw=raw)
 
-    def create_service(self, type_: str, name: str, handler: Handler) -> Service:
+    def create_service(
+        self, type_: str, name: str, handler: Handler, *, transport: Transport = "dds"
+    ) -> Service:
         """Create a service of a type such as "example_interfaces/srv/AddTwoInts".
 
-        Its handler, plain or async, is given a request and returns a response.
+        Its handler, plain or async, is given a request and returns a response. The transport is "dds", for
+        nodes of sfglab and of rmw_cyclonedds, or "ros", for those of rmw_fastrtps, which needs a ROS 2 here.
         """
-        return Service(self, self.backend, type_, name=self._resolve(name), handler=handler)
+        name = self._resolve(name)
+        return Service(self, self.backend, type_, name=name, handler=handler, transport=transport)
 
-    def create_client(self, type_: str, name: str) -> Client:
-        """Create a service's client."""
-        return Client(self, self.backend, type_, name=self._resolve(name))
+    def create_client(self, type_: str, name: str, *, transport: Transport = "dds") -> Client:
+        """Create a service's client; see `create_service`."""
+        return Client(self, self.backend, type_, name=self._resolve(name), transport=transport)
 
     def create_action_server(
         self,
@@ -242,9 +246,9 @@ class Node:
         name = self._resolve(name)
         return ActionServer(self, self.backend, type_, name=name, execute=execute_callback, **options)
 
-    def create_action_client(self, type_: str, name: str) -> ActionClient:
-        """Create an action's client."""
-        return ActionClient(self, self.backend, type_, name=self._resolve(name))
+    def create_action_client(self, type_: str, name: str, *, transport: Transport = "dds") -> ActionClient:
+        """Create an action's client; its services are of this transport, see `create_service`."""
+        return ActionClient(self, self.backend, type_, name=self._resolve(name), transport=transport)
 
     def create_timer(self, period_s: float, callback: Callable[[], Awaitable[None] | None]) -> Timer:
         """Create a timer with a period in seconds, above 0; its callback is plain or async."""

@@ -3,9 +3,8 @@
 Interoperates with ROS 2 nodes on rmw_cyclonedds. What cannot work is a service between these and rmw_fastrtps,
 also without us (topics are fine): rmw_fastrtps sends the bare request and reply and correlates them by the
 RTPS sample identity in the inline QoS (`related_sample_identity`), which Cyclone's API neither sets nor shows.
-Its clients therefore drop a reply from here, which names no request; and as both announce the same type name,
-they match, and either takes the other's bytes for fields without noticing. Give all nodes of a domain the same
-of the two, or keep services among those that share one.
+As both announce the same type name, they match; from here they are told apart by their GUIDs. The transport
+"ros" is for them: the same frames, carried by a program of ROS 2's own (`sfglab.bus.ros`).
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab import names
-from sfglab.bus.api import Handler, RawEndpoint, user_data
+from sfglab.bus.api import FAST_DDS, Handler, RawEndpoint, Transport, user_data
 from sfglab.bus.endpoints import Inbox, Sample
 from sfglab.bus.errors import BusTimeoutError, ClosedError, discovery_timeout_error
 from sfglab.bus.loop import Signal
@@ -46,20 +45,22 @@ _CLIENT_TIMEOUT_S = 1.0
 class _Pair:
     """A service's writer and reader on one side, with the frames that arrive."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - by keyword
         self,
         backend: Backend,
         type_: str,
         name: str,
         *,
         server: bool,
+        transport: Transport,
         on_frame: Callable[[ServiceFrame, bytes], Any],
     ) -> None:
         self.name = name
         self.changed = Signal(backend.loop)
         self.calls = backend.calls(f"{'service' if server else 'client'} {name!r}")
         identity = user_data({"serviceid" if server else "clientid": backend.random_bytes(16).hex(".")})
-        in_, out = _halves(name, type_, identity, server=server)
+        in_, out = _halves(name, type_, identity, server=server, transport=transport)
+        self._transport = transport
         self.inbox = Inbox(
             backend.bridge, _QOS, decode=_framed, callback=lambda f: on_frame(*f), calls=self.calls
         )
@@ -68,8 +69,14 @@ class _Pair:
         self._on_close: Callable[[], None] = lambda: None
 
     def peers(self) -> frozenset[bytes]:
-        """Return the GUID prefixes of participants that have both halves of the other side."""
-        return self.writer.matched_prefixes & self.reader.matched_prefixes
+        """Return the GUID prefixes of participants that have both halves of the other side, framed as ours."""
+        both = self.writer.matched_prefixes & self.reader.matched_prefixes
+        return frozenset(one for one in both if one.startswith(FAST_DDS) == (self._transport == "ros"))
+
+    def strangers(self) -> str:
+        """Return who has both halves framed otherwise, and what helps; empty when nobody has."""
+        strange = self.writer.matched_prefixes & self.reader.matched_prefixes - self.peers()
+        return "only one of rmw_fastrtps was found: transport='ros' reaches it" if strange else ""
 
     def send(self, frame: ServiceFrame) -> None:
         self.writer.write(frame_service(frame))
@@ -84,11 +91,20 @@ class _Pair:
         self._on_close()
 
 
-def _halves(name: str, type_: str, identity: bytes, *, server: bool) -> tuple[RawEndpoint, RawEndpoint]:
+def _halves(
+    name: str, type_: str, identity: bytes, *, server: bool, transport: Transport
+) -> tuple[RawEndpoint, RawEndpoint]:
     """Return what one side of a service reads and what it writes."""
     service = service_type(type_)
     request, reply = (
-        RawEndpoint(dds_topic=topic, type=type_name(half), qos=_QOS, user_data=identity, name=name)
+        RawEndpoint(
+            dds_topic=topic,
+            type=type_name(half),
+            qos=_QOS,
+            user_data=identity,
+            name=name,
+            transport=transport,
+        )
         for topic, half in zip(names.dds_service(name), (service.request, service.response), strict=True)
     )
     return (request, reply) if server else (reply, request)
@@ -144,11 +160,14 @@ class Service:
         *,
         name: str,
         handler: Handler,
+        transport: Transport = "dds",
         answered: Callable[[Any], None] | None = None,
     ) -> None:
         service = service_type(type_)
         server = _Server(handler, service.request, type_name(service.response), answered)
-        server.pair = self._pair = _Pair(backend, type_, name, server=True, on_frame=server.on_frame)
+        server.pair = self._pair = _Pair(
+            backend, type_, name, server=True, transport=transport, on_frame=server.on_frame
+        )
         self._node = node  # keeps the node alive for as long as its service is held
         self._backend = backend
         backend.register(self._pair)
@@ -171,7 +190,9 @@ class Service:
 class Client:
     """A service's client; made by `Node.create_client`. Calls may run concurrently."""
 
-    def __init__(self, node: Any, backend: Backend, type_: str, *, name: str) -> None:
+    def __init__(
+        self, node: Any, backend: Backend, type_: str, *, name: str, transport: Transport = "dds"
+    ) -> None:
         service = service_type(type_)
         self._request_type = type_name(service.request)
         self._response = service.response
@@ -179,7 +200,7 @@ class Client:
         self._sequence = 0
         self._pending: dict[int, asyncio.Future[ServiceFrame]] = {}
         on_frame = partial(_resolve, self._guid, self._pending)
-        self._pair = _Pair(backend, type_, name, server=False, on_frame=on_frame)
+        self._pair = _Pair(backend, type_, name, server=False, transport=transport, on_frame=on_frame)
         self._pair.when_closed(partial(_fail, self._pending, f"client {name!r}", backend.loop))
         self._node = node  # keeps the node alive for as long as its client is held
         self._backend = backend
@@ -224,7 +245,7 @@ class Client:
         checked_type(request, type_=self._request_type, where=name)
         start_s = self._backend.loop.time()
         if not await self._pair.changed.wait_until(self.service_is_ready, timeout_s):
-            raise BusTimeoutError(f"{said} (no server was found)")
+            raise BusTimeoutError(f"{said} ({self._pair.strangers() or 'no server was found'})")
         remaining_s = timeout_s and timeout_s - (self._backend.loop.time() - start_s)
         try:
             async with asyncio.timeout(remaining_s):

@@ -27,7 +27,7 @@ from sfglab.qos import DEFAULT, Durability, History, QoSProfile, Reliability
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from sfglab.bus.api import EndpointInfo
+    from sfglab.bus.api import EndpointInfo, Transport
 
 
 class Side(Enum):
@@ -197,6 +197,7 @@ class ReaderSpec:
 
     path: Path  #: What for.
     qos: QoSProfile  #: What it requests.
+    transport: Transport = "dds"  #: How its sources send.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -209,6 +210,7 @@ class WriterSpec:
     #: each other out of its history, and stay when their source has gone; or if its life has a lease. Empty:
     #: all other sources that offer the same.
     source: bytes = b""
+    transport: Transport = "dds"  #: How its subscriptions receive.
 
 
 class Held(Enum):
@@ -268,7 +270,8 @@ def wanted(path: Path, state: PathState, *, offers: bool = False) -> Setup:
     if not state.sources:
         readers = {ReaderSpec(path=path, qos=announced_qos(path.dds_topic, sinks)): None}
         return Setup(tuple(readers), (), _judged(readers, {}, state))
-    ways = {gid: _way(path, source, sinks) for gid, source in sorted(state.sources.items())}
+    transport = _transport(path, {sink.transport for sink in state.sinks.values()})
+    ways = {gid: _way(path, source, sinks, transport) for gid, source in sorted(state.sources.items())}
     readers = dict.fromkeys(reader for reader, _ in ways.values())
     writers = dict.fromkeys(writer for _, writer in ways.values())
     return Setup(tuple(readers), tuple(writers), _judged(readers, ways, state))
@@ -285,8 +288,23 @@ def _offered(path: Path, state: PathState) -> tuple[WriterSpec, ...]:
     return tuple(dict.fromkeys(replace(w, source=b"") if w.qos.durability is latched else w for w in writers))
 
 
-def _way(path: Path, source: EndpointInfo, sinks: list[QoSProfile]) -> tuple[ReaderSpec, WriterSpec]:
-    return ReaderSpec(path=path, qos=requested_qos(path.dds_topic, source.qos, sinks)), _writer(path, source)
+def _transport(path: Path, sinks: set[Transport]) -> Transport:
+    """Return how the subscriptions are reached.
+
+    A request goes to one server, and one of rmw_fastrtps would take others' frames for its own. A reply goes to
+    all: only who asked takes it.
+    """
+    if len(sinks) > 1 and path.dds_topic.startswith("rr/"):
+        return "any"
+    return "ros" if "ros" in sinks else "dds"
+
+
+def _way(
+    path: Path, source: EndpointInfo, sinks: list[QoSProfile], transport: Transport
+) -> tuple[ReaderSpec, WriterSpec]:
+    qos = requested_qos(path.dds_topic, source.qos, sinks)
+    reader = ReaderSpec(path=path, qos=qos, transport=source.transport)
+    return reader, replace(_writer(path, source), transport=transport)
 
 
 def _writer(path: Path, source: EndpointInfo) -> WriterSpec:

@@ -256,12 +256,14 @@ def _viewer() -> _Verdict:
 
 
 def _ros() -> _Verdict:
+    from sfglab.bus.ros.services import PYTHON_VARIABLE, ros_python
     from sfglab.lab.ros2 import distributions
 
     found = ", ".join(map(str, distributions().values()))
     if not found:
         raise SfglabError("neither environments of make ros nor a sourced ROS 2")
-    return Level.OK, found, "our nodes are tested beside rclpy"
+    services = "cross routers" if ros_python() else f"cross none until {PYTHON_VARIABLE} names its interpreter"
+    return Level.OK, found, f"our nodes are tested beside rclpy; services of rmw_fastrtps {services}"
 
 
 _NOT_INSTALLED = (importlib.metadata.PackageNotFoundError,)
@@ -310,7 +312,10 @@ _CHECKS = (
         "logs are not opened in the Rerun viewer; figures and tables need nothing of it",
     ),
     _Check(
-        "ROS 2 (optional)", _ros, (SfglabError,), "nothing is tested beside rclpy; sfglab itself needs no ROS"
+        "ROS 2 (optional)",
+        _ros,
+        (SfglabError,),
+        "nothing is tested beside rclpy, and services of rmw_fastrtps cross no router; nothing else needs ROS",
     ),
 )
 

@@ -54,11 +54,11 @@ def peer(distribution, domain_id):
     """A function that starts a real node, in the test's domain or on a test host; it ends with the block."""
 
     @asynccontextmanager
-    async def started(name="peer", host=None, **environment):
+    async def started(name="peer", host=None, program=ros2.PEER, **environment):
         values = {"ROS_DOMAIN_ID": domain_id, **environment}
         if host:  # hosts of a test share /dev/shm: Fast DDS would pass the link by
             values.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-        argv = ros2.distributions()[distribution].argv(str(ros2.PEER), name, **values)
+        argv = ros2.distributions()[distribution].argv(str(program), name, **values)
         argv = host.argv(argv) if host else argv
         process = await LineProcess.start(name, argv)
         try:

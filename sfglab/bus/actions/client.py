@@ -13,6 +13,7 @@ import uuid
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.actions.goals import (
@@ -37,6 +38,7 @@ from sfglab.bus.pubsub import Subscription, checked_type
 from sfglab.messages import action_type, ns_from_stamp, service_type, type_name
 
 if TYPE_CHECKING:
+    from sfglab.bus.api import Transport
     from sfglab.bus.backend import Backend
     from sfglab.bus.service import Client
 
@@ -189,7 +191,9 @@ class ClientGoalHandle:
 class ActionClient:
     """An action's client; made by `Node.create_action_client`. Goals may run beside each other."""
 
-    def __init__(self, node: Any, backend: Backend, type_: str, *, name: str) -> None:
+    def __init__(
+        self, node: Any, backend: Backend, type_: str, *, name: str, transport: Transport = "dds"
+    ) -> None:
         action, topics = action_type(type_), action_topics(name)
         self._name = name
         self._backend = backend
@@ -203,9 +207,10 @@ class ActionClient:
                 action.feedback_message, topics.feedback, router.on_feedback, FEEDBACK_QOS
             ),
         )
-        self._cancel: Client = node.create_client(CANCEL_GOAL, topics.cancel_goal)
-        self._result: Client = node.create_client(action.get_result.name, topics.get_result)
-        self._send: Client = node.create_client(action.send_goal.name, topics.send_goal)
+        client = partial(node.create_client, transport=transport)
+        self._cancel: Client = client(CANCEL_GOAL, topics.cancel_goal)
+        self._result: Client = client(action.get_result.name, topics.get_result)
+        self._send: Client = client(action.send_goal.name, topics.send_goal)
         backend.register(router)
 
     @property

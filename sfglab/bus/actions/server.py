@@ -36,6 +36,7 @@ from sfglab.messages import ActionType, action_type, default_message, service_ty
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from sfglab.bus.api import Transport
     from sfglab.bus.backend import Backend
 
 
@@ -131,6 +132,7 @@ class ActionServerOptions(TypedDict, total=False):
     #: How long a goal and its result are remembered after its end, in seconds (900). They are forgotten at the
     #: first request after that.
     result_timeout_s: float
+    transport: Transport  #: Of its services; see `Node.create_service` ("dds").
 
 
 class Goals:
@@ -314,7 +316,8 @@ class ActionServer:
             )
         )
         self._goals.open(feedback, status, options)
-        service, goals = partial(Service, node, backend), self._goals
+        service = partial(Service, node, backend, transport=options.get("transport", "dds"))
+        goals = self._goals
         self._endpoints: tuple[Service | Publisher, ...] = (
             service(CANCEL_GOAL, name=topics.cancel_goal, handler=goals.on_cancel_goal),
             service(action.get_result.name, name=topics.get_result, handler=goals.on_get_result),

@@ -6,18 +6,19 @@ import secrets
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.api import HOST_KEY, NODE_KEY, SHM_KEY, SHM_PARTITION, RawEndpoint, host_id, user_data
+from sfglab.bus.api import FAST_DDS, HOST_KEY, NODE_KEY, SHM_KEY, SHM_PARTITION, RawEndpoint, host_id, user_data
 from sfglab.bus.backend import Backend
 from sfglab.bus.dds.discovery import Discovery, DiscoveryInfo
 from sfglab.bus.dds.domain import DdsParticipant
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter, ShmAnnouncement, idl_type
 from sfglab.bus.graph import Graph
+from sfglab.bus.ros.services import RosServices
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus.dds.domain import DomainConfig
-    from sfglab.bus.endpoints import Inbox, Reader, Writer
+    from sfglab.bus.endpoints import Inbox, Reader, Sample, Writer
     from sfglab.bus.loop import OnError
 
 
@@ -40,6 +41,7 @@ class DdsBackend(Backend):
             config, identity, name=f"sfglab {name}", after_round=self.bridge.flush
         )
         self.guid = self.participant.guid
+        self.ros = RosServices(self.calls, config.wire_id, config.interface)
         self._discovery = Discovery(self.participant, partial(self._post, self.graph.apply))
         if discovery_info:
             self.register(DiscoveryInfo(self.participant, self.graph, name, loop=self.loop))
@@ -52,9 +54,9 @@ class DdsBackend(Backend):
             address = f"sfglab/{self.participant.config.domain_id}/{secrets.token_hex(8)}"
             announce = partial(self._announce, endpoint, address, writer=True)
             return ShmWriter(self.bridge, endpoint, address=address, announce=announce, notify=notify)
-        handle = self.participant.create_writer(
-            endpoint.dds_topic, idl_type(endpoint), endpoint.qos, user_data=endpoint.user_data
-        )
+        if endpoint.transport == "ros":
+            return self.ros.open(endpoint, notify, None)
+        handle = self._create(self.participant.create_writer, endpoint)
         return DdsWriter(
             handle,
             endpoint.name,
@@ -72,13 +74,13 @@ class DdsBackend(Backend):
             reader = ShmReader(self.bridge, endpoint, announce=announce, inbox=inbox, notify=notify)
             reader.follow(self.graph)
             return reader
-        handle = self.participant.create_reader(
-            endpoint.dds_topic, idl_type(endpoint), endpoint.qos, user_data=endpoint.user_data
-        )
+        if endpoint.transport == "ros":
+            return self.ros.open(endpoint, notify, inbox)
+        handle = self._create(self.participant.create_reader, endpoint)
         return DdsReader(
             handle,
             waitset=self.participant.waitset,
-            on_samples=inbox.push_from_thread,
+            on_samples=partial(_push_framed, inbox) if endpoint.is_service else inbox.push_from_thread,
             on_matched=partial(self._post, notify),
         )
 
@@ -86,7 +88,7 @@ class DdsBackend(Backend):
         """Return what forwards inside Cyclone DDS."""
         from sfglab.bus.dds.forwarder import DdsForwarder
 
-        forwarder = DdsForwarder(self.participant, target.participant)
+        forwarder = DdsForwarder(self.participant, target.participant, (self, target))
         self.register(forwarder)
         return forwarder
 
@@ -99,6 +101,14 @@ class DdsBackend(Backend):
     def leave(self) -> None:
         """Leave the domain."""
         self.participant.close()
+
+    def _create(self, create: Callable[..., int], endpoint: RawEndpoint, **options: Any) -> int:
+        """Return the handle of a new reader or writer; one that forwards takes what it does not know, too."""
+        from sfglab.bus.dds.forwarder import wire_type
+
+        type_ = (wire_type if endpoint.forwards else idl_type)(endpoint)
+        options |= {"user_data": endpoint.user_data, "ignore_local": endpoint.forwards}
+        return create(endpoint.dds_topic, type_, endpoint.qos, **options)
 
     def _post(self, function: Callable[..., None], *values: Any) -> None:
         self.bridge.post(partial(function, *values))
@@ -118,3 +128,8 @@ class DdsBackend(Backend):
             partition=SHM_PARTITION,
         )
         return ShmAnnouncement(handle)
+
+
+def _push_framed(inbox: Inbox, samples: list[Sample]) -> None:
+    """Queue what has a frame: what Fast DDS sends to everybody of a service's topic has none."""
+    inbox.push_from_thread([sample for sample in samples if not sample[3].startswith(FAST_DDS)])

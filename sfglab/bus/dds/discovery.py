@@ -19,6 +19,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import (
+    FAST_DDS,
     HOST_KEY,
     NODE_KEY,
     SHM_PARTITION,
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     import asyncio
     from collections.abc import Callable, Iterable, Iterator
 
+    from sfglab.bus.api import Transport
     from sfglab.bus.dds.domain import DdsParticipant
     from sfglab.bus.endpoints import Sample
     from sfglab.bus.graph import Graph
@@ -298,13 +300,20 @@ class Discovery:
             type=_ros_type(sample.type_name.decode(errors="replace")),
             gid=gid,
             qos=profile_from_dds(sample.qos),
-            transport="shm" if SHM_PARTITION in partitions(sample.qos) else "dds",
+            transport=_transport(sample, dds_topic, gid),
             participant=participant,
             host=host,
             node=node,
             dds_topic=dds_topic,
             user_data=user_data(sample.qos),
         )
+
+
+def _transport(sample: Any, dds_topic: str, gid: bytes) -> Transport:
+    if SHM_PARTITION in partitions(sample.qos):
+        return "shm"
+    # rmw_fastrtps frames services in its own way; topics are the same for all.
+    return "ros" if gid.startswith(FAST_DDS) and dds_topic.startswith(("rq/", "rr/")) else "dds"
 
 
 def _builtin(sample: Any) -> bool:

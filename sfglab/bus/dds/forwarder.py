@@ -12,9 +12,11 @@ import ctypes as ct
 import logging
 import re
 from collections import deque
+from dataclasses import replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
+from sfglab.bus.backend import Backend, LoopForward, LoopWriter
 from sfglab.bus.dds.clib import (
     ANY_STATE,
     RETCODE_ERROR,
@@ -176,18 +178,26 @@ class DdsRawWriter:
 
 
 class DdsForwarder:
-    """Forwards from one live node to another; made by `Node.open_forwarder`."""
+    """Forwards from one live node to another; made by `Node.open_forwarder`.
 
-    def __init__(self, source: DdsParticipant, target: DdsParticipant) -> None:
+    Services pass on the loop, as they do elsewhere: they are few, and ROS 2's program is not inside Cyclone.
+    """
+
+    def __init__(
+        self, source: DdsParticipant, target: DdsParticipant, backends: tuple[Backend, Backend]
+    ) -> None:
         self._source = source
         self._target = target
+        self._backends = backends
         self._orders: deque[Callable[[], None]] = deque()
         self._forwards: set[DdsForward] = set()
         self._bell: int = library().dds_create_guardcondition(source.handle)
         source.waitset.attach(self._bell, self._obey)
 
-    def open(self, endpoint: RawEndpoint) -> DdsForward:
+    def open(self, endpoint: RawEndpoint) -> DdsForward | LoopForward:
         """Read a topic in the source's domain; until its sources are judged their samples are held."""
+        if endpoint.is_service:
+            return LoopForward(self._backends[0], replace(endpoint, forwards=True))
         handle = self._source.create_reader(
             endpoint.dds_topic,
             wire_type(endpoint),
@@ -201,8 +211,10 @@ class DdsForwarder:
         forward.attach(self._source.waitset)
         return forward
 
-    def open_writer(self, endpoint: RawEndpoint) -> DdsRawWriter:
+    def open_writer(self, endpoint: RawEndpoint) -> DdsRawWriter | LoopWriter:
         """Write to a topic in the target's domain."""
+        if endpoint.is_service:
+            return LoopWriter(self._backends[1], replace(endpoint, forwards=True))
         create = partial(
             self._target.create_writer,
             endpoint.dds_topic,

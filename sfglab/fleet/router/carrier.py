@@ -177,7 +177,13 @@ class Carrier:
     def _open_one(self, spec: ReaderSpec | WriterSpec) -> None:
         path = spec.path
         forwarder = self._forwarders[path.direction]
-        endpoint = RawEndpoint(dds_topic=path.dds_topic, type=path.type, qos=spec.qos, user_data=self._tag)
+        endpoint = RawEndpoint(
+            dds_topic=path.dds_topic,
+            type=path.type,
+            qos=spec.qos,
+            user_data=self._tag,
+            transport=spec.transport,
+        )
         opened = self._open.setdefault(path, _OpenPath())
         try:
             if isinstance(spec, ReaderSpec):

@@ -3,8 +3,9 @@
 A thin shell around `plan`: it listens to both graphs, feeds the plan and has the actions carried out, all in
 one task. It runs on nodes of any backend.
 
-Services pass between nodes that frame them as rmw_cyclonedds does. rmw_fastrtps finds the call of a reply by
-RTPS sample identities, which a forwarded sample does not keep, so its services do not pass; its topics do.
+Services of nodes that frame them as rmw_cyclonedds does pass as they are. rmw_fastrtps finds the call of a
+reply by RTPS sample identities, which a forwarded sample does not keep: in the agent's domain its services, and
+so its actions, are called and answered by a program of ROS 2 (`sfglab.bus.ros`); without one they do not cross.
 
 As a process (`sfglab router`, or ``python -m sfglab.fleet.router.node CONFIG``; see `sfglab.component`) it
 reports, beside ``ready``, ``{"is": "status", "paths": [...], "clashed": n}`` whenever paths change and every
@@ -31,6 +32,7 @@ from sfglab.fleet.policy import TABLE_1, ForwardRule, Policy, Side
 from sfglab.fleet.router.carrier import Carrier, Interest
 from sfglab.fleet.router.frames import Frames, TransformGate
 from sfglab.fleet.router.plan import Plan
+from sfglab.fleet.router.ros import RosHalves
 from sfglab.names import SHARED_FRAMES, validate_agent
 
 if TYPE_CHECKING:
@@ -167,8 +169,10 @@ class Router:
     ) -> None:
         self._nodes = {Side.LOCAL: local, Side.GLOBAL: remote}
         self._on_status = on_status
+        policy = Policy(rules=settings.rules)
+        self._ros = RosHalves(local.backend.ros, policy, self._note)
         self._plan = Plan(
-            Policy(rules=settings.rules),
+            policy,
             participants=frozenset(node.guid for node in self._nodes.values()),
             pair=pair or settings.agent,
             linger_ns=round(settings.linger_s * 1e9),
@@ -192,7 +196,7 @@ class Router:
         interest = Interest(remote.graph, partial(self._hear, Side.GLOBAL))
 
         def hear(event: EndpointEvent) -> None:
-            if event.endpoint.participant != local.guid:
+            if event.endpoint.participant not in (local.guid, *local.backend.ros.participants):
                 if not (self._offers and _is_topic(event, EndpointKind.SUBSCRIPTION)):
                     interest.feed(event)
                 self._hear(Side.LOCAL, event)
@@ -214,6 +218,9 @@ class Router:
             self._carrier.close()
 
     def _hear(self, side: Side, event: EndpointEvent) -> None:
+        (self._ros.feed if event.endpoint.transport == "ros" else self._note)(side, event)
+
+    def _note(self, side: Side, event: EndpointEvent) -> None:
         self._heard.append((side, event))
         self._woken.set()
 

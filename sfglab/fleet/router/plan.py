@@ -227,7 +227,7 @@ class Plan:
 
     def _path_of(self, side: Side, endpoint: EndpointInfo) -> Path | None:
         """Return the path that an endpoint is part of; None for what may not cross or is nobody's business."""
-        if endpoint.transport != "dds" or endpoint.participant in self._participants:
+        if endpoint.transport == "shm" or endpoint.participant in self._participants:
             return None
         source = endpoint.kind is EndpointKind.PUBLISHER
         outward = source is (side is Side.LOCAL)

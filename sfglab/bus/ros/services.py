@@ -1,0 +1,229 @@
+"""Services that a node reaches through ROS 2's own middleware: halves of servers and clients, and a program.
+
+rmw_fastrtps tells which call a reply is for by RTPS sample identities, which Cyclone DDS neither sets nor
+shows. So `program` asks and answers in ROS 2's own interpreter, over pipes; to a node it is one more transport
+of the frames of `sfglab.messages.frame_service`. It starts when it is first needed, and again when it ended.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import os
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from sfglab.bus.api import FAST_DDS
+from sfglab.bus.errors import PublishError
+from sfglab.messages import ServiceFrame, frame_service, unframe_service
+from sfglab.processes import LineProcess
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.bus.api import RawEndpoint
+    from sfglab.bus.endpoints import Inbox
+    from sfglab.bus.loop import Calls
+    from sfglab.component import Report
+
+PYTHON_VARIABLE = "SFGLAB_ROS_PYTHON"
+"""The environment variable that names ROS 2's interpreter; without it a ROS 2 that is sourced is used."""
+_NO_ROS = f"there is none here: source it, or name its interpreter in {PYTHON_VARIABLE}"
+_NAME = "ROS 2's services"
+_PROGRAM = Path(__file__).with_name("program.py")
+_LINE_LIMIT_BYTES = 40 * 2**20  # the program's limit of a message in hexadecimal digits, and more
+_PAUSE_S = 0.5
+_PARTICIPANT = bytes.fromhex("000001c1")  # its entity id (RTPS 2.5, clause 9.3.1.3)
+# Theirs are not those of an interpreter that nobody has sourced.
+_FOREIGN = ("PYTHONPATH", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
+
+
+def ros_python() -> str:
+    """Return ROS 2's interpreter, by name or the system's where ROS 2 is sourced; empty where there is none."""
+    sourced = "/usr/bin/python3" if os.environ.get("AMENT_PREFIX_PATH") else ""
+    return os.environ.get(PYTHON_VARIABLE) or sourced
+
+
+def ros_gid(dds_topic: str) -> bytes:
+    """Return 16 bytes that stand for all who send on half a service's topic: rclpy does not tell them apart."""
+    service = service_of(dds_topic)
+    return FAST_DDS + hashlib.blake2b(service.encode(), digest_size=12).digest() + dds_topic[:2].encode()
+
+
+def service_of(half: str) -> str:
+    """Return a service's name from a topic of it, or its type from a half of it."""
+    for ending in ("_Request", "_Response", "Request", "Reply"):
+        half = half.removesuffix(ending)
+    return half.removeprefix("rq").removeprefix("rr")
+
+
+class RosHalf:
+    """A reader or writer of one side of a service; a reader has an inbox."""
+
+    lost = 0
+
+    def __init__(
+        self, services: RosServices, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox | None
+    ) -> None:
+        self.gid = ros_gid(endpoint.dds_topic)
+        self.matched = 0  #: 1 when a call can be made or answered.
+        self.notify, self.inbox = notify, inbox
+        self._services = services
+        role = "server" if endpoint.dds_topic.startswith("rq/") == (inbox is not None) else "client"
+        name, service = service_of(endpoint.dds_topic), service_of(endpoint.type)
+        self.key = f"{role} {name}"  #: Names the server or client in the program.
+        self.order = {"key": self.key, "role": role, "name": name, "service": service}  #: Opens it.
+
+    @property
+    def matched_prefixes(self) -> frozenset[bytes]:
+        """Whoever is called or answers, when there is anybody."""
+        return frozenset({self.gid[:12]} if self.matched else ())
+
+    def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
+        """Send a request or reply, which is a frame; rclpy gives it its time stamp.
+
+        Raises:
+            PublishError: The program does not keep up.
+        """
+        del source_timestamp_ns
+        self._services.write(self.key, unframe_service(bytes(cdr)))
+
+    def write_message(self, message: Any) -> NoReturn:
+        """Refuse by a TypeError, as `loan` does: it takes frames."""
+        raise TypeError(f"{self.key}: given {message!r}, allowed are frames")
+
+    loan = write_message
+
+    def close(self) -> None:
+        """End it; the last half ends the server or client."""
+        self._services.close(self)
+
+
+class RosServices:
+    """The program of one node in a domain, None if that is no DDS domain, on an interface, None for any."""
+
+    def __init__(
+        self, calls: Callable[[str], Calls], domain_id: int | None = None, interface: str | None = None
+    ) -> None:
+        python = ros_python()
+        #: Why nothing is served; empty when nothing is known against it.
+        self.why = "" if python and domain_id is not None else _NO_ROS
+        self.participants: set[bytes] = set()  #: The 16-byte GUIDs of all participants that the program had.
+        self._calls = calls
+        self._argv = _argv(python, domain_id, interface)
+        self._halves: list[RosHalf] = []
+        self._askers: dict[str, list[Callable[[str], None]]] = {}
+        self._process: LineProcess | None = None
+        self._serves = False
+        self._running: asyncio.Task[Any] | None = None
+
+    def find(self, half: str, told: Callable[[str], None]) -> None:
+        """Call back, now or later, with why half a service of this type cannot be served; empty if it can."""
+        if self.why:
+            told(self.why)
+            return
+        self._askers.setdefault(service_of(half), []).append(told)
+        self._order(do="find", service=service_of(half))
+        self._start()
+
+    def open(self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox | None) -> RosHalf:
+        """Open a reader, which has an inbox, or a writer."""
+        half = RosHalf(self, endpoint, notify, inbox)
+        if beside := self._halves_of(half.key):
+            half.matched = beside[0].matched
+        else:
+            self._order(do="open", **half.order)
+        self._halves.append(half)
+        self._start()
+        return half
+
+    def close(self, half: RosHalf) -> None:
+        """Forget a half; again is harmless."""
+        if half in self._halves:
+            self._halves.remove(half)
+            if not self._halves_of(half.key):
+                self._order(do="close", key=half.key)
+
+    def write(self, key: str, frame: ServiceFrame) -> None:
+        """Send a frame."""
+        if self._process is not None and self._process.unsent_bytes > _LINE_LIMIT_BYTES:
+            raise PublishError(key, code=-1, reason="ROS 2's program does not keep up")
+        self._order(do="write", key=key, call=(frame.client_guid, frame.sequence), cdr=frame.cdr.hex())
+
+    def _halves_of(self, key: str) -> list[RosHalf]:
+        return [half for half in self._halves if half.key == key]
+
+    def _order(self, **values: Any) -> None:
+        if self._process is not None and self._serves:
+            self._process.order(**values)
+
+    def _start(self) -> None:
+        if self._running is None and not self.why:
+            self._running = self._calls(_NAME).spawn(self._run())
+
+    async def _run(self) -> None:
+        """Keep the program running until the node ends, or the program cannot serve."""
+        while not self.why:
+            self._process = await LineProcess.start(
+                _NAME, self._argv, on_report=self._heard, limit_bytes=_LINE_LIMIT_BYTES
+            )
+            self._process.keeps = False
+            try:
+                status = await self._process.wait()
+            finally:
+                await self._process.close()
+            if not self._serves:
+                self._refuse(f"its program ended with status {status} before it served")
+            self._serves = False
+            self._match(self._halves, ready=False)
+            await asyncio.sleep(_PAUSE_S)
+
+    def _heard(self, report: Report) -> None:
+        match report:
+            case {"is": "ready", "prefix": prefix}:
+                self._serve(bytes.fromhex(prefix))
+            case {"is": "failed", "why": why}:
+                self._refuse(why)
+            case {"is": "found", "service": service, "why": why}:
+                for told in self._askers.pop(service, ()):
+                    told(why)
+            case {"is": "matched", "key": key, "ready": ready}:
+                self._match(self._halves_of(key), ready=ready)
+            case {"is": "sample", "key": key, "call": [guid, number], "cdr": cdr}:
+                self._push(key, frame_service(ServiceFrame(guid, number, bytes.fromhex(cdr))))
+
+    def _serve(self, prefix: bytes) -> None:
+        self._serves = True
+        self.participants.add(prefix + _PARTICIPANT)
+        for order in {half.key: half.order for half in self._halves}.values():
+            self._order(do="open", **order)
+        for service in self._askers:
+            self._order(do="find", service=service)
+
+    def _refuse(self, why: str) -> None:
+        self.why = self.why or why
+        while self._askers:
+            for told in self._askers.popitem()[1]:
+                told(self.why)
+
+    def _match(self, halves: list[RosHalf], *, ready: bool) -> None:
+        for half in halves:
+            half.matched = int(ready)
+            half.notify()
+
+    def _push(self, key: str, frame: bytes) -> None:
+        now_ns = time.time_ns()
+        for half in self._halves_of(key):
+            if half.inbox is not None:
+                half.inbox.push((frame, now_ns, now_ns, half.gid))
+
+
+def _argv(python: str, domain_id: int | None, interface: str | None) -> list[str]:
+    """Return the program's command line; on loopback it stays on this host, in each distribution's words."""
+    values = {"ROS_DOMAIN_ID": domain_id, "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp", "PYTHONSAFEPATH": 1}
+    if interface == "lo":
+        humble = os.environ.get("ROS_DISTRO") == "humble"
+        values |= {"ROS_LOCALHOST_ONLY": 1} if humble else {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    foreign = [] if os.environ.get("AMENT_PREFIX_PATH") else [f"--unset={name}" for name in _FOREIGN]
+    return ["env", *foreign, *(f"{key}={value}" for key, value in values.items()), python, str(_PROGRAM)]

@@ -1,0 +1,40 @@
+"""The program that serves ROS 2's own services: what it is made of, and what is said where it cannot run."""
+
+from __future__ import annotations
+
+import ast
+import asyncio
+import sys
+from pathlib import Path
+
+import pytest
+
+from sfglab.bus import Node
+from sfglab.bus.ros import services
+
+
+def test_it_is_of_python_3_10_and_imports_only_rclpy():
+    source = (Path(services.__file__).parent / "program.py").read_text(encoding="utf-8")
+    nodes = list(ast.walk(ast.parse(source, feature_version=(3, 10))))
+    names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    names |= {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
+    assert {name.partition(".")[0] for name in names} - sys.stdlib_module_names == {"rclpy"}
+
+
+@pytest.mark.live
+@pytest.mark.parametrize(
+    ("python", "said"),
+    [
+        ("", "there is none here"),
+        (sys.executable, "has no rclpy"),
+        ("/nowhere/python", "ended with status 127"),
+    ],
+)
+async def test_why_nothing_can_be_served_is_said(domain_id, monkeypatch, python, said):
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    monkeypatch.setenv(services.PYTHON_VARIABLE, python)
+    async with Node("us", domain_id=domain_id) as node:
+        for _ in range(2):
+            told = asyncio.get_running_loop().create_future()
+            node.backend.ros.find("std_srvs/srv/SetBool_Request", told.set_result)
+            assert said in await told

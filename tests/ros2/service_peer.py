@@ -1,0 +1,132 @@
+"""A real ROS 2 node with services and actions, which does as it is told: orders and reports as JSON lines."""
+
+import json
+import os
+import sys
+import threading
+import time
+from contextlib import suppress
+
+import rclpy
+from rclpy.action import ActionClient, ActionServer, CancelResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from std_srvs.srv import SetBool
+from test_msgs.action import Fibonacci
+
+OUT = os.fdopen(os.dup(1), "w", buffering=1)
+os.dup2(2, 1)  # what libraries print is no report
+
+
+def report(kind, **values):
+    OUT.write(json.dumps({"is": kind, **values}) + "\n")
+
+
+class Peer:
+    def __init__(self, name):
+        rclpy.init()
+        self.node = rclpy.create_node(name)
+        self.group = ReentrantCallbackGroup()
+        self.executor = MultiThreadedExecutor(4)
+        self.executor.add_node(self.node)
+        self.clients, self.kept = {}, []
+        self.thread = threading.Thread(target=self.spin)
+        self.thread.start()
+
+    def spin(self):
+        with suppress(ExternalShutdownException):
+            self.executor.spin()
+
+    def end(self):
+        rclpy.shutdown()
+        self.thread.join()
+        self.node.destroy_node()
+
+    def serve(self, service):
+        """Answer with the data that were asked with, and report every request."""
+
+        def answer(request, response):
+            report("asked", data=request.data)
+            response.success = request.data
+            return response
+
+        self.kept.append(self.node.create_service(SetBool, service, answer))
+        report("serving")
+
+    def call(self, service, times, timeout_s):
+        """Call one time after another, the data alternating; report the answers and their times [s]."""
+        if service not in self.clients:
+            self.clients[service] = self.node.create_client(SetBool, service)
+        client, answers, took_s = self.clients[service], [], []
+        ready = client.wait_for_service(timeout_s)
+        for n in range(times if ready else 0):
+            start_s, done = time.perf_counter(), threading.Event()
+            future = client.call_async(SetBool.Request(data=n % 2 == 1))
+            future.add_done_callback(lambda _, done=done: done.set())
+            answered = done.wait(timeout_s)
+            took_s.append(time.perf_counter() - start_s)
+            answers.append(future.result().success if answered else None)
+        report("called", ready=ready, answers=answers, took_s=took_s)
+
+    def perform(self, action):
+        """Count Fibonacci's numbers, a feedback for each."""
+
+        def execute(goal):
+            feedback = Fibonacci.Feedback(sequence=[0, 1])
+            for _ in range(goal.request.order):
+                if goal.is_cancel_requested:
+                    goal.canceled()
+                    return Fibonacci.Result(sequence=feedback.sequence)
+                feedback.sequence = [*feedback.sequence, sum(feedback.sequence[-2:])]
+                goal.publish_feedback(feedback)
+                time.sleep(0.02)
+            goal.succeed()
+            return Fibonacci.Result(sequence=feedback.sequence)
+
+        def accept(_):
+            return CancelResponse.ACCEPT
+
+        options = {"callback_group": self.group, "cancel_callback": accept}
+        self.kept.append(ActionServer(self.node, Fibonacci, action, execute, **options))
+        report("performing")
+
+    def act(self, action, order, cancel):
+        """Ask for numbers; report what came. It cancels after the first feedback, or not."""
+        if action not in self.clients:
+            self.clients[action] = ActionClient(self.node, Fibonacci, action, callback_group=self.group)
+        client, feedbacks, begun = self.clients[action], [], threading.Event()
+
+        def hear(message):
+            feedbacks.append(list(message.feedback.sequence))
+            begun.set()
+
+        assert client.wait_for_server(30.0)
+        goal = self.outcome(client.send_goal_async(Fibonacci.Goal(order=order), feedback_callback=hear))
+        if cancel:
+            assert begun.wait(30.0)
+            self.outcome(goal.cancel_goal_async())
+        ended = self.outcome(goal.get_result_async())
+        report("acted", status=ended.status, numbers=list(ended.result.sequence), feedbacks=feedbacks)
+
+    def outcome(self, future):
+        done = threading.Event()
+        future.add_done_callback(lambda _: done.set())
+        assert done.wait(30.0)
+        return future.result()
+
+
+def main():
+    peer = Peer(sys.argv[1])
+    report("ready")
+    try:
+        for line in sys.stdin:
+            order = json.loads(line)
+            try:
+                getattr(peer, order.pop("do"))(**order)
+            except Exception as error:  # noqa: BLE001 - a refusal of ROS 2 is an answer
+                report("failed", why=f"{type(error).__name__}: {error}")
+    finally:
+        peer.end()
+
+
+main()
