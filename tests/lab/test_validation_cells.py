@@ -1,17 +1,16 @@
-"""The cells that validate the presets of RTPS: drawn by a seed, and what is called agreement."""
+"""The cells that validate the presets of RTPS are a seed's; criteria name presets and conditions that exist."""
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
-import pytest
+import pandas as pd
 
 from sfglab.arp.robots import DEPTHS
 from sfglab.lab.claims import load_claims
-from sfglab.lab.experiments.transmission.validation import MODES, Cell, compare_flows, load_cells
-from sfglab.rtps import PRESETS, Medium, run
+from sfglab.lab.experiments.transmission.validation import MODES, scenario_of_cell
+from sfglab.rtps import PRESETS, Medium
 from sfglab.rtps.model import data_bytes
 
 DATA = Path(__file__).parents[2] / "data"
@@ -24,25 +23,26 @@ def drawn(rng, preset, number):
     low, high = (1.1, 2.0) if kind == "saturated" else (0.02, 0.4)
     bits_s = data_bytes(size_bytes, with_heartbeat=False) * 8 / Medium().rate_bps
     loss = rng.uniform(0.03, 0.1) if kind == "lossy" else rng.uniform(0.0, 0.02)
-    return Cell(
-        preset=preset,
-        kind=kind,
-        rate_hz=rate_hz,
-        depth=DEPTHS[number // 3 % len(DEPTHS)],
-        size_bytes=size_bytes,
-        loss=round(float(loss), 4),
-        overhead_us=max(100, round(1e6 * (rng.uniform(low, high) / rate_hz - bits_s))),
-        queue_frames=int(rng.choice([20, 100, 500])),
-        queue_rule=str(rng.choice(["tail", "head"])),
-        burst_frames=int(rng.choice([0, 0, 3])),
-        access_point=bool(rng.random() < 0.25),
-    )
+    return {
+        "preset": preset,
+        "kind": kind,
+        "rate_hz": rate_hz,
+        "depth": DEPTHS[number // 3 % len(DEPTHS)],
+        "size_bytes": size_bytes,
+        "loss": round(float(loss), 4),
+        "overhead_us": max(100, round(1e6 * (rng.uniform(low, high) / rate_hz - bits_s))),
+        "queue_frames": int(rng.choice([20, 100, 500])),
+        "queue_rule": str(rng.choice(["tail", "head"])),
+        "burst_frames": int(rng.choice([0, 0, 3])),
+        "access_point": bool(rng.random() < 0.25),
+    }
 
 
 def test_the_committed_cells_are_those_of_the_seed():
     rng = np.random.default_rng(SEED)
-    cells = load_cells(DATA / "qos" / "validation.csv")
+    cells = pd.read_csv(DATA / "qos" / "validation.csv").to_dict("records")
     assert cells == [drawn(rng, preset, number) for preset in MODES for number in range(COUNT)]
+    assert all(scenario_of_cell(cell, duration_s=8.0).flows for cell in cells)
 
 
 def test_what_judges_on_the_papers_own_middleware_is_written_down():
@@ -51,26 +51,3 @@ def test_what_judges_on_the_papers_own_middleware_is_written_down():
     for criterion in criteria.values():
         assert set(criterion.modes) <= set(PRESETS)
         assert set(criterion.region) == {"loss", "frame_us", "stall_ms"}
-
-
-def calm(**changes):
-    values = {"preset": "fast_dds_async", "kind": "calm", "rate_hz": 50.0, "depth": 10, "size_bytes": 24}
-    medium = {"loss": 0.0, "overhead_us": 300, "queue_frames": 100, "queue_rule": "tail", "burst_frames": 0}
-    cell = Cell(**{**values, **medium, "access_point": False, **changes})
-    return run(cell.scenario(duration_s=4.0), seed=1).flows["topic"]
-
-
-@pytest.mark.parametrize(
-    ("live", "model", "agrees"),
-    [
-        ({}, {}, (True, True)),
-        ({}, {"overhead_us": 500}, (True, False)),
-        ({"loss": 0.1, "depth": 1}, {}, (False, True)),
-        ({"rate_hz": 400.0, "overhead_us": 9000}, {"rate_hz": 400.0, "overhead_us": 9000}, (True, True)),
-    ],
-    ids=["the same", "slower", "lossier", "most is lost in both"],
-)
-def test_three_points_and_thirty_percent_agree(live, model, agrees):
-    found = compare_flows([calm(**live)], [calm(**model)])
-    assert (found["loss_agrees"], found["latency_agrees"]) == agrees
-    assert math.isinf(found["p50_live_ms"]) == (live.get("rate_hz") == 400.0)

@@ -211,8 +211,10 @@ class Peer:
         here, kind = self.node.get_name(), interface("std_msgs/msg/String")
         self.flows = {flow["name"]: flow for flow in flows}
         for name, flow in self.flows.items():
-            profile = QoSProfile(depth=flow["qos"]["depth"])
-            if flow["source"] == here:
+            sends = flow["source"] == here
+            depth = None if sends else flow["reader_depth"]
+            profile = QoSProfile(depth=depth or flow["qos"]["depth"])
+            if sends:
                 self.publishers[name] = self.node.create_publisher(kind, name, profile)
             else:
                 heard = self.hearing(name)

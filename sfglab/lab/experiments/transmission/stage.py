@@ -370,11 +370,12 @@ def compare(point: Point, played: Played, models: Sequence[Outcome]) -> list[Liv
         "late_mean_ms": radio.late_mean_s * 1e3,
         "delay_ms": played.delay_s * 1e3,
     }
-    groups = ({**shared, "group": group, **_compared(played, models, group)} for group in GROUPS)
+    groups = ({**shared, "group": group, **compared(played, models, group)} for group in GROUPS)
     return [as_row(LiveRow, row, point) for row in groups]
 
 
-def _compared(played: Played, models: Sequence[Outcome], group: str) -> dict[str, Any]:
+def compared(played: Played, models: Sequence[Outcome], group: str) -> dict[str, Any]:
+    """Return what one of `GROUPS` came to, live and in the model, and whether that agrees."""
     live, model = measure([played.outcome], group), measure(models, group)
     return {
         "published": live["published"],

@@ -1,30 +1,27 @@
 """Validation of the presets of RTPS: one topic between two hosts, live and in the model, in cells of a seed.
 
 The cells are committed, ``data/qos/validation.csv``, and were before the first was played: a third offers more
-than the air carries, a third loses three percent of the frames or more, each with every depth. Knows cells and
-what is compared; how hosts play stands in `stage`.
+than the air carries, a third loses three percent of the frames or more, each with every depth.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 
-from sfglab.lab.experiments.transmission.stage import LATENCY_WITHIN, LOSS_WITHIN, live_hosts
+from sfglab.lab.experiments.transmission.stage import compared, live_hosts
 from sfglab.qos import QoSProfile
 from sfglab.rtps import PRESETS, Flow, Medium, Scenario, run
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
+    from collections.abc import Mapping
 
     from sfglab.lab.experiments.transmission.stage import RosMode
-    from sfglab.rtps import FlowOutcome
 
 MODEL_SEEDS = 6
+READER_DEPTH = 5000
+"""Of every reader, so that a node of Python that looks late loses nothing: the writer's history is asked."""
 MODES: dict[str, RosMode | None] = {
     "fast_dds_sync": "SYNCHRONOUS",
     "fast_dds_async": "ASYNCHRONOUS",
@@ -32,78 +29,40 @@ MODES: dict[str, RosMode | None] = {
 }
 """What is validated, by preset: a real ROS 2 node's mode of publication; None: Cyclone DDS, by ourselves."""
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cell:
-    """One topic over one medium."""
-
-    preset: str  #: One of `MODES`.
-    kind: str  #: ``saturated``, ``lossy`` or ``calm``.
-    rate_hz: float  #: How often is published.
-    depth: int  #: Of both histories.
-    size_bytes: int  #: CDR size.
-    loss: float  #: Share of frames lost.
-    overhead_us: int  #: Airtime of a frame beside its bits.
-    queue_frames: int  #: Of a host's queue.
-    queue_rule: str  #: What a full one drops: its ``tail`` or its ``head``.
-    burst_frames: int  #: Mean length of a burst of losses; 0: each by itself.
-    access_point: bool  #: Whether frames are on air twice.
-
-    def scenario(self, *, duration_s: float, drain_s: float = 7.0) -> Scenario:
-        """Return it as what is played and simulated; by default two heartbeats of Fast DDS come afterwards."""
-        qos = QoSProfile(depth=self.depth)
-        flow = Flow(name="topic", source="robot", target="station", rate_hz=self.rate_hz, qos=qos)
-        alike = ("loss", "queue_frames", "queue_rule", "burst_frames", "access_point")
-        medium = Medium(overhead_s=self.overhead_us / 1e6, **{name: getattr(self, name) for name in alike})
-        return Scenario(
-            flows=(replace(flow, size_bytes=self.size_bytes),),
-            medium=medium,
-            vendor=PRESETS[self.preset],
-            duration_s=duration_s,
-            drain_s=drain_s,
-        )
+MEDIUM = ("loss", "queue_frames", "queue_rule", "burst_frames", "access_point")
+"""Columns of a cell that are `Medium`'s; others are ``preset``, ``kind``, ``overhead_us`` and the topic's."""
 
 
-def load_cells(path: Path) -> list[Cell]:
-    """Read committed cells."""
-    rows: list[Any] = pd.read_csv(path).to_dict("records")
-    return [Cell(**row) for row in rows]
+def scenario_of_cell(cell: Mapping[str, Any], *, duration_s: float, drain_s: float = 7.0) -> Scenario:
+    """Return a cell as what is played and simulated; by default two heartbeats of Fast DDS come afterwards."""
+    flow = Flow(
+        name="topic",
+        source="robot",
+        target="station",
+        rate_hz=cell["rate_hz"],
+        size_bytes=cell["size_bytes"],
+        qos=QoSProfile(depth=cell["depth"]),
+        reader_depth=READER_DEPTH,
+    )
+    medium = Medium(overhead_s=cell["overhead_us"] / 1e6, **{name: cell[name] for name in MEDIUM})
+    vendor = PRESETS[cell["preset"]]
+    return Scenario(flows=(flow,), medium=medium, vendor=vendor, duration_s=duration_s, drain_s=drain_s)
 
 
-async def validate(cells: Iterable[Cell], *, duration_s: float, seed: int = 0) -> pd.DataFrame:
-    """Play cells of one preset live, one after the other, beside the model; return a line a cell.
+async def validate(cells: pd.DataFrame, *, duration_s: float, seed: int = 0) -> pd.DataFrame:
+    """Play cells of one preset live, one after the other, beside the model, and return what they gave.
 
-    Beside the cell's own columns: ``loss`` and ``p50_ms`` of both, each ``_live`` and ``_model``, whether they
-    agree (`stage`), and ``kept_up``. A median in which most samples are lost is infinite.
+    Columns are those of the cells and of `compared`, and ``kept_up``.
 
     Raises:
         HostsUnavailableError: This machine has no test hosts.
         RosMissingError: This machine has no ROS 2.
     """
-    cells = list(cells)
+    records: list[Any] = cells.to_dict("records")
     rows = []
-    async with live_hosts("robot", "station", ros=MODES[cells[0].preset]) as hosts:
-        for cell in cells:
-            played = await hosts.play(cell.scenario(duration_s=duration_s), seed=seed)
-            models = [run(played.scenario, seed=seed + k).flows["topic"] for k in range(MODEL_SEEDS)]
-            found = compare_flows([played.outcome.flows["topic"]], models)
-            rows.append({**asdict(cell), **found, "kept_up": played.kept_up})
+    async with live_hosts("robot", "station", ros=MODES[cells["preset"].iloc[0]]) as hosts:
+        for cell in records:
+            played = await hosts.play(scenario_of_cell(cell, duration_s=duration_s), seed=seed)
+            models = [run(played.scenario, seed=seed + k) for k in range(MODEL_SEEDS)]
+            rows.append({**cell, **compared(played, models, "sensors"), "kept_up": played.kept_up})
     return pd.DataFrame(rows)
-
-
-def compare_flows(live: list[FlowOutcome], models: list[FlowOutcome]) -> dict[str, Any]:
-    """Return losses and medians, of lost samples infinite, and whether they agree."""
-    found: dict[str, Any] = {}
-    for name, flows in (("live", live), ("model", models)):
-        times = np.concatenate([np.where(f.delivered, f.received_ns - f.published_ns, np.inf) for f in flows])
-        found |= {
-            f"loss_{name}": float(np.isinf(times).mean()),
-            f"p50_{name}_ms": float(np.median(times)) / 1e6,
-        }
-    ratio = found["p50_model_ms"] / found["p50_live_ms"] if np.isfinite(found["p50_live_ms"]) else np.nan
-    both_lost = np.isinf(found["p50_live_ms"]) and np.isinf(found["p50_model_ms"])
-    return {
-        **found,
-        "loss_agrees": abs(found["loss_live"] - found["loss_model"]) <= LOSS_WITHIN,
-        "latency_agrees": bool(both_lost or abs(ratio - 1) <= LATENCY_WITHIN),
-    }
