@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 import time
 import urllib.request
 from contextlib import closing, suppress
@@ -117,12 +116,14 @@ def lab(tmp_path_factory):
     port = free_port()
     argv = [sys.executable, "-m", "jupyterlab", "--no-browser", "--allow-root", f"--ServerApp.port={port}"]
     argv += ["--IdentityProvider.token=", "--LabApp.expose_app_in_browser=True"]
+    (folder / "tmp").mkdir()
     for name in ("data", "figures"):
         (folder / name).symlink_to(find_project(Path(__file__)).root / name)
     environment = os.environ | {
         "JUPYTER_CONFIG_DIR": str(folder / "config"),
         "IPYTHONDIR": str(folder / "ipython"),
         "SFGLAB_ROOT": str(folder),
+        "TMPDIR": str(folder / "tmp"),
     }
     server = subprocess.Popen(argv, cwd=folder, env=environment, stderr=subprocess.DEVNULL)
     yield folder, f"http://127.0.0.1:{port}"
@@ -202,6 +203,7 @@ def test_parts_of_pictures_are_pressed_and_python_answers_or_refuses(run, browse
         browser.click(*browser.wait_for(PART % part, ANSWER_S))
         browser.wait_for(answer, ANSWER_S)
     assert browser.evaluate(LOOKS % "a") != before["a"]
+    assert browser.evaluate("document.querySelector('.jp-OutputArea svg').ariaLabel").startswith("A figure to")
     assert browser.evaluate(LOOKS % "b") == before["b"]
 
 
@@ -224,22 +226,18 @@ def test_a_live_run_is_stopped_from_the_page_and_leaves_nothing(run, browser, la
     folder, _ = lab
     run(LIVE)
     browser.wait_for(PICTURE, ANSWER_S)
-    before, folders = descendants(), scratch()
+    before, folders = descendants(), set((folder / "tmp").iterdir())
     browser.press("Run all")
     until(lambda: len(descendants() - before) > 3)  # the run's process, a camera, subscribers
     browser.press("Stop")
     browser.wait_for(SAYS % "stopped; nothing was kept", ANSWER_S)
     assert descendants() <= before
-    assert scratch() <= folders
+    assert set((folder / "tmp").iterdir()) <= folders
     assert not [*(folder / "runs").rglob("*.mcap*")]
 
 
 def descendants():
     return {child.pid for child in psutil.Process().children(recursive=True) if child.status() != "zombie"}
-
-
-def scratch():
-    return set(Path(tempfile.gettempdir()).glob("sfglab-*"))
 
 
 def test_a_waypoint_is_dragged_and_saved_in_the_scene_editors_cell(run, browser, lab):

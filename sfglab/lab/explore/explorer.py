@@ -80,12 +80,7 @@ class Worker:
 
 
 class Explorer:
-    """What `explore` shows.
-
-    Args:
-        exp: The experiment.
-        look: One of its looks.
-        profile: The profile that the form begins with.
+    """What `explore` shows, which has its arguments.
 
     Attributes:
         form: The form.
@@ -104,13 +99,11 @@ class Explorer:
         self._settled = threading.Event()
         self._running: Worker | None = None
         self._outcome = ""
-        self._picture, self._before = self._kit.Image(format="png"), self._kit.Image(format="png")
+        self._picture, self._before = self._kit.Image(), self._kit.Image()
         self._before.layout.width, self._before.layout.display = "45%", "none"
         self._before.add_class(_FAINT)
-        self._code, self._state = (
-            self._kit.Textarea(layout={"width": "40em", "display": "none"}),
-            self._kit.HTML(),
-        )
+        self._code = self._kit.Textarea(layout={"width": "40em", "display": "none"}, rows=3)
+        self._state = self._kit.HTML()
         self._bar = self._kit.IntProgress(layout={"display": "none"})
         self._buttons = self._made_buttons()
         self.widget = self._arranged()
@@ -216,8 +209,7 @@ class Explorer:
             self._show_busy(busy=False)
 
     def _show_busy(self, *, busy: bool) -> None:
-        self._bar.layout.display = "" if busy else "none"
-        self._bar.value = 0
+        self._bar.layout.display, self._bar.value = "" if busy else "none", 0
         if busy:
             self._state.value = "starting"
         for name, button in self._buttons.items():
@@ -242,7 +234,6 @@ class Explorer:
 
     def _show_code(self) -> None:
         self._code.value, self._code.layout.display = self.code(), ""
-        self._code.rows = 3
 
     def _arranged(self) -> Any:
         kit, reference = self._kit, self._reference()
@@ -255,8 +246,7 @@ class Explorer:
         file = find_project().figures / f"{self._exp.looks[self._look].reference}.png"
         if not file.is_file():
             return None
-        picture = self._kit.Image(value=file.read_bytes(), format="png")
-        picture.layout.width = "100%"
+        picture = self._kit.Image(value=file.read_bytes(), layout={"width": "100%"})
         return self._kit.Accordion(children=[picture], titles=("Reference run",), selected_index=None)
 
 

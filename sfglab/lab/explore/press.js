@@ -25,6 +25,7 @@ function render({ model, el }) {
     const figure = svg();
     figure.dataset.whole = figure.getAttribute("viewBox");
     figure.style.maxWidth = figure.getAttribute("width").replace("pt", "px");
+    figure.setAttribute("aria-label", model.get("alt"));
     figure.removeAttribute("width");
     figure.removeAttribute("height");
     for (const [part, text] of Object.entries(model.get("titles"))) {

@@ -64,7 +64,7 @@ class Pressed:
     ) -> None:
         self._draw, self._size, self._press, self._titles = draw, size, press, titles
         self._said = widgets().HTML()
-        self._figure = _svg_widget()(svg=self._svg(), titles=dict(titles()))
+        self._figure = _svg_widget()(svg=self._svg(), titles=dict(titles()), alt=caption_of(type(self)))
         self._figure.observe(lambda change: self.press(change["new"]["part"]), "pressed")
         self.widget = widgets().VBox([*above, self._figure, self._said])
 
@@ -117,5 +117,5 @@ class Pressed:
 @cache
 def _svg_widget() -> Any:
     """Return the class of the front-end part."""
-    traits = {"svg": "Unicode", "titles": "Dict", "pressed": "Dict"}
+    traits = {"svg": "Unicode", "titles": "Dict", "pressed": "Dict", "alt": "Unicode"}
     return front_end(Path(__file__).with_name("press.js"), traits)
