@@ -21,6 +21,14 @@ def test_it_is_of_python_3_10_and_imports_only_rclpy():
     assert {name.partition(".")[0] for name in names} - sys.stdlib_module_names == {"rclpy"}
 
 
+def test_both_topics_of_a_service_are_one_participant_s_whatever_its_name():
+    gids = {topic: services.ros_gid(topic) for topic in ("rq/aReplyRequest", "rr/aReplyReply", "rq/aRequest")}
+    assert {len(gid) for gid in gids.values()} == {16}
+    assert len(set(gids.values())) == 3
+    assert gids["rq/aReplyRequest"][:12] == gids["rr/aReplyReply"][:12] != gids["rq/aRequest"][:12]
+    assert services.service_of("rq/rr/aReplyRequest") == "/rr/aReply"
+
+
 @pytest.mark.live
 @pytest.mark.parametrize(
     ("python", "said"),

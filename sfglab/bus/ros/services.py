@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from sfglab.bus.api import FAST_DDS
 from sfglab.bus.errors import PublishError
 from sfglab.messages import ServiceFrame, frame_service, unframe_service
+from sfglab.names import ros_name_from_dds
 from sfglab.processes import LineProcess
 
 if TYPE_CHECKING:
@@ -51,11 +52,10 @@ def ros_gid(dds_topic: str) -> bytes:
     return FAST_DDS + hashlib.blake2b(service.encode(), digest_size=12).digest() + dds_topic[:2].encode()
 
 
-def service_of(half: str) -> str:
-    """Return a service's name from a topic of it, or its type from a half of it."""
-    for ending in ("_Request", "_Response", "Request", "Reply"):
-        half = half.removesuffix(ending)
-    return half.removeprefix("rq").removeprefix("rr")
+def service_of(dds_topic: str) -> str:
+    """Return a service's name from a topic of it."""
+    wire = ros_name_from_dds(dds_topic)
+    return dds_topic if wire is None else wire.name
 
 
 class RosHalf:
@@ -71,7 +71,7 @@ class RosHalf:
         self.notify, self.inbox = notify, inbox
         self._services = services
         role = "server" if endpoint.dds_topic.startswith("rq/") == (inbox is not None) else "client"
-        name, service = service_of(endpoint.dds_topic), service_of(endpoint.type)
+        name, service = service_of(endpoint.dds_topic), endpoint.type.rpartition("_")[0]
         self.key = f"{role} {name}"  #: Names the server or client in the program.
         self.order = {"key": self.key, "role": role, "name": name, "service": service}  #: Opens it.
 
@@ -123,8 +123,9 @@ class RosServices:
         if self.why:
             told(self.why)
             return
-        self._askers.setdefault(service_of(half), []).append(told)
-        self._order(do="find", service=service_of(half))
+        service = half.rpartition("_")[0]
+        self._askers.setdefault(service, []).append(told)
+        self._order(do="find", service=service)
         self._start()
 
     def open(self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox | None) -> RosHalf:
