@@ -11,7 +11,7 @@ from typing import Any
 
 from sfglab.rtps.medium import arrived_frame, sent_frame
 from sfglab.rtps.model import BURST_ROOM
-from sfglab.rtps.reader import drop_overflow, hear_gap, hear_heartbeat, hear_samples, request
+from sfglab.rtps.reader import drop_overflow, hear_gap, hear_heartbeat, hear_samples, is_whole, request
 from sfglab.rtps.state import Count, D, Event, Fate, FlowColumn, Frame, R, S, TimingColumn, W
 from sfglab.rtps.world import compiled, pop, push
 from sfglab.rtps.writer import hear_acknack, heartbeat, repair, send_unsent, write
@@ -97,6 +97,8 @@ def _hear(world: Any, now: int, frame: Any) -> None:
     kind, flow = frame[0], frame[1]
     if kind == Frame.ACKNACK:
         hear_acknack(world, now, frame)
+        return
+    if kind in (Frame.FRAGMENT, Frame.BURST) and not is_whole(world, frame):
         return
     if kind in (Frame.DATA, Frame.BURST):
         hear_samples(world, frame)

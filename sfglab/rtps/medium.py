@@ -17,6 +17,7 @@ from sfglab.rtps.model import (
     QUEUE_RULES,
     after_stall_ns,
     airtime_ns,
+    fragments,
     frame_bytes,
     is_lost,
     next_sender,
@@ -37,6 +38,7 @@ def uniform(random: Any) -> float:
 
 
 _frame_bytes, _airtime_ns, _next_sender = compiled(frame_bytes), compiled(airtime_ns), compiled(next_sender)
+how_many_fragments = compiled(fragments)
 _after_stall_ns, _is_lost = compiled(after_stall_ns), compiled(is_lost)
 _TAIL, _HEAD, _BLOCK = range(len(QUEUE_RULES))
 

@@ -41,6 +41,7 @@ all where a heartbeat rides along."""
 
 _BASE_BYTES = NETWORK_BYTES + 20
 _INFO_DST_BYTES, _HEARTBEAT_BYTES = 16, 32
+_AROUND_BYTES, _CUT_BYTES = 14 + 20, 1480  # Ethernet's and IP's headers, and what a frame carries behind them
 
 
 def frame_bytes(kind: int, size_bytes: int, riding: int) -> int:
@@ -53,10 +54,21 @@ def frame_bytes(kind: int, size_bytes: int, riding: int) -> int:
     sample = 12 + 24 + (size_bytes + 3) // 4 * 4
     if kind == Frame.DATA:
         return _BASE_BYTES + sample + (_HEARTBEAT_BYTES if riding else 0)
+    if kind == Frame.FRAGMENT:
+        return _AROUND_BYTES + _CUT_BYTES
     if kind == Frame.BURST:
         heartbeat = _HEARTBEAT_BYTES if riding >= BURST_ROOM else 0
-        return _BASE_BYTES + _INFO_DST_BYTES + heartbeat + riding % BURST_ROOM * sample
+        whole = _BASE_BYTES + _INFO_DST_BYTES + heartbeat + riding % BURST_ROOM * sample
+        return _AROUND_BYTES + (whole - _AROUND_BYTES - 1) % _CUT_BYTES + 1
     return _BASE_BYTES + _INFO_DST_BYTES + (28 + 32 if kind == Frame.ACKNACK else 32)
+
+
+def fragments(size_bytes: int, riding: int) -> int:
+    """Return how many full frames precede the last one of a BURST that IP cuts; arguments of `frame_bytes`."""
+    payload = riding % BURST_ROOM * (12 + 24 + (size_bytes + 3) // 4 * 4)
+    heartbeat = _HEARTBEAT_BYTES if riding >= BURST_ROOM else 0
+    whole = _BASE_BYTES + _INFO_DST_BYTES + heartbeat + payload
+    return (whole - _AROUND_BYTES - 1) // _CUT_BYTES
 
 
 def data_bytes(size_bytes: int, *, with_heartbeat: bool) -> int:
@@ -175,7 +187,7 @@ class Medium:
     stall_every_s: float = 0.0  #: How often the medium stalls: scans, power saving, neighbours.
     stall_s: float = 0.0  #: For how long nothing begins to be sent then.
     #: How far hosts are from the access point, by name; see `rate_share`. Others are near.
-    distances_m: Mapping[str, float] = field(default_factory=dict)
+    distances_m: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         if not 0 <= self.loss < 1 or self.rate_bps <= 0 or self.queue_frames < 1:

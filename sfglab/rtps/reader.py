@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from sfglab.rtps.medium import enqueue
-from sfglab.rtps.state import Count, Event, Fate, FlowColumn, Frame, R, S, TimingColumn, W
+from sfglab.rtps.medium import enqueue, how_many_fragments, note_drop
+from sfglab.rtps.state import Count, Drop, Event, Fate, FlowColumn, Frame, R, S, TimingColumn, W
 from sfglab.rtps.world import compiled, push
 
 
@@ -101,6 +101,21 @@ def _hear_sample(world: Any, flow: int, sample: int) -> None:
                 world.reader[flow, R.OLDEST] = sample
         if not apart:
             _make_room(world, flow)
+
+
+@compiled
+def is_whole(world: Any, frame: Any) -> bool:
+    """Note a FRAGMENT, and return whether there are samples: of a BURST, whether all frames before it came."""
+    reader, flow = world.reader, frame[1]
+    if frame[0] == Frame.FRAGMENT:
+        follows = frame[2] == 0 or reader[flow, R.FRAGMENTS] == frame[2]
+        reader[flow, R.FRAGMENTS] = frame[2] + 1 if follows else -1
+        return False
+    before = how_many_fragments(world.flows[flow, FlowColumn.SIZE_BYTES], frame[3])
+    if before and reader[flow, R.FRAGMENTS] != before:
+        note_drop(world, frame, Drop.MEDIUM)
+        return False
+    return True
 
 
 @compiled

@@ -32,7 +32,9 @@ class Frame(IntEnum):
     ACKNACK = 2
     GAP = 3
     BURST = 4
-    """Several samples that repair; counted as one DATA."""
+    """Several samples that travel together; counted as one DATA."""
+    FRAGMENT = 5
+    """A full frame of a BURST that IP cuts, before the last one, which has the rest and the words."""
 
 
 class Fate(IntEnum):
@@ -179,7 +181,7 @@ class State(NamedTuple):
     arrived: Any  # (F, N + 1) 1 received, 2 declared irrelevant
     order: Any  # (F, N + 1) samples as the reader's history received them
     writer: Any  # (F, 14) see W
-    reader: Any  # (F, 17) see R
+    reader: Any  # (F, 18) see R
     repair: Any  # (F, 5) base and bitmap of the request that waits
     queue: Any  # (H, Q, 8) frames
     queue_ends: Any  # (H, 2) head, length
@@ -193,7 +195,7 @@ class State(NamedTuple):
     server: Any  # (S, 6) see S
     watched: Any  # (F,) 1: `advance` returns at each delivery of the flow
     delivery: Any  # (4,) see D; the last one
-    scratch: Any  # (2, 8) the frame that is heard, and one that is made
+    scratch: Any  # (3, 8) the frame that is heard, one that is made, and one that goes before it
 
 
 class W(IntEnum):
@@ -214,6 +216,7 @@ class R(IntEnum):
     # whether it was for the same again; what was acknowledged last and when; whether an answer is asked for,
     # and whether by a heartbeat after repairs.
     NEWEST, NACKED, NACKED_AT, AGAIN, ACKED, ACKED_AT, ASKED, REPAIRED = range(9, 17)
+    FRAGMENTS = 17  # how many of the message that comes are here; -1: one of them is lost
 
 
 class S(IntEnum):
@@ -294,5 +297,5 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
         server=np.zeros((sizes.servers, len(S)), np.int64),
         watched=np.zeros(flows, np.int8),
         delivery=np.zeros(len(D), np.int64),
-        scratch=np.zeros((2, _FRAME_FIELDS), np.int64),
+        scratch=np.zeros((3, _FRAME_FIELDS), np.int64),
     )

@@ -41,7 +41,8 @@ class Vendor:
     #: Samples that wait behind a gap, apart from the reader's history; beyond that the newest is dropped. 0:
     #: they wait in the reader's history.
     reorder_most: int = 0
-    burst_bytes: int = 0  #: RTPS message in which repairs travel together; 0: each has a frame of its own.
+    #: RTPS message in which repairs travel together, lost with any frame of it; 0: each has a frame of its own.
+    burst_bytes: int = 0
     #: A heartbeat travels along once so many bytes of samples were sent since the last one; 0: however many.
     piggyback_bytes: int = 0
     #: What a sample that a thread of the middleware sends adds to these bytes: its own size (None), or all that
@@ -120,7 +121,7 @@ FAST_DDS_SYNC = replace(
     # FlowControllerImpl.hpp, 2.4 to 3.2: one group of messages lasts as long as the thread, which sends repairs
     # together; the bytes that StatefulWriter.cpp takes for a sample's are the group's so far.
     sent_before_bytes=0,
-    burst_bytes=1456,
+    burst_bytes=65_500,
     extra_bytes=76,  # INFO_DST, and a submessage of its own, 0x80, for statistics (measured: 2.14 and 3.2)
 )
 

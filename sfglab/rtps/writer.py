@@ -11,13 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from sfglab.rtps.medium import burst_most, enqueue, has_room, message_bytes, note_drop, uniform
+from sfglab.rtps.medium import (
+    burst_most,
+    enqueue,
+    has_room,
+    how_many_fragments,
+    message_bytes,
+    note_drop,
+    uniform,
+)
 from sfglab.rtps.model import BURST_ROOM
 from sfglab.rtps.state import SET, Count, Drop, Event, FlowColumn, Frame, TimingColumn, W
 from sfglab.rtps.world import compiled, push
-
-_TOGETHER_BYTES = 1456
-"""Samples that waited travel in RTPS messages of up to 64 kB, which IP cuts: reckoned as what fits a frame."""
 
 
 @compiled
@@ -163,7 +168,7 @@ def send_unsent(world: Any, now: int, host: int) -> None:
     for sample in range(world.writer[oldest, W.QUEUED] + 1, first):
         frame[2] = sample
         note_drop(world, frame, Drop.QUEUE)
-    most = burst_most(world.flows[oldest, FlowColumn.SIZE_BYTES], _TOGETHER_BYTES)
+    most = burst_most(world.flows[oldest, FlowColumn.SIZE_BYTES], world.timing[TimingColumn.BURST_BYTES])
     count = min(last - first + 1, most, 256)
     world.writer[oldest, W.QUEUED] = first + count - 1
     if count == 1:
@@ -174,8 +179,7 @@ def send_unsent(world: Any, now: int, host: int) -> None:
     frame[3] = count + (BURST_ROOM * last if _rides(world, now, oldest, count, False) else 0)
     for i in range(count):
         frame[4 + i // 64] |= np.int64(1) << (i % 64)
-    world.counts[Count.DATA] += 1
-    enqueue(world, now, host, frame)
+    _send_together(world, now, oldest, frame)
 
 
 @compiled
@@ -245,7 +249,7 @@ def repair(world: Any, now: int, flow: int) -> None:
 
 @compiled
 def _repair_in_bursts(world: Any, now: int, flow: int, base: int, kept: int) -> None:
-    """Send what was asked for, many samples a frame; a prompt vendor sends a heartbeat with the last one."""
+    """Send what was asked for, many samples a message; a prompt vendor sends a heartbeat with the last one."""
     prompt = world.timing[TimingColumn.PROMPT]
     last, most = (
         world.writer[flow, W.QUEUED],
@@ -273,10 +277,21 @@ def _repair_in_bursts(world: Any, now: int, flow: int, base: int, kept: int) -> 
         if inside == most or left == 0:
             rides = left == 0 if prompt else _rides(world, now, flow, inside, True)
             frame[3] = inside + (BURST_ROOM * world.writer[flow, W.LAST] if rides else 0)
-            world.counts[Count.DATA] += 1
             world.counts[Count.REPEATED] += inside
-            enqueue(world, now, world.flows[flow, FlowColumn.SOURCE], frame)
+            _send_together(world, now, flow, frame)
             inside = 0
+
+
+@compiled
+def _send_together(world: Any, now: int, flow: int, frame: Any) -> None:
+    """Send a BURST; if IP cuts it, its full frames first."""
+    host, before = world.flows[flow, FlowColumn.SOURCE], world.scratch[2]
+    before[0], before[1] = Frame.FRAGMENT, flow
+    for i in range(how_many_fragments(world.flows[flow, FlowColumn.SIZE_BYTES], frame[3])):
+        before[2] = before[3] = i
+        enqueue(world, now, host, before)
+    world.counts[Count.DATA] += 1
+    enqueue(world, now, host, frame)
 
 
 @compiled

@@ -11,8 +11,8 @@ import pytest
 from sfglab.errors import InvalidValueError
 from sfglab.lab.experiments.transmission.experiment import Point, exp, simulate_cell
 from sfglab.qos import QoSProfile, Reliability
-from sfglab.rtps import PRESETS, Drop, Fate, Flow, Medium, Scenario, run
-from sfglab.rtps.model import is_lost, rate_share
+from sfglab.rtps import PRESETS, Drop, Fate, Flow, Frame, Medium, Scenario, run
+from sfglab.rtps.model import fragments, frame_bytes, is_lost, rate_share
 
 LOSSLESS = Medium(loss=0.0)
 SLOW = Medium(loss=0.0, overhead_s=1.5e-3, queue_frames=50)  # carries some 600 samples a second
@@ -96,6 +96,20 @@ def test_a_queue_that_drops_its_head_keeps_what_is_newest():
     )  # fmt: skip
     assert head.loss == pytest.approx(tail.loss, abs=0.02)
     assert np.median(head.latency_ns) < 0.8 * np.median(tail.latency_ns)
+
+
+def test_a_message_that_ip_cuts_is_lost_with_any_of_its_frames():
+    """Of 256 samples, 24 kB: where a full queue drops its head, hardly one comes whole."""
+    medium = replace(SLOW, queue_rule="head", queue_frames=100)
+    cut, small = (
+        outcome(replace(PRESETS["fast_dds_async"], burst_bytes=size), medium, depth=1000, rate_hz=1000,
+                duration_s=4.0)
+        for size in (65_500, 1456)
+    )  # fmt: skip
+    assert small.flows["a"].loss < 0.05
+    assert cut.flows["a"].loss > 0.2
+    assert frame_bytes(Frame.BURST, 24, 24) + frame_bytes(Frame.FRAGMENT, 24, 0) == 78 + 24 * 60 + 34
+    assert [fragments(24, n) for n in (1, 23, 24, 256)] == [0, 0, 1, 10]
 
 
 def test_an_access_point_costs_the_air_twice_and_loses_twice():
