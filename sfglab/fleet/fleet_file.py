@@ -381,13 +381,8 @@ class Fleet(_Part):
 def _agent_row(agent: AgentSpec) -> tuple[object, ...]:
     machine = agent.host.architecture.value if agent.host else ""
     streams = ", ".join(f"{s.topic} ({s.codec}, {s.rate_hz:g} Hz)" for s in agent.streams)
-    return (
-        agent.name,
-        agent.domain,
-        machine,
-        streams,
-        *(", ".join(use.name for use in uses) for uses in (agent.publishes, agent.subscribes)),
-    )
+    topics = (", ".join(use.name for use in uses) for uses in (agent.publishes, agent.subscribes))
+    return agent.name, agent.domain, machine, streams, *topics
 
 
 def load_fleet(path: Path | str) -> Fleet:

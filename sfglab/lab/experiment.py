@@ -75,9 +75,8 @@ class Link:
     target: str  #: Name of the actor that receives.
     carries: str  #: What is sent.
     over: str = "DDS"  #: By which transport.
-    boundary: str = (
-        ""  #: What it crosses, if anything: a border, the network, the device, the memory interface.
-    )
+    #: What it crosses, if anything: a border, the network, the device, the memory interface.
+    boundary: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -107,10 +107,8 @@ def draw_graph(
         _draw_route(ax, route, crosses=edge in crossing)
     drawn = {}
     for node in graph.nodes:
-        fill, vertex = (
-            FILLS["node in hardware" if node.in_hardware else "node in software"],
-            node_vertex(node.name),
-        )
+        fill = FILLS["node in hardware" if node.in_hardware else "node in software"]
+        vertex = node_vertex(node.name)
         drawn[vertex] = _draw_box(ax, boxes[vertex], fill, rounding=0.13)
     for topic in graph.topics:
         vertex = topic_vertex(topic.name)
@@ -126,12 +124,8 @@ def _draw_note(ax: Axes, note: str, place: NDArray[np.float64] | _Box, *, crosse
     below = isinstance(place, _Box)
     x, y = place.centre - (0.0, place.half[1] + 0.03) if isinstance(place, _Box) else place[len(place) // 2]
     white: dict[str, Any] = {"fc": "white", "ec": "none", "pad": 0.5, "alpha": 0.8}
-    look: dict[str, Any] = {
-        "color": CROSSING if crosses else FRAME,
-        "fontsize": 6,
-        "linespacing": 1.0,
-        "zorder": 5,
-    }
+    color = CROSSING if crosses else FRAME
+    look: dict[str, Any] = {"color": color, "fontsize": 6, "linespacing": 1.0, "zorder": 5}
     ax.text(x, y, note, ha="center", va="top" if below else "center", bbox=white, **look)
 
 

@@ -64,7 +64,7 @@ class PressedMapping(Pressed):
         self._layout = layered_layout(graph)
         self._asked: dict[str, TopicMapping] = {}
         self.why = kit.HTML()
-        actions = {"Optimise": self.optimise, "Reset": self._reset}
+        actions = {"Optimise": self.optimise, "Reset": lambda: self._set(self._begin)}
         buttons = [kit.Button(description=label) for label in actions]
         for button, action in zip(buttons, actions.values(), strict=True):
             button.on_click(lambda _, action=action: self.answer(action))
@@ -73,7 +73,7 @@ class PressedMapping(Pressed):
         self.lut.observe(lambda change: self.answer(lambda: self._limit(change["new"])), "value")
         above = [kit.HBox([*buttons, *([self.lut] if platform else [])]), self.why]
         width, height = size_of(self._layout)
-        size = (width, height + 0.9)
+        size = width, height + 0.9
         super().__init__(self._picture, size=size, press=self._move, titles=self._sentences, above=above)
 
     def optimise(self) -> None:
@@ -83,9 +83,6 @@ class PressedMapping(Pressed):
             self._set(map_communication(self.graph, gateway=rule).gateways, self._reasons_of_topics)
         else:
             self._set(place_nodes(self.graph, self._platform).graph, self._reasons)
-
-    def _reset(self) -> None:
-        self._set(self._begin)
 
     def _limit(self, lut: int) -> None:
         assert self._platform is not None, "without one there is no slider"
@@ -141,10 +138,9 @@ class PressedMapping(Pressed):
         for topic in self.graph.topics:
             both = {m: self.graph.with_mappings({topic.name: m}) for m in _CYCLE[:2]}
             if topic.mapping in both:
-                told = (
-                    f"{_MS * transfer_s(g, g.topic(topic.name)):.2f} ms at {m.value}" for m, g in both.items()
-                )
-                yield f"{topic.name} to {topic.mapping.value}: " + ", ".join(told)
+                times = {m.value: _MS * transfer_s(g, g.topic(topic.name)) for m, g in both.items()}
+                told = ", ".join(f"{time:.2f} ms at {name}" for name, time in times.items())
+                yield f"{topic.name} to {topic.mapping.value}: {told}"
 
     # How it looks.
 
@@ -161,17 +157,14 @@ class PressedMapping(Pressed):
         for edge in self.graph.edges():
             if edge.kind is EdgeKind.SUBSCRIBE and self.graph.topic(edge.topic).size_bytes is not None:
                 notes[edge] = f"{_MS * arrival_s(self.graph, edge):.2g} ms"
-                notes[edge] += (
-                    f"\n\N{GREEK CAPITAL LETTER SIGMA} {_MS * along[edge]:.1f}" if edge in along else ""
-                )
+            if edge in along:
+                notes[edge] += f"\n\N{GREEK CAPITAL LETTER SIGMA} {_MS * along[edge]:.1f}"
         for topic in self.graph.topics:
             if times := carriages_per_message(self.graph, topic):
-                across = (
-                    f", {_MS * topic_load(self.graph, topic, self._platform):.2g} ms/s"
-                    if self._platform
-                    else ""
-                )
-                notes[topic_vertex(topic.name)] = f"carried {times:g}x{across}"
+                vertex = topic_vertex(topic.name)
+                notes[vertex] = f"carried {times:g}x"
+                if self._platform:
+                    notes[vertex] += f", {_MS * topic_load(self.graph, topic, self._platform):.2g} ms/s"
         return notes
 
     def _cost(self) -> str:

@@ -46,9 +46,8 @@ class Config(Profiled):
     loss: float = between(0.2, 0.0, 0.9)  #: Share of frames that these links lose.
     #: Values of T_avg, as topics of one agent, for which Eq. 6 is solved.
     topics: tuple[tuple[int, ...], ...] = ((6, 5, 5), (7, 6, 6), (8, 5, 5), (8, 6, 6), (9, 9, 9), (10,))
-    rates_min_hz: tuple[float, ...] = between(
-        (0.5, 1.0, 10.0), 0.1, 100.0, log=True
-    )  #: Values of Rmin for which it is solved.
+    #: Values of Rmin for which it is solved.
+    rates_min_hz: tuple[float, ...] = between((0.5, 1.0, 10.0), 0.1, 100.0, log=True)
     topic_file: str = "qos/paper_b.yaml"  #: Topics that our own problem is solved for, in the data folder.
     weights: int = between(25, 2, 100)  #: Points of the Pareto front of our own problem.
     seed: int = 0  #: Seed of everything that is drawn.

@@ -106,10 +106,9 @@ def _draw_robot(axes: Axes, track: Any, measured: NDArray[np.float64], believed:
             shown.append((known_m, COLORS["standard"]))
         for range_m, color in shown:
             if np.isfinite(range_m):
-                end = track.x_m + range_m * np.cos(angle), track.y_m + range_m * np.sin(angle)
-                axes.plot(
-                    (track.x_m, end[0]), (track.y_m, end[1]), ".-", color=color, linewidth=0.8, markersize=4
-                )
+                x = track.x_m, track.x_m + range_m * np.cos(angle)
+                y = track.y_m, track.y_m + range_m * np.sin(angle)
+                axes.plot(x, y, ".-", color=color, linewidth=0.8, markersize=4)
     axes.add_patch(Circle((track.x_m, track.y_m), RADIUS_M, color=COLORS[_COLORS[track.robot]], zorder=3))
     ahead = f"ahead {measured[0]:.2f} m; the station has {believed[0]:.2f} m"
     axes.set_title(f"{track.robot}: {ahead}", fontsize=8)
