@@ -7,9 +7,9 @@ ROS 2 is never imported here: its programs run in its own interpreter and take o
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
 from sfglab.lab.paths import find_project
@@ -75,12 +75,17 @@ def distribution() -> Distribution:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosMember(Member):
-    """A distribution's program as a process of a group; `module` is the script, `config` its one argument."""
+    """A `PEER` on a test host, as a process of a group; `config` are its arguments."""
 
-    distribution: Distribution  #: Whose interpreter runs it.
-    environment: tuple[tuple[str, Any], ...] = ()  #: Environment variables of its own.
+    module: str = str(PEER)
+    distribution: Distribution = field(
+        default_factory=distribution
+    )  #: Whose it is; the first one that is there.
+    environment: tuple[tuple[str, str], ...] = ()  #: Environment variables of its own.
 
     @property
     def command(self) -> tuple[str, ...]:
         """Program and arguments."""
-        return tuple(self.distribution.argv(self.module, str(self.config), **dict(self.environment)))
+        # Hosts of a test share /dev/shm, by which Fast DDS would pass the network by.
+        values = {"ROS_DOMAIN_ID": "0", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", **dict(self.environment)}
+        return tuple(self.distribution.argv(self.module, *self.config, **values))

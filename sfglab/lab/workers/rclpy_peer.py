@@ -3,7 +3,8 @@
 Orders come as JSON lines, each names a method of `Peer` as ``do``; reports go out as JSON lines. Messages
 travel as CDR in hexadecimal digits. As a host's part of scenarios of the reliability model it takes the orders
 of `sfglab.lab.workers.flowplay`, and knows samples by their values, as source time stamps are Fast DDS's own.
-Runs in ROS 2's own interpreter, from Python 3.10 on, and imports nothing of sfglab.
+With ``crowd`` behind its name it has no node of its own, only those of `Peer.start`. Runs in ROS 2's own
+interpreter, from Python 3.10 on, and imports nothing of sfglab.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message, serialize_message
 
 _OUT = os.fdopen(os.dup(1), "w", buffering=1)
@@ -70,12 +72,15 @@ def sample_of(value: int, size_bytes: int) -> bytes:
 class Peer:
     """The node and what it has made so far."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, kind: str = "") -> None:
         rclpy.init()
-        self.node = rclpy.create_node(name)
+        self.name = name
+        self.node: Any = None if kind == "crowd" else rclpy.create_node(name)
         self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.node)
+        if self.node:
+            self.executor.add_node(self.node)
         self.kept: list[Any] = []
+        self.ages_ns: list[int] = []
         self.publishers: dict[str, Any] = {}
         self.flows: dict[str, dict[str, Any]] = {}
         self.received: dict[str, list[tuple[int, int]]] = {}
@@ -91,9 +96,12 @@ class Peer:
 
     def end(self) -> None:
         """End in order: a participant that is killed leaves its shared memory behind."""
-        rclpy.shutdown()
+        rclpy.try_shutdown()
         self.thread.join()
-        self.node.destroy_node()
+        if self.node:
+            self.node.destroy_node()
+        else:
+            os._exit(0)  # leaving would take a crowd as long as finding each other
 
     def obey(self, order: dict[str, Any]) -> None:
         """Follow one order."""
@@ -276,10 +284,78 @@ class Peer:
         self.publishers, self.kept, self.received = {}, [], {}
         report("closed")
 
+    def start(self, fleet: list[str], talkers: int, listeners: int, *, composed: bool) -> None:
+        """Make the nodes of the agent of its name, and report when its first node knows all of the fleet's.
+
+        Each has a context of its own, which is a participant as a process is, unless they are composed.
+        """
+        text, nodes = interface("std_msgs/msg/String"), []
+        for number in range(talkers + listeners):
+            if number == 0 or not composed:
+                rclpy.init(context=(context := Context()))
+            role, topic = ("talker", number) if number < talkers else ("listener", number - talkers)
+            node = rclpy.create_node(f"{role}_{topic}", namespace=self.name, context=context)
+            if role == "talker":
+                node.create_publisher(text, f"chatter_{topic}", 7)
+            else:
+                node.create_subscription(text, f"chatter_{topic}", self.kept.append, 10)
+            nodes.append(node)
+        self.kept += nodes
+        services = len(nodes[0].get_service_names_and_types_by_node(nodes[0].get_name(), f"/{self.name}"))
+        topics = len(fleet) * (2 * services * len(nodes) + max(talkers, listeners))
+        while not self.complete(nodes[0], fleet, len(nodes), topics):
+            time.sleep(0.02)
+        report("resolved", t_ns=time.time_ns())
+
+    def complete(self, node: Any, fleet: list[str], each: int, topics: int) -> bool:
+        """Return whether a node knows every node of the fleet by name, and every topic, services' included."""
+        found = node.get_publishers_info_by_topic("/parameter_events")
+        if sum(info.node_namespace.strip("/") in fleet for info in found) < each * len(fleet):
+            return False
+        names = [f"{name}/".split("/")[1] for name, _ in node.get_topic_names_and_types(no_demangle=True)]
+        return sum(name in fleet for name in names) >= topics
+
+    def shoot(self, topic: str, width: int, height: int, hz: float) -> None:
+        """Publish raw pictures of noise at a fixed rate from now on, best effort."""
+        publisher = self.node.create_publisher(
+            interface("sensor_msgs/msg/Image"), topic, qos_profile_sensor_data
+        )
+        picture = interface("sensor_msgs/msg/Image")(
+            width=width, height=height, step=3 * width, encoding="bgr8"
+        )
+        picture.data.frombytes(np.random.default_rng(0).bytes(3 * width * height))
+
+        def send() -> None:
+            picture.header.stamp = self.node.get_clock().now().to_msg()
+            publisher.publish(picture)
+
+        self.kept.append(self.node.create_timer(1 / hz, send))
+        report("shooting")
+
+    def look(self, topic: str, **_: Any) -> None:
+        """Read every pixel of every picture of a topic, as `sfglab.lab.workers.viewer` does, until `stop`."""
+        ordered_ns, self.ages_ns = time.time_ns(), []
+
+        def see(picture: Any) -> None:
+            seen_ns, stamp = time.time_ns(), picture.header.stamp
+            self.ages_ns.append(seen_ns - stamp.sec * 10**9 - stamp.nanosec)
+            np.bitwise_xor.reduce(np.frombuffer(picture.data, np.uint64))
+            if len(self.ages_ns) == 1:
+                report("first", ordered_ns=ordered_ns, seen_ns=seen_ns)
+
+        self.looking = self.node.create_subscription(
+            interface("sensor_msgs/msg/Image"), topic, see, qos_profile_sensor_data
+        )
+
+    def stop(self) -> None:
+        """Stop looking, and report the pictures' ages."""
+        self.node.destroy_subscription(self.looking)
+        report("seen", frames=len(self.ages_ns), ages_ns=self.ages_ns)
+
 
 def main() -> None:
     """Obey orders until the standard input ends."""
-    peer = Peer(sys.argv[1])
+    peer = Peer(*sys.argv[1:])
     report("ready", distribution=os.environ.get("ROS_DISTRO", ""))
     try:
         for line in sys.stdin:

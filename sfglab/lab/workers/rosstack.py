@@ -146,7 +146,11 @@ class RosStack:
     def _announce(
         self, writer: int, namespace: str, name: str, handles: list[tuple[EndpointPlan, int]]
     ) -> None:
-        """Publish which endpoints the node has: once, where rclcpp does so after each."""
+        """Publish which endpoints the node has: once, where rclcpp does so after each.
+
+        That was tried, too: no other bytes are received (2 x 20 nodes: 3.5 MB beside 3.7 MB), since whoever
+        comes later is sent the last one only.
+        """
         gids = {
             direction: tuple(
                 entity_guid(handle)

@@ -1,10 +1,10 @@
 """A subscriber that looks at every pixel: ``python -m sfglab.lab.workers.viewer CONFIG``.
 
 Stands for any node that consumes a camera stream. It is started once and told when to look and how:
-``standard`` (receive and decode for itself), ``proxy`` (take decoded pictures from shared memory) or
-``network`` (receive and throw away); or, with a path, to record the stream. A topic in the order takes the
-place of the mode's configured one. Reads every pixel of every frame and the number drawn into it, so that its
-report proves what it saw. Orders and reports are JSON lines.
+``standard`` (receive and decode for itself), ``proxy`` (take decoded pictures from shared memory), ``raw``
+(receive pictures that nobody coded) or ``network`` (receive and throw away); or, with a path, to record the
+stream. A topic in the order takes the place of the mode's configured one. Reads every pixel of every frame and
+the number drawn into it, so that its report proves what it saw. Orders and reports are JSON lines.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import contextlib
 import time
 from collections import deque
 from dataclasses import dataclass, field, fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from sfglab.bus.api import Transport
     from sfglab.component import Report
 
 
@@ -158,7 +160,8 @@ class _Viewer:
             self._looking = None
 
     async def _look(self, order: Report) -> None:
-        ways = {"standard": self._decode, "proxy": self._share, "network": self._discard}
+        raw: Any = partial(self._share, side="remote", transport="dds")
+        ways = {"standard": self._decode, "proxy": self._share, "raw": raw, "network": self._discard}
         mode, path = order["mode"], order.get("path")
         topic = order.get("topic") or (
             self._config.local_topic if mode == "proxy" else self._config.remote_topic
@@ -209,17 +212,17 @@ class _Viewer:
             ):
                 await asyncio.Event().wait()
 
-    async def _share(self, topic: str) -> None:
-        """Take decoded pictures from shared memory until cancelled."""
+    async def _share(self, topic: str, side: str = "local", transport: Transport = "shm") -> None:
+        """Take pictures, decoded ones from shared memory, until cancelled."""
 
         def see(image: Any) -> None:
             items, channels = (image.data, 3) if image.encoding == "bgr8" else (image.data.view(np.uint16), 1)
             self._seen.look(items, image.width, channels, ns_from_stamp(image.header.stamp))
             self._saw_one()
 
-        async with self._node("viewer", "local") as node:
+        async with self._node("viewer", side) as node:
             with contextlib.closing(
-                node.create_subscription(IMAGE, topic, see, qos=SENSOR_DATA, transport="shm")
+                node.create_subscription(IMAGE, topic, see, qos=SENSOR_DATA, transport=transport)
             ):
                 await asyncio.Event().wait()
 

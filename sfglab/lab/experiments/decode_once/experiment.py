@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from sfglab.fields import between
+from sfglab.lab.baselines import PART, declare, measure_raw
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.decode_once.stage import MBIT, Running
 from sfglab.lab.meters import measure
+from sfglab.lab.ros2 import RosMissingError
 from sfglab.record import LogReader
 
 if TYPE_CHECKING:
@@ -46,6 +48,7 @@ class Config(Profiled):
     source: str = "photos"  #: Source of the colour stream; depth always comes from the stereo pair.
     stages: tuple[Stage, ...] = (_COLOUR, _DEPTH)  #: Streams, one after the other.
     most: int = between(10, 2, 10)  #: Most local subscribers: a stream's larger numbers are left out.
+    ros2: tuple[int, ...] = (1, 3)  #: Numbers of subscribers of raw images, of real ROS 2 beside ours.
     samples: int = 3  #: Meter readings in a cell.
     period_s: float = 0.7  #: Time between readings, seconds.
     #: Wait in a cell between the last subscriber's first frame and the first reading, seconds.
@@ -85,6 +88,7 @@ exp = Experiment(
         "period_s": 0.3,
         "settle_s": 0.1,
         "raw_s": 1.2,
+        "ros2": (1,),
     },
     paper={
         "stages": (
@@ -215,6 +219,18 @@ async def measure_cells(bench: Bench[Config]) -> None:
         for number, stamp_ns, size_bytes in running.sent:
             row = {"codec": stage.codec, "number": number, "stamp_ns": stamp_ns, "size_bytes": size_bytes}
             bench.write("camera", row, at_ns=stamp_ns)
+
+
+declare(exp, "Raw images from a camera of rclpy (Fast DDS), by number of subscribers: of rclpy, and ours")
+
+
+@exp.part(PART, total=lambda config: 2 * config.samples * len(config.ros2), skips=(RosMissingError,))
+async def measure_beside_ros2(bench: Bench[Config]) -> None:
+    """Measure what subscribers of raw images cost, real ones beside ours."""
+    quantities = ("CPU of a subscriber (% of a core)", "pictures received (%)")
+    config = bench.config
+    times: dict[str, Any] = {"repeats": config.samples, "look_s": 2 * config.period_s}
+    await measure_raw(bench, quantities, counts=config.ros2, **times)
 
 
 async def _record_raw(running: Running, bench: Bench[Config]) -> None:

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfglab.errors import InvalidValueError
+from sfglab.lab.baselines import REAL, declare
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 
 STANDARD, ROUTED = "standard", "routed"
+COMPOSED = f"{REAL}, composed"
+"""All nodes of an agent in one process, which is one participant."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,15 +23,15 @@ class Stage:
         InvalidValueError: There is no such mode, or an agent would have no peer or no node.
     """
 
-    mode: str  #: ``standard`` or ``routed``.
+    mode: str  #: ``standard``, ``routed``, or of real ROS 2 `REAL` or `COMPOSED`.
     agents: tuple[int, ...]  #: Sizes of the fleet.
     talkers: int = 10  #: Publishing nodes of each agent.
     listeners: int = 10  #: Subscribing nodes of each agent.
     repeats: int = 1  #: How often each fleet is started.
 
     def __post_init__(self) -> None:
-        if self.mode not in (STANDARD, ROUTED):
-            raise InvalidValueError("mode", self.mode, f"{STANDARD} and {ROUTED}")
+        if self.mode not in (STANDARD, ROUTED, REAL, COMPOSED):
+            raise InvalidValueError("mode", self.mode, f"{STANDARD} and {ROUTED}, {REAL}, {COMPOSED}")
         if min(self.agents) < 2 or self.talkers + self.listeners < 1:
             given = f"{min(self.agents)} agents with {self.talkers} + {self.listeners} nodes"
             raise InvalidValueError("stage", given, "fleets from 2 agents with at least one node each")
@@ -47,6 +50,15 @@ class Scale:
 _FLEETS = (2, 3, 4, 5, 6)
 
 
+def _beside(repeats: int, *fleets: tuple[int, int]) -> tuple[Stage, ...]:
+    """Return fleets of agents with so many nodes of each role: of real ROS 2, and ours of the same."""
+    return tuple(
+        Stage(mode=mode, agents=(agents,), talkers=nodes, listeners=nodes, repeats=count)
+        for agents, nodes in fleets
+        for mode, count in ((REAL, repeats), (STANDARD, repeats), (ROUTED, 1))
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
     """The whole run."""
@@ -58,6 +70,9 @@ class Config(Profiled):
         Stage(mode=ROUTED, agents=(6,), repeats=3),
         Stage(mode=ROUTED, agents=(2, 6, 12), talkers=1, listeners=1),
     )
+    #: Fleets of real ROS 2 and ours beside them: at most 40 participants, which two cores carry without
+    #: starving (60 take 44 s and 115 MB an agent, and the observer waits); composed, the paper's largest.
+    ros2: tuple[Stage, ...] = (*_beside(2, (2, 10), (4, 3)), Stage(mode=COMPOSED, agents=(6,)))
     simulated: Scale = Scale(agents=(2, 4, 6, 12, 25, 50, 100))  #: Simulated fleets.
     timeout_s: float = 120.0  #: When a fleet that is not complete is given up, seconds after its start.
     multicast: str = "default"  #: How far DDS uses multicast between agents: ``default`` is ROS 2's.
@@ -87,17 +102,18 @@ def host_names(count: int) -> list[str]:
 
 
 def _hosts_of(config: Config) -> list[str]:
-    return host_names(max((agents for stage in config.stages for agents in stage.agents), default=0))
+    stages = config.stages + config.ros2
+    return host_names(max((agents for stage in stages for agents in stage.agents), default=0))
 
 
-def cells_of(config: Config) -> list[Cell]:
-    """Return the cells in the order they are run.
+def cells_of(config: Config, stages: tuple[Stage, ...] | None = None) -> list[Cell]:
+    """Return the cells of some stages, else of the configuration's, in the order they are run.
 
     Fleets of one size with the same nodes follow each other in random order, standard among routed, so that a
     machine that slows down slows both; sizes are shuffled too.
     """
     groups: dict[tuple[int, int, int], list[Cell]] = {}
-    for stage in config.stages:
+    for stage in config.stages if stages is None else stages:
         nodes = {"talkers": stage.talkers, "listeners": stage.listeners}
         for agents in stage.agents:
             group = groups.setdefault((agents, stage.talkers, stage.listeners), [])
@@ -118,6 +134,7 @@ exp = Experiment(
             Stage(mode=STANDARD, agents=(2,), talkers=2, listeners=1),
             Stage(mode=ROUTED, agents=(2,), talkers=2, listeners=1),
         ),
+        "ros2": _beside(1, (2, 1)),
         "simulated": Scale(agents=(2, 10), talkers=2, listeners=1),
         "timeout_s": 20.0,
     },
@@ -126,6 +143,10 @@ exp = Experiment(
             Stage(mode=STANDARD, agents=_FLEETS, repeats=120),
             Stage(mode=ROUTED, agents=_FLEETS, repeats=120),
             Stage(mode=ROUTED, agents=(2, 4, 6, 8, 12, 16), talkers=1, listeners=1, repeats=10),
+        ),
+        "ros2": (
+            *_beside(20, (2, 10), (3, 6), (4, 3), (6, 2)),
+            Stage(mode=COMPOSED, agents=_FLEETS, repeats=20),
         ),
         "simulated": Scale(agents=(2, 3, 4, 5, 6, 10, 20, 50, 100, 200, 500, 1000), repeats=5),
         "timeout_s": 300.0,
@@ -146,6 +167,9 @@ exp = Experiment(
         Link("router", "peers", "heartbeats, metadata", boundary="the network"),
     ),
 )
+
+
+declare(exp, "Discovery, agents x nodes: real ROS 2 (rclpy, Fast DDS), its stand-in, and routed")
 
 
 @exp.table("cell")

@@ -20,8 +20,11 @@ from sfglab.bus.address import BusAddress
 from sfglab.fleet.discovery.node import DiscoveryConfig, DiscoverySettings
 from sfglab.fleet.router.node import RouterConfig
 from sfglab.fleet.status.node import StatusConfig, StatusSettings
+from sfglab.lab.baselines import PART, REAL, STAND_IN, peer_on
 from sfglab.lab.experiments.discovery.experiment import (
+    COMPOSED,
     ROUTED,
+    STANDARD,
     Cell,
     Config,
     cells_of,
@@ -29,6 +32,7 @@ from sfglab.lab.experiments.discovery.experiment import (
     host_names,
 )
 from sfglab.lab.meters import Window
+from sfglab.lab.ros2 import RosMissingError
 from sfglab.lab.workers.rosnodes import RosNodesConfig
 from sfglab.processes import Member, ProcessGroup
 from sfglab.units import NS_PER_S
@@ -64,6 +68,28 @@ async def start_fleets(bench: Bench[Config]) -> None:
         bench.advance(f"{cell.mode} {cell.agents}")
 
 
+@exp.part(PART, total=lambda config: len(cells_of(config, config.ros2)), skips=(RosMissingError,))
+async def start_beside_ros2(bench: Bench[Config]) -> None:
+    """Start fleets of real ROS 2 beside ours of the same nodes."""
+    for cell in cells_of(bench.config, bench.config.ros2):
+        async with LiveFleet(cell, bench.config, bench.testbed) as fleet:
+            outcome = await _start(fleet, bench)
+        rows = [_host_row(0, host, outcome) for host in range(cell.agents)]
+        meters = outcome.meters.values()
+        quantities = {
+            "until an agent knows its peers (s)": [row["resolved_s"] for row in rows],
+            "received until then (MB)": [row["own_bytes"] / 1e6 for row in rows],
+            "cores busy": [sum(_cpu_s(meter) / meter.window_s for meter in meters)],
+            "longest pause of an observer (s)": [outcome.ingress.longest_pause_s],
+        }
+        kind = STAND_IN if cell.mode == STANDARD else cell.mode
+        key = {"setting": f"{cell.agents} x {cell.talkers + cell.listeners}", "kind": kind}
+        for quantity, values in quantities.items():
+            of = {**key, "quantity": quantity, "repeat": cell.repeat}
+            bench.write_all(PART, [of | {"value": value} for value in values])
+        bench.advance(f"{cell.mode} {cell.agents}")
+
+
 @dataclass(frozen=True, slots=True)
 class _Outcome:
     """What came of one start; times are Unix time in nanoseconds."""
@@ -92,7 +118,7 @@ async def _start(fleet: LiveFleet, bench: Bench[Config]) -> _Outcome:
     ingress.read()
     window.sample(time.time_ns())
     begin_ns = time.time_ns()
-    fleet.order(do="start")
+    fleet.order(**fleet.start_order)
     signalled_ns = time.time_ns()
     reading = asyncio.create_task(ingress.run())
     try:
@@ -154,6 +180,9 @@ class LiveFleet(ProcessGroup):
     def __init__(self, cell: Cell, config: Config, testbed: Testbed) -> None:
         self.hosts = host_names(cell.agents)  #: The hosts that take part.
         self._cell, self._config, self._testbed = cell, config, testbed
+        nodes = {"talkers": cell.talkers, "listeners": cell.listeners, "composed": cell.mode == COMPOSED}
+        #: What its processes are told, to find the others.
+        self.start_order: dict[str, Any] = {"do": "start", "fleet": self.hosts, **nodes}
         members = [member for i, host in enumerate(self.hosts, start=1) for member in self._members_on(i, host)]
         super().__init__(testbed.argv, members, start_s=_LOAD_S)
 
@@ -195,6 +224,9 @@ class LiveFleet(ProcessGroup):
 
     def _members_on(self, number: int, host: str) -> Iterator[Member]:
         """Yield what runs on an agent, its nodes first."""
+        if self._cell.mode in (REAL, COMPOSED):
+            yield peer_on(self._testbed, host, _nodes_of(host), host, "crowd")
+            return
         routed = self._cell.mode == ROUTED
         remote = BusAddress(
             domain_id=GLOBAL_DOMAIN, interface=self._testbed.interface(host), multicast=self._config.multicast
@@ -253,6 +285,11 @@ class Ingress:
         for meter, readings in zip(self._meters, self._readings, strict=True):
             counted = meter.interface_bytes()
             readings.append((time.time_ns(), counted.rx_bytes, counted.rx_packets))
+
+    @property
+    def longest_pause_s(self) -> float:
+        """The longest time between two readings: beyond their period nobody let the reader run."""
+        return float(np.max(np.diff([t_ns for t_ns, _, _ in self._readings[0]]))) / NS_PER_S
 
     async def run(self) -> None:
         """Read until cancelled."""

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.fields import between
+from sfglab.lab.baselines import PART, declare, measure_raw
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.latency.stage import PATHS, Running
 from sfglab.lab.meters import measure
+from sfglab.lab.ros2 import RosMissingError
 from sfglab.units import BITS_PER_BYTE, BITS_PER_MBIT
 
 if TYPE_CHECKING:
@@ -30,6 +32,7 @@ class Config(Profiled):
     look_s: float = 0.5  #: How long the viewer looks on after its first picture, seconds.
     skipped: int = 3  #: Pictures at the beginning of a look that do not count for glass-to-glass.
     idle_s: float = 3.0  #: How long the idle load is measured, seconds.
+    ros2: int = 6  #: How often a subscriber of real ROS 2 looks at raw images, beside ours.
     source: str = "photos"  #: Where frames come from, as `open_source` takes it.
     encoder: str = "auto"  #: H.264 encoder by FFmpeg's name, or ``auto``.
     gop: int = between(30, 1, 300, log=True)  #: Frames from key frame to key frame.
@@ -46,8 +49,8 @@ exp = Experiment(
     "latency",
     Config,
     where="A 5.4",
-    smoke={"repeats": 2, "look_s": 0.4, "idle_s": 0.5},
-    paper={"repeats": 120, "look_s": 1.0, "idle_s": 30.0},
+    smoke={"repeats": 2, "look_s": 0.4, "idle_s": 0.5, "ros2": 1},
+    paper={"repeats": 120, "look_s": 1.0, "idle_s": 30.0, "ros2": 120},
     hosts=("edge", "consumer"),
     actors=(
         Actor("camera", "edge", "encodes once, publishes on three topics"),
@@ -160,6 +163,16 @@ async def measure_looks(bench: Bench[Config]) -> None:
     for number, stamp_ns, size_bytes in running.sent:
         row = {"number": number, "stamp_ns": stamp_ns, "size_bytes": size_bytes}
         bench.write("camera", row, at_ns=stamp_ns)
+
+
+declare(exp, "Raw images from a camera of rclpy (Fast DDS): a subscriber of rclpy, and one of ours")
+
+
+@exp.part(PART, total=lambda config: 2 * config.ros2, skips=(RosMissingError,))
+async def look_beside_ros2(bench: Bench[Config]) -> None:
+    """Let subscribers of raw images look, real ones beside ours."""
+    quantities = ("capture to picture in hand (ms)", "first picture (ms)", "pictures received (%)")
+    await measure_raw(bench, quantities, counts=(1,), repeats=bench.config.ros2, look_s=bench.config.look_s)
 
 
 async def _measure_idle(running: Running, bench: Bench[Config]) -> None:

@@ -37,7 +37,7 @@ from sfglab.lab.experiments.transmission.experiment import (
     scenario_of,
 )
 from sfglab.lab.hosts import HostsUnavailableError, Network
-from sfglab.lab.ros2 import PEER, RosMember, distribution
+from sfglab.lab.ros2 import RosMember
 from sfglab.lab.workers.flowplay import PartsConfig
 from sfglab.processes import Member, ProcessGroup
 from sfglab.qos import QoSProfile
@@ -195,16 +195,8 @@ def _member(host: Host, ros: RosMode | None) -> Member:
         address = BusAddress(domain_id=0, interface=host.interface, multicast="spdp")
         config = PartsConfig(host=host.name, address=address)
         return Member(name=host.name, host=host.name, module=_MODULE, config=config)
-    # Hosts of a test share /dev/shm, by which Fast DDS would pass the radio by.
-    environment = {"RMW_FASTRTPS_PUBLICATION_MODE": ros, "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
-    return RosMember(
-        name=host.name,
-        host=host.name,
-        module=os.fspath(PEER),
-        config=host.name,
-        distribution=distribution(),
-        environment=tuple(environment.items()),
-    )
+    environment = (("RMW_FASTRTPS_PUBLICATION_MODE", str(ros)),)
+    return RosMember(name=host.name, host=host.name, config=(host.name,), environment=environment)
 
 
 class LiveHosts:

@@ -1,0 +1,71 @@
+"""Baselines of real ROS 2: ratios of known figures, a log apart, and one sentence where there is no ROS 2."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+
+import pytest
+from made_logs import made_run
+
+from sfglab.lab.baselines import PART, REAL, STAND_IN, beside, compared
+from sfglab.lab.bench import Options
+from sfglab.lab.experiments import decode_once, discovery, latency
+from sfglab.lab.paths import find_project
+
+EXPERIMENTS = [discovery.exp, latency.exp, decode_once.exp]
+REFERENCES = find_project().reference_logs
+
+
+def rows(kind, factor):
+    """Three repetitions, with two figures each whose median counts."""
+    of = {"setting": "2 x 2", "quantity": "time (s)", "kind": kind}
+    return [of | {"repeat": r, "value": factor * v} for r in range(3) for v in (r + 1, r + 3)]
+
+
+def test_a_ratio_is_the_stand_in_s_median_over_the_real_one_s(tmp_path):
+    exp = latency.exp
+    run = made_run(exp, tmp_path / "made.mcap", {PART: [*rows(REAL, 2.0), *rows(STAND_IN, 1.0)]})
+    (line,) = compared(exp, run).to_dict("records")
+    assert (line[REAL], line[STAND_IN]) == (6.0, 3.0)
+    assert line["ratio"].startswith("0.5 times ROS 2 [")
+    _, shown = exp.draw("latency_ros2", run)
+    assert shown["compared"]["quantity"] == ["time (s)"]
+
+
+def test_what_was_measured_apart_counts_beside_a_log_without_it(tmp_path):
+    exp = discovery.exp
+    run = made_run(exp, tmp_path / "made.mcap", {})
+    assert beside(exp, run).empty
+    assert compared(exp, run).empty
+    apart = made_run(exp, tmp_path / "apart.mcap", {PART: rows(REAL, 1.0)})
+    shutil.move(apart.log, tmp_path / "made_ros2.mcap")
+    assert len(beside(exp, run)) == 6
+    assert exp.draw("discovery_ros2", run)[1]["apart"] == "made_ros2.mcap"
+
+
+@pytest.mark.parametrize("exp", EXPERIMENTS, ids=lambda exp: exp.name)
+def test_the_reference_has_both_sides_and_no_other_claims(exp):
+    run = exp.load(REFERENCES / f"{exp.name}.mcap")
+    assert {REAL, STAND_IN} <= set(beside(exp, run)["kind"])
+    assert not compared(exp, run).empty
+    assert run[PART].empty, "claims are measured without it"
+
+
+@pytest.mark.live
+@pytest.mark.parametrize(
+    ("exp", "separate", "why"),
+    [
+        pytest.param(discovery.exp, None, "needs ROS 2: make ros", marks=pytest.mark.netns),
+        (latency.exp, False, "needs network namespaces: real ROS 2 would meet whoever else is on this network"),
+    ],
+    ids=["no ROS 2", "one host"],
+)
+def test_where_it_cannot_be_measured_one_sentence_says_so(tmp_path, monkeypatch, exp, separate, why):
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "claims.yaml").touch()
+    monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    options = Options(only=frozenset({PART}), separate=separate)
+    run = asyncio.run(exp.run("smoke", path=tmp_path / "smoke.mcap", options=options))
+    assert run.skipped(PART) == why
