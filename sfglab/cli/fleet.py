@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -112,6 +112,12 @@ def agent_up(
         typer.Option(help="A component to leave out: router, status, discoverer, keeper, decoder."),
     ] = None,
     offers: _Offers = None,
+    parameters: Annotated[
+        Literal["dds", "ros"] | None,
+        typer.Option(
+            help="Let ros2 param read router and decoder: over dds (rmw_cyclonedds), or by a ROS 2 here."
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Report JSON lines instead of sentences.")] = False,
     _interfaces: Interfaces = None,
 ) -> None:
@@ -131,11 +137,14 @@ def agent_up(
 
       sfglab agent up --domain 7 --without router   # beside a DDS Router of your own
     """
+    from dataclasses import replace
+
     from sfglab.fleet.agent import plan
     from sfglab.fleet.agent.app import serve_agent
 
     config = _agent_config(agent, fleet, (domain, interface), (global_domain, global_interface), offers)
-    run(serve_agent(plan.without(config, without or ()), typer.echo, as_json=as_json))
+    config = replace(plan.without(config, without or ()), parameters=parameters)
+    run(serve_agent(config, typer.echo, as_json=as_json))
 
 
 def router(

@@ -11,6 +11,8 @@ import rclpy
 from rclpy.action import ActionClient, ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import SetBool
 from test_msgs.action import Fibonacci
 
@@ -20,6 +22,10 @@ os.dup2(2, 1)  # what libraries print is no report
 
 def report(kind, **values):
     OUT.write(json.dumps({"is": kind, **values}) + "\n")
+
+
+def list_of(value):
+    return value if isinstance(value, (bool, int, float, str)) else list(value)
 
 
 class Peer:
@@ -67,6 +73,23 @@ class Peer:
             took_s.append(time.perf_counter() - start_s)
             answers.append(future.result().success if answered else None)
         report("called", ready=ready, answers=answers, took_s=took_s)
+
+    def parameters(self, node):
+        """Report what it reads of a node's parameters, as `ros2 param` does."""
+        client = AsyncParameterClient(self.node, node)
+        assert client.wait_for_services(30.0)
+        names = sorted(self.outcome(client.list_parameters([], 0)).result.names)
+        got = self.outcome(client.get_parameters(names)).values
+        values = [parameter_value_to_python(one) for one in got]
+        assert list(self.outcome(client.get_parameter_types(names)).types) == [one.type for one in got]
+        described = self.outcome(client.describe_parameters(names)).descriptors
+        refused = self.outcome(client.set_parameters([Parameter(names[0], value="other")])).results[0]
+        report(
+            "parameters",
+            values=dict(zip(names, map(list_of, values), strict=True)),
+            read_only=all(one.read_only for one in described),
+            why=refused.reason if not refused.successful else "",
+        )
 
     def perform(self, action):
         """Count Fibonacci's numbers, a feedback for each."""

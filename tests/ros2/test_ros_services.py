@@ -16,8 +16,11 @@ from beside import ANSWER_S, asked, until
 
 from sfglab.bus import BusTimeoutError, Node
 from sfglab.bus.address import BusAddress
+from sfglab.bus.parameters import READ_ONLY, flat
 from sfglab.bus.ros.services import PYTHON_VARIABLE
 from sfglab.component import argument_of
+from sfglab.fields import to_json
+from sfglab.fleet.decoder.node import DecoderConfig
 from sfglab.fleet.router.node import RouterConfig
 from sfglab.lab import ros2
 from sfglab.lab.hosts import Network
@@ -228,3 +231,30 @@ async def test_without_ros_2_nothing_is_announced_and_it_is_said(network, ros_no
     assert said == 2 * [
         f"service {ENABLE} of rmw_fastrtps stays here: only ROS 2 can serve it, and {why}",
     ]
+
+
+@pytest.mark.feature(
+    "Parameters of router and decoder, to read (`ros2 param list`, `get`, `describe`)",
+    condition="ROS 2 beside it",
+)
+async def test_parameters_are_what_the_component_was_told(ros_node, python, domain_id):
+    address = BusAddress(domain_id=domain_id)
+    streams = ("/global/go2/camera_front/color/ffmpeg", "/global/pi1/camera_front/color/ffmpeg")
+    config = DecoderConfig(remote=address, local=address, streams=streams, spare=False, parameters="ros")
+    argv = [sys.executable, "-m", "sfglab.fleet.decoder.node", argument_of(config)]
+    decoder = await LineProcess.start("decoder", argv)
+    try:
+        await decoder.expect("ready", timeout_s=ANSWER_S)
+        async with ros_node("ros") as ros:
+            read = await asked(ros, "parameters", "parameters", node="/agent_decoder")
+    finally:
+        await decoder.close()
+    said = dict(flat(to_json(config)))
+    assert read["values"] == said
+    assert {name: said[name] for name in ("streams", "local.domain_id", "linger_s", "replay")} == {
+        "streams": list(streams),
+        "local.domain_id": domain_id,
+        "linger_s": 1.0,
+        "replay": True,
+    }
+    assert (read["read_only"], read["why"]) == (True, READ_ONLY)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
+from sfglab.bus.parameters import Way  # noqa: TC001 - read at run time
 from sfglab.component import argument_of
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.agent.supervision import Component
@@ -58,6 +59,9 @@ class AgentConfig:
     #: Whether ROS 2's tools list what its decoder could decode and its router could open. In the global domain
     #: it costs 0.6 kB for each topic and other agent, once.
     offers: bool = True
+    #: How ROS 2's tools read what its router and its decoder were told: over "dds" (rmw_cyclonedds), by "ros"
+    #: (rmw_fastrtps, with a ROS 2 here), or not at all: twelve endpoints for each.
+    parameters: Way | None = None
     schedule: Schedule = field(default_factory=Schedule)  #: When it beats.
     #: How long its discoverer waits for what.
     discovery: DiscoveryTiming = field(default_factory=DiscoveryTiming)
@@ -105,6 +109,7 @@ def router_config(config: AgentConfig) -> RouterConfig:
         shared_frames=config.shared_frames,
         placed_by_others=config.placed_by_others,
         offers=config.offers,
+        parameters=config.parameters,
     )
 
 
@@ -142,6 +147,7 @@ def _decoder(config: AgentConfig) -> DecoderConfig:
         replay=config.replay,
         spare=config.spare,
         offers=config.offers,
+        parameters=config.parameters,
     )
 
 

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
 from sfglab.bus.api import OFFER_KEY, user_data
+from sfglab.bus.parameters import Parameters, Way
 from sfglab.bus.pubsub import Publisher, topic_endpoint
 from sfglab.component import beside, run_component, run_until_interrupted
 from sfglab.fields import from_json
@@ -288,6 +289,7 @@ class DecoderConfig:
     #: Whether a pipeline process waits, warm, for the next stream; in paper A it is loaded on demand.
     spare: bool = True
     offers: bool = True  #: Whether ROS 2's tools list what could be decoded, before anybody subscribes.
+    parameters: Way | None = None  #: How ROS 2's tools read this; None: they do not.
 
 
 async def run_decoder(
@@ -312,6 +314,8 @@ async def run_decoder(
     pool = WorkerPool(workers, spares=int(config.spare))
     # The node first: what is wrong with the domain or interface is said once, here, and not by processes.
     async with Node("agent_decoder", **asdict(config.local)) as local:
+        if config.parameters is not None:
+            Parameters(local, config, config.parameters)
         try:
             await pool.start()
             timing = Timing(linger_ns=round(config.linger_s * 1e9))

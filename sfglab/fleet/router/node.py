@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
 from sfglab.bus.api import EndpointKind
+from sfglab.bus.parameters import Parameters, Way
 from sfglab.component import is_set_before, run_component, run_until_interrupted
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.policy import TABLE_1, ForwardRule, Policy, Side
@@ -260,6 +261,7 @@ class RouterConfig(RouterSettings):
 
     local: BusAddress  #: The agent's domain.
     remote: BusAddress  #: The global domain.
+    parameters: Way | None = None  #: How ROS 2's tools read this; None: they do not.
 
     def __post_init__(self) -> None:
         RouterSettings.__post_init__(self)
@@ -290,6 +292,8 @@ async def run_router(config: RouterConfig, report: Callable[[Report], None]) -> 
         ):
             pair = f"{host_id()}/{config.local.domain_id}"
             router = Router(local, remote, config, pair=pair, on_status=tell)
+            if config.parameters is not None:
+                Parameters(local, config, config.parameters)
             await router.run(on_ready=lambda: report({"is": "ready"}))
 
 

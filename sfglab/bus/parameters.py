@@ -1,0 +1,123 @@
+"""Parameters of a node as ROS 2's tools ask for them: what its component was told, to be read.
+
+The six services of rcl_interfaces below the node's name (`ros2 param list`, `get`, `describe`, `dump`). What a
+component is told is told when it starts: to set a parameter is refused with that sentence.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from sfglab.fields import to_json
+from sfglab.messages import default_message, service_type
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from sfglab.bus.node import Node
+
+Way = Literal["dds", "ros"]
+"""Over DDS, for rmw_cyclonedds, or by ROS 2's own program, for rmw_fastrtps; see `sfglab.bus.ros`."""
+READ_ONLY = "it is given when the component starts"
+# rcl_interfaces/msg/ParameterType, and the field of ParameterValue: one of a kind, and many.
+_KINDS: dict[type, tuple[str, int, int]] = {
+    bool: ("bool", 1, 6),
+    int: ("integer", 2, 7),
+    float: ("double", 3, 8),
+    str: ("string", 4, 9),
+}
+
+
+def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the parameters of a JSON value: parts joined by dots, what is not there left out."""
+    parts = value.items() if isinstance(value, dict) else enumerate(value) if _is_mixed(value) else None
+    if parts is not None:
+        for key, part in parts:
+            yield from flat(part, f"{name}.{key}" if name else str(key))
+    elif value not in (None, []):
+        yield name, value
+
+
+def _is_mixed(value: Any) -> bool:
+    """Return whether a list is no array of one kind that ROS 2 has."""
+    return isinstance(value, list) and (
+        len(kinds := {type(one) for one in value}) != 1 or not kinds <= {*_KINDS}
+    )
+
+
+class Parameters:
+    """The parameters of a node.
+
+    Args:
+        node: Started; the services end with it.
+        config: A dataclass; its fields are parameters, those of its parts with dots between.
+        transport: Of the services.
+    """
+
+    def __init__(self, node: Node, config: Any, transport: Way = "dds") -> None:
+        self._values: Mapping[str, Any] = dict(flat(to_json(config)))
+        for name in ("DescribeParameters", "GetParameters", "ListParameters", "SetParameters"):
+            self._serve(node, name, transport)
+        self._serve(node, "GetParameterTypes", transport)
+        self._serve(node, "SetParametersAtomically", transport)
+
+    def _serve(self, node: Node, service: str, transport: Way) -> None:
+        type_ = service_type(f"rcl_interfaces/srv/{service}")
+        words = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in service)[1:]
+        answer = getattr(self, f"_{words}")
+
+        def handle(request: Any) -> Any:
+            return type_.response(**answer(request))
+
+        node.create_service(type_.name, f"~/{words}", handle, transport=transport)
+
+    def _value(self, name: str) -> Any:
+        if (value := self._values.get(name)) is None:
+            return _made("ParameterValue")
+        many = isinstance(value, list)
+        kind, one, array = _KINDS[type(value[0] if many else value)]
+        if many and kind != "string":
+            value = np.array(value)
+        fields = {"type": array if many else one, f"{kind}_{'array_' if many else ''}value": value}
+        return _made("ParameterValue", **fields)
+
+    def _get_parameters(self, request: Any) -> dict[str, Any]:
+        return {"values": [self._value(name) for name in request.names]}
+
+    def _get_parameter_types(self, request: Any) -> dict[str, Any]:
+        return {"types": np.array([self._value(name).type for name in request.names], np.uint8)}
+
+    def _describe_parameters(self, request: Any) -> dict[str, Any]:
+        kinds = [(name, self._value(name).type) for name in request.names]
+        return {"descriptors": [_made("ParameterDescriptor", name=n, type=t, read_only=True) for n, t in kinds]}
+
+    def _list_parameters(self, request: Any) -> dict[str, Any]:
+        prefixes = request.prefixes or [""]
+        names = [n for n in self._values if any(_is_below(n, prefix, request.depth) for prefix in prefixes)]
+        parents = sorted({name.rpartition(".")[0] for name in names} - {""})
+        return {"result": _made("ListParametersResult", names=names, prefixes=parents)}
+
+    def _set_parameters(self, request: Any) -> dict[str, Any]:
+        return {"results": [_refusal() for _ in request.parameters]}
+
+    def _set_parameters_atomically(self, _: Any) -> dict[str, Any]:
+        return {"result": _refusal()}
+
+
+def _is_below(name: str, prefix: str, depth: int) -> bool:
+    """Return whether a parameter is one of a prefix, so many parts below it at most; 0: however many."""
+    rest = name.removeprefix(f"{prefix}.") if prefix else name
+    return (not prefix or name == prefix or rest != name) and (not depth or rest.count(".") < depth)
+
+
+def _refusal() -> Any:
+    return _made("SetParametersResult", successful=False, reason=READ_ONLY)
+
+
+def _made(type_: str, /, **fields: Any) -> Any:
+    message = default_message(f"rcl_interfaces/msg/{type_}")
+    for field, value in fields.items():
+        setattr(message, field, value)
+    return message
