@@ -84,7 +84,8 @@ def has_room(world: Any, host: int) -> bool:
 def enqueue(world: Any, now: int, host: int, frame: Any) -> None:
     """Put a frame at the end of a host's queue, unless that is full, and send if the medium is free.
 
-    A full one drops it, or what came first; one that blocks was asked before (`has_room`).
+    A full one drops it, or what came first; one that blocks was asked before (`has_room`), but for the access
+    point's, which cannot block and drops.
 
     A frame is eight words: kind, flow, two arguments, four more. Arguments of DATA: sample, and whether a
     heartbeat rides along, 1 to be answered, 2 FINAL; of BURST: first sample of its bitmap, and the number of
@@ -93,7 +94,10 @@ def enqueue(world: Any, now: int, host: int, frame: Any) -> None:
     """
     ends = world.queue_ends
     capacity = world.queue.shape[1]
-    if ends[host, 1] == capacity:
+    most = capacity
+    if host == world.timing[TimingColumn.ACCESS_POINT]:
+        most = world.timing[TimingColumn.QUEUE_FRAMES]
+    if ends[host, 1] == most:
         world.counts[Count.QUEUE_FULL] += 1
         if world.timing[TimingColumn.QUEUE_RULE] != _HEAD:
             note_drop(world, frame, Drop.QUEUE)

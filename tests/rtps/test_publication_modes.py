@@ -123,6 +123,12 @@ def test_an_access_point_costs_the_air_twice_and_loses_twice():
     assert twice.flows["a"].loss == pytest.approx(0.19, abs=0.02)
 
 
+def test_an_access_point_drops_where_hosts_block():
+    medium = replace(SLOW, queue_rule="block", access_point=True, distances_m={"station": 100.0})
+    counts = outcome("fast_dds_async", medium, depth=100, rate_hz=1000, duration_s=3.0).counts
+    assert counts["queue_full"] > 0
+
+
 def test_nothing_begins_while_the_medium_stalls():
     medium = Medium(loss=0.0, stall_every_s=1.0, stall_s=0.2)
     flow = outcome("fast_dds", medium, depth=1, reliability=BEST_EFFORT).flows["a"]
