@@ -40,11 +40,7 @@ def _lack_of_ros() -> str:
 
 
 DISTRIBUTIONS = ("jazzy", "kilted")
-NEEDS = {
-    "netns": cache(_lack_of_namespaces),
-    "browser": cache(_lack_of_a_browser),
-    "ros": cache(_lack_of_ros),
-}
+NEEDS = {"netns": cache(_lack_of_namespaces), "browser": cache(_lack_of_a_browser), "ros": cache(_lack_of_ros)}
 
 
 def pytest_configure() -> None:

@@ -1,7 +1,5 @@
 """Logs as runs write them, made by tests: only what matters is given."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from typing import get_type_hints
 

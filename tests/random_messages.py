@@ -1,7 +1,5 @@
 """Messages with random values in every field, for tests of bytes."""
 
-from __future__ import annotations
-
 import numpy as np
 from rosbags.interfaces import Nodetype
 

@@ -1,7 +1,5 @@
 """What is said to work beside ROS 2: the README's table is what the tests show, and their outcomes decide."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

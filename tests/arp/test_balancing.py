@@ -1,7 +1,5 @@
 """Paper B, Eq. 1 to 6: the solver finds the closed form, and says what is impossible."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Paper B, Fig. 3 and Fig. 5: what repeats is held back, what changes passes; and what we add to it."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

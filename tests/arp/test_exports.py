@@ -36,10 +36,7 @@ ALLOWED = {
     "reliability": {"kind"},
     "period": {"sec", "nanosec"},
 }
-WRITER_TIMES = {
-    2: {"heartbeatPeriod", "nackResponseDelay"},
-    3: {"heartbeat_period", "nack_response_delay"},
-}
+WRITER_TIMES = {2: {"heartbeatPeriod", "nackResponseDelay"}, 3: {"heartbeat_period", "nack_response_delay"}}
 READER_TIMES = {2: {"heartbeatResponseDelay"}, 3: {"heartbeat_response_delay"}}
 
 

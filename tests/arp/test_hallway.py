@@ -1,7 +1,5 @@
 """The hallway's walls, LIDAR and robots against what can be worked out by hand; and what its nodes decide."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise, product
 
@@ -197,10 +195,7 @@ def drive_home(seed, *, turns_late=0, limit_s=LIMIT_S):
         world.step([node.command for node in nodes])
         steps += 1
         verdict = judge(
-            world.clearance_m,
-            world.wound_rad(),
-            stopped_by=station.stopped_by,
-            now_s=steps * STEP_NS / 1e9,
+            world.clearance_m, world.wound_rad(), stopped_by=station.stopped_by, now_s=steps * STEP_NS / 1e9
         )
     return verdict
 

@@ -408,12 +408,7 @@ def test_the_printed_plan_counts_topics_of_agents_and_rounds_the_depth_down():
 
 def test_an_overloaded_plan_has_no_finite_latency():
     judged = assess(
-        [topic()],
-        Medium(),
-        FAST_DDS,
-        rates_hz=np.array([5000.0]),
-        depths=np.array([5]),
-        method="by hand",
+        [topic()], Medium(), FAST_DDS, rates_hz=np.array([5000.0]), depths=np.array([5]), method="by hand"
     )
     assert judged.latency_s == float("inf")
     assert judged.up_to_date == 0

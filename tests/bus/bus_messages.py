@@ -1,7 +1,5 @@
 """Messages that the bus's tests send, and endpoints that know each other."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sfglab.messages import default_message, message_type, service_type, stamp_from_ns

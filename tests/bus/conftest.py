@@ -1,7 +1,5 @@
 """Fixtures of the bus's tests: worlds of each backend, and child processes that talk in JSON lines."""
 
-from __future__ import annotations
-
 import asyncio
 import inspect
 import json
@@ -154,9 +152,7 @@ def live(domain_id):
     return World("live", partial(Node, domain_id=domain_id, interface="lo"))
 
 
-@pytest.fixture(
-    params=[pytest.param("live", marks=pytest.mark.live), "simulated", "simulated-apart", "toy"],
-)
+@pytest.fixture(params=[pytest.param("live", marks=pytest.mark.live), "simulated", "simulated-apart", "toy"])
 def world(request):
     """Nodes of one backend; simulated ones on one host or each on its own."""
     if request.param == "live":

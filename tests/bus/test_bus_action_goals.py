@@ -1,7 +1,5 @@
 """The life of goals as pure values: the table of the ROS 2 design, and what a server remembers."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Actions between nodes: the same facts on the live and the simulated bus, and the bytes on the wire."""
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import asynccontextmanager, suppress
 
@@ -114,10 +112,7 @@ async def test_a_rejected_goal_is_an_error_whether_refused_failed_or_unanswered(
         return answers[wanted.order]() if wanted.order in answers else bus.GoalResponse.ACCEPT
 
     async with pair(
-        node,
-        compute,
-        goal_callback=decide,
-        on_error=lambda error, where: reported.append((type(error), where)),
+        node, compute, goal_callback=decide, on_error=lambda error, where: reported.append((type(error), where))
     ) as (_, _, _, client):
         for order in answers:
             with pytest.raises(bus.GoalRejectedError, match="'/agent/count'"):
@@ -180,10 +175,7 @@ async def test_a_callback_that_fails_or_says_nothing_aborts_its_goal(node):
 
 async def test_a_server_may_queue_goals_and_cancel_them_before_they_begin(node):
     queue, steps = [], Steps()
-    options = {
-        "handle_accepted_callback": queue.append,
-        "cancel_callback": lambda _: bus.CancelResponse.ACCEPT,
-    }
+    options = {"handle_accepted_callback": queue.append, "cancel_callback": lambda _: bus.CancelResponse.ACCEPT}
     async with pair(node, steps, **options) as (*_, client):
         handles = [await client.send_goal(goal(order)) for order in range(2)]
         assert [waiting.status for waiting in queue] == [Status.ACCEPTED, Status.ACCEPTED]

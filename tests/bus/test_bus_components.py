@@ -1,7 +1,5 @@
 """Components need no change for another backend: an agent is found through its router over toy domains."""
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import AsyncExitStack
 

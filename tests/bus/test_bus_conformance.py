@@ -1,7 +1,5 @@
 """Nodes behave alike over every backend: one set of facts, shown on live, simulated and toy ones."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 from functools import partial
@@ -114,11 +112,7 @@ async def test_a_latched_message_goes_with_its_publisher(here, there):
         ((STRING, SENSOR_DATA), DEFAULT, "reliability: the reader requests RELIABLE"),
         ((STRING, DEFAULT), LATCHED, "durability: the reader requests TRANSIENT_LOCAL"),
         ((STRING, DEFAULT), QoSProfile(deadline_ns=10**9), "deadline: the reader requests 1000000000 ns"),
-        (
-            ("std_msgs/msg/Header", DEFAULT),
-            SENSOR_DATA,
-            f"type: the reader wants {STRING}, the writer has",
-        ),
+        (("std_msgs/msg/Header", DEFAULT), SENSOR_DATA, f"type: the reader wants {STRING}, the writer has"),
     ],
 )
 def test_what_does_not_match_says_so_once_and_what_does_says_nothing(

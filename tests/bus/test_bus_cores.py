@@ -1,7 +1,5 @@
 """The pure parts of the bus: queue, slots, fan-out, datagrams, configuration."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 
 import pytest

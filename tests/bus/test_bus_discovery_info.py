@@ -1,7 +1,5 @@
 """Nodes stand on the ROS 2 graph with exactly their endpoints, and leave it when they close."""
 
-from __future__ import annotations
-
 from contextlib import closing
 
 import numpy as np
@@ -205,10 +203,7 @@ async def test_twenty_endpoints_at_once_are_few_messages(here, domain_id, until)
 async def test_nodes_of_two_domain_ids_meet_in_one_external_domain(domain_id):
     ids = [d for d in range(60, 63) if d != domain_id]
     options = {"interface": "lo", "external_domain_id": domain_id}
-    async with (
-        bus.Node("a", domain_id=ids[0], **options) as a,
-        bus.Node("b", domain_id=ids[1], **options) as b,
-    ):
+    async with bus.Node("a", domain_id=ids[0], **options) as a, bus.Node("b", domain_id=ids[1], **options) as b:
         await connected(a, b)
         assert a.guid[:12] != b.guid[:12]
 

@@ -1,7 +1,5 @@
 """Raw forwarding between nodes: unchanged, by source, in order, held until judged, and nothing leaked."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os

@@ -1,7 +1,5 @@
 """Nodes come and go: the graph notices, and nothing is left behind."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import signal

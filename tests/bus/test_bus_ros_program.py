@@ -1,7 +1,5 @@
 """The program that serves ROS 2's own services: what it is made of, and what is said where it cannot run."""
 
-from __future__ import annotations
-
 import ast
 import asyncio
 import sys

@@ -1,7 +1,5 @@
 """The shared-memory back-end between real processes and within one."""
 
-from __future__ import annotations
-
 import asyncio
 import ctypes
 import gc

@@ -1,7 +1,5 @@
 """The simulated world itself: time, chance, links, faults and views; `conformance` shows that nodes behave."""
 
-from __future__ import annotations
-
 import asyncio
 import hashlib
 import subprocess
@@ -16,14 +14,7 @@ from hypothesis import strategies as st
 
 from sfglab import bus
 from sfglab.bus.api import RawEndpoint
-from sfglab.bus.sim import (
-    Costs,
-    DeadlockError,
-    LinkModel,
-    TimeLimitError,
-    World,
-    run_simulated,
-)
+from sfglab.bus.sim import Costs, DeadlockError, LinkModel, TimeLimitError, World, run_simulated
 from sfglab.bus.sim.views import NEVER_NS, Gap, known_spans
 from sfglab.messages import serialize
 from sfglab.qos import LATCHED, SENSOR_DATA, Durability, History, QoSProfile
@@ -174,13 +165,7 @@ async def test_impossible_worlds_say_why(sim, wrong, message):
 
 
 async def test_nodes_meet_only_in_one_domain_and_a_loopback_domain_is_its_hosts_own(sim):
-    places = [
-        ("a", 0, "network"),
-        ("b", 0, "network"),
-        ("a", 0, "host"),
-        ("b", 0, "host"),
-        ("b", 1, "network"),
-    ]
+    places = [("a", 0, "network"), ("b", 0, "network"), ("a", 0, "host"), ("b", 0, "host"), ("b", 1, "network")]
     nodes = [sim.node("n", host=h, domain_id=d, reach=r) for h, d, r in places]
     publishers = [node.create_publisher(STRING, "/t") for node in nodes]
     for node in nodes:

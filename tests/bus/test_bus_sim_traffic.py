@@ -1,7 +1,5 @@
 """The bytes that the simulated bus books: as captured of Cyclone DDS, consistent, and beside live hosts."""
 
-from __future__ import annotations
-
 import asyncio
 import subprocess
 import sys

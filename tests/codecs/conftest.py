@@ -1,7 +1,5 @@
 """Test input, made here: moving pictures and the H.264 stream of them."""
 
-from __future__ import annotations
-
 import pytest
 from codec_pictures import moving_picture
 

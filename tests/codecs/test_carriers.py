@@ -116,9 +116,7 @@ def test_a_skipped_packet_that_is_broken_or_a_still_image_is_treated_as_it_would
     image_decoder(COMPRESSED_IMAGE, "png").skip(SimpleNamespace(format="bgr8; png compressed bgr8", data=b""))
 
 
-def test_a_missing_packet_taints_pictures_up_to_the_next_key_frame_also_of_a_sender_that_starts_anew(
-    stream,
-):
+def test_a_missing_packet_taints_pictures_up_to_the_next_key_frame_also_of_a_sender_that_starts_anew(stream):
     decoder = image_decoder(FFMPEG_PACKET)
     intact = {p.pts: decoder.feed(p)[0].intact for p in packets(stream, 0, 35) if p.pts != 10}
     assert [pts for pts, whole in intact.items() if not whole] == list(range(11, 30))

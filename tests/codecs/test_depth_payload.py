@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import struct
 
 import cv2
@@ -36,10 +34,7 @@ def test_a_payload_is_a_header_and_columns_rows_words_or_a_file():
     assert np.array_equal(picture, HOLE_STEP_PLANE)
 
 
-@given(
-    hnp.arrays(np.uint16, st.tuples(st.integers(1, 9), st.integers(1, 40))),
-    st.sampled_from(["rvl", "png"]),
-)
+@given(hnp.arrays(np.uint16, st.tuples(st.integers(1, 9), st.integers(1, 40))), st.sampled_from(["rvl", "png"]))
 @settings(max_examples=100, deadline=None)
 def test_16_bit_depth_comes_back_bit_by_bit_however_far(depth, codec):
     depth_format, data = encode_depth(depth, codec=codec, png_level=1)

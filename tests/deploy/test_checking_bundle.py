@@ -1,7 +1,5 @@
 """A whole folder: every check appears with its subject, and our own rules are asked beside it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Rules on Compose files: a good project keeps them all, and each way to break one is found by its rule."""
 
-from __future__ import annotations
-
 import copy
 import re
 import sys

@@ -1,7 +1,5 @@
 """Scripts, Dockerfiles and secrets: what real linters find arrives, and what is missing is said."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """DDS Router configurations: what is generated is the policy; the checker knows schema, reader and meaning."""
 
-from __future__ import annotations
-
 import copy
 
 import pytest

@@ -1,7 +1,5 @@
 """VS Code's files: what is written is complete and consistent, and the checker finds what is not."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Detection on made-up roots: accelerators and codecs, why, how they are told, and that nothing fools it."""
 
-from __future__ import annotations
-
 import os
 import platform
 import tempfile

@@ -1,7 +1,5 @@
 """What a machine is given beside containers: the same for the same fleet, quoted, and accepted by its tools."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

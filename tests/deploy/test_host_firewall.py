@@ -1,7 +1,5 @@
 """The firewall on a live machine: a host, its agent's container and another host, each a network namespace."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

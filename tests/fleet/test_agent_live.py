@@ -1,7 +1,5 @@
 """An agent at a terminal, with its real router: what is said, how it is ended, and what it refuses."""
 
-from __future__ import annotations
-
 import asyncio
 import signal
 import subprocess

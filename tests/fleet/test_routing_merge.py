@@ -1,7 +1,5 @@
 """QoS across the border: whoever would match directly matches through the router, and is served as well."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Policies other than Table 1: rules of one direction, half of a service, and more rules."""
 
-from __future__ import annotations
-
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -1,7 +1,5 @@
 """When an agent beats, and what it may say of itself."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import asdict

@@ -1,7 +1,5 @@
 """A machine to press follows its own table; what the table refuses is said, and recorded runs are stepped."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The experiment on caches and balanced QoS: known staleness is found, a broken cache is seen, runs repeat."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Baselines of real ROS 2: ratios of known figures, a log apart, and one sentence where there is no ROS 2."""
 
-from __future__ import annotations
-
 import asyncio
 import shutil
 

@@ -1,7 +1,5 @@
 """What follows from a table of checks for a claim."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, replace
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """The simulated cooperation: what couples control to communication is what is delivered, and nothing else."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import replace
 from pathlib import Path

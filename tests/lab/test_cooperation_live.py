@@ -1,7 +1,5 @@
 """The hallway's nodes live over DDS on hosts of their own: the same cores make the same turn."""
 
-from __future__ import annotations
-
 import asyncio
 
 import psutil

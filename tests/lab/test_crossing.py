@@ -1,7 +1,5 @@
 """The live half of the transfer experiment: what arrives is what was published, and nothing is left behind."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal

@@ -1,7 +1,5 @@
 """The deployment experiment: a run fills its claim, draws its figures, and a fault in the files would show."""
 
-from __future__ import annotations
-
 import asyncio
 
 import pytest

@@ -1,7 +1,5 @@
 """The experiment that DESIGN.md shows: short, and it runs, logs, draws, claims and is tested."""
 
-from __future__ import annotations
-
 import asyncio
 import re
 import sys

@@ -1,7 +1,5 @@
 """The doctor tries things, says what follows, survives a broken check, and gives no path or name away."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import re
 import socket

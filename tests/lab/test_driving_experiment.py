@@ -1,7 +1,5 @@
 """The driving experiment: rows are what the laps were, figures and film come from the log alone."""
 
-from __future__ import annotations
-
 import asyncio
 
 import numpy as np

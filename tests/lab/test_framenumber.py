@@ -1,7 +1,5 @@
 """A number drawn into a frame is read back, also through H.264, and never read wrongly from noise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """The experiment on the gateway core and the mapping: it fills its claims, and a broken core is seen."""
 
-from __future__ import annotations
-
 import asyncio
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Which ROS 2 is beside us is what `make ros` made and what is sourced; without any one sentence says so."""
 
-from __future__ import annotations
-
 import pytest
 
 from sfglab.lab.ros2 import RosMissingError, distribution, distributions

@@ -1,7 +1,5 @@
 """The latency experiment: known delays are found again. Its live run is that of its notebook."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from made_logs import made_run

@@ -1,7 +1,5 @@
 """Meters: what processes and interfaces used, also of processes that ended, and what measuring costs."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal
@@ -15,16 +13,7 @@ from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
 from sfglab.lab.hosts import InterfaceBytes
-from sfglab.lab.meters import (
-    CpuLedger,
-    CpuMeter,
-    ProcessStat,
-    Window,
-    counted,
-    measure,
-    process_table,
-    tree,
-)
+from sfglab.lab.meters import CpuLedger, CpuMeter, ProcessStat, Window, counted, measure, process_table, tree
 
 PYTHON = [sys.executable, "-I", "-S", "-c"]
 MS = 1_000_000

@@ -1,7 +1,5 @@
 """The mocap experiment: each fault of a tree breaks its check. Its live run is that of its notebook."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A name that is typed is read by the schema and carried by the policy; the picture shows what those say."""
 
-from __future__ import annotations
-
 import pytest
 
 from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy

@@ -1,7 +1,5 @@
 """The experiment on planning: it fills its claim, its checks can fail, and its log says what was driven."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

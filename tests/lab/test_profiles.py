@@ -1,7 +1,5 @@
 """Every experiment's profiles: one way to ask for them, one error where there is none."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

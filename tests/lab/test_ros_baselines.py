@@ -1,7 +1,5 @@
 """Real ROS 2 beside our stand-ins, as experiments measure it: few nodes find each other, pictures arrive."""
 
-from __future__ import annotations
-
 import asyncio
 
 import pytest

@@ -1,7 +1,5 @@
 """Real Fast DDS over the lossy radio between hosts, in both modes of publication, beside the model."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Estimates agree with closed forms, and their intervals cover what they should."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Sweeps: the same rows wherever they ran, in order, once each, whatever happened in between."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import logging

@@ -1,7 +1,5 @@
 """The time line of one writer and one reader: what is drawn is what the engine came to, whatever is pressed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.figure import Figure

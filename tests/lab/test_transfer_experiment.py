@@ -1,7 +1,5 @@
 """The transfer experiment: its rows are the model's, its claims stand, and parts that are missing are said."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import math
@@ -12,13 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sfglab.lab.checks.placement import (
-    cost_s,
-    greedy_placement,
-    placed_rows,
-    platform_for,
-    random_graph,
-)
+from sfglab.lab.checks.placement import cost_s, greedy_placement, placed_rows, platform_for, random_graph
 from sfglab.lab.claims import How, Verdict, judge, load_claims
 from sfglab.lab.experiments.transfer import exp, stage
 from sfglab.lab.experiments.transfer.analysis import bars, bars_of, live_speed_up, rtl_residual, stated

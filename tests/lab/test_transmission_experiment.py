@@ -1,7 +1,5 @@
 """The transmission experiment: its flows are the paper's, its arithmetic is right, its runs repeat."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The cells that validate the presets of RTPS are a seed's; criteria name presets and conditions that exist."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

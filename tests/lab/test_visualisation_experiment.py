@@ -1,7 +1,5 @@
 """The visualisation experiment: everything that is wrong is seen. Its live run is that of its notebook."""
 
-from __future__ import annotations
-
 import asyncio
 import sys
 from dataclasses import replace

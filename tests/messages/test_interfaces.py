@@ -1,7 +1,5 @@
 """Types of users, registered by files and at the command line, and our own as a package for ROS 2."""
 
-from __future__ import annotations
-
 import logging
 import os
 import re

@@ -1,7 +1,5 @@
 """The agent's name: `SFG_AGENT_NAME`, else the sanitised host name (paper A, section 4.1)."""
 
-from __future__ import annotations
-
 import socket
 
 import pytest

@@ -1,7 +1,5 @@
 """Standard values, suffixes and Custom: every text has one reading."""
 
-from __future__ import annotations
-
 import pickle
 import re
 from itertools import permutations

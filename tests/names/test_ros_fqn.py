@@ -1,7 +1,5 @@
 """The tuple, its builder and its parser (paper A, section 4.1 and Fig. 2)."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Absolute ROS names, their limits, and relative names, as the design article and rmw define them."""
 
-from __future__ import annotations
-
 import ast
 import pickle
 import subprocess

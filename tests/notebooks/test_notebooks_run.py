@@ -1,7 +1,5 @@
 """Every notebook runs through headless, on the smoke profile, in a checkout of its own."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil
@@ -38,13 +36,7 @@ FIGURES_ANYWHERE = {
     },
     "10_cooperation": {"cooperation", "cooperation_staleness", "cooperation_tracks"},
     "11_gateways": {"gateway_core", "graph_mapping"},
-    "12_transfer": {
-        "node_mapping",
-        "transfer",
-        "transfer_break_even",
-        "transfer_live",
-        "transfer_residuals",
-    },
+    "12_transfer": {"node_mapping", "transfer", "transfer_break_even", "transfer_live", "transfer_residuals"},
     "13_driving": {"driving_chain", "driving_lap", "driving_laps"},
     "15_planning": {"planning_interpolation", "planning_scene"},
     "17_deployment": {"deployment_checks", "deployment_layers"},

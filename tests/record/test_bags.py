@@ -1,7 +1,5 @@
 """Bags of every ROS 2 from Humble to Kilted, in its own format, as logs; and ROS 1's."""
 
-from __future__ import annotations
-
 import itertools
 import sqlite3
 

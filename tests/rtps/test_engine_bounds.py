@@ -1,7 +1,5 @@
 """The engine as plain Python with every index checked: it stays in its arrays, as compiled code does."""
 
-from __future__ import annotations
-
 import contextlib
 from types import SimpleNamespace
 
@@ -12,19 +10,7 @@ from hypothesis import strategies as st
 from numba.core.registry import CPUDispatcher
 
 from sfglab.qos import Durability, History, QoSProfile, Reliability
-from sfglab.rtps import (
-    PRESETS,
-    Fate,
-    Flow,
-    Medium,
-    Scenario,
-    engine,
-    medium,
-    reader,
-    run,
-    world,
-    writer,
-)
+from sfglab.rtps import PRESETS, Fate, Flow, Medium, Scenario, engine, medium, reader, run, world, writer
 from sfglab.rtps.model import QUEUE_RULES
 
 MODULES = (engine, medium, reader, world, writer)

@@ -1,7 +1,5 @@
 """Publication modes of Fast DDS, and a radio that pushes back, against measured figures and by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

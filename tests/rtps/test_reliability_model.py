@@ -1,7 +1,5 @@
 """The reliability model against hand-worked schedules, invariants, and a known saw-tooth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

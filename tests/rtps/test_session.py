@@ -1,7 +1,5 @@
 """The stepwise run: it is the same model, and somebody outside gives values, hears deliveries and answers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

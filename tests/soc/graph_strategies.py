@@ -1,7 +1,5 @@
 """Random graphs for Hypothesis."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

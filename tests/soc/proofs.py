@@ -5,8 +5,6 @@ while one waits. Assumed of the surroundings: the delegate answers only what it 
 it is served. Liveness of the control is the exploration's (`sfglab.soc.exploration`).
 """
 
-from __future__ import annotations
-
 from amaranth import Cat, Elaboratable, Module, Signal
 from amaranth.hdl import Assert, Assume
 

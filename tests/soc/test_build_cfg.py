@@ -1,7 +1,5 @@
 """A mapped graph as ReconROS's `build.cfg`: read back with the rules of the reader that ReconROS has."""
 
-from __future__ import annotations
-
 import configparser
 import re
 from dataclasses import replace

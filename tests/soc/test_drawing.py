@@ -1,7 +1,5 @@
 """Pictures of graphs: nothing on top of anything else, crossing edges in colour, dashed parts in hardware."""
 
-from __future__ import annotations
-
 from io import BytesIO
 from itertools import combinations
 

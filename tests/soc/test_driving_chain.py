@@ -1,7 +1,5 @@
 """The chain's transfers: what the memory model says for one frame, and what is left to chance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The closed loop: a lap in a town passes, and the judge fails those who drive badly."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The gateway core's table (paper C, section 3, Fig. 4): complete, walked as the text says, and drawn whole."""
 
-from __future__ import annotations
-
 import itertools
 from collections import Counter
 

@@ -1,7 +1,5 @@
 """Computation graphs: what they refuse, and how they go into YAML and come back."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 
 import pytest

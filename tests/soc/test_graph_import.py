@@ -1,7 +1,5 @@
 """Graphs from logs and from live DDS domains."""
 
-from __future__ import annotations
-
 import asyncio
 
 import pytest

@@ -1,7 +1,5 @@
 """`sfglab map`: what the command prints, draws and writes, and how it refuses."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Communication mapping: paper C's three cases, its example, what holds for every graph, a rule of sizes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

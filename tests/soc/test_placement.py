@@ -1,7 +1,5 @@
 """Node mapping: HiGHS against brute force, against the paper's rule, and what it refuses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import compress, product
 

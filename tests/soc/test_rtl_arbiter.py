@@ -1,7 +1,5 @@
 """The arbiter of the memory interface: the next in turn, one at a time, nobody waits longer than all others."""
 
-from __future__ import annotations
-
 import random
 
 import pytest

@@ -1,7 +1,5 @@
 """Cycles of a message through the hardware: those of the memory model, and every word right."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """The gateway in hardware: its control in every cycle, and the whole among random surroundings."""
 
-from __future__ import annotations
-
 import random
 
 import pytest

@@ -1,7 +1,5 @@
 """The gateway as Verilog and on the device, and what is proved of its control."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Trajectories sent to agents over the bus: the same facts live and simulated."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import replace
 from functools import partial

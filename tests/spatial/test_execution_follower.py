@@ -1,7 +1,5 @@
 """A simulated agent on a timed trajectory: within its limits whatever is asked, and there in the end."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 
@@ -38,12 +36,7 @@ def line(*points, rest_s=1.0):
 def follower(trajectory, *, state=None, dynamics=None, tolerances=EASY):
     state = state or AgentState(pose=trajectory.waypoints[0].pose)
     return Follower(
-        trajectory,
-        state=state,
-        now_ns=0,
-        start_ns=0,
-        dynamics=dynamics or Dynamics(),
-        tolerances=tolerances,
+        trajectory, state=state, now_ns=0, start_ns=0, dynamics=dynamics or Dynamics(), tolerances=tolerances
     )
 
 

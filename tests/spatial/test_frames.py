@@ -1,7 +1,5 @@
 """Frames: look-up along chains and times, the lint of trees, transforms from the bus and from logs."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 

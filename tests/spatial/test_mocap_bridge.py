@@ -1,7 +1,5 @@
 """The bridge: Eq. 4, both trees of Fig. 6, its status, its mapping of objects to frames, and a live run."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import math

@@ -1,7 +1,5 @@
 """Sources: Vicon by a library that is mimicked, topics over DDS, and logs."""
 
-from __future__ import annotations
-
 import asyncio
 import enum
 import sys

@@ -1,7 +1,5 @@
 """Sights that are believed, and the offset from markers to base with an uncertainty that holds."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Poses: a group, as SciPy has it, that refuses numbers which are none."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

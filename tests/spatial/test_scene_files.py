@@ -1,7 +1,5 @@
 """Scene files, clean, strict, and whole on disk whatever happens; and warnings of a plan."""
 
-from __future__ import annotations
-
 import difflib
 import errno
 import math

@@ -1,7 +1,5 @@
 """Edits, undo and redo in known cases; `sfglab.lab.checks.editing` holds what any sequence of edits keeps."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

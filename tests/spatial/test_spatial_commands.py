@@ -1,7 +1,5 @@
 """`sfglab mocap`, `sfglab frames` and `sfglab follow`: what the commands print, and how they refuse."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

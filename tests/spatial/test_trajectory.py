@@ -1,7 +1,5 @@
 """Trajectories: known numbers, rates, what is refused; `sfglab.lab.checks` holds what all have."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How close trajectories come to each other and to bodies: known cases, and brute force as the judge."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Trajectories for property tests: moderate numbers, waits, turns on the spot, dense and far apart times."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

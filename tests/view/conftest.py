@@ -1,7 +1,5 @@
 """A canvas that remembers, recordings read back, messages to show, and DDS domains of their own."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

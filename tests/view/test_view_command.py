@@ -1,7 +1,5 @@
 """``sfglab view`` as a process, and the panel in a kernel as a front end drives it."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal

@@ -1,7 +1,5 @@
 """The pure parts: budgets, parameters, queues, entities, sessions, links."""
 
-from __future__ import annotations
-
 import pytest
 import yaml
 from hypothesis import given

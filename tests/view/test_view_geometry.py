@@ -1,7 +1,5 @@
 """From messages to points and pixels: known numbers, round trips, and what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

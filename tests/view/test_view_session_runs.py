@@ -1,7 +1,5 @@
 """A session at work: stage, replay of real logs, the registry, the panel, and the live bridge."""
 
-from __future__ import annotations
-
 import asyncio
 import gzip
 import re

@@ -1,7 +1,5 @@
 """Synchronisation: what belongs together, once, in order, and within bounds."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

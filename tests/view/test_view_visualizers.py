@@ -1,7 +1,5 @@
 """What each visualizer draws, on paper and in real recordings that are read back."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from dataclasses import asdict
 from types import SimpleNamespace
@@ -10,12 +8,7 @@ import numpy as np
 import pytest
 
 from sfglab.bus import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
-from sfglab.codecs import (
-    TABLE_2,
-    compressed_depth_fields,
-    compressed_image_fields,
-    ffmpeg_packet_fields,
-)
+from sfglab.codecs import TABLE_2, compressed_depth_fields, compressed_image_fields, ffmpeg_packet_fields
 from sfglab.codecs.h264 import H264Encoder
 from sfglab.errors import InvalidValueError
 from sfglab.messages import default_message, message_type, stamp_from_ns
