@@ -67,3 +67,4 @@ def test_where_it_cannot_be_measured_one_sentence_says_so(tmp_path, monkeypatch,
     options = Options(only=frozenset({PART}), separate=separate)
     run = asyncio.run(exp.run("smoke", path=tmp_path / "smoke.mcap", options=options))
     assert run.skipped(PART) == why
+    assert run[PART].empty

@@ -71,8 +71,10 @@ async def start_fleets(bench: Bench[Config]) -> None:
 @exp.part(PART, total=lambda config: len(cells_of(config, config.ros2)), skips=(RosMissingError,))
 async def start_beside_ros2(bench: Bench[Config]) -> None:
     """Start fleets of real ROS 2 beside ours of the same nodes."""
-    for cell in cells_of(bench.config, bench.config.ros2):
-        async with LiveFleet(cell, bench.config, bench.testbed) as fleet:
+    cells = cells_of(bench.config, bench.config.ros2)
+    fleets = [LiveFleet(cell, bench.config, bench.testbed) for cell in cells]  # refused before one is started
+    for cell, each in zip(cells, fleets, strict=True):
+        async with each as fleet:
             outcome = await _start(fleet, bench)
         rows = [_host_row(0, host, outcome) for host in range(cell.agents)]
         meters = outcome.meters.values()
