@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab import names
@@ -172,7 +171,7 @@ class Subscription(TopicEnd):
         self._inbox = Inbox(backend.bridge, endpoint.qos, decode=self._decode, callback=callback, calls=calls)
         self._reader = backend.open_reader(endpoint, self._changed.notify, self._inbox)
         self.gid = self._reader.gid  #: The 16-byte DDS GUID under which others know it.
-        unwatch = backend.watch_publishers(self._reader, endpoint, partial(_warn, endpoint, set()))
+        unwatch = backend.watch_publishers(self._reader, endpoint, _Warnings(backend, endpoint).hear)
         self._incoming = _Incoming(self._reader, self._inbox, unwatch)
         backend.register(self._incoming)
 
@@ -273,22 +272,41 @@ def _decoding(backend: Backend, type_: str) -> Callable[[Sample], Any]:
     return lambda sample: decode(sample[0])
 
 
-def _warn(wanted: RawEndpoint, warned: set[bytes], event: EndpointEvent) -> None:
-    """Say aloud, once for each publisher, that it will never reach a subscription, and why.
+_NAME_S = 10.0  # how long a publisher's node may take to be told
+
+
+class _Warnings:
+    """Says aloud, once for each publisher, that it will never reach a subscription, and why.
 
     Types that differ and requests beyond what is offered are silent in DDS: nothing arrives. ROS 2 warns, too.
+    The node of a publisher that is not ours is known once the graph was asked for nodes.
     """
-    publisher = event.endpoint
-    if not isinstance(event, EndpointAdded):
-        warned.discard(publisher.gid)
-        return
-    reasons = _mismatches(publisher, wanted)
-    if reasons and publisher.gid not in warned:
-        warned.add(publisher.gid)
+
+    def __init__(self, backend: Backend, wanted: RawEndpoint) -> None:
+        self._backend = backend
+        self._wanted = wanted
+        self._suspects: dict[bytes, EndpointInfo | None] = {}  # None: all is said
+
+    def hear(self, event: EndpointEvent) -> None:
+        publisher = event.endpoint
+        if not isinstance(event, EndpointAdded):
+            self._suspects.pop(publisher.gid, None)
+        elif _mismatches(publisher, self._wanted) and self._suspects.get(publisher.gid, publisher):
+            self._suspects[publisher.gid] = publisher
+            if publisher.node:
+                self._say(publisher.gid)
+            else:
+                self._backend.graph.nodes()
+                self._backend.loop.call_later(_NAME_S, self._say, publisher.gid)
+
+    def _say(self, gid: bytes) -> None:
+        if self._backend.closed or (publisher := self._suspects.get(gid)) is None:
+            return
+        self._suspects[gid] = None
         who = f"node {publisher.node!r}" if publisher.node else "another process"
-        _log.warning(
-            "topic %r: nothing will arrive from a publisher of %s: %s", wanted.name, who, "; ".join(reasons)
-        )
+        reasons = "; ".join(_mismatches(publisher, self._wanted))
+        said = "topic %r: nothing will arrive from a publisher of %s: %s"
+        _log.warning(said, self._wanted.name, who, reasons)
 
 
 def _mismatches(publisher: EndpointInfo, wanted: RawEndpoint) -> tuple[str, ...]:

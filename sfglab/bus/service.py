@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from sfglab.bus.backend import Backend
 
-# rmw_cyclonedds keeps all requests and replies, whatever depth the profile says (rmw_node.cpp).
+# ROS 2 takes the profile's depth of 10; all are kept here, so that a burst of calls loses none.
 _QOS = QoSProfile(history=History.KEEP_ALL, reliability=SERVICES.reliability)
 # How long a server holds an answer back for a client whose reply reader it has not discovered yet.
 _CLIENT_TIMEOUT_S = 1.0

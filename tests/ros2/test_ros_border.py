@@ -10,6 +10,7 @@ from signal import SIGCONT, SIGSTOP
 import pytest
 from beside import ANSWER_S, asked, until
 
+from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
 from sfglab.component import argument_of
 from sfglab.fleet.decoder.node import DecoderConfig
@@ -21,6 +22,7 @@ from sfglab.processes import LineProcess
 pytestmark = [pytest.mark.live, pytest.mark.ros, pytest.mark.netns]
 
 STRING = "std_msgs/msg/String"
+IMAGE = "sensor_msgs/msg/Image"
 HELLO = serialize(default_message(STRING)).hex()
 STATE = "/global/go2/state"
 MAP = "/global/go2/map"
@@ -97,7 +99,7 @@ async def listed_then_opened(network, go2, spot, *, names):
     listed = {
         STATE: [("PUBLISHER", STRING, "volatile", router)],
         MAP: [("PUBLISHER", STRING, "transient_local", router)],
-        DECODED: [("PUBLISHER", "sensor_msgs/msg/Image", "volatile", its_decoder)],
+        DECODED: [("PUBLISHER", IMAGE, "volatile", its_decoder)],
     }
     async with component(network.hosts["spot"], "sfglab.fleet.decoder.node", config) as decoder:
 
@@ -110,7 +112,7 @@ async def listed_then_opened(network, go2, spot, *, names):
         assert [kind for kind, *_ in ends(graph, STATE) + ends(graph, MAP)] == ["PUBLISHER"] * 2, "read at rest"
         decoder.order(do="tell")
         assert len((await decoder.expect("processes", timeout_s=ANSWER_S))["pids"]) == 0
-        for topic, kind in ((STATE, STRING), (DECODED, "sensor_msgs/msg/Image")):
+        for topic, kind in ((STATE, STRING), (DECODED, IMAGE)):
             await asked(spot, "listen", "listening", kind=kind, topic=topic, qos={})
         while (await decoder.expect("status", timeout_s=ANSWER_S))["state"] != "RUNNING":
             pass
@@ -216,3 +218,46 @@ async def everybody_hears(go2, hearers, told):
     await until(all_heard)
     assert [counts.keys() for counts in await heard()] == 2 * [past.keys()]
     assert [each.refused for each in told] == 2 * [set(TOPICS) - past.keys()]
+
+
+# A depth that bridges a busy machine's hiccups: this is about the border.
+DEEP, SECONDS, RATE_HZ = {"depth": 1000}, {"jazzy": 10, "kilted": 2}, 100
+
+
+@pytest.mark.feature("Across two routers: 100 messages a second, none lost", condition="reliable")
+async def test_reliable_topics_lose_nothing_across_two_routers(network, peer, distribution):
+    times = RATE_HZ * SECONDS[distribution]
+    async with agents(network, peer) as ros:
+        go2, spot = ros["go2"], ros["spot"]
+        await asked(spot, "listen", "listening", kind=STRING, topic=STATE, qos=DEEP, quiet=True)
+        goal = await first_heard(go2, spot) + times
+        go2.order(do="repeat", topic=STATE, cdr=HELLO, times=times, rate_hz=RATE_HZ)
+
+        async def all_arrived():
+            return (await asked(spot, "count", "counts"))["counts"][STATE] == goal
+
+        await until(all_arrived)
+
+
+@pytest.mark.feature("What will never be heard is said, with the node's name: QoS and types")
+async def test_a_subscription_says_which_node_it_will_never_hear(peer, domain_id, caplog):
+    async with peer("whisperer") as ros, Node("us", domain_id=domain_id) as node:
+        await asked(
+            ros, "publish", "published", kind=STRING, topic="/x", qos={"reliability": "best_effort"}, cdr=[]
+        )
+        node.create_subscription(STRING, "/x")
+
+        async def said():
+            return "publisher of node '/whisperer': reliability" in caplog.text
+
+        await until(said)
+
+
+async def first_heard(go2, spot):
+    """Send one message after the other until one arrives; return how many did."""
+    while True:
+        await publish(go2, STATE, DEEP)
+        for _ in range(20):
+            await asyncio.sleep(0.1)
+            if heard := (await asked(spot, "count", "counts"))["counts"].get(STATE):
+                return heard
