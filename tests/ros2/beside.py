@@ -3,10 +3,38 @@
 from __future__ import annotations
 
 import asyncio
+import sys
+from contextlib import asynccontextmanager, suppress
+from inspect import isawaitable
 
+import numpy as np
+from random_messages import random_message
+
+from sfglab.component import argument_of
 from sfglab.messages import deserialize, serialize
+from sfglab.processes import LineProcess
+from sfglab.qos import Durability, QoSProfile
 
 ANSWER_S = 60
+STRING = "std_msgs/msg/String"
+LATCHED = {"durability": "transient_local", "depth": 1}
+OURS_LATCHED = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)
+
+
+@asynccontextmanager
+async def started(name, argv, host=None):
+    """Run a process, here or on a test host, as soon as it is ready."""
+    process = await LineProcess.start(name, host.argv(argv) if host else argv)
+    try:
+        await process.expect("ready", timeout_s=ANSWER_S)
+        yield process
+    finally:
+        await process.close()
+
+
+def component(host, module, config):
+    """Run a component of ours."""
+    return started(module, [sys.executable, "-m", module, argument_of(config)], host)
 
 
 async def asked(process, do, answer, **values):
@@ -15,10 +43,10 @@ async def asked(process, do, answer, **values):
     return await process.expect(answer, timeout_s=ANSWER_S)
 
 
-async def until(true):
-    """Ask until it is true."""
+async def until(holds):
+    """Ask until it holds; who is asked may answer at once or be waited for."""
     async with asyncio.timeout(ANSWER_S):
-        while not await true():
+        while not (await answer if isawaitable(answer := holds()) else answer):
             await asyncio.sleep(0.1)
 
 
@@ -33,13 +61,36 @@ def without_padding(message):
     return message
 
 
-async def passed_through(ros, name, given, theirs=""):
-    """Return what rclpy makes of messages, in our bytes: its own have no zeros in their gaps."""
-    back = []
-    for first in range(0, len(given), 20):
-        part = given[first : first + 20]
-        passed = await asked(
-            ros, "pass_through", "passed", kind=theirs or name, cdr=[one.hex() for one in part]
-        )
-        back += [serialize(deserialize(bytes.fromhex(one), name)) for one in passed["cdr"]]
+async def bent(ros, names, *, times, seed):
+    """Return the types of which random values come back from rclpy as others.
+
+    They are compared in our bytes: rclpy's own have no zeros in their gaps.
+    """
+    rng, found = np.random.default_rng(seed), []
+    for name in names:
+        given = [serialize(without_padding(random_message(rng, name))) for _ in range(times)]
+        theirs = name.replace("_FeedbackMessage", ".Impl.FeedbackMessage")
+        back = []
+        for first in range(0, times, 20):
+            cdr = [one.hex() for one in given[first : first + 20]]
+            passed = await asked(ros, "pass_through", "passed", kind=theirs, cdr=cdr)
+            back += [serialize(deserialize(bytes.fromhex(one), name)) for one in passed["cdr"]]
+        found += [name] if back != given else []
+    return found
+
+
+async def echoed(ros, node, given):
+    """Return what comes back of messages, by type, in bytes, when rclpy passes on what it hears."""
+    back = {}
+    for name, message in given.items():
+        topic = name.replace("/", "_")
+
+        def take(message, name=name):
+            back[name] = serialize(message)
+
+        node.create_subscription(name, f"/back/{topic}", take, OURS_LATCHED)
+        node.create_publisher(name, f"/forth/{topic}", OURS_LATCHED).publish(message)
+    await asked(ros, "echo", "echoing", types=list(given), qos=LATCHED)
+    with suppress(TimeoutError):
+        await until(lambda: back.keys() == given.keys())
     return back

@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 import subprocess
-from contextlib import asynccontextmanager
 from dataclasses import asdict, replace
 from fcntl import LOCK_EX, flock
 from hashlib import sha256
@@ -16,14 +15,13 @@ from pathlib import Path
 import features
 import machine
 import pytest
-from beside import ANSWER_S
+from beside import started
 from typer.testing import CliRunner
 
 from sfglab.cli import app
 from sfglab.lab import ros2
 from sfglab.messages import definition
 from sfglab.messages.store import type_store
-from sfglab.processes import LineProcess
 
 type_store()  # as it is without a distribution: `distribution` would else choose it for all tests after it
 
@@ -53,21 +51,14 @@ def distribution(request, monkeypatch):
 def peer(distribution, domain_id):
     """A function that starts a real node, in the test's domain or on a test host; it ends with the block."""
 
-    @asynccontextmanager
-    async def started(name="peer", host=None, program=ros2.PEER, **environment):
+    def start(name="peer", host=None, program=ros2.PEER, **environment):
         values = {"ROS_DOMAIN_ID": domain_id, **environment}
         if host:  # hosts of a test share /dev/shm: Fast DDS would pass the link by
             values.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
         argv = ros2.distributions()[distribution].argv(str(program), name, **values)
-        argv = host.argv(argv) if host else argv
-        process = await LineProcess.start(name, argv)
-        try:
-            await process.expect("ready", timeout_s=ANSWER_S)
-            yield process
-        finally:
-            await process.close()
+        return started(name, argv, host)
 
-    return started
+    return start
 
 
 def _package_of_transforms(folder):

@@ -1,52 +1,33 @@
-"""A real ROS 2 node with services and actions, which does as it is told: orders and reports as JSON lines."""
+"""A real ROS 2 node with services and actions, which does as it is told, like the one of `sfglab.lab.ros2`."""
 
-import json
-import os
 import sys
 import threading
 import time
-from contextlib import suppress
+from pathlib import Path
 
-import rclpy
+sys.path.append(str(Path(__file__).parents[2] / "sfglab" / "lab" / "workers"))
+
+import rclpy_peer
 from rclpy.action import ActionClient, ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
+from rclpy_peer import report
 from std_srvs.srv import SetBool
 from test_msgs.action import Fibonacci
-
-OUT = os.fdopen(os.dup(1), "w", buffering=1)
-os.dup2(2, 1)  # what libraries print is no report
-
-
-def report(kind, **values):
-    OUT.write(json.dumps({"is": kind, **values}) + "\n")
 
 
 def list_of(value):
     return value if isinstance(value, (bool, int, float, str)) else list(value)
 
 
-class Peer:
+class Peer(rclpy_peer.Peer):
+    executor_type = MultiThreadedExecutor
+
     def __init__(self, name):
-        rclpy.init()
-        self.node = rclpy.create_node(name)
-        self.group = ReentrantCallbackGroup()
-        self.executor = MultiThreadedExecutor(4)
-        self.executor.add_node(self.node)
-        self.clients, self.kept = {}, []
-        self.thread = threading.Thread(target=self.spin)
-        self.thread.start()
-
-    def spin(self):
-        with suppress(ExternalShutdownException):
-            self.executor.spin()
-
-    def end(self):
-        rclpy.shutdown()
-        self.thread.join()
-        self.node.destroy_node()
+        super().__init__(name)
+        self.group, self.clients = ReentrantCallbackGroup(), {}
 
     def serve(self, service):
         """Answer with the data that were asked with, and report every request."""
@@ -138,18 +119,5 @@ class Peer:
         return future.result()
 
 
-def main():
-    peer = Peer(sys.argv[1])
-    report("ready")
-    try:
-        for line in sys.stdin:
-            order = json.loads(line)
-            try:
-                getattr(peer, order.pop("do"))(**order)
-            except Exception as error:  # noqa: BLE001 - a refusal of ROS 2 is an answer
-                report("failed", why=f"{type(error).__name__}: {error}")
-    finally:
-        peer.end()
-
-
-main()
+if __name__ == "__main__":
+    rclpy_peer.main(Peer)

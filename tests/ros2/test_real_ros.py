@@ -6,11 +6,10 @@ import itertools
 import os
 import sys
 from collections import Counter
-from contextlib import suppress
 
 import numpy as np
 import pytest
-from beside import ANSWER_S, asked, passed_through, until, without_padding
+from beside import LATCHED, OURS_LATCHED, STRING, asked, bent, echoed, started, until, without_padding
 from random_messages import random_message
 
 from sfglab.bus import Node
@@ -23,12 +22,10 @@ from sfglab.messages import (
     serialize,
     service_type,
 )
-from sfglab.processes import LineProcess
 from sfglab.qos import Durability, QoSProfile, Reliability, incompatibilities
 
 pytestmark = [pytest.mark.live, pytest.mark.ros]
 
-VALUES = 200
 PACKAGES = (
     "action_msgs",
     "builtin_interfaces",
@@ -56,9 +53,6 @@ NEWER = {
 UNKNOWN = {"jazzy": {"nav_msgs/msg/Goals"}, "kilted": set()}
 # One field more than in Humble: `test_types_are_those_of_the_distribution`.
 CHANGED = {"sensor_msgs/msg/Range"}
-LATCHED = {"durability": "transient_local", "depth": 1}
-OURS_LATCHED = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)
-STRING = "std_msgs/msg/String"
 
 
 async def common_types(process):
@@ -70,11 +64,8 @@ async def common_types(process):
 @pytest.mark.feature("Message types of ROS 2's own packages: 200 random values each")
 @pytest.mark.slow
 async def test_random_values_of_every_common_type_come_back_as_they_were(peer):
-    rng = np.random.default_rng(17)
     async with peer() as ros:
-        for name in await common_types(ros):
-            given = [serialize(without_padding(random_message(rng, name))) for _ in range(VALUES)]
-            assert await passed_through(ros, name, given) == given, name
+        assert await bent(ros, await common_types(ros), times=200, seed=17) == []
 
 
 NEWER_TYPES = """
@@ -84,6 +75,8 @@ from random_messages import random_message
 from sfglab.messages import deserialize, serialize
 rng = np.random.default_rng(19)
 given = {name: serialize(random_message(rng, name)) for name in sys.argv[1:]}
+print(json.dumps({"is": "ready"}), flush=True)
+sys.stdin.readline()
 print(json.dumps({"is": "given", "cdr": {name: cdr.hex() for name, cdr in given.items()}}), flush=True)
 back = {name: bytes.fromhex(cdr) for name, cdr in json.loads(sys.stdin.readline())["cdr"].items()}
 same = {name: serialize(deserialize(cdr, name)) for name, cdr in back.items()} == given
@@ -97,15 +90,12 @@ async def test_types_are_those_of_the_distribution(peer, distribution):
     unknown = {"rcl_interfaces/msg/LoggerLevel", *UNKNOWN[distribution]}
     names = sorted((NEWER | CHANGED) - unknown)
     argv = ["env", f"PYTHONPATH={os.pathsep.join(sys.path)}", sys.executable, "-c", NEWER_TYPES, *names]
-    ours = await LineProcess.start("ours", argv)
-    given = (await ours.expect("given", timeout_s=ANSWER_S))["cdr"]
-    assert sorted(given) == names
-    async with peer() as ros:
-        back = {}
+    async with started("ours", argv) as ours, peer() as ros:
+        given, back = (await asked(ours, "give", "given"))["cdr"], {}
+        assert sorted(given) == names
         for name, cdr in given.items():
             (back[name],) = (await asked(ros, "pass_through", "passed", kind=name, cdr=[cdr]))["cdr"]
-    assert (await asked(ours, "compare", "compared", cdr=back))["same"]
-    await ours.close()
+        assert (await asked(ours, "compare", "compared", cdr=back))["same"]
 
 
 @pytest.mark.feature("Own message packages, registered from their files", condition="without wstring")
@@ -117,35 +107,16 @@ async def test_a_package_of_a_user_s_own_is_registered_and_is_what_rclpy_has(pee
     names = [name for name in register_interfaces(share) if "/msg/" in name]
     assert len(names) == 12
     assert service_type("test_msgs/srv/Arrays").name == "test_msgs/srv/Arrays"
-    rng = np.random.default_rng(20)
     async with peer() as ros:
-        for name in names:
-            given = [serialize(without_padding(random_message(rng, name))) for _ in range(10)]
-            assert await passed_through(ros, name, given) == given, name
+        assert await bent(ros, names, times=10, seed=20) == []
 
 
 @pytest.mark.feature("Topics of every common type, both ways")
 async def test_every_common_type_crosses_both_ways(peer, domain_id):
     rng = np.random.default_rng(18)
     async with peer() as ros, Node("us", domain_id=domain_id) as node:
-        names = await common_types(ros)
-        given = {name: without_padding(random_message(rng, name)) for name in names}
-        back = {}
-        for name in names:
-            topic = name.replace("/", "_")
-
-            def take(message, name=name):
-                back[name] = serialize(message)
-
-            node.create_subscription(name, f"/back/{topic}", take, OURS_LATCHED)
-            node.create_publisher(name, f"/forth/{topic}", OURS_LATCHED).publish(given[name])
-        await asked(ros, "echo", "echoing", types=names, qos=LATCHED)
-
-        async def all_back():
-            return back.keys() == given.keys()
-
-        with suppress(TimeoutError):
-            await until(all_back)
+        given = {name: without_padding(random_message(rng, name)) for name in await common_types(ros)}
+        back = await echoed(ros, node, given)
         assert sorted(given.keys() - back.keys()) == []
         assert back == {name: serialize(message) for name, message in given.items()}
 
@@ -170,6 +141,7 @@ async def test_who_hears_whom_is_what_request_versus_offered_says(peer, domain_i
     }
     heard = Counter()
     message = default_message(STRING)
+    cdr = [serialize(message).hex()]
     async with peer() as ros, Node("us", domain_id=domain_id) as node:
         publishers = []
         for n, (offered, requested) in pairs.items():
@@ -187,16 +159,8 @@ async def test_who_hears_whom_is_what_request_versus_offered_says(peer, domain_i
         async def everybody():
             for n, (offered, _) in pairs.items():
                 publishers[n].publish(message)
-                cdr = [serialize(message).hex()]
-                await asked(
-                    ros,
-                    "publish",
-                    "published",
-                    kind=STRING,
-                    topic=f"/to_us/pair{n}",
-                    qos=named(offered),
-                    cdr=cdr,
-                )
+                topic, qos = f"/to_us/pair{n}", named(offered)
+                await asked(ros, "publish", "published", kind=STRING, topic=topic, qos=qos, cdr=cdr)
             return expected <= told and expected <= heard.keys()
 
         await until(everybody)
@@ -217,7 +181,7 @@ async def test_each_side_sees_the_other_in_its_graph_and_sees_it_go(peer, domain
                 }
                 return node_name in graph["nodes"] and ("PUBLISHER", "reliable", "transient_local") in kinds
 
-            async def we_see():
+            def we_see():
                 names = {f"{each.namespace.rstrip('/')}/{each.name}" for each in node.graph.nodes()}
                 ends = node.graph.publishers("/answer")
                 return "/ros_node" in names and [end.qos.durability for end in ends] == [
@@ -232,11 +196,7 @@ async def test_each_side_sees_the_other_in_its_graph_and_sees_it_go(peer, domain
                 return not (await asked(ros, "graph", "graph"))["ends"].get("/chatter")
 
             await until(publisher_gone)
-
-        async def peer_gone():
-            return not node.graph.publishers("/answer")
-
-        await until(peer_gone)
+        await until(lambda: not node.graph.publishers("/answer"))
 
 
 @pytest.mark.feature("Bytes behind a message, as rclpy sends serialised ones")
@@ -248,11 +208,7 @@ async def test_bytes_behind_a_message_do_not_matter(peer, domain_id):
         node.create_subscription(STRING, "/padded", lambda m: heard.append(m.data), OURS_LATCHED)
         longer = (serialize(message) + b"\0" * 8).hex()
         await asked(ros, "publish", "published", kind=STRING, topic="/padded", qos=LATCHED, cdr=[longer])
-
-        async def arrived():
-            return heard == ["three"]
-
-        await until(arrived)
+        await until(lambda: heard == ["three"])
 
 
 @pytest.mark.feature("Nodes kept on this host")
@@ -265,8 +221,4 @@ async def test_nodes_kept_on_this_host_meet(peer, domain_id):
         node.create_subscription(STRING, "/here", heard.append, OURS_LATCHED)
         cdr = [serialize(default_message(STRING)).hex()]
         await asked(ros, "publish", "published", kind=STRING, topic="/here", qos=LATCHED, cdr=cdr)
-
-        async def arrived():
-            return bool(heard)
-
-        await until(arrived)
+        await until(lambda: heard)

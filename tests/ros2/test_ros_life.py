@@ -6,18 +6,14 @@ import sys
 from collections import Counter
 
 import pytest
-from beside import ANSWER_S, asked, until
+from beside import LATCHED, OURS_LATCHED, STRING, asked, started, until
 
 from sfglab.bus import DomainError, Node
 from sfglab.messages import default_message, serialize
-from sfglab.processes import LineProcess
 from sfglab.qos import Durability, QoSProfile
 
 pytestmark = [pytest.mark.live, pytest.mark.ros]
 
-STRING = "std_msgs/msg/String"
-OURS_LATCHED = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)
-LATCHED = {"durability": "transient_local", "depth": 1}
 ELSEWHERE = (
     "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='none0'/></Interfaces></General></Domain>"
     "</CycloneDDS>"
@@ -49,11 +45,7 @@ async def test_the_same_environment_brings_both_together(peer, domain_id, monkey
     async with peer(**both) as ros, Node("us") as node:
         node.create_subscription(STRING, "/here", heard.append, OURS_LATCHED)
         await asked(ros, "publish", "published", kind=STRING, topic="/here", qos=LATCHED, cdr=CDR)
-
-        async def arrived():
-            return bool(heard)
-
-        await until(arrived)
+        await until(lambda: heard)
 
 
 @ENVIRONMENT
@@ -64,17 +56,11 @@ async def test_range_off_keeps_everybody_out(peer, domain_id, monkeypatch):
         there.create_subscription(STRING, "/here", lambda _: heard.update(["open"]), OURS_LATCHED)
         argv = [sys.executable, "-c", SHUT, str(domain_id)]
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
-        shut = await LineProcess.start("shut", argv)
-        await shut.expect("ready", timeout_s=ANSWER_S)
-        await asked(ros, "publish", "published", kind=STRING, topic="/here", qos=LATCHED, cdr=CDR)
-
-        async def arrived():
-            return bool(heard)
-
-        await until(arrived)
-        assert "/shut" not in (await asked(ros, "graph", "graph"))["nodes"]
-        assert (await asked(shut, "count", "counted"))["heard"] == 0
-        await shut.close()
+        async with started("shut", argv) as shut:
+            await asked(ros, "publish", "published", kind=STRING, topic="/here", qos=LATCHED, cdr=CDR)
+            await until(lambda: heard)
+            assert "/shut" not in (await asked(ros, "graph", "graph"))["nodes"]
+            assert (await asked(shut, "count", "counted"))["heard"] == 0
 
 
 SHUT = """
@@ -125,11 +111,8 @@ async def test_publishers_come_and_go_on_either_side_and_nothing_is_left(peer, d
             for publisher, topic in zip(publishers, topics, strict=True):
                 publisher.publish(default_message(STRING))
                 await asked(ros, "publish", "published", kind=STRING, topic=topic, qos=qos, cdr=CDR)
-
-            async def all_heard(wave=wave):
-                return all(told[topic] >= 2 * wave and heard[topic] >= 2 * wave for topic in topics)
-
-            await until(all_heard)
+            enough = dict.fromkeys(topics, 2 * wave)
+            await until(lambda enough=enough: told >= Counter(enough) and heard >= Counter(enough))
             for publisher in publishers:
                 publisher.close()
             await asked(ros, "unpublish", "unpublished", topics=topics)
@@ -159,8 +142,7 @@ asyncio.run(main())
 
 @CHURN
 async def test_a_process_that_is_killed_leaves_ros_2_s_graph(peer, domain_id):
-    async with peer() as ros:
-        ours = await LineProcess.start("dying", [sys.executable, "-c", DYING, str(domain_id)])
+    async with peer() as ros, started("dying", [sys.executable, "-c", DYING, str(domain_id)]) as ours:
 
         async def seen():
             graph = await asked(ros, "graph", "graph")
@@ -173,4 +155,3 @@ async def test_a_process_that_is_killed_leaves_ros_2_s_graph(peer, domain_id):
         await until(seen)
         ours.signal(9)
         await until(gone)
-        await ours.close()

@@ -12,20 +12,18 @@ from pathlib import Path
 
 import psutil
 import pytest
-from beside import ANSWER_S, asked, until
+from beside import ANSWER_S, asked, component, started, until
 
 from sfglab.bus import BusTimeoutError, Node
 from sfglab.bus.address import BusAddress
 from sfglab.bus.parameters import READ_ONLY, flat
 from sfglab.bus.ros.services import PYTHON_VARIABLE
-from sfglab.component import argument_of
 from sfglab.fields import to_json
 from sfglab.fleet.decoder.node import DecoderConfig
 from sfglab.fleet.router.node import RouterConfig
 from sfglab.lab import ros2
 from sfglab.lab.hosts import Network
 from sfglab.messages import service_type
-from sfglab.processes import LineProcess
 
 pytestmark = [pytest.mark.live, pytest.mark.ros]
 
@@ -100,24 +98,14 @@ async def border(network, ros_node):
             host = network.hosts[name]
             local, remote = BusAddress(domain_id=domain, interface="lo"), BusAddress(domain_id=30)
             config = RouterConfig(agent=name, local=local, remote=remote, linger_s=0.2)
-            argv = [sys.executable, "-m", "sfglab.fleet.router.node", argument_of(config)]
-            router = await LineProcess.start(name, host.argv(argv))
-            stack.push_async_callback(router.close)
-            await router.expect("ready", timeout_s=ANSWER_S)
+            await stack.enter_async_context(component(host, "sfglab.fleet.router.node", config))
             found[name] = await stack.enter_async_context(ros_node(name, host, ROS_DOMAIN_ID=domain))
         yield found
 
 
-@asynccontextmanager
-async def node_of_ours(network, name):
+def node_of_ours(network, name):
     """A process on a host that serves and calls as rmw_cyclonedds does."""
-    argv = [sys.executable, "-c", OURS, str(DOMAINS[name])]
-    process = await LineProcess.start("ours", network.hosts[name].argv(argv))
-    try:
-        await process.expect("ready", timeout_s=ANSWER_S)
-        yield process
-    finally:
-        await process.close()
+    return started("ours", [sys.executable, "-c", OURS, str(DOMAINS[name])], network.hosts[name])
 
 
 def programs(parents):
@@ -234,9 +222,7 @@ async def test_without_ros_2_nothing_is_announced_and_it_is_said(network, ros_no
         await until(both_said)
         assert not (await called)["ready"]
     why = f"there is none here: source it, or name its interpreter in {PYTHON_VARIABLE}"
-    assert said == 2 * [
-        f"service {ENABLE} of rmw_fastrtps stays here: only ROS 2 can serve it, and {why}",
-    ]
+    assert said == 2 * [f"service {ENABLE} of rmw_fastrtps stays here: only ROS 2 can serve it, and {why}"]
 
 
 @pytest.mark.feature(
@@ -247,14 +233,8 @@ async def test_parameters_are_what_the_component_was_told(ros_node, python, doma
     address = BusAddress(domain_id=domain_id)
     streams = ("/global/go2/camera_front/color/ffmpeg", "/global/pi1/camera_front/color/ffmpeg")
     config = DecoderConfig(remote=address, local=address, streams=streams, spare=False, parameters="ros")
-    argv = [sys.executable, "-m", "sfglab.fleet.decoder.node", argument_of(config)]
-    decoder = await LineProcess.start("decoder", argv)
-    try:
-        await decoder.expect("ready", timeout_s=ANSWER_S)
-        async with ros_node("ros") as ros:
-            read = await asked(ros, "parameters", "parameters", node="/agent_decoder")
-    finally:
-        await decoder.close()
+    async with component(None, "sfglab.fleet.decoder.node", config), ros_node("ros") as ros:
+        read = await asked(ros, "parameters", "parameters", node="/agent_decoder")
     said = dict(flat(to_json(config)))
     assert read["values"] == said
     assert {name: said[name] for name in ("streams", "local.domain_id", "linger_s", "replay")} == {

@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
-
 import numpy as np
 import pytest
-from beside import asked, passed_through, until, without_padding
+from beside import LATCHED, asked, bent, echoed, until
 from random_messages import random_message
 
 from sfglab.bus import Node
 from sfglab.lab.ros2 import distributions
-from sfglab.messages import (
-    deserialize,
-    message_type,
-    message_types,
-    register_interfaces,
-    serialize,
-)
+from sfglab.messages import deserialize, message_type, message_types, register_interfaces, serialize
 from sfglab.names import TF, TF_STATIC
-from sfglab.qos import Durability, QoSProfile
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.buffer import FrameBuffer
 from sfglab.spatial.frames.listener import TF_QOS, TF_STATIC_QOS, TRANSFORMS, FramesListener
@@ -27,8 +18,6 @@ from sfglab.spatial.frames.listener import TF_QOS, TF_STATIC_QOS, TRANSFORMS, Fr
 pytestmark = [pytest.mark.live, pytest.mark.ros]
 
 OURS = "sfglab_interfaces"
-LATCHED = {"durability": "transient_local", "depth": 1}
-OURS_LATCHED = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)
 # rosidl's own for tests.
 NOT_SHIPPED = {"test_msgs"}
 
@@ -42,11 +31,8 @@ async def test_services_that_we_bring_are_those_of_the_distribution(peer, distri
     assert set(names) <= set(message_types())
     for file in files:
         register_interfaces(file)  # refuses other fields
-    rng = np.random.default_rng(21)
     async with peer() as ros:
-        for name in names:
-            given = [serialize(without_padding(random_message(rng, name))) for _ in range(10)]
-            assert await passed_through(ros, name, given) == given, name
+        assert await bent(ros, names, times=10, seed=21) == []
 
 
 @pytest.mark.feature("Interfaces of sfglab and tf2_msgs, built by rosidl from what `sfglab interfaces` writes")
@@ -55,12 +41,8 @@ async def test_our_messages_services_and_actions_are_what_rosidl_makes_of_them(p
     names = [name for name in message_types() if name.startswith((f"{OURS}/", "tf2_msgs/"))]
     names = [name for name in names if not name.endswith(inner)]
     assert len(names) == 7 + 2 + 5 + 2 + 2 + 5
-    rng = np.random.default_rng(22)
     async with peer(PYTHONPATH=own_types) as ros:
-        for name in names:
-            given = [serialize(without_padding(random_message(rng, name))) for _ in range(20)]
-            theirs = name.replace("_FeedbackMessage", ".Impl.FeedbackMessage")
-            assert await passed_through(ros, name, given, theirs) == given, name
+        assert await bent(ros, names, times=20, seed=22) == []
 
 
 @pytest.mark.feature("Topics of sfglab's own messages, both ways")
@@ -68,24 +50,8 @@ async def test_our_messages_cross_both_ways(peer, own_types, domain_id):
     rng = np.random.default_rng(23)
     names = [name for name in message_types() if name.startswith(f"{OURS}/msg/")]
     given = {name: random_message(rng, name) for name in names}
-    back = {}
     async with peer(PYTHONPATH=own_types) as ros, Node("us", domain_id=domain_id) as node:
-        for name in names:
-            topic = name.replace("/", "_")
-
-            def take(message, name=name):
-                back[name] = serialize(message)
-
-            node.create_subscription(name, f"/back/{topic}", take, OURS_LATCHED)
-            node.create_publisher(name, f"/forth/{topic}", OURS_LATCHED).publish(given[name])
-        await asked(ros, "echo", "echoing", types=names, qos=LATCHED)
-
-        async def all_back():
-            return back.keys() == given.keys()
-
-        with suppress(TimeoutError):
-            await until(all_back)
-        assert back == {name: serialize(message) for name, message in given.items()}
+        assert await echoed(ros, node, given) == {name: serialize(message) for name, message in given.items()}
 
 
 def tree(parent, child, *position_m):

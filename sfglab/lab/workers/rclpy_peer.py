@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message, serialize_message
 
@@ -72,11 +72,13 @@ def sample_of(value: int, size_bytes: int) -> bytes:
 class Peer:
     """The node and what it has made so far."""
 
+    executor_type: type[Executor] = SingleThreadedExecutor
+
     def __init__(self, name: str, kind: str = "") -> None:
         rclpy.init()
         self.name = name
         self.node: Any = None if kind == "crowd" else rclpy.create_node(name)
-        self.executor = SingleThreadedExecutor()
+        self.executor = self.executor_type()
         if self.node:
             self.executor.add_node(self.node)
         self.kept: list[Any] = []
@@ -353,9 +355,9 @@ class Peer:
         report("seen", frames=len(self.ages_ns), ages_ns=self.ages_ns)
 
 
-def main() -> None:
+def main(kind: type[Peer] = Peer) -> None:
     """Obey orders until the standard input ends."""
-    peer = Peer(*sys.argv[1:])
+    peer = kind(*sys.argv[1:])
     report("ready", distribution=os.environ.get("ROS_DISTRO", ""))
     try:
         for line in sys.stdin:
@@ -364,4 +366,5 @@ def main() -> None:
         peer.end()
 
 
-main()
+if __name__ == "__main__":
+    main()
