@@ -82,17 +82,13 @@ def test_all_are_told_to_end_and_are_gone(tmp_path):
     assert sorted(Path(farewell).read_text().split()) == ["1", "2"]
 
 
-def test_a_failed_start_leaves_nobody():
+async def test_a_failed_start_leaves_nobody():
     pids: list[int] = []
-
-    async def start():
-        group = ProcessGroup(on_host, start_s=S)
-        with pytest.raises(ProcessFailedError, match=r"^b: broken as told$"):
-            await group.start(toy("a"), toy("b", begins="broken"))
-        pids.extend(group[name].pid for name in group)
-        assert group.members == ()
-
-    asyncio.run(start())
+    group = ProcessGroup(on_host, start_s=S)
+    with pytest.raises(ProcessFailedError, match=r"^b: broken as told$"):
+        await group.start(toy("a"), toy("b", begins="broken"))
+    pids.extend(group[name].pid for name in group)
+    assert group.members == ()
     assert pids == []
 
 

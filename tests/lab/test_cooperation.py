@@ -1,6 +1,5 @@
 """The simulated cooperation: what couples control to communication is what is delivered, and nothing else."""
 
-import asyncio
 from dataclasses import replace
 from pathlib import Path
 
@@ -191,12 +190,9 @@ def test_a_replay_shows_the_run_again_and_how_long_the_station_was_wrong():
 
 
 @pytest.mark.parametrize("method", ["LC", "OPT"])
-def test_the_look_drives_the_round_that_is_asked_for(method):
-    async def title():
-        config = exp.config(**{**exp.looks["hallway"].start, "methods": (method,), "rates_hz": (500,)})
-        async with preview(exp, "hallway", config) as run:
-            return draw_look(exp, "hallway", run), run["course"].iloc[0]
-
-    figure, row = asyncio.run(title())
+async def test_the_look_drives_the_round_that_is_asked_for(method):
+    config = exp.config(**{**exp.looks["hallway"].start, "methods": (method,), "rates_hz": (500,)})
+    async with preview(exp, "hallway", config) as run:
+        figure, row = draw_look(exp, "hallway", run), run["course"].iloc[0]
     assert figure.get_suptitle().startswith(row["end"])
     assert f"{method}, Rmax 500 Hz" in figure.axes[0].get_ylabel()

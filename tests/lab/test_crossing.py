@@ -95,18 +95,15 @@ def test_a_killed_process_is_named_and_nothing_is_left(victim):
 
 
 @pytest.mark.usefixtures("nothing_left")
-def test_an_interrupted_run_leaves_nothing():
-    async def interrupted():
-        rows = crossings(replace(TINY, live_rounds=1000))
-        await anext(rows)
-        task = asyncio.ensure_future(anext(rows))
-        await asyncio.sleep(0)
-        task.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await task
-        await rows.aclose()
-
-    asyncio.run(interrupted())
+async def test_an_interrupted_run_leaves_nothing():
+    rows = crossings(replace(TINY, live_rounds=1000))
+    await anext(rows)
+    task = asyncio.ensure_future(anext(rows))
+    await asyncio.sleep(0)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    await rows.aclose()
 
 
 _PARENT = """

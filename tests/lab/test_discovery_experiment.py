@@ -177,20 +177,17 @@ def test_a_demo_node_has_the_eighteen_endpoints_of_humble():
 
 
 @pytest.mark.live
-def test_ros_nodes_of_two_agents_find_each_other_completely():
+async def test_ros_nodes_of_two_agents_find_each_other_completely():
     def member(name):
         address = BusAddress(domain_id=83, interface="lo")
         config = RosNodesConfig(namespace=f"/{name}", address=address, talkers=2, listeners=1, peers=1)
         return Member(name=name, module="sfglab.lab.workers.rosnodes", config=config)
 
-    async def scenario():
-        async with ProcessGroup(lambda _, command: command, map(member, "ab")) as group:
-            for found in (await group.ask("resolved", timeout_s=60, do="start")).values():
-                assert found["endpoints"] == found["expected"] == 3 * 18
-                assert (found["participants"], found["announcements"]) == (3, 6)
-            await group.expect("settled", timeout_s=60)
-
-    asyncio.run(scenario())
+    async with ProcessGroup(lambda _, command: command, map(member, "ab")) as group:
+        for found in (await group.ask("resolved", timeout_s=60, do="start")).values():
+            assert found["endpoints"] == found["expected"] == 3 * 18
+            assert (found["participants"], found["announcements"]) == (3, 6)
+        await group.expect("settled", timeout_s=60)
 
 
 def test_an_idle_component_is_loaded_before_it_starts_and_keeps_its_orders(tmp_path):

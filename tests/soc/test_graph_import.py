@@ -152,13 +152,10 @@ def test_the_graph_of_a_live_domain_names_the_nodes_on_both_sides(domain_id):
 
 
 @pytest.mark.live
-def test_owners_that_stay_unknown_are_named_after_their_participant(domain_id):
-    async def scenario():
-        quiet = bus.Node("quiet", domain_id=domain_id, interface="lo", discovery_info=False)
-        async with quiet, bus.Node("looker", domain_id=domain_id, interface="lo") as looker:
-            quiet.create_publisher(STRING, "/t")
-            assert await looker.graph.wait_for(lambda: looker.graph.publishers("/t") != ())
-            return quiet.guid, await watch_graph(looker, timeout_s=0.3)
-
-    guid, found = asyncio.run(scenario())
+async def test_owners_that_stay_unknown_are_named_after_their_participant(domain_id):
+    quiet = bus.Node("quiet", domain_id=domain_id, interface="lo", discovery_info=False)
+    async with quiet, bus.Node("looker", domain_id=domain_id, interface="lo") as looker:
+        quiet.create_publisher(STRING, "/t")
+        assert await looker.graph.wait_for(lambda: looker.graph.publishers("/t") != ())
+        guid, found = quiet.guid, await watch_graph(looker, timeout_s=0.3)
     assert found.graph.topic("/t").publishers in (("/quiet",), (f"participant {guid.hex()}",))
