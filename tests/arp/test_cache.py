@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.arp.cache import CacheControl, Decision, LocalCache, exactly_equal, nearly_equal
-from sfglab.messages import message_type, stamp_from_ns
+from sfglab.messages import default_message, stamp_from_ns
 
 S = 1_000_000_000
 
@@ -68,19 +68,11 @@ def test_cache_control_keeps_the_value_that_planning_works_with():
 
 
 def lidar(ranges, stamp_ns):
-    header = message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(stamp_ns), frame_id="laser")
-    return message_type("sensor_msgs/msg/LaserScan")(
-        header=header,
-        angle_min=0.0,
-        angle_max=1.0,
-        angle_increment=0.1,
-        time_increment=0.0,
-        scan_time=0.1,
-        range_min=0.0,
-        range_max=9.0,
-        ranges=np.asarray(ranges, np.float32),
-        intensities=np.empty(0, np.float32),
-    )
+    scan = default_message("sensor_msgs/msg/LaserScan")
+    scan.header.stamp, scan.header.frame_id = stamp_from_ns(stamp_ns), "laser"
+    scan.angle_max, scan.angle_increment, scan.scan_time, scan.range_max = 1.0, 0.1, 0.1, 9.0
+    scan.ranges = np.asarray(ranges, np.float32)
+    return scan
 
 
 def test_messages_are_compared_field_by_field_and_a_header_may_be_left_out():

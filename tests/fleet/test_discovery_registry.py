@@ -60,6 +60,13 @@ class World:
         return None if deadline_ns is None else deadline_ns / S
 
 
+def discovered():
+    """A world in which go2 is known since the beginning."""
+    world = World()
+    world.discover()
+    return world
+
+
 def events(orders):
     return [order.event for order in orders if order.action in ANNOUNCEMENTS]
 
@@ -69,18 +76,13 @@ def test_the_first_heartbeat_asks_and_the_answer_is_announced_with_its_descripti
     (ask,) = world.hear()
     assert world.hear(0.5) == []
     (news,) = world.answer(ask, 0.6)
-    assert (news.agent, news.event, news.incarnation, news.metadata.says) == (
-        "go2",
-        "DISCOVERED",
-        7,
-        "what it is",
-    )
+    told = (news.agent, news.event, news.incarnation, news.metadata.says)
+    assert told == ("go2", "DISCOVERED", 7, "what it is")
     assert world.deadline_s == 4.0, "three periods of 1 s and the slack after the heartbeat at 0.5 s"
 
 
 def test_silence_is_measured_in_the_period_that_the_agent_announced():
-    world = World()
-    world.discover()
+    world = discovered()
     world.hear(1.0, period_s=5.0, phase=1)
     assert world.deadline_s == 16.5
     assert world.due(16.4) == []
@@ -91,8 +93,7 @@ def test_silence_is_measured_in_the_period_that_the_agent_announced():
 
 
 def test_a_lost_agent_that_beats_again_returns_with_what_was_known_of_it():
-    world = World()
-    world.discover()
+    world = discovered()
     world.due(10)
     (news,) = world.hear(11)
     assert (news.event, news.metadata.says, world.state) == ("RETURNED", "what it is", State.ACTIVE)
@@ -117,8 +118,7 @@ def test_a_failed_query_is_repeated_with_doubling_waits_up_to_the_limit_and_one_
 
 
 def test_another_revision_is_asked_for_and_an_answer_may_be_ahead_of_the_heartbeats():
-    world = World()
-    world.discover()
+    world = discovered()
     (ask,) = world.hear(1, revision=1)
     assert world.hear(1.5, revision=2) == []
     assert events(world.answer(ask, 2, revision=3)) == ["UPDATED"]
@@ -138,8 +138,7 @@ def test_another_start_gives_up_the_query_to_the_one_before():
 
 
 def test_a_start_that_is_heard_while_the_agent_is_there_is_restarted():
-    world = World()
-    world.discover()
+    world = discovered()
     (ask,) = world.hear(1, incarnation=8)
     (news,) = world.answer(ask, 2, incarnation=8, says="new")
     assert (news.event, news.incarnation, news.metadata.says) == ("RESTARTED", 8, "new")
@@ -157,8 +156,7 @@ def test_an_answer_to_something_else_than_was_asked_counts_as_none(fields):
 
 
 def test_an_older_start_is_stale_while_a_newer_one_is_there_and_believed_when_that_is_lost():
-    world = World()
-    world.discover()
+    world = discovered()
     assert world.hear(1, incarnation=6) == []
     assert world.registry.counts["dropped_stale"] == 1
     assert world.deadline_s == 3.5, "it is no sign of life either"
@@ -168,8 +166,7 @@ def test_an_older_start_is_stale_while_a_newer_one_is_there_and_believed_when_th
 
 
 def test_what_a_restarted_agent_said_before_it_was_lost_again_does_not_count():
-    world = World()
-    world.discover()
+    world = discovered()
     world.due(10)
     world.hear(11, incarnation=8)
     (abandoned,) = world.due(20)
@@ -194,19 +191,9 @@ def test_time_that_the_discoverer_itself_stood_still_is_nobody_elses_silence():
 @pytest.mark.parametrize(
     "fields",
     [
-        {"agent": ""},
-        {"agent": "Go 2"},
-        {"agent": "../x"},
-        {"agent": "camera"},
-        {"agent": "torq"},
-        {"agent": "a" * 240},
-        {"agent": "\N{GRINNING FACE}"},
+        *({"agent": name} for name in ("", "Go 2", "../x", "camera", "torq", "a" * 240, "\N{GRINNING FACE}")),
         {"phase": 2},
-        {"period_s": math.nan},
-        {"period_s": math.inf},
-        {"period_s": 0.0},
-        {"period_s": -1.0},
-        {"period_s": 1e9},
+        *({"period_s": period_s} for period_s in (math.nan, math.inf, 0.0, -1.0, 1e9)),
         {"version": "v" * 129},
     ],
     ids=lambda f: str(f)[:40],

@@ -281,12 +281,8 @@ def test_the_agents_discover_each_other_and_pictures_cross_the_fleet(world):
 @pytest.mark.parametrize(
     ("agent", "component"),
     [
-        ("go2", "router"),
-        ("go2", "status"),
-        ("go2", "keeper"),
-        ("station", "discoverer"),
-        ("station", "decoder"),
-        ("station", "router"),
+        *(("go2", component) for component in ("router", "status", "keeper")),
+        *(("station", component) for component in ("discoverer", "decoder", "router")),
     ],
 )
 def test_a_component_that_is_killed_comes_back_and_the_fleet_converges(world, agent, component):

@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 import pandas as pd
 import pytest
 
-from sfglab.lab.checks import GROUPS, CheckRow, Checks, group, share_of_checks, trees
+from sfglab.lab.checks import GROUPS, CheckRow, Checks, exchange, group, naming, share_of_checks, trees
 
 
 def table(*rows):
@@ -49,20 +49,16 @@ def test_what_fails_is_counted_and_shown():
     assert checks.row("small", count=10, seed=0) == small, "as among the others"
 
 
-def test_a_naming_schema_that_is_wrong_is_caught(monkeypatch):
-    import sfglab.lab.checks.naming as module
-
-    monkeypatch.setattr(module, "parse", lambda *_: None)
-    row = module.checks.row("parses back to the tuple it was built from", count=1, seed=0)
-    assert row.held == 0
-
-
-def test_an_exchange_that_loses_a_trajectory_is_caught(monkeypatch):
-    import sfglab.lab.checks.exchange as module
-
-    monkeypatch.setattr(module, "trajectory_from_csv", lambda *_, **__: None)
-    row = module.checks.row("CSV gives back every bit", count=5, seed=0)
-    assert row.held < row.checked
+@pytest.mark.parametrize(
+    ("module", "function", "check"),
+    [
+        (naming, "parse", "parses back to the tuple it was built from"),
+        (exchange, "trajectory_from_csv", "CSV gives back every bit"),
+    ],
+)
+def test_a_function_that_gives_nothing_back_is_caught(monkeypatch, module, function, check):
+    monkeypatch.setattr(module, function, lambda *_, **__: None)
+    assert module.checks.row(check, count=5, seed=0).held == 0
 
 
 def test_trees_that_are_never_whole_with_markers_at_the_root_are_caught(monkeypatch):

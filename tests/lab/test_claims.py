@@ -15,53 +15,17 @@ from sfglab.lab.stats import Estimate
 LEDGER = Path(__file__).parents[2] / "data" / "claims.yaml"
 
 IDS = [
-    "A-NET-RULES",
-    "A-FQN",
-    "A-HEARTBEAT",
-    "A-DFA",
-    "A-COST",
-    "A-CPU-BASE",
-    "A-CPU-SFG",
-    "A-BW",
-    "A-DISC-TIME",
-    "A-DISC-BYTES",
-    "A-G2G",
-    "A-FIRST",
-    "A-H264",
-    "A-RVL",
-    "A-VICON",
-    "A-PLAN",
-    "A-VIZ",
-    "A-DEPLOY",
-    "B-LC",
-    "B-CC",
-    "B-OPT",
-    "B-TAB1",
-    "B-TAB2",
-    "B-LAT",
-    "B-LOSS",
-    "B-COOP",
-    "C-FSM",
-    "C-HWHW",
-    "C-HWSW",
-    "C-SWHW",
-    "C-SWSW",
-    "C-MAP",
-    "C-DRIVE",
+    *("A-NET-RULES", "A-FQN", "A-HEARTBEAT", "A-DFA", "A-COST", "A-CPU-BASE", "A-CPU-SFG", "A-BW"),
+    *("A-DISC-TIME", "A-DISC-BYTES", "A-G2G", "A-FIRST", "A-H264", "A-RVL"),
+    *("A-VICON", "A-PLAN", "A-VIZ", "A-DEPLOY"),
+    *("B-LC", "B-CC", "B-OPT", "B-TAB1", "B-TAB2", "B-LAT", "B-LOSS", "B-COOP"),
+    *("C-FSM", "C-HWHW", "C-HWSW", "C-SWHW", "C-SWSW", "C-MAP", "C-DRIVE"),
 ]
 
 
 def claim(**changes) -> Claim:
-    values = {
-        "id": "X",
-        "where": "A 1",
-        "says": "s",
-        "paper": 5.0,
-        "unit": "u",
-        "band": (4.0, 6.0),
-        "experiment": None,
-    }
-    return Claim(**{**values, **changes})
+    values = {"id": "X", "where": "A 1", "says": "s", "paper": 5.0, "unit": "u", "band": (4.0, 6.0)}
+    return Claim(**values | {"experiment": None} | changes)
 
 
 def measured(value, low=None, high=None) -> Measured:

@@ -36,18 +36,9 @@ class LatencyRow:
 
 
 def row(**changes):
-    values = {
-        "sent": 3,
-        "mean_s": 0.25,
-        "lossless": True,
-        "agent": "r1",
-        "side": Side.PROXY,
-        "samples_s": (0.5, 1.5),
-        "sizes": [],
-        "names": ["a", ""],
-        "image": np.arange(3, dtype=np.uint8),
-    }
-    return LatencyRow(**values | changes)
+    single = {"sent": 3, "mean_s": 0.25, "lossless": True, "agent": "r1", "side": Side.PROXY}
+    several = {"samples_s": (0.5, 1.5), "sizes": [], "names": ["a", ""], "image": np.arange(3, dtype=np.uint8)}
+    return LatencyRow(**single | several | changes)
 
 
 def test_a_dataclass_becomes_a_definition_with_its_docs():

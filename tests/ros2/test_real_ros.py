@@ -29,17 +29,8 @@ PICTURES = 20
 pytestmark = [pytest.mark.live, pytest.mark.ros]
 
 PACKAGES = (
-    "action_msgs",
-    "builtin_interfaces",
-    "geometry_msgs",
-    "lifecycle_msgs",
-    "nav_msgs",
-    "rcl_interfaces",
-    "rosgraph_msgs",
-    "sensor_msgs",
-    "std_msgs",
-    "trajectory_msgs",
-    "unique_identifier_msgs",
+    *("action_msgs", "builtin_interfaces", "geometry_msgs", "lifecycle_msgs", "nav_msgs", "rcl_interfaces"),
+    *("rosgraph_msgs", "sensor_msgs", "std_msgs", "trajectory_msgs", "unique_identifier_msgs"),
     "visualization_msgs",
 )
 # Later than Humble, whose types we have unless ROS_DISTRO says more; named here, so that more are noticed.

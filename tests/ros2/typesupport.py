@@ -85,20 +85,8 @@ def link(out, package, target, objects):
     others = [each for each in linked(out, package) if each != str(target)]
     libraries = [f"-L{lib}", *(f"-l{name}" for name in RUNTIME), f"-Wl,-rpath,{lib}:$ORIGIN"]
     libraries += [f"-Wl,-rpath,{folder}" for folder in (out / "python").iterdir()]
-    subprocess.run(
-        [
-            "g++",
-            "-shared",
-            f"-Wl,-soname,{target.name}",
-            "-o",
-            target,
-            *objects,
-            "-Wl,--no-as-needed",
-            *others,
-            *libraries,
-        ],
-        check=True,
-    )
+    argv = ["g++", "-shared", f"-Wl,-soname,{target.name}", "-o", target, *objects, "-Wl,--no-as-needed"]
+    subprocess.run([*argv, *others, *libraries], check=True)
 
 
 def build(out, package):

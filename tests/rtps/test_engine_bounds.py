@@ -109,20 +109,9 @@ def scenarios(draw):
     )
 
 
-DEEP_WRITER = Scenario(
-    flows=(
-        Flow(
-            name="a",
-            source="robot1",
-            target="station",
-            rate_hz=1000,
-            reader_depth=10,
-            qos=QoSProfile(depth=1000),
-        ),
-    ),
-    medium=Medium(loss=0.1),
-    duration_s=1.5,
-)
+DEEP = QoSProfile(depth=1000)
+FLOW = Flow(name="a", source="robot1", target="station", rate_hz=1000, reader_depth=10, qos=DEEP)
+DEEP_WRITER = Scenario(flows=(FLOW,), medium=Medium(loss=0.1), duration_s=1.5)
 
 
 @settings(max_examples=80, deadline=None)

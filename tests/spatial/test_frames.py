@@ -283,12 +283,8 @@ def test_names_that_match_no_rule_are_found_with_what_was_meant():
 @pytest.mark.parametrize(
     ("frame", "fits"),
     [
-        ("map", True),
-        ("go2/base", True),
-        ("go2/a/b", True),
-        ("base", False),
-        ("go1/base", False),
-        ("go2/", False),
+        *((frame, True) for frame in ("map", "go2/base", "go2/a/b")),
+        *((frame, False) for frame in ("base", "go1/base", "go2/")),
     ],
 )
 def test_frames_are_called_after_their_agent_or_shared(frame, fits):

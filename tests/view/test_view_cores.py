@@ -63,15 +63,10 @@ PARAMETERS = {
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("opacity", 1.5),
-        ("opacity", float("nan")),
-        ("opacity", True),
-        ("opacity", "1"),
-        ("count", 0),
-        ("count", 1.0),
+        *(("opacity", value) for value in (1.5, float("nan"), True, "1")),
+        *(("count", value) for value in (0, 1.0)),
         ("mode", "c"),
-        ("on", 1),
-        ("on", None),
+        *(("on", value) for value in (1, None)),
     ],
 )
 def test_a_parameter_refuses_another_type_or_what_is_out_of_range(name, value):
