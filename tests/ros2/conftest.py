@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 
 from sfglab.cli import app
 from sfglab.lab import ros2
+from sfglab.lab.hosts import Network
 from sfglab.messages import definition
 from sfglab.messages.store import type_store
 
@@ -70,6 +71,15 @@ def _package_of_transforms(folder):
         file.parent.mkdir(exist_ok=True)
         file.write_text(definition(f"tf2_msgs/msg/{name}").partition("=" * 80)[0])
     return package
+
+
+@pytest.fixture(scope="module")
+def network(request):
+    """Test hosts that a module's `DOMAINS` name."""
+    with Network(grace_s=0.2) as made:
+        for name in request.module.DOMAINS:
+            made.add_host(name)
+        yield made
 
 
 @pytest.fixture

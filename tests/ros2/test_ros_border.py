@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-import sys
 from contextlib import AsyncExitStack, asynccontextmanager
 from signal import SIGCONT, SIGSTOP
 
 import pytest
-from beside import ANSWER_S, asked, until
+from beside import ANSWER_S, STRING, asked, component, until
 
 from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
-from sfglab.component import argument_of
 from sfglab.fleet.decoder.node import DecoderConfig
 from sfglab.fleet.router.node import RouterConfig
-from sfglab.lab.hosts import Network
 from sfglab.messages import default_message, serialize
-from sfglab.processes import LineProcess
 
 pytestmark = [pytest.mark.live, pytest.mark.ros, pytest.mark.netns]
 
-STRING = "std_msgs/msg/String"
 IMAGE = "sensor_msgs/msg/Image"
 HELLO = serialize(default_message(STRING)).hex()
 STATE = "/global/go2/state"
@@ -30,25 +25,6 @@ STREAM = "/global/go2/camera_front/color/ffmpeg"
 DECODED = "/local/go2/camera_front/color/image_raw"
 NAMELESS = "/".join(2 * ["_CREATED_BY_BARE_DDS_APP_"])
 GLOBAL, DOMAINS = 5, {"go2": 7, "spot": 8}
-
-
-@pytest.fixture(scope="module")
-def network():
-    with Network(grace_s=0.2) as made:
-        for name in DOMAINS:
-            made.add_host(name)
-        yield made
-
-
-@asynccontextmanager
-async def component(host, module, config):
-    argv = [sys.executable, "-m", module, argument_of(config)]
-    process = await LineProcess.start(module, host.argv(argv))
-    try:
-        await process.expect("ready", timeout_s=ANSWER_S)
-        yield process
-    finally:
-        await process.close()
 
 
 @asynccontextmanager
@@ -177,20 +153,16 @@ async def test_qos_is_across_two_routers_what_it_is_without(network, peer):
         await everybody_hears(go2, hearers, told)
         go2.signal(SIGSTOP)
         try:
-            await until(lambda: same(told, 0))
+            await until(lambda: all(each.alive == dict.fromkeys(LEASED, 0) for each in told))
         finally:
             go2.signal(SIGCONT)
 
         async def alive_again():
             for topic in LEASED:
                 await publish(go2, topic, {})
-            return await same(told, 1)
+            return all(each.alive == dict.fromkeys(LEASED, 1) for each in told)
 
         await until(alive_again)
-
-
-async def same(told, count):
-    return all(each.alive == dict.fromkeys(LEASED, count) for each in told)
 
 
 async def everybody_hears(go2, hearers, told):
@@ -242,15 +214,10 @@ async def test_reliable_topics_lose_nothing_across_two_routers(network, peer, di
 @pytest.mark.feature("What will never be heard is said, with the node's name: QoS and types")
 async def test_a_subscription_says_which_node_it_will_never_hear(peer, domain_id, caplog):
     async with peer("whisperer") as ros, Node("us", domain_id=domain_id) as node:
-        await asked(
-            ros, "publish", "published", kind=STRING, topic="/x", qos={"reliability": "best_effort"}, cdr=[]
-        )
+        qos = {"reliability": "best_effort"}
+        await asked(ros, "publish", "published", kind=STRING, topic="/x", qos=qos, cdr=[])
         node.create_subscription(STRING, "/x")
-
-        async def said():
-            return "publisher of node '/whisperer': reliability" in caplog.text
-
-        await until(said)
+        await until(lambda: "publisher of node '/whisperer': reliability" in caplog.text)
 
 
 async def first_heard(go2, spot):

@@ -22,7 +22,6 @@ from sfglab.fields import to_json
 from sfglab.fleet.decoder.node import DecoderConfig
 from sfglab.fleet.router.node import RouterConfig
 from sfglab.lab import ros2
-from sfglab.lab.hosts import Network
 from sfglab.messages import service_type
 
 pytestmark = [pytest.mark.live, pytest.mark.ros]
@@ -79,14 +78,6 @@ def ros_node(peer):
     """A function that starts a real node with services and actions, which the test's block ends."""
     program = Path(__file__).with_name("service_peer.py")
     return lambda name, host=None, **values: peer(name, host, program=program, **values)
-
-
-@pytest.fixture(scope="module")
-def network():
-    with Network(grace_s=0.2) as made:
-        for name in DOMAINS:
-            made.add_host(name)
-        yield made
 
 
 @asynccontextmanager
