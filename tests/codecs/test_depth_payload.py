@@ -56,13 +56,8 @@ QUANTISED = [
     (2.0, 4041, 2.0),
     (0.16, 62116, 10100 / 63125),
     (9.99, 2, 10100 / 1011),
-    (10.0, 0, np.nan),
-    (11.0, 0, np.nan),
     (0.15, 0, np.nan),  # 66324 does not fit; the plugin's cast is undefined there
-    (0.0, 0, np.nan),
-    (-1.0, 0, np.nan),
-    (np.nan, 0, np.nan),
-    (np.inf, 0, np.nan),
+    *((nowhere_m, 0, np.nan) for nowhere_m in (10.0, 11.0, 0.0, -1.0, np.nan, np.inf)),
 ]
 
 

@@ -153,18 +153,10 @@ def test_a_refusal_survives_being_sent_to_another_process():
     assert str(copy.deepcopy(error)) == str(error)  # the same protocol as pickling
 
 
+KEYS = ["fleet", "agents", "go2", "domain", "publishes", "name", "qos", "tf", "frames", "policy"]
 values = st.recursive(
     st.none() | st.booleans() | st.integers(-5, 300) | st.text(max_size=8) | st.sampled_from(["/tf", "go2"]),
-    lambda inner: (
-        st.lists(inner, max_size=3)
-        | st.dictionaries(
-            st.sampled_from(
-                ["fleet", "agents", "go2", "domain", "publishes", "name", "qos", "tf", "frames", "policy"]
-            ),
-            inner,
-            max_size=4,
-        )
-    ),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(KEYS), inner, max_size=4),
     max_leaves=12,
 )
 

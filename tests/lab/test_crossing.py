@@ -20,14 +20,8 @@ pytestmark = pytest.mark.live
 
 BYTES = 10_000
 TINY = exp.config("smoke", live_bytes=(BYTES,), live_subscribers=(2,), live_rounds=2)
-SMT = Round(
-    publisher="software",
-    gateway=False,
-    message_bytes=BYTES,
-    offset=0,
-    order=("reader0", "subscriber", "reader1"),
-    woken=(),
-)
+ORDER = ("reader0", "subscriber", "reader1")
+SMT = Round(publisher="software", gateway=False, message_bytes=BYTES, offset=0, order=ORDER, woken=())
 
 
 def descriptors():

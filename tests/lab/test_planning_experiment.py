@@ -29,18 +29,9 @@ def test_the_reference_run_fills_its_claim(run):
 
 
 def test_every_way_in_which_a_goal_can_end_was_seen(run):
-    assert set(run["goal"]["outcome"]) == {
-        "succeeded",
-        "canceled",
-        "overtaken",
-        "busy",
-        "unknown agent",
-        "unknown frame",
-        "start too far",
-        "limits exceeded",
-        "invalid trajectory",
-        "server gone",
-    }
+    ended = {"succeeded", "canceled", "overtaken", "server gone"}
+    refused = {"busy", "unknown agent", "unknown frame", "start too far", "limits exceeded"}
+    assert set(run["goal"]["outcome"]) == ended | refused | {"invalid trajectory"}
 
 
 def test_the_log_holds_plans_and_poses_as_messages(run):

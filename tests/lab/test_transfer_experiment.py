@@ -198,20 +198,13 @@ def test_small_graphs_stay_within_their_number_of_nodes():
 
 
 def test_known_live_times_are_found_again(run):
+    cell = {"publisher": "hardware", "message_bytes": 1000, "subscribers": 4, "place": 0}
     rows = [
         CrossingRow(
-            repeat=repeat,
-            publisher="hardware",
-            transport=transport,
-            message_bytes=1000,
-            subscribers=4,
-            place=0,
-            hardware_ns=(6000 if transport == "smt" else 2000) + repeat,
-            software_ns=1000,
-            load=1.0,
+            **cell, repeat=repeat, transport=transport, hardware_ns=time_ns + repeat, software_ns=1000, load=1.0
         )
         for repeat in range(11)
-        for transport in ("gateway", "smt")
+        for transport, time_ns in (("gateway", 2000), ("smt", 6000))
     ]
     made = {"crossing": pd.DataFrame(rows)}
     found = live_speed_up(made, Panel.HARDWARE_TO_HARDWARE, 4, 1000)

@@ -1,7 +1,5 @@
 """What tests beside real ROS 2 ask of it."""
 
-from __future__ import annotations
-
 import asyncio
 import sys
 from contextlib import asynccontextmanager, suppress

@@ -1,7 +1,5 @@
 """Real ROS 2 beside the tests: a node of rclpy in an interpreter of its own, for each distribution."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -5,8 +5,6 @@
 `python tests/ros2/features.py` writes the table anew.
 """
 
-from __future__ import annotations
-
 import sys
 from importlib import import_module
 from pathlib import Path

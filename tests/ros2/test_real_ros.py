@@ -1,7 +1,5 @@
 """Interoperability with real ROS 2: rclpy of two distributions on its own Fast DDS, beside our nodes."""
 
-from __future__ import annotations
-
 import asyncio
 import itertools
 import os

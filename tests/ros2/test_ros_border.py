@@ -1,7 +1,5 @@
 """The border beside real ROS 2: rclpy on both ends of two routers, each on a host of its own."""
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import AsyncExitStack, asynccontextmanager
 from signal import SIGCONT, SIGSTOP

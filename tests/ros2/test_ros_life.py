@@ -1,7 +1,5 @@
 """A user's environment, publishers that come and go, and processes that die, beside real ROS 2."""
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 

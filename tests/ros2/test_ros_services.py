@@ -1,7 +1,5 @@
 """Services and actions beside real rclpy on Fast DDS: of our own nodes, and across two routers."""
 
-from __future__ import annotations
-
 import asyncio
 import signal
 import statistics

@@ -1,7 +1,5 @@
 """Types of services and types without a wheel, beside rclpy: what it makes of them; transforms both ways."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from beside import LATCHED, asked, bent, echoed, until

@@ -99,15 +99,9 @@ def test_runs_in_threads_are_the_same_as_one_after_the_other(vendor):
 # --- The event heap: earliest first, equal times in the order of insertion.
 
 
-events = st.lists(
-    st.tuples(
-        st.integers(0, 5) | st.integers(0, 2**62),
-        st.sampled_from([int(kind) for kind in Event]),
-        st.integers(0, 2**20 - 1),
-    ),
-    min_size=1,
-    max_size=200,
-)
+times = st.integers(0, 5) | st.integers(0, 2**62)
+kinds = st.sampled_from([int(kind) for kind in Event])
+events = st.lists(st.tuples(times, kinds, st.integers(0, 2**20 - 1)), min_size=1, max_size=200)
 
 
 @settings(deadline=None)  # the first example compiles

@@ -1,6 +1,7 @@
 """Trajectories sent to agents over the bus: the same facts live and simulated."""
 
 import asyncio
+from contextlib import asynccontextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -72,6 +73,13 @@ def order(*length_and_duration, agent="go2"):
     return Order(agent=agent, trajectory=path(*length_and_duration))
 
 
+@asynccontextmanager
+async def served(node, setup=None):
+    """A node that sends orders, and the server of an agent on another one."""
+    async with node("go2") as far, node("planner") as near, TrajectoryServer(far, "go2", setup=setup) as server:
+        yield near, server
+
+
 async def until(predicate):
     async with asyncio.timeout(60):
         while not predicate():
@@ -81,7 +89,7 @@ async def until(predicate):
 def test_an_agent_goes_along_a_trajectory_and_says_how_it_gets_on(world):
     async def scenario(node):
         heard = []
-        async with node("go2") as far, node("planner") as near, TrajectoryServer(far, "go2") as server:
+        async with served(node) as (near, server):
             assert server.action_name == "/global/go2/execute_trajectory" == action_name("go2")
             ended = await execute(near, order(), on_feedback=heard.append)
             assert not server.busy
@@ -100,11 +108,7 @@ def test_an_agent_goes_along_a_trajectory_and_says_how_it_gets_on(world):
 def test_a_canceled_agent_brakes_and_only_then_the_goal_ends(world):
     async def scenario(node):
         setup = AgentSetup(dynamics=Dynamics(limits=Limits(speed_m_s=1.0, acceleration_m_s2=2.0)))
-        async with (
-            node("go2") as far,
-            node("planner") as near,
-            TrajectoryServer(far, "go2", setup=setup) as server,
-        ):
+        async with served(node, setup) as (near, server):
             moving = asyncio.Event()
             order = Order(agent="go2", trajectory=path(8.0, 10.0))
             execution = await send(near, order, on_feedback=lambda f: f.share > 0.03 and moving.set())
@@ -124,11 +128,7 @@ def test_a_canceled_agent_brakes_and_only_then_the_goal_ends(world):
 def test_a_task_that_is_cancelled_leaves_an_agent_that_stands(world):
     async def scenario(node):
         setup = AgentSetup(dynamics=Dynamics(limits=Limits(speed_m_s=1.0, acceleration_m_s2=2.0)))
-        async with (
-            node("go2") as far,
-            node("planner") as near,
-            TrajectoryServer(far, "go2", setup=setup) as server,
-        ):
+        async with served(node, setup) as (near, server):
             task = asyncio.create_task(execute(near, order(8.0, 10.0)))
             await until(lambda: server.state.speed_m_s > 0.3)
             task.cancel()
@@ -143,7 +143,7 @@ def test_a_task_that_is_cancelled_leaves_an_agent_that_stands(world):
 @pytest.mark.parametrize("after_s", [0.0, 0.05, 0.3])
 def test_a_task_that_is_cancelled_while_it_sends_leaves_nobody_moving(after_s):
     async def scenario(node):
-        async with node("go2") as far, node("planner") as near, TrajectoryServer(far, "go2") as server:
+        async with served(node) as (near, server):
             task = asyncio.create_task(execute(near, order(8.0, 10.0)))
             await asyncio.sleep(after_s)
             task.cancel()
@@ -166,11 +166,7 @@ def test_what_an_agent_does_not_take_ends_at_once_with_the_reason(world):
             replace(FOLLOW_TRAJECTORY, goal=lambda order, points=points: _with_points(order, points))
             for points in ((), backwards)
         )
-        async with (
-            node("go2") as far,
-            node("planner") as near,
-            TrajectoryServer(far, "go2", setup=setup) as server,
-        ):
+        async with served(node, setup) as (near, server):
             ended = await execute(near, spot, action=server.action_name)
             assert (ended.outcome, ended.text) == (Outcome.UNKNOWN_AGENT, "agent: given 'spot', allowed: 'go2'")
             for dialect in (empty, reversed_):
@@ -203,11 +199,7 @@ def test_a_server_that_does_not_explain_rejects():
 def test_a_second_goal_is_refused_or_takes_the_place_of_the_first(world, preempt):
     async def scenario(node):
         setup = AgentSetup(preempt=preempt, tolerances=Tolerances(start_m=2.0))
-        async with (
-            node("go2") as far,
-            node("planner") as near,
-            TrajectoryServer(far, "go2", setup=setup) as server,
-        ):
+        async with served(node, setup) as (near, server):
             first = await send(near, Order(agent="go2", trajectory=path(0.5, 1.0)))
             await until(lambda: server.busy)
             second = await execute(near, order(0.2, 0.3))
