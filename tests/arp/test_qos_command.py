@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
 import yaml
-from typer.testing import CliRunner
+from commands import called
 
-from sfglab.cli import app, main
+from sfglab.cli import main
 from sfglab.errors import SfglabError
 
 DATA = Path(__file__).parents[2] / "data" / "qos"
 PAPER_B, WAREHOUSE = str(DATA / "paper_b.yaml"), str(DATA / "warehouse.yaml")
 
 
-def call(*arguments: str) -> str:
-    done = CliRunner().invoke(app, ["qos", *arguments])
-    if done.exception is not None:
-        raise done.exception
-    assert done.exit_code == 0, done.output
-    return done.output
+call = partial(called, "qos")
 
 
 def test_the_table_has_a_line_for_each_topic_and_what_the_link_bears():

