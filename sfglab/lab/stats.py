@@ -1,12 +1,13 @@
-"""Estimates with intervals: medians, slopes and ratios by the bootstrap.
+"""Estimates with intervals: medians, slopes and ratios by the bootstrap, shares and differences by scores.
 
 Every figure that the ledger prints is an `Estimate`. Intervals are percentile intervals of 2,000 seeded
-resamples (B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 1993, chapter 13). Knows arrays;
-refuses to know experiments and logs.
+resamples (B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 1993, chapter 13), of shares those of
+Wilson and Newcombe. Knows arrays; refuses to know experiments and logs.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 RESAMPLES = 2000
 INTERVAL = (2.5, 97.5)
+_Z = 1.959963984540054  # of 95 %
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,3 +95,29 @@ def line_fit(x: Floats, y: Floats) -> tuple[float, float]:
         return float("nan"), float("nan")
     slope = float(np.sum((x - x.mean()) * (y - y.mean())) / spread)
     return slope, float(y.mean() - slope * x.mean())
+
+
+def wilson(successes: int, runs: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share, which stays sensible at 0 and 1 (E. B. Wilson, JASA 22, 1927)."""
+    share, z2 = successes / runs, _Z**2
+    middle = (share + z2 / (2 * runs)) / (1 + z2 / runs)
+    half = _Z / (1 + z2 / runs) * math.sqrt(share * (1 - share) / runs + z2 / (4 * runs**2))
+    # At 0 and 1 an end is the share itself, but for the last bit.
+    return max(0.0, min(share, middle - half)), min(1.0, max(share, middle + half))
+
+
+def share_of(successes: int, runs: int, *, unit: str) -> Estimate:
+    """Estimate a share with Wilson's interval; `runs` is 1 at least."""
+    low, high = wilson(successes, runs)
+    return Estimate(value=successes / runs, low=low, high=high, unit=unit)
+
+
+def difference_of(more: Estimate, less: Estimate, *, unit: str) -> Estimate:
+    """Estimate a difference of shares of independent runs, given both by `share_of`.
+
+    The interval is method 10 of R. G. Newcombe, Statistics in Medicine 17 (1998), pages 873 to 890.
+    """
+    value = more.value - less.value
+    low = value - math.hypot(more.value - more.low, less.high - less.value)
+    high = value + math.hypot(more.high - more.value, less.value - less.low)
+    return Estimate(value=value, low=low, high=high, unit=unit)

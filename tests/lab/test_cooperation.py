@@ -12,7 +12,6 @@ from sfglab.arp.hallway import BEAMS_DEG, SCAN_HZ, Command
 from sfglab.arp.robots import METHODS, RATES_HZ
 from sfglab.lab.experiments import cooperation
 from sfglab.lab.experiments.cooperation import exp
-from sfglab.lab.experiments.cooperation.analysis import wilson
 from sfglab.lab.experiments.cooperation.experiment import (
     COMMAND_BYTES,
     DEPTHS,
@@ -158,12 +157,6 @@ def test_the_difference_is_the_mean_over_rates():
     estimate = cooperation.difference(pd.DataFrame(rows, columns=["method", "rate_max_hz", "success"]))
     assert estimate.value == pytest.approx(1.0 - (0.0 + 0.5) / 2)
     assert estimate.low <= estimate.value <= estimate.high
-
-
-def test_an_interval_of_a_share_is_wilsons():
-    """The values of R. G. Newcombe, Statistics in Medicine 17 (1998), table I: 81 of 263, and 0 of 20."""
-    assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=1e-4)
-    assert wilson(0, 20) == pytest.approx((0.0, 0.1611), abs=1e-4)
 
 
 def test_a_command_travels_as_a_twist_without_loss():

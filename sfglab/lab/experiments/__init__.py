@@ -24,6 +24,7 @@ EXPERIMENTS = (
     "balancing",
     "transmission",
     "cooperation",
+    "phases",
     "gateways",
     "transfer",
     "driving",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from sfglab.arp.robots import METHODS
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.cooperation.experiment import Config, exp
 from sfglab.lab.runs import Run, derived
-from sfglab.lab.stats import Estimate, bootstrap
+from sfglab.lab.stats import Estimate, bootstrap, wilson
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,22 +23,12 @@ if TYPE_CHECKING:
 
 
 AS_IS = "Fast DDS, 1 % loss"
-_Z = 1.959963984540054  # of 95 %
 
 
 @derived
 def courses(run: Run[Config], table: str = "course") -> pd.DataFrame:
     """Return one line a run, of the table ``course`` or ``contrast``, with ``success``."""
     return run[table].assign(success=run[table]["end"] == End.SUCCESS.value)
-
-
-def wilson(successes: int, runs: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share, which stays sensible at 0 and 1 (E. B. Wilson, JASA 22, 1927)."""
-    share, z2 = successes / runs, _Z**2
-    middle = (share + z2 / (2 * runs)) / (1 + z2 / runs)
-    half = _Z / (1 + z2 / runs) * math.sqrt(share * (1 - share) / runs + z2 / (4 * runs**2))
-    # At 0 and 1 an end is the share itself, but for the last bit.
-    return max(0.0, min(share, middle - half)), min(1.0, max(share, middle + half))
 
 
 def rates(courses: pd.DataFrame, *keys: str) -> pd.DataFrame:

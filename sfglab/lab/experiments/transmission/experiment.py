@@ -20,11 +20,12 @@ import numpy as np
 
 from sfglab.arp.balancing import Balance, BalanceInput, balance_closed_form
 from sfglab.arp.programme import plan
-from sfglab.arp.robots import DEPTHS, METHODS, PLAN_S, RATES_HZ, ROBOTS, SENSORS, TAKE_S
+from sfglab.arp.robots import DEPTHS, METHODS, PLAN_S, RATES_HZ, ROBOTS, SENSORS, TAKE_S, cdr_bytes
 from sfglab.arp.topics import Topic
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
+from sfglab.lab.experiments.transmission.freshness import up_to_date
 from sfglab.lab.sweep import Workers
 from sfglab.qos import QoSProfile
 from sfglab.rtps import PRESETS, Drop, Fate, Flow, Medium, Scenario, run
@@ -36,17 +37,22 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sfglab.arp.plan import Plan
+    from sfglab.arp.robots import Sensor
     from sfglab.rtps import FlowOutcome, Outcome, Vendor
 
 
 OPT_DEPTH = "opt"
 """The depth that Eq. 6 gives."""
 STATION = "station"
-HELLO_UP, HELLO_DOWN = "robot1/hello", "robot1/move"
+HELLO_UP, HELLO_HOP, HELLO_DOWN = "robot1/hello", "robot3/localisation", "robot1/move"
+HELLOS = (HELLO_UP, HELLO_HOP, HELLO_DOWN)
 HELLO_BYTES = len("Hello") + 1 + 4 + 4
 """CDR: header, length, text and its final zero (RTPS 2.5, clause 10)."""
 THREADS = Workers(threads=True)
 """Sweeps run in threads: the time is spent in compiled code."""
+
+
+Sizes = Literal["table", "cdr"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,6 +70,10 @@ class Point:
     loss: float = Medium().loss  #: Share of frames that the air loses.
     size_factor: float = 1.0  #: Size of the sensors' values, as a multiple of the paper's.
     vendor: str = "fast_dds"  #: One of `PRESETS`.
+    #: Whether robot 3's localisation runs on its own machine, as Fig. 9 has it, and "Hello" goes by there.
+    hop: bool = False
+    sizes: Sizes = "table"  #: Whether sensors' values have the sizes of Table 1, those of Python, or CDR's.
+    slower: float = 1.0  #: How many times as long as `PLAN_S` and `TAKE_S` the station's computer takes.
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -85,6 +95,9 @@ class Config(Profiled):
     #: Size of the sensors' values, as a multiple of the paper's.
     size_factor: float = between(1.0, 0.1, 10.0, log=True)
     vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"  #: Whose timing; the paper used Fast DDS.
+    hop: bool = False  #: Whether "Hello" goes by robot 3's machine, as Fig. 9 has it.
+    sizes: Sizes = "table"  #: Sizes of sensors' values: those of Table 1, or CDR's.
+    slower: float = between(1.0, 0.1, 100.0, log=True)  #: How slow the station's computer is.
     live_s: float = 8.0  #: How long each live cell is, seconds; 0: none is run.
     live_rates_hz: tuple[int, ...] = (100, 200)  #: Rmax of the live cells.
     #: DEPTH of the live cells; optimised methods run with ``opt`` as well.
@@ -128,6 +141,9 @@ def cells_of(config: Config, *, loss: float | None = None) -> Callable[..., Poin
         loss=config.loss if loss is None else loss,
         size_factor=config.size_factor,
         vendor=config.vendor,
+        hop=config.hop,
+        sizes=config.sizes,
+        slower=config.slower,
     )
 
 
@@ -175,7 +191,7 @@ def scenario_of(
     phases = np.random.default_rng(seed).uniform(0, 1 / rate_hz, sum(map(len, ROBOTS.values())) + 1)
     flows = _sensor_flows(point, rate_hz, qos, phases)
     return Scenario(
-        flows=(*flows, *_hello_flows(rate_hz, qos, float(phases[-1]))),
+        flows=(*flows, *_hello_flows(point, rate_hz, qos, float(phases[-1]))),
         medium=medium or Medium(loss=point.loss),
         vendor=vendor or PRESETS[point.vendor],
         duration_s=point.duration_s,
@@ -190,13 +206,13 @@ def _sensor_flows(point: Point, rate_hz: float, qos: QoSProfile, phases: np.ndar
             name=f"{robot}/{sensor}",
             source=robot,
             target=STATION,
-            size_bytes=round(point.size_factor * SENSORS[sensor].table_bytes),
+            size_bytes=round(point.size_factor * _size_of(SENSORS[sensor], point.sizes)),
             rate_hz=rate_hz,
             phase_s=float(phase),
             qos=qos,
             executor=f"{robot} planning",
-            service_s=TAKE_S + PLAN_S,
-            compare_s=TAKE_S if method.cache_control else None,
+            service_s=point.slower * (TAKE_S + PLAN_S),
+            compare_s=point.slower * TAKE_S if method.cache_control else None,
             change_s=SENSORS[sensor].change_s,
             cached=method.local_cache,
         )
@@ -204,8 +220,13 @@ def _sensor_flows(point: Point, rate_hz: float, qos: QoSProfile, phases: np.ndar
     ]
 
 
-def _hello_flows(rate_hz: float, qos: QoSProfile, phase_s: float) -> tuple[Flow, Flow]:
+def _size_of(sensor: Sensor, sizes: Sizes) -> int:
+    return sensor.table_bytes if sizes == "table" else cdr_bytes(sensor)
+
+
+def _hello_flows(point: Point, rate_hz: float, qos: QoSProfile, phase_s: float) -> tuple[Flow, ...]:
     """Every "Hello" is counted, so none repeats another and no cache holds it back."""
+    plans = 1 if point.hop else 2  # robot 1's localisation, and robot 3's where that is in the station
     up = Flow(
         name=HELLO_UP,
         source="robot1",
@@ -215,13 +236,28 @@ def _hello_flows(rate_hz: float, qos: QoSProfile, phase_s: float) -> tuple[Flow,
         phase_s=phase_s,
         qos=qos,
         executor="robot1 planning",
-        service_s=TAKE_S + 2 * PLAN_S,  # robot 1's localisation, and robot 3's
-        then=HELLO_DOWN,
+        service_s=point.slower * (TAKE_S + plans * PLAN_S),
+        then=HELLO_HOP if point.hop else HELLO_DOWN,
     )
-    down = Flow(
-        name=HELLO_DOWN, source=STATION, target="robot1", size_bytes=HELLO_BYTES, qos=qos, service_s=TAKE_S
+    down = replace(
+        up,
+        name=HELLO_DOWN,
+        source="robot3" if point.hop else STATION,
+        target="robot1",
+        rate_hz=0.0,
+        phase_s=0.0,
+        executor=None,
+        service_s=TAKE_S,
+        then=None,
     )
-    return up, down
+    if not point.hop:
+        return up, down
+    service_s = TAKE_S + PLAN_S
+    return (
+        up,
+        replace(down, name=HELLO_HOP, source=STATION, target="robot3", service_s=service_s, then=HELLO_DOWN),
+        down,
+    )
 
 
 # --- A cell, simulated ----------------------------------------------------------------------------------------
@@ -277,7 +313,7 @@ def simulate_cell(point: Point, seed: int) -> dict[str, Any]:
     outcome = run(scenario, seed=seed)
     rate_hz, depth = rate_and_depth(point)
     counts = outcome.counts
-    sensors = [f for name, f in outcome.flows.items() if name not in (HELLO_UP, HELLO_DOWN)]
+    sensors = [f for name, f in outcome.flows.items() if name not in HELLOS]
     published = sum(len(f.fate) for f in sensors)
     return {
         "rate_hz": rate_hz,
@@ -332,8 +368,8 @@ def hello_latency_ms(outcome: Outcome) -> NDArray[np.float64]:
 
 def hello_losses(outcome: Outcome) -> dict[str, int]:
     """Return where "Hello"s were lost, up and down together, by `TransmissionRow`'s names."""
-    up, down = (_losses(outcome.flows[name]) for name in (HELLO_UP, HELLO_DOWN))
-    return {name: int(up[name].sum() + down[name].sum()) for name in up}
+    ways = [_losses(flow) for name, flow in outcome.flows.items() if name in HELLOS]
+    return {name: sum(int(lost[name].sum()) for lost in ways) for name in ways[0]}
 
 
 def _losses(flow: FlowOutcome) -> dict[str, NDArray[np.bool_]]:
@@ -450,42 +486,7 @@ def own_plan(cell: Point) -> Plan:
 def _planned(flow: Flow, chosen: Plan) -> Flow:
     """Give a flow its planned rate; its phase keeps its share of the period. The answer follows "Hello"."""
     qos = chosen[flow.name].qos
-    if flow.name == HELLO_DOWN:
+    if not flow.rate_hz:
         return replace(flow, qos=qos)
     rate_hz = chosen[flow.name].rate_hz
     return replace(flow, qos=qos, rate_hz=rate_hz, phase_s=flow.phase_s * flow.rate_hz / rate_hz)
-
-
-def up_to_date(flow: Flow, outcome: FlowOutcome, *, duration_s: float) -> float:
-    """Return the share of time in which the reader has the value that the sensor has now.
-
-    At a reading the sensor's value is known: that of the last sample published, held back or not. Until the
-    next reading it stays with probability exp(-t / change_s), as changes come at random; that is integrated.
-
-    Args:
-        flow: The flow, with its schedule of readings.
-        outcome: What became of its samples.
-        duration_s: Over which time, seconds.
-    """
-    # In whole nanoseconds, as the model schedules: rounding adds up, and a reading must not precede its sample.
-    first_ns, period_ns = round(flow.phase_s * NS_PER_S), round(NS_PER_S / flow.rate_hz)
-    readings = np.arange(first_ns, round(duration_s * NS_PER_S), period_ns) / NS_PER_S
-    received = outcome.received_ns[outcome.delivered] / NS_PER_S
-    times = np.unique(np.concatenate([readings, received[received < duration_s], [duration_s]]))
-    starts, ends = times[:-1], times[1:]
-    read_at = readings[np.maximum(np.searchsorted(readings, starts, side="right") - 1, 0)]
-    # Nanoseconds are rounded where the model schedules; half of one is far below any period.
-    published = outcome.published_ns / NS_PER_S - 1 / NS_PER_S
-    true = _last(outcome.value, published, read_at)
-    known = _last(outcome.value[outcome.delivered], received, starts)
-    since, until = starts - read_at, ends - read_at
-    stays = flow.change_s * (np.exp(-since / flow.change_s) - np.exp(-until / flow.change_s))
-    return float(stays[(true == known) & (known >= 0)].sum() / duration_s)
-
-
-def _last(values: NDArray[np.int32], since: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the value at each time; -1 before the first."""
-    place = np.searchsorted(since, at, side="right") - 1
-    if not len(values):
-        return np.full(len(at), -1)
-    return np.where(place >= 0, values[place], -1)

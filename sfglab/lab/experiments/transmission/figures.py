@@ -93,6 +93,8 @@ def draw_panel(axes: Axes, table: pd.DataFrame, *, scale: float = 1.0) -> None:
     """Draw the `cells` of one Rmax: a line a method over depths, bars from the lowest to the highest seed."""
     depths = list(dict.fromkeys(table["depth"]))
     for shift, method in enumerate(METHODS):
+        if method not in set(table["method"]):
+            continue
         part = table[table["method"] == method].set_index("depth").reindex(depths)
         middle = part["median"] * scale
         spread = np.stack([middle - part["min"] * scale, part["max"] * scale - middle])
