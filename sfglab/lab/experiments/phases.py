@@ -372,20 +372,10 @@ def shares(run: Run[Config]) -> pd.DataFrame:
 
 
 @exp.figure("phases", size=(10.5, 9.6))
-def draw_blocking(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw what holds where if a full queue blocks who sends, as Linux does, a row a mode of publication."""
-    return _draw_maps(figure, run, ("block",))
-
-
-@exp.figure("phases_queues", size=(10.5, 9.6), when=lambda run: set(run.config.queue_rules) != {"block"})
-def draw_dropping(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw what holds where if a full queue drops what comes last (tail), or what came first (head)."""
-    return _draw_maps(figure, run, tuple(rule for rule in run.config.queue_rules if rule != "block"))
-
-
-def _draw_maps(figure: Figure, run: Run[Config], rules: tuple[str, ...]) -> dict[str, Any]:
+def draw_maps(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw what holds where, without stalls, a row a mode of publication and what a full queue does."""
     table, keys = phases(run), ["queue_rule", "preset", "loss", "frame_us"]
-    table = table[table["queue_rule"].isin(rules) & (table["stall_ms"] == 0)]
+    table = table[table["stall_ms"] == 0]
     rows = [
         (key, part.groupby(keys, sort=False)[[*ANSWERS]].mean().reset_index())
         for key, part in table.groupby(keys[:2], sort=False)
