@@ -1,9 +1,13 @@
 """What tests beside real ROS 2 ask of it."""
 
 import asyncio
+import os
+import re
 import sys
 from contextlib import asynccontextmanager, suppress
 from inspect import isawaitable
+from pathlib import Path
+from signal import SIGKILL
 
 import numpy as np
 from random_messages import random_message
@@ -33,6 +37,15 @@ async def started(name, argv, host=None):
 def component(host, module, config):
     """Run a component of ours."""
     return started(module, [sys.executable, "-m", module, argument_of(config)], host)
+
+
+def kill(process):
+    """End a real node by force, and what it leaves in shared memory then."""
+    maps = Path(f"/proc/{process.pid}/maps").read_text(encoding="utf-8")
+    os.kill(process.pid, SIGKILL)
+    for segment in set(re.findall(r"/dev/shm/(fast\w+)", maps)):
+        for left in Path("/dev/shm").glob(f"*{segment}*"):
+            left.unlink(missing_ok=True)
 
 
 async def asked(process, do, answer, **values):

@@ -17,9 +17,7 @@ ELSEWHERE = (
     "</CycloneDDS>"
 )
 CDR = [serialize(default_message(STRING)).hex()]
-ENVIRONMENT = pytest.mark.feature(
-    "A user's environment (ROS_DOMAIN_ID, ROS_LOCALHOST_ONLY, ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_STATIC_PEERS)"
-)
+ENVIRONMENT = pytest.mark.feature("A user's environment: domain, localhost only, discovery range, static peers")
 
 
 @ENVIRONMENT

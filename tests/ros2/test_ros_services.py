@@ -10,7 +10,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from beside import ANSWER_S, asked, component, started, until
+from beside import ANSWER_S, asked, component, kill, started, until
 
 from sfglab.bus import BusTimeoutError, Node
 from sfglab.bus.address import BusAddress
@@ -148,7 +148,7 @@ async def test_a_node_serves_and_calls_and_its_program_is_repaired(ros_node, pyt
         program.send_signal(signal.SIGSTOP)
         lost = asyncio.create_task(asked_by_us(client, 1.0))
         await asyncio.sleep(0)
-        program.kill()
+        kill(program)
         with pytest.raises(BusTimeoutError):
             await lost
         assert await asked_by_us(client)
@@ -177,13 +177,13 @@ async def test_services_and_actions_cross_two_routers(network, ros_node, python)
         await perform(server, client)
 
         for program in programs(psutil.Process().children(recursive=True)):
-            program.kill()
+            kill(program)
 
         async def repaired():
             return (await call(client, timeout_s=0.5))["answers"] == [False]
 
         await until(repaired)
-        server.signal(signal.SIGKILL)
+        kill(server)
         assert (await call(client, timeout_s=1.0))["answers"] in ([None], [])
 
 
