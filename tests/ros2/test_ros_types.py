@@ -86,7 +86,7 @@ async def test_transforms_reach_both_sides_latched_ones_also_who_comes_later(pee
                 async def both_hear():
                     moving.publish(tree("us/odom", "us/base", 0, 0, 3))
                     await publish(TF, {"depth": 100}, tree("ros/odom", "ros/base", 0.5, 0, 0))
-                    return {"ros/base", "ros/odom"} <= set(buffer.frames) and {
+                    return {"ros/base", "ros/odom"} <= {edge.child for edge in buffer.edges} and {
                         (TF_STATIC, "us/odom"),
                         (TF, "us/base"),
                     } <= heard.keys()
