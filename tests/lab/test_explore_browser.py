@@ -87,8 +87,9 @@ HANDLE = """(() => { const row = [...document.querySelectorAll('.widget-slider')
   const handle = row.querySelector('.noUi-handle').getBoundingClientRect();
   return [handle.x + handle.width / 2, handle.y + handle.height / 2, track.x, track.width]; })()"""
 LEAVE = """jupyterapp.shell.currentWidget.context.model.dirty = false;
+  window.addEventListener("beforeunload", (event) => event.stopImmediatePropagation(), { capture: true });
   void jupyterapp.serviceManager.sessions.shutdownAll();"""
-"""End the kernel; the page does not ask whether to save when the next one is opened."""
+"""End the kernel; the page does not ask whether to save when the next one is opened: nobody would answer."""
 SESSION = "window.jupyterapp?.shell.currentWidget?.sessionContext"
 FRAME = "document.querySelector('.jp-OutputArea iframe')"
 INSIDE = """(() => {
