@@ -33,13 +33,12 @@ def _lack_of_a_browser() -> str:
 
 
 def _lack_of_ros() -> str:
-    from sfglab.lab.ros2 import RosMissingError, distributions
+    from sfglab.lab.ros2 import TESTED, RosMissingError, distributions
 
-    missing = [name for name in DISTRIBUTIONS if name not in distributions()]
+    missing = [name for name in TESTED if name not in distributions()]
     return str(RosMissingError(missing)) if missing else ""
 
 
-DISTRIBUTIONS = ("jazzy", "kilted")
 NEEDS = {"netns": cache(_lack_of_namespaces), "browser": cache(_lack_of_a_browser), "ros": cache(_lack_of_ros)}
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sfglab.bus.ros.services import ros_command, sourced_python
 from sfglab.errors import SfglabError
 from sfglab.lab.paths import find_project
 from sfglab.processes import Member
@@ -20,9 +21,8 @@ if TYPE_CHECKING:
 
 PEER = Path(__file__).parent / "workers" / "rclpy_peer.py"
 """The program: a node of rclpy that does as it is told."""
-
-# Theirs are not the wheels', and those of another distribution's wheels would be.
-_FOREIGN = ("PYTHONPATH", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
+TESTED = ("jazzy", "kilted")
+"""The distributions that our nodes are tested beside, which `make ros` brings."""
 
 
 class RosMissingError(SfglabError):
@@ -38,18 +38,15 @@ class Distribution:
 
     name: str  #: As ``ROS_DISTRO`` has it.
     python: Path  #: Its interpreter.
-    sourced: bool = (
-        False  #: Whether it is the system's, whose set-up our environment has; else `make ros` made it.
-    )
+    #: Whether it is the system's, whose set-up our environment has; else `make ros` made it.
+    sourced: bool = False
 
     def __str__(self) -> str:
         return f"{self.name} ({'sourced' if self.sourced else 'make ros'})"
 
     def argv(self, *arguments: str, **environment: object) -> list[str]:
         """Return the command line that runs a script, such as `PEER`, with environment variables of its own."""
-        foreign = [] if self.sourced else [f"--unset={name}" for name in _FOREIGN]
-        values = {"ROS_DISTRO": self.name, "PYTHONSAFEPATH": 1, **environment}
-        return ["env", *foreign, *(f"{k}={v}" for k, v in values.items()), str(self.python), *arguments]
+        return ros_command(str(self.python), *arguments, **{"ROS_DISTRO": self.name, **environment})
 
 
 def distributions() -> dict[str, Distribution]:
@@ -57,8 +54,8 @@ def distributions() -> dict[str, Distribution]:
     made = sorted(path.parent for path in find_project().root.glob(".venv-*/.ready"))
     names = {venv.name.removeprefix(".venv-"): venv / "bin" / "python" for venv in made}
     found = {name: Distribution(name=name, python=python) for name, python in names.items()}
-    if os.environ.get("AMENT_PREFIX_PATH") and (name := os.environ.get("ROS_DISTRO", "")):
-        found.setdefault(name, Distribution(name=name, python=Path("/usr/bin/python3"), sourced=True))
+    if (python := sourced_python()) and (name := os.environ.get("ROS_DISTRO", "")):
+        found.setdefault(name, Distribution(name=name, python=Path(python), sourced=True))
     return found
 
 
@@ -78,9 +75,8 @@ class RosMember(Member):
     """A `PEER` on a test host, as a process of a group; `config` are its arguments."""
 
     module: str = str(PEER)
-    distribution: Distribution = field(
-        default_factory=distribution
-    )  #: Whose it is; the first one that is there.
+    #: Whose it is; the first one that is there.
+    distribution: Distribution = field(default_factory=distribution)
     environment: tuple[tuple[str, str], ...] = ()  #: Environment variables of its own.
 
     @property

@@ -11,7 +11,6 @@ from importlib import resources
 from pathlib import Path
 
 import features
-import machine
 import pytest
 from beside import started
 from typer.testing import CliRunner
@@ -37,7 +36,7 @@ def pytest_runtest_makereport(item, call):
     return report
 
 
-@pytest.fixture(params=machine.DISTRIBUTIONS)
+@pytest.fixture(params=ros2.TESTED)
 def distribution(request, monkeypatch):
     """A distribution's name, in our environment too: it says what ROS 2 puts on the wire."""
     monkeypatch.setenv("ROS_DISTRO", request.param)

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from sfglab.lab.experiments.ros2 import DISTRIBUTIONS, UNTESTED, FeatureRow, compatibility
+from sfglab.lab.experiments.ros2 import UNTESTED, FeatureRow, compatibility
+from sfglab.lab.ros2 import TESTED
 
 HERE = Path(__file__).parent
 README = HERE.parents[1] / "README.md"
@@ -20,7 +21,7 @@ BEGIN, END = "<!-- compatibility: tests/ros2/features.py -->\n", "<!-- end -->\n
 ELSEWHERE = ("rmw_cyclonedds_cpp, rmw_connextdds, rmw_zenoh_cpp", "Humble, Rolling", "ROS 2 on aarch64")
 
 
-def rows_of(function, distributions=DISTRIBUTIONS):
+def rows_of(function, distributions=TESTED):
     """Yield a row for each feature that a test shows and each distribution."""
     for mark in getattr(function, "pytestmark", ()):
         if mark.name == "feature":
@@ -45,7 +46,7 @@ def tests():
 def table():
     """Return the README's table, as it is while all tests pass."""
     rows = pd.DataFrame([row for test in tests() for row in rows_of(test)])
-    lines = [f"| beside real rclpy | {' | '.join(map(str.capitalize, DISTRIBUTIONS))} |", "|---|---|---|"]
+    lines = [f"| beside real rclpy | {' | '.join(map(str.capitalize, TESTED))} |", "|---|---|---|"]
     lines += [f"| {' | '.join(row)} |" for row in compatibility(rows).itertuples(index=False)]
     lines += [f"| {name} | {UNTESTED} | {UNTESTED} |" for name in ELSEWHERE]
     return "\n".join(lines) + "\n"

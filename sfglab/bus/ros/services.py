@@ -36,14 +36,25 @@ _PROGRAM = Path(__file__).with_name("program.py")
 _LINE_LIMIT_BYTES = 40 * 2**20  # the program's limit of a message in hexadecimal digits, and more
 _PAUSE_S = 0.5
 _PARTICIPANT = bytes.fromhex("000001c1")  # its entity id (RTPS 2.5, clause 9.3.1.3)
-# Theirs are not those of an interpreter that nobody has sourced.
+# Ours, and those of a ROS 2 that is sourced, would mislead another one's interpreter.
 _FOREIGN = ("PYTHONPATH", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
+
+
+def sourced_python() -> str:
+    """Return the interpreter of a ROS 2 that our environment has the set-up of; empty where it has none."""
+    return "/usr/bin/python3" if os.environ.get("AMENT_PREFIX_PATH") else ""
 
 
 def ros_python() -> str:
     """Return ROS 2's interpreter, by name or the system's where ROS 2 is sourced; empty where there is none."""
-    sourced = "/usr/bin/python3" if os.environ.get("AMENT_PREFIX_PATH") else ""
-    return os.environ.get(PYTHON_VARIABLE) or sourced
+    return os.environ.get(PYTHON_VARIABLE) or sourced_python()
+
+
+def ros_command(python: str, *arguments: str, **environment: object) -> list[str]:
+    """Return the command line that runs a script in an interpreter of ROS 2, with variables of its own."""
+    foreign = [] if python == sourced_python() else [f"--unset={name}" for name in _FOREIGN]
+    values = {"PYTHONSAFEPATH": 1, **environment}
+    return ["env", *foreign, *(f"{name}={value}" for name, value in values.items()), python, *arguments]
 
 
 def ros_gid(dds_topic: str) -> bytes:
@@ -222,9 +233,8 @@ class RosServices:
 
 def _argv(python: str, domain_id: int | None, interface: str | None) -> list[str]:
     """Return the program's command line; on loopback it stays on this host, in each distribution's words."""
-    values = {"ROS_DOMAIN_ID": domain_id, "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp", "PYTHONSAFEPATH": 1}
+    values = {"ROS_DOMAIN_ID": domain_id, "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}
     if interface == "lo":
         humble = os.environ.get("ROS_DISTRO") == "humble"
         values |= {"ROS_LOCALHOST_ONLY": 1} if humble else {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    foreign = [] if os.environ.get("AMENT_PREFIX_PATH") else [f"--unset={name}" for name in _FOREIGN]
-    return ["env", *foreign, *(f"{key}={value}" for key, value in values.items()), python, str(_PROGRAM)]
+    return ros_command(python, str(_PROGRAM), **values)

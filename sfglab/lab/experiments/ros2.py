@@ -19,6 +19,7 @@ from matplotlib.patches import Rectangle
 
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, SkippedPartError
 from sfglab.lab.figures import COLORS
+from sfglab.lab.ros2 import TESTED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from sfglab.lab.runs import Run
 
 TESTS = Path(__file__).parents[3] / "tests" / "ros2"
-DISTRIBUTIONS = ("jazzy", "kilted")
 WORKS, FAILS, CANNOT, UNTESTED = "works", "fails", "cannot work", "untested against the real thing"
 _COLORS = {WORKS: COLORS["proxy"], FAILS: COLORS["standard"], CANNOT: "#777777", UNTESTED: "#bbbbbb"}
 
@@ -38,7 +38,7 @@ _COLORS = {WORKS: COLORS["proxy"], FAILS: COLORS["standard"], CANNOT: "#777777",
 class Config(Profiled):
     """Which tests are run."""
 
-    distributions: tuple[str, ...] = DISTRIBUTIONS  #: Beside which the tests are run.
+    distributions: tuple[str, ...] = TESTED  #: Beside which the tests are run.
     only: str = ""  #: Expression over tests' names, as pytest's `-k` takes it; empty: all.
     slow: bool = False  #: Whether those run, too, that take more than five seconds.
     seed: int = 0  #: Of nothing that is random; for the record.
@@ -127,7 +127,7 @@ def verdict(rows: pd.DataFrame) -> str:
     return WORKS + "".join(f", {text}" for text in rows["condition"].unique() if text)
 
 
-def compatibility(tests: pd.DataFrame, distributions: Sequence[str] = DISTRIBUTIONS) -> pd.DataFrame:
+def compatibility(tests: pd.DataFrame, distributions: Sequence[str] = TESTED) -> pd.DataFrame:
     """Return the table of features (in the order of the tests) by distributions, each with its verdict."""
     names = tests["feature"].drop_duplicates()
     columns = {
