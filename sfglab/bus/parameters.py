@@ -1,6 +1,6 @@
 """Parameters of a node as ROS 2's tools ask for them: what its component was told, to be read.
 
-The six services of rcl_interfaces below the node's name (`ros2 param list`, `get`, `describe`, `dump`). What a
+The six services of rcl_interfaces below its name, which `ros2 param list`, `get` and `describe` call. What a
 component is told is told when it starts: to set a parameter is refused with that sentence.
 """
 
@@ -36,15 +36,16 @@ def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     if parts is not None:
         for key, part in parts:
             yield from flat(part, f"{name}.{key}" if name else str(key))
-    elif value not in (None, []):
+    elif value is not None:
         yield name, value
 
 
 def _is_mixed(value: Any) -> bool:
     """Return whether a list is no array of one kind that ROS 2 has."""
-    return isinstance(value, list) and (
-        len(kinds := {type(one) for one in value}) != 1 or not kinds <= {*_KINDS}
-    )
+    if not isinstance(value, list):
+        return False
+    kinds = {type(one) for one in value}
+    return len(kinds) != 1 or not kinds <= _KINDS.keys()
 
 
 class Parameters:

@@ -135,8 +135,10 @@ def _built_store() -> Typestore:
 def type_store() -> Typestore:
     """Return the store as rosbags knows it; built on first use, once per process."""
     with _lock:
-        while _to_register:
-            register_interfaces(Path(_to_register.pop()))
+        paths = tuple(_to_register)
+        _to_register.clear()  # first: to register asks for the store
+        for path in paths:
+            register_interfaces(Path(path))
         return _built_store()
 
 

@@ -40,8 +40,6 @@ Multicast = Literal["default", "spdp", "true", "false"]
 
 # RTPS 2.5, clause 9.6.1.1: ports are 7400 + 250 * domain id (+ offsets), so 233 leaves the 16-bit range.
 _MAX_DOMAIN_ID = 232
-# Loopback carries 64 KiB datagrams whole; measured against 1344-byte fragments this halves the latency of
-# a 691 kB image. Real links keep Cyclone's default, which fits an Ethernet frame.
 _MAX_INDEX = "<MaxAutoParticipantIndex>99</MaxAutoParticipantIndex>"
 """The highest: a hundred processes of a domain find each other on one host without multicast, one more cannot
 join. Each asks every place: about 200 small packets a process within its first 20 s, on loopback alone."""
@@ -54,6 +52,8 @@ _COMPATIBILITY = (
 )
 _INTERFACE_ELEMENTS = ("Interfaces", "NetworkInterfaceAddress")
 _PIECE_END = re.compile(r"(?<=>)\s*,\s*(?=<|file:|/)")
+# Loopback carries 64 KiB datagrams whole; measured against 1344-byte fragments this halves the latency of
+# a 691 kB image. Real links keep Cyclone's default, which fits an Ethernet frame.
 _LOOPBACK_SIZES = "<MaxMessageSize>65500B</MaxMessageSize><FragmentSize>64000B</FragmentSize>"
 
 

@@ -51,10 +51,8 @@ def profile_of(given: dict[str, Any]) -> QoSProfile:
         for k, v in given.items()
         if k.endswith(("deadline", "lifespan", "lease_duration"))
     }
-    values = {
-        name: QoSProfile(depth=1).__getattribute__(name).__class__[value.upper()]
-        for name, value in named.items()
-    }
+    usual = QoSProfile(depth=1)
+    values = {name: type(getattr(usual, name))[value.upper()] for name, value in named.items()}
     return QoSProfile(depth=given.get("depth", 10), **values, **times)
 
 
