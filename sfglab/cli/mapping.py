@@ -112,6 +112,8 @@ def qos(
     from sfglab.rtps import PRESETS
 
     given = load_topics(file).limited_to(rate_max)
+    if rmw is not None and vendor is not None:
+        raise SfglabError("--rmw: given with --vendor, allowed is one of them")
     preset = _PRESET_OF[rmw] if rmw else vendor
     if preset is not None and PRESETS[preset].name != given.vendor.name:
         given = replace(given, vendor=PRESETS[preset])

@@ -88,6 +88,11 @@ def test_what_is_recommended_follows_what_ros_2_runs_on(rmw, named, depth, said)
         assert said in call(PAPER_B, "--rmw", rmw, "--format", "fastdds")
 
 
+def test_two_words_for_one_thing_are_refused():
+    with pytest.raises(SfglabError, match="--rmw: given with --vendor"):
+        call(PAPER_B, "--rmw", "cyclone", "--vendor", "cyclone_dds")
+
+
 def test_a_file_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "taken").write_text("")
     with pytest.raises(SfglabError, match=r"--out: given .*taken, needed is a folder"):
