@@ -131,7 +131,7 @@ def rate_share(distance_m: float) -> float:
     """Return the share of the highest rate that is left at a distance from the access point, metres.
 
     The rates of 802.11n, 20 MHz, one stream (IEEE 802.11-2016, table 19-27), chosen by the sensitivity that
-    each needs (table 19-23); the highest up to 10 m, and indoors ten times as far costs 35 dB.
+    each needs (table 19-23). Assumed: the highest up to 10 m, and ten times as far costs 35 dB indoors.
     """
     lacking_db = 35 * math.log10(max(distance_m, 10.0) / 10)
     place = max((i for i, db in enumerate(_MCS_LACKING_DB) if db <= lacking_db), default=0)

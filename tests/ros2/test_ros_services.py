@@ -215,7 +215,7 @@ async def test_without_ros_2_nothing_is_announced_and_it_is_said(network, ros_no
 
 
 @pytest.mark.feature(
-    "Parameters of router and decoder, to read (`ros2 param list`, `get`, `describe`)",
+    "Parameters of router and decoder, to read (what `ros2 param` asks)",
     condition="ROS 2 beside it",
 )
 async def test_parameters_are_what_the_component_was_told(ros_node, python, domain_id):

@@ -70,8 +70,8 @@ class Config(Profiled):
         Stage(mode=ROUTED, agents=(6,), repeats=3),
         Stage(mode=ROUTED, agents=(2, 6, 12), talkers=1, listeners=1),
     )
-    #: Fleets of real ROS 2 and ours beside them: at most 40 participants, which two cores carry without
-    #: starving (60 take 44 s and 115 MB an agent, and the observer waits); composed, the paper's largest.
+    #: Fleets of real ROS 2 and ours beside them: at most 40 participants, as the busy cores in the log show
+    #: that two carry; composed, the paper's largest.
     ros2: tuple[Stage, ...] = (*_beside(2, (2, 10), (4, 3)), Stage(mode=COMPOSED, agents=(6,)))
     simulated: Scale = Scale(agents=(2, 4, 6, 12, 25, 50, 100))  #: Simulated fleets.
     timeout_s: float = 120.0  #: When a fleet that is not complete is given up, seconds after its start.
