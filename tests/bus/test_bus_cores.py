@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from sfglab.bus.api import entries, user_data
+from sfglab.bus.dds.clib import endpoint_qos, profile_from_dds
 from sfglab.bus.dds.domain import DomainConfig, domain_xml
 from sfglab.bus.endpoints import SampleQueue
 from sfglab.bus.errors import DomainError
@@ -28,7 +29,7 @@ from sfglab.bus.shm.wire import (
     unpack_returns,
     unpack_welcome,
 )
-from sfglab.qos import History, QoSProfile
+from sfglab.qos import Durability, History, QoSProfile
 
 ARENA = HEADER_BYTES + 64 * PAGE_BYTES
 
@@ -234,9 +235,22 @@ def test_user_data_is_read_as_it_is_written_and_strangers_do_not_disturb():
     assert entries(b"\xff;;=x;typehash=RIHS01_0=1;") == {"": "x", "typehash": "RIHS01_0=1"}
 
 
+@pytest.mark.parametrize("history", History)
+def test_a_latched_profile_says_what_late_joiners_get_not_what_waits_for_acknowledgement(history):
+    latched = QoSProfile(durability=Durability.TRANSIENT_LOCAL, history=history, depth=1)
+    with endpoint_qos(latched, unacknowledged=256) as qos:
+        assert profile_from_dds(qos) == latched
+
+
 def test_loopback_gets_large_datagrams_and_real_links_do_not(monkeypatch):
-    monkeypatch.delenv("CYCLONEDDS_URI", raising=False)
-    assert "<MaxMessageSize>65500B</MaxMessageSize>" in domain_xml(DomainConfig(interface="lo"))
+    for name in ("CYCLONEDDS_URI", "ROS_DISTRO", "RMW_IMPLEMENTATION"):
+        monkeypatch.delenv(name, raising=False)
+    alone = domain_xml(DomainConfig(interface="lo"))
+    assert "<MaxMessageSize>65500B</MaxMessageSize>" in alone
+    monkeypatch.setenv("ROS_DISTRO", "jazzy")
+    assert "<MaxMessageSize>14720B</MaxMessageSize>" in domain_xml(DomainConfig(interface="lo"))
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
+    assert domain_xml(DomainConfig(interface="lo")) == alone
     real = domain_xml(DomainConfig(interface="eth0", multicast="spdp", lease_s=2.5))
     assert real.startswith(
         '<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface name="eth0"/></Interfaces>'

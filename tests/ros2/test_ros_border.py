@@ -4,6 +4,7 @@ import asyncio
 from contextlib import AsyncExitStack, asynccontextmanager
 from signal import SIGCONT, SIGSTOP
 
+import numpy as np
 import pytest
 from beside import ANSWER_S, STRING, asked, component, until
 
@@ -119,6 +120,7 @@ MATRIX = [
     ({}, LATCHED, None),
     (LATCHED, LATCHED, 5),
     (LATCHED | {"depth": 1}, LATCHED, 1),
+    *3 * [(LATCHED, LATCHED, 5)],
 ]
 TOPICS = [f"/global/go2/pair{n}" for n in range(len(MATRIX))]
 LEASED = [
@@ -143,7 +145,8 @@ class Told:
 
 @pytest.mark.feature(
     "Deadline, lifespan, liveliness and history across two routers, as without",
-    condition="life that is asserted without a message does not cross, and of a latched past the newest",
+    condition="life asserted without a message does not cross; who joins later behind a router gets one of a "
+    "latched past, for Fast DDS does not announce how deep it is",
 )
 async def test_qos_is_across_two_routers_what_it_is_without(network, peer):
     async with agents(network, peer, ("beside", ("go2", DOMAINS["go2"]))) as ros:
@@ -178,13 +181,9 @@ async def everybody_hears(go2, hearers, told):
     latched = {topic: count for topic, count in past.items() if count}
 
     async def all_latched():
-        beside, behind = await heard()
-        return beside == latched and behind.keys() == latched.keys()
+        return await heard() == [latched, latched]
 
     await until(all_latched)
-    for topic, count in (await heard())[1].items():
-        # An open defect: a history deeper than one sometimes comes in part behind two routers.
-        assert count == latched[topic] or (latched[topic] > 1 and count < latched[topic])
 
     async def all_heard():
         for topic in TOPICS:
@@ -213,6 +212,40 @@ async def test_reliable_topics_lose_nothing_across_two_routers(network, peer, di
             return (await asked(spot, "count", "counts"))["counts"][STATE] == goal
 
         await until(all_arrived)
+
+
+IMAGES, IMAGE_QOS, IMAGE_BYTES = 60, {"depth": 100}, 640 * 480 * 3
+
+
+@pytest.mark.feature(
+    "Across two routers: 30 images of 921 kB a second, as complete as direct",
+    condition="reliable, or `net.core.rmem_default` raised",
+)
+async def test_images_arrive_across_two_routers(network, peer):
+    image = default_message(IMAGE)
+    image.data = np.zeros(IMAGE_BYTES, np.uint8)
+    cdr = serialize(image).hex()
+    async with agents(network, peer) as ros:
+        go2, spot = ros["go2"], ros["spot"]
+        await asked(spot, "listen", "listening", kind=IMAGE, topic=STATE, qos=IMAGE_QOS, quiet=True)
+        await asked(go2, "publish", "published", kind=IMAGE, topic=STATE, qos=IMAGE_QOS, cdr=[])
+
+        async def count():
+            return (await asked(spot, "count", "counts"))["counts"].get(STATE, 0)
+
+        async def first():
+            await asked(go2, "publish", "published", kind=IMAGE, topic=STATE, qos={}, cdr=[cdr])
+            return await count()
+
+        async def whole():  # a machine that is busy with others may lose one of both kinds: then once more
+            await asyncio.sleep(0.5)
+            before = await count()
+            await asked(go2, "repeat", "repeated", topic=STATE, cdr=cdr, times=IMAGES, rate_hz=30.0)
+            await asyncio.sleep(0.5)
+            return await count() - before == IMAGES
+
+        await until(first)
+        await until(whole)
 
 
 @pytest.mark.feature("What will never be heard is said, with the node's name: QoS and types")

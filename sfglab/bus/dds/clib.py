@@ -173,6 +173,7 @@ _SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "dds_qget_reliability": (_BOOL, (_PTR, _PTR, _PTR)),
     "dds_qget_durability": (_BOOL, (_PTR, _PTR)),
     "dds_qget_history": (_BOOL, (_PTR, _PTR, _PTR)),
+    "dds_qget_durability_service": (_BOOL, (_PTR,) * 7),
     "dds_qget_deadline": (_BOOL, (_PTR, _PTR)),
     "dds_qget_lifespan": (_BOOL, (_PTR, _PTR)),
     "dds_qget_liveliness": (_BOOL, (_PTR, _PTR, _PTR)),
@@ -243,6 +244,7 @@ class EndpointOptions(TypedDict, total=False):
     partition: str  #: PARTITION.
     ignore_local: bool  #: Whether it never matches endpoints of its own participant.
     max_samples: int  #: How many a reader that keeps all may hold, after which senders wait for it.
+    unacknowledged: int  #: How many a writer keeps at least until they are, late joiners or not.
     batching: bool  #: Whether a writer sends only when it is flushed or a packet is full.
     max_blocking_ns: int  #: How long a writer may block when it keeps all.
 
@@ -257,7 +259,8 @@ def endpoint_qos(profile: QoSProfile, **more: Unpack[EndpointOptions]) -> Iterat
         max_blocking_ns = more.get("max_blocking_ns", _MAX_BLOCKING_NS)
         lib.dds_qset_reliability(qos, _RELIABILITY.index(profile.reliability), max_blocking_ns)
         lib.dds_qset_durability(qos, _DURABILITY.index(profile.durability))
-        lib.dds_qset_history(qos, history, depth)
+        kept = depth if depth == _UNLIMITED else max(depth, more.get("unacknowledged", 0))
+        lib.dds_qset_history(qos, history, kept)
         # What a late joiner gets is a policy of its own in DDS; ROS 2 ties it to the history.
         lib.dds_qset_durability_service(qos, 0, history, depth, _UNLIMITED, _UNLIMITED, _UNLIMITED)
         lib.dds_qset_deadline(qos, _or_infinite(profile.deadline_ns))
@@ -283,6 +286,9 @@ def profile_from_dds(qos: int) -> QoSProfile:
     lib.dds_qget_reliability(qos, ct.byref(reliability), ct.byref(blocking))
     lib.dds_qget_durability(qos, ct.byref(durability))
     lib.dds_qget_history(qos, ct.byref(history), ct.byref(depth))
+    if durability.value:  # what counts of a latched one is what late joiners get
+        rest = [ct.byref(ct.c_int64()), *(ct.byref(ct.c_int32()) for _ in range(3))]
+        lib.dds_qget_durability_service(qos, rest[0], ct.byref(history), ct.byref(depth), *rest[1:])
     lib.dds_qget_deadline(qos, ct.byref(deadline))
     lib.dds_qget_lifespan(qos, ct.byref(lifespan))
     liveliness, lease = ct.c_int(), ct.c_int64(INFINITY_NS)

@@ -55,6 +55,9 @@ _PIECE_END = re.compile(r"(?<=>)\s*,\s*(?=<|file:|/)")
 # Loopback carries 64 KiB datagrams whole; measured against 1344-byte fragments this halves the latency of
 # a 691 kB image. Real links keep Cyclone's default, which fits an Ethernet frame.
 _LOOPBACK_SIZES = "<MaxMessageSize>65500B</MaxMessageSize><FragmentSize>64000B</FragmentSize>"
+# Three of those fill the socket buffer that Fast DDS's readers have by default; of smaller ones more are read
+# meanwhile. Measured: 30 reliable images of 921 kB a second arrive 150 of 150, 138 to 148 of the larger.
+_LOOPBACK_SIZES_BESIDE_FAST_DDS = "<MaxMessageSize>14720B</MaxMessageSize><FragmentSize>14000B</FragmentSize>"
 
 
 class DomainOptions(TypedDict, total=False):
@@ -153,12 +156,17 @@ def _stays_on_this_host() -> bool:
     return any(value in {"1", "LOCALHOST", "OFF"} for value in values)
 
 
+def _beside_fast_dds() -> bool:
+    """Return whether the environment is that of ROS 2 on its default middleware."""
+    return bool(os.environ.get("ROS_DISTRO")) and "fastrtps" in os.environ.get("RMW_IMPLEMENTATION", "fastrtps")
+
+
 def _general(config: DomainConfig, interface: str | None) -> str:
     parts = [f"<AllowMulticast>{config.multicast}</AllowMulticast>"]
     if interface is not None:
         parts.insert(0, f"<Interfaces><NetworkInterface name={quoteattr(interface)}/></Interfaces>")
     if interface == "lo":
-        parts.append(_LOOPBACK_SIZES)
+        parts.append(_LOOPBACK_SIZES_BESIDE_FAST_DDS if _beside_fast_dds() else _LOOPBACK_SIZES)
     return f"<General>{''.join(parts)}</General>"
 
 

@@ -62,6 +62,8 @@ _BATCH = 64
 # What a KEEP_ALL reader may hold before its senders have to wait: a target slower than its source would
 # otherwise fill the memory. Measured: 256 halve the rate of 64-byte messages, more than this gains nothing.
 _MAX_KEPT = 1024
+# A latched history crosses at once, and Fast DDS does not announce how deep it is: who is there gets all of it.
+_UNACKNOWLEDGED = 256
 _PART = re.compile("_(?:SendGoal_|GetResult_)?(?:Request|Response)$|_FeedbackMessage$")
 
 
@@ -223,6 +225,7 @@ class DdsForwarder:
             user_data=endpoint.user_data,
             ignore_local=True,
             batching=True,
+            unacknowledged=_UNACKNOWLEDGED if endpoint.qos.durability is Durability.TRANSIENT_LOCAL else 0,
             max_blocking_ns=MAX_BLOCKING_NS,
         )
         return DdsRawWriter(create, self._order, endpoint.qos)
