@@ -223,8 +223,8 @@ PLACES: dict[State, tuple[int, int]] = {
 # Corners of the one arrow that would cross states, and its other end.
 _DETOURS = {(State.CANCEL_WAIT, State.PUBLISH_HOLDING): ((4.8, 1), (4.8, 4))}
 # Inches: from column to column and from row to row, half a box, and between two arrows that meet.
-_PITCH = np.array([2.5, 1.0])
-_HALF = np.array([0.9, 0.24])
+_PITCH = np.array([1.6, 0.95])
+_HALF = np.array([0.51, 0.27])
 _APART = 0.16
 # Okabe and Ito's palette: software's side, hardware's side, neither; what happens now.
 _OSIF, _HMT, _INNER, _NOW = "#F5D67B", "#A8D4F0", "#FFFFFF", "#D55E00"
@@ -254,7 +254,7 @@ def draw_core(
 ) -> dict[State | Arrow, tuple[Artist, ...]]:
     """Draw the core: calls and answers of its delegate yellow, uses of the stream blue.
 
-    Letters fit from about 14 by 5 inches on.
+    Letters fit from about 10 by 5 inches on.
 
     Args:
         ax: Where.
@@ -274,7 +274,7 @@ def draw_core(
         artists[state] = _draw_state(ax, state, row.drive.name, now=state is at)
     places = np.array([*PLACES.values(), *(p for corners in _DETOURS.values() for p in corners)])
     low, high = _inches(places.min(axis=0)), _inches(places.max(axis=0))
-    ax.set_xlim(low[0] - 1.1, high[0] + 0.2)
+    ax.set_xlim(low[0] - 0.65, high[0] + 0.1)
     ax.set_ylim(high[1] - 0.4, low[1] + 0.4)
     ax.set_aspect("equal")
     ax.axis("off")
@@ -298,8 +298,9 @@ def _draw_state(ax: Axes, state: State, drive: str, *, now: bool) -> tuple[Artis
     box = FancyBboxPatch((left, bottom), width, height, "round,pad=0,rounding_size=0.08", fc=fill, **edge)
     x, y = centre
     middle: dict[str, Any] = {"ha": "center", "va": "center"}
-    name = ax.text(x, y + 0.09, _words(state.name), fontsize=7, weight="bold", **middle)
-    return ax.add_patch(box), name, ax.text(x, y - 0.1, _words(drive), fontsize=6, style="italic", **middle)
+    said = _words(state.name).replace(" holding", "\nholding")
+    name = ax.text(x, y + 0.08, said, fontsize=7, weight="bold", linespacing=1.0, **middle)
+    return ax.add_patch(box), name, ax.text(x, y - 0.17, _words(drive), fontsize=7, style="italic", **middle)
 
 
 def _words(name: str) -> str:
@@ -325,7 +326,7 @@ def _draw_arrow(ax: Axes, arrow: Arrow, aside: float, *, now: bool) -> tuple[Art
     white = {"fc": "white", "ec": "none", "pad": 0.4}
     look: dict[str, Any] = {"color": color if now else "black", "weight": "bold" if now else "normal"}
     said = ax.text(
-        x, y, _words(arrow.given.name), ha="center", va="center", fontsize=6.5, bbox=white, zorder=1, **look
+        x, y, _words(arrow.given.name), ha="center", va="center", fontsize=7, bbox=white, zorder=1, **look
     )
     return drawn, said
 

@@ -48,8 +48,8 @@ _TOPIC_FILLS = {
 # Inches: the least pitch of layers and of neighbours, the gaps that frames leave between them at least, the
 # size of a letter, the room around names and parts; square inches: the pocket of an outline that is too small
 # for a vertex.
-_PITCH, _GAP = np.array([1.2, 0.72]), np.array([0.35, 0.22])
-_LETTER, _LINE, _PAD, _MARGIN, _STEP = 0.068, 0.135, 0.07, 0.1, 0.015
+_PITCH, _GAP = np.array([1.0, 0.72]), np.array([0.35, 0.22])
+_LETTER, _LINE, _PAD, _MARGIN, _STEP = 0.072, 0.142, 0.07, 0.1, 0.015
 _POCKET = 0.15
 _LETTERS, _LINES = 12, 4
 _LEGEND_WIDTH, _PAGE_WIDTH, _CELL = 7.6, 15.0, 0.17
@@ -125,7 +125,7 @@ def _draw_note(ax: Axes, note: str, place: NDArray[np.float64] | _Box, *, crosse
     x, y = place.centre - (0.0, place.half[1] + 0.03) if isinstance(place, _Box) else place[len(place) // 2]
     white: dict[str, Any] = {"fc": "white", "ec": "none", "pad": 0.5, "alpha": 0.8}
     color = CROSSING if crosses else FRAME
-    look: dict[str, Any] = {"color": color, "fontsize": 6, "linespacing": 1.0, "zorder": 5}
+    look: dict[str, Any] = {"color": color, "fontsize": 6.5, "linespacing": 1.0, "zorder": 5}
     ax.text(x, y, note, ha="center", va="top" if below else "center", bbox=white, **look)
 
 
@@ -285,7 +285,7 @@ def _draw_box(ax: Axes, box: _Box, fill: str, *, rounding: float) -> tuple[Artis
     look: dict[str, Any] = {"facecolor": fill, "edgecolor": FRAME, "linewidth": 0.8, "zorder": 3}
     frame = ax.add_patch(FancyBboxPatch((low[0], low[1]), size[0], size[1], boxstyle=style, **look))
     x, y = box.centre
-    text: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7.5, "linespacing": 1.1, "zorder": 4}
+    text: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8, "linespacing": 1.1, "zorder": 4}
     return frame, ax.text(x, y, box.text, parse_math=False, **text)
 
 

@@ -243,7 +243,7 @@ def edges_left(run: Run[Config]) -> Finding:
     return Finding(estimate=exactly(float(edges.iloc[-1]), "edges across the boundary"), details=details)
 
 
-@exp.figure("gateway_core", size=(14, 5.4))
+@exp.figure("gateway_core", size=(10, 5.4))
 def draw_gateway(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the gateway core (Fig. 4): its states and transitions, from its table."""
     worlds = int(run["exploration"]["worlds"].sum())
@@ -252,7 +252,7 @@ def draw_gateway(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     return {"worlds": worlds, "violations": int((run["exploration"]["violation"] != "").sum())}
 
 
-@exp.figure("graph_mapping", size=(14, 5.2))
+@exp.figure("graph_mapping", size=(10, 5.2))
 def draw_stages(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the example of Fig. 8 in its three stages, from software alone to gateways."""
     from sfglab.soc.graph_drawing import draw_mapping
@@ -274,7 +274,7 @@ def press_core(run: Sequence[Step] = ()) -> Automaton:
 
     walked = {"a walk": inputs_of(run)} if run else {}
     table = transitions()
-    return Automaton("gateway core", table, State.START, _draw_moment, size=(14, 5), runs=walked)
+    return Automaton("gateway core", table, State.START, _draw_moment, size=(10, 5), runs=walked)
 
 
 def inputs_of(run: Sequence[Step]) -> list[Input]:

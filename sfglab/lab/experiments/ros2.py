@@ -137,7 +137,7 @@ def compatibility(tests: pd.DataFrame, distributions: Sequence[str] = TESTED) ->
     return pd.DataFrame({"feature": names.to_list(), **columns})
 
 
-@exp.figure("ros2_features", size=(11, 9))
+@exp.figure("ros2_features", size=(10, 10.5))
 def draw_features(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw what works beside each distribution of ROS 2, feature by feature."""
     table = compatibility(run["test"], run.config.distributions)
@@ -151,7 +151,7 @@ def draw_features(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     axes.set(xlim=(0, len(columns)), ylim=(max(len(table), 1), 0))
     axes.set_xticks([i + 0.5 for i in range(len(columns))], [name.capitalize() for name in columns])
     axes.set_yticks(
-        [i + 0.46 for i in range(len(table))], [fill(name, 46) for name in table["feature"]], fontsize=8
+        [i + 0.46 for i in range(len(table))], [fill(name, 50) for name in table["feature"]], fontsize=7.5
     )
     axes.xaxis.tick_top()
     axes.tick_params(length=0)

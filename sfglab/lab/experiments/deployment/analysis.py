@@ -45,7 +45,7 @@ _LAYERS = {"base": COLORS["standard"], "adapter": COLORS["proxy"], "application"
 def draw_layers(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw every agent's image as three layers; what is the same for several is one box."""
     agents = list(dict.fromkeys(run["layer"]["agent"]))
-    figure.set_size_inches(1.3 + 1.12 * len(agents), 2.7)
+    figure.set_size_inches(1.3 + 0.96 * len(agents), 2.7)
     axes = figure.subplots()
     for row, (layer, color) in enumerate(_LAYERS.items()):
         table = run["layer"][run["layer"]["layer"] == layer].set_index("agent").loc[agents]

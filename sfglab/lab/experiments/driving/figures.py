@@ -43,7 +43,7 @@ _TOPIC_COLORS = {"/blurred": COLORS["third"], "/lane_mask": COLORS["fourth"], "/
 _LIGHTS = {True: "#D62728", False: "#2CA02C"}
 
 
-@exp.figure("driving_chain", size=(10.6, 4.3))
+@exp.figure("driving_chain", size=(10, 4.3))
 def draw_chain(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the chain's time: each frame's, and what it is made of, with the paper's."""
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
@@ -111,7 +111,7 @@ def _draw_parts(axes: Axes, run: Run[Config]) -> None:
     axes.legend(handles[::-1], labels[::-1], fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
-@exp.figure("driving_lap", size=(12, 6.2))
+@exp.figure("driving_lap", size=(10, 6.2))
 def draw_drawn_lap(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw one lap: the town and the track, the lateral error, four images with what was seen in them."""
     row = run["lap"].iloc[0]
@@ -144,7 +144,7 @@ def _draw_map(axes: Axes, run: Run[Config]) -> None:
     axes.annotate("start", (start["x_m"], start["y_m"]), (6, 6), textcoords="offset points", fontsize=8)
     for number, (x, y, _, resting) in enumerate(run.metadata("town")["lights"], start=1):
         axes.plot(x, y, "s" if resting else "o", color="black", markerfacecolor="white", markersize=9)
-        axes.annotate(str(number), (x, y), ha="center", va="center", fontsize=6)
+        axes.annotate(str(number), (x, y), ha="center", va="center", fontsize=7)
     for stop in stops(run):
         axes.plot(stop.x_m, stop.y_m, "o", color=_LIGHTS[True], markersize=5)
         said = f"{stop.lasted_s:.0f} s"
@@ -154,7 +154,7 @@ def _draw_map(axes: Axes, run: Run[Config]) -> None:
         )
     axes.set(aspect="equal", xlabel="east (m)", ylabel="north (m)")
     axes.set_title(
-        "the track, where it stood (red), lights at their lines (square: rests in red)", fontsize=8.5
+        "the track, where it stood (red),\nlights at their lines (square: rests in red)", fontsize=8.5
     )
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -109,33 +111,33 @@ def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, float]:
 # --- The life cycle -------------------------------------------------------------------------------------------
 
 # Where things stand: presentation only. What there is to draw, and its words, come from the table.
-_X = (0.0, 6.6, 13.2)
+_X = (0.0, 7.0, 14.0)
 _Y = (9.6, 4.8, 0.0)
-_HALF_WIDTH, _HALF_HEIGHT = 1.55, 0.78
+_HALF_WIDTH, _HALF_HEIGHT = 1.5, 0.78
 _LANE = 0.3
 _ROWS = ("local consumers\nknow nothing of it", "local consumers:\nit is there", "local consumers:\nit is lost")
 _COLUMNS = ("nothing to ask", "one query outstanding", "waiting to ask again")
 _BANDS = ("#999999", "#009E73", "#D55E00")
-_LINE_HEIGHT = 0.36
+_LINE_HEIGHT, _LINE_IN_BOX = 0.36, 0.28
 _BOTTOMS = tuple(y - _HALF_HEIGHT for y in _Y)
 _TOPS = tuple(y + _HALF_HEIGHT for y in _Y)
-_LEFT = -3.4
+_LEFT = -2.9
 _BEHIND = {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
 
 # Transitions between rows: the corners of the arrow, and where the label starts.
 _BETWEEN_ROWS: dict[tuple[str, str], tuple[tuple[Point, ...], Point]] = {
-    ("QUERYING", "ACTIVE"): (((5.7, _BOTTOMS[0]), (5.7, 7.3), (0.6, 7.3), (0.6, _TOPS[1])), (2.0, 7.52)),
-    ("ACTIVE", "LOST"): (((-0.9, _BOTTOMS[1]), (-0.9, _TOPS[2])), (-2.75, 2.4)),
-    ("LOST", "ACTIVE"): (((-0.4, _TOPS[2]), (-0.4, _BOTTOMS[1])), (-0.3, 3.2)),
+    ("QUERYING", "ACTIVE"): (((6.0, _BOTTOMS[0]), (6.0, 7.3), (0.6, 7.3), (0.6, _TOPS[1])), (2.0, 7.52)),
+    ("ACTIVE", "LOST"): (((-0.6, _BOTTOMS[1]), (-0.6, _TOPS[2])), (-2.8, 2.4)),
+    ("LOST", "ACTIVE"): (((-0.2, _TOPS[2]), (-0.2, _BOTTOMS[1])), (-0.1, 3.2)),
     ("LOST", "UNKNOWN"): (
         ((-_HALF_WIDTH, _Y[2]), (_LEFT, _Y[2]), (_LEFT, _Y[0]), (-_HALF_WIDTH, _Y[0])),
         (_LEFT + 0.1, 7.3),
     ),
-    ("REFRESHING", "LOST"): (((5.5, _BOTTOMS[1]), (5.5, 2.75), (0.3, 2.75), (0.3, _TOPS[2])), (2.7, 2.97)),
-    ("REJOINING", "ACTIVE"): (((6.2, _TOPS[2]), (6.2, 3.45), (1.2, 3.45), (1.2, _BOTTOMS[1])), (6.3, 1.5)),
+    ("REFRESHING", "LOST"): (((5.8, _BOTTOMS[1]), (5.8, 2.75), (0.3, 2.75), (0.3, _TOPS[2])), (2.7, 2.97)),
+    ("REJOINING", "ACTIVE"): (((6.6, _TOPS[2]), (6.6, 3.45), (1.2, 3.45), (1.2, _BOTTOMS[1])), (6.7, 1.5)),
     ("REFRESH_BACK_OFF", "LOST"): (
-        ((12.6, _BOTTOMS[1]), (12.6, 2.1), (1.0, 2.1), (1.0, _TOPS[2])),
-        (9.2, 2.32),
+        ((12.8, _BOTTOMS[1]), (12.8, 2.1), (1.0, 2.1), (1.0, _TOPS[2])),
+        (9.6, 2.32),
     ),
 }
 
@@ -150,7 +152,7 @@ class _Ink:
     part: Callable[..., None] | None = None  #: Takes a part's name and its artists; None: nobody presses.
 
 
-@exp.figure("discovery_states", size=(13, 8.6))
+@exp.figure("discovery_states", size=(10, 8.6))
 def draw_states(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the life cycle of a remote agent and how often the run took each of its transitions."""
     found = transitions(run)
@@ -158,7 +160,8 @@ def draw_states(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     _draw_table(figure.subplots(), _walked(found.taken), _KEY_OF_RUN)
     figure.suptitle(
         f"Life cycle of a remote agent (after paper A, Fig. 3): {reached} of {len(TRANSITIONS)} "
-        f"transitions taken live; {found.doubled} queries while another was outstanding"
+        f"transitions taken live; {found.doubled} queries while another was outstanding",
+        fontsize="medium",
     )
     shown = {f"{s.name} {i.name}": count for (s, i), count in found.taken.items()}
     return {"taken": shown, "reached": reached, "doubled": found.doubled}
@@ -174,7 +177,7 @@ def press_states(run: Run[Config]) -> Automaton:
 
 def press_lifecycle(runs: Mapping[str, Sequence[Input]] | None = None) -> Automaton:
     """Return the life cycle of a remote agent to press: by hand, or through runs, given as their inputs."""
-    return Automaton("agent", TRANSITIONS, State.UNKNOWN, _draw_moment, size=(13, 8.4), runs=runs)
+    return Automaton("agent", TRANSITIONS, State.UNKNOWN, _draw_moment, size=(10, 8.4), runs=runs)
 
 
 def _draw_moment(figure: Figure, moment: Moment) -> None:
@@ -215,14 +218,14 @@ def _draw_table(axes: Axes, ink: _Ink, key: str) -> None:
     grid = {node.state: node for node in nodes}
     for pair in dict.fromkeys((e.source, e.target) for e in edges if e.source is not e.target):
         _draw_pair(axes, grid, [e for e in edges if (e.source, e.target) == pair], ink)
-    axes.set(xlim=(-6.6, 15.0), ylim=(-2.8, 12.4))
+    axes.set(xlim=(-5.9, 15.65), ylim=(-2.8, 12.4))
     axes.axis("off")
 
 
 def _draw_grid(axes: Axes, key: str) -> None:
     for y, text, color in zip(_Y, _ROWS, _BANDS, strict=True):
         axes.axhspan(y - _HALF_HEIGHT - 0.25, y + _HALF_HEIGHT + 0.25, color=color, alpha=0.07, linewidth=0)
-        axes.text(-6.5, y, text, ha="left", va="center", fontsize=9, style="italic")
+        axes.text(-5.8, y, text, ha="left", va="center", fontsize=8, style="italic")
     for x, text in zip(_X, _COLUMNS, strict=True):
         axes.text(x, 12.1, text, ha="center", va="center", fontsize=9, style="italic")
     axes.text(_X[1], -2.55, key, ha="center", va="center", fontsize=8)
@@ -236,13 +239,15 @@ def _draw_state(axes: Axes, node: Node, loops: Sequence[Edge], ink: _Ink) -> Non
     frame = {"boxstyle": style, "facecolor": "white", "zorder": 3, **ink.border(node.state)}
     box = axes.add_patch(FancyBboxPatch(corner, 2 * _HALF_WIDTH, 2 * _HALF_HEIGHT, **frame))
     name = node.state.name.replace("_", " ").lower()
-    top = y + 0.5 * _LINE_HEIGHT * len(loops)
-    title = axes.text(x, top, name, ha="center", va="center", fontsize=10, weight="bold", zorder=4)
+    said = [fill(f"\u21ba {ink.words(loop)}", 26) for loop in loops]
+    lines = [0, *accumulate(text.count("\n") + 1 for text in said)]
+    top = y + 0.5 * _LINE_IN_BOX * lines[-1]
+    title = axes.text(x, top, name, ha="center", va="center", fontsize=9, weight="bold", zorder=4)
     if ink.part:
         ink.part(node.state.name, box, title)
-    for number, loop in enumerate(loops, start=1):
-        place = x, top - number * _LINE_HEIGHT
-        _draw_words(axes, place, loop, ink, s=f"\u21ba {ink.words(loop)}", fontsize=6.8, ha="center", zorder=4)
+    for loop, text, above, below in zip(loops, said, lines, lines[1:], strict=False):
+        place = x, top - 0.5 * (above + below + 1) * _LINE_IN_BOX
+        _draw_words(axes, place, loop, ink, s=text, fontsize=7, ha="center", zorder=4)
 
 
 def _draw_pair(axes: Axes, grid: dict[State, Node], edges: Sequence[Edge], ink: _Ink) -> None:
@@ -258,7 +263,7 @@ def _draw_pair(axes: Axes, grid: dict[State, Node], edges: Sequence[Edge], ink: 
     step = -_LINE_HEIGHT if below else _LINE_HEIGHT
     for number, edge in enumerate(edges if below else reversed(edges)):
         place = (label[0], label[1] + number * step)
-        style: dict[str, Any] = {"fontsize": 7.5, "ha": "left", "bbox": _BEHIND, "zorder": 5}
+        style: dict[str, Any] = {"fontsize": 7, "ha": "left", "bbox": _BEHIND, "zorder": 5}
         _draw_words(axes, place, edge, ink, s=ink.words(edge), **style)
 
 

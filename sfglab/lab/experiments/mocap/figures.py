@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,7 +33,7 @@ _CASES = {
 }
 
 
-@exp.figure("mocap_trees", size=(13, 4.6))
+@exp.figure("mocap_trees", size=(10, 4.6))
 def draw_trees(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw both trees of Fig. 6, and the one between, with what is wrong."""
     from sfglab.spatial.frames.lint import draw_tree
@@ -42,7 +43,9 @@ def draw_trees(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         found = findings_of(run, "figure 6", way)
         draw_tree(ax, tree_of(run, "figure 6", way), findings=found, outside="mocap")
         ax.set_title(title)
-        text = "\n".join(f"{f.code}: {', '.join(f.frames)}" for f in found) or "nothing is found wrong"
+        text = (
+            "\n".join(fill(f"{f.code}: {', '.join(f.frames)}", 42) for f in found) or "nothing is found wrong"
+        )
         colour = COLORS["standard"] if found else COLORS["third"]
         ax.text(0.5, -0.02, text, transform=ax.transAxes, ha="center", va="top", color=colour, fontsize=8.5)
         twin[way] = [str(finding) for finding in found]
@@ -50,7 +53,7 @@ def draw_trees(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     return twin
 
 
-@exp.figure("mocap_error", size=(12, 6.6))
+@exp.figure("mocap_error", size=(10, 6.6))
 def draw_error(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the live rounds: error and waiting time over time, latencies, and what the error is made of."""
     axes = figure.subplots(2, 2, width_ratios=[2, 1])
@@ -62,7 +65,7 @@ def draw_error(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     return {"medians": errors(run).round(4).to_dict(orient="index")}
 
 
-@exp.figure("mocap_offset", size=(12, 3.8))
+@exp.figure("mocap_offset", size=(10, 3.8))
 def draw_offset(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw what an estimate of the offset is worth, by the length of the motion."""
     table = offsets(run)

@@ -175,7 +175,7 @@ _WAYS = {Interpolation.POLYLINE: "polyline (paper)", Interpolation.CATMULL_ROM: 
 _AGENTS = (COLORS["standard"], COLORS["proxy"], COLORS["third"])
 
 
-@exp.figure("planning_scene", size=(12.5, 5.6))
+@exp.figure("planning_scene", size=(10, 5.2))
 def draw_scene(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the scene from above with everybody's way, and how far apart and off they were."""
     grid = figure.add_gridspec(2, 2, width_ratios=(1.55, 1.0))
@@ -305,11 +305,11 @@ def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, Any]:
     Look(
         turn=("segment_s", "speed_m_s", "acceleration_m_s2"),
         needs=("example",),
-        size=(12.5, 6.2),
+        size=(10, 6.2),
         reference="planning_interpolation",
     ),
 )
-@exp.figure("planning_interpolation", size=(12.5, 6.2))
+@exp.figure("planning_interpolation", size=(10, 6.2))
 def draw_interpolation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw path, speed and acceleration of both interpolations, as drawn and re-timed."""
     grid = figure.add_gridspec(2, 3, width_ratios=(1.15, 1.0, 1.0))
@@ -355,6 +355,7 @@ def _draw_rates(pair: list[Axes], samples: Any, words: str, most: Limits) -> dic
     names = (("speed (m/s)", "Speed"), ("acceleration (m/s²)", "Acceleration"))
     for axes, limit, (label, name) in zip(pair, limits, names, strict=True):
         axes.axhline(limit or 0.0, color="crimson", linestyle=":", label="limit")
-        axes.set(ylim=(0, 1.25 * axes.get_ylim()[1]), xlabel="time (s)", ylabel=label, title=f"{name}, {words}")
+        axes.set(ylim=(0, 1.25 * axes.get_ylim()[1]), xlabel="time (s)", ylabel=label)
+        axes.set_title(f"{name}, {words}", fontsize=10)
         axes.legend(fontsize=8, loc="upper right", ncols=2)
     return tops

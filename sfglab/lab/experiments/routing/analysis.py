@@ -238,14 +238,14 @@ def _shown(dds_name: Any, party: Any) -> str:
     return str(dds_name).replace(str(party), "<agent>")
 
 
-@exp.figure("routing_border", size=(12, 8))
+@exp.figure("routing_border", size=(10, 8))
 def draw_border(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw who hears what: one panel for an agent's messages, one for those of the global domain."""
     table, times = checks(run), latencies(run)
     panels = {source: cells_of(run, source) for source in (AGENT, GROUND)}
     domains = sorted({int(str(p.domain)) for p in run["party"].itertuples()})
     names = sorted({c.name for cells in panels.values() for c in cells}, key=_order)
-    figure.set_size_inches(12, 1.9 + 0.235 * len(names))
+    figure.set_size_inches(10, 1.9 + 0.235 * len(names))
     axes = figure.subplot_mosaic(
         [["agent", "ground", "time"], ["agent", "ground", "key"]],
         width_ratios=(1, 1, 0.75),
@@ -253,8 +253,8 @@ def draw_border(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     )
     _draw_matrix(axes["agent"], panels[AGENT], names, [1, GLOBAL, *(d for d in domains if d > 1)])
     _draw_matrix(axes["ground"], panels[GROUND], names, domains)
-    axes["agent"].set_title("published in an agent's domain, $D_1$", fontsize=9.5)
-    axes["ground"].set_title("published in the global domain, $D_0$", fontsize=9.5)
+    axes["agent"].set_title("published in\nan agent's domain, $D_1$", fontsize=9.5)
+    axes["ground"].set_title("published in\nthe global domain, $D_0$", fontsize=9.5)
     axes["ground"].set_yticklabels([])
     _draw_groups(axes["ground"], names, len(domains) - 0.4)
     _draw_latencies(axes["time"], times)
@@ -282,7 +282,7 @@ def _draw_matrix(axes: Axes, cells: list[Cell], names: list[str], domains: list[
             if cell is not None:
                 axes.add_patch(Rectangle((x - 0.44, y - 0.42), 0.88, 0.84, facecolor=cell.color, linewidth=0))
                 share = f"{100 * cell.heard:.0f}" if cell.heard > 0 else ""
-                axes.text(x, y, share, ha="center", va="center", color="white", fontsize=6.5)
+                axes.text(x, y, share, ha="center", va="center", color="white", fontsize=7)
     border = sum(in_table_1(name) for name in names) - 0.5
     axes.axhline(border, color="black", linewidth=1)
     axes.axvline(0.5, color="black", linewidth=1, linestyle=(0, (2, 2)))
@@ -306,7 +306,7 @@ def _draw_key(axes: Axes) -> None:
     from matplotlib.patches import Patch
 
     meanings = {
-        HEARD: "heard, as it may be (% of messages or calls;\nthe first are lost while the path forms)",
+        HEARD: "heard, as it may be (%;\nthe first are lost while\nthe path forms)",
         SILENT: "not heard, as it must not be",
         FORBIDDEN: "heard, and must not be",
         MISSING: "not heard, and should be",

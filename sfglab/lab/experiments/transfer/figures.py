@@ -46,7 +46,7 @@ _RATIO_TICKS = (0.25, 0.5, 1, 2, 4, 8, 16)
 _MS_PER_S = 1e3
 
 
-@exp.figure("transfer", size=(13.5, 6.6))
+@exp.figure("transfer", size=(10, 6.6))
 def draw_transfer(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the model's transfer times (above) and speed-ups (below), with RTL markers and the stated ends."""
     grid = figure.subplots(2, len(Panel), sharex=True, sharey="row")
@@ -61,16 +61,16 @@ def draw_transfer(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         )
         _draw_stated(ratios, run, panel)
         times.set_title(panel.value)
-    _finish(grid, run, "gateway, any number of subscribers", "hollow: with RTL's cycles\ndashed: stated ends")
+    _finish(grid, run, "gateway,\nany number of subscribers", "hollow: with RTL's cycles\ndashed: stated ends")
     worst = stated(run)[stated(run)["model"] == MAIN]["residual"].abs().max()
     figure.suptitle(
-        "A gateway pays for large messages and many hardware subscribers, and costs time towards software "
-        f"(model, all stated ends within {worst:.1%})"
+        "A gateway pays for large messages and many hardware subscribers,\n"
+        f"and costs time towards software (model, all stated ends within {worst:.1%})"
     )
     return {"bars": bars(run), "stated": stated(run)}
 
 
-@exp.figure("transfer_live", size=(13.5, 6.6), when=lambda run: not run["crossing"].empty)
+@exp.figure("transfer_live", size=(10, 6.6), when=lambda run: not run["crossing"].empty)
 def draw_live_transfer(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw medians across processes with their intervals, and the model's speed-ups as thin lines."""
     table = live_table(run)
@@ -184,7 +184,7 @@ def _finish(grid: Any, run: Run[Config], gateway: str, more: str) -> None:
 
     for axes in grid.flat:
         axes.set_xscale("log")
-        axes.set_xticks(list(SIZE_LABELS), list(SIZE_LABELS.values()))
+        axes.set_xticks(list(SIZE_LABELS), list(SIZE_LABELS.values()), fontsize=8)
         axes.minorticks_off()
     for axes in grid[0]:
         axes.set_yscale("log")
@@ -197,7 +197,7 @@ def _finish(grid: Any, run: Run[Config], gateway: str, more: str) -> None:
     grid[1, 0].set_ylabel("gateway's speed-up (times as fast)")
     labels = {"smt": "software-mapped topic", "gateway": gateway}
     handles = [Line2D([], [], color=TRANSPORT_COLORS[name], label=label) for name, label in labels.items()]
-    grid[0, 3].legend(handles=handles, loc="upper left")
+    grid[0, 3].legend(handles=handles, loc="upper left", fontsize="small")
     counts = {count: f"{count} hardware subscribers" for count in _counts(bars(run))}
     handles = [Line2D([], [], label=label, **_style(count)) for count, label in counts.items()]
     small = {"fontsize": "small", "title_fontsize": "small"}
@@ -291,7 +291,7 @@ _NEVER_BYTES = 2.0**33
 _BYTE_TICKS = {1_000: "1 kB", **SIZE_LABELS}
 
 
-@exp.figure("transfer_break_even", size=(13.5, 4.6))
+@exp.figure("transfer_break_even", size=(10, 4.6))
 def draw_break_even(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw from which size on a gateway is faster, and what a rule that knows sizes gains in Fig. 8."""
     first, second, third = figure.subplots(1, 3, width_ratios=[1, 1, 1.1])
@@ -301,7 +301,7 @@ def draw_break_even(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     second.legend(loc="upper right")
     gain = _draw_rules(third, run)
     figure.suptitle(
-        "From which message size a gateway is faster depends on who waits; "
+        "From which message size a gateway is faster depends on who waits;\n"
         f"in Fig. 8 the paper's rule costs up to {gain:.0%} more than one that knows sizes"
     )
     return {"break_even": run["break_even"], "sized": run["sized_mapping"]}
@@ -333,15 +333,16 @@ def _draw_rules(axes: Axes, run: Run[Config]) -> float:
     chosen = table[table["rule"] == "size-aware"].set_index("message_bytes")["gateways"]
     for size in chosen.index[chosen.diff().fillna(1) != 0]:
         where = (size, times["size-aware"][size] / times["none"][size])
-        style: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": "small"}
+        side = "left" if size == chosen.index[0] else "center"
+        style: dict[str, Any] = {"textcoords": "offset points", "ha": side, "fontsize": "small"}
         axes.annotate(f"{chosen[size]} gateways", where, xytext=(0, -16), **style)
     axes.axhline(1, color="black", linewidth=0.8)
     axes.set_xscale("log")
     ticks = {100: "100 B", **_BYTE_TICKS}
-    axes.set_xticks(list(ticks), list(ticks.values()))
+    axes.set_xticks(list(ticks)[::2], list(ticks.values())[::2])
     axes.minorticks_off()
     axes.set(xlabel="size of every message", ylabel="predicted time, against no gateway (times)")
-    axes.set_title("The example of Fig. 8, topics' times added")
+    axes.set_title("Fig. 8, topics' times added")
     axes.legend(loc="lower left")
     return float((times["paper"] / times["size-aware"]).max() - 1)
 

@@ -79,7 +79,7 @@ def share_that_holds(run: Run[Config]) -> Finding:
 _ARMS = {"bare": ("standard", "Rerun alone"), "bridge": ("proxy", "through the bridge")}
 
 
-@exp.figure("visualisation_latency", size=(11.5, 4.2))
+@exp.figure("visualisation_latency", size=(10, 4.2))
 def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw what the bridge adds, and what waits and is dropped while a sink stands still."""
     parts: Any = figure.subfigures(1, 2)
@@ -123,8 +123,8 @@ def _draw_waiting(axes: Axes, memory: pd.DataFrame) -> None:
     grown = (memory["resident_bytes"] - memory["resident_bytes"].iloc[0]) / MIB
     axes.plot(memory["at_s"], grown, color=COLORS["third"], label="process, since the start")
     axes.axhline(BOUND_BYTES / MIB, color=COLORS["standard"], label="bound", **PAPER_STYLE)
-    axes.set(ylabel="MiB", title="A sink that stands still (grey)", ylim=(0, 1.4 * BOUND_BYTES / MIB))
-    axes.legend(loc="upper left", ncols=3, fontsize="small")
+    axes.set(ylabel="MiB", title="A sink that stands still (grey)", ylim=(0, 1.8 * BOUND_BYTES / MIB))
+    axes.legend(loc="upper left", ncols=2, fontsize="small")
 
 
 def _draw_fates(axes: Axes, memory: pd.DataFrame) -> None:
