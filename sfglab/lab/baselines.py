@@ -52,13 +52,14 @@ class BesideRow:
     value: float  #: The figure.
 
 
-def beside(exp: Experiment[Any], run: Run[Any]) -> pd.DataFrame:
+def beside(exp: Experiment[Any], run: Run[Any], table: str = PART) -> pd.DataFrame:
     """Return a run's rows; of a reference log without them, those of the log that was measured apart."""
-    apart = _apart(run)
-    return (exp.load(apart) if apart.is_file() else run)[PART]
+    apart = apart_of(run)
+    return (exp.load(apart) if apart.is_file() else run)[table]
 
 
-def _apart(run: Run[Any]) -> Path:
+def apart_of(run: Run[Any]) -> Path:
+    """Return where the log is that was measured apart from a run, if there is one."""
     return run.log.with_name(f"{run.log.stem}_{PART}.mcap")
 
 
@@ -92,7 +93,7 @@ def declare(exp: Experiment[Any], title: str) -> None:
         """Draw real ROS 2 beside ours over the settings, a dot a measurement and a line at each median."""
         _draw(figure, beside(exp, run))
         figure.suptitle(title)
-        return {"apart": _apart(run).name if _apart(run).is_file() else "", "compared": compared(exp, run)}
+        return {"apart": apart_of(run).name if apart_of(run).is_file() else "", "compared": compared(exp, run)}
 
 
 def _draw(figure: Figure, rows: pd.DataFrame) -> None:

@@ -1,13 +1,29 @@
 """The cells that validate the presets of RTPS are a seed's; criteria name presets and conditions that exist."""
 
+import asyncio
+from contextlib import ExitStack, asynccontextmanager
+from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
+import pytest
+from made_logs import made_run
 
 from sfglab.arp.robots import DEPTHS
 from sfglab.lab.claims import load_claims
-from sfglab.lab.experiments.transmission.validation import MODES, scenario_of_cell
+from sfglab.lab.experiments import transmission
+from sfglab.lab.experiments.transmission.validation import (
+    MODES,
+    TABLE,
+    by_cell,
+    committed_cells,
+    play_missing,
+    scenario_of_cell,
+    validated,
+)
+from sfglab.processes import ProcessFailedError
 from sfglab.rtps import PRESETS, Medium
 from sfglab.rtps.model import data_bytes
 
@@ -49,3 +65,73 @@ def test_what_judges_on_the_papers_own_middleware_is_written_down():
     for criterion in criteria.values():
         assert set(criterion.modes) <= set(PRESETS)
         assert set(criterion.region) == {"loss", "frame_us", "stall_ms"}
+
+
+MADE = [  # number of the cell, loss live and in the model, medians live and in the model, kept
+    (0, 0.30, 0.31, 10.0, 12.0, True),
+    (0, 0.34, 0.31, 14.0, 12.0, True),
+    (0, 0.90, 0.31, 99.0, 12.0, False),
+    (1, 0.10, 0.14, 10.0, 13.5, True),
+    (2, 0.10, 0.10, 10.0, 10.0, False),
+]
+
+
+def test_shares_are_those_of_the_cells_that_kept_their_schedule(tmp_path):
+    names = ("loss_live", "loss_model", "p50_live_ms", "p50_model_ms", "kept_up")
+    cells = committed_cells()
+    rows = [asdict(cells[number]) | dict(zip(names, values, strict=True)) for number, *values in MADE]
+    run = made_run(transmission.exp, tmp_path / "made.mcap", {TABLE: rows})
+    lines = validated(run).set_index("preset").fillna(-1)
+    shown = ["cells", "kept", "enough", "loss_within", "latency_within"]
+    assert lines.loc["fast_dds_sync", shown].to_list() == [3, 2, False, 0.5, 0.5]
+    assert lines.loc["cyclone_dds", shown].to_list() == [0, 0, False, -1, -1]
+    assert lines.loc["fast_dds_foxy", "note"] == "read in its sources, not measured"
+    first = by_cell(run).iloc[0]
+    assert first[["loss_live", "loss_live_low", "loss_live_high"]].to_list() == pytest.approx([0.32, 0.3, 0.34])
+    figure, _ = transmission.exp.draw("transmission_validation", run)
+    assert "2 of 3 cells kept their schedule: too few\nwithin 3 points: 50%" in figure.axes[0].get_title()
+    assert "2 cells (Fast DDS 2.1, asynchronous: read" in figure.get_suptitle()
+
+
+def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_is_left_out(tmp_path, monkeypatch):
+    cells = {cell: scenario_of_cell(asdict(cell), duration_s=1.0) for cell in committed_cells()[38:42]}
+    bad, broken, played, written = list(cells)[1], list(cells)[2], [], []
+
+    class Hosts:
+        async def play(self, scenario, *, seed):
+            played.append((cell := next(c for c in cells if cells[c] is scenario), seed))
+            if cell is bad:
+                raise ProcessFailedError("it ended")
+            if cell is broken and played.count(played[-1]) == 1 and seed:
+                raise KeyboardInterrupt
+
+    @asynccontextmanager
+    async def live_hosts(*names, ros):
+        yield Hosts()
+
+    monkeypatch.setattr(transmission.validation, "live_hosts", live_hosts)
+
+    def play():
+        with ExitStack() as stack:
+            bench = SimpleNamespace(
+                config=transmission.exp.config(),
+                stack=stack,
+                log=SimpleNamespace(path=tmp_path / "a.mcap"),
+                advance=lambda _said: None,
+                write_all=lambda _table, rows: written.extend(rows),
+                metadata=lambda _name, values: written.append(values["failed"]),
+            )
+            rows = lambda cell, _played, repeat: {"number": list(cells).index(cell), "repeat": repeat}  # noqa: E731
+            asyncio.run(play_missing(bench, TABLE, cells, 2, rows))
+
+    with pytest.raises(KeyboardInterrupt):
+        play()
+    assert written == []
+    before = len(played)
+    play()
+    assert [(row["number"], row["repeat"]) for row in written[:-1]] == [
+        (n, r) for r in (0, 1) for n in (0, 2, 3)
+    ]
+    assert len(written[-1]) == 2
+    assert len(played) - before == 2 + 2 + 1 + 1, "what failed twice again, what was broken off, what is left"
+    assert not list(tmp_path.iterdir()), "a finished run leaves no journal"

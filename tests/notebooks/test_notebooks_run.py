@@ -33,6 +33,7 @@ FIGURES_ANYWHERE = {
         "transmission_latency",
         "transmission_live",
         "transmission_loss",
+        "transmission_validation",
     },
     "10_cooperation": {"cooperation", "cooperation_staleness", "cooperation_tracks"},
     "11_gateways": {"gateway_core", "graph_mapping"},

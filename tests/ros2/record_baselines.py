@@ -1,6 +1,10 @@
 """Record real ROS 2 beside ours into reference logs of their own: ``python tests/ros2/record_baselines.py``.
 
-Two minutes in the profile quick; the machine should have nothing else to do. `make figures` draws them.
+Two minutes in the profile quick; the machine should have nothing else to do. `make figures` draws them. With an
+experiment's name only that is recorded, with fields of its configuration as ``name=value`` behind it; what was
+broken off goes on when the same is called again. Every cell of the validation, half an hour:
+
+    python tests/ros2/record_baselines.py quick transmission validation_repeats=1 validation_s=8
 """
 
 import asyncio
@@ -8,17 +12,22 @@ import sys
 
 from sfglab.lab.baselines import PART, compared
 from sfglab.lab.bench import Options
-from sfglab.lab.experiments import experiment
+from sfglab.lab.experiments import experiment, transmission
+from sfglab.lab.notebooks import read_parameters
 from sfglab.lab.paths import find_project
 
+PARTS = Options(only=frozenset({PART, transmission.validation.TABLE}))
 
-async def record(profile="quick"):
-    for name in ("discovery", "latency", "decode_once"):
-        path = find_project().reference_logs / f"{name}_{PART}.mcap"
+
+async def record(profile="quick", name="", *changes):
+    project = find_project()
+    for exp in map(experiment, [name] if name else ("discovery", "latency", "decode_once")):
+        path = project.runs / f"{exp.name}_{PART}.mcap"  # beside it is what a broken-off run goes on from
         path.unlink(missing_ok=True)
-        exp = experiment(name)
-        run = await exp.run(profile, path=path, options=Options(only=frozenset({PART})))
-        sys.stdout.write(f"{path.name}\n{run.skipped(PART) or compared(exp, run).to_string()}\n")
+        run = await exp.run(profile, path=path, options=PARTS, **read_parameters(changes))
+        path.rename(project.reference_logs / path.name)
+        found = transmission.validation.validated(run) if exp is transmission.exp else compared(exp, run)
+        sys.stdout.write(f"{path.name}\n{run.skipped(PART)}\n{found.to_string()}\n")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ to robot 1: latency and loss for every rate, depth and method, and where each lo
 
 from __future__ import annotations
 
-from sfglab.lab.experiments.transmission import figures, stage
+from sfglab.lab.experiments.transmission import figures, stage, validation
 from sfglab.lab.experiments.transmission.analysis import agreement, cells, compare_ways, order
 from sfglab.lab.experiments.transmission.experiment import Point, exp, grid, scenario_of
 from sfglab.lab.experiments.transmission.timeline import Timeline
@@ -23,4 +23,5 @@ __all__ = [
     "order",
     "scenario_of",
     "stage",
+    "validation",
 ]

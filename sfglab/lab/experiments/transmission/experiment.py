@@ -103,6 +103,11 @@ class Config(Profiled):
     #: DEPTH of the live cells; optimised methods run with ``opt`` as well.
     live_depths: tuple[str, ...] = ("1", "10", "1000")
     live_methods: tuple[str, ...] = ("none", "OPT+LC")  #: Methods of the live cells.
+    validation_s: float = 30.0  #: How long each cell of the validation is, seconds.
+    validation_repeats: int = 0  #: How often it is played; 0: not.
+    ros2_s: float = 8.0  #: How long each cell on real Fast DDS is, seconds; methods and depths as above.
+    ros2_repeats: int = 1  #: How often it is played; 0: not.
+    ros2_rates_hz: tuple[int, ...] = (1000,)  #: Rmax of these cells.
     seed: int = 0  #: The first seed.
 
 
@@ -110,15 +115,10 @@ exp = Experiment(
     "transmission",
     Config,
     where="B 3.1",
-    smoke={
-        "seeds": 1,
-        "duration_s": 2.0,
-        "live_s": 2.0,
-        "live_rates_hz": (100,),
-        "live_depths": ("10",),
-        "live_methods": ("none",),
-    },
-    paper={"seeds": 30, "live_s": 20.0},
+    smoke={"seeds": 1, "duration_s": 2.0, "ros2_repeats": 0}
+    | {"live_s": 2.0, "live_rates_hz": (100,), "live_depths": ("10",), "live_methods": ("none",)},
+    paper={"seeds": 30, "live_s": 20.0, "live_methods": ("none", "LC", "OPT", "OPT+LC")}
+    | {"validation_repeats": 5, "ros2_repeats": 5, "ros2_rates_hz": RATES_HZ},
     actors=(
         *(Actor(robot, host=robot, does="sensing nodes, a process") for robot in ROBOTS),
         Actor(STATION, host=STATION, does="localisation and planning, a process"),

@@ -11,7 +11,9 @@ from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.transmission.analysis import BEST, TIE, agreement, cells, compare_ways, order
 from sfglab.lab.experiments.transmission.experiment import OPT_DEPTH, Config, exp
 from sfglab.lab.experiments.transmission.stage import LATENCY_WITHIN, LOSS_WITHIN
+from sfglab.lab.experiments.transmission.validation import MODES, READ, by_cell, validated
 from sfglab.lab.figures import COLORS, grouped_bars
+from sfglab.rtps import PRESETS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -198,6 +200,50 @@ def _draw_scatter(axes: Axes, live: pd.DataFrame, columns: tuple[str, str], scal
             x, y = (scale * shown[column].astype(float) for column in columns)
             label = group.replace("_", " ") if face != "none" else None
             axes.plot(x, y, marker, color=color, markerfacecolor=face, label=label)
+
+
+_KINDS = {"calm": COLORS["third"], "lossy": COLORS["proxy"], "saturated": COLORS["standard"]}
+
+
+@exp.figure("transmission_validation", size=(10, 6.4))
+def draw_validation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw every cell that validates a preset, live over the model: losses above, median latencies below."""
+    table, said = by_cell(run), validated(run).set_index("preset")
+    panels = figure.subplots(2, len(MODES), sharex="row", sharey="row")
+    for preset, (loss, latency) in zip(MODES, panels.T, strict=True):
+        line, part = said.loc[preset], table[table["preset"] == preset]
+        _draw_cells(loss, part, "loss", "", 100.0)
+        _draw_cells(latency, part, "p50", "_ms", 1.0)
+        left_out = "" if line["enough"] else ": too few"
+        loss.set_title(
+            f"{PRESETS[preset].name}\n{line['kept']} of {line['cells']} cells kept their schedule{left_out}\n"
+            f"within 3 points: {line['loss_within']:.0%}; 30 %: {line['latency_within']:.0%}",
+            fontsize=9,
+        )
+        loss.set(xlabel="loss, model (%)")
+        latency.set(xlabel="median latency, model (ms)")
+    if len(table):
+        for loss, latency in panels.T:
+            _draw_bands(loss, latency, table)
+    panels[0][0].set(ylabel="loss, live (%)")
+    panels[1][0].set(ylabel="median latency, live (ms)")
+    figure.legend(*panels[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    read = "; ".join(f"{PRESETS[name].name}: {why}" for name, why in READ.items())
+    figure.suptitle(
+        f"Reality beside the model, {len(table)} cells ({read})" if len(table) else "Nothing played yet"
+    )
+    return {"cells": table, "validated": said.reset_index()}
+
+
+def _draw_cells(axes: Axes, table: pd.DataFrame, name: str, unit: str, scale: float) -> None:
+    """Draw cells of a preset, with bars from the lowest to the highest repetition."""
+    for kind, color in _KINDS.items():
+        part = scale * table[table["kind"] == kind].filter(regex=f"^{name}_(live|model)")
+        x, y = part[f"{name}_model{unit}"], part[f"{name}_live{unit}"]
+        bars = [y - part[f"{name}_live{unit}_low"], part[f"{name}_live{unit}_high"] - y]
+        axes.errorbar(
+            x, y, yerr=bars, fmt="o", color=color, label=kind, markersize=4, elinewidth=0.8, alpha=0.8
+        )
 
 
 def _draw_bands(loss: Axes, latency: Axes, live: pd.DataFrame) -> None:

@@ -1,24 +1,62 @@
 """Validation of the presets of RTPS: one topic between two hosts, live and in the model, in cells of a seed.
 
 The cells are committed, ``data/qos/validation.csv``, and were before the first was played: a third offers more
-than the air carries, a third loses three percent of the frames or more, each with every depth.
+than the air carries, a third loses three percent of the frames or more, each with every depth. Played in a log
+of its own, ``transmission_ros2.mcap``, it counts beside a reference without it, as baselines do.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections import Counter
+from dataclasses import asdict, dataclass, fields
+from itertools import takewhile
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import pandas as pd
 
-from sfglab.lab.experiments.transmission.stage import compared, live_hosts
+from sfglab.lab.baselines import PART, beside
+from sfglab.lab.experiment import SkippedPartError, seeded
+from sfglab.lab.experiments.transmission.experiment import Config, exp
+from sfglab.lab.experiments.transmission.stage import (
+    LATENCY_WITHIN,
+    LOSS_WITHIN,
+    compared,
+    hosts_of,
+    live_hosts,
+)
+from sfglab.lab.hosts import HostsError, HostsUnavailableError
+from sfglab.lab.paths import find_project
+from sfglab.lab.ros2 import RosMissingError
+from sfglab.lab.runs import Run, derived
+from sfglab.lab.sweep.journal import (
+    Finished,
+    Journal,
+    identity_of,
+    journals,
+    result_from_text,
+    text_from_result,
+)
+from sfglab.processes import ProcessFailedError
 from sfglab.qos import QoSProfile
 from sfglab.rtps import PRESETS, Flow, Medium, Scenario, run
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
+    from typing import Protocol
 
-    from sfglab.lab.experiments.transmission.stage import RosMode
+    from sfglab.lab.bench import Bench
+    from sfglab.lab.experiments.transmission.stage import Played, RosMode
 
+    class Preset(Protocol):
+        """What names its preset."""
+
+        @property
+        def preset(self) -> str:
+            """One of `MODES`."""
+
+    C = TypeVar("C", bound=Preset)
+
+TABLE = "validation"
 MODEL_SEEDS = 6
 READER_DEPTH = 5000
 """Of every reader, so that a node of Python that looks late loses nothing: the writer's history is asked."""
@@ -28,9 +66,52 @@ MODES: dict[str, RosMode | None] = {
     "cyclone_dds": None,
 }
 """What is validated, by preset: a real ROS 2 node's mode of publication; None: Cyclone DDS, by ourselves."""
+READ = {"fast_dds_foxy": "read in its sources, not measured"}
+"""Presets that cannot be validated, and what they are instead."""
+_TRIES = 2
+KEPT_LEAST = 0.8
+"""Share of the cells that is asked to keep its schedule."""
 
 MEDIUM = ("loss", "queue_frames", "queue_rule", "burst_frames", "access_point")
 """Columns of a cell that are `Medium`'s; others are ``preset``, ``kind``, ``overhead_us`` and the topic's."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """One topic over one air, as the committed table has it."""
+
+    preset: str  #: One of `MODES`.
+    kind: str  #: ``saturated``, ``lossy`` or ``calm``.
+    rate_hz: float  #: At which it is published.
+    depth: int  #: Of the writer's history.
+    size_bytes: int  #: Of a sample, in CDR.
+    loss: float  #: Share of frames lost.
+    overhead_us: int  #: Airtime of a frame beside its bits, microseconds.
+    queue_frames: int  #: Frames that a host's queue holds.
+    queue_rule: str  #: What a full one does.
+    burst_frames: int  #: Mean length of a burst of losses; 0: each by itself.
+    access_point: bool  #: Whether frames are on air twice.
+
+
+@exp.table(TABLE)
+class ValidationRow(Cell):
+    """One cell, played once, beside the model."""
+
+    repeat: int  #: Which time.
+    published: int  #: Samples, live.
+    loss_live: float  #: Share of them that never arrived.
+    loss_model: float  #: The same in the model, all seeds together.
+    p50_live_ms: float  #: Median latency.
+    p50_model_ms: float  #: The same in the model.
+    loss_agrees: bool  #: Whether the losses differ by no more than `LOSS_WITHIN`.
+    latency_agrees: bool  #: Whether the medians differ by no more than `LATENCY_WITHIN` of the live one.
+    kept_up: bool  #: Whether relay and processes kept to their schedules.
+
+
+def committed_cells() -> list[Cell]:
+    """Return the committed cells."""
+    table: Any = pd.read_csv(find_project().root / "data" / "qos" / "validation.csv").to_dict("records")
+    return [Cell(**row) for row in table]
 
 
 def scenario_of_cell(cell: Mapping[str, Any], *, duration_s: float, drain_s: float = 7.0) -> Scenario:
@@ -49,20 +130,120 @@ def scenario_of_cell(cell: Mapping[str, Any], *, duration_s: float, drain_s: flo
     return Scenario(flows=(flow,), medium=medium, vendor=vendor, duration_s=duration_s, drain_s=drain_s)
 
 
-async def validate(cells: pd.DataFrame, *, duration_s: float, seed: int = 0) -> pd.DataFrame:
-    """Play cells of one preset live, one after the other, beside the model, and return what they gave.
+# --- Live -----------------------------------------------------------------------------------------------------
 
-    Columns are those of the cells and of `compared`, and ``kept_up``.
+
+@exp.part(
+    TABLE,
+    total=lambda config: len(committed_cells()) * config.validation_repeats,
+    skips=(HostsUnavailableError, RosMissingError),
+    timed=False,
+)
+async def validate(bench: Bench[Config]) -> None:
+    """Play every cell, and beside it the model."""
+    config = bench.config
+
+    def rows(cell: Cell, played: Played, repeat: int) -> dict[str, Any]:
+        models = [run(played.scenario, seed=seed) for seed in seeded(config, MODEL_SEEDS)]
+        found = {"repeat": repeat, "kept_up": played.kept_up, **compared(played, models, "sensors")}
+        return asdict(cell) | found
+
+    cells = {cell: scenario_of_cell(asdict(cell), duration_s=config.validation_s) for cell in committed_cells()}
+    await play_missing(bench, TABLE, cells, config.validation_repeats, rows)
+
+
+async def play_missing(
+    bench: Bench[Config],
+    table: str,
+    cells: Mapping[C, Scenario],
+    repeats: int,
+    rows: Callable[[C, Played, int], Any],
+) -> None:
+    """Play cells with the nodes of their presets, one at a time, and write a table of them.
+
+    What is finished stands in the part's journal at once; a run that was broken off goes on behind it. What
+    fails is tried once more with new hosts, then noted in the metadata of the table's name, and left out.
+
+    Args:
+        bench: Of the part.
+        table: Where rows go.
+        cells: What is played; a cell's ``preset`` is one of `MODES`.
+        repeats: How often each is played.
+        rows: Gives a row, or a tuple of them, from a cell, what was played, and which repetition it was.
 
     Raises:
         HostsUnavailableError: This machine has no test hosts.
         RosMissingError: This machine has no ROS 2.
     """
-    records: list[Any] = cells.to_dict("records")
-    rows = []
-    async with live_hosts("robot", "station", ros=MODES[cells["preset"].iloc[0]]) as hosts:
-        for cell in records:
-            played = await hosts.play(scenario_of_cell(cell, duration_s=duration_s), seed=seed)
-            models = [run(played.scenario, seed=seed + k) for k in range(MODEL_SEEDS)]
-            rows.append({**cell, **compared(played, models, "sensors"), "kept_up": played.kept_up})
-    return pd.DataFrame(rows)
+    if not cells or not repeats:
+        raise SkippedPartError("not asked for")
+    todo = list(cells)
+    jobs = [(number, repeat) for repeat in range(repeats) for number in range(len(todo))]
+    failed: Counter[tuple[int, int]] = Counter()
+    reasons: dict[str, str] = {}
+    path = bench.stack.enter_context(journals(bench.log.path, f"{exp.name}-{bench.config.profile}"))
+    with Journal(path(table), identity_of(play_missing, [bench.config, *todo])) as journal:
+        while missing := [job for job in jobs if job not in journal.finished and failed[job] < _TRIES]:
+            job, preset = missing[0], todo[missing[0][0]].preset
+            try:
+                async with live_hosts(*hosts_of(cells[todo[job[0]]]), ros=MODES[preset]) as hosts:
+                    for job in takewhile(lambda other: todo[other[0]].preset == preset, missing):  # noqa: B023
+                        cell, repeat = todo[job[0]], job[1]
+                        played = await hosts.play(cells[cell], seed=bench.config.seed + repeat)
+                        journal.add(Finished(*job, text_from_result(rows(cell, played, repeat))))
+                        bench.advance(f"{preset}, repetition {repeat}")
+            except (ProcessFailedError, HostsError, TimeoutError) as error:
+                failed[job] += 1
+                reasons[f"{todo[job[0]]}, repetition {job[1]}"] = str(error)
+        for made in (result_from_text(journal.finished[job]) for job in jobs if job in journal.finished):
+            bench.write_all(table, made if isinstance(made, tuple) else (made,))
+    bench.metadata(table, {"hindrance": "", "failed": reasons})
+
+
+# --- Beside the model -----------------------------------------------------------------------------------------
+
+KEYS = [f.name for f in fields(Cell)]
+_MEASURED = ("loss_live", "loss_model", "p50_live_ms", "p50_model_ms")
+
+
+@derived
+def played(run: Run[Config]) -> pd.DataFrame:
+    """Return what was played: a run's own rows, else those that are committed."""
+    rows, committed = beside(exp, run, TABLE), find_project().reference_logs / f"{exp.name}_{PART}.mcap"
+    return exp.load(committed)[TABLE] if rows.empty and committed.is_file() else rows
+
+
+@derived
+def by_cell(run: Run[Config]) -> pd.DataFrame:
+    """Return a line a cell that kept its schedule, over the repetitions in which it did.
+
+    Columns are the cell's, the medians of what was measured live and in the model, each with ``_low`` and
+    ``_high``, and whether these medians agree: ``loss_agrees`` and ``latency_agrees``.
+    """
+    rows = played(run)
+    groups = rows[rows["kept_up"].astype(bool)].groupby(KEYS, sort=False)[list(_MEASURED)]
+    ends = (groups.min().add_suffix("_low"), groups.max().add_suffix("_high"))
+    table = pd.concat([groups.median(), *ends], axis="columns").reset_index()
+    table["loss_agrees"] = (table["loss_live"] - table["loss_model"]).abs() <= LOSS_WITHIN
+    late_ms = (table["p50_live_ms"] - table["p50_model_ms"]).abs()
+    return table.assign(latency_agrees=late_ms <= LATENCY_WITHIN * table["p50_live_ms"])
+
+
+@derived
+def validated(run: Run[Config]) -> pd.DataFrame:
+    """Return how far each preset is validated, a line each, those that are only read too.
+
+    Columns are ``preset``, how many ``cells`` were played, how many ``kept`` their schedule and whether that is
+    ``enough``, and of those the shares ``loss_within`` and ``latency_within`` what is asked.
+    """
+    rows, table = played(run), by_cell(run)
+    lines: list[dict[str, Any]] = []
+    for preset in MODES:
+        fair = table[table["preset"] == preset]
+        count = len(rows[rows["preset"] == preset].drop_duplicates(KEYS))
+        line = {"preset": preset, "cells": count, "kept": len(fair)}
+        line |= {"enough": len(fair) >= KEPT_LEAST * count > 0, "note": ""}
+        shares = {"loss_within": fair["loss_agrees"], "latency_within": fair["latency_agrees"]}
+        lines.append(line | {name: float(agrees.mean()) for name, agrees in shares.items()})
+    read = ({"preset": name, "cells": 0, "kept": 0, "enough": False, "note": why} for name, why in READ.items())
+    return pd.DataFrame([*lines, *read])
