@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from sfglab.documents import OR_NULL, Document, Section, read_by
 from sfglab.errors import InvalidValueError
+from sfglab.lab.stats import Estimate  # noqa: TC001 - the same
 from sfglab.tables import Shown, columns, html_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
-
-    from sfglab.lab.stats import Estimate
 
 
 class How(Enum):
@@ -37,6 +36,10 @@ class Verdict(Enum):
 
     REPRODUCED = "reproduced"
     BETTER = "better"
+    FITTED = "fitted"
+    """It agrees by constants that were fitted to the paper's own figures, which predicts nothing."""
+    UNDECIDED = "undecided"
+    """It hangs on what the paper leaves open or what differs between runs, or a part was not measured."""
     DEVIATES = "deviates"
     NOT_YET = "not yet"
 
@@ -67,15 +70,17 @@ class Claim(Shown):
     band: tuple[float, float]  #: Lowest and highest figure that counts as reproduced.
     #: The end of the band beyond which our figure is better; None: neither.
     better: Literal["above", "below"] | None = None
+    #: The statement's other figures, such as a range's other end: what each is, and its band.
+    ends: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     #: Name of the experiment that measures it; None: there is none yet.
     experiment: str | None = field(metadata=OR_NULL)
     #: What judges runs on the paper's own middleware, once there are any; until then `band` judges.
     criterion: Criterion | None = None
 
     def __post_init__(self) -> None:
-        low, high = self.band
-        if low > high:
-            raise InvalidValueError("band", [low, high], "[low, high]")
+        for name, (low, high) in {"band": self.band, **self.ends}.items():
+            if low > high:
+                raise InvalidValueError(name, [low, high], "[low, high]")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,6 +90,10 @@ class Finding:
     estimate: Estimate  #: Median or fitted value with its 95 % interval.
     details: Mapping[str, str] = field(default_factory=dict)  #: Further figures, as text by name.
     reason: str = ""  #: Why it deviates from the paper's, where that is known.
+    ends: Mapping[str, float] = field(default_factory=dict)  #: Of the claim's `ends`, those that were measured.
+    #: The same figure under other conditions that the paper leaves open, or in other runs, by what they are.
+    under: Mapping[str, Estimate] = field(default_factory=dict)
+    fitted: str = ""  #: What was fitted to the claim's own figures; empty: nothing.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,6 +111,18 @@ class Entry:
     verdict: Verdict
     measured: Measured | None = None
     log: str = ""
+
+    @property
+    def reason(self) -> str:
+        """Why the verdict is neither reproduced nor better, as far as that is known."""
+        m, c = self.measured, self.claim
+        if m is None or self.verdict in {Verdict.REPRODUCED, Verdict.BETTER}:
+            return ""
+        if self.verdict is Verdict.FITTED:
+            return m.fitted
+        open_ = [f"{name}: {e}, {_in_band(c, e).value}" for name, e in m.under.items()] if m.under else []
+        missing = [f"{name}: not measured" for name in c.ends if name not in m.ends]
+        return "; ".join(filter(None, [m.reason, *_wrong_ends(c, m), *missing, *open_]))
 
     def __repr__(self) -> str:
         name, paper, ours, unit, *_ = _row(self)
@@ -125,7 +146,9 @@ class Entry:
             "unit": self.claim.unit,
             "how": m.how.value if m else None,
             "verdict": self.verdict.value,
-            "reason": m.reason if m and self.verdict is Verdict.DEVIATES else "",
+            "reason": self.reason,
+            "ends": dict(m.ends) if m else {},
+            "under": {name: str(estimate) for name, estimate in m.under.items()} if m else {},
             "details": dict(m.details) if m else {},
             "log": self.log or None,
         }
@@ -164,15 +187,33 @@ def load_claims(path: Path) -> list[Claim]:
 
 
 def judge(claim: Claim, measured: Measured | None) -> Verdict:
-    """Compute the verdict from our figure: the ledger's only rule.
+    """Compute the verdict from our figures: the ledger's only rule.
 
     Better asks that the whole interval lies beyond the band's end, reproduced that the figure lies in the
-    band.
+    band; both ask that every one of the claim's ends lies in its own. Undecided is what was not measured whole,
+    or gets another verdict under conditions that the paper leaves open, or in another run.
     """
     if measured is None:
         return Verdict.NOT_YET
+    found = {_in_band(claim, e) for e in (measured.estimate, *measured.under.values())}
+    if _wrong_ends(claim, measured) or found == {Verdict.DEVIATES}:
+        return Verdict.DEVIATES
+    if len(found) > 1 or claim.ends.keys() - measured.ends.keys():
+        return Verdict.UNDECIDED
+    return Verdict.FITTED if measured.fitted else found.pop()
+
+
+def _wrong_ends(claim: Claim, measured: Measured) -> list[str]:
+    """Return what is out of its band of the claim's ends."""
+    return [
+        f"{name}: {measured.ends[name]:.3g}, asked {low:g} to {high:g}"
+        for name, (low, high) in claim.ends.items()
+        if name in measured.ends and not low <= measured.ends[name] <= high
+    ]
+
+
+def _in_band(claim: Claim, estimate: Estimate) -> Verdict:
     low, high = claim.band
-    estimate = measured.estimate
     if claim.better == "above" and estimate.low > high:
         return Verdict.BETTER
     if claim.better == "below" and estimate.high < low:

@@ -463,9 +463,8 @@ class Experiment(Generic[C]):
             finding = answer(run)
             if finding is not None:
                 said = how if isinstance(how, How) else how(run)
-                found[name] = Measured(
-                    estimate=finding.estimate, details=finding.details, reason=finding.reason, how=said
-                )
+                values = {field_.name: getattr(finding, field_.name) for field_ in fields(Finding)}
+                found[name] = Measured(**values, how=said)
         return found
 
     def draw(self, name: str, run: Run[C]) -> tuple[Figure, dict[str, Any]]:

@@ -29,7 +29,14 @@ PAPERS = {
     "Platforms",
     "beside": "Real ROS 2 nodes beside ours, feature by feature",
 }
-_COLORS = {"reproduced": "#00664B", "better": "#00558A", "deviates": "#A04000", "not yet": "#666666"}
+_COLORS = {
+    "reproduced": "#00664B",
+    "better": "#00558A",
+    "fitted": "#6B4E9B",
+    "undecided": "#7A6000",
+    "deviates": "#A04000",
+    "not yet": "#666666",
+}
 _WIDTH_PX = 240
 _CELL = 'style="text-align: left; vertical-align: top; white-space: normal"'
 

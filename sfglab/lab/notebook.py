@@ -125,7 +125,7 @@ def check(run: Run[Any], *verdicts: str, may_deviate: Sequence[str] = ()) -> str
 
     Args:
         run: The run.
-        verdicts: ``reproduced``, ``better``.
+        verdicts: ``reproduced``, ``better``, or those that are known: ``fitted``, ``undecided``.
         may_deviate: Claims that may deviate, if the experiment gives the reason; it is said.
 
     Raises:
@@ -139,7 +139,8 @@ def check(run: Run[Any], *verdicts: str, may_deviate: Sequence[str] = ()) -> str
         raise AssertionError(f"{run.experiment}: {', '.join(failed)}; expected {' or '.join(verdicts)}")
     held = [e.claim.id for e in entries if e not in wrong]
     reasons = [f"{claim} deviates: {reason}" for claim, reason in said.items()]
-    return "\n".join([f"{len(held)} claims hold: {', '.join(held)}", *reasons])
+    said_of = "hold" if {"reproduced", "better"}.issuperset(verdicts) else f"are {' or '.join(verdicts)}"
+    return "\n".join([f"{len(held)} claims {said_of}: {', '.join(held)}", *reasons])
 
 
 def _excuse(entry: Entry, run: Run[Any], may_deviate: Sequence[str]) -> str:

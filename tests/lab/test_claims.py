@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -20,12 +21,16 @@ IDS = [
     *("A-VICON", "A-PLAN", "A-VIZ", "A-DEPLOY"),
     *("B-LC", "B-CC", "B-OPT", "B-TAB1", "B-TAB2", "B-LAT", "B-LOSS", "B-COOP"),
     *("C-FSM", "C-HWHW", "C-HWSW", "C-SWHW", "C-SWSW", "C-MAP", "C-DRIVE"),
+    "C-DRIVE-DEV",
 ]
 
 
 def claim(**changes) -> Claim:
     values = {"id": "X", "where": "A 1", "says": "s", "paper": 5.0, "unit": "u", "band": (4.0, 6.0)}
     return Claim(**values | {"experiment": None} | changes)
+
+
+EXACT_7 = Estimate(value=7, low=7, high=7, unit="u")
 
 
 def measured(value, low=None, high=None) -> Measured:
@@ -57,6 +62,23 @@ def test_the_ledger_file_holds_no_figure_of_ours_and_no_verdict():
 )
 def test_verdicts_follow_from_figure_interval_and_band(better, figure, verdict):
     assert judge(claim(better=better), measured(*figure)) is verdict
+
+
+@pytest.mark.parametrize(
+    ("more", "verdict", "reason"),
+    [
+        ({"ends": {"e": 0.5}}, Verdict.REPRODUCED, ""),
+        ({"ends": {"e": 2}}, Verdict.DEVIATES, "e: 2, asked 0 to 1"),
+        ({"ends": {}}, Verdict.UNDECIDED, "e: not measured"),
+        ({"ends": {"e": 0.5}, "under": {"f": EXACT_7}}, Verdict.UNDECIDED, "f: 7 u [7, 7], deviates"),
+        ({"ends": {"e": 0.5}, "fitted": "six to seven"}, Verdict.FITTED, "six to seven"),
+        ({"ends": {"e": 2}, "fitted": "six to seven"}, Verdict.DEVIATES, "e: 2, asked 0 to 1"),
+    ],
+)
+def test_verdicts_follow_from_ends_conditions_and_fits(more, verdict, reason):
+    entry = entry_for(claim(ends={"e": (0.0, 1.0)}), replace(measured(5), **more))
+    assert entry.verdict is verdict
+    assert entry.reason == reason
 
 
 def test_without_a_figure_the_verdict_is_not_yet():

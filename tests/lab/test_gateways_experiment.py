@@ -26,6 +26,7 @@ def test_a_run_fills_its_claims_and_draws_its_figures(smoke):
     assert measured["C-FSM"].estimate.value == 1
     assert measured["C-MAP"].estimate.value == 3
     assert measured["C-MAP"].details["edges, by stage"] == "10 -> 8 -> 3"
+    assert list(measured["C-MAP"].ends.values()) == [3, 7, 2, 6, 1, 2, 0, 0]
     assert set(exp.figures(run)) == {"gateway_core", "graph_mapping"}
     bounds = len(run.config.bounds)
     assert run["unclaimed"]["violation"].str.startswith("deadlock").sum() == bounds

@@ -17,6 +17,7 @@ from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import bootstrap, exactly
 from sfglab.soc.memory import Origin
 from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS, Panel
+from sfglab.soc.prediction import PRIORS, predictions
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -187,7 +188,7 @@ class _Asked:
     panel: Panel  #: From whom to whom.
     bar: Callable[[Ratios], tuple[int, int]]  #: Which of its speed-ups it is about, by subscribers and size.
     slower: bool = False  #: The figure is how many times as slow; else how many times as fast.
-    other: Callable[[Ratios], str]  #: What else the paper states of the panel, beside ours.
+    end: tuple[str, Callable[[Ratios], float]]  #: The other end of the paper's range, by its name in the claim.
     unit: str  #: Of the figure.
 
     def value(self, ratios: Ratios) -> float:
@@ -199,10 +200,6 @@ class _Asked:
 _SMALL, _LARGE, _MANY = MESSAGE_BYTES[0], MESSAGE_BYTES[-1], SUBSCRIBERS[-1]
 
 
-def _small(ratios: Ratios) -> str:
-    return ", ".join(f"{ratios[count, _SMALL]:.3f} with {count} nodes" for count in SUBSCRIBERS)
-
-
 def _largest(ratios: Ratios) -> tuple[int, int]:
     return max(product(SUBSCRIBERS, MESSAGE_BYTES), key=lambda cell: float(ratios[cell]))
 
@@ -211,26 +208,26 @@ _ASKED = {
     "C-HWHW": _Asked(
         panel=Panel.HARDWARE_TO_HARDWARE,
         bar=lambda _: (_MANY, _LARGE),
-        other=lambda ratios: f"{ratios[_MANY, _SMALL]:.3f} at 10 kB, paper 1.94",
+        end=("times as fast at 10 kB", lambda ratios: float(ratios[_MANY, _SMALL])),
         unit="times as fast at 10 MB",
     ),
     "C-HWSW": _Asked(
         panel=Panel.HARDWARE_TO_SOFTWARE,
         bar=lambda ratios: (min(SUBSCRIBERS, key=lambda count: ratios[count, _SMALL]), _SMALL),
         slower=True,
-        other=lambda ratios: f"speed-up {ratios[_MANY, _LARGE]:.3f} at 10 MB, 8 nodes; paper: approaches 1",
+        end=("times as fast at 10 MB, 8 nodes", lambda ratios: float(ratios[_MANY, _LARGE])),
         unit="times as slow at 10 kB",
     ),
     "C-SWHW": _Asked(
         panel=Panel.SOFTWARE_TO_HARDWARE,
         bar=_largest,
-        other=lambda ratios: f"at 10 kB {_small(ratios)}; paper: below 1",
+        end=("largest at 10 kB", lambda ratios: max(float(ratios[count, _SMALL]) for count in SUBSCRIBERS)),
         unit="times as fast at 10 MB",
     ),
     "C-SWSW": _Asked(
         panel=Panel.SOFTWARE_TO_SOFTWARE,
         bar=_largest,
-        other=lambda ratios: f"least {ratios.min():.3f}, paper 1.06",
+        end=("times as fast, least", lambda ratios: float(ratios.min())),
         unit="times as fast, largest",
     ),
 }
@@ -244,14 +241,34 @@ def _measured(run: Run[Config], asked: _Asked) -> Finding:
     ratios = _ratios(run, asked.panel)
     value = asked.value(ratios)
     details = {
-        "the other end": asked.other(ratios),
         "if the core cut through": f"{asked.value(_ratios(run, asked.panel, 'cut-through')):.3f}",
         **_hardware(run, asked),
         **_live(run, asked, asked.bar(ratios)),
         **fit_meaning(run),
+        **_out_of_sample(asked.panel),
     }
+    name, end = asked.end
     # The model draws nothing: there is no interval.
-    return Finding(estimate=exactly(value, asked.unit), details=details)
+    return Finding(
+        estimate=exactly(value, asked.unit),
+        details=details,
+        ends={name: end(ratios)},
+        fitted=f"{details['fit']}; out of sample: {details['out of sample']}",
+    )
+
+
+def _out_of_sample(panel: Panel) -> dict[str, str]:
+    """Return what priors and the other numbers predict of the panel's numbers, each left out."""
+    found = [one for one in predictions() if one.panel is panel]
+    return {
+        "out of sample": ", ".join(map(str, found)),
+        "would decide": "; ".join(
+            f"{one.decider}: [{one.low:.3g}, {one.high:.3g}] becomes [{low:.3g}, {high:.3g}]"
+            for one in found
+            for low, high in (one.narrowed,)
+        ),
+        "priors": "; ".join(f"{k} {p.median:g} (x/÷ {p.factor:g}), {p.source}" for k, p in PRIORS.items()),
+    }
 
 
 def _hardware(run: Run[Config], asked: _Asked) -> dict[str, str]:
