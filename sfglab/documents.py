@@ -13,7 +13,7 @@ import math
 import sys
 import types
 import typing
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -26,7 +26,6 @@ from sfglab.fields import BOUNDS, Bounds, alternatives_of, choices_of, typed_fie
 if TYPE_CHECKING:
     import pathlib
     import re
-    from collections.abc import Iterable
 
     import yaml
 

@@ -14,14 +14,12 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from sfglab.component import argument_of
+from sfglab.component import Report, argument_of
 from sfglab.errors import SfglabError
 from sfglab.fields import to_json
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
-
-    from sfglab.component import Report
 
 
 T = TypeVar("T")

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.etree import ElementTree as ET
 
 from sfglab.errors import InvalidValueError
-from sfglab.rtps import CYCLONE_DDS, FAST_DDS
+from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Vendor
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     from sfglab.arp.plan import Plan, TopicPlan
     from sfglab.qos import QoSProfile
-    from sfglab.rtps import Vendor
 
 
 def _require_vendor(plan: Plan, vendor: Vendor) -> None:

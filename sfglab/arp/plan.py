@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfglab.arp.balancing import BalanceInput, balance
-from sfglab.arp.link import at_depths, link_of, queue_wait_s, repair_delay_s, waits_s
+from sfglab.arp.link import Link, at_depths, link_of, queue_wait_s, repair_delay_s, waits_s
 from sfglab.arp.repairs import CANDIDATES, batch_loss, one_repair_loss, random_batch_loss
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fields import between, check_bounds
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sfglab.arp.link import Link
     from sfglab.arp.topics import Topic, TopicFile
     from sfglab.rtps import Medium, Vendor
 

@@ -33,8 +33,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.arp.link import at_depths, link_of, queue_wait_s, repair_delay_s
-from sfglab.arp.plan import InfeasiblePlanError, Limits, assess, depths_for, rates_most_hz
+from sfglab.arp.link import Link, at_depths, link_of, queue_wait_s, repair_delay_s
+from sfglab.arp.plan import InfeasiblePlanError, Limits, Plan, assess, depths_for, rates_most_hz
 from sfglab.errors import InvalidValueError, SfglabError
 
 if TYPE_CHECKING:
@@ -42,8 +42,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sfglab.arp.link import Link
-    from sfglab.arp.plan import Plan
     from sfglab.arp.topics import Topic, TopicFile
     from sfglab.rtps import Medium, Vendor
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from sfglab.documents import Document, DocumentError, named
+from sfglab.documents import Document, DocumentError, Section, named
 from sfglab.fields import between, bounds
 from sfglab.qos import Durability, Reliability
 from sfglab.rtps import FAST_DDS, PRESETS, Medium, Vendor
@@ -17,8 +17,6 @@ from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from sfglab.documents import Section
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,14 +15,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from sfglab.bus.api import EndpointKind, Listener, RawEndpoint
-from sfglab.bus.endpoints import Inbox, Sample
+from sfglab.bus.endpoints import Inbox, Reader, Sample, Writer
 from sfglab.bus.forwarding import Forward, Forwarder, Transform
 from sfglab.bus.loop import Calls, LoopBridge, OnError
 from sfglab.bus.ros.services import RosServices
 from sfglab.messages import decoder
 
 if TYPE_CHECKING:
-    from sfglab.bus.endpoints import Reader, Writer
     from sfglab.bus.graph import Graph
 
 

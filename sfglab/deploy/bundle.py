@@ -10,13 +10,13 @@ import hashlib
 import io
 import json
 import tarfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.compose import compose_files
-from sfglab.deploy.deployment import Deployment, deployment_of
+from sfglab.deploy.deployment import Deployment, Release, deployment_of
 from sfglab.deploy.dockerfile import image_files
 from sfglab.deploy.editor import editor_files
 from sfglab.deploy.errors import DeployError
@@ -24,14 +24,10 @@ from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile
 from sfglab.deploy.host import host_files
 from sfglab.deploy.routers.targets import ROUTER_FILES, render_router_file
 from sfglab.documents import suggestion
-from sfglab.fleet.fleet_file import AUTO, Accelerator, read_fleet
+from sfglab.fleet.fleet_file import AUTO, Accelerator, AgentSpec, Fleet, HostSpec, read_fleet
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
     from pathlib import Path
-
-    from sfglab.deploy.deployment import Release
-    from sfglab.fleet.fleet_file import AgentSpec, Fleet, HostSpec
 
 
 MANIFEST = "manifest.json"

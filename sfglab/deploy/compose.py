@@ -7,16 +7,12 @@ finds other agents by multicast on a real interface.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from sfglab.deploy.deployment import FLEET_FILE, USER_ID
+from sfglab.deploy.deployment import FLEET_FILE, USER_ID, Deployment
 from sfglab.deploy.files import BundleFile
 from sfglab.deploy.routers.targets import ROUTER_FILES
 from sfglab.fleet.fleet_file import Accelerator, RosDistribution, RouterSoftware
-
-if TYPE_CHECKING:
-    from sfglab.deploy.deployment import Deployment
-
 
 _NEEDS_INITIALIZE = "run hooks/initialize.sh first"
 _USB = "/dev/bus/usb"

@@ -10,14 +10,9 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from sfglab.deploy.errors import DeployError
-from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork, Fleet, HostSpec
-
-if TYPE_CHECKING:
-    from sfglab.fleet.fleet_file import AgentSpec, DeploymentSpec
-
+from sfglab.fleet.fleet_file import Accelerator, AgentSpec, ContainerNetwork, DeploymentSpec, Fleet, HostSpec
 
 LAST_EPHEMERAL_FREE_PORT = 32767
 """The last port below those that Linux gives to anybody who asks (net.ipv4.ip_local_port_range)."""

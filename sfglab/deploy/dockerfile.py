@@ -9,19 +9,13 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from sfglab.deploy.bases import base_of
-from sfglab.deploy.deployment import FLEET_FILE, USER, USER_ID
+from sfglab.deploy.bases import BaseImage, base_of
+from sfglab.deploy.deployment import FLEET_FILE, USER, USER_ID, Deployment
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PROGRAM, BundleFile, render
 from sfglab.deploy.release import agent_lock, split_lock
 from sfglab.fleet.fleet_file import Architecture, RosDistribution
-
-if TYPE_CHECKING:
-    from sfglab.deploy.bases import BaseImage
-    from sfglab.deploy.deployment import Deployment
-
 
 STAGES = ("base", "adapter", "application")
 """The three layers of the paper, in their order."""

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import json
 import shlex
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from sfglab.deploy.deployment import FLEET_FILE, USER
+from sfglab.deploy.deployment import FLEET_FILE, USER, Deployment
 from sfglab.deploy.files import BundleFile
 from sfglab.fleet.fleet_file import RosDistribution
-
-if TYPE_CHECKING:
-    from sfglab.deploy.deployment import Deployment
-
 
 INTERPRETER = "/opt/venv/bin/python"
 """Python that has sfglab in the images; nodes of a distribution run on the system's."""

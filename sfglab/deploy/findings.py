@@ -5,15 +5,13 @@ One table serves any kind of file: what a rule is asked about and how it names a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from sfglab.fleet.lint import Finding, Severity
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from sfglab.documents import Place
 
 

@@ -8,14 +8,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from importlib import resources
-from typing import TYPE_CHECKING
 
-from sfglab.deploy.deployment import USER_ID
+from sfglab.deploy.deployment import USER_ID, Deployment
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile, render
-
-if TYPE_CHECKING:
-    from sfglab.deploy.deployment import Deployment
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

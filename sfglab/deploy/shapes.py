@@ -16,13 +16,11 @@ from importlib import import_module, resources
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sfglab.deploy.errors import MissingProgramError
-from sfglab.documents import suggestion
+from sfglab.documents import KeyPath, Place, suggestion
 from sfglab.fleet.lint import Finding, Severity
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-
-    from sfglab.documents import KeyPath, Place
 
 
 _TYPES = {

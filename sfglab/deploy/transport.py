@@ -20,13 +20,12 @@ from sfglab.deploy.bases import JETPACK
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.hardware.detection import detect
 from sfglab.deploy.programs import run_heard
-from sfglab.fleet.fleet_file import Accelerator
+from sfglab.fleet.fleet_file import Accelerator, HostSpec
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.deploy.hardware.machine import Machine
-    from sfglab.fleet.fleet_file import HostSpec
 
 
 CONNECT_S = 10

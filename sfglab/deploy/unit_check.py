@@ -14,13 +14,11 @@ from typing import TYPE_CHECKING
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.findings import worst_first
 from sfglab.deploy.shapes import check_shape
-from sfglab.documents import Place
+from sfglab.documents import KeyPath, Place
 from sfglab.fleet.lint import Finding, Severity
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from sfglab.documents import KeyPath
 
 
 ANALYZE = "systemd-analyze"

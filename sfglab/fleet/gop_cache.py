@@ -30,8 +30,8 @@ from enum import Enum, auto
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from sfglab.bus.address import BusAddress
-from sfglab.bus.api import EndpointAdded, EndpointKind
-from sfglab.component import beside, run_component
+from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind
+from sfglab.component import Report, beside, run_component
 from sfglab.errors import InvalidValueError
 from sfglab.machine import Machine
 from sfglab.names import FqnError, Resource, ResourceKind, Suffixed, dds_names, parse
@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus import Node
-    from sfglab.bus.api import EndpointEvent
-    from sfglab.component import Report
 
 
 FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"

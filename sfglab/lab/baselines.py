@@ -15,7 +15,7 @@ import pandas as pd
 
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import COMPRESSED_IMAGE
-from sfglab.lab.experiment import SkippedPartError
+from sfglab.lab.experiment import Experiment, SkippedPartError
 from sfglab.lab.figures import series
 from sfglab.lab.meters import measure
 from sfglab.lab.ros2 import RosMember
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sfglab.lab.bench import Bench
-    from sfglab.lab.experiment import Experiment
     from sfglab.lab.runs import Run
     from sfglab.lab.testbed import Testbed
 

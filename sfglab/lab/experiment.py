@@ -17,7 +17,7 @@ from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.fields import check_bounds, read_field, to_json
+from sfglab.fields import Bounds, check_bounds, read_field, to_json
 from sfglab.lab.bench import Bench, Options, rows_of
 from sfglab.lab.claims import Finding, How, Measured
 from sfglab.lab.figures import caption_of, house_style
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from sfglab.fields import Bounds
 
 C = TypeVar("C")
 F = TypeVar("F", bound=Callable[..., Any])

@@ -11,19 +11,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
-from sfglab.lab.claims import Ledger, entry_for, load_claims
+from sfglab.lab.claims import Ledger, Measured, entry_for, load_claims
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.figures import file_sha256, save_figure
-from sfglab.lab.runs import Standing, standing
+from sfglab.lab.runs import Run, Standing, standing
 from sfglab.record import LogReader
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from sfglab.lab.claims import Measured
     from sfglab.lab.paths import Project
-    from sfglab.lab.runs import Run
 
 _LOG = logging.getLogger(__name__)
 

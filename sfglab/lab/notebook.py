@@ -5,7 +5,7 @@ Keeps the notebooks thin; everything behind it is in the modules that it imports
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,24 +13,20 @@ import pandas as pd
 
 from sfglab.errors import InvalidValueError
 from sfglab.lab import ledger
-from sfglab.lab.claims import Entry, How
+from sfglab.lab.claims import Entry, How, Ledger
 from sfglab.lab.experiments import experiment
 from sfglab.lab.figures import few_colors, png_of
 from sfglab.lab.paths import find_project
-from sfglab.lab.runs import SMOKE
+from sfglab.lab.runs import SMOKE, C, Run
 from sfglab.record import LogReader
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from IPython.display import Image, Video
     from matplotlib.figure import Figure
     from pandas.io.formats.style import Styler
 
-    from sfglab.lab.claims import Ledger
     from sfglab.lab.experiment import Experiment
     from sfglab.lab.index import IndexPage
-    from sfglab.lab.runs import C, Run
 
 _LARGE_BYTES = 200_000
 pd.set_option("display.max_colwidth", None)  # tables show their sentences whole

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar,
 
 from sfglab.errors import SfglabError
 from sfglab.fields import from_json
-from sfglab.record import LogReader
+from sfglab.record import DecodedMessage, LogReader
 from sfglab.tables import field_rows, html_table
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from sfglab.lab.paths import Project
-    from sfglab.record import DecodedMessage
 
 C = TypeVar("C")
 P = ParamSpec("P")

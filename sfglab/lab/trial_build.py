@@ -23,19 +23,17 @@ from typing import TYPE_CHECKING
 from sfglab import __version__
 from sfglab.deploy.bases import base_of
 from sfglab.deploy.bundle import bundle_of
-from sfglab.deploy.deployment import USER_ID
+from sfglab.deploy.deployment import USER_ID, Deployment
 from sfglab.deploy.dockerfile import VENV, image_files
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.programs import run_heard
 from sfglab.deploy.release import MACHINES
-from sfglab.fleet.fleet_file import Accelerator, RosDistribution
+from sfglab.fleet.fleet_file import Accelerator, Architecture, RosDistribution
 from sfglab.lab.checks.machines import Unasked, held
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from sfglab.deploy.deployment import Deployment
-    from sfglab.fleet.fleet_file import Architecture
     from sfglab.lab.checks import CheckRow
 
 

@@ -6,7 +6,7 @@ Knows the encapsulation header (RTPS 2.5, clause 10.2) and its padding. Refuses 
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +16,6 @@ from sfglab.messages.flat import flat_reader
 from sfglab.messages.store import MessageError, check_new, numpy_dtype, parse_definition, type_name, type_store
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from rosbags.interfaces.typing import FieldDesc
     from rosbags.typesys.store import Typestore
     from typing_extensions import Buffer

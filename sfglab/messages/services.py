@@ -9,10 +9,11 @@ from __future__ import annotations
 import difflib
 import struct
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from sfglab.messages.store import (
     MessageError,
+    ServiceType,
     UnknownTypeError,
     action_texts,
     message_type,
@@ -20,10 +21,6 @@ from sfglab.messages.store import (
     register,
     service_type,
 )
-
-if TYPE_CHECKING:
-    from sfglab.messages.store import ServiceType
-
 
 _ENCAPSULATION_BYTES = 4
 _FRAME = {0: struct.Struct(">Qq"), 1: struct.Struct("<Qq")}  # by the second octet of the encapsulation

@@ -24,13 +24,11 @@ import psutil
 import sfglab
 from sfglab.errors import SfglabError
 from sfglab.fields import to_json
-from sfglab.qos import Durability, History, Liveliness, Reliability
+from sfglab.qos import Durability, History, Liveliness, QoSProfile, Reliability
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from sfglab.qos import QoSProfile
 
 
 class LogError(SfglabError, ValueError):

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from io import SEEK_END
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, Self
 
 from sfglab.messages import decoder, decoder_from_definition
 from sfglab.messages.store import is_known_as
@@ -23,7 +23,6 @@ from sfglab.tables import html_table
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Iterable, Iterator
-    from typing import BinaryIO
 
     import pandas as pd
     from mcap.reader import SeekingReader

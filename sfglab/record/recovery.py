@@ -11,7 +11,7 @@ import zlib
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -34,7 +34,6 @@ from zstandard import ZstdError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from typing import BinaryIO
 
 
 MAGIC = b"\x89MCAP0\r\n"

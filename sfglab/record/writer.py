@@ -10,7 +10,7 @@ import re
 import threading
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 from sfglab import __version__
 from sfglab.messages import definition, row_message, row_type, serialize, type_name
@@ -20,7 +20,6 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterator, Mapping
-    from typing import BinaryIO
 
     from typing_extensions import Buffer
 

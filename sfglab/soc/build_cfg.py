@@ -12,12 +12,10 @@ import re
 from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
-from sfglab.soc.graph import TopicMapping
+from sfglab.soc.graph import Graph, Node, Topic, TopicMapping
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
-
-    from sfglab.soc.graph import Graph, Node, Topic
 
 
 _GENERAL = {

@@ -14,14 +14,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
-from sfglab.soc.gateway import TABLE
-from sfglab.soc.gateway_world import Fault, first_world, in_flight, is_finished, steps
+from sfglab.soc.gateway import TABLE, State, Table
+from sfglab.soc.gateway_world import Bound, Fault, Step, World, first_world, in_flight, is_finished, steps
 
 if TYPE_CHECKING:
     import numpy as np
-
-    from sfglab.soc.gateway import State, Table
-    from sfglab.soc.gateway_world import Bound, Step, World
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,12 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from sfglab.soc.gateway import Drive, Input, Latch, State
+from sfglab.soc.gateway import Drive, Input, Latch, State, Table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sfglab.soc.gateway import Table
 
 GATEWAY = -1
 """The publisher id under which the core forwards."""

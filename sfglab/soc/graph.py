@@ -13,15 +13,13 @@ from dataclasses import dataclass, fields, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from sfglab.documents import Document, DocumentError, Place, suggestion
+from sfglab.documents import Document, DocumentError, Place, Section, suggestion
 from sfglab.errors import InvalidValueError
 from sfglab.tables import html_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
-
-    from sfglab.documents import Section
 
 
 class Placement(Enum):

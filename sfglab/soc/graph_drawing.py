@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.errors import InvalidValueError
-from sfglab.soc.graph import Edge, EdgeKind, TopicMapping
-from sfglab.soc.layout import ends_of, layered_layout, node_vertex, topic_vertex
-from sfglab.soc.mapping import crossing_edges, hardware_subgraphs
+from sfglab.soc.graph import Edge, EdgeKind, Graph, TopicMapping
+from sfglab.soc.layout import Layout, Vertex, ends_of, layered_layout, node_vertex, topic_vertex
+from sfglab.soc.mapping import CommunicationMapping, crossing_edges, hardware_subgraphs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,10 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
-
-    from sfglab.soc.graph import Graph
-    from sfglab.soc.layout import Layout, Vertex
-    from sfglab.soc.mapping import CommunicationMapping
 
 
 # Okabe and Ito's palette, distinct for all common kinds of colour blindness; light where text stands on it.

@@ -13,12 +13,10 @@ from itertools import combinations, pairwise
 from statistics import fmean, median
 from typing import TYPE_CHECKING
 
-from sfglab.soc.graph import EdgeKind
+from sfglab.soc.graph import Edge, EdgeKind, Graph
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
-
-    from sfglab.soc.graph import Edge, Graph
 
 
 Vertex = tuple[str, ...]

@@ -13,23 +13,12 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
-from sfglab.soc.graph import Edge, EdgeKind, TopicMapping
-from sfglab.soc.memory import (
-    STORED,
-    Judge,
-    Setup,
-    Side,
-    Transport,
-    judged_s,
-    transfer_times,
-)
+from sfglab.soc.graph import Edge, EdgeKind, Graph, Node, Topic, TopicMapping
+from sfglab.soc.memory import STORED, Costs, Judge, Setup, Side, Transport, judged_s, transfer_times
 from sfglab.tables import html_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-
-    from sfglab.soc.graph import Graph, Node, Topic
-    from sfglab.soc.memory import Costs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -30,17 +30,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.soc.graph import EdgeKind, Implementation, Placement, TopicMapping
+from sfglab.soc.graph import EdgeKind, Graph, Implementation, Node, Placement, Topic, TopicMapping
 from sfglab.soc.mapping import carriages_per_message, map_communication
-from sfglab.soc.memory import STORED
+from sfglab.soc.memory import STORED, Costs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
-
-    from sfglab.soc.graph import Graph, Node, Topic
-    from sfglab.soc.memory import Costs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

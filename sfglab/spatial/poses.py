@@ -11,14 +11,13 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.errors import InvalidValueError
 from sfglab.messages import message_type, ns_from_stamp, stamp_from_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-    from typing import Self
 
     import numpy as np
     from numpy.typing import NDArray

@@ -21,7 +21,7 @@ from sfglab.view.rerunning import (
     layout_of_topics,
     open_canvas,
 )
-from sfglab.view.session import Session
+from sfglab.view.session import Display, Session
 from sfglab.view.stage import replay, wanted_topics
 from sfglab.view.visualizers.fleet import Communication
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from sfglab.bus import Node
-    from sfglab.view.session import Display
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

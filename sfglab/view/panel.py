@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import InvalidValueError
 from sfglab.qos import Durability, QoSProfile, Reliability
-from sfglab.view.session import Change, Changed, available
+from sfglab.view.session import Change, Changed, Display, Session, available
 from sfglab.view.widgets import refusal_html, widgets
 
 if TYPE_CHECKING:
-    from sfglab.view.session import Display, Session
     from sfglab.view.visualizer import Parameter
 
 

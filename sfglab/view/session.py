@@ -20,7 +20,7 @@ from sfglab.fields import from_json, to_json
 from sfglab.qos import Durability, History, QoSProfile, Reliability
 from sfglab.view.slot import Slot
 from sfglab.view.sync import Approximate, Exact, Independent, Latest, SyncPolicy
-from sfglab.view.visualizer import Visualizer
+from sfglab.view.visualizer import Input, Visualizer
 from sfglab.view.visualizers.clouds import CompressedDepthCloud, DepthCloud, LaserScan, PointCloud
 from sfglab.view.visualizers.fleet import AgentStatus, Communication
 from sfglab.view.visualizers.images import (
@@ -36,8 +36,6 @@ from sfglab.view.visualizers.poses import Imu, Odometry, Path, Pose, StaticTrans
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
-
-    from sfglab.view.visualizer import Input
 
 
 T = TypeVar("T")

@@ -9,7 +9,7 @@ another and take their time, as long as it is always the same one.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
@@ -17,14 +17,11 @@ from typing import TYPE_CHECKING, Protocol
 from sfglab.errors import SfglabError
 from sfglab.units import NS_PER_S
 from sfglab.view.arrivals import Arrival, capture_ns, decoded
-from sfglab.view.session import Change, Changed, Display
+from sfglab.view.session import Change, Changed, Display, Session
 from sfglab.view.visualizer import Canvas, SinkError, TopicHealth, Update
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
     from sfglab.bus import EndpointEvent
-    from sfglab.view.session import Session
     from sfglab.view.slot import Taken
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.bus.api import FAST_DDS, HOST_KEY, NODE_KEY, SHM_KEY, SHM_PARTITION, RawEndpoint, host_id, user_data
 from sfglab.bus.backend import Backend
 from sfglab.bus.dds.discovery import Discovery, DiscoveryInfo
-from sfglab.bus.dds.domain import DdsParticipant
+from sfglab.bus.dds.domain import DdsParticipant, DomainConfig
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter, ShmAnnouncement, idl_type
 from sfglab.bus.graph import Graph
 from sfglab.bus.ros.services import RosServices
@@ -17,7 +17,6 @@ from sfglab.bus.ros.services import RosServices
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus.dds.domain import DomainConfig
     from sfglab.bus.endpoints import Inbox, Reader, Sample, Writer
     from sfglab.bus.loop import OnError
 

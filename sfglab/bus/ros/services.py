@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from sfglab.bus.api import FAST_DDS
+from sfglab.bus.api import FAST_DDS, RawEndpoint
 from sfglab.bus.errors import PublishError
 from sfglab.messages import ServiceFrame, frame_service, unframe_service
 from sfglab.names import ros_name_from_dds
@@ -23,7 +23,6 @@ from sfglab.processes import LineProcess
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus.api import RawEndpoint
     from sfglab.bus.endpoints import Inbox
     from sfglab.bus.loop import Calls
     from sfglab.component import Report

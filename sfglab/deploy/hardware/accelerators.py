@@ -7,7 +7,6 @@ come from the host through its container runtime.
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
 
 from sfglab.deploy.hardware.board import (
     AMD,
@@ -19,13 +18,9 @@ from sfglab.deploy.hardware.board import (
     find_model,
     read_id,
 )
-from sfglab.deploy.hardware.files import plain
+from sfglab.deploy.hardware.files import MachineFiles, plain
 from sfglab.deploy.hardware.machine import CodecRole, Evidence, ExpectedCodec, Source
 from sfglab.fleet.fleet_file import Accelerator
-
-if TYPE_CHECKING:
-    from sfglab.deploy.hardware.files import MachineFiles
-
 
 JETPACKS = {28: 3, 31: 4, 32: 4, 34: 5, 35: 5, 36: 6, 38: 7, 39: 7}
 """Major version of JetPack by that of Jetson Linux, or L4T.

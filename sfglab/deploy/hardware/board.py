@@ -8,14 +8,12 @@ import struct
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sfglab.deploy.hardware.files import plain
+from sfglab.deploy.hardware.files import MachineFiles, plain
 from sfglab.deploy.hardware.machine import DeviceGroup, Source
 from sfglab.fleet.fleet_file import Architecture
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-
-    from sfglab.deploy.hardware.files import MachineFiles
 
 
 MACHINES = {3: "386", 8: "mips", 20: "ppc", 21: "ppc64", 22: "s390x", 40: "arm", 62: "amd64", 183: "arm64"} | {

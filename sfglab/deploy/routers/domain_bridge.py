@@ -12,7 +12,7 @@ from sfglab.deploy.findings import Broken, Rules, worst_first
 from sfglab.deploy.routers.dds_router import header
 from sfglab.deploy.shapes import check_shape
 from sfglab.documents import Document, KeyPath
-from sfglab.fleet.lint import Finding, Use, View
+from sfglab.fleet.lint import Finding, Meeting, Use, View
 from sfglab.fleet.policy import Direction, Policy
 from sfglab.names import ResourceKind, dds_topic
 from sfglab.qos import Durability
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from sfglab.fleet.fleet_file import Fleet
-    from sfglab.fleet.lint import Meeting
 
 
 def render_domain_bridge(fleet: Fleet, agent: str) -> str:

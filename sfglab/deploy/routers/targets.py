@@ -13,12 +13,11 @@ from sfglab.deploy.routers.domain_bridge import check_domain_bridge, render_doma
 from sfglab.deploy.routers.zenoh import render_zenoh_acl, render_zenoh_bridge
 from sfglab.deploy.routers.zenoh_check import check_zenoh
 from sfglab.documents import Document, suggestion
-from sfglab.fleet.fleet_file import RouterSoftware
+from sfglab.fleet.fleet_file import Fleet, RouterSoftware
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.fleet.fleet_file import Fleet
     from sfglab.fleet.lint import Finding
     from sfglab.fleet.policy import Policy
 

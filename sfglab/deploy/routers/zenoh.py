@@ -14,14 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.routers.dds_router import header
-from sfglab.fleet.policy import Direction
+from sfglab.fleet.policy import Direction, ForwardRule, Policy
 from sfglab.names import DdsRole
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from sfglab.fleet.fleet_file import Fleet
-    from sfglab.fleet.policy import ForwardRule, Policy
 
 
 _SIMPLE = re.compile(r"(rt|rq|rr)(/[A-Za-z0-9_/]*)(\*?)")

@@ -19,9 +19,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.component import run_component
+from sfglab.component import Report, run_component
 from sfglab.errors import SfglabError
-from sfglab.fleet.agent.plan import plan
+from sfglab.fleet.agent.plan import AgentConfig, plan
 from sfglab.fleet.agent.supervision import (
     REST,
     Action,
@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from sfglab.bus.address import BusAddress
-    from sfglab.component import Report
-    from sfglab.fleet.agent.plan import AgentConfig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,13 +20,13 @@ from signal import SIGKILL
 from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
-from sfglab.bus.api import OFFER_KEY, user_data
+from sfglab.bus.api import OFFER_KEY, EndpointEvent, user_data
 from sfglab.bus.parameters import Parameters, Way
 from sfglab.bus.pubsub import Publisher, topic_endpoint
-from sfglab.component import beside, run_component, run_until_interrupted
+from sfglab.component import Report, beside, run_component, run_until_interrupted
 from sfglab.fields import from_json
 from sfglab.fleet.decoder.pipeline import LOCAL_QOS, Statistics
-from sfglab.fleet.decoder.process import WorkerConfig, WorkerPool
+from sfglab.fleet.decoder.process import Worker, WorkerConfig, WorkerPool
 from sfglab.fleet.decoder.streams import (
     Action,
     Demand,
@@ -38,16 +38,12 @@ from sfglab.fleet.decoder.streams import (
     routes_of_agent,
     routes_of_topic,
 )
-from sfglab.fleet.discovery.listener import Withdrawn, agent_changes
+from sfglab.fleet.discovery.listener import Change, Withdrawn, agent_changes
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable
 
     from sfglab.bus import Node
-    from sfglab.bus.api import EndpointEvent
-    from sfglab.component import Report
-    from sfglab.fleet.decoder.process import Worker
-    from sfglab.fleet.discovery.listener import Change
 
 
 _LOG = logging.getLogger(__name__)

@@ -20,7 +20,7 @@ import numpy as np
 from sfglab.codecs import CodecError, image_decoder
 from sfglab.component import beside
 from sfglab.fleet.decoder.splicer import Source, Splicer
-from sfglab.fleet.decoder.streams import RELAY
+from sfglab.fleet.decoder.streams import RELAY, Route
 from sfglab.fleet.gop_cache import FLAG_DISCARD, FLAG_KEY, REPLAY_QOS
 from sfglab.messages import default_message, serialize
 from sfglab.qos import COMPRESSED_STREAM, QoSProfile
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sfglab.bus import Node, Publisher, Subscription
-    from sfglab.fleet.decoder.streams import Route
 
 
 def image_prefix(header: Any, pixels: NDArray[np.generic], encoding: str) -> bytes:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.api import EndpointAdded, EndpointKind
+from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind, Transport
 from sfglab.errors import SfglabError
 from sfglab.fleet.gop_cache import FFMPEG_PACKET, replay_topic
 from sfglab.machine import ProcessLife, ProcessTiming
@@ -22,8 +22,6 @@ from sfglab.names import FqnError, Resource, RosFqn, Scope, parse
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-
-    from sfglab.bus.api import EndpointEvent, Transport
 
 
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"

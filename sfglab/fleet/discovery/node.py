@@ -20,11 +20,11 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import beside, is_set_before, run_component
+from sfglab.component import Report, beside, is_set_before, run_component
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.discovery.lifecycle import Action
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, HISTORY, discovery_topic
-from sfglab.fleet.discovery.registry import Registry, Timing
+from sfglab.fleet.discovery.registry import AgentStatus, Move, Order, Registry, Timing
 from sfglab.fleet.discovery.screening import Limits, Refusal
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from sfglab.bus import Node, Publisher, Subscription
-    from sfglab.component import Report
-    from sfglab.fleet.discovery.registry import AgentStatus, Move, Order
 
 
 class History:

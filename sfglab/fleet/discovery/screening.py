@@ -10,15 +10,10 @@ import math
 from collections import OrderedDict
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
-from sfglab.fleet.status.heartbeat import MAX_PERIOD_S, MIN_PERIOD_S, Phase, metadata_service
+from sfglab.fleet.status.heartbeat import MAX_PERIOD_S, MIN_PERIOD_S, Heartbeat, Phase, metadata_service
 from sfglab.names import FqnError
-
-if TYPE_CHECKING:
-    from sfglab.fleet.status.heartbeat import Heartbeat
-
 
 _MAX_NAME_LENGTH = 255
 _MAX_VERSION_LENGTH = 128

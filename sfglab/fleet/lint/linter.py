@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sfglab.documents import DocumentError
-from sfglab.fleet.fleet_file import load_fleet
+from sfglab.fleet.fleet_file import Fleet, load_fleet
 from sfglab.fleet.lint.frames import check_frames
 from sfglab.fleet.lint.load import discovery, loads
 from sfglab.fleet.lint.names import (
@@ -20,16 +20,13 @@ from sfglab.fleet.lint.names import (
     check_types,
 )
 from sfglab.fleet.lint.report import Finding, Report, Severity, render
-from sfglab.fleet.lint.uses import View
+from sfglab.fleet.lint.uses import Meeting, View
 from sfglab.fleet.policy import Crossing, Direction
 from sfglab.names import ResourceKind, dds_names, router_hazards
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
-
-    from sfglab.fleet.fleet_file import Fleet
-    from sfglab.fleet.lint.uses import Meeting
 
 
 def check_rule_pairs(view: View) -> Iterator[Finding]:

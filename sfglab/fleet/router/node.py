@@ -25,12 +25,12 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
-from sfglab.bus.api import EndpointKind
+from sfglab.bus.api import EndpointEvent, EndpointKind
 from sfglab.bus.parameters import Parameters, Way
-from sfglab.component import is_set_before, run_component, run_until_interrupted
+from sfglab.component import Report, is_set_before, run_component, run_until_interrupted
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.policy import TABLE_1, ForwardRule, Policy, Side
-from sfglab.fleet.router.carrier import Carrier, Interest
+from sfglab.fleet.router.carrier import Carrier, Interest, PathStatus
 from sfglab.fleet.router.frames import Frames, TransformGate
 from sfglab.fleet.router.plan import Plan
 from sfglab.fleet.router.ros import RosHalves
@@ -40,9 +40,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from sfglab.bus import Node
-    from sfglab.bus.api import EndpointEvent
-    from sfglab.component import Report
-    from sfglab.fleet.router.carrier import PathStatus
 
 
 _PEER = struct.Struct("3i")  # struct ucred: pid, uid, gid

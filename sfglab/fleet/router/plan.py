@@ -15,14 +15,12 @@ from functools import lru_cache
 from itertools import takewhile
 from typing import TYPE_CHECKING, NamedTuple
 
-from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, entries
+from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointInfo, EndpointKind, entries
 from sfglab.fleet.policy import Held, Path, PathState, Policy, ReaderSpec, Setup, Side, WriterSpec, wanted
 from sfglab.names import DdsRole, ros_name_from_dds
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-
-    from sfglab.bus.api import EndpointEvent, EndpointInfo
 
 
 PATIENCE_NS = 2_000_000_000

@@ -6,17 +6,14 @@ import logging
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from sfglab.bus.api import EndpointAdded, EndpointKind, EndpointRemoved
-from sfglab.bus.ros.services import ros_gid, service_of
-from sfglab.fleet.policy import Direction, Side
+from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointInfo, EndpointKind, EndpointRemoved
+from sfglab.bus.ros.services import RosServices, ros_gid, service_of
+from sfglab.fleet.policy import Direction, Policy, Side
 from sfglab.qos import History, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus.api import EndpointEvent, EndpointInfo
-    from sfglab.bus.ros.services import RosServices
-    from sfglab.fleet.policy import Policy
 
 _log = logging.getLogger(__name__)
 

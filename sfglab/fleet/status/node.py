@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab import __version__
 from sfglab.bus.address import BusAddress
-from sfglab.component import beside, is_set_before, run_component
+from sfglab.component import Report, beside, is_set_before, run_component
 from sfglab.fleet.status.description import AgentDescription, DescriptionError, accelerators, software
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus import Node, Publisher
-    from sfglab.component import Report
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,7 +6,7 @@ A check gives cases, each with what was tried and whether the property held; wha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, TypeVar
@@ -16,8 +16,6 @@ import numpy as np
 from sfglab.lab.stats import Estimate, exactly
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
     import pandas as pd
 
 GROUPS = ("naming", "trajectories", "exchange", "editing", "synchronisation", "routing", "trees")

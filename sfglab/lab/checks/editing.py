@@ -16,6 +16,7 @@ from sfglab.lab.checks import CheckRow, Checks
 from sfglab.lab.checks.trajectories import random_limits, random_pose
 from sfglab.spatial.scene.commands import (
     AlignWaypoints,
+    Command,
     Move,
     Remove,
     Rename,
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     import numpy as np
-
-    from sfglab.spatial.scene.commands import Command
 
 
 checks = Checks("editing")

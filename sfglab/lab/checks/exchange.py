@@ -16,14 +16,12 @@ from sfglab.spatial.trajectory.exchange import (
     trajectory_from_multi_dof,
     trajectory_from_path,
 )
-from sfglab.spatial.trajectory.path import Interpolation
+from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     import numpy as np
-
-    from sfglab.spatial.trajectory.path import Trajectory
 
     Trial = Callable[[np.random.Generator], str]
 

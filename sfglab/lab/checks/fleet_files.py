@@ -11,9 +11,9 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.bases import base_of
-from sfglab.deploy.bundle import MANIFEST, bundle_of, load_source, render_bundle
+from sfglab.deploy.bundle import MANIFEST, Bundle, bundle_of, load_source, render_bundle
 from sfglab.deploy.fleet_check import check_fleet
-from sfglab.deploy.verdicts import State
+from sfglab.deploy.verdicts import State, Verdict
 from sfglab.errors import SfglabError
 from sfglab.lab.checks.machines import Unasked, held
 
@@ -21,9 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from sfglab.deploy.bundle import Bundle
     from sfglab.deploy.deployment import Deployment, Release
-    from sfglab.deploy.verdicts import Verdict
     from sfglab.lab.checks import CheckRow
 
 

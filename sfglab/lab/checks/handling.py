@@ -12,12 +12,10 @@ from sfglab.lab.checks import CheckRow, facts_row
 from sfglab.lab.workers.sights import CAMERA_TOPIC
 from sfglab.qos import DEFAULT, Reliability
 from sfglab.view.bridge import Bridge
-from sfglab.view.session import Session
+from sfglab.view.session import Display, Session
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from sfglab.view.session import Display
 
     Requested = Callable[[], list[Reliability]]
 

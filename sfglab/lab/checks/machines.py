@@ -9,20 +9,18 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sfglab.deploy.bundle import bundle_of, write_bundle
+from sfglab.deploy.bundle import Bundle, bundle_of, write_bundle
 from sfglab.deploy.hardware.detection import detect
 from sfglab.deploy.rollout import Change, apply_plan, look_and_plan, released
 from sfglab.deploy.transport import Local, copy_facts
 from sfglab.fleet.fleet_file import Accelerator
-from sfglab.lab.checks import check_row
+from sfglab.lab.checks import CheckRow, check_row
 from sfglab.lab.example_machines import EXAMPLES, write_example
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from sfglab.deploy.bundle import Bundle
     from sfglab.deploy.deployment import Deployment
-    from sfglab.lab.checks import CheckRow
 
 
 _HOOKS_S = 60.0

@@ -14,6 +14,7 @@ from sfglab.soc import (
     Implementation,
     Node,
     Placement,
+    Platform,
     Topic,
     TopicMapping,
     assess,
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import numpy as np
-
-    from sfglab.soc import Platform
 
 
 TOPICS_PER_NODE = 0.6

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.lab.checks import CheckRow, facts_row
-from sfglab.lab.checks.fleet_scene import PERIOD_NS, RECEIVED_AFTER_NS, START_NS, entity_below
+from sfglab.lab.checks.fleet_scene import PERIOD_NS, RECEIVED_AFTER_NS, START_NS, Part, entity_below
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sfglab.fleet.fleet_file import Fleet
-    from sfglab.lab.checks.fleet_scene import Part
 
     Recording = dict[tuple[str, str], list["Shown"]]
 

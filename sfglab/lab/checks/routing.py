@@ -9,12 +9,11 @@ import numpy as np
 
 from sfglab.fleet.policy import Crossing, Direction, Policy, Side
 from sfglab.lab.checks import Checks
-from sfglab.names import all_standard_fqns, dds_topic
+from sfglab.names import RosFqn, all_standard_fqns, dds_topic
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sfglab.names import RosFqn
 
 AGENT = "go2"
 

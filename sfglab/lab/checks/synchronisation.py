@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.lab.checks import CheckRow, Checks
-from sfglab.lab.checks.fleet_scene import CAMERA, SIZE, back_projected, camera_info, image_message
+from sfglab.lab.checks import Case, CheckRow, Checks, Sample
+from sfglab.lab.checks.fleet_scene import CAMERA, SIZE, Moment, back_projected, camera_info, image_message
 from sfglab.lab.checks.recordings import read_recording
 from sfglab.messages import serialize
 from sfglab.view import Approximate, Exact
@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
-
-    from sfglab.lab.checks import Case, Sample
-    from sfglab.lab.checks.fleet_scene import Moment
 
 
 checks = Checks("synchronisation")

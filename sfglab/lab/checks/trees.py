@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.lab.checks import NOTHING, Checks
+from sfglab.lab.checks import NOTHING, Case, CheckRow, Checks, Sample
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.buffer import FrameBuffer, FrameError
 from sfglab.spatial.frames.lint import FrameRule, lint_frames
@@ -21,8 +21,6 @@ from sfglab.spatial.mocap.tracking import Capture
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
-
-    from sfglab.lab.checks import Case, CheckRow, Sample
 
     Robot = tuple[StampedTransform, ...]
 

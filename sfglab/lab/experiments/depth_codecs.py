@@ -18,7 +18,7 @@ from sfglab.fields import between
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Experiment, Look
 from sfglab.lab.figures import COLORS
-from sfglab.lab.runs import derived
+from sfglab.lab.runs import Run, derived
 from sfglab.lab.sources import open_source
 from sfglab.lab.stats import Estimate, bootstrap
 from sfglab.tables import Shown
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sfglab.lab.bench import Bench
-    from sfglab.lab.runs import Run
 
 CODECS: dict[str, dict[str, Any]] = {
     "rvl": {"codec": "rvl"},

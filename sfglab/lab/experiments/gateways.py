@@ -31,7 +31,7 @@ from sfglab.soc.gateway import (
     draw_core,
     transitions,
 )
-from sfglab.soc.gateway_world import Bound, World
+from sfglab.soc.gateway_world import Bound, Step, World
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from sfglab.lab.bench import Bench
     from sfglab.lab.explore.automaton import Automaton, Moment
     from sfglab.lab.runs import Run
-    from sfglab.soc.gateway_world import Step
     from sfglab.soc.graph import Graph
 
 _SMALL = (Bound(), Bound(subscribers=2), Bound(calls=2), Bound(port_messages=1), Bound(echoes=False))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab import names
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.fleet.policy import Crossing, Direction, Policy
+from sfglab.fleet.policy import Crossing, Direction, ForwardRule, Policy
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.checks.naming import checks
 from sfglab.lab.claims import Finding, How
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from sfglab.fleet.policy import ForwardRule
     from sfglab.lab.bench import Bench
     from sfglab.lab.runs import Run
     from sfglab.names import RosFqn, SchemaNode

@@ -24,7 +24,7 @@ from sfglab.codecs import (
     compressed_depth_fields,
     ffmpeg_packet_fields,
 )
-from sfglab.component import run_component
+from sfglab.component import Report, run_component
 from sfglab.lab.framenumber import stamp_number
 from sfglab.lab.sources import DEPTH_STAMP_MM, Frame, SourceError, open_source
 from sfglab.messages import message_type, stamp_from_ns
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     from sfglab.bus import Publisher
-    from sfglab.component import Report
 
 
 _Sent = tuple[int, int, int]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import run_component
+from sfglab.component import Report, run_component
 from sfglab.fleet.status.description import AgentDescription
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus import Node, Publisher
-    from sfglab.component import Report
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,7 +28,7 @@ from sfglab.arp.cache import CacheControl, LocalCache
 from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.clib import ANY_STATE, MatchedStatus, SampleInfo, library
 from sfglab.bus.dds.endpoints import bytes_from_serdata, serdata_from_bytes, sertype_of, stamp
-from sfglab.component import run_component
+from sfglab.component import Report, run_component
 from sfglab.fields import from_json
 from sfglab.qos import History, QoSProfile
 from sfglab.rtps import Flow
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from sfglab.bus.dds.domain import DdsParticipant
-    from sfglab.component import Report
 
 
 _TYPE = "std_msgs/msg/String"

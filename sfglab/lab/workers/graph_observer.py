@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import run_component
+from sfglab.component import Report, run_component
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from sfglab.component import Report
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

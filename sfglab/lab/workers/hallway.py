@@ -31,7 +31,7 @@ from sfglab.arp.hallway import (
     step_from_range,
 )
 from sfglab.bus.address import BusAddress
-from sfglab.component import run_component
+from sfglab.component import Report, run_component
 from sfglab.messages import default_message, message_type
 from sfglab.processes import START_LIMIT_S
 from sfglab.qos import QoSProfile
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus import Node
-    from sfglab.component import Report
 
 
 STATION = "station"

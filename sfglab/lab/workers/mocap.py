@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import run_component
+from sfglab.component import Report, run_component
 from sfglab.fields import to_json
 from sfglab.lab.checks.trees import AGENT, OBJECT, WAYS, WORLD
 from sfglab.messages import message_type, ns_from_stamp
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
     from sfglab.bus import Node, Publisher
     from sfglab.bus.api import MessageInfo
-    from sfglab.component import Report
     from sfglab.spatial.mocap.tracking import Capture, MocapSource
 
 

@@ -18,23 +18,21 @@ from tempfile import TemporaryDirectory
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
-from sfglab.component import run_component
+from sfglab.component import Report, run_component
 from sfglab.errors import SfglabError
 from sfglab.fields import from_json
 from sfglab.lab.bench import Options, rows_of
 from sfglab.lab.experiments import experiment
 from sfglab.lab.explore.explorer import Task
 from sfglab.lab.figures import house_style, png_of
-from sfglab.lab.progress import progress_to
+from sfglab.lab.progress import Step, progress_to
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
 
     from matplotlib.figure import Figure
 
-    from sfglab.component import Report
     from sfglab.lab.experiment import Experiment
-    from sfglab.lab.progress import Step
     from sfglab.lab.runs import C, Run
 
 

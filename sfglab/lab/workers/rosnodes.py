@@ -32,12 +32,10 @@ from sfglab.bus.dds.clib import (
 from sfglab.bus.dds.domain import DomainConfig
 from sfglab.component import claim_standard_output, config_from_argument
 from sfglab.errors import SfglabError
-from sfglab.lab.workers.rosstack import LISTENER, TALKER, RosStack, endpoints_of
+from sfglab.lab.workers.rosstack import LISTENER, TALKER, EndpointPlan, RosStack, endpoints_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from sfglab.lab.workers.rosstack import EndpointPlan
 
 
 _POLL_S = 0.02

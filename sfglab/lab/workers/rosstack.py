@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.bus.api import NodeInfo, user_data
 from sfglab.bus.dds.clib import MatchedStatus, endpoint_qos, entity_guid, error_text, library, qos_object
 from sfglab.bus.dds.discovery import INFO_TOPIC, READER_QOS, gid_bytes, pack_nodes
-from sfglab.bus.dds.domain import domain_xml
+from sfglab.bus.dds.domain import DomainConfig, domain_xml
 from sfglab.bus.dds.endpoints import serdata_from_bytes, sertype_of, stamp
 from sfglab.bus.errors import BusError
 from sfglab.names import dds_service, dds_topic
@@ -27,8 +27,6 @@ from sfglab.qos import LATCHED, PARAMETER_EVENTS, Durability, History, QoSProfil
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from sfglab.bus.dds.domain import DomainConfig
 
 
 TALKER, LISTENER = "talker", "listener"

@@ -16,15 +16,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.bus import Node
-from sfglab.component import claim_standard_output, run, standard_input_lines
+from sfglab.component import Report, claim_standard_output, run, standard_input_lines
 from sfglab.messages import default_message, serialize, stamp_from_ns
 from sfglab.qos import Durability, QoSProfile
 from sfglab.record import LogReader
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from sfglab.component import Report
 
 
 CAMERA_TOPIC = "/global/go2/camera_front/color/image_rect"

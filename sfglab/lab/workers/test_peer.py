@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.bus.api import EndpointAdded
+from sfglab.bus.api import EndpointAdded, EndpointInfo, MessageInfo
 from sfglab.bus.errors import BusError
-from sfglab.component import run_component
+from sfglab.component import Report, run_component
 from sfglab.messages import default_message, message_type, ns_from_stamp, serialize, service_type, stamp_from_ns
 from sfglab.names import TF_STATIC
 from sfglab.qos import LATCHED, QoSProfile
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus import Node, Service, Subscription
-    from sfglab.bus.api import EndpointInfo, MessageInfo
-    from sfglab.component import Report
 
 
 @dataclass(slots=True)

@@ -22,7 +22,7 @@ import numpy as np
 
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import CodecError, image_decoder
-from sfglab.component import run_component
+from sfglab.component import Report, run_component
 from sfglab.lab.framenumber import read_number_flat
 from sfglab.messages import ns_from_stamp
 from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sfglab.bus.api import Transport
-    from sfglab.component import Report
 
 
 PAIRS_KEPT = 30

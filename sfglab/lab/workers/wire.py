@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import run_component
+from sfglab.component import Report, run_component
 from sfglab.errors import SfglabError
 from sfglab.fleet.status.heartbeat import GET_METADATA
 from sfglab.messages import service_type
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from sfglab.bus import Node, Subscription
-    from sfglab.component import Report
 
 
 QOS = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1000)

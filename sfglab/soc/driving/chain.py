@@ -18,22 +18,13 @@ from itertools import pairwise, permutations
 from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
-from sfglab.soc.memory import (
-    STORED,
-    Costs,
-    Setup,
-    Side,
-    Transport,
-    round_robin_s,
-    transfer_times,
-)
+from sfglab.soc.memory import STORED, Costs, Setup, Side, Times, Transport, round_robin_s, transfer_times
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from sfglab.soc.graph import Graph, Topic
-    from sfglab.soc.memory import Times
 
 
 CHAIN = ("compensation", "gaussian_blur", "lane_planner", "polyfit", "lane_control")

@@ -26,14 +26,12 @@ from sfglab.soc.driving.nodes import (
 )
 from sfglab.soc.driving.odometry import Pose, VisualOdometry
 from sfglab.soc.driving.scene import Scene
-from sfglab.soc.driving.town import LANE_M, Signals, make_town
+from sfglab.soc.driving.town import LANE_M, Place, Signals, Town, make_town
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
-
-    from sfglab.soc.driving.town import Place, Town
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

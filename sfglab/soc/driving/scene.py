@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from sfglab.soc.driving.town import LANE_M, LINE_M
+from sfglab.soc.driving.town import LANE_M, LINE_M, Building, Town
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sfglab.soc.driving.car import Camera, CarState
-    from sfglab.soc.driving.town import Building, Town
 
 GRASS_BGR = (66, 96, 74)
 _ASPHALT, _WHITE, _YELLOW = (92, 90, 88), (225, 228, 230), (40, 190, 225)

@@ -9,15 +9,12 @@ and drive is in hardware.
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from amaranth import Elaboratable, Module, Mux, Signal
 
-from sfglab.soc.gateway import TABLE, Drive, Input, Latch, State
+from sfglab.soc.gateway import TABLE, Drive, Input, Latch, State, Table
 from sfglab.soc.rtl.data_path import ADDRESS_BITS, Broadcast, Mover, Stream, Turns
-
-if TYPE_CHECKING:
-    from sfglab.soc.gateway import Table
 
 
 def code(member: State | Input | Drive) -> int:

@@ -19,12 +19,11 @@ from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fields import between, bounds, check_bounds
 from sfglab.soc.gateway import Drive
 from sfglab.soc.rtl.core import Answer, Call, Gateway
-from sfglab.soc.rtl.data_path import ADDRESS_BITS, CHUNK_WORDS
+from sfglab.soc.rtl.data_path import ADDRESS_BITS, CHUNK_WORDS, MemoryPort, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from sfglab.soc.rtl.data_path import MemoryPort, Stream
 
 T = TypeVar("T")
 

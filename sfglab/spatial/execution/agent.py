@@ -16,13 +16,12 @@ from typing import TYPE_CHECKING
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between, check_bounds
 from sfglab.spatial.execution.orders import Outcome
-from sfglab.spatial.poses import Pose
+from sfglab.spatial.poses import Pose, Vec3
 from sfglab.spatial.trajectory.limits import Limits
 from sfglab.spatial.trajectory.motion import pose_at, sample
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from sfglab.spatial.poses import Vec3
     from sfglab.spatial.trajectory.path import Trajectory
 
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
-from sfglab.bus import BusError, GoalRejectedError
+from sfglab.bus import BusError, ClientGoalHandle, GoalRejectedError, Node
 from sfglab.errors import InvalidValueError
 from sfglab.spatial.execution.orders import (
     FOLLOW_TRAJECTORY,
     OUTCOMES,
+    ActionDialect,
     Ended,
+    Feedback,
     Order,
     Outcome,
     action_name,
@@ -20,10 +22,7 @@ from sfglab.spatial.scene.objects import AgentObject
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from typing import Any, Unpack
 
-    from sfglab.bus import ClientGoalHandle, Node
-    from sfglab.spatial.execution.orders import ActionDialect, Feedback
     from sfglab.spatial.scene.tree import Scene
 
 

@@ -18,13 +18,11 @@ from sfglab.spatial.poses import Pose, PoseError, header_msg
 from sfglab.spatial.trajectory.exchange import multi_dof_from_trajectory, trajectory_from_multi_dof
 from sfglab.spatial.trajectory.limits import Limits, Quantity, limit_violations
 from sfglab.spatial.trajectory.motion import pose_at, resampled
-from sfglab.spatial.trajectory.path import Interpolation
+from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from sfglab.spatial.trajectory.path import Trajectory
 
 
 class Outcome(Enum):

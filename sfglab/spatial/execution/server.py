@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
-from sfglab.bus import CancelResponse, GoalResponse, GoalStatus
+from sfglab.bus import CancelResponse, GoalResponse, GoalStatus, Node, ServerGoalHandle
 from sfglab.messages import action_type, message_type
 from sfglab.names import TF, Resource, RosFqnBuilder, Scope
-from sfglab.spatial.execution.agent import AgentState, Dynamics, Follower, Tolerances, braked
+from sfglab.spatial.execution.agent import AgentState, Dynamics, Follower, Progress, Tolerances, braked
 from sfglab.spatial.execution.orders import (
     FOLLOW_TRAJECTORY,
     OUTCOMES,
+    Order,
     Outcome,
     RefusalError,
     Rules,
@@ -34,12 +35,6 @@ from sfglab.spatial.trajectory.exchange import duration_msg
 from sfglab.spatial.trajectory.motion import motion_of
 from sfglab.spatial.trajectory.path import Trajectory
 from sfglab.units import NS_PER_S
-
-if TYPE_CHECKING:
-    from sfglab.bus import Node, ServerGoalHandle
-    from sfglab.spatial.execution.agent import Progress
-    from sfglab.spatial.execution.orders import Order
-
 
 _FEEDBACK_EVERY = 5
 """Steps from one feedback to the next."""

@@ -16,12 +16,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.spatial.poses import Pose
+from sfglab.spatial.poses import Pose, StampedTransform
 from sfglab.units import NS_PER_MS, NS_PER_S
 
 if TYPE_CHECKING:
     from sfglab.spatial.frames.kernel import Insertion
-    from sfglab.spatial.poses import StampedTransform
 
 
 class FrameError(SfglabError):

@@ -16,14 +16,12 @@ from typing import TYPE_CHECKING, Any, Self
 from sfglab.errors import SfglabError
 from sfglab.names import TF, TF_STATIC, prefixed_frame
 from sfglab.qos import Durability, QoSProfile
-from sfglab.spatial.frames.buffer import ExtrapolationError, NotConnectedError, UnknownFrameError
-from sfglab.spatial.poses import StampedTransform
+from sfglab.spatial.frames.buffer import ExtrapolationError, FrameBuffer, NotConnectedError, UnknownFrameError
+from sfglab.spatial.poses import Pose, StampedTransform
 
 if TYPE_CHECKING:
     from sfglab.bus import Node, Subscription
     from sfglab.record import LogReader
-    from sfglab.spatial.frames.buffer import FrameBuffer
-    from sfglab.spatial.poses import Pose
 
 
 TRANSFORMS = "tf2_msgs/msg/TFMessage"

@@ -12,18 +12,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sfglab.documents import Document, DocumentError, Place, by_name, read_by
+from sfglab.documents import Document, DocumentError, KeyPath, Place, Section, by_name, read_by
 from sfglab.errors import InvalidValueError
-from sfglab.spatial.mocap.tracking import Limits, MocapError
+from sfglab.spatial.mocap.tracking import Capture, Limits, MocapError
 from sfglab.spatial.poses import Pose, PoseError, StampedTransform
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from sfglab.documents import KeyPath, Section
     from sfglab.spatial.frames.buffer import FrameBuffer
-    from sfglab.spatial.mocap.tracking import Capture
 
 
 class _TakenError(DocumentError):

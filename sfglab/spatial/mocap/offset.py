@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sfglab.spatial.frames.buffer import FrameError
-from sfglab.spatial.mocap.tracking import MocapError
+from sfglab.spatial.frames.buffer import FrameBuffer, FrameError
+from sfglab.spatial.mocap.tracking import Capture, MocapError
 from sfglab.spatial.poses import Pose, Vec3
 from sfglab.units import NS_PER_S
 
@@ -30,9 +30,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
     from scipy.spatial.transform import Rotation
-
-    from sfglab.spatial.frames.buffer import FrameBuffer
-    from sfglab.spatial.mocap.tracking import Capture
 
 
 _ALONE = 0.999

@@ -19,8 +19,8 @@ from heapq import merge
 from typing import TYPE_CHECKING, Any
 
 from sfglab.messages import ns_from_stamp
-from sfglab.qos import SENSOR_DATA
-from sfglab.spatial.mocap.tracking import Capture, Lapse, MocapError
+from sfglab.qos import SENSOR_DATA, QoSProfile
+from sfglab.spatial.mocap.tracking import Capture, Lapse, MocapError, Sight
 from sfglab.spatial.poses import Pose, PoseError
 from sfglab.units import NS_PER_S
 
@@ -28,9 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, Iterator, Mapping
 
     from sfglab.bus import Clock, Node
-    from sfglab.qos import QoSProfile
     from sfglab.record import LogReader
-    from sfglab.spatial.mocap.tracking import Sight
 
 
 POSE = "geometry_msgs/msg/PoseStamped"

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sfglab.fields import between, check_bounds
-from sfglab.spatial.mocap.tracking import Capture, Lapse
+from sfglab.spatial.mocap.tracking import Capture, Lapse, Sight
 from sfglab.spatial.poses import Pose
 from sfglab.units import NS_PER_S
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from sfglab.bus import Clock
-    from sfglab.spatial.mocap.tracking import Sight
 
 
 _HALF_TURN = Pose(quat_xyzw=(0.0, 0.0, 1.0, 0.0))

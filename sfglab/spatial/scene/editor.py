@@ -12,8 +12,8 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.scene.commands import Add, Command, History, Remove, SetPose
-from sfglab.spatial.scene.conflicts import conflicts, ghosts
+from sfglab.spatial.scene.commands import Add, Command, History, Remove, SetPose, Step
+from sfglab.spatial.scene.conflicts import Conflict, Ghost, conflicts, ghosts
 from sfglab.spatial.scene.files import load_scene, save_scene
 from sfglab.spatial.scene.objects import (
     KINDS,
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
-    from sfglab.spatial.scene.commands import Step
-    from sfglab.spatial.scene.conflicts import Conflict, Ghost
     from sfglab.spatial.trajectory.path import Trajectory
 
 

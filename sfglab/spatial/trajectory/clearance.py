@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from sfglab.spatial.trajectory.motion import motion_of
-from sfglab.spatial.trajectory.path import TrajectoryError
+from sfglab.spatial.trajectory.motion import Motion, motion_of
+from sfglab.spatial.trajectory.path import Trajectory, TrajectoryError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sfglab.spatial.poses import Pose, Vec3
-    from sfglab.spatial.trajectory.motion import Motion
-    from sfglab.spatial.trajectory.path import Trajectory
 
 
 class _Body:

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.spatial.trajectory.motion import motion_of
-from sfglab.spatial.trajectory.path import TrajectoryError, with_durations
+from sfglab.spatial.trajectory.motion import Motion, motion_of
+from sfglab.spatial.trajectory.path import Trajectory, TrajectoryError, with_durations
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sfglab.spatial.poses import Vec3
-    from sfglab.spatial.trajectory.motion import Motion
-    from sfglab.spatial.trajectory.path import Trajectory
 
 
 _GRID = 65

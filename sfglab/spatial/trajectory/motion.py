@@ -26,13 +26,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.trajectory.path import Interpolation, Trajectory
+from sfglab.spatial.trajectory.path import Interpolation, Trajectory, Waypoint
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
-
-    from sfglab.spatial.trajectory.path import Waypoint
 
 
 _TOGETHER_M = 1e-9

@@ -13,22 +13,16 @@ from enum import Enum
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.spatial.poses import Pose
-from sfglab.spatial.scene.commands import Move, Rename, SetPose, SetProperty, SetScene, SetTime
-from sfglab.spatial.scene.objects import ROOT, AgentObject, Group, WaypointObject
-from sfglab.spatial.scene.tree import SCENE_PROPERTIES
-from sfglab.spatial.trajectory.clearance import Box, Cylinder, Sphere
+from sfglab.spatial.poses import Pose, Vec3
+from sfglab.spatial.scene.commands import Command, Move, Rename, SetPose, SetProperty, SetScene, SetTime
+from sfglab.spatial.scene.objects import ROOT, AgentObject, Group, Property, SceneObject, WaypointObject
+from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Scene
+from sfglab.spatial.trajectory.clearance import Box, Cylinder, Shape, Sphere
 from sfglab.spatial.trajectory.path import Align
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-
-    from sfglab.spatial.poses import Vec3
-    from sfglab.spatial.scene.commands import Command
-    from sfglab.spatial.scene.objects import Property, SceneObject
-    from sfglab.spatial.scene.tree import Scene
-    from sfglab.spatial.trajectory.clearance import Shape
 
 
 _NONE = "none"

@@ -12,10 +12,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.scene.commands import Retime
-from sfglab.spatial.scene.editor import ChangeKind
+from sfglab.spatial.scene.editor import Change, ChangeKind
 from sfglab.spatial.scene.objects import ROOT, TrajectoryObject, WaypointObject
 from sfglab.units import NS_PER_S
-from sfglab.view.planner.context import Part
+from sfglab.view.planner.context import Context, Part
 from sfglab.view.planner.forms import Field, FieldKind, fields_of
 from sfglab.view.planner.looks import TreeRow, rows_of, title_of
 
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.spatial.scene.conflicts import Conflict
-    from sfglab.spatial.scene.editor import Change
-    from sfglab.view.planner.context import Context
 
 
 _ICONS = {

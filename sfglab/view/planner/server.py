@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self, TypeVar
 
 from sfglab.errors import SfglabError
-from sfglab.spatial.scene.conflicts import conflicts
-from sfglab.spatial.scene.editor import Editor
+from sfglab.spatial.scene.conflicts import Conflict, conflicts
+from sfglab.spatial.scene.editor import Change, Editor
 from sfglab.view.jupyter import LOOPBACK, address_of_port
 from sfglab.view.planner.context import Context, JobQueue, Part, quiet, viser
 from sfglab.view.planner.panels import Hierarchy, Inspector, Timeline, Warnings
@@ -28,8 +28,6 @@ from sfglab.view.planner.viewport import Viewport
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.spatial.scene.conflicts import Conflict
-    from sfglab.spatial.scene.editor import Change
     from sfglab.spatial.scene.tree import Scene
 
 

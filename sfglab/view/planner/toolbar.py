@@ -9,22 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.spatial.poses import Pose
-from sfglab.spatial.scene.editor import ChangeKind
+from sfglab.spatial.poses import Pose, Vec3
+from sfglab.spatial.scene.editor import Change, ChangeKind, Editor
 from sfglab.spatial.scene.objects import ROOT, AgentObject, Group, SceneError, TrajectoryObject, WaypointObject
 from sfglab.spatial.trajectory.clearance import Box
 from sfglab.spatial.trajectory.path import Align, Trajectory
 from sfglab.units import NS_PER_S
-from sfglab.view.planner.context import Part
+from sfglab.view.planner.context import Context, Part
 from sfglab.view.planner.looks import open_trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.spatial.poses import Vec3
-    from sfglab.spatial.scene.editor import Change, Editor
     from sfglab.spatial.scene.tree import Scene
-    from sfglab.view.planner.context import Context
 
 
 ADDABLE = ("agent", "obstacle", "zone", "trajectory", "group")

@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.scene.editor import ChangeKind
+from sfglab.spatial.scene.editor import Change, ChangeKind
 from sfglab.spatial.scene.objects import AgentObject, Group, TrajectoryObject, WaypointObject
 from sfglab.spatial.trajectory.path import Align
-from sfglab.view.planner.context import Part
+from sfglab.view.planner.context import Context, Part
 from sfglab.view.planner.drawing import Drawing
 from sfglab.view.planner.looks import camera_for, open_trajectory, wxyz
 
@@ -19,9 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable
 
     from sfglab.spatial.scene.conflicts import Conflict
-    from sfglab.spatial.scene.editor import Change
     from sfglab.spatial.scene.tree import Scene
-    from sfglab.view.planner.context import Context
 
 
 _SCALE = 1.6

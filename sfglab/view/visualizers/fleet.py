@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from sfglab.bus import EndpointAdded, EndpointKind, EndpointRemoved
+from sfglab.bus import EndpointAdded, EndpointEvent, EndpointKind, EndpointRemoved
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS
 from sfglab.fleet.fleet_file import load_fleet
@@ -33,10 +33,6 @@ from sfglab.view.visualizer import (
     agent_of_topic,
     agent_root,
 )
-
-if TYPE_CHECKING:
-    from sfglab.bus import EndpointEvent
-
 
 LATE_PERIODS = 1.5
 """A heartbeat is late when it is this many of its own periods old."""

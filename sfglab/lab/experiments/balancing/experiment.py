@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.arp.cache import CacheControl, Decision, LocalCache
-from sfglab.arp.robots import RATES_HZ, SENSORS, cdr_bytes, object_bytes
+from sfglab.arp.robots import RATES_HZ, SENSORS, Sensor, cdr_bytes, object_bytes
 from sfglab.fields import between
-from sfglab.lab.checks import CheckRow, check_row
+from sfglab.lab.checks import Case, CheckRow, check_row
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
 from sfglab.qos import QoSProfile, Reliability
-from sfglab.rtps import FAST_DDS, Flow, Medium, Scenario, Session, run
+from sfglab.rtps import FAST_DDS, Flow, FlowOutcome, Medium, Scenario, Session, run
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -27,10 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sfglab.arp.robots import Sensor
     from sfglab.lab.bench import Bench
-    from sfglab.lab.checks import Case
-    from sfglab.rtps import FlowOutcome
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

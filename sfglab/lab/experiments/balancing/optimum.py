@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfglab.arp.balancing import (
+    Balance,
     BalanceInput,
     InfeasibleBalanceError,
     average_topics,
     balance,
     balance_closed_form,
 )
-from sfglab.arp.plan import plan_as_printed
+from sfglab.arp.plan import Plan, plan_as_printed
 from sfglab.arp.programme import pareto_front
 from sfglab.arp.topics import load_topics
 from sfglab.lab.checks import CheckRow, check_row
@@ -26,8 +27,6 @@ from sfglab.lab.paths import find_project
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from sfglab.arp.balancing import Balance
-    from sfglab.arp.plan import Plan
     from sfglab.lab.bench import Bench
 
 WEIGHTS = (0.05, 0.5, 0.95)

@@ -13,13 +13,12 @@ from sfglab.fields import between
 from sfglab.lab.baselines import PART, declare, measure_raw
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.decode_once.stage import MBIT, Running
-from sfglab.lab.meters import measure
+from sfglab.lab.meters import MeterRow, measure
 from sfglab.lab.ros2 import RosMissingError
 from sfglab.record import LogReader
 
 if TYPE_CHECKING:
     from sfglab.lab.bench import Bench
-    from sfglab.lab.meters import MeterRow
 
 _ALL = tuple(range(1, 11))
 

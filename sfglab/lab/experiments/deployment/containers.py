@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from sfglab.bus.address import BusAddress
-from sfglab.deploy.deployment import FLEET_FILE
+from sfglab.deploy.deployment import FLEET_FILE, Deployment
 from sfglab.lab.checks import CheckRow
-from sfglab.lab.hosts import Network
+from sfglab.lab.hosts import Host, Network
 from sfglab.lab.workers.graph_observer import ObserverConfig
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sfglab.deploy.bundle import Bundle
-    from sfglab.deploy.deployment import Deployment
-    from sfglab.lab.hosts import Host
 
 
 OUTSIDER = "outsider"

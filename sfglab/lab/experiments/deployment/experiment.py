@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from sfglab.deploy.bundle import load_source, prepare
+from sfglab.deploy.bundle import Bundle, load_source, prepare
 from sfglab.deploy.fleet_check import check_fleet
 from sfglab.deploy.release import SOURCE, make_release
 from sfglab.lab.checks import CheckRow
@@ -27,7 +27,6 @@ from sfglab.lab.trial_build import trial_build
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sfglab.deploy.bundle import Bundle
     from sfglab.deploy.deployment import Deployment
     from sfglab.lab.bench import Bench
 

@@ -18,8 +18,8 @@ from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.api import EndpointAdded, RawEndpoint
-from sfglab.bus.sim import Costs, World, run_simulated
+from sfglab.bus.api import EndpointAdded, EndpointEvent, RawEndpoint
+from sfglab.bus.sim import Costs, SimNode, World, run_simulated
 from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
 from sfglab.fleet.router.node import Router, RouterSettings, RouterStatus
 from sfglab.fleet.status.node import StatusProvider, StatusSettings
@@ -31,8 +31,6 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
 
-    from sfglab.bus.api import EndpointEvent
-    from sfglab.bus.sim import SimNode
     from sfglab.bus.sim.model import Host
     from sfglab.fleet.discovery.registry import Order
 

@@ -31,7 +31,7 @@ from sfglab.lab.experiments.discovery.experiment import (
     exp,
     host_names,
 )
-from sfglab.lab.meters import Window
+from sfglab.lab.meters import MeterRow, Window
 from sfglab.lab.ros2 import RosMissingError
 from sfglab.lab.workers.rosnodes import RosNodesConfig
 from sfglab.processes import Member, ProcessGroup
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Iterator, Sequence
 
     from sfglab.lab.bench import Bench
-    from sfglab.lab.meters import MeterRow
     from sfglab.lab.testbed import CountsBytes, Testbed
 
 

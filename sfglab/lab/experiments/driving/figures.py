@@ -22,7 +22,7 @@ from sfglab.lab.experiments.driving.analysis import (
 from sfglab.lab.experiments.driving.experiment import MAPPINGS, PAPER_MS, READINGS, Config, exp
 from sfglab.lab.experiments.driving.lap import lane_points, road_lines
 from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE, mp4
-from sfglab.lab.runs import lines_of
+from sfglab.lab.runs import Run, lines_of
 from sfglab.soc.driving import CHAIN, Camera, Rules
 from sfglab.soc.driving.nodes import WHITE, YELLOW, BirdView
 
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
-
-    from sfglab.lab.runs import Run
 
 
 _COLORS = {"software": COLORS["standard"], "gateway": COLORS["proxy"]}

@@ -22,7 +22,7 @@ from sfglab.lab.experiments.driving.experiment import (
     transfers_of,
 )
 from sfglab.messages import default_message, message_type
-from sfglab.soc.driving import Camera, Rules, Stack, make_town, run_lap
+from sfglab.soc.driving import Camera, Frame, Lap, Rules, Stack, Town, make_town, run_lap
 from sfglab.soc.driving.town import LANE_M, Road, Signals
 from sfglab.spatial.poses import header_msg
 from sfglab.units import NS_PER_S
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.bench import Bench
     from sfglab.record import LogWriter
-    from sfglab.soc.driving import Frame, Lap, Town
     from sfglab.soc.driving.car import CarState
 
 IMAGE_TOPIC, MASK_TOPIC = "/image/compressed", "/lane_mask/compressed"

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, TRANSITIONS, Input, State, diagram
+from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, TRANSITIONS, Edge, Input, Node, State, diagram
 from sfglab.lab.experiments.lifecycle.analysis import heard, heartbeat_checks, intervals, joined_ns, transitions
 from sfglab.lab.experiments.lifecycle.experiment import Config, exp
-from sfglab.lab.explore.automaton import Automaton, transition_part
+from sfglab.lab.explore.automaton import Automaton, Moment, transition_part
 from sfglab.lab.explore.press import part
 from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE
 from sfglab.units import NS_PER_S
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from sfglab.fleet.discovery.lifecycle import Edge, Node
-    from sfglab.lab.explore.automaton import Moment
     from sfglab.lab.runs import Run
 
     Point = tuple[float, float]

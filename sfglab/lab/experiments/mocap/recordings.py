@@ -20,15 +20,12 @@ from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.buffer import FrameBuffer
 from sfglab.spatial.mocap.bridge import BridgeCore
 from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
-from sfglab.spatial.mocap.offset import estimate_offset, pose_pairs
-from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, synthetic_captures
+from sfglab.spatial.mocap.offset import OffsetEstimate, estimate_offset, pose_pairs
+from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, TrueCapture, synthetic_captures
 from sfglab.spatial.mocap.tracking import Lapse, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from sfglab.spatial.mocap.offset import OffsetEstimate
-    from sfglab.spatial.mocap.synthetic import TrueCapture
 
 
 _BELIEVED = frozenset(v.value for v in Verdict if v.believed)

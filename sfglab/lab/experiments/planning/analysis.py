@@ -18,9 +18,9 @@ from sfglab.lab.runs import Run, derived
 from sfglab.spatial.execution.agent import Tolerances
 from sfglab.spatial.scene.files import read_scene
 from sfglab.spatial.scene.objects import AgentObject, ObstacleObject, ZoneObject, ZoneRule
-from sfglab.spatial.trajectory.clearance import Box
+from sfglab.spatial.trajectory.clearance import Box, Shape
 from sfglab.spatial.trajectory.motion import motion_of
-from sfglab.spatial.trajectory.path import Interpolation
+from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -31,9 +31,7 @@ if TYPE_CHECKING:
 
     from sfglab.spatial import Pose
     from sfglab.spatial.scene.tree import Scene
-    from sfglab.spatial.trajectory.clearance import Shape
     from sfglab.spatial.trajectory.limits import Limits
-    from sfglab.spatial.trajectory.path import Trajectory
 
     Holds = Callable[[Any], bool]
 

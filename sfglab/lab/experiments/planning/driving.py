@@ -12,7 +12,7 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self
 
-from sfglab.bus import ActionServerGoneError
+from sfglab.bus import ActionServerGoneError, Node
 from sfglab.messages import ns_from_stamp
 from sfglab.spatial import Pose
 from sfglab.spatial.execution.agent import Dynamics
@@ -28,7 +28,6 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus import Node
     from sfglab.spatial.scene.tree import Scene
 
     MakeNode = Callable[[str], Any]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.bus import Node
-from sfglab.bus.sim import run_simulated
+from sfglab.bus.sim import World, run_simulated
 from sfglab.fields import between
 from sfglab.lab.checks import CheckRow, editing, exchange, trajectories
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
@@ -28,7 +28,6 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sfglab.bus.sim import World
     from sfglab.lab.bench import Bench
     from sfglab.lab.experiments.planning.driving import Driven, MakeNode
     from sfglab.spatial.scene.tree import Scene

@@ -14,15 +14,13 @@ from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.transfer.experiment import Config, exp
 from sfglab.lab.experiments.transfer.stage import IN, OUT, READS, WRITE
 from sfglab.lab.runs import Run, derived
-from sfglab.lab.stats import bootstrap, exactly
+from sfglab.lab.stats import Estimate, bootstrap, exactly
 from sfglab.soc.memory import Origin
 from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS, Panel
 from sfglab.soc.prediction import PRIORS, predictions
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from sfglab.lab.stats import Estimate
 
 
 MAIN = "stored"

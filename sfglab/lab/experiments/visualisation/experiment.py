@@ -12,7 +12,7 @@ import numpy as np
 from sfglab.codecs import compressed_image_fields
 from sfglab.fleet.fleet_file import load_fleet
 from sfglab.lab.browser import free_port
-from sfglab.lab.checks import handling, plugins, recordings, synchronisation
+from sfglab.lab.checks import CheckRow, handling, plugins, recordings, synchronisation
 from sfglab.lab.checks.fleet_scene import make_parts, scene_moments
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.visualisation.stage import (
@@ -30,7 +30,6 @@ from sfglab.view.rerunning import open_canvas, rerun
 
 if TYPE_CHECKING:
     from sfglab.lab.bench import Bench
-    from sfglab.lab.checks import CheckRow
 
 
 FLEET_FILE = "fleets/lab.yaml"

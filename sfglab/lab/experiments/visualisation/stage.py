@@ -18,7 +18,7 @@ import numpy as np
 import psutil
 
 from sfglab.bus import Node
-from sfglab.lab.checks.fleet_scene import PERIOD_NS, RECEIVED_AFTER_NS, START_NS
+from sfglab.lab.checks.fleet_scene import PERIOD_NS, RECEIVED_AFTER_NS, START_NS, Part
 from sfglab.lab.checks.recordings import read_recording
 from sfglab.lab.workers.sights import CAMERA_HZ, CAMERA_TOPIC, picture
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
@@ -26,16 +26,13 @@ from sfglab.qos import DEFAULT
 from sfglab.record import LogWriter
 from sfglab.view.app import ViewOptions, session_for, view_live
 from sfglab.view.bridge import Bridge
-from sfglab.view.rerunning import WINDOW_BYTES, rerun
-from sfglab.view.session import Session
+from sfglab.view.rerunning import WINDOW_BYTES, RerunCanvas, rerun
+from sfglab.view.session import Display, Session
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from sfglab.lab.checks.fleet_scene import Part
     from sfglab.lab.checks.recordings import Recording
-    from sfglab.view.rerunning import RerunCanvas
-    from sfglab.view.session import Display
 
 
 ADDED_MS = 5.0
