@@ -1,7 +1,5 @@
 """Factors between units: the one place of each."""
 
-from __future__ import annotations
-
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
 BITS_PER_BYTE = 8

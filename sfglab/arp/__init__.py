@@ -4,8 +4,6 @@ Robots sense and act, a station localises and plans; what crosses between them i
 Beside the QoS problem that the paper prints stands our own (`programme.plan`), which sees the link.
 """
 
-from __future__ import annotations
-
 from sfglab.arp.cache import CacheControl, LocalCache
 from sfglab.arp.plan import Limits, Plan, plan_as_printed
 from sfglab.arp.programme import pareto_front, plan_file

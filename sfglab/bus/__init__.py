@@ -5,8 +5,6 @@ classes here, receive the node as an argument and take the time only from `Node.
 backend, such as the simulated world (`sfglab.bus.sim`).
 """
 
-from __future__ import annotations
-
 from sfglab.bus.actions.client import ClientGoalHandle, GoalResult
 from sfglab.bus.actions.goals import CancelCode, GoalStatus
 from sfglab.bus.actions.server import CancelResponse, GoalResponse, ServerGoalHandle

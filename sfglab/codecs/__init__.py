@@ -4,8 +4,6 @@ Functions and values only: no nodes, no clocks, no message classes. `sfglab.code
 is imported with the first depth image, or on purpose to have that behind you.
 """
 
-from __future__ import annotations
-
 from sfglab.codecs.carriers import (
     COMPRESSED_IMAGE,
     COMPRESSED_VIDEO,

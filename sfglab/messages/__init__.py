@@ -4,8 +4,6 @@ All messages of ROS 2 Humble, the video formats FFMPEGPacket and CompressedVideo
 files under `interfaces/`). `sfglab.messages.dds` makes the types for Cyclone DDS and is imported separately.
 """
 
-from __future__ import annotations
-
 from sfglab.messages.cdr import (
     CdrError,
     decoder,

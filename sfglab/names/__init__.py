@@ -10,8 +10,6 @@ Floor 0: imports nothing of sfglab but `sfglab.errors`, and only the standard li
     <Resource.AGENT_HEARTBEAT: 'agent_heartbeat'>
 """
 
-from __future__ import annotations
-
 from sfglab.names.agent import (
     AGENT_VARIABLE,
     SHARED_FRAMES,

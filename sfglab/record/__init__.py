@@ -4,8 +4,6 @@ A log is one MCAP file that `ros2 bag`, Foxglove and Rerun open: messages as the
 as rows of tables, configuration and versions as metadata.
 """
 
-from __future__ import annotations
-
 from sfglab.record.looking import ShownMessage
 from sfglab.record.metadata import LogError, run_context
 from sfglab.record.reader import DecodedMessage, LogReader, TopicInfo

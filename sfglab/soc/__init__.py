@@ -4,8 +4,6 @@ A graph (`load_graph`, `graph_from_log`, `watch_graph`) has its nodes placed in 
 or by `place_nodes`, and its topics mapped to software, hardware or gateways by `map_communication`.
 """
 
-from __future__ import annotations
-
 from sfglab.soc.build_cfg import build_cfg
 from sfglab.soc.graph import (
     EdgeKind,
@@ -21,12 +19,7 @@ from sfglab.soc.graph import (
     save_graph,
 )
 from sfglab.soc.graph_drawing import draw_graph, draw_mapping
-from sfglab.soc.graph_import import (
-    graph_from_endpoints,
-    graph_from_log,
-    graph_metadata,
-    watch_graph,
-)
+from sfglab.soc.graph_import import graph_from_endpoints, graph_from_log, graph_metadata, watch_graph
 from sfglab.soc.mapping import (
     CommunicationMapping,
     arrival_s,
@@ -37,12 +30,7 @@ from sfglab.soc.mapping import (
     map_communication,
     transfer_s,
 )
-from sfglab.soc.placement import (
-    ZCU104,
-    Platform,
-    assess,
-    place_nodes,
-)
+from sfglab.soc.placement import ZCU104, Platform, assess, place_nodes
 
 __all__ = [
     "ZCU104",

@@ -4,8 +4,6 @@ Everything that decides is pure and takes time as a value; listeners and bridges
 Trajectories and scenes are `sfglab.spatial.trajectory` and `sfglab.spatial.scene`.
 """
 
-from __future__ import annotations
-
 from sfglab.spatial.poses import Pose, PoseError, StampedTransform
 
 __all__ = ["Pose", "PoseError", "StampedTransform"]

@@ -27,8 +27,6 @@ and an entry point in your ``pyproject.toml``:
 ``sync``: `Exact`, `Approximate` or `Latest`.
 """
 
-from __future__ import annotations
-
 from sfglab.view.sync import Approximate, Exact, Independent, Latest
 from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
 

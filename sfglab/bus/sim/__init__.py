@@ -23,8 +23,6 @@ What is not modelled: the time that components compute, unless `Costs` says so; 
 packets take on a link of limited rate; collisions and retries of a shared medium.
 """
 
-from __future__ import annotations
-
 from sfglab.bus.sim.backend import SimNode
 from sfglab.bus.sim.loop import DeadlockError, TimeLimitError
 from sfglab.bus.sim.settings import Costs, LinkModel

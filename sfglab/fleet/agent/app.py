@@ -22,15 +22,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.component import Report, run_component
 from sfglab.errors import SfglabError
 from sfglab.fleet.agent.plan import AgentConfig, plan
-from sfglab.fleet.agent.supervision import (
-    REST,
-    Action,
-    Component,
-    ComponentProcess,
-    Input,
-    State,
-    Supervision,
-)
+from sfglab.fleet.agent.supervision import REST, Action, Component, ComponentProcess, Input, State, Supervision
 from sfglab.machine import ProcessTiming
 from sfglab.names import DdsRole, Resource, ros_name_from_dds
 

@@ -26,12 +26,7 @@ from sfglab.fleet.discovery.lifecycle import Action
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, HISTORY, discovery_topic
 from sfglab.fleet.discovery.registry import AgentStatus, Move, Order, Registry, Timing
 from sfglab.fleet.discovery.screening import Limits, Refusal
-from sfglab.fleet.status.heartbeat import (
-    AGENT_HEARTBEAT,
-    GET_METADATA,
-    heartbeat_topic,
-    metadata_service,
-)
+from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, GET_METADATA, heartbeat_topic, metadata_service
 from sfglab.messages import CdrError, message_type, serialized_size, service_type, stamp_from_ns
 from sfglab.names import validate_agent
 from sfglab.qos import LATCHED

@@ -1,7 +1,5 @@
 """The border linter: what a fleet's routers will let through, checked before anything runs."""
 
-from __future__ import annotations
-
 from sfglab.fleet.lint.linter import CHECKS, lint, lint_file
 from sfglab.fleet.lint.report import Finding, Severity, render, render_findings
 from sfglab.fleet.lint.uses import Meeting, Use, View

@@ -1,7 +1,5 @@
 """Configurations by seeds, spread over workers: the same rows in the same order wherever they ran."""
 
-from __future__ import annotations
-
 from sfglab.lab.sweep.journal import JournalError, SweepError, journals
 from sfglab.lab.sweep.run import Workers, sweep
 

@@ -5,8 +5,6 @@ The world: `town`, `scene` (ground and camera's images), `car` (with its camera'
 the judge; beside them `chain`, the chain's transfers on a system-on-chip.
 """
 
-from __future__ import annotations
-
 from sfglab.soc.driving.car import Camera
 from sfglab.soc.driving.chain import CHAIN, SHARED_TOPIC, Chain
 from sfglab.soc.driving.loop import NODES, Frame, Judge, Lap, Rules, Stack, Stopwatch, run_lap

@@ -6,8 +6,6 @@ nodes that all read), `paths` (cycles of both beside the memory model), `synthes
 Needs the extra `rtl`; nothing else of sfglab imports it.
 """
 
-from __future__ import annotations
-
 from sfglab.soc.rtl.cycles import Delays
 from sfglab.soc.rtl.paths import MemoryPath, cycle_model, memory_model_cycles, simulated_cycles
 from sfglab.soc.rtl.synthesis import Area, gateway_area, gateway_verilog

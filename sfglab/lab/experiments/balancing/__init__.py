@@ -5,8 +5,6 @@ longest silence does about it; the printed optimum by CVXPY and by hand, and our
 front.
 """
 
-from __future__ import annotations
-
 from sfglab.lab.experiments.balancing.analysis import saved, staleness
 from sfglab.lab.experiments.balancing.experiment import exp
 

@@ -6,16 +6,8 @@ pictures by shared memory. Measured are the consumer's CPU and what its interfac
 measurements, from outside of the processes.
 """
 
-from __future__ import annotations
-
 from sfglab.lab.experiments.decode_once import figures
-from sfglab.lab.experiments.decode_once.analysis import (
-    codecs,
-    cost_model,
-    frame_checks,
-    slopes,
-    stream_facts,
-)
+from sfglab.lab.experiments.decode_once.analysis import codecs, cost_model, frame_checks, slopes, stream_facts
 from sfglab.lab.experiments.decode_once.experiment import exp
 
 __all__ = ["codecs", "cost_model", "exp", "figures", "frame_checks", "slopes", "stream_facts"]

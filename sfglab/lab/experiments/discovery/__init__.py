@@ -6,8 +6,6 @@ through what Table 1 names. Measured is how long each agent takes to know all it
 receives until then. Larger fleets are routed only, and beyond what one machine carries they are simulated.
 """
 
-from __future__ import annotations
-
 from sfglab.lab.experiments.discovery import simulated, stage
 from sfglab.lab.experiments.discovery.analysis import live, summary
 from sfglab.lab.experiments.discovery.experiment import Fleet, exp

@@ -5,8 +5,6 @@ the node chain from image to command is timed with its shared topic in software 
 memory model.
 """
 
-from __future__ import annotations
-
 from sfglab.lab.experiments.driving.analysis import chain_table, node_table
 from sfglab.lab.experiments.driving.experiment import exp
 from sfglab.lab.experiments.driving.figures import film

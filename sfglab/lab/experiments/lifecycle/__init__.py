@@ -5,8 +5,6 @@ discoverer is led through every transition of its table, by real processes that 
 again, and by false agents that are mute, late, changed, restarted, ill-formed and too many.
 """
 
-from __future__ import annotations
-
 from sfglab.lab.experiments.lifecycle import figures
 from sfglab.lab.experiments.lifecycle.analysis import heartbeat_checks, intervals, transitions
 from sfglab.lab.experiments.lifecycle.experiment import exp

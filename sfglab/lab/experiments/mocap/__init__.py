@@ -5,8 +5,6 @@ known truth; and, beyond the paper, what an estimate of the offset is worth. Liv
 own, the bridge and a listener as processes on hosts of their own, the direct receiver beside them.
 """
 
-from __future__ import annotations
-
 from sfglab.lab.experiments.mocap import figures
 from sfglab.lab.experiments.mocap.analysis import checks, errors, offsets
 from sfglab.lab.experiments.mocap.experiment import exp

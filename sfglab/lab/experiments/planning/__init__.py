@@ -4,8 +4,6 @@ Trajectories, headings, interpolation, re-timing, clearance, exchange, edits and
 cases; the agents of a scene are sent along its trajectories over the action's server, at once.
 """
 
-from __future__ import annotations
-
 from sfglab.lab.experiments.planning.analysis import apart_m, checks
 from sfglab.lab.experiments.planning.editor import SceneCell
 from sfglab.lab.experiments.planning.experiment import exp

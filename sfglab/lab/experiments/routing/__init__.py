@@ -5,8 +5,6 @@ those of Table 1, local ones and near misses. Recorded is who hears what of whom
 seen in the global domain; beside that the policy is checked exactly, on all standard names.
 """
 
-from __future__ import annotations
-
 from sfglab.lab.experiments.routing.analysis import checks, latencies
 from sfglab.lab.experiments.routing.experiment import exp
 

@@ -6,8 +6,6 @@ part in simulated hardware, and across processes on this machine. And from which
 mapping gains that knows sizes, and node mapping against brute force.
 """
 
-from __future__ import annotations
-
 from sfglab.lab.experiments.transfer import figures, stage
 from sfglab.lab.experiments.transfer.analysis import fit_meaning, live_table, memory_speed_ups
 from sfglab.lab.experiments.transfer.experiment import exp

@@ -44,15 +44,7 @@ from sfglab.soc.memory import (
     fitted_values,
     with_values,
 )
-from sfglab.soc.paper_values import (
-    MESSAGE_BYTES,
-    FitError,
-    fit,
-    residuals,
-    sensitivity,
-    speed_ups,
-    tendencies,
-)
+from sfglab.soc.paper_values import MESSAGE_BYTES, FitError, fit, residuals, sensitivity, speed_ups, tendencies
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

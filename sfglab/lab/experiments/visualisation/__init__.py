@@ -6,8 +6,6 @@ plugins, synchronisation and points are run. What the bridge adds to a picture's
 own call, and what waits is watched while the sink stands still.
 """
 
-from __future__ import annotations
-
 from sfglab.lab.experiments.visualisation.analysis import added_ms, checks, latency_table
 from sfglab.lab.experiments.visualisation.experiment import exp
 
