@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.deploy.dockerfile import STAGES
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.findings import Broken, Rules
+from sfglab.deploy.verdicts import Broken, Rules
 from sfglab.documents import Place
 from sfglab.fleet.lint import Finding, Severity
 

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.editor import DEBUGGERS
-from sfglab.deploy.findings import Broken, Rules
-from sfglab.deploy.json5 import read_json5
-from sfglab.deploy.shapes import check_shape
+from sfglab.deploy.shapes import check_shape, read_json5
+from sfglab.deploy.verdicts import Broken, Rules
 from sfglab.documents import Document, DocumentError, KeyPath, Place, suggestion
 from sfglab.fleet.lint import Finding, Severity
 

@@ -17,14 +17,13 @@ from sfglab.deploy.compose_check import check_compose
 from sfglab.deploy.dockerfile_check import check_dockerfile
 from sfglab.deploy.editor_check import SHAPES, check_editor
 from sfglab.deploy.errors import MissingProgramError
-from sfglab.deploy.findings import Broken, Rules, error_sentences
 from sfglab.deploy.programs import find_program
 from sfglab.deploy.routers.dds_router_check import check_dds_router
 from sfglab.deploy.routers.targets import ROUTER_FILES
 from sfglab.deploy.routers.zenoh_check import check_zenoh
 from sfglab.deploy.text_check import check_dockerfiles, check_secrets, check_shell
 from sfglab.deploy.unit_check import check_unit
-from sfglab.deploy.verdicts import State, Verdict, verdict_of
+from sfglab.deploy.verdicts import Broken, Rules, State, Verdict, error_sentences, verdict_of
 from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork, RosDistribution, RouterSoftware
 from sfglab.fleet.lint import Finding, Severity, lint
 

@@ -1,4 +1,7 @@
-"""Shapes of foreign files by JSON Schema, and the one translator of its messages into findings.
+"""Foreign files: JSON5 with the lines of its values, shapes by JSON Schema, and the translator of its messages.
+
+JSON5 as routers and editors write it: comments, trailing commas, single quotes and keys without quotes are
+taken, which is most of what it adds to JSON; hexadecimal numbers, ``Infinity`` and line continuations are not.
 
 A shape is a file of the folder ``schemas`` (JSON Schema 2020-12 as YAML). Beside the standard's keywords it may
 hold ``x-allowed``, words for what is allowed; ``x-finding``, parts of the finding in place of the general ones,
@@ -9,6 +12,7 @@ by code.
 from __future__ import annotations
 
 import ipaddress
+import json
 import re
 from collections import defaultdict
 from functools import cache
@@ -16,7 +20,7 @@ from importlib import import_module, resources
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sfglab.deploy.errors import MissingProgramError
-from sfglab.documents import KeyPath, Place, suggestion
+from sfglab.documents import Document, KeyPath, Place, suggestion
 from sfglab.fleet.lint import Finding, Severity
 
 if TYPE_CHECKING:
@@ -192,3 +196,55 @@ def _has_bare_alternative(regex: Any) -> bool:
         if character == "|" and depth == 0:
             return True
     return False
+
+
+_TOKEN = re.compile(
+    r"""
+      (?P<string>"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*')
+    | (?P<comment>//[^\n]*|/\*.*?\*/)
+    | (?P<comma>,(?=(?:\s|//[^\n]*|/\*.*?\*/)*[}\]]))
+    | (?P<colon>:)
+    | (?P<tab>\t)
+    | (?P<word>[A-Za-z_$][\w$]*)
+    | (?P<power>-?\d+(?:\.\d*)?[eE][+-]?\d+)
+    """,
+    re.VERBOSE | re.DOTALL,
+)
+
+
+def read_json5(text: str, file: str) -> Document:
+    """Read the text of a JSON5 file; `file` is its name, for places.
+
+    Raises:
+        DocumentError: It is not JSON5, or has more of it than is taken here.
+    """
+    return Document(_TOKEN.sub(_as_yaml, text), file)
+
+
+def _as_yaml(token: re.Match[str]) -> str:
+    """Return what stands for a token in YAML, with as many lines."""
+    found = token.group()
+    match token.lastgroup:
+        case "string":
+            return _string(found)
+        case "colon":
+            return ": "
+        case "word":
+            return found
+        case "power":
+            return repr(float(found))  # YAML 1.1 asks for a dot and a sign
+        case _:
+            return "\n" * found.count("\n") + " "
+
+
+def _string(found: str) -> str:
+    """Return a string of YAML; a pair of surrogates, which YAML does not know, becomes one character."""
+    inner = found[1:-1]
+    if found[0] == "'":
+        inner = inner.replace("\\'", "'").replace('"', '\\"')
+    try:
+        value = json.loads(f'"{inner}"')
+    except json.JSONDecodeError:
+        return f'"{inner}"'  # an escape that JSON does not have; YAML may
+    plain = (c if " " <= c <= "~" and c not in '"\\' else f"\\U{ord(c):08x}" for c in value)
+    return f'"{"".join(plain)}"'

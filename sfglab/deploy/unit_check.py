@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.findings import worst_first
 from sfglab.deploy.shapes import check_shape
+from sfglab.deploy.verdicts import worst_first
 from sfglab.documents import KeyPath, Place
 from sfglab.fleet.lint import Finding, Severity
 

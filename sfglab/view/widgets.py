@@ -1,12 +1,14 @@
-"""Widgets of a notebook: the library, front-end parts of our own, and how a refusal looks.
+"""Widgets of a notebook: the library, front-end parts of our own, how a refusal looks, and addresses of pages.
 
 Refuses to know what any of them shows. They come with the extra ``view``.
 """
 
 from __future__ import annotations
 
+import os
 from html import escape
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import MissingExtraError
@@ -50,3 +52,21 @@ def front_end(module: Path, traits: Mapping[str, str]) -> Any:
 def refusal_html(text: str) -> str:
     """Return a sentence that says what was refused, as HTML; nothing for nothing."""
     return f'<span style="color:#b00020">{escape(text)}</span>' if text else ""
+
+
+LOOPBACK = "127.0.0.1"
+
+
+def address_of_port(port: int) -> str:
+    """Return the address of a page that this machine serves at a port of its loopback.
+
+    Below the notebook server's own path where one runs this kernel, so that it works through whatever leads
+    to that server; else on the loopback.
+    """
+    if find_spec("jupyter_server_proxy") is not None:
+        from jupyter_server.serverapp import list_running_servers
+
+        for server in list_running_servers():
+            if str(server["pid"]) == os.environ.get("JPY_PARENT_PID"):
+                return f"{server['base_url']}proxy/{port}/"
+    return f"http://{LOOPBACK}:{port}"

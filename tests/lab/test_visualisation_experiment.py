@@ -11,7 +11,7 @@ import pytest
 
 from sfglab.errors import MissingExtraError, SfglabError
 from sfglab.lab import screenshots
-from sfglab.lab.checks import plugins, synchronisation
+from sfglab.lab.checks import handling, synchronisation
 from sfglab.lab.checks.fleet_scene import (
     PERIOD_NS,
     RECEIVED_AFTER_NS,
@@ -103,10 +103,10 @@ def test_what_the_bus_shows_otherwise_than_the_log_is_found(parts):
 
 def test_a_plugin_that_breaks_others_would_be_found(tmp_path, monkeypatch):
     (tmp_path / "a").mkdir()
-    assert wrong([plugins.check_plugins(tmp_path / "a")]) == []
-    monkeypatch.setattr(plugins, "_ENTRIES", "battery = {0}:Battery\nbroken = {0}:Broken\n")
+    assert wrong([handling.check_plugins(tmp_path / "a")]) == []
+    monkeypatch.setattr(handling, "_ENTRIES", "battery = {0}:Battery\nbroken = {0}:Broken\n")
     (tmp_path / "b").mkdir()
-    assert "one that cannot be loaded is told" in plugins.check_plugins(tmp_path / "b").example
+    assert "one that cannot be loaded is told" in handling.check_plugins(tmp_path / "b").example
 
 
 def test_streams_that_are_not_synchronised_are_found(monkeypatch):

@@ -17,7 +17,7 @@ import pytest
 
 from sfglab.bus import Node
 from sfglab.errors import InvalidValueError, MissingExtraError
-from sfglab.lab.checks.plugins import installed
+from sfglab.lab.checks.handling import installed
 from sfglab.messages import default_message, message_type, serialize, stamp_from_ns
 from sfglab.qos import SENSOR_DATA
 from sfglab.record import LogError, LogWriter

@@ -9,9 +9,9 @@ from __future__ import annotations
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
-from sfglab.deploy.findings import Broken, Rules, worst_first
 from sfglab.deploy.routers.dds_router import VERSION, accepts, probe_names
 from sfglab.deploy.shapes import check_shape
+from sfglab.deploy.verdicts import Broken, Rules, worst_first
 from sfglab.documents import Document, KeyPath
 from sfglab.fleet.lint import Finding, Severity
 from sfglab.fleet.policy import Direction, Policy

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from sfglab.deploy.findings import Broken, Rules, worst_first
 from sfglab.deploy.routers.dds_router import header
 from sfglab.deploy.shapes import check_shape
+from sfglab.deploy.verdicts import Broken, Rules, worst_first
 from sfglab.documents import Document, KeyPath
 from sfglab.fleet.lint import Finding, Meeting, Use, View
 from sfglab.fleet.policy import Direction, Policy

@@ -9,11 +9,10 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from sfglab.deploy.findings import Broken, Rules, has_errors, worst_first
-from sfglab.deploy.json5 import read_json5
 from sfglab.deploy.routers.dds_router import probe_names
 from sfglab.deploy.routers.zenoh import KINDS
-from sfglab.deploy.shapes import check_shape
+from sfglab.deploy.shapes import check_shape, read_json5
+from sfglab.deploy.verdicts import Broken, Rules, has_errors, worst_first
 from sfglab.fleet.lint import Finding, Severity
 from sfglab.fleet.policy import Direction, Policy
 from sfglab.names import FqnError, ResourceKind, dds_names, ros_name_from_dds

@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, Self, TypeVar
 from sfglab.errors import SfglabError
 from sfglab.spatial.scene.conflicts import Conflict, conflicts
 from sfglab.spatial.scene.editor import Change, Editor
-from sfglab.view.jupyter import LOOPBACK, address_of_port
 from sfglab.view.planner.context import Context, JobQueue, Part, quiet, viser
 from sfglab.view.planner.panels import Hierarchy, Inspector, Timeline, Warnings
 from sfglab.view.planner.toolbar import Toolbar
 from sfglab.view.planner.viewport import Viewport
+from sfglab.view.widgets import LOOPBACK, address_of_port
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -4,7 +4,6 @@ The paper's test bed is made into all files of its machines; these are checked, 
 machines and taken back; hooks are run; containers' commands are run between namespaces; an image is built.
 """
 
-from sfglab.lab.experiments.deployment import analysis
 from sfglab.lab.experiments.deployment.experiment import exp
 
-__all__ = ["analysis", "exp"]
+__all__ = ["exp"]

@@ -6,8 +6,7 @@ manner, where the decoder is loaded on demand and waits for a key frame, and wit
 replay.
 """
 
-from sfglab.lab.experiments.latency.analysis import checks
-from sfglab.lab.experiments.latency.budget import draw_budget
+from sfglab.lab.experiments.latency.analysis import checks, draw_budget
 from sfglab.lab.experiments.latency.experiment import exp
 
 __all__ = ["checks", "draw_budget", "exp"]

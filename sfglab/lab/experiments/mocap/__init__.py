@@ -5,8 +5,7 @@ known truth; and, beyond the paper, what an estimate of the offset is worth. Liv
 own, the bridge and a listener as processes on hosts of their own, the direct receiver beside them.
 """
 
-from sfglab.lab.experiments.mocap import figures
 from sfglab.lab.experiments.mocap.analysis import checks, errors, offsets
 from sfglab.lab.experiments.mocap.experiment import exp
 
-__all__ = ["checks", "errors", "exp", "figures", "offsets"]
+__all__ = ["checks", "errors", "exp", "offsets"]

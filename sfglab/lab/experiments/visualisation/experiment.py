@@ -12,7 +12,7 @@ import numpy as np
 from sfglab.codecs import compressed_image_fields
 from sfglab.fleet.fleet_file import load_fleet
 from sfglab.lab.browser import free_port
-from sfglab.lab.checks import CheckRow, handling, plugins, recordings, synchronisation
+from sfglab.lab.checks import CheckRow, handling, recordings, synchronisation
 from sfglab.lab.checks.fleet_scene import make_parts, scene_moments
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.visualisation.stage import (
@@ -160,7 +160,7 @@ def show_points(bench: Bench[Config]) -> None:
 def check_library(bench: Bench[Config]) -> None:
     """Check somebody else's visualizers, and synchronisation on random streams."""
     config = bench.config
-    _write(bench, "plugins", plugins.check_plugins(bench.folder("plugin")))
+    _write(bench, "plugins", handling.check_plugins(bench.folder("plugin")))
     _write(bench, "synchronisation", *synchronisation.checks.rows(config.streams, config.seed))
 
 
