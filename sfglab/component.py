@@ -25,11 +25,9 @@ if TYPE_CHECKING:
 
 
 C = TypeVar("C")
-Report = dict[str, Any]
-"""An order or a report."""
+Report = dict[str, Any]  #: An order or a report.
 
-END_LIMIT_S = 10
-"""How long a component may take to end, in seconds; then the kernel ends it."""
+END_LIMIT_S = 10  #: How long a component may take to end, in seconds; then the kernel ends it.
 ORDER_LIMIT_BYTES = 1 << 22
 
 

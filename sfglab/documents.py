@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     import yaml
 
 
-KeyPath = tuple[str | int, ...]
-"""Keys and list positions from the top of a document."""
+KeyPath = tuple[str | int, ...]  #: Keys and list positions from the top of a document.
 
 T = TypeVar("T")
 _Choice = TypeVar("_Choice", bound=Enum)
@@ -434,8 +433,7 @@ def _sections(document: Document, path: KeyPath, value: Any, short: str = "") ->
 
 # What a field's type cannot say, as its metadata: ``field(metadata=named("from") | bounds(1, 9))``.
 
-OR_NULL: Mapping[str, Any] = {"null": True}
-"""Null may stand there, and says None."""
+OR_NULL: Mapping[str, Any] = {"null": True}  #: Null may stand there, and says None.
 
 
 def named(key: str) -> dict[str, Any]:

@@ -24,8 +24,7 @@ from typing import Any, TypeVar
 from sfglab.errors import InvalidValueError
 
 T = TypeVar("T")
-BOUNDS = "bounds"
-"""The key of a field's bounds in its metadata."""
+BOUNDS = "bounds"  #: The key of a field's bounds in its metadata.
 
 
 @dataclass(frozen=True, slots=True)

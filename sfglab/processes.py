@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 LINE_LIMIT_BYTES = 1 << 22
-START_LIMIT_S = 180.0
-"""How long a member of a group may take until it serves, in seconds."""
+START_LIMIT_S = 180.0  #: How long a member of a group may take until it serves, in seconds.
 _NOTICE_S = 0.3
 
 

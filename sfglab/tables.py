@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Sequence
 
 
-WIDTH = 110
-"""Of the line under the head, at most."""
+WIDTH = 110  #: Of the line under the head, at most.
 
 
 def columns(rows: Iterable[Sequence[str]], *, right: Container[int] = ()) -> list[str]:

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-DEPTH_MAX = 5000
-"""Dmax: the most samples that Fast DDS kept in 2023 (paper B, section 2.4, reference 17)."""
+DEPTH_MAX = 5000  #: Dmax: the most samples that Fast DDS kept in 2023 (paper B, section 2.4, reference 17).
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

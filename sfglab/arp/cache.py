@@ -90,12 +90,9 @@ def _arrays_equal(first: Any, second: Any, tolerance: float) -> bool:
 class Decision(Enum):
     """What happens to a value that is offered."""
 
-    CHANGED = "changed"
-    """It differs from the last one that passed, or is the first: it passes."""
-    REFRESHED = "refreshed"
-    """It is the same, and the longest silence is over: it passes."""
-    HELD = "held"
-    """It is the same: it is held back."""
+    CHANGED = "changed"  #: It differs from the last one that passed, or is the first: it passes.
+    REFRESHED = "refreshed"  #: It is the same, and the longest silence is over: it passes.
+    HELD = "held"  #: It is the same: it is held back.
 
     @property
     def passes(self) -> bool:

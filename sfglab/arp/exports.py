@@ -75,8 +75,7 @@ _TIMES = {
     2: ("heartbeatPeriod", "nackResponseDelay", "heartbeatResponseDelay"),
     3: ("heartbeat_period", "nack_response_delay", "heartbeat_response_delay"),
 }
-_SAMPLES_PER_INSTANCE = 400
-"""Default limit before Fast DDS 3.5; a deeper history must raise it."""
+_SAMPLES_PER_INSTANCE = 400  #: Default limit before Fast DDS 3.5; a deeper history must raise it.
 
 _FAST_HOW = (
     "Set RMW_IMPLEMENTATION=rmw_fastrtps_cpp, RMW_FASTRTPS_USE_QOS_FROM_XML=1, and "
@@ -139,11 +138,9 @@ def _add_duration(parent: ET.Element, duration_ns: int) -> None:
 
 
 _NAMESPACE = "https://cdds.io/config"
-_LEAST_NS = 5_000_000
-"""HeartbeatInterval's `min`, Cyclone's default; the model does not reckon with it."""
+_LEAST_NS = 5_000_000  #: HeartbeatInterval's `min`, Cyclone's default; the model does not reckon with it.
 
-_SCHEDULED_LEAST_NS = 20_000_000
-"""HeartbeatInterval's `minsched`, Cyclone's default."""
+_SCHEDULED_LEAST_NS = 20_000_000  #: HeartbeatInterval's `minsched`, Cyclone's default.
 
 _CYCLONE_HOW = (
     "Set RMW_IMPLEMENTATION=rmw_cyclonedds_cpp and CYCLONEDDS_URI to this file. Here stands timing only: this "

@@ -141,8 +141,7 @@ def rounds_needed(loss: float, residual_loss: float) -> int:
     return max(1, math.ceil(math.log(residual_loss / loss) / math.log(1 - (1 - loss) ** 2)))
 
 
-_SLACK = 4.0
-"""Mean waits in queues that a repair may meet on its three ways before it is too late."""
+_SLACK = 4.0  #: Mean waits in queues that a repair may meet on its three ways before it is too late.
 
 
 def _rounds_s(

@@ -99,11 +99,9 @@ METHODS = {
 }
 """Paper B, section 3, by name."""
 
-RATES_HZ = (100, 200, 500, 1000)
-"""Table 2, DEADLINE: the values of Rmax."""
+RATES_HZ = (100, 200, 500, 1000)  #: Table 2, DEADLINE: the values of Rmax.
 
-DEPTHS = (1, 5, 10, 100, 1000, 5000)
-"""Table 2, DEPTH, beside the optimum of Eq. 6."""
+DEPTHS = (1, 5, 10, 100, 1000, 5000)  #: Table 2, DEPTH, beside the optimum of Eq. 6.
 
 TAKE_S = 60e-6
 """Time that taking a message and comparing it costs a node of the station: assumed, the paper says nothing."""

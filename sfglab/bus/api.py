@@ -32,14 +32,12 @@ DEFAULT_MAX_MESSAGE_BYTES = 64 * 2**20
 NODE_KEY = "sfglab.node"
 HOST_KEY = "sfglab.host"
 SHM_KEY = "sfglab.shm"
-OFFER_KEY = "sfglab.offer"
-"""On writers that send nothing: somebody would, if it were wanted."""
+OFFER_KEY = "sfglab.offer"  #: On writers that send nothing: somebody would, if it were wanted.
 SHM_PARTITION = "sfglab.shm"
 """Shared-memory endpoints show themselves in this partition, where no ordinary endpoint matches them."""
 
 
-FAST_DDS = b"\x01\x0f"
-"""Fast DDS's vendor id, with which its GUIDs begin (RTPS 2.5, clause 9.3.1.5)."""
+FAST_DDS = b"\x01\x0f"  #: Fast DDS's vendor id, with which its GUIDs begin (RTPS 2.5, clause 9.3.1.5).
 
 
 class EndpointKind(Enum):

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 Transform = Callable[[bytes], bytes | None]
 """Changes a sample on its way: CDR in, CDR out, None drops it. The same object back means: as it was."""
 
-HELD_SAMPLES = 256
-"""How many samples of a source that nobody judged yet are kept; the oldest go first."""
+HELD_SAMPLES = 256  #: How many samples of a source that nobody judged yet are kept; the oldest go first.
 
 _Sample = TypeVar("_Sample")
 _Exit = TypeVar("_Exit")

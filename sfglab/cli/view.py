@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from sfglab.view.session import Session
 
 
-_SERVED_PORT = 9876
-"""Where `serve` waits when nothing else is said; the viewer's own default."""
+_SERVED_PORT = 9876  #: Where `serve` waits when nothing else is said; the viewer's own default.
 
 
 def view(

@@ -26,8 +26,7 @@ PNG_LEVEL = 9
 """The plugin's default (``png_level``), which takes 20 to 50 times as long as level 1 to
 save a tenth to a fifth of the bytes (benchmarks/depth_codecs.py)."""
 
-DEPTH_MAX_M = 10.0
-"""The plugin's default (``depth_max``) for 32-bit depth, in metres."""
+DEPTH_MAX_M = 10.0  #: The plugin's default (``depth_max``) for 32-bit depth, in metres.
 
 _QUANTIZATION = np.float32(100.0)  # the plugin's default (depth_quantization)
 _HEADER = struct.Struct("<iff")  # format, depthQuantA, depthQuantB

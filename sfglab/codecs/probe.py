@@ -47,8 +47,7 @@ ENCODERS = (
 DECODERS = ("h264_nvmpi", "h264_cuvid", "h264_qsv", "h264_v4l2m2m", "h264")
 """FFmpeg's H.264 decoders in order of preference: hardware, then software."""
 
-SOFTWARE = frozenset({"libx264", "libopenh264", "h264"})
-"""Codecs that run on the processor."""
+SOFTWARE = frozenset({"libx264", "libopenh264", "h264"})  #: Codecs that run on the processor.
 
 _LOWEST_PSNR_DB = 25.0  # far below any working encoder at this rate, far above a wrong picture
 _TRIAL = H264Settings(width=320, height=192, fps=30, bitrate_bps=2_000_000, gop=30)

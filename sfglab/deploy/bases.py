@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
 
 
-JETPACK = 6
-"""The JetPack that the base image of Jetsons belongs to (L4T r36); its libraries fit no other."""
+JETPACK = 6  #: The JetPack that the base image of Jetsons belongs to (L4T r36); its libraries fit no other.
 
 
 class Distribution(Enum):

@@ -72,14 +72,11 @@ def bridge_name(agent: str) -> str:
     return f"{name[: _LONGEST_INTERFACE - 5]}-{digest}"
 
 
-HOME = "/opt/sfglab"
-"""Where machines keep what they are given, one folder an agent."""
+HOME = "/opt/sfglab"  #: Where machines keep what they are given, one folder an agent.
 
-FLEET_FILE = "/etc/sfglab/fleet.yaml"
-"""Where images have the fleet file."""
+FLEET_FILE = "/etc/sfglab/fleet.yaml"  #: Where images have the fleet file.
 
-USER, USER_ID = "sfglab", 10001
-"""Who runs in containers; its group has the same number."""
+USER, USER_ID = "sfglab", 10001  #: Who runs in containers; its group has the same number.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

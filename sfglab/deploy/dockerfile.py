@@ -17,12 +17,10 @@ from sfglab.deploy.files import PROGRAM, BundleFile, render
 from sfglab.deploy.release import agent_lock, split_lock
 from sfglab.fleet.fleet_file import Architecture, RosDistribution
 
-STAGES = ("base", "adapter", "application")
-"""The three layers of the paper, in their order."""
+STAGES = ("base", "adapter", "application")  #: The three layers of the paper, in their order.
 
 VENV = "/opt/venv"
-OVERLAY = "/opt/workspace"
-"""Where the user's colcon workspace is installed."""
+OVERLAY = "/opt/workspace"  #: Where the user's colcon workspace is installed.
 
 _LICENCE = "Apache-2.0"  # LICENSE
 _TOOLS = ("cmakelang", "debugpy", "six")  # formats CMake (and needs six); debugs Python

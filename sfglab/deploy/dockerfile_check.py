@@ -129,8 +129,7 @@ class Recipe:
         yield from (each for each in self.instructions if each.name in names)
 
 
-RULES: Rules[Recipe, int] = Rules()
-"""What a Dockerfile may hold that builders can read."""
+RULES: Rules[Recipe, int] = Rules()  #: What a Dockerfile may hold that builders can read.
 
 
 def check_dockerfile(text: str, file: str = "Dockerfile") -> tuple[Finding, ...]:

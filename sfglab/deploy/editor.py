@@ -133,8 +133,7 @@ def _bash(
     return task | ({"group": group} if group else {})
 
 
-DEBUGPY_PORT = 5678
-"""Where ``python -m debugpy --listen 5678 ...`` waits; its own documentation's example."""
+DEBUGPY_PORT = 5678  #: Where ``python -m debugpy --listen 5678 ...`` waits; its own documentation's example.
 
 _ARGUMENTS = "${input:arguments}"
 _INPUTS = {

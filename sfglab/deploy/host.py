@@ -126,8 +126,7 @@ def service_unit(deployment: Deployment) -> str:
     )
 
 
-STATE = "/var/lib/sfglab"
-"""Where machines keep what a run of the hooks still owes, one folder an agent."""
+STATE = "/var/lib/sfglab"  #: Where machines keep what a run of the hooks still owes, one folder an agent.
 
 SCRIPTS = {
     "initialize.sh": PROGRAM,

@@ -42,8 +42,7 @@ AGENT_ROOTS = (  # by their normal names (PEP 503)
 )
 """What is imported at run time on a robot; without cvxpy, pandas, Qt, Jupyter and what else plans or shows."""
 
-MACHINES = {Architecture.AMD64: "x86_64", Architecture.ARM64: "aarch64"}
-"""What Linux calls a processor."""
+MACHINES = {Architecture.AMD64: "x86_64", Architecture.ARM64: "aarch64"}  #: What Linux calls a processor.
 
 
 @lru_cache(maxsize=16)  # a fleet has few kinds of machine, and what is installed stays

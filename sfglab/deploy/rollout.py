@@ -172,8 +172,7 @@ def _details(prospect: Prospect, *, diff: bool) -> Iterator[str]:
     yield "\n".join(lines)
 
 
-KEPT = 5
-"""Releases whose files a machine keeps."""
+KEPT = 5  #: Releases whose files a machine keeps.
 
 _RELEASES = ".releases"
 _BUILT = " ".join(f"--exclude=./workspace/{name}" for name in ("build", "install", "log"))

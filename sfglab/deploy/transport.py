@@ -28,10 +28,8 @@ if TYPE_CHECKING:
     from sfglab.deploy.hardware.machine import Machine
 
 
-CONNECT_S = 10
-"""How long an SSH connection may take."""
-QUICK_S = 120.0
-"""How long a command that only moves files may take."""
+CONNECT_S = 10  #: How long an SSH connection may take.
+QUICK_S = 120.0  #: How long a command that only moves files may take.
 
 
 class Transport(ABC):

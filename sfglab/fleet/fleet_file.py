@@ -38,8 +38,7 @@ from sfglab.qos import COMPRESSED_STREAM, DEFAULT, LATCHED, SENSOR_DATA, SERVICE
 from sfglab.tables import html_table
 from sfglab.units import NS_PER_S
 
-MAX_DOMAIN = 232
-"""The last domain whose ports exist (RTPS 2.5, clause 9.6.2.3)."""
+MAX_DOMAIN = 232  #: The last domain whose ports exist (RTPS 2.5, clause 9.6.2.3).
 
 PROFILES = {
     "default": DEFAULT,
@@ -51,8 +50,7 @@ PROFILES = {
 _POSITIVE = bounds(without=(0,))
 
 
-AUTO = "auto"
-"""In place of an accelerator's name: found out on the machine."""
+AUTO = "auto"  #: In place of an accelerator's name: found out on the machine.
 _COMPONENT = r"[a-z0-9]+(?:(?:\.|_{1,2}|-+)[a-z0-9]+)*"
 _REGISTRY = r"[a-zA-Z0-9](?:[a-zA-Z0-9.-]*[a-zA-Z0-9])?(?::[0-9]{1,5})?"
 REPOSITORY = re.compile(rf"(?:{_REGISTRY}/)?{_COMPONENT}(?:/{_COMPONENT})*")

@@ -46,8 +46,7 @@ if TYPE_CHECKING:
 FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
 """The type of streams that can be replayed, and of their replays."""
 
-FLAG_KEY = 1
-"""In the flags of a packet where a decoder may start (libavcodec, packet.h: AV_PKT_FLAG_KEY)."""
+FLAG_KEY = 1  #: In the flags of a packet where a decoder may start (libavcodec, packet.h: AV_PKT_FLAG_KEY).
 
 FLAG_DISCARD = 4
 """In the flags of a packet that the next ones need and whose own picture nobody wants (AV_PKT_FLAG_DISCARD)."""

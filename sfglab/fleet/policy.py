@@ -219,8 +219,7 @@ class Held(Enum):
     HELD = "held"
 
 
-Verdict = WriterSpec | Held | None
-"""Where a source's samples go; None: nowhere."""
+Verdict = WriterSpec | Held | None  #: Where a source's samples go; None: nowhere.
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from sfglab.record import LogWriter
 
 C = TypeVar("C")
-Row = Any
-"""An instance of a table's class, or its fields as a mapping."""
+Row = Any  #: An instance of a table's class, or its fields as a mapping.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -39,8 +39,7 @@ C = TypeVar("C")
 F = TypeVar("F", bound=Callable[..., Any])
 
 QUICK, PAPER = "quick", "paper"
-PROFILES = (SMOKE, QUICK, PAPER)
-"""Seconds, for CI; a few minutes for everything; the papers' full counts."""
+PROFILES = (SMOKE, QUICK, PAPER)  #: Seconds, for CI; a few minutes for everything; the papers' full counts.
 _UNCOUNTED = ("seed", "profile")
 _OPTIONS = Options()
 

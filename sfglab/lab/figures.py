@@ -40,8 +40,7 @@ PAPER_STYLE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.4, "alph
 """How a paper's own line is drawn beside ours: dashed, in the colour of what it states."""
 
 
-PAGE_DPI = 90
-"""Resolution of pictures in a notebook."""
+PAGE_DPI = 90  #: Resolution of pictures in a notebook.
 
 
 def series(key: str) -> dict[str, Any]:

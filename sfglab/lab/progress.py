@@ -30,8 +30,7 @@ class Step:
     left_s: float  #: Time left at the pace until now, seconds.
 
 
-_BAR_S, _LINES_S = 0.1, 5.0
-"""How often a bar moves, and how often there is a new line."""
+_BAR_S, _LINES_S = 0.1, 5.0  #: How often a bar moves, and how often there is a new line.
 _LINE = re.compile(r"\d+/\d+ steps, \d+ s left$")
 _LISTENER: ContextVar[Callable[[Step], None] | None] = ContextVar("listener", default=None)
 

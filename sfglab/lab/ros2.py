@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
 PEER = Path(__file__).parent / "workers" / "rclpy_peer.py"
 """The program: a node of rclpy that does as it is told."""
-TESTED = ("jazzy", "kilted")
-"""The distributions that our nodes are tested beside, which `make ros` brings."""
+TESTED = ("jazzy", "kilted")  #: The distributions that our nodes are tested beside, which `make ros` brings.
 
 
 class RosMissingError(SfglabError):

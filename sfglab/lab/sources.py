@@ -37,8 +37,7 @@ MOTORCYCLE_FOCAL_PX = 994.978
 MOTORCYCLE_BASELINE_MM = 193.001
 MOTORCYCLE_OFFSET_PX = 31.086
 
-DEPTH_STAMP_MM = (4000, 1000)
-"""White and black of the visible frame number in depth images, in millimetres."""
+DEPTH_STAMP_MM = (4000, 1000)  #: White and black of the visible frame number in depth images, in millimetres.
 
 SECONDS_A_VIEW = 4.0
 

@@ -21,7 +21,6 @@ from sfglab.lab.hosts.host import InterfaceBytes, interface_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from types import TracebackType
 
 
 # From 102 on a domain's ports lie among those that Linux gives to anybody who asks.
@@ -96,10 +95,6 @@ class Testbed:
     Args:
         names: The hosts.
         separate: False insists on one host, None takes separate hosts where the machine can.
-
-    Attributes:
-        description: What the hosts are, for the log.
-        separate: Whether the hosts are separate.
     """
 
     __test__ = False  # not a test, whatever its name makes pytest think
@@ -109,8 +104,9 @@ class Testbed:
         self._stack = ExitStack()
         self._network: Network | None = None
         capability = Network.available() if separate is not False else None
-        self.separate = capability is not None and capability.ok
+        self.separate = capability is not None and capability.ok  #: Whether the hosts are separate.
         if self.separate and capability is not None:
+            #: What the hosts are, for the log.
             self.description = f"separate hosts: network namespaces ({capability.how})"
         else:
             why = capability.reason if capability is not None else "asked for"
@@ -125,9 +121,7 @@ class Testbed:
             self._stack.enter_context(_alone())
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stack.close()
 
     def argv(self, host: str, command: Sequence[str]) -> list[str]:

@@ -426,8 +426,7 @@ def action_texts(name: str, text: str) -> dict[str, str]:
 _EMPTY = "structure_needs_at_least_one_member"
 """The octet that rosbags gives a message without fields, when it is registered (rosidl's rule)."""
 _SUFFIXES = ("msg", "srv", "action")
-_WSTRING = "/wstring"
-"""How the name of the type that rosbags takes `wstring` for ends."""
+_WSTRING = "/wstring"  #: How the name of the type that rosbags takes `wstring` for ends.
 _PACKAGE = r"[a-z](?:_?[a-z0-9]+)*"
 _NAME = r"[A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)*"
 _ROS = re.compile(rf"(?P<package>{_PACKAGE})/(?P<kind>msg|srv|action)/(?P<name>{_NAME})")

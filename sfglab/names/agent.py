@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
-AGENT_VARIABLE = "SFG_AGENT_NAME"
-"""The environment variable that names the agent."""
+AGENT_VARIABLE = "SFG_AGENT_NAME"  #: The environment variable that names the agent.
 
 
 def validate_agent(agent: str) -> str:

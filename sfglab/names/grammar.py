@@ -14,11 +14,9 @@ from itertools import chain
 
 from sfglab.errors import InvalidValueError
 
-TF = "/tf"
-"""The transform topic: routed by Table 1 of paper A, but outside the schema."""
+TF = "/tf"  #: The transform topic: routed by Table 1 of paper A, but outside the schema.
 
-TF_STATIC = "/tf_static"
-"""The static transform topic: routed by Table 1 of paper A, but outside the schema."""
+TF_STATIC = "/tf_static"  #: The static transform topic: routed by Table 1 of paper A, but outside the schema.
 
 # rmw/validate_full_topic_name.h, RMW_TOPIC_MAX_NAME_LENGTH = 255 - 8, counted with the leading slash.
 _RMW_MAX_LENGTH = 247

@@ -33,8 +33,7 @@ _GENERAL = {
 
 _CLOCK = {"ClockSource": "static", "ClockFreq": "100000000"}
 
-_TAKE = "10000"
-"""Last argument of a subscription to a software-mapped topic, as in all demonstrations."""
+_TAKE = "10000"  #: Last argument of a subscription to a software-mapped topic, as in all demonstrations.
 
 _TYPE = re.compile(r"(\w+)/msg/(\w+)")
 _QUOTED = re.compile(r'[^\s,"]+')

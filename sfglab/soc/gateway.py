@@ -36,107 +36,64 @@ if TYPE_CHECKING:
 class State(Enum):
     """Where the core stands; `_HOLDING`: while it also holds a message of the SMT that the HMT has not seen."""
 
-    START = auto()
-    """Waits for the location of its output message."""
-    REQUEST = auto()
-    """Asks the delegate for the next message of the SMT."""
-    POLL_OSIF = auto()
-    """Looks whether the delegate has answered."""
-    POLL_HMT = auto()
-    """Looks whether a message stands at its port of the HMT."""
-    FILTER_SMT = auto()
-    """Compares the publisher of the message it holds with itself."""
-    CLAIM = auto()
-    """Wants the HMT for itself, to send the message it holds."""
-    TO_HMT = auto()
-    """Copies the message it holds from memory to the HMT."""
-    FILTER_HMT = auto()
-    """Compares the publisher of the message at its port with itself."""
-    DROP_HMT = auto()
-    """Discards the message at its port."""
-    TO_MEMORY = auto()
-    """Copies the message at its port to its output message in memory."""
-    CANCEL = auto()
-    """Takes the request back."""
-    CANCEL_WAIT = auto()
-    """Waits for the request's one answer: empty, or a message that came first."""
-    PUBLISH = auto()
-    """Asks the delegate to publish the output message on the SMT."""
-    PUBLISH_WAIT = auto()
-    """Waits until the output message is out and may be overwritten."""
-    FILTER_HMT_HOLDING = auto()
-    """As `FILTER_HMT`."""
-    DROP_HMT_HOLDING = auto()
-    """As `DROP_HMT`."""
-    TO_MEMORY_HOLDING = auto()
-    """As `TO_MEMORY`; no request is outstanding, so there is nothing to cancel."""
-    PUBLISH_HOLDING = auto()
-    """As `PUBLISH`."""
-    PUBLISH_WAIT_HOLDING = auto()
-    """As `PUBLISH_WAIT`."""
+    START = auto()  #: Waits for the location of its output message.
+    REQUEST = auto()  #: Asks the delegate for the next message of the SMT.
+    POLL_OSIF = auto()  #: Looks whether the delegate has answered.
+    POLL_HMT = auto()  #: Looks whether a message stands at its port of the HMT.
+    FILTER_SMT = auto()  #: Compares the publisher of the message it holds with itself.
+    CLAIM = auto()  #: Wants the HMT for itself, to send the message it holds.
+    TO_HMT = auto()  #: Copies the message it holds from memory to the HMT.
+    FILTER_HMT = auto()  #: Compares the publisher of the message at its port with itself.
+    DROP_HMT = auto()  #: Discards the message at its port.
+    TO_MEMORY = auto()  #: Copies the message at its port to its output message in memory.
+    CANCEL = auto()  #: Takes the request back.
+    CANCEL_WAIT = auto()  #: Waits for the request's one answer: empty, or a message that came first.
+    PUBLISH = auto()  #: Asks the delegate to publish the output message on the SMT.
+    PUBLISH_WAIT = auto()  #: Waits until the output message is out and may be overwritten.
+    FILTER_HMT_HOLDING = auto()  #: As `FILTER_HMT`.
+    DROP_HMT_HOLDING = auto()  #: As `DROP_HMT`.
+    TO_MEMORY_HOLDING = auto()  #: As `TO_MEMORY`; no request is outstanding, so there is nothing to cancel.
+    PUBLISH_HOLDING = auto()  #: As `PUBLISH`.
+    PUBLISH_WAIT_HOLDING = auto()  #: As `PUBLISH_WAIT`.
 
 
 class Input(Enum):
     """What a state waits for; a state without the input it waits for stays as it is."""
 
-    LOCATED = auto()
-    """OSIF: the output message's address."""
-    SENT = auto()
-    """OSIF: the call was accepted."""
-    EMPTY = auto()
-    """OSIF or HMT, whichever is polled: nothing there."""
-    ANSWERED = auto()
-    """OSIF: the request's answer is the address of a message."""
-    CANCELLED = auto()
-    """OSIF: the request's answer is that it was cancelled."""
-    PUBLISHED = auto()
-    """OSIF: the publication is done."""
-    OFFERED = auto()
-    """HMT: the first word of a message stands at the core's port."""
-    GRANTED = auto()
-    """HMT: the topic is the core's until it has sent its message."""
-    OWN = auto()
-    """Filter: the core itself published this message."""
-    FOREIGN = auto()
-    """Filter: somebody else did."""
-    DONE = auto()
-    """The last beat of the transfer is through."""
+    LOCATED = auto()  #: OSIF: the output message's address.
+    SENT = auto()  #: OSIF: the call was accepted.
+    EMPTY = auto()  #: OSIF or HMT, whichever is polled: nothing there.
+    ANSWERED = auto()  #: OSIF: the request's answer is the address of a message.
+    CANCELLED = auto()  #: OSIF: the request's answer is that it was cancelled.
+    PUBLISHED = auto()  #: OSIF: the publication is done.
+    OFFERED = auto()  #: HMT: the first word of a message stands at the core's port.
+    GRANTED = auto()  #: HMT: the topic is the core's until it has sent its message.
+    OWN = auto()  #: Filter: the core itself published this message.
+    FOREIGN = auto()  #: Filter: somebody else did.
+    DONE = auto()  #: The last beat of the transfer is through.
 
 
 class Drive(Enum):
     """What the core's outputs do while it stands in a state."""
 
-    LISTEN_OSIF = auto()
-    """Ready for the delegate's next word."""
-    CALL_TAKE = auto()
-    """OSIF call: take the next message of the SMT."""
-    CALL_CANCEL = auto()
-    """OSIF call: cancel the take."""
-    CALL_PUBLISH = auto()
-    """OSIF call: publish the output message on the SMT."""
-    PEEK_HMT = auto()
-    """Looks at its port of the HMT without taking a beat."""
-    COMPARE_HELD = auto()
-    """Compares the held message's publisher with itself; takes nothing."""
-    COMPARE_PORT = auto()
-    """Compares the publisher of the message at its port with itself; takes nothing."""
-    CLAIM_HMT = auto()
-    """Asks the topic's arbiter, and looks at its port meanwhile."""
-    MEMORY_TO_HMT = auto()
-    """Reads the held message and sends it, ignoring what its own port echoes."""
-    HMT_TO_MEMORY = auto()
-    """Takes the message at its port and writes the output message."""
-    HMT_TO_NOWHERE = auto()
-    """Takes the message at its port and forgets it."""
+    LISTEN_OSIF = auto()  #: Ready for the delegate's next word.
+    CALL_TAKE = auto()  #: OSIF call: take the next message of the SMT.
+    CALL_CANCEL = auto()  #: OSIF call: cancel the take.
+    CALL_PUBLISH = auto()  #: OSIF call: publish the output message on the SMT.
+    PEEK_HMT = auto()  #: Looks at its port of the HMT without taking a beat.
+    COMPARE_HELD = auto()  #: Compares the held message's publisher with itself; takes nothing.
+    COMPARE_PORT = auto()  #: Compares the publisher of the message at its port with itself; takes nothing.
+    CLAIM_HMT = auto()  #: Asks the topic's arbiter, and looks at its port meanwhile.
+    MEMORY_TO_HMT = auto()  #: Reads the held message and sends it, ignoring what its own port echoes.
+    HMT_TO_MEMORY = auto()  #: Takes the message at its port and writes the output message.
+    HMT_TO_NOWHERE = auto()  #: Takes the message at its port and forgets it.
 
 
 class Latch(Enum):
     """The register that a move loads with the value beside the input."""
 
-    OUTPUT = auto()
-    """Where the output message lies."""
-    HELD = auto()
-    """Where the message to forward lies."""
+    OUTPUT = auto()  #: Where the output message lies.
+    HELD = auto()  #: Where the message to forward lies.
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,8 +113,7 @@ class Row:
     moves: Mapping[Input, Move] = field(hash=False)
 
 
-Table = dict[State, Row]
-"""A gateway core's whole behaviour."""
+Table = dict[State, Row]  #: A gateway core's whole behaviour.
 
 _S, _I, _D, _L = State, Input, Drive, Latch
 

@@ -17,14 +17,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
-GATEWAY = -1
-"""The publisher id under which the core forwards."""
-OWN_PORT = 1
-"""The bit of the core's own port among those that have yet to take the HMT's message."""
-SENDING = 2
-"""The bit of the core as the sender, until its transfer is done."""
-FIRST_PORT = 4
-"""The bit of the first hardware subscriber."""
+GATEWAY = -1  #: The publisher id under which the core forwards.
+OWN_PORT = 1  #: The bit of the core's own port among those that have yet to take the HMT's message.
+SENDING = 2  #: The bit of the core as the sender, until its transfer is done.
+FIRST_PORT = 4  #: The bit of the first hardware subscriber.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -32,10 +32,8 @@ if TYPE_CHECKING:
 class Forwarding(Enum):
     """What a gateway core does with a chunk on its way between memory and stream."""
 
-    STORED = "stored"
-    """Fills its chunk buffer, then empties it: the cycles of both sides add up."""
-    CUT_THROUGH = "cut-through"
-    """Passes beats on as they come: the slower side counts."""
+    STORED = "stored"  #: Fills its chunk buffer, then empties it: the cycles of both sides add up.
+    CUT_THROUGH = "cut-through"  #: Passes beats on as they come: the slower side counts.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -341,8 +339,7 @@ def _all_read_s(hardware: int, readers: int, message_bytes: int, costs: Costs) -
     return costs.delegate_s + max(place + hardware * read_s, hardware * place + read_s)
 
 
-LARGEST_BYTES = 1 << 30
-"""Where the search for a break-even ends."""
+LARGEST_BYTES = 1 << 30  #: Where the search for a break-even ends.
 
 
 class Judge(Enum):

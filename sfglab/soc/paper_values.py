@@ -21,10 +21,8 @@ from sfglab.soc.memory import STORED, Costs, Setup, Side, Transport, fitted_valu
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-MESSAGE_BYTES = (10_000, 100_000, 1_000_000, 10_000_000)
-"""Image sizes of section 4."""
-SUBSCRIBERS = (2, 4, 8)
-"""Numbers of subscribing hardware nodes; one software node subscribes besides."""
+MESSAGE_BYTES = (10_000, 100_000, 1_000_000, 10_000_000)  #: Image sizes of section 4.
+SUBSCRIBERS = (2, 4, 8)  #: Numbers of subscribing hardware nodes; one software node subscribes besides.
 
 
 class Panel(Enum):

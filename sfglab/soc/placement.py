@@ -191,8 +191,7 @@ def _traffic(topic: Topic) -> tuple[int, float]:
     return topic.size_bytes, topic.rate_hz
 
 
-_MS = 1e3
-"""The programme counts in milliseconds each second: numbers near 1 suit the solver's tolerances."""
+_MS = 1e3  #: The programme counts in milliseconds each second: numbers near 1 suit the solver's tolerances.
 
 _GAP = 1e-7
 

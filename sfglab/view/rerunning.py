@@ -48,19 +48,15 @@ class _Rerun:
 rr: Any = _Rerun()
 
 
-NOTEBOOK = "notebook"
-"""The place that is the running cell."""
+NOTEBOOK = "notebook"  #: The place that is the running cell.
 
-CAPTURE, RECEIVED = "capture", "received"
-"""The timelines."""
+CAPTURE, RECEIVED = "capture", "received"  #: The timelines.
 
-WINDOW_BYTES = 32 * 2**20
-"""How much may be drawn before the sinks have to have taken it."""
+WINDOW_BYTES = 32 * 2**20  #: How much may be drawn before the sinks have to have taken it.
 
 _PLACES = "<path>.rrd, viewer, rerun+http://<host>:<port>/proxy, serve[[:<address>]:<port>], notebook"
 _TAKE_LIMIT_S = 10.0
-_IMAGE_BYTES = 128 * 1024
-"""A batch of this size leaves at once: a picture does not wait for company."""
+_IMAGE_BYTES = 128 * 1024  #: A batch of this size leaves at once: a picture does not wait for company.
 
 
 class RerunCanvas:
@@ -69,16 +65,12 @@ class RerunCanvas:
     Args:
         recording: A Rerun recording with its sinks.
         where: Its sinks, for messages.
-
-    Attributes:
-        recording: For what only Rerun can do.
-        pending_bytes: What was drawn since the sinks last had everything: of messages, as they arrived; below a
-            window.
     """
 
     def __init__(self, recording: Any, where: str) -> None:
-        self.recording = recording
+        self.recording = recording  #: For what only Rerun can do.
         self._where = where
+        #: What was drawn since the sinks last had everything: of messages, as they arrived; below a window.
         self.pending_bytes = 0
         self._now_ns = self._flushed_ns = 0
         self._frames: dict[str, str] = {}

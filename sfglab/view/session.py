@@ -10,16 +10,13 @@ be loaded is told and left out, so that somebody else's mistake costs nobody the
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import Enum
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from sfglab.errors import InvalidValueError
-from sfglab.fields import from_json, to_json
-from sfglab.qos import Durability, History, QoSProfile, Reliability
 from sfglab.view.slot import Slot
-from sfglab.view.sync import Approximate, Exact, Independent, Latest, SyncPolicy
 from sfglab.view.visualizer import Input, Visualizer
 from sfglab.view.visualizers.clouds import CompressedDepthCloud, DepthCloud, LaserScan, PointCloud
 from sfglab.view.visualizers.fleet import AgentStatus, Communication
@@ -37,11 +34,13 @@ from sfglab.view.visualizers.poses import Imu, Odometry, Path, Pose, StaticTrans
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
+    from sfglab.qos import QoSProfile
+    from sfglab.view.sync import SyncPolicy
+
 
 T = TypeVar("T")
 
-GROUP = "sfglab.visualizers"
-"""The entry points' group."""
+GROUP = "sfglab.visualizers"  #: The entry points' group.
 
 BUILT_IN: tuple[type[Visualizer], ...] = (
     Image,
@@ -287,35 +286,6 @@ class Session:
             listener(Change(what=Changed.ADDED, display=display))
         return lambda: self._listeners.remove(listener)
 
-    def to_values(self) -> list[dict[str, Any]]:
-        """Return the displays as plain values, to be kept in a file."""
-        return [
-            {
-                "kind": display.visualizer.name,
-                "topics": dict(display.visualizer.topics),
-                "settings": display.visualizer.settings,
-                "max_hz": display.slot.budget.max_hz,
-                "enabled": display.enabled,
-                "qos": to_json(display.qos),
-                "sync": sync_to_values(display.sync),
-            }
-            for display in self.displays
-        ]
-
-    def add_values(self, values: list[dict[str, Any]]) -> None:
-        """Add displays from what `to_values` returned.
-
-        Raises:
-            InvalidValueError: A visualizer is not installed, or a value is not allowed.
-        """
-        for value in values:
-            display = self.add(value["kind"], value["topics"], value.get("settings"))
-            if "max_hz" in value:
-                self.limit(display.id, value["max_hz"])
-            self.enable(display.id, enabled=value.get("enabled", True))
-            qos = {role: qos_from_values(profile) for role, profile in value.get("qos", {}).items()}
-            self.rewire(display.id, qos=qos, sync=sync_from_values(value["sync"]) if "sync" in value else None)
-
     def _tell(self, what: Changed, display: Display) -> None:
         for listener in tuple(self._listeners):
             listener(Change(what=what, display=display))
@@ -340,51 +310,6 @@ def _bound(kind: type[Visualizer], topic: str, topics: Mapping[str, str]) -> dic
         elif not given.optional:
             return None
     return bound
-
-
-_POLICIES: dict[str, type[SyncPolicy]] = {
-    kind.__name__.lower(): kind for kind in (Independent, Exact, Approximate, Latest)
-}
-_ENUMS = {"reliability": Reliability, "durability": Durability, "history": History}
-
-
-def qos_from_values(values: Mapping[str, Any]) -> QoSProfile:
-    """Return the profile that values stand for; what is left out has its default.
-
-    Raises:
-        InvalidValueError: A name or a value is not allowed, or no middleware could honour it.
-    """
-    for name, kind in _ENUMS.items():
-        allowed = [member.value for member in kind]
-        if name in values and values[name] not in allowed:
-            raise InvalidValueError(name, values[name], ", ".join(allowed))
-    return _from_values("qos", QoSProfile, values)
-
-
-def sync_to_values(policy: SyncPolicy) -> dict[str, Any]:
-    """Return a policy as plain values."""
-    return {"policy": type(policy).__name__.lower(), **to_json(policy)}
-
-
-def sync_from_values(values: Mapping[str, Any]) -> SyncPolicy:
-    """Return the policy that values stand for.
-
-    Raises:
-        InvalidValueError: There is no such policy, or a value is not allowed.
-    """
-    given = dict(values)
-    name = given.pop("policy", None)
-    if name not in _POLICIES:
-        raise InvalidValueError("policy", name, ", ".join(_POLICIES))
-    return _from_values(name, _POLICIES[name], given)
-
-
-def _from_values(what: str, kind: type[T], values: Mapping[str, Any]) -> T:
-    known = [field.name for field in fields(kind)]  # type: ignore[arg-type]
-    if unknown := sorted(values.keys() - set(known)):
-        raise InvalidValueError(what, unknown, ", ".join(known) or "nothing")
-    made: T = from_json(kind, values)
-    return made
 
 
 def _listed(known: Iterable[str]) -> str:

@@ -57,9 +57,6 @@ class Slot(Generic[T]):
         max_hz: Its rate budget.
         queue: How many sets wait for their turn.
         steady: Roles of which one message may hold for good.
-
-    Attributes:
-        budget: May be changed at any time.
     """
 
     def __init__(
@@ -71,7 +68,7 @@ class Slot(Generic[T]):
         queue: int,
         steady: tuple[str, ...] = (),
     ) -> None:
-        self.budget = RateBudget(max_hz)
+        self.budget = RateBudget(max_hz)  #: May be changed at any time.
         self._synchronizer = synchronizer(policy, roles, steady=steady)
         self._ready: deque[Matched[T]] = deque(maxlen=queue)
         self._received = self._shown = self._pushed_out = self._passed_over = 0
@@ -133,13 +130,10 @@ class RateBudget:
 
     Args:
         max_hz: Events a second; None lets everything pass.
-
-    Attributes:
-        dropped: Events that did not pass.
     """
 
     def __init__(self, max_hz: float | None) -> None:
-        self.dropped = 0
+        self.dropped = 0  #: Events that did not pass.
         self._max_hz: float | None = None
         self._next_ns: int | None = None
         self.max_hz = max_hz

@@ -91,12 +91,10 @@ class Stage:
 
     Args:
         session: Whose displays; they may change at any time.
-
-    Attributes:
-        lost: Messages that the transport knows to have lost, by topic; kept by whoever receives.
     """
 
     def __init__(self, session: Session) -> None:
+        #: Messages that the transport knows to have lost, by topic; kept by whoever receives.
         self.lost: Counter[str] = Counter()
         self._session = session
         self._wanted: dict[str, list[tuple[Display, str]]] = {}
@@ -184,8 +182,7 @@ class Stage:
 
 
 _STEP_NS = 100_000_000
-_MOST_STEPS = 3000
-"""Of a silence that is longer than five minutes the rest is passed over."""
+_MOST_STEPS = 3000  #: Of a silence that is longer than five minutes the rest is passed over.
 
 
 def wanted_topics(session: Session) -> frozenset[str]:

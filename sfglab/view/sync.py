@@ -85,15 +85,11 @@ class Synchronizer(Generic[T]):
     Args:
         topics: Their names, the leading one first.
         depth: Items of each that wait.
-
-    Attributes:
-        unmatched: Items dropped because their partners did not come.
-        disordered: Items dropped because they were not newer than the one before.
     """
 
     def __init__(self, topics: tuple[str, ...], *, depth: int) -> None:
-        self.unmatched = 0
-        self.disordered = 0
+        self.unmatched = 0  #: Items dropped because their partners did not come.
+        self.disordered = 0  #: Items dropped because they were not newer than the one before.
         self._depth = depth
         self._queues: dict[str, deque[tuple[int, T]]] = {topic: deque() for topic in topics}
         self._last_ns: dict[str, int] = {}

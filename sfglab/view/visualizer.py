@@ -109,11 +109,6 @@ class Visualizer(ABC):
         topics: Topic by role; optional inputs may be left out.
         settings: Values of parameters that differ from their defaults.
 
-    Attributes:
-        topics: Topic by role.
-        entity: Where it draws, made from the first topic.
-        agent: Whose topic the first one is; None for nobody's.
-
     Raises:
         InvalidValueError: A value is not allowed, or a role is missing or unknown.
     """
@@ -129,8 +124,10 @@ class Visualizer(ABC):
     parameters: ClassVar[tuple[Parameter, ...]] = ()  #: What can be tuned.
 
     def __init__(self, topics: Mapping[str, str], settings: Mapping[str, object] | None = None) -> None:
-        self.topics = _checked_topics(type(self), topics)
+        self.topics = _checked_topics(type(self), topics)  #: Topic by role.
+        #: Where it draws, made from the first topic.
         self.entity = entity_of_topic(next(iter(self.topics.values())))
+        #: Whose topic the first one is; None for nobody's.
         self.agent = agent_of_topic(next(iter(self.topics.values())))
         self._settings = check_all(self.parameters, settings or {})
 
@@ -176,8 +173,7 @@ def _checked_topics(kind: type[Visualizer], topics: Mapping[str, str]) -> dict[s
     return {role: topics[role] for role in roles if role in topics}
 
 
-AGENTS = "/agents"
-"""The root of all agents."""
+AGENTS = "/agents"  #: The root of all agents.
 
 
 def agent_root(agent: str) -> str:
@@ -202,8 +198,7 @@ def entity_of_topic(topic: str) -> str:
     return "/".join((agent_root(agent), scope, *rest))
 
 
-Setting = bool | int | float | str
-"""What a parameter can hold."""
+Setting = bool | int | float | str  #: What a parameter can hold.
 
 
 @dataclass(frozen=True, slots=True)

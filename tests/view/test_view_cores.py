@@ -1,7 +1,6 @@
 """The pure parts: budgets, parameters, queues, entities, sessions, links."""
 
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -10,9 +9,8 @@ from sfglab.names import Resource, RosFqnBuilder, Scope
 from sfglab.qos import COMPRESSED_STREAM, DEFAULT, LATCHED, SENSOR_DATA, Durability, Reliability
 from sfglab.view import Approximate, Exact, Independent, Input, Parameter, Visualizer
 from sfglab.view.bridge import requested, strongest
-from sfglab.view.session import Changed, Session, qos_from_values, sync_from_values
+from sfglab.view.session import Changed, Session
 from sfglab.view.slot import RateBudget, Slot
-from sfglab.view.sync import Latest
 from sfglab.view.visualizer import agent_root, entity_of_topic
 from sfglab.view.visualizers.fleet import FleetLinks, Life, Services
 
@@ -285,36 +283,3 @@ def test_a_visualizer_declares_before_it_is_made():
     assert Own({"x": "/a"}).tick(0, None) is None
     display = Session().add(Own, "/a")
     assert display.sync == Approximate(slop_ns=5)
-
-
-def test_a_session_survives_being_written_down():
-    session, again = Session(), Session()
-    display = session.add("point_cloud", "/points", {"decimation": 4})
-    session.limit(display.id, None)
-    session.add("tf", "/tf")
-    session.enable("tf-2", enabled=False)
-    session.rewire("tf-2", qos={"tf": COMPRESSED_STREAM})
-    cloud = session.add("depth_cloud", {"depth": "/d", "info": "/i"})
-    session.rewire(cloud.id, sync=Latest())
-    written = yaml.safe_dump(session.to_values())
-    again.add_values(yaml.safe_load(written))
-    assert again.to_values() == session.to_values()
-    assert not again.display("tf-2").enabled
-    assert again.display("tf-2").qos == {"tf": COMPRESSED_STREAM}
-    assert isinstance(again.display("depth_cloud-3").sync, Latest)
-
-
-def test_a_file_with_another_qos_or_policy_is_refused_with_the_place():
-    for values, match in (
-        ({"reliability": "maybe"}, "reliability: given 'maybe', allowed: best_effort, reliable"),
-        ({"deph": 3}, r"qos: given \['deph'\], allowed: reliability"),
-    ):
-        with pytest.raises(InvalidValueError, match=match):
-            qos_from_values(values)
-    for values, match in (
-        ({"policy": "roughly"}, "policy: given 'roughly', allowed: independent, exact, approximate, latest"),
-        ({"policy": "latest", "depth": 3}, r"latest: given \['depth'\], allowed: nothing"),
-        ({"policy": "exact", "depth": 0}, "depth: given 0"),
-    ):
-        with pytest.raises(InvalidValueError, match=match):
-            sync_from_values(values)

@@ -47,8 +47,7 @@ _PADDING_ADDRESS = ct.addressof(_PADDING)
 
 _BATCH = 64
 _MAX_MATCHED = 4096
-UNKNOWN_GID = bytes(16)
-"""Stands for an endpoint that was gone before anybody could look."""
+UNKNOWN_GID = bytes(16)  #: Stands for an endpoint that was gone before anybody could look.
 
 
 def idl_type(endpoint: RawEndpoint) -> type[Any]:

@@ -40,8 +40,7 @@ _HELLO = struct.Struct("<4sHHI")
 _WELCOME = struct.Struct("<4sHH16s")
 _ANNOUNCE = struct.Struct("<QQQq")
 _RETURNS = tuple(struct.Struct(f"<{count}Q") for count in range(9))
-RETURN_MAX = len(_RETURNS) - 1
-"""The most slots that one RETURN gives back."""
+RETURN_MAX = len(_RETURNS) - 1  #: The most slots that one RETURN gives back.
 _PREFIX = _MAGIC + struct.pack("<H", _VERSION)
 _FLAG_HISTORY = 1
 HELLO_BYTES = _HELLO.size

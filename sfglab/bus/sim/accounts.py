@@ -8,7 +8,6 @@ an announcement costs the same with ten participants and with a thousand. Refuse
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from sfglab.bus.sim.wire import (
@@ -209,7 +208,7 @@ class Accounts:
             ) // interval_ns
             member.ticked_ns = now_ns
             if ticks and self.others(member):
-                periodic = _presentation(member.user_data) + LIVELINESS_BYTES
+                periodic = presentation_bytes(member.user_data) + LIVELINESS_BYTES
                 self._to_all_hosts(member.host, _DISCOVERY, ticks * periodic)
                 self._from_all(member, ticks * ACKNACK_BYTES)
 
@@ -255,8 +254,3 @@ def _discovery_info(participant: Participant) -> list[int]:
 def _unicast(sender: Host, receiver: Host, load: Load, size: int) -> None:
     sender.tx[load] += size
     receiver.rx[load] += size
-
-
-@lru_cache(maxsize=4096)
-def _presentation(user_data: bytes) -> int:
-    return presentation_bytes(user_data)

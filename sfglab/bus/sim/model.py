@@ -19,8 +19,7 @@ from sfglab.qos import Durability, History, QoSProfile, Reliability, incompatibi
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-Item = tuple[int, bytes, int]
-"""A sample on its way: sequence number from 1, CDR, source time stamp (ns)."""
+Item = tuple[int, bytes, int]  #: A sample on its way: sequence number from 1, CDR, source time stamp (ns).
 
 
 class Environment:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import operator
 from dataclasses import astuple, dataclass
 from enum import IntEnum
-from functools import cache
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.messages import TypeNameError, dds_type_name
@@ -107,8 +107,7 @@ _SEDP_PACKET = 1456  # Cyclone's Internal/MaxRexmitMessageSize: how much repeate
 HELLO_ROUND_BYTES = _frames(_RTPS + _HEARTBEAT) + _frames(_RTPS + 2 * _HEARTBEAT)
 """What each known participant multicasts when another one appears: heartbeats of its empty built-in writers."""
 
-HELLO_ROUND_ACKS_BYTES = _frames(_RTPS + _INFO_DST + 3 * _ACKNACK)
-"""What everybody answers to it."""
+HELLO_ROUND_ACKS_BYTES = _frames(_RTPS + _INFO_DST + 3 * _ACKNACK)  #: What everybody answers to it.
 
 
 def data_bytes(cdr_bytes: int, *, reliable: bool) -> int:
@@ -150,6 +149,7 @@ def retold_bytes(submessages: list[int]) -> int:
     return total + (_frames(_RTPS + _INFO_DST + packed + _HEARTBEAT) if packed else 0)
 
 
+@lru_cache(maxsize=4096)
 def presentation_bytes(user_data: bytes) -> int:
     """Return the size of a periodic SPDP announcement of a participant with this USER_DATA."""
     return _frames(_RTPS + _INFO_DST + _INFO_TS + _participant_submessage(user_data))

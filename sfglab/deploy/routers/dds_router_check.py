@@ -24,15 +24,13 @@ if TYPE_CHECKING:
 Config = dict[str, Any]
 
 DEFAULT_HISTORY = 5000
-DEEP_HISTORY = 1000
-"""From here on, histories of images are measured in gigabytes."""
+DEEP_HISTORY = 1000  #: From here on, histories of images are measured in gigabytes.
 
 IMAGE = dds_topic("/global/a/camera/color/image_raw")
 """A topic whose messages are large, to ask whether such topics are routed."""
 
 
-RULES: Rules[Config, KeyPath] = Rules()
-"""What a configuration may mean that has the right shape."""
+RULES: Rules[Config, KeyPath] = Rules()  #: What a configuration may mean that has the right shape.
 
 POLICY: Rules[tuple[Config, Policy], KeyPath] = Rules()
 """Whether it is the policy, name by name.

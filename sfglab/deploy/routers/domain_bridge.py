@@ -84,8 +84,7 @@ def _topic(name: str, type_: str, ways: frozenset[Direction], uses: list[Use]) -
 
 Config = dict[str, Any]
 
-RULES: Rules[Config, KeyPath] = Rules()
-"""What a configuration may mean that has the right shape."""
+RULES: Rules[Config, KeyPath] = Rules()  #: What a configuration may mean that has the right shape.
 
 POLICY: Rules[tuple[Config, Policy], KeyPath] = Rules()
 """Whether it bridges nothing that a policy keeps, name by name."""

@@ -27,14 +27,12 @@ Bridge = dict[str, Any]
 Control = dict[str, Any]
 PLUGIN, CONTROL = ("plugins", "ros2dds"), ("access_control",)
 
-RULES: Rules[Bridge, KeyPath] = Rules()
-"""What a bridge's configuration may mean that has the right shape."""
+RULES: Rules[Bridge, KeyPath] = Rules()  #: What a bridge's configuration may mean that has the right shape.
 
 POLICY: Rules[tuple[Bridge, Policy], KeyPath] = Rules()
 """Whether it routes what a policy lets cross, name by name."""
 
-CONTROL_RULES: Rules[Control, KeyPath] = Rules()
-"""What access control may mean that has the right shape."""
+CONTROL_RULES: Rules[Control, KeyPath] = Rules()  #: What access control may mean that has the right shape.
 
 CONTROL_POLICY: Rules[tuple[Control, Policy], KeyPath] = Rules()
 """Whether it lets messages pass that a policy lets cross, name by name; asked where no rule is broken."""

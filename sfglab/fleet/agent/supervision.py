@@ -41,8 +41,7 @@ class State(Enum):
     FAILED = auto()  #: Nothing runs, and another try would not help.
 
 
-REST = frozenset({State.STOPPED, State.FAILED})
-"""Where a component's life ends."""
+REST = frozenset({State.STOPPED, State.FAILED})  #: Where a component's life ends.
 
 
 class Input(Enum):

@@ -47,8 +47,7 @@ if TYPE_CHECKING:
 
 
 _LOG = logging.getLogger(__name__)
-OFFER = user_data({OFFER_KEY: "decoder"})
-"""USER_DATA of writers that only show what could be decoded."""
+OFFER = user_data({OFFER_KEY: "decoder"})  #: USER_DATA of writers that only show what could be decoded.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

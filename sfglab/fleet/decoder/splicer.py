@@ -18,8 +18,7 @@ from typing import Generic, TypeVar
 
 M = TypeVar("M")
 
-MOST_AHEAD = 512
-"""Packets that wait for one that is missing; beyond that it will not come any more."""
+MOST_AHEAD = 512  #: Packets that wait for one that is missing; beyond that it will not come any more.
 
 
 class Source(Enum):

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 IMAGE_TYPE = "sensor_msgs/msg/Image"
-RELAY = "relay"
-"""Codec hint of a stream whose messages pass on as they are."""
+RELAY = "relay"  #: Codec hint of a stream whose messages pass on as they are.
 
 _TYPES = {
     Resource.FFMPEG: (FFMPEG_PACKET, "h264"),

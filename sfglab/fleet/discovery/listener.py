@@ -20,11 +20,9 @@ if TYPE_CHECKING:
     from sfglab.bus import Node
 
 
-DISCOVERY_EVENT = "sfglab_interfaces/msg/AgentDiscoveryEvent"
-"""The type of discovery events."""
+DISCOVERY_EVENT = "sfglab_interfaces/msg/AgentDiscoveryEvent"  #: The type of discovery events.
 
-HISTORY = 1000
-"""How many discovery events a consumer that comes late still hears."""
+HISTORY = 1000  #: How many discovery events a consumer that comes late still hears.
 
 DISCOVERY_QOS = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=HISTORY)
 """What the discoverer offers and a consumer should request."""

@@ -92,8 +92,7 @@ class AgentStatus:
 _OF_NO_USE = tuple(state for state, given in TRANSITIONS if given is Input.EXPIRED)
 
 
-_Version = tuple[int, int]
-"""Incarnation and revision of an agent's description."""
+_Version = tuple[int, int]  #: Incarnation and revision of an agent's description.
 
 
 @dataclass(slots=True)

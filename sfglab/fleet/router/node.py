@@ -99,8 +99,7 @@ def _holder(domains: tuple[int, int]) -> int | None:
     return pid or None
 
 
-STATUS_PERIOD_S = 5.0
-"""How often the status is told when nothing changes, seconds."""
+STATUS_PERIOD_S = 5.0  #: How often the status is told when nothing changes, seconds.
 
 # Loops keep time in floats of seconds, or in milliseconds: this much before a deadline it counts as reached.
 _RESOLUTION_NS = 1_000_000

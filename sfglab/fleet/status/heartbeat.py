@@ -77,8 +77,7 @@ class Heartbeat:
         )
 
 
-MIN_PERIOD_S = 0.05
-"""The shortest period that is believed; below it, heartbeats would be traffic."""
+MIN_PERIOD_S = 0.05  #: The shortest period that is believed; below it, heartbeats would be traffic.
 
 MAX_PERIOD_S = 60.0
 """The longest period that is believed; above it, an agent that is gone would be missed too late."""

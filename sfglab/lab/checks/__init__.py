@@ -21,10 +21,8 @@ if TYPE_CHECKING:
 GROUPS = ("naming", "trajectories", "exchange", "editing", "synchronisation", "routing", "trees")
 """Modules of this package, each a group."""
 
-NOTHING = "nothing to check"
-"""The example of a property without a case, which has not held."""
-Case = tuple[str, bool]
-"""What was tried, as a reader wants to see it, and whether the property held."""
+NOTHING = "nothing to check"  #: The example of a property without a case, which has not held.
+Case = tuple[str, bool]  #: What was tried, as a reader wants to see it, and whether the property held.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,8 +68,7 @@ class Sample:
 
 F = TypeVar("F", bound=Callable[..., object])
 T = TypeVar("T")
-ALL = "all of them"
-"""The example of a trial that always held."""
+ALL = "all of them"  #: The example of a trial that always held.
 
 
 class Checks:

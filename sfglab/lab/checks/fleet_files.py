@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from sfglab.lab.checks import CheckRow
 
 
-LAYERS = ("base", "adapter", "application")
-"""Paper A, Fig. 5, from the hardware upwards."""
+LAYERS = ("base", "adapter", "application")  #: Paper A, Fig. 5, from the hardware upwards.
 
 _STAGE = re.compile(r"^FROM\s+(?P<base>\S+)\s+AS\s+(?P<name>\S+)", re.MULTILINE | re.IGNORECASE)
 

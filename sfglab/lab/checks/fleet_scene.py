@@ -33,13 +33,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-START_NS = 1_700_000_000_000_000_000
-"""The first moment; any time will do, this one is easily recognised."""
+START_NS = 1_700_000_000_000_000_000  #: The first moment; any time will do, this one is easily recognised.
 PERIOD_NS = 100_000_000
-RECEIVED_AFTER_NS = 2_000_000
-"""How long after its stamp a message is in the log."""
-SIZE = (640, 360)
-"""Width and height of a moment's picture."""
+RECEIVED_AFTER_NS = 2_000_000  #: How long after its stamp a message is in the log.
+SIZE = (640, 360)  #: Width and height of a moment's picture.
 CAMERA = "go2/camera_front_color"
 
 _IMAGE, _INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"

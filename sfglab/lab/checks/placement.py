@@ -30,10 +30,8 @@ if TYPE_CHECKING:
 
 
 TOPICS_PER_NODE = 0.6
-AREA_SHARE = 0.5
-"""The platform holds this share of all nodes' hardware, so that placing is a choice."""
-TIME_LIMIT_S = 10.0
-"""For one programme."""
+AREA_SHARE = 0.5  #: The platform holds this share of all nodes' hardware, so that placing is a choice.
+TIME_LIMIT_S = 10.0  #: For one programme.
 
 
 def placed_rows(

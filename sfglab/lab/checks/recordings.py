@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 
 _UNSTAMPED = "visualization_msgs/msg/MarkerArray"
 """Has no header, so its time of capture is that of its reception."""
-_TOLERANCE = 1e-5
-"""Relative, of single against double precision."""
+_TOLERANCE = 1e-5  #: Relative, of single against double precision.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

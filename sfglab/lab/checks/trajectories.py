@@ -28,14 +28,12 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 checks = Checks("geometry")
-contrast = Checks("contrast")
-"""What must fail now and then: it shows what the check for loops can see."""
+contrast = Checks("contrast")  #: What must fail now and then: it shows what the check for loops can see.
 
 
 EITHER = tuple(Interpolation)
 _REACH_M = 5.0
-_WAIT = 0.15
-"""Share of waypoints that stand where the one before stands."""
+_WAIT = 0.15  #: Share of waypoints that stand where the one before stands.
 
 
 def random_pose(rng: np.random.Generator) -> Pose:
@@ -68,8 +66,7 @@ def random_limits(rng: np.random.Generator) -> Limits:
 
 _SPLINE, _LINE = (Interpolation.CATMULL_ROM,), (Interpolation.POLYLINE,)
 _NEAR_M, _NEAR_RAD = 1e-9, 1e-6
-_TWO_WAYS_RAD = 3.1
-"""Beyond this, two turns are nearly as short, and rounding chooses."""
+_TWO_WAYS_RAD = 3.1  #: Beyond this, two turns are nearly as short, and rounding chooses.
 _HALF_TURN_SHARE = 1e-6
 
 

@@ -27,10 +27,8 @@ if TYPE_CHECKING:
 checks = Checks("trees")
 
 AGENT, WORLD, OBJECT = "agent_x", "map", "agent_x/markers"
-RULE = FrameRule(agents=frozenset({AGENT}))
-"""The names that are demanded of frames."""
-WAYS = ("direct", "renamed", "proxy")
-"""How motion capture joins a robot's tree: attributes of `MocapTrees`."""
+RULE = FrameRule(agents=frozenset({AGENT}))  #: The names that are demanded of frames.
+WAYS = ("direct", "renamed", "proxy")  #: How motion capture joins a robot's tree: attributes of `MocapTrees`.
 _LARGEST = 12
 _PERIOD_NS = 10_000_000
 _CLOSE_M, _CLOSE_RAD = 1e-9, 1e-7

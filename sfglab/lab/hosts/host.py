@@ -32,14 +32,10 @@ _REMEDY = (
 
 
 class HostsUnavailableError(SfglabError, OSError):
-    """This machine does not let us make network namespaces.
-
-    Attributes:
-        reason: What the kernel or the starting process said.
-    """
+    """This machine does not let us make network namespaces."""
 
     def __init__(self, reason: str) -> None:
-        self.reason = reason
+        self.reason = reason  #: What the kernel or the starting process said.
         super().__init__(f"test hosts need network namespaces, which failed here: {reason}. {_REMEDY}")
 
 

@@ -17,7 +17,7 @@ import tempfile
 import threading
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import IO, TYPE_CHECKING, Any, Literal, Self
 
 from sfglab.errors import InvalidValueError
@@ -117,9 +117,6 @@ class Channel:
     Args:
         how: ``auto``, ``root`` or ``rootless``.
 
-    Attributes:
-        how: How it obtained its namespaces, ``root`` or ``rootless``.
-
     Raises:
         HostsUnavailableError: The hub could not make its namespace.
     """
@@ -133,7 +130,7 @@ class Channel:
         try:
             with other:
                 self._process = _start(other, how=how, log=self._log)
-            self.how = str(self._receive()["how"])
+            self.how = str(self._receive()["how"])  #: How it obtained its namespaces, ``root`` or ``rootless``.
         except HostsError as error:
             self.close()
             raise HostsUnavailableError(str(error)) from error
@@ -244,9 +241,7 @@ class Network:
         self._running = Channel(self._wanted)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         channel, self._running = self._channel, None
         hosts, self._hosts = self._hosts, {}
         self._on_radio = False

@@ -26,28 +26,20 @@ from functools import cache
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 
 import sfglab
 from sfglab.errors import SfglabError
 
-if TYPE_CHECKING:
-    from types import TracebackType
-
 
 class SweepError(SfglabError, RuntimeError):
-    """A sweep that cannot be run, or whose task failed.
-
-    Attributes:
-        point: Of the failed task; None when it was not a task that failed.
-        seed: Of the failed task; None as above.
-    """
+    """A sweep that cannot be run, or whose task failed."""
 
     def __init__(self, message: str, *, point: object = None, seed: int | None = None) -> None:
-        self.point = point
-        self.seed = seed
+        self.point = point  #: Of the failed task; None when it was not a task that failed.
+        self.seed = seed  #: Of the failed task; None as above.
         super().__init__(message)
 
 
@@ -221,17 +213,14 @@ class Journal:
         path: The file; it and its folder are made when missing.
         identity: From `identity_of`.
 
-    Attributes:
-        finished: Result by point's index and seed: those found in it, and those added.
-        name: Of the file, without its ending.
-
     Raises:
         JournalError: The file is no journal, or another process has it open.
     """
 
     def __init__(self, path: Path, identity: Mapping[str, str]) -> None:
+        #: Result by point's index and seed: those found in it, and those added.
         self.finished: dict[tuple[int, int], str] = {}
-        self.name = path.stem
+        self.name = path.stem  #: Of the file, without its ending.
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = _locked(path)
         try:
@@ -246,9 +235,7 @@ class Journal:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._file.close()
 
     def add(self, done: Finished) -> None:

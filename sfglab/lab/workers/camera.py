@@ -38,8 +38,7 @@ if TYPE_CHECKING:
     from sfglab.bus import Publisher
 
 
-_Sent = tuple[int, int, int]
-"""Number, capture stamp (ns) and compressed size of a frame."""
+_Sent = tuple[int, int, int]  #: Number, capture stamp (ns) and compressed size of a frame.
 
 
 class _Shooting(NamedTuple):

@@ -38,16 +38,13 @@ if TYPE_CHECKING:
 
 
 CAMERA = f"{AGENT}/camera"
-MOTION = SyntheticMotion()
-"""Of the markers, in the world."""
+MOTION = SyntheticMotion()  #: Of the markers, in the world.
 FAULTY = SyntheticConfig(occlusions_hz=0.5, occlusion_s=0.15, flips_hz=0.5, flip_s=0.1, dropped=0.02)
 """Cameras with noise and every fault."""
 IDEAL = SyntheticConfig(noise_m=0.0, noise_rad=0.0)
 """Cameras that see without noise and fault, and as late: what is left is the bridge's and the tree's."""
-ROUNDS = {"faulty": FAULTY, "ideal": IDEAL}
-"""The cameras of each live round."""
-TAIL_S = 0.6
-"""How long robot and cameras go on behind a round, so that its last looks are answered."""
+ROUNDS = {"faulty": FAULTY, "ideal": IDEAL}  #: The cameras of each live round.
+TAIL_S = 0.6  #: How long robot and cameras go on behind a round, so that its last looks are answered.
 _BASE_FROM_MARKERS = Pose.at((0.1, 0.0, 0.2), (0.0, 0.05, 0.0, 1.0))
 _HEAD_FROM_CAMERA = Pose.at((0.08, 0.0, 0.03), (0.5, -0.5, 0.5, -0.5))
 _WORLD_FROM_ODOM = Pose.from_yaw((1.5, -0.7, 0.1), 0.6)

@@ -106,11 +106,6 @@ class RosStack:
         name: The node's name.
         plans: What `endpoints_of` returns for it.
 
-    Attributes:
-        participant: The C handle of its participant.
-        prefix: The 12-byte GUID prefix of everything it has.
-        info_reader: The C handle of its reader of `ros_discovery_info`.
-
     Raises:
         BusError: Cyclone DDS cannot create something.
     """
@@ -122,10 +117,10 @@ class RosStack:
         _checked(lib.dds_create_domain(config.domain_id, domain_xml(config).encode()), "a domain")
         with qos_object(user_data({"enclave": "/"})) as qos:
             made = lib.dds_create_participant(config.domain_id, qos, None)
-        self.participant = _checked(made, "a participant")
-        self.prefix = entity_guid(self.participant)[:12]
+        self.participant = _checked(made, "a participant")  #: The C handle of its participant.
+        self.prefix = entity_guid(self.participant)[:12]  #: The 12-byte GUID prefix of everything it has.
         handles = [(plan, self._create(plan)) for plan in plans]
-        self.info_reader = _info(handles, writer=False)
+        self.info_reader = _info(handles, writer=False)  #: The C handle of its reader of `ros_discovery_info`.
         self._announce(_info(handles, writer=True), namespace, name, handles)
 
     def known_nodes(self) -> int:

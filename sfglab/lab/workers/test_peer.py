@@ -66,8 +66,7 @@ class ReceiveStatistics:
 
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 SERVICE = "sfglab_interfaces/srv/GetMetadata"
-QUIET_S = 0.3
-"""Nothing more is on its way when nothing has arrived for this long."""
+QUIET_S = 0.3  #: Nothing more is on its way when nothing has arrived for this long.
 
 VOLATILE = QoSProfile(depth=200)
 LATE = QoSProfile(depth=100, durability=LATCHED.durability)

@@ -117,11 +117,9 @@ class Judge:
         )
 
 
-_BIAS_RAD = 0.02
-"""Largest error of a car's steering, drawn for each run; the nodes are not told."""
+_BIAS_RAD = 0.02  #: Largest error of a car's steering, drawn for each run; the nodes are not told.
 
-_STEPS = 4
-"""Steps of the car's model a frame."""
+_STEPS = 4  #: Steps of the car's model a frame.
 
 
 @dataclass(frozen=True, slots=True)

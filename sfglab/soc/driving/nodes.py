@@ -30,8 +30,7 @@ _OUTLIER = 48
 """Levels by which a pixel differs from the median around it when it is noise, in every case but a lamp's
 edge."""
 
-_TAIL = 0.005
-"""Share of darkest and of brightest pixels that the histogram is not stretched for."""
+_TAIL = 0.005  #: Share of darkest and of brightest pixels that the histogram is not stretched for.
 
 
 def compensate(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -112,11 +111,9 @@ def lane_mask(bgr: NDArray[np.uint8], view: BirdView) -> NDArray[np.uint8]:
     return view.warp(marking_mask(bgr))
 
 
-_FEWEST = 60
-"""Pixels without which a line is not believed."""
+_FEWEST = 60  #: Pixels without which a line is not believed.
 
-_GATE_M = 0.10
-"""How far a pixel may lie from where its line is expected."""
+_GATE_M = 0.10  #: How far a pixel may lie from where its line is expected.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,8 +175,7 @@ class Colour(Enum):
 
 
 _SATURATION, _VALUE = 130, 150
-_ROUND = 0.6
-"""Least share of its enclosing circle that a lamp's blob covers; 1 for a disc, 0.64 for a square."""
+_ROUND = 0.6  #: Least share of its enclosing circle that a lamp's blob covers; 1 for a disc, 0.64 for a square.
 
 _RADII = {Colour.RED: (0.024, 0.045), Colour.GREEN: (0.014, 0.1)}
 """Radii, over the image's width, between which a lamp concerns the car.

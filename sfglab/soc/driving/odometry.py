@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 _FEATURES = 220
 """On one level: a pyramid places key points a part of a pixel off, which adds up to a false heading."""
 
-_FARTHEST_M = 3.0
-"""Ground points farther off are measured too coarsely."""
+_FARTHEST_M = 3.0  #: Ground points farther off are measured too coarsely.
 
 _INLIER_M = 0.02
 _FEWEST = 8

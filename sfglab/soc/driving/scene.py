@@ -26,8 +26,7 @@ GRASS_BGR = (66, 96, 74)
 _ASPHALT, _WHITE, _YELLOW = (92, 90, 88), (225, 228, 230), (40, 190, 225)
 _PIXEL_M = 0.0125
 _EDGE_M = 9.0
-_SHIFT = 4
-"""Binary places of a pixel that lines are drawn with."""
+_SHIFT = 4  #: Binary places of a pixel that lines are drawn with.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,17 +17,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-LANE_M, LINE_M = 0.5, 0.05
-"""Between the lines' middles, and a line's width: about a tenth of a town's road."""
+LANE_M, LINE_M = 0.5, 0.05  #: Between the lines' middles, and a line's width: about a tenth of a town's road.
 
 _SPACING_M = 0.05
 _PERIOD_S, _RED_S = 12.0, 6.0
-_LOOP_M = 3.0
-"""How far before its stop line a light notices a car."""
+_LOOP_M = 3.0  #: How far before its stop line a light notices a car.
 
 _RESTING, _CLOCKED = 3, 2
-_CLEAR_M = 1.0
-"""How far buildings stay from the road's middle."""
+_CLEAR_M = 1.0  #: How far buildings stay from the road's middle.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

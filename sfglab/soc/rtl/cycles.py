@@ -27,18 +27,14 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-OWN_SMT, OWN_HMT = 0x5_0001, 0x4_0001
-"""Ids of the core on both topics."""
-OUTPUT_WORD = 0
-"""Word of the memory at which the output message begins; the message to forward follows it."""
+OWN_SMT, OWN_HMT = 0x5_0001, 0x4_0001  #: Ids of the core on both topics.
+OUTPUT_WORD = 0  #: Word of the memory at which the output message begins; the message to forward follows it.
 WORD_FACTOR = 0x9E37_79B9_7F4A_7C15
 """Word i of a message in memory is i times this: all differ, in every part."""
-FITTED_CHUNKS = (2, 8)
-"""Sizes of the messages through whose cycles a cycle model goes."""
+FITTED_CHUNKS = (2, 8)  #: Sizes of the messages through whose cycles a cycle model goes.
 WORD_BYTES = ADDRESS_BITS // 8
 CHUNK_BYTES = CHUNK_WORDS * WORD_BYTES
-_STEP_CYCLES = 64
-"""How often a simulation looks whether it is through."""
+_STEP_CYCLES = 64  #: How often a simulation looks whether it is through.
 _PERIOD_S = 10e-9
 
 

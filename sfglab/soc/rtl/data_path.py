@@ -16,11 +16,9 @@ from typing import Any
 from amaranth import Cat, Elaboratable, Module, Mux, Signal
 from amaranth.lib.memory import Memory
 
-ADDRESS_BITS = 64
-"""Of addresses and of the words of OSIF, MEMIF and streams (ReconROS, 64-bit template)."""
+ADDRESS_BITS = 64  #: Of addresses and of the words of OSIF, MEMIF and streams (ReconROS, 64-bit template).
 
-CHUNK_WORDS = 32
-"""Words of the longest request: 256 bytes of 64 bits."""
+CHUNK_WORDS = 32  #: Words of the longest request: 256 bytes of 64 bits.
 
 
 class MemoryPort:
@@ -189,8 +187,7 @@ class Turns(Elaboratable):
         return m
 
 
-COUNT_BITS = 32
-"""Of a message's number of words."""
+COUNT_BITS = 32  #: Of a message's number of words.
 _CHUNK_BYTES = CHUNK_WORDS * ADDRESS_BITS // 8
 
 

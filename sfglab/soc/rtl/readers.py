@@ -258,8 +258,7 @@ class ReadersBench(Elaboratable):
             m.d.sync += there.eq(1)
 
 
-_CYCLES_PER_WORD = 8
-"""More than any delay below makes a word take; above it, `Delays` counts."""
+_CYCLES_PER_WORD = 8  #: More than any delay below makes a word take; above it, `Delays` counts.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -310,14 +309,10 @@ def _limit(reading: Reading) -> int:
 class MemoryPath(Enum):
     """What a message does at the memory interface."""
 
-    GATEWAY_OUT = "gateway, memory to stream"
-    """Read once by the core, and broadcast to all nodes."""
-    GATEWAY_IN = "gateway, stream to memory"
-    """Broadcast by a node, and written once by the core."""
-    SHARED_READS = "shared reads"
-    """Read by every node, chunk by chunk in turn."""
-    WRITE = "write"
-    """Written once by a node; the number of nodes does not matter."""
+    GATEWAY_OUT = "gateway, memory to stream"  #: Read once by the core, and broadcast to all nodes.
+    GATEWAY_IN = "gateway, stream to memory"  #: Broadcast by a node, and written once by the core.
+    SHARED_READS = "shared reads"  #: Read by every node, chunk by chunk in turn.
+    WRITE = "write"  #: Written once by a node; the number of nodes does not matter.
 
 
 _GATEWAY = (MemoryPath.GATEWAY_OUT, MemoryPath.GATEWAY_IN)

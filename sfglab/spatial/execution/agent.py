@@ -154,8 +154,7 @@ def _at_most(a: Vec3, limit: float | None) -> Vec3:
 
 
 _SUBSTEP_NS = 20_000_000
-_LONGEST_NS = 10 * NS_PER_S
-"""A clock that leaps moves nobody for longer than this."""
+_LONGEST_NS = 10 * NS_PER_S  #: A clock that leaps moves nobody for longer than this.
 
 
 class Phase(Enum):

@@ -43,9 +43,6 @@ class Execution:
         agent: Who is to move.
         **options: See `ExecuteOptions`.
 
-    Attributes:
-        latest: What the server said last; None before it said anything.
-
     Raises:
         FqnError: No action is given, and it is not the name of an agent.
         BusTimeoutError: By what needs a server, or asks it: there is none, or it does not answer.
@@ -53,7 +50,7 @@ class Execution:
     """
 
     def __init__(self, node: Node, agent: str, **options: Unpack[ExecuteOptions]) -> None:
-        self.latest: Feedback | None = None
+        self.latest: Feedback | None = None  #: What the server said last; None before it said anything.
         self._dialect = options.get("dialect", FOLLOW_TRAJECTORY)
         self._on_feedback = options.get("on_feedback")
         self._timeout_s = options.get("timeout_s", 5.0)

@@ -88,16 +88,11 @@ def outcome_of(status: GoalStatus, code: int) -> Outcome:
 
 
 class RefusalError(SfglabError, ValueError):
-    """An order that an agent does not take.
-
-    Attributes:
-        outcome: Why, as a code.
-        text: Why, in words.
-    """
+    """An order that an agent does not take."""
 
     def __init__(self, outcome: Outcome, text: str) -> None:
-        self.outcome = outcome
-        self.text = text
+        self.outcome = outcome  #: Why, as a code.
+        self.text = text  #: Why, in words.
         super().__init__(outcome, text)  # all arguments, so that the error survives pickling
 
     def __str__(self) -> str:

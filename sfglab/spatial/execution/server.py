@@ -36,8 +36,7 @@ from sfglab.spatial.trajectory.motion import motion_of
 from sfglab.spatial.trajectory.path import Trajectory
 from sfglab.units import NS_PER_S
 
-_FEEDBACK_EVERY = 5
-"""Steps from one feedback to the next."""
+_FEEDBACK_EVERY = 5  #: Steps from one feedback to the next.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

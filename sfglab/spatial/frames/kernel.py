@@ -46,20 +46,16 @@ class History:
 
     Args:
         history_ns: How long before a frame's newest row rows are kept; None keeps all.
-
-    Attributes:
-        edges: Parent, static or not, first row and number of rows of every frame, shape (frames, 4).
-        stamps: Times in ns, shape (rows,).
-        poses: x y z qx qy qz qw, shape (rows, 7).
     """
 
     def __init__(self, history_ns: int | None) -> None:
         self._history_ns = history_ns
         self._blocks: list[tuple[int, int]] = []
         self._used = 0
+        #: Parent, static or not, first row and number of rows of every frame, shape (frames, 4).
         self.edges: NDArray[np.int64] = np.empty((0, 4), np.int64)
-        self.stamps: NDArray[np.int64] = np.empty(0, np.int64)
-        self.poses: NDArray[np.float64] = np.empty((0, 7), np.float64)
+        self.stamps: NDArray[np.int64] = np.empty(0, np.int64)  #: Times in ns, shape (rows,).
+        self.poses: NDArray[np.float64] = np.empty((0, 7), np.float64)  #: x y z qx qy qz qw, shape (rows, 7).
 
     def add_frame(self) -> int:
         """Return the index of a new frame, which has no parent."""

@@ -39,18 +39,14 @@ class TransformIntake:
     Args:
         buffer: Where transforms go.
         agent: Whose frames those without prefix are; empty leaves names as they are.
-
-    Attributes:
-        taken: How many transforms ended in each way (`Insertion.value`).
-        refused: How many were refused, by the error's name.
     """
 
     def __init__(self, buffer: FrameBuffer, *, agent: str = "") -> None:
         self._buffer = buffer
         self._agent = agent
         self._said: set[tuple[str, str]] = set()
-        self.taken: Counter[str] = Counter()
-        self.refused: Counter[str] = Counter()
+        self.taken: Counter[str] = Counter()  #: How many transforms ended in each way (`Insertion.value`).
+        self.refused: Counter[str] = Counter()  #: How many were refused, by the error's name.
 
     def take(self, message: Any, *, static: bool, authority: str = "") -> None:
         """Take all transforms of a `tf2_msgs/msg/TFMessage`."""

@@ -94,11 +94,6 @@ class BridgeCore:
         mapping: Which object stands for which frame.
         buffer: The agents' own transforms, which somebody feeds.
         reach_s: How far those may be continued when they lag behind the cameras.
-
-    Attributes:
-        captures: How many captures came.
-        dropped: How many frame numbers are missing between those that came.
-        unmapped: Ids of objects that came and that the mapping does not have, with how often.
     """
 
     def __init__(self, mapping: MocapMapping, buffer: FrameBuffer, *, reach_s: float = 0.1) -> None:
@@ -108,8 +103,9 @@ class BridgeCore:
         self._objects = {id_: MocapObjectStatus(mapped) for id_, mapped in mapping.objects.items()}
         self._holders: dict[str, str] = {}
         self._number: int | None = None
-        self.captures = 0
-        self.dropped = 0
+        self.captures = 0  #: How many captures came.
+        self.dropped = 0  #: How many frame numbers are missing between those that came.
+        #: Ids of objects that came and that the mapping does not have, with how often.
         self.unmapped: Counter[str] = Counter()
 
     def take(self, capture: Capture, now_ns: int) -> tuple[StampedTransform, ...]:
@@ -233,8 +229,7 @@ def _described(description: Sequence[StampedTransform]) -> FrameBuffer:
 
 
 STATUS = "sfglab_interfaces/msg/MocapStatus"
-STATUS_QOS = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
-"""Late joiners get the last one."""
+STATUS_QOS = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)  #: Late joiners get the last one.
 _OBJECT = "sfglab_interfaces/msg/MocapObject"
 
 
@@ -311,18 +306,15 @@ class MocapBridge:
         source: Where captures come from.
         mapping: Which object stands for which frame.
         options: How it behaves.
-
-    Attributes:
-        buffer: All transforms heard, the bridge's own included.
-        core: The decisions, with counts of captures.
     """
 
     def __init__(
         self, node: Node, source: MocapSource, mapping: MocapMapping, options: BridgeOptions | None = None
     ) -> None:
-        self.buffer = FrameBuffer()
+        self.buffer = FrameBuffer()  #: All transforms heard, the bridge's own included.
         self._node, self._source = node, source
         self._options = options or BridgeOptions()
+        #: The decisions, with counts of captures.
         self.core = BridgeCore(mapping, self.buffer, reach_s=self._options.reach_s)
         self._said: set[tuple[str, str]] = set()
 

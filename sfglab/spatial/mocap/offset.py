@@ -64,9 +64,6 @@ class Problem:
 
     The unknowns are small: a turn of X about its own axes and a shift, then the same of Z, then what Z does
     until the end of the recording.
-
-    Attributes:
-        half_s: From the middle of the recording to its end; 0 where nothing may drift.
     """
 
     def __init__(self, pairs: Sequence[PosePair], height_m: float | None, *, drift: bool) -> None:
@@ -74,6 +71,7 @@ class Problem:
         self._height_m = height_m
         times = np.array([p.time_ns for p in pairs], dtype=np.int64)
         ages_s = (times - times.min()) / NS_PER_S
+        #: From the middle of the recording to its end; 0 where nothing may drift.
         self.half_s = float(ages_s.max()) / 2 if drift else 0.0
         self._moments = ages_s / self.half_s - 1.0 if self.half_s else np.zeros(len(pairs))
         self._unknowns = 18 if self.half_s else 12

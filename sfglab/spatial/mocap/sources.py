@@ -62,9 +62,6 @@ class TopicSource:
         type_: Of all topics: `POSE` or `TRANSFORM`.
         qos: What is requested; best effort by default, which fits all publishers.
 
-    Attributes:
-        overflowed: How many messages were pushed out by newer ones because the bridge did not keep up.
-
     Raises:
         MocapError: Another type, or no topic.
     """
@@ -79,6 +76,7 @@ class TopicSource:
         self._node, self._topics, self._type, self._qos = node, dict(topics), type_, qos
         self._queue: deque[Capture] = deque(maxlen=_QUEUE)
         self._came = asyncio.Event()
+        #: How many messages were pushed out by newer ones because the bridge did not keep up.
         self.overflowed = 0
 
     async def captures(self) -> AsyncGenerator[Capture, None]:

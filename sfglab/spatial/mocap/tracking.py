@@ -32,8 +32,7 @@ class Lapse(Enum):
     INVALID = "invalid"  #: The numbers are no pose: not finite, or a quaternion of length zero.
 
 
-Sight = Pose | Lapse
-"""An object's pose in the capture system's world, or why there is none."""
+Sight = Pose | Lapse  #: An object's pose in the capture system's world, or why there is none.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

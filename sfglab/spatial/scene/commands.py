@@ -328,13 +328,10 @@ class History:
     Args:
         scene: Where to begin.
         depth: How many steps can be undone; older ones are forgotten.
-
-    Attributes:
-        scene: As it is now.
     """
 
     def __init__(self, scene: Scene, *, depth: int = _DEPTH) -> None:
-        self.scene = scene
+        self.scene = scene  #: As it is now.
         self._done: deque[Step] = deque(maxlen=depth)
         self._undone: list[Step] = []
         self._dropped: list[Step] = []

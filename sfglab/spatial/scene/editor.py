@@ -66,20 +66,15 @@ class Editor:
         scene: Where to begin; an empty one where it is None.
         file: Where it is saved; None until somebody says.
 
-    Attributes:
-        file: Where it is saved.
-        selection: Ids of what is selected, in the order of selecting.
-        time_s: Where the time slider stands.
-
     Raises:
         SceneError: By every method that edits or selects: an id that no object has, or something that is not
             allowed; nothing changed, and nobody is called.
     """
 
     def __init__(self, scene: Scene | None = None, *, file: Path | None = None) -> None:
-        self.file = file
-        self.selection: tuple[int, ...] = ()
-        self.time_s = 0.0
+        self.file = file  #: Where it is saved.
+        self.selection: tuple[int, ...] = ()  #: Ids of what is selected, in the order of selecting.
+        self.time_s = 0.0  #: Where the time slider stands.
         self._history = History(scene or Scene())
         self._saved = self._history.scene
         self._written_next_id = self._history.scene.next_id

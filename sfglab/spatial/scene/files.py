@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene.objects import Property
 
 
-FORMAT = 1
-"""The version of the file format."""
+FORMAT = 1  #: The version of the file format.
 _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./()+-]*( [A-Za-z0-9_./()+-]+)*")
 _NO_TEXT = frozenset({"y", "n", "yes", "no", "on", "off", "true", "false", "null"})
 
@@ -152,8 +151,7 @@ def _scene(top: Section) -> Scene:
     return replace(scene, next_id=next_id)
 
 
-Placed = tuple[str, SceneObject]
-"""Where in the file, and what."""
+Placed = tuple[str, SceneObject]  #: Where in the file, and what.
 
 
 def _objects(section: Section) -> Iterator[Placed]:

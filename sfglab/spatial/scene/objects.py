@@ -145,8 +145,7 @@ def _plain_shape(value: Shape) -> dict[str, Any]:
     return {"kind": word} | {f.name: getattr(value, f.name) for f in fields(value)}
 
 
-ROOT = 0
-"""The parent of what stands at the top; no object has this id."""
+ROOT = 0  #: The parent of what stands at the top; no object has this id.
 _FARTHEST_M = 1e6
 
 

@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 
-_SAME_RAD = 1e-9
-"""A waypoint aligned as well as this is left alone, so that files read back byte by byte."""
+_SAME_RAD = 1e-9  #: A waypoint aligned as well as this is left alone, so that files read back byte by byte.
 
 SCENE_PROPERTIES = (text("name"), text("frame_id"), length("margin_m", zero=True))
 """What a scene says of itself."""

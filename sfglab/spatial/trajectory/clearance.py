@@ -98,8 +98,7 @@ def _hull(beyond: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(outside + np.minimum(beyond.max(axis=1), 0.0))
 
 
-TOLERANCE_M = 1e-4
-"""How far a spline's closest distance may be above the true one, unless asked otherwise."""
+TOLERANCE_M = 1e-4  #: How far a spline's closest distance may be above the true one, unless asked otherwise.
 _PARTS = 4
 _SPLITS = 12
 _ROUNDING_M = 1e-12

@@ -33,8 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 
-_TOGETHER_M = 1e-9
-"""Waypoints of a spline that are closer than this are one place."""
+_TOGETHER_M = 1e-9  #: Waypoints of a spline that are closer than this are one place.
 _ALPHA = 0.5
 
 
@@ -72,23 +71,20 @@ class Motion:
 
     Args:
         trajectory: At least one waypoint.
-
-    Attributes:
-        times_s: The waypoints' times, shape (n,).
-        positions_m: Their positions, shape (n, 3).
-        exact: Each segment's position is linear in time.
     """
 
     def __init__(self, trajectory: Trajectory) -> None:
         from scipy.spatial.transform import Rotation
 
         poses = [w.pose for w in trajectory.waypoints]
+        #: The waypoints' times, shape (n,).
         self.times_s = np.array([w.time_ns for w in trajectory.waypoints]) / NS_PER_S
-        self.positions_m = np.array([p.position_m for p in poses])
+        self.positions_m = np.array([p.position_m for p in poses])  #: Their positions, shape (n, 3).
         self._rotations = Rotation.from_quat([p.quat_xyzw for p in poses])
         several = len(poses) > 1
         turns = (self._rotations[1:] * self._rotations[:-1].inv()).as_rotvec() if several else np.empty((0, 3))
         self._turns = np.asarray(turns, dtype=np.float64)
+        #: Each segment's position is linear in time.
         self.exact = trajectory.interpolation is Interpolation.POLYLINE or len(poses) < 3
         self.durations_s = np.diff(self.times_s)
         laws = _linear(self.times_s, self.positions_m)

@@ -156,8 +156,7 @@ def stretched(trajectory: Trajectory, factor: float) -> Trajectory:
     return with_durations(trajectory, [after - before for before, after in pairwise(times)])
 
 
-_FLAT_M = 1e-9
-"""Horizontal distances up to here say nothing about a heading."""
+_FLAT_M = 1e-9  #: Horizontal distances up to here say nothing about a heading.
 
 
 class Align(Enum):

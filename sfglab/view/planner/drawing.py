@@ -41,9 +41,6 @@ class Drawing:
         scene_api: Of viser.
         clicked: Returns the callback of a node that stands for an object; given a function from the event's
             instance index to the object's id.
-
-    Attributes:
-        by_speed: Trajectories are coloured by speed, not by agent.
     """
 
     def __init__(self, scene_api: Any, clicked: Callable[[Callable[[Any], int]], Any]) -> None:
@@ -51,7 +48,7 @@ class Drawing:
         self._clicked = clicked
         self._conflicts: list[Any] = []
         self._ghosts: dict[int, tuple[Any, Any]] = {}
-        self.by_speed = False
+        self.by_speed = False  #: Trajectories are coloured by speed, not by agent.
 
     def floor(self, size_m: float) -> None:
         """Draw a grid at height zero."""

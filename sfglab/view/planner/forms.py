@@ -20,6 +20,7 @@ from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Scene
 from sfglab.spatial.trajectory.clearance import Box, Cylinder, Shape, Sphere
 from sfglab.spatial.trajectory.path import Align
 from sfglab.units import NS_PER_S
+from sfglab.view.planner.looks import title_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -99,7 +100,7 @@ def _field(
 
 
 def _of_reference(scene: Scene, thing: SceneObject, prop: Property) -> Field:
-    ids: dict[str, int | None] = {_NONE: None} | {titled(a): a.id for a in scene.all_of(AgentObject)}
+    ids: dict[str, int | None] = {_NONE: None} | {title_of(a): a.id for a in scene.all_of(AgentObject)}
     value = next(word for word, id_ in ids.items() if id_ == getattr(thing, prop.name))
     return _field(thing, prop, FieldKind.CHOICE, value, choices=tuple(ids), plain=lambda word: ids[word])
 
@@ -159,11 +160,6 @@ def label_of(name: str) -> str:
         if name.endswith(ending):
             return f"{name.removesuffix(ending).replace('_', ' ')} ({unit})"
     return name.replace("_", " ")
-
-
-def titled(thing: SceneObject) -> str:
-    """Return how an object stands in a choice: no two read alike."""
-    return f"{thing.name}  #{thing.id}"
 
 
 _DECIMALS = 6
@@ -230,7 +226,7 @@ def _time(thing: WaypointObject) -> Field:
 
 def _parent(scene: Scene, thing: SceneObject) -> Field:
     inside = {held.id for held in scene.walk(thing.id)} | {thing.id}
-    groups = {titled(g): g.id for g in scene.all_of(Group) if g.id not in inside}
+    groups = {title_of(g): g.id for g in scene.all_of(Group) if g.id not in inside}
     ids = {"the scene": ROOT, **groups}
     return Field(
         key="parent",

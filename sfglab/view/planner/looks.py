@@ -35,8 +35,7 @@ if TYPE_CHECKING:
 
 Colour = tuple[int, int, int]
 
-NOBODY: Colour = (110, 110, 110)
-"""Of a trajectory that no agent drives."""
+NOBODY: Colour = (110, 110, 110)  #: Of a trajectory that no agent drives.
 _AGENTS: tuple[Colour, ...] = (
     (0, 114, 178),
     (213, 94, 0),
@@ -160,8 +159,7 @@ def _ring(radius_m: float) -> NDArray[np.float64]:
     return np.stack([points[:-1], points[1:]], axis=1)
 
 
-MOST_ROWS = 300
-"""A browser shows so many buttons at once with ease."""
+MOST_ROWS = 300  #: A browser shows so many buttons at once with ease.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

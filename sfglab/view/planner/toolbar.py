@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene.tree import Scene
 
 
-ADDABLE = ("agent", "obstacle", "zone", "trajectory", "group")
-"""What the toolbar adds."""
+ADDABLE = ("agent", "obstacle", "zone", "trajectory", "group")  #: What the toolbar adds.
 _STEP_S = 2.0
 _STEP_M = 1.0
 

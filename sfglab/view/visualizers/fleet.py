@@ -34,11 +34,9 @@ from sfglab.view.visualizer import (
     agent_root,
 )
 
-LATE_PERIODS = 1.5
-"""A heartbeat is late when it is this many of its own periods old."""
+LATE_PERIODS = 1.5  #: A heartbeat is late when it is this many of its own periods old.
 
-LOST_PERIODS = 3.0
-"""An agent is taken for lost when its last heartbeat is this many of its own periods old."""
+LOST_PERIODS = 3.0  #: An agent is taken for lost when its last heartbeat is this many of its own periods old.
 
 
 class Life(Enum):
@@ -103,13 +101,10 @@ class FleetLinks:
 
     Args:
         max_agents: How many agents are followed at most; others are counted as `refused`.
-
-    Attributes:
-        refused: Facts about agents beyond that number, or with names that no agent can bear.
     """
 
     def __init__(self, *, max_agents: int = 256) -> None:
-        self.refused = 0
+        self.refused = 0  #: Facts about agents beyond that number, or with names that no agent can bear.
         self._max_agents = max_agents
         self._known: dict[str, _Known] = {}
 

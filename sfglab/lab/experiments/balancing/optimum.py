@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from sfglab.lab.bench import Bench
 
 WEIGHTS = (0.05, 0.5, 0.95)
-_TOLERANCE = 1e-5
-"""Relative; the solver stops at 1e-8 of the objective."""
+_TOLERANCE = 1e-5  #: Relative; the solver stops at 1e-8 of the objective.
 _NAN = float("nan")
 
 

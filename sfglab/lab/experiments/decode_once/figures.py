@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from sfglab.lab.runs import Run
 
 
-PAPER_CPU = {"standard": 6.5, "proxy": 1.8}
-"""Per cent of one core per subscriber (paper A, section 5.2)."""
+PAPER_CPU = {"standard": 6.5, "proxy": 1.8}  #: Per cent of one core per subscriber (paper A, section 5.2).
 
 PAPER_NET_MBIT = 4.0
 LABELS = {"standard": "standard: each decodes", "proxy": "decode once, share"}

@@ -11,8 +11,7 @@ from sfglab.lab.baselines import REAL, declare
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 
 STANDARD, ROUTED = "standard", "routed"
-COMPOSED = f"{REAL}, composed"
-"""All nodes of an agent in one process, which is one participant."""
+COMPOSED = f"{REAL}, composed"  #: All nodes of an agent in one process, which is one participant.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

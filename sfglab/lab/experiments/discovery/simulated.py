@@ -35,8 +35,7 @@ if TYPE_CHECKING:
     from sfglab.fleet.discovery.registry import Order
 
 
-CORES = 4
-"""Of an agent's computer: a Raspberry Pi 5 in paper A, section 5.1."""
+CORES = 4  #: Of an agent's computer: a Raspberry Pi 5 in paper A, section 5.1.
 
 ROUTED_COSTS = Costs(start_s=0.03, message_s=0.3e-3, endpoint_s=2e-3, announcement_s=50e-6)
 """Such that an agent's three components spend about 0.1 s and 30 ms for each peer, as in live fleets of 2 to 12
@@ -45,8 +44,7 @@ agents on two cores; how it divides among messages and endpoints is an estimate.
 STANDARD_COSTS = Costs(announcement_s=70e-6)
 """Of each process for each endpoint of the domain: 1.0 s for an agent with 20 nodes and one peer, live."""
 
-LIMIT_S = 300.0
-"""When a fleet that is not complete is given up, virtual seconds."""
+LIMIT_S = 300.0  #: When a fleet that is not complete is given up, virtual seconds.
 
 _STANDARD_MOST = 4
 _LOCAL_DOMAIN = 1

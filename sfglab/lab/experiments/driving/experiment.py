@@ -25,8 +25,7 @@ from sfglab.soc.memory import CUT_THROUGH, STORED
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-MAPPINGS = ("software", "gateway")
-"""What topic A is mapped to, in the paper's two versions."""
+MAPPINGS = ("software", "gateway")  #: What topic A is mapped to, in the paper's two versions.
 
 PAPER_MS = {"software": (28.264, 3.21), "gateway": (20.270, 0.239)}
 """Mean and standard deviation of the chain's time, as stated."""

@@ -42,8 +42,7 @@ _CUBE, _LINE_STRIP, _LINE_LIST, _SPHERE = 1, 4, 5, 2
 _RED, _GREEN = (0.9, 0.15, 0.1), (0.1, 0.75, 0.2)
 _PATH_M = np.linspace(0.6, 2.4, 7)
 
-PICTURE_SIZE = (240, 180)
-"""Width and height of pictures in the log; the camera's are larger."""
+PICTURE_SIZE = (240, 180)  #: Width and height of pictures in the log; the camera's are larger.
 
 _TRACK_FRAMES, _PICTURE_FRAMES, _STANDING_FRAMES = 3, 6, 30
 """Of 15 frames a second, which are moments, and which of these have a picture: driving and standing."""

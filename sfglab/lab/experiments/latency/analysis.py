@@ -162,8 +162,7 @@ def first_picture(run: Run[Config]) -> Finding:
 
 
 PAPER_ADDED_MS = 2.6
-PAPER_FIRST_MS = {"standard": 570.0, "on_demand": 1095.0}
-"""Paper A, section 5.4."""
+PAPER_FIRST_MS = {"standard": 570.0, "on_demand": 1095.0}  #: Paper A, section 5.4.
 
 GLASS_LABELS = {
     "standard": "standard:\neach decodes",

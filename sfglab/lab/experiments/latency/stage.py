@@ -36,8 +36,7 @@ if TYPE_CHECKING:
     from sfglab.component import Report
     from sfglab.lab.testbed import Testbed
 
-PATHS = ("standard", "decoder", "agent", "on_demand")
-"""The ways from camera to viewer."""
+PATHS = ("standard", "decoder", "agent", "on_demand")  #: The ways from camera to viewer.
 
 EDGE_DOMAIN, CONSUMER_DOMAIN = 41, 42
 

@@ -29,12 +29,10 @@ if TYPE_CHECKING:
 
 
 PAPER_TOPIC = "/global/agent_heartbeat"
-PAPER_SERVICE = "/global/{agent}/get_metadata"
-"""As paper A, section 4.2 prints them."""
+PAPER_SERVICE = "/global/{agent}/get_metadata"  #: As paper A, section 4.2 prints them.
 
 HEARTBEAT_TYPE = "sfglab_interfaces/msg/AgentHeartbeat"
-AT_ONCE_S = 1.0
-"""A late listener that hears within this time has not waited for the next heartbeat."""
+AT_ONCE_S = 1.0  #: A late listener that hears within this time has not waited for the next heartbeat.
 
 
 @derived

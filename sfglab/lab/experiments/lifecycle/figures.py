@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     Taken = dict[tuple[State, Input], int]
 
 
-PAPER_PERIODS = {0: 1.0, 1: 5.0}
-"""Seconds by phase (paper A, section 4.2)."""
+PAPER_PERIODS = {0: 1.0, 1: 5.0}  #: Seconds by phase (paper A, section 4.2).
 
 PHASES = {0: "start-up", 1: "steady state"}
 _STYLES = {0: "proxy", 1: "standard"}

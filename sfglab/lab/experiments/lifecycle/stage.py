@@ -29,13 +29,10 @@ if TYPE_CHECKING:
 ASK_S = 60.0
 STEP_S = 60.0
 
-WALKER = "walker"
-"""The agent whose status process is a real one; all others are false agents."""
-FAKES = "false agents"
-"""The process that plays them."""
+WALKER = "walker"  #: The agent whose status process is a real one; all others are false agents.
+FAKES = "false agents"  #: The process that plays them.
 
-FOREVER_S = 30.0
-"""A period that is announced so that nobody is missed."""
+FOREVER_S = 30.0  #: A period that is announced so that nobody is missed.
 
 _I, _S = Input, State
 

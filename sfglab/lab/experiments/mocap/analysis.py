@@ -20,7 +20,7 @@ from sfglab.lab.figures import COLORS, MARKERS
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import median_of
 from sfglab.spatial.frames.buffer import Edge
-from sfglab.spatial.frames.lint import FrameFinding, lint_frames
+from sfglab.spatial.frames.lint import FrameFinding, draw_tree, lint_frames
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -192,8 +192,6 @@ _CASES = {
 @exp.figure("mocap_trees", size=(10, 4.6))
 def draw_trees(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw both trees of Fig. 6, and the one between, with what is wrong."""
-    from sfglab.spatial.frames.lint import draw_tree
-
     twin: dict[str, Any] = {}
     for ax, (way, title) in zip(figure.subplots(1, 3), _TITLES.items(), strict=True):
         found = findings_of(run, "figure 6", way)

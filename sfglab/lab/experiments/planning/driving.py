@@ -36,8 +36,7 @@ if TYPE_CHECKING:
 
 GONE = "server gone"
 _LEAD_S = 1.0
-_LOGGED_EVERY = 5
-"""Of 50 poses a second, which go into the log."""
+_LOGGED_EVERY = 5  #: Of 50 poses a second, which go into the log.
 _MOVING = 0.1
 
 

@@ -25,10 +25,6 @@ class SceneCell:
     Args:
         name: A scene file in the data folder.
 
-    Attributes:
-        planner: The editor, served: its `call` edits from Python, its `close` ends it.
-        widget: What the cell shows.
-
     Raises:
         SceneError: The file is no scene.
         MissingExtraError: The extra ``view`` is not installed.
@@ -38,8 +34,9 @@ class SceneCell:
         project = find_project()
         file = project.runs / name
         file.parent.mkdir(parents=True, exist_ok=True)
+        #: The editor, served: its `call` edits from Python, its `close` ends it.
         self.planner = show_planner(Editor(load_scene(project.data / name), file=file))
-        self.widget = widgets().HTML(self.planner._repr_html_())
+        self.widget = widgets().HTML(self.planner._repr_html_())  #: What the cell shows.
 
     def __repr__(self) -> str:
         return f"<scene editor: {self.planner.call(lambda editor: editor.scene.name)}>"

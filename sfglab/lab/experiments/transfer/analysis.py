@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-MAIN = "stored"
-"""The constants by which claims are judged; the other set is told beside."""
+MAIN = "stored"  #: The constants by which claims are judged; the other set is told beside.
 
 _MS_PER_NS = 1e-6
 
@@ -175,8 +174,7 @@ def fit_meaning(run: Run[Config], model: str = MAIN) -> dict[str, str]:
     }
 
 
-Ratios = pd.Series
-"""Speed-ups of a panel by subscribers and size."""
+Ratios = pd.Series  #: Speed-ups of a panel by subscribers and size.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -355,8 +355,7 @@ BASELINES = {
     "greedy": "blind greedy,\nno gateways",
     "software": "all in\nsoftware",
 }
-_ASKED_S = 10.0
-"""What is asked for 50 nodes, seconds."""
+_ASKED_S = 10.0  #: What is asked for 50 nodes, seconds.
 
 
 @exp.figure("node_mapping", size=(13.5, 4.4))

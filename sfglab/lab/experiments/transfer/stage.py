@@ -57,8 +57,7 @@ if TYPE_CHECKING:
 MODELS = {"stored": STORED, "cut-through": CUT_THROUGH}
 """Both sets of constants; the first is the better fit and the one that claims are judged by."""
 
-SPREAD = 2.5
-"""A fit starts with every constant up to this factor from the committed one."""
+SPREAD = 2.5  #: A fit starts with every constant up to this factor from the committed one.
 
 JUDGES = {"hardware": Judge.HARDWARE, "software": Judge.SOFTWARE, "last": Judge.LAST}
 

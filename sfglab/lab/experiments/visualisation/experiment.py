@@ -32,10 +32,8 @@ if TYPE_CHECKING:
     from sfglab.lab.bench import Bench
 
 
-FLEET_FILE = "fleets/lab.yaml"
-"""Whose layout is checked, in the data folder."""
-PICTURE, CLOUD = "picture.jpg", "cloud.npz"
-"""Attachments: the first picture, and its points."""
+FLEET_FILE = "fleets/lab.yaml"  #: Whose layout is checked, in the data folder.
+PICTURE, CLOUD = "picture.jpg", "cloud.npz"  #: Attachments: the first picture, and its points.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
