@@ -15,7 +15,7 @@ from sfglab.lab.checks import CheckRow
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Experiment, Profiled
 from sfglab.lab.paths import find_project
-from sfglab.lab.runs import lines_of
+from sfglab.lab.runs import Run, lines_of
 from sfglab.lab.stats import exactly
 from sfglab.soc import carriages_per_message, crossing_edges, load_graph, map_communication
 from sfglab.soc.exploration import explore
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.bench import Bench
     from sfglab.lab.explore.automaton import Automaton, Moment
-    from sfglab.lab.runs import Run
     from sfglab.soc.graph import Graph
 
 _SMALL = (Bound(), Bound(subscribers=2), Bound(calls=2), Bound(port_messages=1), Bound(echoes=False))
@@ -67,8 +66,7 @@ exp.table("check")(CheckRow)
 
 _PAPER_SETS = {"A gateway", "B hardware", "C gateway", "D software", "E gateway"}
 _PAPER_EDGES = {"A -> 8", "C -> 6", "9 -> E"}
-STAGES = ("all topics in software", "topics in hardware", "topics in hardware, gateways")
-"""Fig. 8 b, c and d."""
+STAGES = ("all topics in software", "topics in hardware", "topics in hardware, gateways")  #: Fig. 8 b, c and d.
 
 
 @exp.table("exploration", "unclaimed")

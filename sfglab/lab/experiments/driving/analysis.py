@@ -12,7 +12,7 @@ from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.driving.experiment import MAPPINGS, PAPER_MS, READINGS, Config, chain_of, exp
 from sfglab.lab.experiments.driving.lap import IMAGE_TOPIC, MASK_TOPIC
 from sfglab.lab.runs import Run, derived, lines_of
-from sfglab.lab.stats import bootstrap, exactly
+from sfglab.lab.stats import Estimate, bootstrap, exactly
 from sfglab.soc.driving import CHAIN, SHARED_TOPIC, Chain
 from sfglab.units import NS_PER_S
 
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
-
-    from sfglab.lab.stats import Estimate
 
     Floats = NDArray[np.float64]
 
