@@ -5,8 +5,6 @@ A test marked with one of `NEEDS` is skipped where the machine lacks that, and f
 the file that ``SFGLAB_SKIPS`` names, so that `make test` can end with the skips of all its runs.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 from contextlib import ExitStack

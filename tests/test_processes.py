@@ -1,7 +1,5 @@
 """Processes: orders and reports, failures in clear sentences, groups that begin and end as a whole."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

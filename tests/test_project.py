@@ -1,7 +1,5 @@
 """The repository itself: one set of dependencies, floors without cycles, a cheap import, nothing foreign."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

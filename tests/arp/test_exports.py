@@ -1,7 +1,5 @@
 """Exported QoS: what each file says is the plan, and those who read such files accept it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Our own QoS problem: it is convex, its optimum is one, and its arithmetic is that of the simulation."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

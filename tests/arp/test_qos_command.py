@@ -1,7 +1,5 @@
 """`sfglab qos`: what the command prints and writes, and how it refuses."""
 
-from __future__ import annotations
-
 import re
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files of topics: what they say, what they may leave out, and how each mistake is named."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

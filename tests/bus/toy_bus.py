@@ -1,7 +1,5 @@
 """A third backend: queues in one process, no DDS, no simulation; components run on it without a change."""
 
-from __future__ import annotations
-
 import secrets
 from collections import deque
 from contextlib import contextmanager

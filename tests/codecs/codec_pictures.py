@@ -1,7 +1,5 @@
 """Pictures for the codecs, made here."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -3,8 +3,6 @@
 A crash of a native library ends the test run itself.
 """
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

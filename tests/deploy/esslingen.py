@@ -1,7 +1,5 @@
 """Fleets as tests deploy them: the paper's, the lab's and others; programs, files and values for the tests."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from hypothesis import strategies as st

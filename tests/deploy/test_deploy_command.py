@@ -1,7 +1,5 @@
 """`sfglab deploy` as a user meets it: the paper's fleet, broken ones, a folder in place of a machine."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Files of the paper's fleet as they were reviewed; ``python tests/deploy/test_golden.py`` writes them anew."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The hooks, run for real: on another root, and on this system with its folders and commands exchanged."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import os

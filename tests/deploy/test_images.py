@@ -1,7 +1,5 @@
 """An agent's images: the base that fits its machine, files that are right and stay so, how containers start."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
@@ -10,9 +8,9 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import psutil
 import pytest
@@ -28,9 +26,6 @@ from sfglab.deploy.dockerfile_check import check_dockerfile, parse_dockerfile
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PROGRAM
 from sfglab.fleet.fleet_file import Accelerator, Architecture, RosDistribution
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 HADOLINT = Path(sys.executable).parent / "hadolint"
 SHELLCHECK = Path(sys.executable).parent / "shellcheck"

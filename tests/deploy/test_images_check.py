@@ -1,7 +1,5 @@
 """Our rules for Dockerfiles: each finds what breaks it, and what is right is read right."""
 
-from __future__ import annotations
-
 import pytest
 
 from sfglab.deploy.dockerfile_check import check_dockerfile, parse_dockerfile, stages_of

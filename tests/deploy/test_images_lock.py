@@ -1,7 +1,5 @@
 """The part of the lock file that robots get: all that they import, nothing that they do not, digests kept."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import textwrap

@@ -1,7 +1,5 @@
 """Wheels that are the same twice, releases that say where they come from, and images of a real builder."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os

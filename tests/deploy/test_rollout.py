@@ -1,7 +1,5 @@
 """From files to machines: what would change, what is done, going back, and what happens when it is cut off."""
 
-from __future__ import annotations
-
 import json
 import os
 import shlex

@@ -1,7 +1,5 @@
 """Zenoh configurations: what is generated is the policy, and the checker finds what opens or breaks them."""
 
-from __future__ import annotations
-
 import json
 
 import json5

@@ -1,7 +1,5 @@
 """A camera of known pictures, a decoder on domains of its own, and simulated agents behind their routers."""
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import asynccontextmanager
 from dataclasses import asdict

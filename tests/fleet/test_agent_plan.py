@@ -1,7 +1,5 @@
 """What an agent consists of, from a fleet file or options, and what a person reads of it."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The supervisor with real processes: restarted and reported when they crash, none left when it ends."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal

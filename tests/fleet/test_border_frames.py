@@ -1,7 +1,5 @@
 """Transform frames behind routers: clashes, roots, circles, prefixes."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

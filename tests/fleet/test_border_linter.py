@@ -1,7 +1,5 @@
 """The border linter: one test per mistake, and who hears what."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

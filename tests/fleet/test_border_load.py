@@ -1,7 +1,5 @@
 """The linter's estimates: discovery counted from the file, transforms and streams across the border."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

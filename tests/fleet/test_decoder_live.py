@@ -1,7 +1,5 @@
 """The decoder with real DDS, shared memory, H.264 and processes: on demand, once, recovered, released."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal

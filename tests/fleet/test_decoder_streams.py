@@ -1,7 +1,5 @@
 """Remote streams get local names by the schema, what cannot be offered is named; demand follows the graph."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

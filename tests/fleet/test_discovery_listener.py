@@ -1,7 +1,5 @@
 """What a local consumer knows from discovery events, also when the discoverer is replaced."""
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import aclosing
 

@@ -1,7 +1,5 @@
 """The discoverer on a real bus, with faults as they happen: killed, stopped, mute, slow, false and too many."""
 
-from __future__ import annotations
-
 import asyncio
 import signal
 import threading

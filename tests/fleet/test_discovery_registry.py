@@ -1,7 +1,5 @@
 """The registry of remote agents: what a heartbeat means, what time brings, what is not believed, its bounds."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import partial

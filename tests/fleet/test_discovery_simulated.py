@@ -1,7 +1,5 @@
 """Status and discovery on the simulated bus: the same code, the default waits, and hours in a second."""
 
-from __future__ import annotations
-
 import asyncio
 from collections import Counter
 from contextlib import AsyncExitStack, asynccontextmanager

@@ -1,7 +1,5 @@
 """A fleet of whole agents loses its processes one after the other, converges again, and ends without trace."""
 
-from __future__ import annotations
-
 import asyncio
 import itertools
 import json

@@ -1,7 +1,5 @@
 """The fleet file: what it says becomes values, and what it must not say is refused with its place."""
 
-from __future__ import annotations
-
 import contextlib
 import copy
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a keeper holds: always a group of pictures that a decoder can begin with, or nothing."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """The keeper on real DDS: silent until somebody reads, then exactly the group that is under way."""
 
-from __future__ import annotations
-
 from contextlib import asynccontextmanager
 
 import pytest

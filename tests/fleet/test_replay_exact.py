@@ -1,7 +1,5 @@
 """Joined anywhere in a group, pictures are those of a decoder that was there from the start, bit for bit."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The first picture at once: decoder and keeper with real DDS, H.264 and processes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conftest import FFMPEG, IMAGE, LOCAL, STREAM, Camera, Decoder

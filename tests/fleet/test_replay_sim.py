@@ -1,7 +1,5 @@
 """The first picture over two routers in the simulated world: the same keeper, router and pipeline, any link."""
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import asynccontextmanager
 from dataclasses import asdict

@@ -1,8 +1,7 @@
 """Joining a stream under way: from its replay, then live, whatever comes in whatever order."""
 
-from __future__ import annotations
-
 from itertools import pairwise
+from typing import Self
 
 import pytest
 from hypothesis import given, settings
@@ -23,12 +22,12 @@ class Joining:
         self.decoded: list[int] = []
         self.shown: list[int] = []
 
-    def take(self, source: Source, *numbers: int, shown: bool = True) -> Joining:
+    def take(self, source: Source, *numbers: int, shown: bool = True) -> Self:
         for number in numbers:
             self.splicer.take(number, source, pts=number, is_key=number % self.gop == 0, shown=shown)
         return self
 
-    def decode(self, most: int = 10**6) -> Joining:
+    def decode(self, most: int = 10**6) -> Self:
         while most and (step := self.splicer.next()) is not None:
             self.decoded.append(step.packet)
             self.shown += [step.packet] if step.show else []

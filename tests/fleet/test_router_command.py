@@ -1,7 +1,5 @@
 """`sfglab router`: what it says of itself, and how it refuses."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

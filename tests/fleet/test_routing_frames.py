@@ -1,7 +1,5 @@
 """Frames at the border: prefixed once, shared ones untouched, and nobody moves what belongs to another."""
 
-from __future__ import annotations
-
 import logging
 
 import pytest

@@ -1,7 +1,5 @@
 """Routers with real DDS on three domains: what may cross does so, once; nothing else does; nothing stays."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os

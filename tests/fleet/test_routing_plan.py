@@ -1,7 +1,5 @@
 """The plan against a model of domains and routers: paths where they belong, once, and none left over."""
 
-from __future__ import annotations
-
 import itertools
 from collections import deque
 from dataclasses import replace
@@ -53,7 +51,7 @@ class World:
     def routers_own(self) -> list[tuple[int, EndpointInfo]]:
         return [(d, e) for d, known in self.domains.items() for e in known.values() if e.user_data]
 
-    def start_router(self, local: int, name: str) -> Router:
+    def start_router(self, local: int, name: str):
         router = Router(self, local, name)
         self.routers.append(router)
         for side, domain in router.domains.items():

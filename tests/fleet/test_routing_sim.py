@@ -1,7 +1,5 @@
 """The same router in the simulated world: many agents, late and lossy, and every message where it belongs."""
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import asynccontextmanager
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The status provider on a real bus and as a process: heard at once, asked, updated, ended."""
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import asynccontextmanager
 

@@ -1,7 +1,5 @@
 """Tables of components, pipelines, replays and remote agents: legal paths act, all else is refused."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

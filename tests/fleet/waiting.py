@@ -1,7 +1,5 @@
 """Waiting for what nothing signals, and for processes."""
 
-from __future__ import annotations
-
 import asyncio
 import sys
 from contextlib import asynccontextmanager

@@ -1,7 +1,5 @@
 """Tasks of the sweep's tests, in a module of their own so that every worker finds them."""
 
-from __future__ import annotations
-
 import math
 import os
 import signal

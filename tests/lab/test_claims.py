@@ -1,7 +1,5 @@
 """The ledger is complete, its file is checked, and verdicts follow from figures alone."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

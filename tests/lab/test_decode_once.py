@@ -1,7 +1,5 @@
 """The decode-once experiment: known costs are found again, and a short live run proves itself."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal

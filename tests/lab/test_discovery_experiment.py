@@ -1,7 +1,5 @@
 """The discovery experiment: known fleets give known claims, simulated ones grow as the model says."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

@@ -1,7 +1,5 @@
 """Hosts on one machine: what they share, what they do not, and how processes are started in them."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import os

@@ -1,7 +1,5 @@
 """Test hosts leave nothing behind, whatever ends them."""
 
-from __future__ import annotations
-
 import json
 import os
 import select

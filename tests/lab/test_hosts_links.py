@@ -1,7 +1,5 @@
 """Links of test hosts: rate, loss, queue and what they count; DDS over them; and the radio in their place."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

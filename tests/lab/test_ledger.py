@@ -1,7 +1,5 @@
 """Which log speaks, what becomes of an unreadable one, and what saved figures say of their origin."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import shutil

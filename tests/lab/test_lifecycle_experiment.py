@@ -1,7 +1,5 @@
 """The life-cycle experiment: what is wrong in a log is found, and the reference run took every transition."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The runner: stricter than papermill, one failure hides nothing, outputs are normalised."""
 
-from __future__ import annotations
-
 import asyncio
 
 import nbformat

@@ -1,7 +1,5 @@
 """Pictures of paper C that answer: the core's table and the programme of node mapping have the say."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The routing experiment: every kind of leak is found in a made log."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import asdict
 

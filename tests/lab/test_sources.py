@@ -1,7 +1,5 @@
 """Sources: the same frames for the same seed, metric depth, the user's own material, clear refusals."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

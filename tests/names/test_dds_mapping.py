@@ -1,7 +1,5 @@
 """ROS names on DDS and back, and what a DDS router makes of service names."""
 
-from __future__ import annotations
-
 import re
 from functools import partial
 

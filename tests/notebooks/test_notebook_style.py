@@ -1,7 +1,5 @@
 """Notebooks are thin, explain themselves, declare their parameters and carry clean outputs."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re

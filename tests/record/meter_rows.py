@@ -1,7 +1,5 @@
 """A table's row, in a module whose name is its own: documentation of fields is read from the module."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -1,7 +1,5 @@
 """The driving application's nodes, each with pictures whose answer is known."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Every interleaving of gateway core and surroundings (C-FSM): nothing lost, doubled, echoed or stuck."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """The memory model: cycles of the reference design, turns, paths over topics and gateways, break-even sizes."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import fields, replace
 from statistics import fmean

@@ -1,7 +1,5 @@
 """The gateway core's table, walked: the oracle of the hardware; and hardware run beside a bench."""
 
-from __future__ import annotations
-
 from sfglab.soc.gateway import TABLE, Drive, Input, Latch, State
 
 
