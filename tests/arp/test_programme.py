@@ -357,9 +357,7 @@ def alone_on_the_air(vendor, *, rate_hz: float, depth: int, loss: float, **value
 
 @pytest.mark.parametrize("rate_hz", [5, 20, 80])
 @pytest.mark.parametrize("depth", [2, 4, 8, 12])
-def test_where_heartbeats_come_in_batches_delays_losses_and_acknowledgements_are_the_simulated_ones(
-    depth, rate_hz
-):
+def test_of_heartbeats_in_batches_delays_losses_and_acknowledgements_are_as_simulated(depth, rate_hz):
     expected, simulated = alone_on_the_air(FAST_DDS, rate_hz=rate_hz, depth=depth, loss=0.01)
     assert expected[0] == pytest.approx(simulated[0], rel=0.2)
     assert abs(expected[1] - simulated[1]) < 1.5e-4, "a handful of samples"

@@ -73,25 +73,25 @@ def test_only_ended_goals_are_forgotten_and_only_after_the_timeout(end, timeout_
     assert all(book.status(goal_id) is S.UNKNOWN and goal_id not in book for goal_id in old)
 
 
+PATHS = {
+    S.ACCEPTED: (),
+    S.EXECUTING: (E.EXECUTE,),
+    S.CANCELING: (E.CANCEL_GOAL,),
+    S.SUCCEEDED: (E.EXECUTE, E.SUCCEED),
+}
+
+
 @given(
-    st.lists(
-        st.sampled_from([None, S.ACCEPTED, S.EXECUTING, S.CANCELING, S.SUCCEEDED]), min_size=4, max_size=4
-    ),
+    st.lists(st.sampled_from([None, *PATHS]), min_size=4, max_size=4),
     st.sampled_from([NO_GOAL_ID, *IDS]),
     st.integers(0, 5),
 )
 def test_a_request_to_cancel_means_what_action_msgs_says(statuses, goal_id, until_ns):
-    paths = {
-        S.ACCEPTED: (),
-        S.EXECUTING: (E.EXECUTE,),
-        S.CANCELING: (E.CANCEL_GOAL,),
-        S.SUCCEEDED: (E.EXECUTE, E.SUCCEED),
-    }
     book = GoalBook(10**9)
     for stamp_ns, (known, status) in enumerate(zip(IDS, statuses, strict=True), 1):
         if status is not None:
             book.accept(known, stamp_ns)
-            for event in paths[status]:
+            for event in PATHS[status]:
                 book.apply(known, event, stamp_ns)
     can = [known for known, status in zip(IDS, statuses, strict=True) if status in {S.ACCEPTED, S.EXECUTING}]
     plan = book.to_cancel(goal_id, until_ns)

@@ -44,9 +44,7 @@ async def test_every_subscription_gets_every_message_in_order(here, there, until
     await until(lambda: got == numbers)
 
 
-async def test_an_async_callback_gets_the_next_message_when_it_is_done_and_only_it_misses_some(
-    here, there, until
-):
+async def test_an_async_callback_gets_the_next_message_when_done_and_only_it_misses_some(here, there, until):
     gate, log = asyncio.Event(), []
 
     async def slow(message):
@@ -277,10 +275,8 @@ async def test_a_listener_and_a_watch_hear_what_is_known_and_what_changes_until_
     here.create_publisher(STRING, "/u")
     known.close()
     await until(lambda: len(heard["all"]) == 4)
-    assert heard["watched"] == [
-        ("EndpointAdded", "rt/t", "publisher"),
-        ("EndpointRemoved", "rt/t", "publisher"),
-    ]
+    kinds = ("EndpointAdded", "EndpointRemoved")
+    assert heard["watched"] == [(kind, "rt/t", "publisher") for kind in kinds]
     for end in ends * 2:
         end()
     here.create_publisher(STRING, "/t")

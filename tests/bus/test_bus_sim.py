@@ -291,11 +291,10 @@ async def test_a_sample_older_than_its_lifespan_does_not_reach_a_late_joiner(sim
 
 async def test_a_short_partition_delays_and_a_long_one_is_a_loss_and_a_return(sim):
     here, there = sim.node("here", host="a", lease_s=4.0), sim.node("there", host="b", lease_s=4.0)
-    publisher = here.create_publisher(
-        STRING, "/t", QoSProfile(depth=100, durability=Durability.TRANSIENT_LOCAL)
-    )
+    deep = QoSProfile(depth=100, durability=Durability.TRANSIENT_LOCAL)
+    publisher = here.create_publisher(STRING, "/t", deep)
     reader = there.create_subscription(STRING, "/t", qos=QoSProfile(depth=100))
-    latched = there.create_subscription(STRING, "/t", qos=QoSProfile(depth=100, durability=LATCHED.durability))
+    latched = there.create_subscription(STRING, "/t", qos=deep)
     events = []
     there.graph.listen(lambda e: events.append((sim.now_ns / 1e9, type(e).__name__, e.endpoint.kind.value)))
     await asyncio.sleep(1)

@@ -158,9 +158,8 @@ def test_a_third_service_a_missing_one_and_a_bridge_with_a_way_out_are_found():
     values["services"]["database"] = values["services"].pop("router")
     values["networks"]["agent"]["internal"] = False
     found = failing(verdicts(values, overlay={"services": {}}))
-    assert {"database", "router"} <= set(
-        re.findall(r"services\.(\w+)", found["services agent and router alone"])
-    )
+    alone = found["services agent and router alone"]
+    assert {"database", "router"} <= set(re.findall(r"services\.(\w+)", alone))
     assert "internal" in found["agent's network has no way out"]
 
 

@@ -90,9 +90,7 @@ def test_every_agent_has_a_bridge_of_its_own_that_linux_takes(agents):
     ("network", "interfaces"),
     [(ContainerNetwork.BRIDGE, ("eth0", "sfg-go2", "sfg-go2")), (ContainerNetwork.HOST, ("eth1", "eth1", ""))],
 )
-def test_agent_and_router_meet_at_a_bridge_or_at_the_interface_of_the_file_on_the_hosts_network(
-    network, interfaces
-):
+def test_agent_and_router_meet_at_a_bridge_or_at_the_files_interface_on_the_hosts_network(network, interfaces):
     plan = deployment(network=network, local_interface="eth1").network
     assert (plan.agent_interface, plan.router_interface, plan.bridge) == interfaces
     assert (plan.local_domain, plan.global_domain, plan.global_interface) == (1, 0, "wlan0")

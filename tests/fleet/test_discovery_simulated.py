@@ -86,10 +86,8 @@ def test_an_agent_that_was_started_again_behind_a_partition_is_restarted():
                 await sleep_until(30)
                 world.heal()
                 await sleep_until(80)
-            assert [event for _, _, event in events] == ["DISCOVERED", "LOST", "RESTARTED", "LOST"][
-                : len(events)
-            ]
-            assert len(events) >= 3
+            told = [event for _, _, event in events]
+            assert told in (["DISCOVERED", "LOST", "RESTARTED"], ["DISCOVERED", "LOST", "RESTARTED", "LOST"])
 
     run_simulated(scenario, seed=2, limit_s=200)
 

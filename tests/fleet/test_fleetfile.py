@@ -239,7 +239,7 @@ def test_all_keys_are_read():
         ("deployment", "{tag: latest}", "deployment.tag", "images, ros, router"),
     ],
 )
-def test_a_machine_or_a_deployment_that_cannot_be_is_refused_with_place_and_what_is_allowed(
+def test_a_machine_or_deployment_that_cannot_be_is_refused_with_place_and_what_is_allowed(
     part, text, key, allowed
 ):
     with pytest.raises(DocumentError) as error:

@@ -44,9 +44,7 @@ def test_a_group_that_outgrows_the_limits_is_given_up_until_the_next_key_frame(l
 
 
 @given(numbers=st.lists(st.integers(0, 40), max_size=60), gop=st.integers(1, 12), packets=st.integers(1, 8))
-def test_whatever_comes_the_cache_begins_with_a_key_frame_has_no_gap_and_respects_its_limits(
-    numbers, gop, packets
-):
+def test_the_cache_always_begins_with_a_key_frame_has_no_gap_and_respects_its_limits(numbers, gop, packets):
     cache: GopCache[int] = GopCache(Limits(packets=packets, size_bytes=1000))
     for number in numbers:
         kept = cache.add(number, pts=number, is_key=number % gop == 0, size_bytes=90)

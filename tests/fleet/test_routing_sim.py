@@ -106,6 +106,5 @@ def test_the_status_is_told_at_every_change_and_every_five_seconds():
     times, after = run_simulated(main, limit_s=1000)
     assert times == [0, 5, 10, 15, 20]
     ((_, status),) = after
-    assert [(p.topic, p.direction, p.readers, p.writers) for p in status.paths] == [
-        ("rt/global/x", "inward", 1, 0)
-    ]
+    (path,) = status.paths
+    assert (path.topic, path.direction, path.readers, path.writers) == ("rt/global/x", "inward", 1, 0)

@@ -15,9 +15,16 @@ from sfglab.fleet.status.description import (
     SensorDescription,
     StreamDescription,
 )
-from sfglab.fleet.status.heartbeat import Heartbeat, Phase, Schedule, heartbeat_topic, metadata_service
+from sfglab.fleet.status.heartbeat import (
+    AGENT_HEARTBEAT,
+    Heartbeat,
+    Phase,
+    Schedule,
+    heartbeat_topic,
+    metadata_service,
+)
 from sfglab.fleet.status.node import StatusSettings
-from sfglab.messages import deserialize, message_type, serialize
+from sfglab.messages import deserialize, serialize
 from sfglab.names import FqnError
 
 S = 1_000_000_000
@@ -51,9 +58,7 @@ def test_names_on_the_wire_are_the_papers():
     ],
     ids=["the paper's", "whole periods", "no start-up"],
 )
-def test_it_beats_often_at_first_and_whoever_is_late_goes_on_with_the_next_instant(
-    schedule, instants, startup_s
-):
+def test_it_beats_often_at_first_and_who_is_late_goes_on_with_the_next_instant(schedule, instants, startup_s):
     for now_s, next_s in itertools.pairwise(instants):
         for late_ns in (0, round(0.7 * S)):
             assert schedule.next_ns(now_s * S + late_ns) == next_s * S
@@ -85,9 +90,7 @@ def test_a_schedule_that_no_agent_should_keep_is_refused(name, given):
 def test_a_heartbeat_survives_the_wire():
     beat = Heartbeat(agent="go2", incarnation=2**63, revision=3, phase=1, period_s=5.0, version="1.2")
     wire = serialize(beat.to_message(10**18))
-    assert (
-        Heartbeat.from_message(deserialize(wire, message_type("sfglab_interfaces/msg/AgentHeartbeat"))) == beat
-    )
+    assert Heartbeat.from_message(deserialize(wire, AGENT_HEARTBEAT)) == beat
 
 
 def test_a_description_becomes_the_metadata_message():

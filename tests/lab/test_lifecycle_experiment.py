@@ -86,10 +86,8 @@ def test_heartbeats_as_the_paper_states_them_hold_in_every_check(story):
 def test_periods_that_are_a_tenth_off_are_found(story):
     story.gap_scale = 1.1
     run = story.run()
-    assert {what.split(" within")[0] for what in failed(run)} == {
-        "median startup period",
-        "median steady period",
-    }
+    wanted = {f"median {phase} period" for phase in ("startup", "steady")}
+    assert {what.split(" within")[0] for what in failed(run)} == wanted
     claim = exp.measure(run)["A-HEARTBEAT"]
     assert claim.estimate.value == pytest.approx(5 / 7)
     assert "median steady period" in claim.reason

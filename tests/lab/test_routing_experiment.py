@@ -76,6 +76,9 @@ def broken(run) -> dict[str, str]:
     return dict(zip(wrong["check"], wrong["example"], strict=True))
 
 
+TF_OF_1 = {"name": "/tf", "source": "agent_1"}
+
+
 def spoiled(places, **changes):
     """Change the rows that are at a place."""
     return lambda row: {**row, **changes} if places.items() <= row.items() else row
@@ -102,12 +105,8 @@ FAULTS = {
     "no sample arrives twice or comes back": {
         "heard": spoiled({"name": "/tf", "source": "agent_1", "hearer": "agent_1"}, repeated=1)
     },
-    "samples of one source keep their order": {
-        "heard": spoiled({"name": "/tf", "source": "agent_1"}, disordered=1)
-    },
-    "samples keep their source time stamps": {
-        "heard": spoiled({"name": "/tf", "source": "agent_1"}, restamped=1)
-    },
+    "samples of one source keep their order": {"heard": spoiled(TF_OF_1, disordered=1)},
+    "samples keep their source time stamps": {"heard": spoiled(TF_OF_1, restamped=1)},
     "transforms bear their agent's prefix, outside it only": {
         "heard": spoiled({"name": "/tf", "hearer": "ground_2"}, misnamed=1)
     },

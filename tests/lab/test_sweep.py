@@ -76,10 +76,8 @@ def foreign_scheduler(folder):
 
 
 def nothing_is_left(folder):
-    helpers = [
-        p for p in psutil.Process().children(recursive=True) if "resource_tracker" not in str(p.cmdline())
-    ]
-    assert not helpers
+    children = psutil.Process().children(recursive=True)
+    assert not [p for p in children if "resource_tracker" not in str(p.cmdline())]
     assert not list(folder.glob(".*.workers"))
 
 
@@ -93,11 +91,8 @@ def test_a_row_survives_as_text_to_the_bit(seed, value, even, name):
     assert type(again.seed) is int
     assert type(again.even) is bool
     assert (again.seed, again.even, again.name) == (seed, even, name)
-    assert (
-        math.isnan(again.value)
-        if math.isnan(value)
-        else struct.pack("d", again.value) == struct.pack("d", value)
-    )
+    assert math.isnan(value) or struct.pack("d", again.value) == struct.pack("d", value)
+    assert math.isnan(value) == math.isnan(again.value)
     assert "\n" not in text_from_result(row)
 
 
@@ -225,9 +220,7 @@ def test_what_follows_a_torn_line_is_run_again(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("key", "task", "points"),
-    [("task", uneven, POINTS), ("points", quick, POINTS[:-1])],
-    ids=["task", "points"],
+    ("key", "task", "points"), [("task", uneven, POINTS), ("points", quick, POINTS[:-1])], ids=str
 )
 def test_another_sweeps_journal_is_set_aside_with_the_difference_named(tmp_path, caplog, key, task, points):
     journal = tmp_path / "journal"

@@ -86,10 +86,8 @@ def test_types_given_to_a_command_are_known_to_it_and_to_the_processes_it_starts
 @pytest.mark.parametrize("command", [["agent", "up"], ["router"], ["view"]])
 def test_commands_that_meet_types_of_users_say_what_is_wrong_with_them(tmp_path, command):
     done = CliRunner().invoke(app, [*command, "--interfaces", str(tmp_path)])
-    assert (
-        str(done.exception)
-        == f"{tmp_path}: given no .msg, .srv or .action file, allowed are those of a package"
-    )
+    said = "given no .msg, .srv or .action file, allowed are those of a package"
+    assert str(done.exception) == f"{tmp_path}: {said}"
 
 
 def test_a_router_warns_once_of_an_interface_that_it_does_not_know_and_names_the_cure(caplog):

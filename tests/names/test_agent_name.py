@@ -6,10 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.fleet.router import frames as routing
 from sfglab.names import (
     AGENT_VARIABLE,
-    SHARED_FRAMES,
     FqnError,
     Resource,
     RosFqn,
@@ -125,9 +123,3 @@ def test_a_frame_is_called_by_its_agent_unless_it_is_shared_or_has_a_prefix(fram
 def test_what_is_shared_can_be_chosen():
     assert prefixed_frame("hall", "go2", shared=frozenset({"hall"})) == "hall"
     assert prefixed_frame("map", "go2", shared=frozenset()) == "go2/map"
-
-
-def test_routers_follow_the_one_rule():
-    assert routing.Frames(agent="go2").shared == set(SHARED_FRAMES)
-    for frame in ("base", "/odom", "map", "x/base"):
-        assert routing.Frames(agent="go2").outward(frame) == prefixed_frame(frame, "go2")

@@ -97,11 +97,6 @@ def test_reading_any_dds_name_never_raises(dds_name):
     assert found is None or dds_name.startswith(found.role.value + found.name)
 
 
-def test_the_model_breaks_torq_as_the_real_router_does():
-    request, reply = dds_service("/global/torq/get_metadata")
-    assert router_reply_from_request(request) == "rr/global/torr/get_metadataReply" != reply
-
-
 @example("/global/go2/get_metadata")
 @example("/global/torq/get_metadata")
 @example("/global/carr/get_metadata")

@@ -1,7 +1,5 @@
 """The tuple, its builder and its parser (paper A, section 4.1 and Fig. 2)."""
 
-import re
-
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -122,13 +120,7 @@ def test_any_text_parses_as_its_kind_and_rebuilds_the_same_or_is_an_error_that_n
 @settings(max_examples=300)
 @given(buildable())
 def test_a_router_pairs_the_halves_of_every_global_service_that_can_be_built(fqn):
-    if not fqn.is_global or fqn.kind is ResourceKind.TOPIC:
-        return
-    requests = [name for name in fqn.dds_names if name.startswith("rq/")]
-    replies = [re.sub("Request", "Reply", re.sub("rq/", "rr/", request)) for request in requests]
-    assert replies == [name for name in fqn.dds_names if name.startswith("rr/")]
-    assert requests == [re.sub("Reply", "Request", re.sub("rr/", "rq/", reply)) for reply in replies]
-    assert len(requests) == (1 if fqn.kind is ResourceKind.SERVICE else 3)
+    assert not fqn.is_global or not router_hazards(str(fqn), fqn.kind)
 
 
 @pytest.mark.parametrize(
@@ -309,7 +301,6 @@ def test_all_standard_names_are_as_many_as_the_flags_permit_and_survive_a_router
     )
     names = {str(fqn): fqn.kind for fqn in all_standard_fqns("go2")}
     assert len(names) == expected
-    assert {"/global/agent_heartbeat", "/global/go2/get_metadata", "/local/go2/agent_discovery_event"} <= set(
-        names
-    )
+    some = {"/global/agent_heartbeat", "/global/go2/get_metadata", "/local/go2/agent_discovery_event"}
+    assert some <= names.keys()
     assert not any(router_hazards(name, kind) for name, kind in names.items())

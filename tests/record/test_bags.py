@@ -151,9 +151,7 @@ def test_a_bag_of_ros_1_is_a_log(tmp_path):
 
 @pytest.mark.parametrize("storage", StoragePlugin, ids=lambda storage: storage.name.lower())
 @pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
-def test_one_topic_that_we_cannot_decode_leaves_the_others_and_compression_does_not_matter(
-    tmp_path, storage, mode
-):
+def test_a_topic_that_we_cannot_decode_leaves_the_others_and_compression_is_no_matter(tmp_path, storage, mode):
     writer = Writer(tmp_path / "bag", version=9, storage_plugin=storage)
     writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:

@@ -287,6 +287,5 @@ def test_threads_may_share_a_writer(path, meter_row):
             thread.join()
     with LogReader(path) as log:
         table = log.table("meter")
-    assert table.groupby("agent")["received"].apply(list).to_dict() == {
-        f"r{i}": list(range(200)) for i in range(3)
-    }
+    received = table.groupby("agent")["received"].apply(list).to_dict()
+    assert received == {f"r{i}": list(range(200)) for i in range(3)}

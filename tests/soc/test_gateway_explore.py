@@ -93,9 +93,7 @@ def test_a_core_that_sends_without_claiming_waits_forever_for_itself():
 
 
 @pytest.mark.parametrize(("port_messages", "stuck"), [(0, True), (1, True), (2, False), (3, False)])
-def test_without_a_claim_the_port_has_to_store_every_message_that_hardware_may_send_meanwhile(
-    port_messages, stuck
-):
+def test_without_a_claim_the_port_stores_every_message_that_hardware_may_send_meanwhile(port_messages, stuck):
     bound = Bound(port_messages=port_messages, echoes=False)  # hardware sends two
     found = explore(bound, broken(State.FILTER_SMT, Input.FOREIGN, State.TO_HMT)).counterexample
     assert (found is not None) is stuck

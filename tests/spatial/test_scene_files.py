@@ -165,9 +165,7 @@ def test_what_is_saved_is_loaded_again_and_saving_it_again_changes_no_byte(tmp_p
 
 
 @pytest.mark.parametrize("fails", ["fsync", "replace", "text", "write"])
-def test_when_saving_fails_the_file_on_disk_stays_whole_and_nothing_is_left_beside_it(
-    tmp_path, monkeypatch, fails
-):
+def test_when_saving_fails_the_file_stays_whole_and_nothing_is_left_beside_it(tmp_path, monkeypatch, fails):
     path = tmp_path / "hall.yaml"
     save_scene(read_scene(GOOD), path)
     before = path.read_bytes()

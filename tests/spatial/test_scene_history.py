@@ -226,15 +226,9 @@ def test_refusals_name_place_given_and_allowed(planned):
     before = editor.scene
     wrong_second = (Rename(id=agent, name="first"), Rename(id=agent, name="two\nlines"))
     assert "printable" in refusal(editor, Several(commands=wrong_second, label="Rename twice"))
-    for key, value in (
-        ("radius_m", math.nan),
-        ("radius_m", "wide"),
-        ("yaw_rate_rad_s", math.inf),
-        ("agent", 99),
-    ):
-        assert "allowed" in refusal(
-            editor, SetProperty(id=path if key == "agent" else agent, key=key, value=value)
-        )
+    wrong = ((agent, "radius_m", math.nan), (agent, "radius_m", "wide"), (agent, "yaw_rate_rad_s", math.inf))
+    for id_, key, value in (*wrong, (path, "agent", 99)):
+        assert "allowed" in refusal(editor, SetProperty(id=id_, key=key, value=value))
     for value in ({"kind": "cone"}, {"kind": "cylinder", "radius_m": 1.0}, 7):
         with pytest.raises(SceneError, match="box with size_m or sphere"):
             editor.add("obstacle", "pillar", shape=value)

@@ -84,9 +84,7 @@ def test_a_log_is_served_until_ctrl_c(pytestconfig):
 
 
 @pytest.mark.live
-def test_live_it_shows_what_another_process_sends_until_ctrl_c_and_the_file_is_whole(
-    tmp_path, domain_id, read_rrd
-):
+def test_it_shows_what_another_process_sends_until_ctrl_c_and_the_file_is_whole(tmp_path, domain_id, read_rrd):
     out = tmp_path / "live.rrd"
 
     async def beat_until_shown(process):
@@ -150,9 +148,8 @@ def test_what_a_notebooks_front_end_sets_tunes_the_session(tmp_path, monkeypatch
         tuned(client, model_id.strip(), 0.25)
         assert said(client, "print(image.visualizer.settings['opacity'])", "stream") == ["0.25\n"]
         tuned(client, model_id.strip(), 7.0)
-        assert said(client, "print(image.visualizer.settings['opacity'], opacity.value)", "stream") == [
-            "0.25 0.25\n"
-        ]
+        both = "print(image.visualizer.settings['opacity'], opacity.value)"
+        assert said(client, both, "stream") == ["0.25 0.25\n"]
         views = said(client, "display(panel.widget)", "display_data")
         assert "application/vnd.jupyter.widget-view+json" in views[0]
     finally:

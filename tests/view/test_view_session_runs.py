@@ -8,7 +8,6 @@ import subprocess
 import sys
 import threading
 from contextlib import closing
-from importlib.metadata import EntryPoint
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
@@ -197,10 +196,6 @@ def test_a_log_that_is_none_is_one_clear_sentence(tmp_path):
         open_log(tmp_path / "notes.txt"),
     ):
         pass
-
-
-def entry(value, name="x"):
-    return EntryPoint(name=name, value=value, group="sfglab.visualizers")
 
 
 def test_a_package_ships_its_own_visualizer_and_a_broken_one_is_told(tmp_path):
@@ -400,10 +395,8 @@ def test_a_page_gets_the_viewer_by_the_way_it_asks_for_and_nothing_else():
     for name, kind in ((cell.PROGRAM, "text/javascript"), (cell.WASM, "application/wasm")):
         with urlopen(f"{viewer.widget.address}/{name}") as answer:  # noqa: S310
             assert answer.headers["Content-Type"] == kind
-    for wrong in (
-        viewer.widget.address + "/widget.css",
-        viewer.widget.address.rpartition("/")[0] + "/x/widget.js",
-    ):
+    address = viewer.widget.address
+    for wrong in (f"{address}/widget.css", f"{address.rpartition('/')[0]}/x/widget.js"):
         with pytest.raises(HTTPError, match="404"):
             urlopen(wrong)  # noqa: S310
     viewer.widget.wanted = "inline"
@@ -412,10 +405,7 @@ def test_a_page_gets_the_viewer_by_the_way_it_asks_for_and_nothing_else():
     viewer._heard(None, "ready", [])
     viewer._heard(None, '{"type": "recording_open"}', [])
     viewer._heard(None, '{"type": "time_update", "time": 7.0}', [])
-    assert [(content["type"], buffers) for content, buffers in sent] == [
-        ("rrd", [b"part"]),
-        ("time_ctrl", None),
-    ]
+    assert [(what["type"], data) for what, data in sent] == [("rrd", [b"part"]), ("time_ctrl", None)]
     assert times == [7]
 
 

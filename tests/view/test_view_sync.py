@@ -119,10 +119,8 @@ def test_latest_repeats_what_changes_rarely_but_never_the_leading_item():
 @pytest.mark.parametrize("policy", [Independent(), Exact(), Approximate(), Latest()])
 def test_one_topic_alone_needs_no_partner(policy):
     sync = synchronizer(policy, ("a",))
-    assert [s.items for s in sync.offer("a", 1, "x") + sync.offer("a", 1, "y")] == [
-        {"a": (1, "x")},
-        {"a": (1, "y")},
-    ]
+    sets = sync.offer("a", 1, "x") + sync.offer("a", 1, "y")
+    assert [s.items for s in sets] == [{"a": (1, "x")}, {"a": (1, "y")}]
 
 
 @pytest.mark.parametrize("policy", [Exact(), Approximate(slop_ns=10)])

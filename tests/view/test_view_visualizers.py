@@ -395,10 +395,8 @@ def test_communication_is_drawn_over_the_agents(paper, update):
     assert ages == [0.5, 4.0]
     said = [values(d, "state") for d in paper.at_entity(f"{root}/life") if not d.static]
     assert said == [["alive"], ["lost"]]
-    assert [values(d, "state") for d in paper.at_entity(f"{root}/decoders") if not d.static] == [
-        ["up"],
-        ["down"],
-    ]
+    seen = [values(d, "state") for d in paper.at_entity(f"{root}/decoders") if not d.static]
+    assert seen == [["up"], ["down"]]
     visualizer.tick(15 * S, paper)
     assert len([d for d in paper.at_entity(f"{root}/life") if not d.static]) == 2  # only changes are said
 
