@@ -5,12 +5,10 @@ A test marked with one of `NEEDS` is skipped where the machine lacks that, and f
 the file that ``SFGLAB_SKIPS`` names, so that `make test` can end with the skips of all its runs.
 """
 
-import asyncio
 import os
 from contextlib import ExitStack
 from functools import cache
 from importlib.util import find_spec
-from inspect import iscoroutinefunction
 from pathlib import Path
 from typing import NoReturn
 
@@ -75,16 +73,6 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     for need, lack in NEEDS.items():
         if item.get_closest_marker(need) and lack():
             skip(need, lack())
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
-    """Run a test that is a coroutine function in a loop of its own."""
-    if not iscoroutinefunction(pyfuncitem.obj):
-        return None
-    names = pyfuncitem._fixtureinfo.argnames
-    asyncio.run(pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in names}))
-    return True
 
 
 def skip(need: str, reason: str) -> NoReturn:

@@ -1,19 +1,15 @@
 """Fixtures of the bus's tests: worlds of each backend, and child processes that talk in JSON lines."""
 
 import asyncio
-import inspect
 import json
 import signal
 import sys
 import textwrap
-from contextlib import AsyncExitStack, asynccontextmanager
-from functools import partial
+from contextlib import asynccontextmanager
 
 import pytest
 from toy_bus import ToyDomain
-
-from sfglab.bus import Node
-from sfglab.bus.sim import run_simulated
+from worlds import World
 
 _DEADLINE_S = 60
 _PREAMBLE = """
@@ -36,29 +32,6 @@ async def hear():
     return json.loads(line)
 
 """
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_pyfunc_call(pyfuncitem):
-    """Run tests that are coroutine functions: in the world of their nodes, with `sim` in a simulated one."""
-    test = pyfuncitem.obj
-    if not inspect.iscoroutinefunction(test):
-        return None
-    arguments = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
-    opened = [name for name in ("here", "there") if name in arguments]
-
-    async def among_nodes(make):
-        async with AsyncExitStack() as nodes:
-            given = {name: await nodes.enter_async_context(make(name)) for name in opened}
-            await test(**arguments | given | ({"node": make} if "node" in arguments else {}))
-
-    if opened or "node" in arguments:
-        pyfuncitem.funcargs["world"].run(among_nodes)
-    elif "sim" in arguments:
-        run_simulated(lambda world: test(**arguments | {"sim": world}), **arguments["sim"])
-    else:
-        asyncio.run(test(**arguments))
-    return True
 
 
 @pytest.fixture
@@ -129,53 +102,9 @@ def child(domain_id):
     return start
 
 
-class World:
-    """Runs a scenario, which is given what makes nodes."""
-
-    def __init__(self, kind, node):
-        self.kind, self.node = kind, node
-
-    def run(self, scenario):
-        if not self.kind.startswith("simulated"):
-            return asyncio.run(scenario(self.node))
-        apart = self.kind == "simulated-apart"
-
-        def main(world):
-            return scenario(lambda name, **more: world.node(name, host=name if apart else "host", **more))
-
-        return run_simulated(main, seed=3, limit_s=3600)
-
-
-@pytest.fixture
-def live(domain_id):
-    """Nodes on the loopback interface, in real time."""
-    return World("live", partial(Node, domain_id=domain_id, interface="lo"))
-
-
 @pytest.fixture(params=[pytest.param("live", marks=pytest.mark.live), "simulated", "simulated-apart", "toy"])
 def world(request):
     """Nodes of one backend; simulated ones on one host or each on its own."""
     if request.param == "live":
         return request.getfixturevalue("live")
     return World(request.param, ToyDomain().node)
-
-
-@pytest.fixture
-def node(world):
-    """Make a node of the world: `async with node("name") as other`."""
-
-
-@pytest.fixture
-def here(world):
-    """A node of the world, open while the test runs."""
-
-
-@pytest.fixture
-def there(world):
-    """Another node of the world."""
-
-
-@pytest.fixture
-def sim(request):
-    """Stand for the simulated world that the test itself runs in; its parameter says what it is made with."""
-    return getattr(request, "param", {})

@@ -20,6 +20,8 @@ from sfglab.fleet.discovery.listener import (
 from sfglab.messages import default_message
 from sfglab.names import FqnError
 
+world = pytest.fixture(lambda live: live)
+
 OLD, NEW, NOBODY = b"o" * 16, b"n" * 16, bytes(16)
 
 
@@ -120,12 +122,9 @@ def test_in_the_end_the_last_discoverer_alone_decides(before, last):
 
 
 @pytest.mark.live
-async def test_on_the_bus_what_was_announced_before_is_heard_and_a_new_discoverer_leaves_no_ghosts(address):
+async def test_live_what_was_announced_before_is_heard_and_a_new_discoverer_leaves_no_ghosts(here, address):
     topic = discovery_topic("station")
-    async with (
-        Node("decoder", **address.options()) as near,
-        aclosing(agent_changes(near, topic, KnownAgents(grace_ns=300_000_000))) as changes,
-    ):
+    async with aclosing(agent_changes(here, topic, KnownAgents(grace_ns=300_000_000))) as changes:
         for announced, wanted in (
             (("go2", "husky"), {(Offered, "go2"), (Offered, "husky")}),
             (("husky",), {(Withdrawn, "go2")}),  # nobody announced it again

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from waiting import DEADLINE_S, process, until
 
-from sfglab.bus import BusTimeoutError, Node
+from sfglab.bus import BusTimeoutError
 from sfglab.component import beside
 from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoveryConfig, DiscoverySettings
 from sfglab.fleet.discovery.registry import Timing
@@ -19,6 +19,7 @@ from sfglab.messages import default_message, serialize, service_type
 from sfglab.qos import LATCHED
 
 pytestmark = [pytest.mark.live]
+world = pytest.fixture(lambda live: live)
 
 AGENT_HEARTBEAT = "sfglab_interfaces/msg/AgentHeartbeat"
 FAST = Schedule(startup_period_s=0.1, steady_period_s=0.1, startup_s=0)
@@ -91,8 +92,8 @@ class Fake:
             self.open -= 1
 
 
-async def test_a_process_that_is_killed_is_lost_and_the_next_one_restarted(address):
-    async with Node("here", **address.options()) as node, discovering(node) as watch:
+async def test_a_process_that_is_killed_is_lost_and_the_next_one_restarted(here, address):
+    async with discovering(here) as watch:
         async with status_process(address) as child:
             assert await watch.event() == "DISCOVERED"
             child.signal(signal.SIGKILL)
@@ -101,57 +102,50 @@ async def test_a_process_that_is_killed_is_lost_and_the_next_one_restarted(addre
             assert await watch.event() == "RESTARTED"
 
 
-async def test_giving_up_a_query_to_a_process_that_was_killed_does_not_hold_up_the_others(address):
-    async with Node("here", **address.options()) as node:
-        async with status_process(address) as child:
-            client = node.create_client(GET_METADATA, metadata_service("go2"))
-            await client.wait_for_service(timeout_s=60)
-            child.signal(signal.SIGKILL)
-            await child.wait()
-        with pytest.raises(BusTimeoutError):  # it is matched until its lease runs out, and says nothing
-            await client.call(service_type(GET_METADATA).request(), timeout_s=0.2)
-        threads = set(threading.enumerate())
-        client.close()
-        assert set(threading.enumerate()) - threads, "a thread waits a second for the acknowledgement"
+async def test_giving_up_a_query_to_a_process_that_was_killed_does_not_hold_up_the_others(here, address):
+    async with status_process(address) as child:
+        client = here.create_client(GET_METADATA, metadata_service("go2"))
+        await client.wait_for_service(timeout_s=60)
+        child.signal(signal.SIGKILL)
+        await child.wait()
+    with pytest.raises(BusTimeoutError):  # it is matched until its lease runs out, and says nothing
+        await client.call(service_type(GET_METADATA).request(), timeout_s=0.2)
+    threads = set(threading.enumerate())
+    client.close()
+    assert set(threading.enumerate()) - threads, "a thread waits a second for the acknowledgement"
 
 
-async def test_an_agent_that_never_answers_is_asked_again_and_never_twice_at_a_time(address):
-    async with Node("here", **address.options()) as node, Node("there", **address.options()) as there:
-        fake = Fake(there, mute=True)
-        async with discovering(node, query_timeout_s=0.2) as watch:
-            for _ in range(3):  # heartbeats while a query is outstanding ask nothing
-                fake.say()
-            await watch.count("failed", 4)
-            assert watch.discoverer.status().agents[0].failures >= 4
-            assert watch.events.empty()
+async def test_an_agent_that_never_answers_is_asked_again_and_never_twice_at_a_time(here, there):
+    fake = Fake(there, mute=True)
+    async with discovering(here, query_timeout_s=0.2) as watch:
+        for _ in range(3):  # heartbeats while a query is outstanding ask nothing
+            fake.say()
+        await watch.count("failed", 4)
+        assert watch.discoverer.status().agents[0].failures >= 4
+        assert watch.events.empty()
+        fake.may_answer.set()
+        assert await watch.event() == "DISCOVERED"
+    asked = watch.discoverer.status().counts["asked"]
+    assert fake.asked <= asked, "not more on the wire than were counted"
+    waits = [m for m in watch.moves if m.given.name == "FAILED"]
+    assert len(waits) == asked - 1
+
+
+async def test_at_most_so_many_agents_are_asked_at_once_and_all_in_the_end(here, there):
+    fakes = [Fake(there, replace(BEAT, agent=f"agent{n}x"), mute=True) for n in range(6)]
+    async with discovering(here, max_queries=2) as watch:
+        for fake in fakes:
+            fake.say()
+        await watch.count("asked", 6)
+        await until(lambda: sum(fake.open for fake in fakes) >= 2)
+        assert sum(fake.asked for fake in fakes) == 2
+        for fake in fakes:
             fake.may_answer.set()
-            assert await watch.event() == "DISCOVERED"
-        asked = watch.discoverer.status().counts["asked"]
-        assert fake.asked <= asked, "not more on the wire than were counted"
-        waits = [m for m in watch.moves if m.given.name == "FAILED"]
-        assert len(waits) == asked - 1
+        await watch.count("event_discovered", 6)
 
 
-async def test_at_most_so_many_agents_are_asked_at_once_and_all_in_the_end(address):
-    async with Node("here", **address.options()) as node, Node("there", **address.options()) as there:
-        fakes = [Fake(there, replace(BEAT, agent=f"agent{n}x"), mute=True) for n in range(6)]
-        async with discovering(node, max_queries=2) as watch:
-            for fake in fakes:
-                fake.say()
-            await watch.count("asked", 6)
-            await until(lambda: sum(fake.open for fake in fakes) >= 2)
-            assert sum(fake.asked for fake in fakes) == 2
-            for fake in fakes:
-                fake.may_answer.set()
-            await watch.count("event_discovered", 6)
-
-
-async def test_bytes_that_are_no_heartbeat_are_counted_and_harmless(address):
-    async with (
-        Node("here", **address.options()) as node,
-        Node("there", **address.options()) as there,
-        discovering(node) as watch,
-    ):
+async def test_bytes_that_are_no_heartbeat_are_counted_and_harmless(here, there):
+    async with discovering(here) as watch:
         fake = Fake(there)
         await fake.publisher.wait_for_subscriptions(timeout_s=60)
         broken = bytearray(serialize(replace(BEAT, agent="aaaa").to_message(0)))
@@ -162,19 +156,18 @@ async def test_bytes_that_are_no_heartbeat_are_counted_and_harmless(address):
         assert await watch.event() == "DISCOVERED"
 
 
-async def test_as_a_process_it_reports_events_moves_and_what_it_knows(address):
+async def test_as_a_process_it_reports_events_moves_and_what_it_knows(there, address):
     config = DiscoveryConfig(
         address=address, settings=DiscoverySettings(agent="station", timing=TIMING), report_moves=True
     )
-    async with Node("there", **address.options()) as there:
-        Fake(there).say()
-        async with process("sfglab.fleet.discovery.node", config) as child:
-            reports = []
-            child.on_report = reports.append
-            await child.expect("event", timeout_s=DEADLINE_S)
-            child.order(report=True)
-            status = await child.expect("status", timeout_s=DEADLINE_S)
-        assert child.status == 0
+    Fake(there).say()
+    async with process("sfglab.fleet.discovery.node", config) as child:
+        reports = []
+        child.on_report = reports.append
+        await child.expect("event", timeout_s=DEADLINE_S)
+        child.order(report=True)
+        status = await child.expect("status", timeout_s=DEADLINE_S)
+    assert child.status == 0
     assert reports[0] == {"is": "ready"}
     first, event = reports[1], next(r for r in reports if r["is"] == "event")
     assert (first["before"], first["given"], first["actions"]) == ("UNKNOWN", "HEARD", ["QUERY"])

@@ -58,38 +58,34 @@ async def sleep_until(time_s: float) -> None:
     await asyncio.sleep(time_s - asyncio.get_running_loop().time())
 
 
-def test_a_partition_is_lost_and_its_end_returned_with_the_default_waits():
-    async def scenario(world):
-        async with discoverer(world) as (found, events), status(world, "go2"):
-            await sleep_until(31)  # it beat at 30 s, in the steady state
-            world.partition({"go2"})
-            await sleep_until(61)
-            world.heal()
-            await sleep_until(120)
-            assert [event for _, _, event in events] == ["DISCOVERED", "LOST", "RETURNED"]
-            discovered, lost, returned = (time_s for time_s, _, _ in events)
-            assert discovered < 0.2
-            assert lost == pytest.approx(45.5, abs=0.1), "three periods of 5 s and the slack after the last one"
-            assert 61 < returned < 75
-            assert found.status().counts["asked"] == 1
-
-    run_simulated(scenario, seed=1, limit_s=200)
+@pytest.mark.parametrize("sim", [{"seed": 1, "limit_s": 200}], indirect=True)
+async def test_a_partition_is_lost_and_its_end_returned_with_the_default_waits(sim):
+    async with discoverer(sim) as (found, events), status(sim, "go2"):
+        await sleep_until(31)  # it beat at 30 s, in the steady state
+        sim.partition({"go2"})
+        await sleep_until(61)
+        sim.heal()
+        await sleep_until(120)
+        assert [event for _, _, event in events] == ["DISCOVERED", "LOST", "RETURNED"]
+        discovered, lost, returned = (time_s for time_s, _, _ in events)
+        assert discovered < 0.2
+        assert lost == pytest.approx(45.5, abs=0.1), "three periods of 5 s and the slack after the last one"
+        assert 61 < returned < 75
+        assert found.status().counts["asked"] == 1
 
 
-def test_an_agent_that_was_started_again_behind_a_partition_is_restarted():
-    async def scenario(world):
-        async with discoverer(world) as (_, events):
-            async with status(world, "go2"):
-                await sleep_until(5.2)
-                world.partition({"go2"})
-            async with status(world, "go2"):
-                await sleep_until(30)
-                world.heal()
-                await sleep_until(80)
-            told = [event for _, _, event in events]
-            assert told in (["DISCOVERED", "LOST", "RESTARTED"], ["DISCOVERED", "LOST", "RESTARTED", "LOST"])
-
-    run_simulated(scenario, seed=2, limit_s=200)
+@pytest.mark.parametrize("sim", [{"seed": 2, "limit_s": 200}], indirect=True)
+async def test_an_agent_that_was_started_again_behind_a_partition_is_restarted(sim):
+    async with discoverer(sim) as (_, events):
+        async with status(sim, "go2"):
+            await sleep_until(5.2)
+            sim.partition({"go2"})
+        async with status(sim, "go2"):
+            await sleep_until(30)
+            sim.heal()
+            await sleep_until(80)
+        told = [event for _, _, event in events]
+        assert told in (["DISCOVERED", "LOST", "RESTARTED"], ["DISCOVERED", "LOST", "RESTARTED", "LOST"])
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.2])
@@ -138,46 +134,40 @@ def test_an_agent_whose_service_is_found_late_is_asked_once():
     run_simulated(scenario, limit_s=20)
 
 
-def test_an_agent_that_stays_away_is_forgotten_after_ten_minutes():
-    async def scenario(world):
-        async with discoverer(world) as (found, events):
-            async with status(world, "go2"):
-                await sleep_until(5)
-            await sleep_until(600)
-            assert [a.state.name for a in found.status().agents] == ["LOST"]
-            await sleep_until(620)
-            assert found.status().agents == ()
-            assert [event for _, _, event in events] == ["DISCOVERED", "LOST"]
-
-    run_simulated(scenario, seed=4, limit_s=700)
+@pytest.mark.parametrize("sim", [{"seed": 4, "limit_s": 700}], indirect=True)
+async def test_an_agent_that_stays_away_is_forgotten_after_ten_minutes(sim):
+    async with discoverer(sim) as (found, events):
+        async with status(sim, "go2"):
+            await sleep_until(5)
+        await sleep_until(600)
+        assert [a.state.name for a in found.status().agents] == ["LOST"]
+        await sleep_until(620)
+        assert found.status().agents == ()
+        assert [event for _, _, event in events] == ["DISCOVERED", "LOST"]
 
 
-def test_a_consumer_that_comes_after_a_thousand_events_still_hears_of_everybody():
-    async def scenario(world):
-        async with (
-            discoverer(world) as (found, events),
-            status(world, "quiet"),
-            world.node("status", host="busy") as node,
-        ):
-            provider = StatusProvider(node, StatusSettings(agent="busy"))
-            async with beside(provider.run()):
-                for number in range(1100):
-                    await asyncio.sleep(0.1)
-                    provider.update(AgentDescription(software=(str(number),)))
-                await asyncio.sleep(1)
-                kinds = Counter((agent, event) for _, agent, event in events)
-                assert kinds["busy", "UPDATED"] > HISTORY
-                assert kinds["quiet", "DISCOVERED"] == 2, "repeated before it was pushed out"
-                async with world.node("late", host="station") as late:
-                    heard = late.create_subscription(
-                        DISCOVERY_EVENT, discovery_topic("station"), qos=DISCOVERY_QOS
-                    )
-                    agents = KnownAgents()
-                    for _ in range(HISTORY):
-                        message, info = await heard.take_with_info(timeout_s=5)
-                        agents.feed(message, info.publisher_gid, now_ns=0)
-                    assert set(agents.agents) == {"quiet", "busy"}
-                    assert agents.agents["busy"].software == ["1099"]
-            assert found.status().counts["event_discovered"] == 3
-
-    run_simulated(scenario, seed=5, limit_s=300)
+@pytest.mark.parametrize("sim", [{"seed": 5, "limit_s": 300}], indirect=True)
+async def test_a_consumer_that_comes_after_a_thousand_events_still_hears_of_everybody(sim):
+    async with (
+        discoverer(sim) as (found, events),
+        status(sim, "quiet"),
+        sim.node("status", host="busy") as node,
+    ):
+        provider = StatusProvider(node, StatusSettings(agent="busy"))
+        async with beside(provider.run()):
+            for number in range(1100):
+                await asyncio.sleep(0.1)
+                provider.update(AgentDescription(software=(str(number),)))
+            await asyncio.sleep(1)
+            kinds = Counter((agent, event) for _, agent, event in events)
+            assert kinds["busy", "UPDATED"] > HISTORY
+            assert kinds["quiet", "DISCOVERED"] == 2, "repeated before it was pushed out"
+            async with sim.node("late", host="station") as late:
+                heard = late.create_subscription(DISCOVERY_EVENT, discovery_topic("station"), qos=DISCOVERY_QOS)
+                agents = KnownAgents()
+                for _ in range(HISTORY):
+                    message, info = await heard.take_with_info(timeout_s=5)
+                    agents.feed(message, info.publisher_gid, now_ns=0)
+                assert set(agents.agents) == {"quiet", "busy"}
+                assert agents.agents["busy"].software == ["1099"]
+        assert found.status().counts["event_discovered"] == 3

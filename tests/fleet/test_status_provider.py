@@ -22,6 +22,7 @@ from sfglab.messages import ns_from_stamp, service_type
 from sfglab.qos import LATCHED
 
 pytestmark = [pytest.mark.live]
+world = pytest.fixture(lambda live: live)
 
 SELDOM = Schedule(startup_s=0, steady_period_s=60)
 
@@ -43,12 +44,8 @@ async def metadata_of(node, agent="go2"):
     return response.metadata
 
 
-async def test_whoever_joins_late_hears_the_last_heartbeat_at_once_and_gets_an_answer(address):
-    async with (
-        Node("a", **address.options()) as here,
-        Node("b", **address.options()) as there,
-        running(here, schedule=SELDOM) as (_, sent),
-    ):
+async def test_whoever_joins_late_hears_the_last_heartbeat_at_once_and_gets_an_answer(here, there):
+    async with running(here, schedule=SELDOM) as (_, sent):
         beat = await asyncio.wait_for(sent.get(), 60)
         heartbeats = there.create_subscription(AGENT_HEARTBEAT, heartbeat_topic(), qos=LATCHED)
         message, info = await heartbeats.take_with_info(timeout_s=60)
@@ -61,23 +58,22 @@ async def test_whoever_joins_late_hears_the_last_heartbeat_at_once_and_gets_an_a
         assert (metadata.agent, metadata.incarnation, metadata.revision) == ("go2", beat.incarnation, 0)
 
 
-async def test_the_periods_are_kept_and_announced(address):
-    async with Node("a", **address.options()) as here:
-        schedule = Schedule(startup_period_s=0.1, steady_period_s=0.3, startup_s=0.4)
-        loop, times = asyncio.get_running_loop(), []
-        async with running(here, schedule=schedule) as (_, sent):
-            beats = []
-            for _ in range(7):
-                beats.append(await asyncio.wait_for(sent.get(), 60))
-                times.append(loop.time())
-        assert [b.phase for b in beats] == [0, 0, 0, 0, 1, 1, 1]
-        assert len({b.incarnation for b in beats}) == 1
-        assert all(0 < b.period_s <= (0.3 if b.phase else 0.1) for b in beats), "less when it was late"
-        assert times[-1] - times[0] > 0.9, "no instant comes early or twice"
+async def test_the_periods_are_kept_and_announced(here):
+    schedule = Schedule(startup_period_s=0.1, steady_period_s=0.3, startup_s=0.4)
+    loop, times = asyncio.get_running_loop(), []
+    async with running(here, schedule=schedule) as (_, sent):
+        beats = []
+        for _ in range(7):
+            beats.append(await asyncio.wait_for(sent.get(), 60))
+            times.append(loop.time())
+    assert [b.phase for b in beats] == [0, 0, 0, 0, 1, 1, 1]
+    assert len({b.incarnation for b in beats}) == 1
+    assert all(0 < b.period_s <= (0.3 if b.phase else 0.1) for b in beats), "less when it was late"
+    assert times[-1] - times[0] > 0.9, "no instant comes early or twice"
 
 
-async def test_a_new_description_is_told_at_once_and_a_bad_one_changes_nothing(address):
-    async with Node("a", **address.options()) as here, running(here, schedule=SELDOM) as (provider, sent):
+async def test_a_new_description_is_told_at_once_and_a_bad_one_changes_nothing(here):
+    async with running(here, schedule=SELDOM) as (provider, sent):
         assert (await asyncio.wait_for(sent.get(), 60)).revision == 0
         twice = (SensorDescription(name="x"), SensorDescription(name="x"))
         with pytest.raises(DescriptionError):

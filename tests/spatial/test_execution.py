@@ -3,13 +3,11 @@
 import asyncio
 from contextlib import asynccontextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import pytest
 
 from sfglab import bus
-from sfglab.bus.sim import run_simulated
 from sfglab.errors import InvalidValueError
 from sfglab.messages import message_type, register_action
 from sfglab.spatial import Pose
@@ -39,26 +37,7 @@ HALL = Path(__file__).parents[2] / "data" / "scenes" / "hall.yaml"
 S = 1_000_000_000
 
 
-class Live:
-    def __init__(self, domain_id):
-        self.node = partial(bus.Node, domain_id=domain_id, interface="lo", discovery_info=False)
-
-    def run(self, scenario):
-        return asyncio.run(scenario(self.node))
-
-
-class Simulated:
-    def run(self, scenario):
-        return run_simulated(
-            lambda world: scenario(lambda name, **more: world.node(name, host=name, **more)),
-            seed=3,
-            limit_s=3600,
-        )
-
-
-@pytest.fixture(params=[pytest.param("live", marks=pytest.mark.live), "simulated"])
-def world(request):
-    return Live(request.getfixturevalue("domain_id")) if request.param == "live" else Simulated()
+simulated = pytest.mark.parametrize("world", ["simulated-apart"], indirect=True)
 
 
 def path(length_m=0.3, duration_s=0.6, interpolation=Interpolation.POLYLINE):
@@ -86,95 +65,81 @@ async def until(predicate):
             await asyncio.sleep(0.005)
 
 
-def test_an_agent_goes_along_a_trajectory_and_says_how_it_gets_on(world):
-    async def scenario(node):
-        heard = []
-        async with served(node) as (near, server):
-            assert server.action_name == "/global/go2/execute_trajectory" == action_name("go2")
-            ended = await execute(near, order(), on_feedback=heard.append)
-            assert not server.busy
-        assert ended.outcome is Outcome.SUCCEEDED
-        assert not ended.text
-        assert ended.pose.same_as(path().waypoints[-1].pose, within_m=0.05)
-        shares = [feedback.share for feedback in heard]
-        assert len(shares) > 3
-        assert shares == sorted(shares)
-        assert shares[-1] == 1.0
-        assert all(feedback.error_m < 0.2 for feedback in heard)
-
-    world.run(scenario)
+async def test_an_agent_goes_along_a_trajectory_and_says_how_it_gets_on(node):
+    heard = []
+    async with served(node) as (near, server):
+        assert server.action_name == "/global/go2/execute_trajectory" == action_name("go2")
+        ended = await execute(near, order(), on_feedback=heard.append)
+        assert not server.busy
+    assert ended.outcome is Outcome.SUCCEEDED
+    assert not ended.text
+    assert ended.pose.same_as(path().waypoints[-1].pose, within_m=0.05)
+    shares = [feedback.share for feedback in heard]
+    assert len(shares) > 3
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert all(feedback.error_m < 0.2 for feedback in heard)
 
 
-def test_a_canceled_agent_brakes_and_only_then_the_goal_ends(world):
-    async def scenario(node):
-        setup = AgentSetup(dynamics=Dynamics(limits=Limits(speed_m_s=1.0, acceleration_m_s2=2.0)))
-        async with served(node, setup) as (near, server):
-            moving = asyncio.Event()
-            order = Order(agent="go2", trajectory=path(8.0, 10.0))
-            execution = await send(near, order, on_feedback=lambda f: f.share > 0.03 and moving.set())
-            await asyncio.wait_for(moving.wait(), 60)
-            assert server.state.speed_m_s > 0.3
-            await execution.cancel()
-            ended = await execution.result()
-            execution.close()
-            assert ended.outcome is Outcome.CANCELED
-            assert server.state.speed_m_s == 0.0
-            assert ended.pose.same_as(server.state.pose)
-            assert 0.05 < ended.pose.position_m[0] < 4.0
-
-    world.run(scenario)
+async def test_a_canceled_agent_brakes_and_only_then_the_goal_ends(node):
+    setup = AgentSetup(dynamics=Dynamics(limits=Limits(speed_m_s=1.0, acceleration_m_s2=2.0)))
+    async with served(node, setup) as (near, server):
+        moving = asyncio.Event()
+        order = Order(agent="go2", trajectory=path(8.0, 10.0))
+        execution = await send(near, order, on_feedback=lambda f: f.share > 0.03 and moving.set())
+        await asyncio.wait_for(moving.wait(), 60)
+        assert server.state.speed_m_s > 0.3
+        await execution.cancel()
+        ended = await execution.result()
+        execution.close()
+        assert ended.outcome is Outcome.CANCELED
+        assert server.state.speed_m_s == 0.0
+        assert ended.pose.same_as(server.state.pose)
+        assert 0.05 < ended.pose.position_m[0] < 4.0
 
 
-def test_a_task_that_is_cancelled_leaves_an_agent_that_stands(world):
-    async def scenario(node):
-        setup = AgentSetup(dynamics=Dynamics(limits=Limits(speed_m_s=1.0, acceleration_m_s2=2.0)))
-        async with served(node, setup) as (near, server):
-            task = asyncio.create_task(execute(near, order(8.0, 10.0)))
-            await until(lambda: server.state.speed_m_s > 0.3)
-            task.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await task
-            assert server.state.speed_m_s == 0.0
-            assert not server.busy
-
-    world.run(scenario)
+async def test_a_task_that_is_cancelled_leaves_an_agent_that_stands(node):
+    setup = AgentSetup(dynamics=Dynamics(limits=Limits(speed_m_s=1.0, acceleration_m_s2=2.0)))
+    async with served(node, setup) as (near, server):
+        task = asyncio.create_task(execute(near, order(8.0, 10.0)))
+        await until(lambda: server.state.speed_m_s > 0.3)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert server.state.speed_m_s == 0.0
+        assert not server.busy
 
 
 @pytest.mark.parametrize("after_s", [0.0, 0.05, 0.3])
-def test_a_task_that_is_cancelled_while_it_sends_leaves_nobody_moving(after_s):
-    async def scenario(node):
-        async with served(node) as (near, server):
-            task = asyncio.create_task(execute(near, order(8.0, 10.0)))
-            await asyncio.sleep(after_s)
-            task.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await task
-            assert not server.busy
-            at = server.state.pose
-            await asyncio.sleep(1.0)
-            assert server.state.pose == at
-
-    Simulated().run(scenario)
+@simulated
+async def test_a_task_that_is_cancelled_while_it_sends_leaves_nobody_moving(after_s, node):
+    async with served(node) as (near, server):
+        task = asyncio.create_task(execute(near, order(8.0, 10.0)))
+        await asyncio.sleep(after_s)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert not server.busy
+        at = server.state.pose
+        await asyncio.sleep(1.0)
+        assert server.state.pose == at
 
 
-def test_what_an_agent_does_not_take_ends_at_once_with_the_reason(world):
-    async def scenario(node):
-        setup = AgentSetup(dynamics=Dynamics(limits=Limits(speed_m_s=0.9)))
-        spot = Order(agent="spot", trajectory=path())
-        backwards = path().waypoints[::-1]
-        empty, reversed_ = (
-            replace(FOLLOW_TRAJECTORY, goal=lambda order, points=points: _with_points(order, points))
-            for points in ((), backwards)
-        )
-        async with served(node, setup) as (near, server):
-            ended = await execute(near, spot, action=server.action_name)
-            assert (ended.outcome, ended.text) == (Outcome.UNKNOWN_AGENT, "agent: given 'spot', allowed: 'go2'")
-            for dialect in (empty, reversed_):
-                ended = await execute(near, order(), dialect=dialect)
-                assert ended.outcome is Outcome.INVALID_TRAJECTORY
-            assert server.state.pose == Pose()
-
-    world.run(scenario)
+async def test_what_an_agent_does_not_take_ends_at_once_with_the_reason(node):
+    setup = AgentSetup(dynamics=Dynamics(limits=Limits(speed_m_s=0.9)))
+    spot = Order(agent="spot", trajectory=path())
+    backwards = path().waypoints[::-1]
+    empty, reversed_ = (
+        replace(FOLLOW_TRAJECTORY, goal=lambda order, points=points: _with_points(order, points))
+        for points in ((), backwards)
+    )
+    async with served(node, setup) as (near, server):
+        ended = await execute(near, spot, action=server.action_name)
+        assert (ended.outcome, ended.text) == (Outcome.UNKNOWN_AGENT, "agent: given 'spot', allowed: 'go2'")
+        for dialect in (empty, reversed_):
+            ended = await execute(near, order(), dialect=dialect)
+            assert ended.outcome is Outcome.INVALID_TRAJECTORY
+        assert server.state.pose == Pose()
 
 
 def _with_points(order, waypoints):
@@ -184,109 +149,95 @@ def _with_points(order, waypoints):
     return goal
 
 
-def test_a_server_that_does_not_explain_rejects():
-    async def scenario(node):
-        setup = AgentSetup(explain=False)
-        async with node("go2") as far, node("planner") as near, TrajectoryServer(far, "go2", setup=setup):
-            ended = await execute(near, order(agent="spot"), action=action_name("go2"))
-            assert ended.outcome is Outcome.REJECTED
-            assert (await execute(near, order())).outcome is Outcome.SUCCEEDED
-
-    Simulated().run(scenario)
+@simulated
+async def test_a_server_that_does_not_explain_rejects(node):
+    setup = AgentSetup(explain=False)
+    async with node("go2") as far, node("planner") as near, TrajectoryServer(far, "go2", setup=setup):
+        ended = await execute(near, order(agent="spot"), action=action_name("go2"))
+        assert ended.outcome is Outcome.REJECTED
+        assert (await execute(near, order())).outcome is Outcome.SUCCEEDED
 
 
 @pytest.mark.parametrize("preempt", [False, True])
-def test_a_second_goal_is_refused_or_takes_the_place_of_the_first(world, preempt):
-    async def scenario(node):
-        setup = AgentSetup(preempt=preempt, tolerances=Tolerances(start_m=2.0))
-        async with served(node, setup) as (near, server):
-            first = await send(near, Order(agent="go2", trajectory=path(0.5, 1.0)))
-            await until(lambda: server.busy)
-            second = await execute(near, order(0.2, 0.3))
-            if preempt:
-                assert second.outcome is Outcome.SUCCEEDED
-                assert (await first.result()).outcome is Outcome.OVERTAKEN
-            else:
-                assert second.outcome is Outcome.BUSY
-                assert (await first.result()).outcome is Outcome.SUCCEEDED
-            first.close()
-
-    world.run(scenario)
+async def test_a_second_goal_is_refused_or_takes_the_place_of_the_first(preempt, node):
+    setup = AgentSetup(preempt=preempt, tolerances=Tolerances(start_m=2.0))
+    async with served(node, setup) as (near, server):
+        first = await send(near, Order(agent="go2", trajectory=path(0.5, 1.0)))
+        await until(lambda: server.busy)
+        second = await execute(near, order(0.2, 0.3))
+        if preempt:
+            assert second.outcome is Outcome.SUCCEEDED
+            assert (await first.result()).outcome is Outcome.OVERTAKEN
+        else:
+            assert second.outcome is Outcome.BUSY
+            assert (await first.result()).outcome is Outcome.SUCCEEDED
+        first.close()
 
 
-def test_a_server_that_goes_away_is_an_error_and_none_at_all_another(world):
-    async def scenario(node):
-        async with node("planner") as near:
-            far = node("go2")
-            async with far:
-                TrajectoryServer(far, "go2")
-                execution = await send(near, Order(agent="go2", trajectory=path(5.0, 60.0)))
-            with pytest.raises(bus.ActionServerGoneError, match="/global/go2/execute_trajectory"):
-                await execution.result()
-            execution.close()
-            with pytest.raises(bus.BusTimeoutError, match="/global/spot/execute_trajectory"):
-                await execute(near, order(agent="spot"), timeout_s=0.1)
-
-    world.run(scenario)
+async def test_a_server_that_goes_away_is_an_error_and_none_at_all_another(node):
+    async with node("planner") as near:
+        far = node("go2")
+        async with far:
+            TrajectoryServer(far, "go2")
+            execution = await send(near, Order(agent="go2", trajectory=path(5.0, 60.0)))
+        with pytest.raises(bus.ActionServerGoneError, match="/global/go2/execute_trajectory"):
+            await execution.result()
+        execution.close()
+        with pytest.raises(bus.BusTimeoutError, match="/global/spot/execute_trajectory"):
+            await execute(near, order(agent="spot"), timeout_s=0.1)
 
 
-def test_both_agents_of_the_hall_go_at_once_and_stay_as_far_apart_as_planned():
+@simulated
+async def test_both_agents_of_the_hall_go_at_once_and_stay_as_far_apart_as_planned(node):
     scene = load_scene(HALL)
     closest, tracks = [], {"go2": [], "drone": []}
+    async with node("agents") as far, node("planner") as near:
+        servers = {}
+        for agent in scene.all_of(AgentObject):
+            dynamics = Dynamics(limits=agent.limits)
+            setup = AgentSetup(pose=scene.world_pose(agent.id), dynamics=dynamics)
+            servers[agent.name] = TrajectoryServer(far, agent.name, setup=setup)
+        start_ns = near.get_clock().now_ns() + S
 
-    async def scenario(node):
-        async with node("agents") as far, node("planner") as near:
-            servers = {}
-            for agent in scene.all_of(AgentObject):
-                dynamics = Dynamics(limits=agent.limits)
-                setup = AgentSetup(pose=scene.world_pose(agent.id), dynamics=dynamics)
-                servers[agent.name] = TrajectoryServer(far, agent.name, setup=setup)
-            start_ns = near.get_clock().now_ns() + S
+        def note(feedback):
+            closest.append(servers["go2"].state.pose.distance_m(servers["drone"].state.pose))
+            for name, server in servers.items():
+                tracks[name].append(server.state.pose)
 
-            def note(feedback):
-                closest.append(servers["go2"].state.pose.distance_m(servers["drone"].state.pose))
-                for name, server in servers.items():
-                    tracks[name].append(server.state.pose)
-
-            orders = scene_orders(scene, start_ns=start_ns)
-            assert [order.agent for order in orders] == ["go2", "drone"]
-            ended = await asyncio.gather(*(execute(near, order, on_feedback=note) for order in orders))
-            assert [end.outcome for end in ended] == [Outcome.SUCCEEDED] * 2, ended
-            for order, end in zip(orders, ended, strict=True):
-                assert end.pose.same_as(order.trajectory.waypoints[-1].pose, within_m=0.05, within_rad=0.1)
-
-    Simulated().run(scenario)
+        orders = scene_orders(scene, start_ns=start_ns)
+        assert [order.agent for order in orders] == ["go2", "drone"]
+        ended = await asyncio.gather(*(execute(near, order, on_feedback=note) for order in orders))
+        assert [end.outcome for end in ended] == [Outcome.SUCCEEDED] * 2, ended
+        for order, end in zip(orders, ended, strict=True):
+            assert end.pose.same_as(order.trajectory.waypoints[-1].pose, within_m=0.05, within_rad=0.1)
     assert min(closest) > 0.6
     assert len(tracks["go2"]) > 50
 
 
-def test_poses_odometry_and_transforms_say_the_same(world):
-    async def scenario(node):
-        async with node("go2") as far, node("viewer") as near:
-            poses, odometries, buffer = [], [], FrameBuffer()
-            near.create_subscription("geometry_msgs/msg/PoseStamped", "/global/go2/pose", poses.append)
-            near.create_subscription("nav_msgs/msg/Odometry", "/global/go2/odometry", odometries.append)
-            async with FramesListener(near, buffer), TrajectoryServer(far, "go2"):
-                await execute(near, order())
-                await until(lambda: poses and odometries)
-            stamps = {(m.header.stamp.sec, m.header.stamp.nanosec): m for m in odometries}
-            common = [(p, o) for p in poses if (o := stamps.get((p.header.stamp.sec, p.header.stamp.nanosec)))]
-            assert len(common) > 10
-            for pose, odometry in common:
-                stamp_ns = pose.header.stamp.sec * S + pose.header.stamp.nanosec
-                assert pose.pose == odometry.pose.pose
-                assert odometry.child_frame_id == "go2/base"
-                assert buffer.look_up("map", "go2/base", stamp_ns).same_as(Pose.from_msg(pose.pose))
-            assert max(odometry.twist.twist.linear.x for _, odometry in common) > 0.2
-
-    world.run(scenario)
+async def test_poses_odometry_and_transforms_say_the_same(node):
+    async with node("go2") as far, node("viewer") as near:
+        poses, odometries, buffer = [], [], FrameBuffer()
+        near.create_subscription("geometry_msgs/msg/PoseStamped", "/global/go2/pose", poses.append)
+        near.create_subscription("nav_msgs/msg/Odometry", "/global/go2/odometry", odometries.append)
+        async with FramesListener(near, buffer), TrajectoryServer(far, "go2"):
+            await execute(near, order())
+            await until(lambda: poses and odometries)
+        stamps = {(m.header.stamp.sec, m.header.stamp.nanosec): m for m in odometries}
+        common = [(p, o) for p in poses if (o := stamps.get((p.header.stamp.sec, p.header.stamp.nanosec)))]
+        assert len(common) > 10
+        for pose, odometry in common:
+            stamp_ns = pose.header.stamp.sec * S + pose.header.stamp.nanosec
+            assert pose.pose == odometry.pose.pose
+            assert odometry.child_frame_id == "go2/base"
+            assert buffer.look_up("map", "go2/base", stamp_ns).same_as(Pose.from_msg(pose.pose))
+        assert max(odometry.twist.twist.linear.x for _, odometry in common) > 0.2
 
 
 TEXT = "nav_msgs/Path path\nstring controller_id\n---\nstd_msgs/Empty result\n---\nfloat32 distance_to_goal\n"
 OTHER = register_action("sfglab_test_interfaces/action/FollowPath", TEXT)
 
 
-def test_another_type_of_action_is_served_by_a_dialect_of_its_own(world):
+async def test_another_type_of_action_is_served_by_a_dialect_of_its_own(node):
     def goal(order):
         message = path_from_trajectory(order.trajectory, frame_id=order.frame_id, start_ns=order.start_ns)
         return OTHER.goal(path=message, controller_id="FollowPath")
@@ -305,18 +256,13 @@ def test_another_type_of_action_is_served_by_a_dialect_of_its_own(world):
         handle.succeed()
         return OTHER.result(result=message_type("std_msgs/msg/Empty")())
 
-    async def scenario(node):
-        async with node("robot") as far, node("planner") as near:
-            far.create_action_server(dialect.type, "/follow_path", follow)
-            heard = []
-            ended = await execute(
-                near, order(), action="/follow_path", dialect=dialect, on_feedback=heard.append
-            )
-        assert ended == Ended(outcome=Outcome.SUCCEEDED)
-        assert [f.share for f in heard] == [0.5]
-        assert len(asked[0].path.poses) == 3
-
-    world.run(scenario)
+    async with node("robot") as far, node("planner") as near:
+        far.create_action_server(dialect.type, "/follow_path", follow)
+        heard = []
+        ended = await execute(near, order(), action="/follow_path", dialect=dialect, on_feedback=heard.append)
+    assert ended == Ended(outcome=Outcome.SUCCEEDED)
+    assert [f.share for f in heard] == [0.5]
+    assert len(asked[0].path.poses) == 3
 
 
 def test_a_spline_goes_as_a_polyline_that_stays_near_it():

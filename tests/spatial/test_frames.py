@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
-from sfglab.bus import Node
 from sfglab.errors import InvalidValueError
 from sfglab.messages import message_type
 from sfglab.names import TF, TF_STATIC, FqnError
@@ -33,6 +32,8 @@ from sfglab.spatial.frames.listener import (
     TransformIntake,
     fill_from_log,
 )
+
+world = pytest.fixture(lambda live: live)
 
 S = 1_000_000_000
 
@@ -346,28 +347,24 @@ def step(parent, child, second, x_m):
     return StampedTransform(parent=parent, child=child, stamp_ns=second * S, pose=Pose.at((x_m, 0, 0)))
 
 
-async def test_a_listener_hears_static_transforms_of_before_and_waits_for_those_to_come(domain_id):
-    async with (
-        Node("robot", domain_id=domain_id, interface="lo") as robot,
-        Node("viewer", domain_id=domain_id, interface="lo") as viewer,
-    ):
-        fixed = robot.create_publisher(TRANSFORMS, TF_STATIC, TF_STATIC_QOS)
-        fixed.publish(message(step("base", "camera", 0, 1.0)))
-        moving = robot.create_publisher(TRANSFORMS, TF, TF_QOS)
-        buffer = FrameBuffer()
-        async with FramesListener(viewer, buffer, agent="go2") as listener:
-            await moving.wait_for_subscriptions()
-            waiting = asyncio.create_task(listener.wait_for("map", "go2/camera", 3 * S // 2, timeout_s=10))
-            for second in (1, 2):
-                moving.publish(message(step("map", "base", second, float(second))))
-            assert (await waiting).position_m == (2.5, 0, 0)
-            with pytest.raises(ExtrapolationError):
-                await listener.wait_for("map", "go2/base", 5 * S, timeout_s=0.01)
-            with pytest.raises(UnknownFrameError):
-                await listener.wait_for("map", "base", timeout_s=0.01)
-            assert listener.taken["appended"] == 3
-        assert all(len(edge.authority) == 32 for edge in buffer.edges)
-        assert lint_frames(buffer.edges, root="map") == ()
+async def test_a_listener_hears_static_transforms_of_before_and_waits_for_those_to_come(here, there):
+    fixed = here.create_publisher(TRANSFORMS, TF_STATIC, TF_STATIC_QOS)
+    fixed.publish(message(step("base", "camera", 0, 1.0)))
+    moving = here.create_publisher(TRANSFORMS, TF, TF_QOS)
+    buffer = FrameBuffer()
+    async with FramesListener(there, buffer, agent="go2") as listener:
+        await moving.wait_for_subscriptions()
+        waiting = asyncio.create_task(listener.wait_for("map", "go2/camera", 3 * S // 2, timeout_s=10))
+        for second in (1, 2):
+            moving.publish(message(step("map", "base", second, float(second))))
+        assert (await waiting).position_m == (2.5, 0, 0)
+        with pytest.raises(ExtrapolationError):
+            await listener.wait_for("map", "go2/base", 5 * S, timeout_s=0.01)
+        with pytest.raises(UnknownFrameError):
+            await listener.wait_for("map", "base", timeout_s=0.01)
+        assert listener.taken["appended"] == 3
+    assert all(len(edge.authority) == 32 for edge in buffer.edges)
+    assert lint_frames(buffer.edges, root="map") == ()
 
 
 def test_a_broken_transform_is_counted_and_said_once_while_the_rest_goes_on(caplog):

@@ -10,13 +10,14 @@ from contextlib import aclosing
 import numpy as np
 import pytest
 
-from sfglab.bus import Node
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.qos import QoSProfile
 from sfglab.record import LogError, LogReader, LogWriter
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.mocap.sources import LogSource, TopicSource, ViconSource
 from sfglab.spatial.mocap.tracking import Lapse, MocapError
+
+world = pytest.fixture(lambda live: live)
 
 S = 1_000_000_000
 TURN = Pose.from_yaw((1.0, 2.0, 3.0), 0.7)
@@ -156,25 +157,23 @@ def pose_message(stamp_ns, pose):
     return message_type("geometry_msgs/msg/PoseStamped")(header=header, pose=pose.to_pose_msg())
 
 
-async def test_topics_become_captures_with_the_stamp_of_the_header(domain_id):
-    options = {"domain_id": domain_id, "interface": "lo"}
-    async with Node("cameras", **options) as cameras, Node("bridge", **options) as node:
-        publishers = {
-            id_: cameras.create_publisher("geometry_msgs/msg/PoseStamped", f"/{id_}", QoSProfile())
-            for id_ in ("a", "b")
-        }
-        source = TopicSource(node, {"a": "/a", "b": "/b"})
-        async with aclosing(source.captures()) as captures, asyncio.timeout(60):
-            coming = asyncio.ensure_future(anext(captures))
-            for publisher in publishers.values():
-                await publisher.wait_for_subscriptions()
-            publishers["a"].publish(pose_message(5 * S, TURN))
-            first = await coming
-            broken = pose_message(6 * S, TURN)
-            broken.pose.position.x = float("nan")
-            publishers["b"].publish(broken)
-            second = await anext(captures)
-        now_ns = node.get_clock().now_ns()
+async def test_topics_become_captures_with_the_stamp_of_the_header(here, there):
+    publishers = {
+        id_: here.create_publisher("geometry_msgs/msg/PoseStamped", f"/{id_}", QoSProfile())
+        for id_ in ("a", "b")
+    }
+    source = TopicSource(there, {"a": "/a", "b": "/b"})
+    async with aclosing(source.captures()) as captures, asyncio.timeout(60):
+        coming = asyncio.ensure_future(anext(captures))
+        for publisher in publishers.values():
+            await publisher.wait_for_subscriptions()
+        publishers["a"].publish(pose_message(5 * S, TURN))
+        first = await coming
+        broken = pose_message(6 * S, TURN)
+        broken.pose.position.x = float("nan")
+        publishers["b"].publish(broken)
+        second = await anext(captures)
+    now_ns = there.get_clock().now_ns()
     assert (first.number, first.capture_ns, first.sights) == (None, 5 * S, {"a": TURN})
     assert now_ns - 60 * S < first.receipt_ns <= now_ns
     assert second.sights == {"b": Lapse.INVALID}

@@ -14,20 +14,21 @@ from urllib.request import urlopen
 import numpy as np
 import pytest
 
-from sfglab.bus import Node
 from sfglab.errors import InvalidValueError, MissingExtraError
 from sfglab.lab.checks.handling import installed
 from sfglab.messages import default_message, message_type, serialize, stamp_from_ns
 from sfglab.qos import SENSOR_DATA
 from sfglab.record import LogError, LogWriter
 from sfglab.view import Approximate, Input, Parameter, Visualizer
-from sfglab.view.app import ViewOptions, view_live, view_log
+from sfglab.view.app import ViewOptions, view_log
 from sfglab.view.arrivals import Arrival, capture_ns, open_log
 from sfglab.view.bridge import Bridge
 from sfglab.view.rerunning import WINDOW_BYTES, RerunCanvas, layout_of_fleet, layout_of_topics, open_canvas
 from sfglab.view.session import Session, available, find
 from sfglab.view.stage import Stage, replay
 from sfglab.view.visualizer import SinkError
+
+world = pytest.fixture(lambda live: live)
 
 S = 1_000_000_000
 IMAGE, STRING = "sensor_msgs/msg/Image", "std_msgs/msg/String"
@@ -422,28 +423,27 @@ def test_every_request_of_the_viewers_program_passes_the_one_that_refuses_the_ne
 
 
 @pytest.mark.live
-async def test_the_bridge_shows_what_is_published_and_follows_new_topics(paper, domain_id):
+async def test_the_bridge_shows_what_is_published_and_follows_new_topics(here, there, paper):
     topic = "/global/go2/camera_front/color/image_raw"
-    async with (
-        Node("cam", domain_id=domain_id, interface="lo") as camera,
-        Node("view", domain_id=domain_id, interface="lo") as node,
-    ):
-        session = Session()
-        async with Bridge(node, session, paper, follow=("/",)) as bridge:
-            publisher = camera.create_publisher(IMAGE, topic, SENSOR_DATA)
-            await publisher.wait_for_subscriptions(1)
-            assert [d.visualizer.name for d in session.displays] == ["image"]
-            await shot(publisher, paper)
-            session.remove(session.displays[0].id)
-            display = session.add(Pair, {"image": topic, "info": "/info"})
-            removed = session.offers({topic: IMAGE})[0].kind
-            async with asyncio.timeout(60):
-                while display.slot.counts.received == 0:
-                    publisher.publish_raw(stamped(IMAGE, topic, 5, 5).cdr)
-                    await asyncio.sleep(0.01)
-            assert bridge.stage.health()[0].topic == topic
-            assert removed not in [d.visualizer.name for d in session.displays]  # it stays away
+    session = Session()
+    async with Bridge(there, session, paper, follow=("/",)) as bridge:
+        publisher = here.create_publisher(IMAGE, topic, SENSOR_DATA)
+        await publisher.wait_for_subscriptions(1)
+        assert [d.visualizer.name for d in session.displays] == ["image"]
+        await shot(publisher, paper)
+        session.remove(session.displays[0].id)
+        display = session.add(Pair, {"image": topic, "info": "/info"})
+        removed = session.offers({topic: IMAGE})[0].kind
+        async with asyncio.timeout(60):
+            while display.slot.counts.received == 0:
+                publisher.publish_raw(stamped(IMAGE, topic, 5, 5).cdr)
+                await asyncio.sleep(0.01)
+        assert bridge.stage.health()[0].topic == topic
+        assert removed not in [d.visualizer.name for d in session.displays]  # it stays away
     assert paper.closed == 1
+    async with asyncio.timeout(60):  # its thread may still be about to end
+        while [t for t in threading.enumerate() if t.name.startswith("sfglab-view")]:
+            await asyncio.sleep(0.01)
 
 
 async def shot(publisher, paper):
@@ -457,22 +457,21 @@ async def shot(publisher, paper):
 
 
 @pytest.mark.live
-async def test_a_topic_or_type_that_cannot_be_is_noted_at_its_display_and_others_go_on(paper, domain_id):
+async def test_a_topic_or_type_that_cannot_be_is_noted_at_its_display_and_others_go_on(here, paper):
     class Unknown(Word):
         name = "unknown"
         inputs = (Input(role="text", type="nobody_msgs/msg/Nothing"),)
 
-    async with Node("view", domain_id=domain_id, interface="lo") as node:
-        session = Session()
-        bad, unknown = session.add(Word, "/not a topic"), session.add(Unknown, "/words")
-        good = session.add(Word, "/words")
-        async with Bridge(node, session, paper):
-            publisher = node.create_publisher(STRING, "/words", SENSOR_DATA)
-            await publisher.wait_for_subscriptions(1)
-            async with asyncio.timeout(60):
-                while not paper.drawn:
-                    publisher.publish_raw(said("word").cdr)
-                    await asyncio.sleep(0.01)
+    session = Session()
+    bad, unknown = session.add(Word, "/not a topic"), session.add(Unknown, "/words")
+    good = session.add(Word, "/words")
+    async with Bridge(here, session, paper):
+        publisher = here.create_publisher(STRING, "/words", SENSOR_DATA)
+        await publisher.wait_for_subscriptions(1)
+        async with asyncio.timeout(60):
+            while not paper.drawn:
+                publisher.publish_raw(said("word").cdr)
+                await asyncio.sleep(0.01)
     assert "not a topic" in bad.last_error
     assert "nobody_msgs/msg/Nothing" in unknown.last_error
     assert good.slot.counts.shown > 0
@@ -480,76 +479,40 @@ async def test_a_topic_or_type_that_cannot_be_is_noted_at_its_display_and_others
 
 
 @pytest.mark.live
-async def test_a_viewer_that_hangs_costs_pictures_and_nothing_else(paper, domain_id):
+async def test_a_viewer_that_hangs_costs_pictures_and_nothing_else(here, there, paper):
     slow = Slow(paper)
-    async with (
-        Node("cam", domain_id=domain_id, interface="lo") as camera,
-        Node("view", domain_id=domain_id, interface="lo") as node,
-    ):
-        session = Session()
-        display = session.add(Word, "/words")
-        async with Bridge(node, session, slow):
-            publisher = camera.create_publisher(STRING, "/words", SENSOR_DATA)
-            await publisher.wait_for_subscriptions(1)
-            async with asyncio.timeout(60):
-                while display.slot.counts.pushed_out < 50:
-                    publisher.publish_raw(said("word").cdr)
-                    await asyncio.sleep(0.001)
-            assert display.slot.counts.waiting <= Word.queue
-            assert display.slot.counts.shown == 1
-            slow.go.set()
-            async with asyncio.timeout(60):
-                while display.slot.counts.waiting:
-                    await asyncio.sleep(0.01)
+    session = Session()
+    display = session.add(Word, "/words")
+    async with Bridge(there, session, slow):
+        publisher = here.create_publisher(STRING, "/words", SENSOR_DATA)
+        await publisher.wait_for_subscriptions(1)
+        async with asyncio.timeout(60):
+            while display.slot.counts.pushed_out < 50:
+                publisher.publish_raw(said("word").cdr)
+                await asyncio.sleep(0.001)
+        assert display.slot.counts.waiting <= Word.queue
+        assert display.slot.counts.shown == 1
+        slow.go.set()
+        async with asyncio.timeout(60):
+            while display.slot.counts.waiting:
+                await asyncio.sleep(0.01)
     counts = display.slot.counts
     assert counts.received == counts.shown + counts.dropped
     assert len(paper.drawn) == counts.shown
 
 
 @pytest.mark.live
-async def test_a_sink_that_breaks_ends_the_view_with_its_reason(paper, domain_id):
+async def test_a_sink_that_breaks_ends_the_view_with_its_reason(here, paper):
     class Broken(type(paper)):
         def settle(self, _size_bytes):
             raise SinkError("the viewer is gone")
 
-    async with Node("view", domain_id=domain_id, interface="lo") as node:
-        session = Session()
-        session.add("communication", "/global/agent_heartbeat")
-        async with Bridge(node, session, Broken()) as bridge:
-            async with asyncio.timeout(60):
-                with pytest.raises(SinkError, match="the viewer is gone"):
-                    await bridge.failed()
-
-
-@pytest.mark.live
-async def test_an_interrupted_live_view_leaves_a_whole_file(tmp_path, domain_id, read_rrd):
-    path = tmp_path / "live.rrd"
-    async with (
-        Node("agent", domain_id=domain_id, interface="lo") as agent,
-        Node("view", domain_id=domain_id, interface="lo") as node,
-    ):
-        started = asyncio.Event()
-        sessions = []
-        options = ViewOptions(to=(str(path),))
-        viewing = asyncio.create_task(
-            view_live(node, options, on_start=lambda s: (sessions.append(s), started.set()))
-        )
-        await asyncio.wait_for(started.wait(), 60)
-        beat = default_message("sfglab_interfaces/msg/AgentHeartbeat")
-        beat.agent, beat.period_s, beat.phase = "go2", 1.0, 1
-        publisher = agent.create_publisher("sfglab_interfaces/msg/AgentHeartbeat", "/global/agent_heartbeat")
-        await publisher.wait_for_subscriptions(1)
-        (display,) = sessions[0].displays
+    session = Session()
+    session.add("communication", "/global/agent_heartbeat")
+    async with Bridge(here, session, Broken()) as bridge:
         async with asyncio.timeout(60):
-            while display.slot.counts.shown == 0:
-                publisher.publish(beat)
-                await asyncio.sleep(0.02)
-            await asyncio.sleep(0.3)  # a tick of 5 Hz draws it
-        viewing.cancel()
-        await asyncio.gather(viewing, return_exceptions=True)
-    rows = read_rrd(path)
-    assert "/agents/go2/communication/heartbeat_age_s" in rows
-    assert not [t for t in threading.enumerate() if t.name.startswith("sfglab-view")]
+            with pytest.raises(SinkError, match="the viewer is gone"):
+                await bridge.failed()
 
 
 def test_the_panel_is_the_session_as_widgets():
