@@ -5,7 +5,8 @@ import pytest
 
 from sfglab.lab.experiments.transmission.stage import live_hosts
 from sfglab.lab.experiments.transmission.validation import MODES, scenario_of_cell
-from sfglab.rtps import run
+from sfglab.qos import QoSProfile
+from sfglab.rtps import PRESETS, Flow, Medium, Scenario, run
 
 pytestmark = [pytest.mark.live, pytest.mark.ros, pytest.mark.netns]
 
@@ -22,3 +23,22 @@ async def test_a_deep_history_stalls_in_the_mode_in_which_the_model_says_so(pres
     soon = [np.sum(flow.latency_ns < 500_000_000) / len(flow.fate) for flow in flows]
     assert played.radio.lost > 10
     assert [share < 0.5 for share in soon] == [stalls, stalls], soon
+
+
+async def test_chains_and_local_caches_run_on_ros2_as_in_the_model():
+    flow = {"source": "robot", "target": "station", "rate_hz": 100.0, "qos": QoSProfile(depth=10)}
+    flows = (
+        Flow(name="cached", change_s=0.1, cached=True, phase_s=1e-3, **flow),
+        Flow(name="hello", size_bytes=14, then="move", service_s=5e-3, **flow),
+        Flow(name="move", size_bytes=14, source="station", target="robot"),
+    )
+    calm = Medium(rate_bps=1e8, loss=0.0, overhead_s=50e-6)
+    scenario = Scenario(flows=flows, medium=calm, vendor=PRESETS["fast_dds_sync"], duration_s=1.0, drain_s=3.0)
+    async with live_hosts("robot", "station", ros="SYNCHRONOUS") as hosts:
+        played = await hosts.play(scenario, seed=3)
+    live = played.outcome.flows
+    assert [len(live[name].fate) for name in ("hello", "move")] == [100, 100]
+    assert 1 < len(live["cached"].fate) < 40, "what did not change is held back"
+    assert len(live["cached"].fate) + played.outcome.counts["held"] == 100
+    assert {name: one.loss for name, one in live.items()} == dict.fromkeys(live, 0.0)
+    assert (live["move"].published_ns >= live["hello"].published_ns + 5_000_000).all()

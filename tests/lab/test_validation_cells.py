@@ -2,7 +2,7 @@
 
 import asyncio
 from contextlib import ExitStack, asynccontextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,6 +14,7 @@ from made_logs import made_run
 from sfglab.arp.robots import DEPTHS
 from sfglab.lab.claims import load_claims
 from sfglab.lab.experiments import transmission
+from sfglab.lab.experiments.transmission import ros2
 from sfglab.lab.experiments.transmission.validation import (
     MODES,
     TABLE,
@@ -135,3 +136,28 @@ def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_is_left_out(tmp_
     assert len(written[-1]) == 2
     assert len(played) - before == 2 + 2 + 1 + 1, "what failed twice again, what was broken off, what is left"
     assert not list(tmp_path.iterdir()), "a finished run leaves no journal"
+
+
+def test_cells_on_real_fast_dds_are_few_in_quick_and_slowed_where_python_is_too_slow(tmp_path):
+    quick, paper = (ros2.ros_cells(transmission.exp.config(profile)) for profile in ("quick", "paper"))
+    assert len(quick) <= 12
+    assert {cell.preset for cell in quick} == {"fast_dds_sync", "fast_dds_async"}
+    assert {(c.point.rate_max_hz, c.slowed) for c in paper} == {
+        (100, 1),
+        (100, 2),
+        (200, 2),
+        (500, 5),
+        (1000, 10),
+    }
+    cell = next(cell for cell in paper if cell.slowed == 10)
+    fast, slow = replace(cell, slowed=1.0).scenario(0), cell.scenario(0)
+    assert [flow.rate_hz for flow in slow.flows] == pytest.approx([flow.rate_hz / 10 for flow in fast.flows])
+    assert slow.medium.airtime_ns(100, 1) == pytest.approx(10 * fast.medium.airtime_ns(100, 1), rel=1e-6)
+    row = {"group": "hello", "preset": cell.preset, "slowed": 10.0, "p50_live_ms": 30.0, "p50_model_ms": 20.0}
+    rows = [
+        row | {"kept_up": kept, "loss_live": loss} for kept, loss in ((True, 0.2), (True, 0.3), (False, 0.9))
+    ]
+    run = made_run(transmission.exp, tmp_path / "made.mcap", {"ros2": rows})
+    [line] = transmission.on_ros2(run).to_dict("records")
+    assert (line["played"], line["kept"], line["loss_live"]) == (3, 2, pytest.approx(0.25))
+    assert (line["p50_live_ms"], line["p50_model_ms"]) == (3.0, 2.0)

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message, serialize_message
@@ -84,15 +85,19 @@ class Peer:
         self.publishers: dict[str, Any] = {}
         self.flows: dict[str, dict[str, Any]] = {}
         self.received: dict[str, list[tuple[int, int]]] = {}
+        self.written: dict[str, list[tuple[int, int]]] = {}
+        self.free_ns: Counter[str] = Counter()
+        self.seed = 0
         self.warm = False
         self.counts: Counter[str] = Counter()
         self.thread = threading.Thread(target=self.spin)
         self.thread.start()
 
     def spin(self) -> None:
-        """Work until the context is shut down."""
-        with suppress(ExternalShutdownException):
-            self.executor.spin()
+        """Work until the context is shut down, also while what is waited for is destroyed."""
+        while rclpy.ok():
+            with suppress(ExternalShutdownException, InvalidHandle):
+                self.executor.spin()
 
     def end(self) -> None:
         """End in order: a participant that is killed leaves its shared memory behind."""
@@ -214,8 +219,9 @@ class Peer:
         nodes = [ns.rstrip("/") + "/" + name for name, ns in self.node.get_node_names_and_namespaces()]
         report("graph", nodes=nodes, ends=ends)
 
-    def open(self, flows: list[dict[str, Any]], **_seed: Any) -> None:
-        """Make the ends of flows, and wait for the other ones."""
+    def open(self, flows: list[dict[str, Any]], seed: int = 0) -> None:
+        """Make the ends of flows, and wait for the other ones; the seed is that of the sensors' changes."""
+        self.seed = seed
         here, kind = self.node.get_name(), interface("std_msgs/msg/String")
         self.flows = {flow["name"]: flow for flow in flows}
         for name, flow in self.flows.items():
@@ -232,7 +238,8 @@ class Peer:
             time.sleep(0.01)
         while not all(publisher.get_subscription_count() for publisher in self.publishers.values()):
             time.sleep(0.01)
-        for name, publisher in self.publishers.items() if not self.warm else ():
+        self.written = {name: [] for name in self.publishers}
+        for name, publisher in list(self.publishers.items())[: not self.warm]:
             for _ in range(_WARM):
                 publisher.publish(sample_of(-1, self.flows[name]["size_bytes"]))
                 time.sleep(2e-4)
@@ -240,40 +247,67 @@ class Peer:
         report("matched")
 
     def hearing(self, name: str) -> Any:
-        """Return what notes a flow's samples."""
-        received = self.received[name] = []
-        return lambda cdr: received.append((int(cdr[8:-1]), time.time_ns()))
+        """Return what notes a flow's samples when its executor, whose time is a schedule, is done with them."""
+        flow, received = self.flows[name], self.received.setdefault(name, [])
+        executor, then, cost_ns = flow["executor"] or name, flow["then"], round(flow["service_s"] * 1e9)
+
+        def heard(cdr: bytes) -> None:
+            now_ns, value = time.time_ns(), int(cdr[8 : 7 + int.from_bytes(cdr[4:8], "little")])
+            if value <= 0:
+                return
+            done_ns = self.free_ns[executor] = max(self.free_ns[executor], now_ns) + cost_ns
+            received.append((value, done_ns))
+            if then:
+                time.sleep(max(0, done_ns - time.time_ns()) / 1e9)
+                self.send(then, value)
+
+        return heard
+
+    def send(self, name: str, value: int) -> None:
+        """Publish a sample of a flow."""
+        self.written[name].append((time.time_ns(), value))
+        self.publishers[name].publish(sample_of(value, self.flows[name]["size_bytes"]))
+
+    def agenda(self, name: str, start_ns: int, last_ns: int) -> list[int]:
+        """Return when a flow's sensor is read, without what its local cache holds back as nothing changed."""
+        flow = self.flows[name]
+        if not flow["rate_hz"]:
+            return []  # a chain's
+        first_ns = start_ns + round(flow["phase_s"] * 1e9)
+        dues: Any = np.arange(first_ns, last_ns, round(1e9 / flow["rate_hz"]))
+        if not flow["cached"] or not flow["change_s"]:
+            return list(map(int, dues))
+        random = np.random.default_rng([self.seed, *name.encode()])
+        most = 20 + round(2 * (last_ns - first_ns) / 1e9 / flow["change_s"])
+        changes = first_ns + np.cumsum(random.exponential(flow["change_s"] * 1e9, most))
+        return list(map(int, dues[np.diff(np.searchsorted(changes, dues), prepend=-1) > 0]))
 
     def play(self, start_ns: int, duration_s: float, drain_s: float, result: str) -> None:
         """Publish on schedule, wait for what comes later, and write both down."""
-        last_ns, agenda = start_ns + round(duration_s * 1e9), []
+        last_ns, agenda, held = start_ns + round(duration_s * 1e9), [], 0
         for name in self.publishers:
-            first_ns = start_ns + round(self.flows[name]["phase_s"] * 1e9)
-            dues = range(first_ns, last_ns, round(1e9 / self.flows[name]["rate_hz"]))
+            dues = self.agenda(name, start_ns, last_ns)
+            held += round(duration_s * self.flows[name]["rate_hz"]) - len(dues)
             agenda += [(due_ns, value, name) for value, due_ns in enumerate(dues, 1)]
-        columns: dict[str, list[int]] = {
-            f"{name} written {c}": [] for name in self.publishers for c in ("sent_ns", "value")
-        }
         # Who only hears looks at the time instead: how late shows whether it could hear in time.
         agenda = agenda or [(due_ns, 0, "") for due_ns in range(start_ns, last_ns, 5_000_000)]
         late_ns = []
         for due_ns, value, name in sorted(agenda):
             time.sleep(max(0, due_ns - time.time_ns()) / 1e9)
-            now_ns = time.time_ns()
-            late_ns.append(now_ns - due_ns)
-            if not name:
-                continue
-            self.publishers[name].publish(sample_of(value, self.flows[name]["size_bytes"]))
-            columns[f"{name} written sent_ns"].append(now_ns)
-            columns[f"{name} written value"].append(value)
+            late_ns.append(time.time_ns() - due_ns)
+            if name:
+                self.send(name, value)
         time.sleep(max(0, last_ns + round(drain_s * 1e9) - time.time_ns()) / 1e9)
-        for name, rows in self.received.items():
-            columns[f"{name} received value"] = [value for value, _ in rows if value > 0]
-            columns[f"{name} received done_ns"] = [done_ns for value, done_ns in rows if value > 0]
-        arrays: dict[str, Any] = {name: np.array(column, np.int64) for name, column in columns.items()}
+        tables = {"written sent_ns": (self.written, 0), "written value": (self.written, 1)}
+        tables |= {"received value": (self.received, 0), "received done_ns": (self.received, 1)}
+        arrays: dict[str, Any] = {
+            f"{name} {column}": np.array([row[place] for row in rows], np.int64)
+            for column, (of_flows, place) in tables.items()
+            for name, rows in of_flows.items()
+        }
         np.savez(result, **arrays)
         late_s = sorted(late_ns)[len(late_ns) * 95 // 100] / 1e9
-        report("done", late_p95_s=late_s, held=0, compared=0, refused=0)
+        report("done", late_p95_s=late_s, held=held, compared=0, refused=0)
 
     def close(self) -> None:
         """Take the ends of flows away."""
@@ -281,7 +315,8 @@ class Peer:
             self.node.destroy_publisher(publisher)
         for subscription in self.kept:
             self.node.destroy_subscription(subscription)
-        self.publishers, self.kept, self.received = {}, [], {}
+        self.publishers, self.kept, self.received, self.written = {}, [], {}, {}
+        self.free_ns.clear()
         report("closed")
 
     def start(self, fleet: list[str], talkers: int, listeners: int, *, composed: bool) -> None:

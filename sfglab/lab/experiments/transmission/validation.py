@@ -207,10 +207,10 @@ _MEASURED = ("loss_live", "loss_model", "p50_live_ms", "p50_model_ms")
 
 
 @derived
-def played(run: Run[Config]) -> pd.DataFrame:
+def played(run: Run[Config], table: str = TABLE) -> pd.DataFrame:
     """Return what was played: a run's own rows, else those that are committed."""
-    rows, committed = beside(exp, run, TABLE), find_project().reference_logs / f"{exp.name}_{PART}.mcap"
-    return exp.load(committed)[TABLE] if rows.empty and committed.is_file() else rows
+    rows, committed = beside(exp, run, table), find_project().reference_logs / f"{exp.name}_{PART}.mcap"
+    return exp.load(committed)[table] if rows.empty and committed.is_file() else rows
 
 
 @derived
