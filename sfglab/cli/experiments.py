@@ -96,13 +96,20 @@ def figures() -> None:
 
 def claims(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    verbose: Annotated[
+        bool, typer.Option(help="Say of each what it is judged by, and where it is from.")
+    ] = False,
 ) -> None:
     """Print the ledger: what the papers said, what we measured, and the verdict."""
-    from sfglab.lab.claims import render
+    from sfglab.lab.claims import render, render_in_full
     from sfglab.lab.ledger import compute_ledger
 
     entries = compute_ledger(find_project())
-    typer.echo(json.dumps([e.as_json() for e in entries], indent=2) if as_json else render(entries))
+    typer.echo(
+        json.dumps([e.as_json() for e in entries], indent=2)
+        if as_json
+        else (render_in_full if verbose else render)(entries)
+    )
 
 
 def show_log(

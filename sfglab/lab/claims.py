@@ -18,7 +18,7 @@ from sfglab.lab.stats import Estimate  # noqa: TC001 - the same
 from sfglab.tables import Shown, columns, html_table
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
 
@@ -111,6 +111,7 @@ class Entry:
     verdict: Verdict
     measured: Measured | None = None
     log: str = ""
+    origin: str = ""  #: Machine, load, versions and commit of the log.
 
     @property
     def reason(self) -> str:
@@ -151,6 +152,7 @@ class Entry:
             "under": {name: str(estimate) for name, estimate in m.under.items()} if m else {},
             "details": dict(m.details) if m else {},
             "log": self.log or None,
+            "origin": self.origin or None,
         }
 
 
@@ -243,6 +245,32 @@ def _row(entry: Entry) -> tuple[str, ...]:
     return c.id, paper, ours, c.unit, m.how.value if m else "", entry.verdict.value
 
 
-def entry_for(claim: Claim, measured: Measured | None, *, log: str = "") -> Entry:
+def render_in_full(entries: Sequence[Entry]) -> str:
+    """Return the ledger as paragraphs: of each claim statement, verdict and reason, further figures, origin."""
+    return "\n\n".join("\n  ".join(_paragraph(entry)) for entry in entries)
+
+
+def _paragraph(entry: Entry) -> Iterator[str]:
+    name, paper, ours, unit, how, verdict = _row(entry)
+    yield f"{name}: {verdict}" + (f", {how}" if how else "")
+    yield f"{entry.claim.where}: {entry.claim.says}"
+    yield f"paper {paper or 'without a number'}, ours {ours or 'none'} {unit}; band {_band(entry.claim.band)}"
+    if entry.reason:
+        yield f"why: {entry.reason}"
+    m = entry.measured
+    if m is None:
+        return
+    yield from (f"{k}: {v:.3g}; band {_band(entry.claim.ends[k])}" for k, v in m.ends.items())
+    yield from (f"{key}: {value}" for key, value in {**m.under, **m.details}.items())
+    yield f"log: {entry.log}; {entry.origin}"
+
+
+def _band(band: tuple[float, float]) -> str:
+    return f"{band[0]:g} to {band[1]:g}"
+
+
+def entry_for(claim: Claim, measured: Measured | None, *, log: str = "", origin: str = "") -> Entry:
     """Join a claim with our figure and judge it."""
-    return Entry(claim=claim, verdict=judge(claim, measured), measured=measured, log=log if measured else "")
+    if measured is None:
+        log = origin = ""
+    return Entry(claim=claim, verdict=judge(claim, measured), measured=measured, log=log, origin=origin)

@@ -485,7 +485,3 @@ class Experiment(Generic[C]):
         """Draw every figure that a run has, by name."""
         run = log if isinstance(log, Run) else self.load(log)
         return {name: self.draw(name, run) for name, d in self._drawings.items() if d.when(run)}
-
-    def measure_claims(self, log: Path) -> dict[str, Measured]:
-        """Return our figures for the claims that a log answers, by claim."""
-        return self.measure(self.load(log))

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
 from sfglab.lab.claims import Ledger, Measured, entry_for, load_claims
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.figures import file_sha256, save_figure
+from sfglab.lab.findings import Findings, kept_findings
 from sfglab.lab.runs import Run, Standing, standing
 from sfglab.record import LogReader
 
@@ -68,22 +70,49 @@ def compute_ledger(project: Project, *, profile: str | None = None) -> Ledger:
 
     A log that cannot be read costs the claims of its experiment only; it is said aloud.
     """
-    measured: dict[str, tuple[Measured, str]] = {}
-    for name in EXPERIMENTS:
+    measured: dict[str, tuple[Measured, str, str]] = {}
+    kept = kept_findings(project)
+    claims = load_claims(project.claims)
+    for name in dict.fromkeys(claim.experiment for claim in claims if claim.experiment):
         log = find_log(project, name, profile=profile)
         if log is None:
             continue
         try:
-            found = experiment(name).measure_claims(log)
+            found = kept.of(name, log, partial(_findings, name, log))
         except (SfglabError, KeyError) as error:
             _LOG.warning("claims: %s: %s", project.relative(log), error)
             continue
-        measured |= {claim: (figure, project.relative(log)) for claim, figure in found.items()}
+        log_name = project.relative(log)
+        measured |= {claim: (figure, log_name, found.origin) for claim, figure in found.measured.items()}
     entries = Ledger()
-    for claim in load_claims(project.claims):
-        figure, log_name = measured.get(claim.id, (None, ""))
-        entries.append(entry_for(claim, figure, log=log_name))
+    for claim in claims:
+        figure, log_name, origin = measured.get(claim.id, (None, "", ""))
+        entries.append(entry_for(claim, figure, log=log_name, origin=origin))
     return entries
+
+
+def _findings(name: str, log: Path) -> Findings:
+    run = experiment(name).load(log)
+    return Findings(measured=experiment(name).measure(run), origin=_circumstances(run))
+
+
+def _circumstances(run: Run[Any]) -> str:
+    """Return machine, load while measured, versions and commit, as far as a log has them."""
+    said = run.metadata("run")
+    machine, source = said.get("machine", {}), said.get("source", {})
+    rows = experiment(run.experiment).tables
+    loads = [run[table]["load"].median() for table in rows if "load" in rows[table].__dataclass_fields__]
+    versions = {"sfglab": said.get("sfglab"), "Python": said.get("python"), **said.get("libraries", {})}
+    changed = "" if source.get("git_clean") else " with changes"
+    parts = (
+        f"{machine['cpu']}, {machine['usable_cores']} of {machine['cores']} cores, {machine['kernel']}"
+        if machine
+        else "machine not in the log",
+        f"load {max(loads):.1f}" if loads else "load not in the log",
+        ", ".join(f"{name} {version}" for name, version in versions.items() if version),
+        f"commit {source['git_commit'][:12]}{changed}" if source else "commit not in the log",
+    )
+    return "; ".join(filter(None, parts))
 
 
 def entries_of(project: Project, run: Run[Any]) -> Ledger:

@@ -2,19 +2,24 @@
 
 import asyncio
 import json
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from sfglab.lab.claims import Verdict
 from sfglab.lab.experiments.naming import exp
+from sfglab.lab.findings import Findings, kept_findings
 from sfglab.lab.ledger import compute_ledger, find_log, redraw_figures
 from sfglab.lab.paths import Project
 from sfglab.lab.runs import COMPLETION, new_log
 from sfglab.record import LogWriter
 
 LEDGER = Path(__file__).parents[2] / "data" / "claims.yaml"
+PACKAGE = Path(__file__).parents[2] / "sfglab"
 
 
 @pytest.fixture
@@ -73,6 +78,45 @@ def test_figures_and_verdicts_come_from_the_log_alone(project):
     assert [p.read_bytes() for p in redraw_figures(project)["naming"]] == before, "deterministic"
     twin = json.loads(next(p for p in files if p.suffix == ".json").read_text())
     assert {"experiment", "config", "log", "log_sha256", "run", "shown"} <= set(twin)
+
+
+def claims_by(package: Path, root: Path) -> dict:
+    """Return the ledger as the command prints it, by a package that lies elsewhere."""
+    environment = os.environ | {"PYTHONPATH": str(package), "SFGLAB_ROOT": str(root)}
+    command = [sys.executable, "-P", "-m", "sfglab", "claims", "--json"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=60)
+    return {entry["id"]: entry for entry in json.loads(done.stdout)}
+
+
+def replace(file: Path, old: str, new: str) -> None:
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+
+
+def test_kept_findings_follow_log_claims_and_source_and_a_broken_file_is_as_none(project, tmp_path):
+    shutil.copytree(PACKAGE, tmp_path / "sfglab", ignore=shutil.ignore_patterns("__pycache__"))
+    log, file = project.reference_logs / "naming.mcap", project.runs / "cache" / "naming.json"
+    shutil.copy(LEDGER.parent / "reference" / "naming.mcap", log)
+    first = claims_by(tmp_path, tmp_path)["A-FQN"]
+    assert first["verdict"] == "reproduced"
+    assert "cores" in first["origin"]
+    kept = json.loads(file.read_text())
+    empty, others = Findings(measured={}, origin=""), {"key": kept["key"], "sum": "", "findings": "{}"}
+    of = kept_findings(project).of
+    assert list(of("naming", log, lambda: 1 / 0).measured) == ["A-FQN"], "it is read: the package is the same"
+    for broken in (file.read_text()[:50], "[]", json.dumps(others)):
+        file.write_text(broken)
+        assert of("naming", log, lambda: empty) is empty
+    replace(project.claims, "unit: share of names that hold", "unit: share of all names that hold")
+    assert claims_by(tmp_path, tmp_path)["A-FQN"]["unit"] == "share of all names that hold"
+    replace(project.claims, "band: [1, 1]\n  experiment: naming", "band: [2, 2]\n  experiment: naming")
+    assert claims_by(tmp_path, tmp_path)["A-FQN"]["verdict"] == "deviates"
+    naming = tmp_path / "sfglab" / "lab" / "experiments" / "naming.py"
+    naming.write_text(naming.read_text() + "\nexp._claims['A-FQN'] = (lambda run: None, How.EXACT)\n")
+    assert claims_by(tmp_path, tmp_path)["A-FQN"]["verdict"] == "not yet"
+    log.write_bytes(b"no log")
+    assert claims_by(tmp_path, tmp_path)["A-FQN"]["verdict"] == "not yet"
 
 
 def test_an_unreadable_log_costs_its_own_claims_only_and_is_named(project, caplog):

@@ -1,0 +1,81 @@
+"""Findings kept from one call to the next: what a log gave, under the hash of all that it hangs on.
+
+That is the log, the claims file and the other small inputs, every file of the package, and the versions of
+Python and of the libraries that compute. A change of any of them is another hash, so that nothing goes stale;
+verdicts are judged anew each time. Files lie in ``runs/cache``, which is not committed; a broken one, or one of
+another hash, is as none.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sfglab.errors import SfglabError
+from sfglab.fields import from_json, to_json
+from sfglab.lab.claims import Measured  # noqa: TC001 - fields are typed at run time
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.lab.paths import Project
+
+_PACKAGE = Path(__file__).parents[1]
+_LIBRARIES = ("numpy", "pandas", "scipy", "mcap")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Findings:
+    """What one log gives."""
+
+    measured: dict[str, Measured]  #: Our figures, by claim.
+    origin: str  #: Machine, load while measured, versions and commit, as far as the log has them.
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """The findings of a project's logs that are kept."""
+
+    project: Project  #: Whose logs.
+    basis: bytes  #: Hash of everything but the log.
+
+    def of(self, name: str, log: Path, make: Callable[[], Findings]) -> Findings:
+        """Return an experiment's findings from a log: those that are kept, else `make`'s, kept from then on."""
+        file = self.project.runs / "cache" / f"{name}.json"
+        key = hashlib.sha256(self.basis + log.read_bytes()).hexdigest()
+        with suppress(OSError, ValueError, LookupError, TypeError, AttributeError, SfglabError):
+            kept = json.loads(file.read_text())
+            if kept["key"] == key and kept["sum"] == _sum(kept["findings"]):
+                found: Findings = from_json(Findings, json.loads(kept["findings"]))
+                return found
+        found = make()
+        with suppress(OSError):  # a folder that cannot be written costs time only
+            file.parent.mkdir(parents=True, exist_ok=True)
+            part = file.with_suffix(".part")
+            text = json.dumps(to_json(found))
+            part.write_text(json.dumps({"key": key, "sum": _sum(text), "findings": text}))
+            part.replace(file)
+        return found
+
+
+def _sum(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def kept_findings(project: Project) -> Kept:
+    """Return the findings that a project keeps, for the code and the inputs as they are now."""
+    digest = hashlib.sha256(sys.version.encode())
+    for library in _LIBRARIES:
+        digest.update(f"{library} {metadata.version(library)}\n".encode())
+    inputs = [f for f in project.data.rglob("*") if project.reference_logs not in f.parents]
+    for file in sorted([*inputs, *_PACKAGE.rglob("*")]):
+        if file.is_file() and "__pycache__" not in file.parts:
+            content = hashlib.sha256(file.read_bytes()).digest()
+            digest.update(file.name.encode() + b"\0" + content)
+    return Kept(project, digest.digest())
