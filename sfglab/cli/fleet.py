@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from sfglab.cli.interfaces import Interfaces
-from sfglab.component import run
+from sfglab.component import run, run_until_interrupted
 
 if TYPE_CHECKING:
     from sfglab.fleet.agent.plan import AgentConfig
@@ -137,8 +138,6 @@ def agent_up(
 
       sfglab agent up --domain 7 --without router   # beside a DDS Router of your own
     """
-    from dataclasses import replace
-
     from sfglab.fleet.agent import plan
     from sfglab.fleet.agent.app import serve_agent
 
@@ -168,8 +167,6 @@ def router(
 
       sfglab router --fleet data/fleets/lab.yaml --agent go2
     """
-    from dataclasses import replace
-
     from sfglab.fleet.agent.plan import router_config
     from sfglab.fleet.router.node import serve_terminal
 
@@ -189,8 +186,6 @@ def _agent_config(
     agent: str | None, fleet: Path | None, local: _Side, remote: _Side, offers: bool | None
 ) -> AgentConfig:
     """Return an agent as the command line and the fleet file describe it; sides are domain and interface."""
-    from dataclasses import replace
-
     from sfglab.fleet.agent.plan import SideOptions, config_from_options
     from sfglab.fleet.fleet_file import load_fleet
     from sfglab.names import default_agent
@@ -265,7 +260,6 @@ def camera(
       sfglab camera /global/go2/camera_front/color/ffmpeg --source drive.mp4
     """
     from sfglab.bus.address import BusAddress
-    from sfglab.component import run_until_interrupted
     from sfglab.lab.workers.camera import CameraConfig, run_camera
 
     config = CameraConfig(

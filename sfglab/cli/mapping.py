@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from enum import StrEnum
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sfglab.errors import SfglabError
+from sfglab.errors import MissingExtraError, SfglabError
 from sfglab.tables import columns
 from sfglab.units import NS_PER_MS
 
@@ -105,8 +107,6 @@ def qos(
 
       sfglab qos data/qos/warehouse.yaml --format cyclone --out config
     """
-    from dataclasses import replace
-
     from sfglab.arp import load_topics
     from sfglab.arp.exports import EXPORTS
     from sfglab.rtps import PRESETS
@@ -288,8 +288,6 @@ def _mapped(graph: Graph, rule: _Rule | None) -> CommunicationMapping:
 
 
 def _placed(graph: Graph, lut: int | None, bram: float | None) -> CommunicationMapping:
-    from dataclasses import replace
-
     from sfglab.soc import ZCU104, TopicMapping, map_communication, place_nodes
 
     platform = replace(
@@ -359,9 +357,6 @@ def _write_build_cfg(graph: Graph, path: Path) -> None:
 
 def _write_verilog(graph: Graph, folder: Path) -> None:
     """Write one module for each number of hardware subscribers."""
-    from importlib.util import find_spec
-
-    from sfglab.errors import MissingExtraError
     from sfglab.soc import TopicMapping
 
     if find_spec("amaranth") is None:

@@ -24,7 +24,7 @@ from sfglab.lab.checks.fleet_scene import (
 from sfglab.lab.checks.recordings import Shown, check_sources, check_visualizers, read_recording
 from sfglab.lab.checks.synchronisation import Cloud, check_clouds
 from sfglab.lab.experiments.visualisation import checks, exp
-from sfglab.lab.experiments.visualisation.analysis import check_memory
+from sfglab.lab.experiments.visualisation.experiment import check_memory
 from sfglab.lab.experiments.visualisation.stage import BOUND_BYTES
 from sfglab.view import Latest
 from sfglab.view.session import BUILT_IN

@@ -25,7 +25,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
-from sfglab.bus.api import EndpointEvent, EndpointKind
+from sfglab.bus.api import EndpointEvent, EndpointKind, host_id
 from sfglab.bus.parameters import Parameters, Way
 from sfglab.component import Report, is_set_before, run_component, run_until_interrupted
 from sfglab.errors import InvalidValueError, SfglabError
@@ -274,7 +274,6 @@ async def run_router(config: RouterConfig, report: Callable[[Report], None]) -> 
         BusError: A domain cannot be joined.
     """
     from sfglab.bus import Node
-    from sfglab.bus.api import host_id
 
     def tell(status: RouterStatus) -> None:
         report({"is": "status", **asdict(status)})

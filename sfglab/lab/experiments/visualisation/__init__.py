@@ -6,7 +6,6 @@ plugins, synchronisation and points are run. What the bridge adds to a picture's
 own call, and what waits is watched while the sink stands still.
 """
 
-from sfglab.lab.experiments.visualisation.analysis import added_ms, checks, latency_table
-from sfglab.lab.experiments.visualisation.experiment import exp
+from sfglab.lab.experiments.visualisation.experiment import added_ms, checks, exp, latency_table
 
 __all__ = ["added_ms", "checks", "exp", "latency_table"]
