@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
     import pandas as pd
@@ -86,6 +86,16 @@ def house_style() -> Iterator[None]:
 
     with mpl.rc_context(_RC):
         yield
+
+
+def drawn(size: tuple[float, float], draw: Callable[..., object], *args: Any) -> Figure:
+    """Return a figure of a size, inches, into which a function has drawn in the project's style."""
+    from matplotlib.figure import Figure
+
+    with house_style():
+        figure = Figure(figsize=size)
+        draw(figure, *args)
+    return figure
 
 
 def save_figure(figure: Figure, stem: Path, twin: Mapping[str, Any]) -> list[Path]:

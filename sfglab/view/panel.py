@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import InvalidValueError
 from sfglab.qos import Durability, QoSProfile, Reliability
 from sfglab.view.session import Change, Changed, Display, Session, available
-from sfglab.view.widgets import refusal_html, widgets
+from sfglab.view.widgets import attempt, button, widgets
 
 if TYPE_CHECKING:
     from sfglab.view.visualizer import Parameter
@@ -73,9 +74,8 @@ class Panel:
     def _adding(self) -> Any:
         kinds = self._kit.Dropdown(options=sorted(available().kinds), description="visualizer")
         topic = self._kit.Combobox(description="topic", options=sorted(self._topics()))
-        button = self._kit.Button(description="Add")
-        button.on_click(lambda _: self._try(lambda: self._add(kinds.value, topic.value)))
-        return self._kit.HBox([kinds, topic, button])
+        add = button("Add", lambda: attempt(lambda: self._add(kinds.value, topic.value), self._said))
+        return self._kit.HBox([kinds, topic, add])
 
     def _add(self, kind: str, topic: str) -> None:
         """Add what the session offers for a topic, partners included; else the topic alone."""
@@ -98,8 +98,7 @@ class Panel:
         self._follow(on, lambda value: self._session.enable(id_, enabled=value))
         rate = self._kit.FloatText(value=display.slot.budget.max_hz or 0.0, description="Hz (0: all)")
         self._follow(rate, lambda value: self._session.limit(id_, value or None))
-        remove = self._kit.Button(description="Remove")
-        remove.on_click(lambda _: self._try(lambda: self._session.remove(id_)))
+        remove = button("Remove", lambda: attempt(lambda: self._session.remove(id_), self._said))
         self._states[id_] = self._kit.Label()
         tuned = [self._parameter(display, parameter) for parameter in display.visualizer.parameters]
         requests = [self._request(id_, given.role, qos) for given, _, qos in display.inputs]
@@ -124,13 +123,8 @@ class Panel:
 
     def _request(self, id_: str, role: str, qos: QoSProfile) -> Any:
         """Return the QoS of one input: whether lost messages are repaired, and whether the past is wanted."""
-        profiles = {
-            f"{reliability.value}, {durability.value}": replace(
-                qos, reliability=reliability, durability=durability
-            )
-            for reliability in Reliability
-            for durability in Durability
-        }
+        pairs = product(Reliability, Durability)
+        profiles = {f"{r.value}, {d.value}": replace(qos, reliability=r, durability=d) for r, d in pairs}
         label = f"{qos.reliability.value}, {qos.durability.value}"
         made = self._kit.Dropdown(options=tuple(profiles), value=label, description=f"QoS {role}")
         self._follow(made, lambda new: self._session.rewire(id_, qos={role: profiles[new]}))
@@ -140,19 +134,9 @@ class Panel:
         """Pass a widget's new values on; one that is refused is taken back."""
 
         def changed(change: Any) -> None:
-            if not self._try(lambda: apply(change["new"])):
+            if not attempt(lambda: apply(change["new"]), self._said):
                 widget.unobserve(changed, "value")
                 widget.value = change["old"]
                 widget.observe(changed, "value")
 
         widget.observe(changed, "value")
-
-    def _try(self, action: Callable[[], object]) -> bool:
-        """Do something, and say what the session refuses."""
-        try:
-            action()
-        except InvalidValueError as error:
-            self._said.value = refusal_html(str(error))
-            return False
-        self._said.value = ""
-        return True

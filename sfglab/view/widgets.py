@@ -11,10 +11,10 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import MissingExtraError
+from sfglab.errors import MissingExtraError, SfglabError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
 
@@ -47,6 +47,24 @@ def front_end(module: Path, traits: Mapping[str, str]) -> Any:
     members = {name: getattr(traitlets, kind)().tag(sync=True) for name, kind in traits.items()}
     members["_esm"] = module.read_text("utf-8")
     return type(f"{module.stem.title()}Widget", (anywidget.AnyWidget,), members)
+
+
+def button(label: str, action: Callable[[], object], tooltip: str = "") -> Any:
+    """Return a button as wide as its label, and what it does."""
+    made = widgets().Button(description=label, tooltip=tooltip, layout={"width": "auto"})
+    made.on_click(lambda _: action())
+    return made
+
+
+def attempt(action: Callable[[], object], said: Any) -> bool:
+    """Do something, and say in an HTML widget what is refused; return whether nothing was."""
+    try:
+        action()
+    except SfglabError as error:
+        said.value = refusal_html(str(error))
+        return False
+    said.value = ""
+    return True
 
 
 def refusal_html(text: str) -> str:

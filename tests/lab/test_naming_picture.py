@@ -4,6 +4,7 @@ import pytest
 
 from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy
 from sfglab.lab.experiments import naming
+from sfglab.lab.figures import drawn
 from sfglab.names import ResourceKind, dds_names, parse
 
 pytest.importorskip("anywidget")
@@ -17,7 +18,7 @@ NAMES = {
 
 
 def said(picture):
-    figure = picture._drawn()
+    figure = drawn(picture._size, picture._draw)
     texts = [text for axes in figure.axes for text in axes.texts]
     decided = {text.get_text() for text in texts if text.get_weight() == "bold"}
     return (

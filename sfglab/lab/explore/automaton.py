@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from sfglab.lab.explore.press import Pressed
 from sfglab.lab.figures import COLORS
 from sfglab.machine import step
-from sfglab.view.widgets import widgets
+from sfglab.view.widgets import button, widgets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -88,7 +88,7 @@ class Automaton(Pressed):
         kit = widgets()
         self.choice = kit.Dropdown(options=list(self._runs), description="run")
         self.at = kit.IntSlider(max=0, description="step", layout={"width": "30em"})
-        self.back = kit.Button(description="Back", tooltip="As it was before", layout={"width": "auto"})
+        self.back = button("Back", lambda: self.answer(self._undo), "As it was before")
         self._news = kit.HTML()
         self._choose()
         self._tell()
@@ -101,7 +101,6 @@ class Automaton(Pressed):
         )
         self.choice.observe(lambda _: self.answer(self._choose), "value")
         self.at.observe(lambda _: self.answer(self._replay), "value")
-        self.back.on_click(lambda _: self.answer(self._undo))
 
     @property
     def moment(self) -> Moment:

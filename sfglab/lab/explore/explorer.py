@@ -22,7 +22,7 @@ from sfglab.lab.explore.form import Form
 from sfglab.lab.explore.press import still_bundle
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import new_log, unfinished_of
-from sfglab.view.widgets import widgets
+from sfglab.view.widgets import button, widgets
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -105,7 +105,14 @@ class Explorer:
         self._code = self._kit.Textarea(layout={"width": "40em", "display": "none"}, rows=3)
         self._state = self._kit.HTML()
         self._bar = self._kit.IntProgress(layout={"display": "none"})
-        self._buttons = self._made_buttons()
+        self._buttons = {
+            "reset": button("Reset", self.form.reset, "Every field as in the beginning"),
+            "code": button("Copy as code", self._show_code, "The call that repeats this"),
+            "keep": button("Keep", self.keep, "Write a log of this into runs/, marked as explored"),
+            "all": button("Run all", self.run_all, "Run everything with these settings, live parts too"),
+            "stop": button("Stop", self.stop, "Stop what runs; nothing of it is kept"),
+        }
+        self._buttons["stop"].disabled = True
         self.widget = self._arranged()
         self._worker = Worker(Task(experiment=exp.name), self._take)
         self._ask()
@@ -212,25 +219,10 @@ class Explorer:
         self._bar.layout.display, self._bar.value = "" if busy else "none", 0
         if busy:
             self._state.value = "starting"
-        for name, button in self._buttons.items():
-            button.disabled = busy != (name == "stop")
+        for name, made in self._buttons.items():
+            made.disabled = busy != (name == "stop")
 
     # How it looks.
-
-    def _made_buttons(self) -> dict[str, Any]:
-        actions = {
-            "reset": ("Reset", "Every field as in the beginning", self.form.reset),
-            "code": ("Copy as code", "The call that repeats this", self._show_code),
-            "keep": ("Keep", "Write a log of this into runs/, marked as explored", self.keep),
-            "all": ("Run all", "Run the whole experiment with these settings, live parts too", self.run_all),
-            "stop": ("Stop", "Stop what runs; nothing of it is kept", self.stop),
-        }
-        made = {}
-        for name, (label, text, action) in actions.items():
-            made[name] = self._kit.Button(description=label, tooltip=text, layout={"width": "auto"})
-            made[name].on_click(lambda _, action=action: action())
-        made["stop"].disabled = True
-        return made
 
     def _show_code(self) -> None:
         self._code.value, self._code.layout.display = self.code(), ""

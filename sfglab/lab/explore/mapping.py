@@ -25,7 +25,7 @@ from sfglab.soc.mapping import (
     transfer_s,
 )
 from sfglab.soc.placement import Platform, assess, check_fixed, place_nodes, topic_load
-from sfglab.view.widgets import widgets
+from sfglab.view.widgets import button, widgets
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -64,10 +64,10 @@ class PressedMapping(Pressed):
         self._layout = layered_layout(graph)
         self._asked: dict[str, TopicMapping] = {}
         self.why = kit.HTML()
-        actions = {"Optimise": self.optimise, "Reset": lambda: self._set(self._begin)}
-        buttons = [kit.Button(description=label) for label in actions]
-        for button, action in zip(buttons, actions.values(), strict=True):
-            button.on_click(lambda _, action=action: self.answer(action))
+        buttons = [
+            button("Optimise", lambda: self.answer(self.optimise)),
+            button("Reset", lambda: self.answer(lambda: self._set(self._begin))),
+        ]
         most = platform.lut if platform else 0
         self.lut = kit.IntSlider(value=most, max=most, description="LUT", layout={"width": "30em"})
         self.lut.observe(lambda change: self.answer(lambda: self._limit(change["new"])), "value")

@@ -12,9 +12,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import SfglabError
-from sfglab.lab.figures import caption_of, few_colors, house_style, png_of
-from sfglab.view.widgets import front_end, refusal_html, widgets
+from sfglab.lab.figures import caption_of, drawn, few_colors, house_style, png_of
+from sfglab.view.widgets import attempt, front_end, widgets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -74,13 +73,8 @@ class Pressed:
 
     def answer(self, action: Callable[[], object]) -> None:
         """Do something that changes what is drawn, say what it refuses, and draw anew."""
-        try:
-            action()
-        except SfglabError as error:
-            self._said.value = refusal_html(str(error))
-            return
-        self._said.value = ""
-        self.redraw()
+        if attempt(action, self._said):
+            self.redraw()
 
     def redraw(self) -> None:
         """Draw the present state."""
@@ -94,15 +88,7 @@ class Pressed:
         return text
 
     def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
-        return still_bundle(self.widget, few_colors(png_of(self._drawn())), type(self))
-
-    def _drawn(self) -> Figure:
-        from matplotlib.figure import Figure
-
-        with house_style():
-            figure = Figure(figsize=self._size)
-            self._draw(figure)
-        return figure
+        return still_bundle(self.widget, few_colors(png_of(drawn(self._size, self._draw))), type(self))
 
     def _svg(self) -> str:
         import matplotlib as mpl
@@ -110,7 +96,7 @@ class Pressed:
         buffer = io.StringIO()
         # Text as text is small, and the page's fonts draw it.
         with house_style(), mpl.rc_context({"svg.fonttype": "none"}):
-            self._drawn().savefig(buffer, format="svg")
+            drawn(self._size, self._draw).savefig(buffer, format="svg")
         return "<svg" + buffer.getvalue().partition("<svg")[2]
 
 

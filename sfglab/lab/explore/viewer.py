@@ -19,7 +19,7 @@ from sfglab.bus.address import BusAddress
 from sfglab.component import beside, is_set_before
 from sfglab.errors import InvalidValueError
 from sfglab.lab.explore.press import still_bundle
-from sfglab.lab.figures import COLORS, house_style, png_of
+from sfglab.lab.figures import COLORS, drawn, png_of
 from sfglab.lab.testbed import held_domains
 from sfglab.units import NS_PER_S
 from sfglab.view.app import ViewOptions, report_of, session_for, view_log
@@ -30,7 +30,7 @@ from sfglab.view.panel import Panel
 from sfglab.view.rerunning import NOTEBOOK, RECEIVED, open_canvas
 from sfglab.view.session import Session
 from sfglab.view.stage import wanted_topics
-from sfglab.view.widgets import widgets
+from sfglab.view.widgets import button, widgets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Mapping, Sequence
@@ -82,7 +82,8 @@ class LogViewer:
     @cached_property
     def still(self) -> bytes:
         """Which topic has messages when, PNG."""
-        return png_of(_timeline(self._spoken, self.times_ns[0]))
+        size = 9.6, 1.0 + 0.26 * len(self._spoken)
+        return png_of(drawn(size, _draw_spoken, self._spoken, self.times_ns[0]))
 
     @cached_property
     def recording(self) -> bytes:
@@ -117,18 +118,13 @@ def _spoken(log: Path) -> dict[str, list[int]]:
     return dict(sorted(spoken.items(), reverse=True))
 
 
-def _timeline(spoken: Mapping[str, Sequence[int]], start_ns: int) -> Figure:
-    from matplotlib.figure import Figure
-
-    with house_style():
-        figure = Figure(figsize=(9.6, 1.0 + 0.26 * len(spoken)))
-        axes = figure.subplots()
-        times = [[(t - start_ns) / NS_PER_S for t in topic] for topic in spoken.values()]
-        axes.eventplot(times, colors=COLORS["proxy"], linelengths=0.7, linewidths=0.8)
-        axes.set_yticks(range(len(spoken)), [f"{topic} ({len(t)})" for topic, t in spoken.items()])
-        axes.set(xlabel="time (s)", title="What the recording holds: a line for each message")
-        axes.grid(visible=False, axis="y")
-    return figure
+def _draw_spoken(figure: Figure, spoken: Mapping[str, Sequence[int]], start_ns: int) -> None:
+    axes = figure.subplots()
+    times = [[(t - start_ns) / NS_PER_S for t in topic] for topic in spoken.values()]
+    axes.eventplot(times, colors=COLORS["proxy"], linelengths=0.7, linewidths=0.8)
+    axes.set_yticks(range(len(spoken)), [f"{topic} ({len(t)})" for topic, t in spoken.items()])
+    axes.set(xlabel="time (s)", title="What the recording holds: a line for each message")
+    axes.grid(visible=False, axis="y")
 
 
 class LiveView:
@@ -152,12 +148,13 @@ class LiveView:
         self.viewer = canvas.in_cell()
         self.bridge = Bridge(node, self.session, canvas, follow=("/",))
         self.panel = Panel(self.session, lambda: {t: k[0] for t, k in node.graph.topics().items() if k})
-        self.end = kit.Button(
-            description="End", tooltip="End what runs for this view; the viewer keeps what it has"
+        loop = asyncio.get_running_loop()
+        self.end = button(
+            "End",
+            lambda: asyncio.run_coroutine_threadsafe(self.close(), loop),
+            "End what runs for this view; the viewer keeps what it has",
         )
         self.widget = kit.VBox([self.end, self.panel.widget, self.viewer.widget])
-        loop = asyncio.get_running_loop()
-        self.end.on_click(lambda _: asyncio.run_coroutine_threadsafe(self.close(), loop))
         self._runs, self._shows = AsyncExitStack(), asyncio.Event()
 
     @classmethod
@@ -197,21 +194,16 @@ class LiveView:
             await asyncio.sleep(_PERIOD_S)
 
     def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
-        return still_bundle(self.widget, png_of(_counts(report_of(self.session))), _counts)
+        reports = report_of(self.session)
+        figure = drawn((9.6, 1.4 + 0.4 * len(reports)), _draw_counts, reports)
+        return still_bundle(self.widget, png_of(figure), _draw_counts)
 
 
-def _counts(reports: Sequence[Report]) -> Figure:
+def _draw_counts(figure: Figure, reports: Sequence[Report]) -> None:
     """Draw how many messages each display of a live domain has received and shown."""
-    from matplotlib.figure import Figure
-
-    with house_style():
-        figure = Figure(figsize=(9.6, 1.4 + 0.4 * len(reports)))
-        axes = figure.subplots()
-        names = [f"{report.display}\n{', '.join(report.topics)}" for report in reports]
-        axes.barh(names, [r.received for r in reports], 0.6, color=COLORS["network"], label="received")
-        axes.barh(names, [r.shown for r in reports], 0.3, color=COLORS["proxy"], label="shown")
-        axes.set(
-            xlabel="messages", title="Live: what the displays had when this cell was shown; run it to look"
-        )
-        figure.legend(loc="outside lower center", ncols=2, fontsize=8)
-    return figure
+    axes = figure.subplots()
+    names = [f"{report.display}\n{', '.join(report.topics)}" for report in reports]
+    axes.barh(names, [r.received for r in reports], 0.6, color=COLORS["network"], label="received")
+    axes.barh(names, [r.shown for r in reports], 0.3, color=COLORS["proxy"], label="shown")
+    axes.set(xlabel="messages", title="Live: what the displays had when this cell was shown; run it to look")
+    figure.legend(loc="outside lower center", ncols=2, fontsize=8)

@@ -24,7 +24,7 @@ from sfglab.fields import from_json
 from sfglab.lab.bench import Options, rows_of
 from sfglab.lab.experiments import experiment
 from sfglab.lab.explore.explorer import Task
-from sfglab.lab.figures import house_style, png_of
+from sfglab.lab.figures import drawn, png_of
 from sfglab.lab.progress import Step, progress_to
 
 if TYPE_CHECKING:
@@ -80,12 +80,7 @@ def _rows(exp: Experiment[C], one: Any, config: C, go_on: Callable[[], None]) ->
 
 def draw_look(exp: Experiment[C], look: str, run: Run[C]) -> Figure:
     """Draw a look of a preview."""
-    from matplotlib.figure import Figure
-
-    with house_style():
-        figure = Figure(figsize=exp.looks[look].size)
-        exp.looks[look].draw(figure, run)
-        return figure
+    return drawn(exp.looks[look].size, exp.looks[look].draw, run)
 
 
 async def serve(task: Task, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:

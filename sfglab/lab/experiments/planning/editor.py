@@ -5,16 +5,19 @@ What is edited is a copy below ``runs/``: the scenes of the repository stay as t
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.explore.press import still_bundle
-from sfglab.lab.figures import house_style, png_of
+from sfglab.lab.figures import drawn, png_of
 from sfglab.lab.paths import find_project
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene
 from sfglab.spatial.scene.objects import AgentObject
 from sfglab.view.planner.server import show_planner
 from sfglab.view.widgets import widgets
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _SIZE = (9.0, 5.6)
 
@@ -42,21 +45,15 @@ class SceneCell:
         return f"<scene editor: {self.planner.call(lambda editor: editor.scene.name)}>"
 
     def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
-        data, metadata = still_bundle(self.widget, self._still(), type(self))
+        data, metadata = still_bundle(self.widget, png_of(drawn(_SIZE, self._draw)), type(self))
         return data | {"text/plain": repr(self)}, metadata
 
-    def _still(self) -> bytes:
-        from matplotlib.figure import Figure
-
+    def _draw(self, figure: Figure) -> None:
         from sfglab.lab.experiments.planning.analysis import draw_from_above
 
-        scene = self.planner.call(lambda editor: editor.scene)
-        with house_style():
-            figure = Figure(figsize=_SIZE)
-            axes = figure.subplots()
-            draw_from_above(axes, scene)
-            for agent in scene.all_of(AgentObject):
-                start = scene.motion(agent.id).waypoints[0].pose.position_m
-                axes.annotate(agent.name, start[:2], (-7, 8), textcoords="offset points", weight="bold")
-            axes.set_title(f"{scene.name} from above: run this cell to edit it here, or: sfglab plan")
-        return png_of(figure)
+        scene, axes = self.planner.call(lambda editor: editor.scene), figure.subplots()
+        draw_from_above(axes, scene)
+        for agent in scene.all_of(AgentObject):
+            start = scene.motion(agent.id).waypoints[0].pose.position_m
+            axes.annotate(agent.name, start[:2], (-7, 8), textcoords="offset points", weight="bold")
+        axes.set_title(f"{scene.name} from above: run this cell to edit it here, or: sfglab plan")
