@@ -51,13 +51,10 @@ def test_solver_and_closed_form_agree_whatever_the_weight(topics, rate_max_hz, r
     assert found.depth == pytest.approx(exact.depth, rel=1e-4, abs=1e-2)
 
 
-def test_infeasible_rate_names_equation_4_and_what_would_help():
+def test_an_infeasible_rate_names_equation_4_and_what_would_help_and_a_depth_equation_5():
     with pytest.raises(InfeasibleBalanceError, match=r"Eq\. 4.*lacks 4\.21.*raise Rmax to 126") as caught:
         balance(BalanceInput(topics=EXPERIMENT, rate_max_hz=100, rate_min_hz=10))
     assert caught.value.lacking == pytest.approx(4.2105, abs=1e-3)
-
-
-def test_infeasible_depth_names_equation_5():
     with pytest.raises(InfeasibleBalanceError, match=r"Eq\. 5"):
         balance(BalanceInput(topics=EXPERIMENT, rate_max_hz=100, depth_max=10, depth_min=3))
 

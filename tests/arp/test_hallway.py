@@ -142,15 +142,12 @@ def test_wheels_of_different_speed_make_an_arc():
     np.testing.assert_allclose(poses, [[radius, radius, math.pi / 2]], atol=1e-5)
 
 
-def test_robots_that_are_told_nothing_stay():
+def test_robots_that_are_told_nothing_stay_and_straight_ahead_they_slip_by_millimetres_only():
     world = World(seed=3)
     before = world.poses.copy()
     for _ in range(100):
         world.step([STOP] * 3)
     np.testing.assert_array_equal(world.poses, before)
-
-
-def test_straight_ahead_slips_by_millimetres_only():
     world = World(seed=3)
     before = world.poses.copy()
     seconds = 2.0
@@ -225,11 +222,15 @@ def test_the_correction_turns_back_to_the_middle(aside, askew):
         assert math.copysign(1, command.turn_mrad_s) == math.copysign(1, wanted)
 
 
-def test_a_localisation_says_nothing_before_its_last_beam():
+def test_before_its_first_turn_sensing_has_no_value_nor_has_localisation_before_its_last_beam():
     node = LocalisationNode()
     heard = [node.hear(beam, 1000) for beam in range(8)]
     assert heard == [False] * 7 + [True]
     assert node.view is not None
+    node = SensingNode()
+    assert node.value(0) is None
+    node.turned(range(8))
+    assert [node.value(beam) for beam in range(8)] == list(range(8))
 
 
 @given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 7), st.integers(400, 420)), max_size=200))
@@ -253,7 +254,11 @@ def test_the_leader_turns_at_the_corner_and_ends_the_turn_along_the_next_wall():
     assert planning.decide(view_at(3.0, 2.45, -math.pi / 2)) is Manoeuvre.TURN_LEFT
 
 
-def test_an_obstacle_before_any_robot_stops_all_and_says_whose():
+def test_nobody_moves_before_all_have_been_heard_and_an_obstacle_stops_all_and_says_whose():
+    station = Station()
+    for robot, beam in product(range(2), range(8)):
+        station.hear(robot, beam, step_from_range(1.2))
+    assert station.commands == [STOP] * 3
     station = Station()
     for robot, beam in product(range(3), range(8)):
         station.hear(robot, beam, step_from_range(1.2))
@@ -263,24 +268,10 @@ def test_an_obstacle_before_any_robot_stops_all_and_says_whose():
     assert station.stopped_by == 1
 
 
-def test_nobody_moves_before_all_have_been_heard():
-    station = Station()
-    for robot, beam in product(range(2), range(8)):
-        station.hear(robot, beam, step_from_range(1.2))
-    assert station.commands == [STOP] * 3
-
-
 @given(st.sampled_from(Manoeuvre), st.sampled_from(Sight))
 def test_a_stopped_leader_never_starts_again(manoeuvre, sight):
     assert (Manoeuvre.STOP, sight) not in TRANSITIONS
     assert TRANSITIONS.get((manoeuvre, sight), manoeuvre) in Manoeuvre
-
-
-def test_sensing_has_no_value_before_the_first_turn():
-    node = SensingNode()
-    assert node.value(0) is None
-    node.turned(range(8))
-    assert [node.value(beam) for beam in range(8)] == list(range(8))
 
 
 def test_the_verdict_names_the_robot():

@@ -133,12 +133,9 @@ def test_without_a_price_the_plan_is_the_fronts_most_up_to_date_point():
     assert front[0].up_to_date < chosen.up_to_date > front[-1].up_to_date, "the best point lies inside"
 
 
-def test_what_changes_slowly_leaves_the_air_to_what_does_not():
+def test_what_changes_slowly_leaves_the_air_to_what_does_not_and_weight_buys_rate():
     found = plan([topic("/fast", change_s=0.1), topic("/slow", change_s=10)], Medium(rate_bps=2e6), CYCLONE_DDS)
     assert found["/fast"].rate_hz > 3 * found["/slow"].rate_hz
-
-
-def test_weight_buys_rate():
     topics = [topic("/plain"), topic("/dear", weight=5)]
     found = plan(topics, Medium(rate_bps=1e6), CYCLONE_DDS, latency_price_hz=1.0)
     assert found["/dear"].rate_hz > 1.5 * found["/plain"].rate_hz

@@ -126,12 +126,9 @@ def test_only_arm64_compiles_cyclone_and_ros_decides_the_distribution():
         assert ("image/cyclonedds.lock" in files) is arm
 
 
-def test_without_ros_nothing_of_it_is_in_the_images():
+def test_without_ros_nothing_of_it_is_in_the_images_and_a_workspace_is_built_apart():
     text = image_files(with_ros(deployment(), RosDistribution.NONE))["Dockerfile"].text
     assert not re.search("packages.ros.org|/opt/ros", text)
-
-
-def test_the_workspace_is_built_apart_and_copied():
     text = image_files(deployment(workspace="ws"))["Dockerfile"].text
     assert text.index("AS workspace") < text.index("colcon build") < text.index("AS application")
     assert "COPY --from=workspace /opt/workspace /opt/workspace" in text

@@ -141,14 +141,11 @@ def test_over_ssh_scripts_and_data_arrive_as_they_are(ssh, tmp_path, text):
     assert arguments[:6] == ["-o", "BatchMode=yes", "-o", "ConnectTimeout=10", "--", "sfg@go2.local"]
 
 
-def test_a_script_that_fails_is_one_sentence_with_its_last_words(ssh):
+def test_a_script_that_fails_is_one_sentence_and_a_long_one_is_heard_while_it_works(ssh):
     with pytest.raises(DeployError, match=r"^sfg@go2.local: .*ended with status 3: second$"):
         ssh.run("echo first >&2; echo second >&2; exit 3")
     with pytest.raises(DeployError, match="ended with status 1"):
         ssh.run("false; echo never reached")
-
-
-def test_a_long_command_is_heard_while_it_works_and_its_last_words_are_kept(ssh):
     heard = []
     ssh.stream("echo one; echo two >&2", heard.append)
     assert heard == ["one", "two"]

@@ -256,12 +256,9 @@ def test_every_json_document_is_read_back(value):
     assert read_json5(json.dumps(value, indent=1), "x.json").value == value
 
 
-def test_lines_are_those_of_the_file():
+def test_lines_are_those_of_the_file_and_what_is_no_json5_is_refused(tmp_path):
     found = check_zenoh("{\n  // a comment\n  plugins: {ros2dds: {\n    alow: {},\n  }},\n}", file="b.json5")
     assert found[0].place.line == 4
-
-
-def test_what_is_no_json5_is_refused(tmp_path):
     with pytest.raises(DocumentError):
         check_zenoh("{a: [}")
     assert codes(check_zenoh("[]")) == {"schema"}

@@ -107,26 +107,20 @@ def test_a_fleet_file_says_everything():
     assert sensors[0].streams[0].rate_hz == 30
 
 
-def test_a_keeper_runs_where_there_is_video_to_keep():
+def test_a_keeper_runs_where_there_is_video_and_without_lifecycle_no_status_or_discoverer():
     given = arguments(config_from_fleet(FLEET, "go2"))
     assert tuple(given) == COMPONENTS
     keeper = config_from_argument(KeeperConfig, given["keeper"])
     assert keeper.streams == ("/global/go2/camera_front/color/ffmpeg",)
     assert keeper.address == BusAddress(domain_id=1, interface="lo")
-
-
-def test_an_agent_without_lifecycle_runs_neither_status_provider_nor_discoverer():
     assert {"status", "discoverer"} & set(arguments(config_from_fleet(FLEET, "bare"))) == set()
 
 
-def test_options_alone_need_a_domain_and_nothing_else():
+def test_options_alone_need_a_domain_and_go_before_the_fleet_file():
     config = config_from_options("go2", None, local=SideOptions(domain_id=7), remote=SideOptions())
     assert (config.local, config.remote) == (BusAddress(domain_id=7), BusAddress(domain_id=0))
     with pytest.raises(InvalidValueError, match="its own domain: nothing is given, allowed: 1 to 232 or a"):
         config_from_options("go2", None, local=SideOptions(), remote=SideOptions())
-
-
-def test_options_go_before_the_fleet_file():
     config = config_from_options("go2", FLEET, local=SideOptions(), remote=SideOptions(interface="eth1"))
     assert config.local == BusAddress(domain_id=1, interface="lo")
     assert config.remote == BusAddress(domain_id=3, interface="eth1")

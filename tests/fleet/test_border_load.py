@@ -84,15 +84,12 @@ def test_the_size_of_a_transform_is_that_of_the_message(parent, child):
     assert transform_bytes(parent, child) == len(serialize(message))
 
 
-def test_everybody_receives_the_transforms_of_all_others():
+def test_everybody_receives_the_transforms_of_all_others_and_none_that_nobody_asks_for():
     inner = "subscribes: [/tf], tf: {shared_frames: [map], frames: [{child: base, parent: map, rate_hz: 50}]}"
     loads = fleet_of(4, inner).loads
     assert [load.tf_out_hz for load in loads] == [50.0] * 4
     assert [load.tf_in_hz for load in loads] == [150.0] * 4
     assert loads[0].tf_in_bps == pytest.approx(150 * 8 * transform_bytes("map", "pi1/base"))
-
-
-def test_transforms_stay_where_nobody_or_no_rule_asks_for_them():
     inner = "tf: {frames: [{child: base, parent: map, rate_hz: 50}]}"
     assert all(load.tf_out_hz == load.tf_in_hz == 0 for load in fleet_of(3, inner).loads)
 

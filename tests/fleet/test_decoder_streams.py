@@ -33,7 +33,7 @@ def test_a_stream_known_by_its_name_alone_is_offered_with_its_camera_info():
     assert info.codec == RELAY
 
 
-def test_only_streams_of_numbered_packets_have_a_replay():
+def test_depth_is_an_image_too_and_only_streams_of_numbered_packets_have_a_replay():
     image, info = routes_of_topic(COLOR)
     assert image.replay_topic == "/global/go2/camera_front/color/ffmpeg_replay"
     assert info.replay_topic == ""
@@ -41,9 +41,6 @@ def test_only_streams_of_numbered_packets_have_a_replay():
     assert described.replay_topic == image.replay_topic
     (other,), _ = routes_of_agent(metadata(type="foxglove_msgs/msg/CompressedVideo"))
     assert other.replay_topic == ""
-
-
-def test_depth_is_an_image_too():
     image, _ = routes_of_topic("/global/go2/camera_front/depth/compressed_depth")
     assert image.replay_topic == ""
     assert image.local_topic == "/local/go2/camera_front/depth/image_raw"
@@ -65,7 +62,7 @@ def test_what_is_no_remote_image_stream_is_refused_with_the_reason(topic, why):
     assert error.value.topic == topic
 
 
-def test_an_agents_metadata_says_what_it_offers():
+def test_an_agents_metadata_says_what_it_offers_but_not_in_anothers_name():
     routes, errors = routes_of_agent(
         metadata(codec="h264", camera_info_topic="/global/go2/camera_front/color/camera_info")
     )
@@ -76,9 +73,6 @@ def test_an_agents_metadata_says_what_it_offers():
     assert not errors
     (only,), _ = routes_of_agent(metadata(decoded_topic="/local/go2/front"))
     assert only.local_topic == "/local/go2/front"
-
-
-def test_an_agent_cannot_offer_streams_in_anothers_name():
     routes, errors = routes_of_agent(metadata("/global/spot/camera_front/color/ffmpeg"))
     assert routes == ()
     assert "another agent's name" in str(errors[0])

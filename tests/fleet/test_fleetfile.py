@@ -71,7 +71,7 @@ def test_what_the_file_says_of_sensors_is_what_the_status_provider_announces():
     assert message.sensors[0].streams[1].topic == "/global/go2/camera_front/aligned_depth/compressed_depth"
 
 
-def test_short_and_long_forms_and_qos_become_values():
+def test_short_and_long_forms_and_qos_by_value_and_by_name_become_values():
     go2, pi1 = read_fleet(SMALL).agents
     assert [t.name for t in go2.publishes] == ["/tf", "/global/go2/battery_state"]
     assert go2.publishes[0].qos is None
@@ -79,9 +79,6 @@ def test_short_and_long_forms_and_qos_become_values():
         reliability=Reliability.BEST_EFFORT, depth=5, deadline_ns=500_000_000
     )
     assert (pi1.processes, pi1.lifecycle, pi1.tf.prefix_frames) == (1, True, True)
-
-
-def test_a_profile_is_taken_by_name():
     fleet = read_fleet("fleet: f\nagents: {a1: {domain: 1, subscribes: [{name: /tf_static, qos: latched}]}}")
     assert fleet.agents[0].subscribes[0].qos is LATCHED
 
@@ -136,12 +133,9 @@ def test_what_is_no_fleet_at_all_is_refused(text):
     refusal(text)
 
 
-def test_a_file_that_is_not_there_is_refused_in_one_line(tmp_path):
+def test_a_file_that_is_not_there_and_an_unknown_agent_are_refused(tmp_path):
     with pytest.raises(DocumentError, match="a fleet file in UTF-8"):
         load_fleet(tmp_path / "none.yaml")
-
-
-def test_an_unknown_agent_is_refused_with_the_likely_one():
     with pytest.raises(InvalidValueError, match="did you mean 'go2'"):
         read_fleet(SMALL).agent("go3")
 
@@ -176,13 +170,10 @@ def fleet_with(host: str = "{}", deployment: str = "{}"):
     )
 
 
-def test_an_agent_without_a_machine_and_a_fleet_without_a_deployment_are_fleets_all_the_same():
+def test_an_agent_without_a_machine_is_one_and_everything_has_a_default():
     fleet = read_fleet("fleet: Lab 7\nagents: {go2: {domain: 1}}")
     assert fleet.agents[0].host is None
     assert fleet.deployment == DeploymentSpec(images="localhost/lab-7")
-
-
-def test_everything_has_a_default_and_auto_leaves_the_accelerator_to_detection():
     fleet = fleet_with("{accelerator: auto}")
     assert fleet.agents[0].host == HostSpec()
     assert fleet.deployment == DeploymentSpec(images="localhost/my-lab")

@@ -73,11 +73,14 @@ def test_a_new_group_in_the_replay_supersedes_what_was_not_decoded_yet():
     assert joining.decoded == [5, 10, 11]
 
 
-def test_without_a_keeper_the_first_live_key_frame_is_where_it_begins():
+def test_without_a_keeper_a_live_key_frame_begins_and_without_a_replay_all_passes():
     joining = Joining()
     joining.splicer.give_up()
     assert joining.take(LIVE, 8, 9).decode().decoded == []
     assert joining.take(LIVE, 10, 11).decode().decoded == [10, 11]
+    joining = Joining(replay=False).take(LIVE, 3).decode().take(LIVE, 4, 6).decode()
+    assert joining.decoded == [3, 4, 6]
+    assert joining.shown[0] == 3
 
 
 def test_a_gap_in_the_replay_is_closed_by_the_live_stream_or_not_at_all():
@@ -92,12 +95,6 @@ def test_packets_that_wait_for_one_that_never_comes_are_bounded():
     joining = Joining(gop=10**9).take(REPLAY, 0).take(LIVE, *range(2, MOST_AHEAD + 3))
     assert not joining.splicer.needs_replay
     assert joining.take(LIVE, MOST_AHEAD + 3).decode().decoded == [0]
-
-
-def test_without_a_replay_everything_passes_as_it_comes():
-    joining = Joining(replay=False).take(LIVE, 3).decode().take(LIVE, 4, 6).decode()
-    assert joining.decoded == [3, 4, 6]
-    assert joining.shown[0] == 3
 
 
 @st.composite

@@ -87,13 +87,10 @@ def test_a_schedule_that_no_agent_should_keep_is_refused(name, given):
         Schedule(**{name: given})
 
 
-def test_a_heartbeat_survives_the_wire():
+def test_a_heartbeat_survives_the_wire_and_a_description_becomes_the_metadata_message():
     beat = Heartbeat(agent="go2", incarnation=2**63, revision=3, phase=1, period_s=5.0, version="1.2")
     wire = serialize(beat.to_message(10**18))
     assert Heartbeat.from_message(deserialize(wire, AGENT_HEARTBEAT)) == beat
-
-
-def test_a_description_becomes_the_metadata_message():
     message = DESCRIPTION.to_message("go2", incarnation=5, revision=2, stamp_ns=7 * S)
     again = deserialize(serialize(message), type(message))
     assert (again.agent, again.incarnation, again.revision, again.stamp.sec) == ("go2", 5, 2, 7)
@@ -114,13 +111,10 @@ def test_a_stream_that_does_not_cross_its_agents_border_is_refused(topic):
         StatusSettings(agent="go2", description=description)
 
 
-def test_sensors_that_share_a_name_are_refused():
+def test_sensors_that_share_a_name_and_a_wrong_agents_name_are_refused():
     twice = AgentDescription(sensors=(SensorDescription(name="x"), SensorDescription(name="x")))
     with pytest.raises(DescriptionError, match="names that differ"):
         twice.check("go2")
-
-
-def test_an_agents_name_is_checked_before_anything_starts():
     with pytest.raises(FqnError):
         StatusSettings(agent="camera")
 

@@ -36,11 +36,8 @@ def measured(value, low=None, high=None) -> Measured:
     return Measured(estimate=Estimate(value=value, low=low, high=high, unit="u"), how=How.LIVE)
 
 
-def test_the_ledger_holds_every_claim_of_the_three_papers():
+def test_the_ledger_holds_every_claim_of_the_papers_and_no_figure_of_ours_nor_verdict():
     assert [c.id for c in load_claims(LEDGER)] == IDS
-
-
-def test_the_ledger_file_holds_no_figure_of_ours_and_no_verdict():
     text = re.sub(r"^#.*$", "", LEDGER.read_text(), flags=re.MULTILINE)
     assert not re.search(r"^\s+(value|low|high|verdict|how):", text, re.MULTILINE)
 
@@ -79,22 +76,19 @@ def test_verdicts_follow_from_ends_conditions_and_fits(more, verdict, reason):
     assert entry.reason == reason
 
 
-def test_without_a_figure_the_verdict_is_not_yet():
+def test_without_a_figure_the_verdict_is_not_yet_and_the_table_counts_verdicts():
     entry = entry_for(claim(), None, log="ignored.mcap")
     assert entry.verdict is Verdict.NOT_YET
     assert entry.as_json()["value"] is None
     assert entry.as_json()["log"] is None
+    text = render([entry_for(claim(), measured(5)), entry_for(claim(id="Y"), None)])
+    assert text.splitlines()[-1] == "1 reproduced, 1 not yet"
 
 
 def test_an_entry_as_json_has_the_promised_keys():
     entry = entry_for(claim(), measured(5), log="runs/x.mcap")
     assert {"id", "paper", "value", "low", "high", "unit", "how", "verdict", "log"} <= set(entry.as_json())
     assert json.loads(json.dumps(entry.as_json()))["how"] == "live"
-
-
-def test_the_table_counts_the_verdicts():
-    text = render([entry_for(claim(), measured(5)), entry_for(claim(id="Y"), None)])
-    assert text.splitlines()[-1] == "1 reproduced, 1 not yet"
 
 
 GOOD = "id: A, where: w, says: s, paper: 1, unit: u, band: [1, 2], experiment: null"

@@ -270,13 +270,19 @@ class Counter:
         return InterfaceBytes(*next(self._readings))
 
 
-def test_rates_come_from_two_readings_and_the_window():
+def test_rates_come_from_two_readings_and_a_counter_that_fell_was_started_anew():
     host = Counter((1000, 500, 10, 5), (2000, 750, 30, 6))
     window = Window(cpu={}, interfaces={"consumer": host})
     assert window.sample(0) == []
     (row,) = window.sample(2_000_000_000)
     assert (row.label, row.t_ns, row.window_s) == ("consumer", 2_000_000_000, 2.0)
     assert (row.rx_bps, row.tx_bps, row.cpu_percent) == (4000, 1000, None)
+    assert counted(5, 8) == 3
+    assert counted(2**40, 100) == 100
+    window = Window(cpu={}, interfaces={"edge": Counter((900, 900, 9, 9), (10, 20, 1, 2))})
+    window.sample(0)
+    (row,) = window.sample(8_000_000_000)
+    assert (row.rx_bps, row.tx_bps) == (10, 20)
 
 
 def test_a_label_may_have_processes_and_an_interface():
@@ -285,15 +291,6 @@ def test_a_label_may_have_processes_and_an_interface():
     (row,) = window.sample(1_000_000_000)
     assert row.rx_bps == 64
     assert row.cpu_percent > 0
-
-
-def test_a_counter_that_fell_was_started_anew():
-    assert counted(5, 8) == 3
-    assert counted(2**40, 100) == 100
-    window = Window(cpu={}, interfaces={"edge": Counter((900, 900, 9, 9), (10, 20, 1, 2))})
-    window.sample(0)
-    (row,) = window.sample(8_000_000_000)
-    assert (row.rx_bps, row.tx_bps) == (10, 20)
 
 
 @pytest.mark.parametrize(("duration_s", "period_s"), [(1.0, 0.0), (1.0, -1.0), (0.1, 0.2)])

@@ -87,14 +87,11 @@ def test_what_cannot_be_opened_is_refused_with_what_is_allowed(spec, message, ca
         frames(spec, 1)
 
 
-def test_a_file_without_pictures_is_refused(tmp_path):
+def test_a_file_without_pictures_and_a_bag_without_the_topic_are_refused(tmp_path):
     path = tmp_path / "text.mp4"
     path.write_text("no video")
     with pytest.raises(SourceError, match=r"cannot be opened as video|holds no picture"):
         frames(str(path), 1)
-
-
-def test_a_bag_without_the_topic_says_what_it_holds(tmp_path):
     path = tmp_path / "bag.mcap"
     with LogWriter(path) as log:
         log.write("/hello", default_message("std_msgs/msg/String"), log_time_ns=0)

@@ -162,16 +162,13 @@ def test_placements_are_the_best_of_all_and_not_worse_than_simpler_ones(run):
         assert (placed[name] >= placed["placed"] * (1 - 1e-6)).all()
 
 
-def test_a_greedy_placement_fits_and_ignores_topics():
+def test_a_greedy_placement_fits_and_a_placed_graph_costs_what_the_programme_says():
     graph = random_graph(np.random.default_rng(3), 30)
     platform = platform_for(graph)
     chosen = greedy_placement(graph, platform)
     assert chosen
     assert chosen == greedy_placement(replace(graph, topics=()), platform)
     assert math.isfinite(cost_s(graph, chosen, (), platform))
-
-
-def test_what_a_placed_graph_costs_is_what_the_programme_says():
     graph = random_graph(np.random.default_rng(1), 12)
     platform = platform_for(graph)
     found = place_nodes(graph, platform)

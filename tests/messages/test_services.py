@@ -24,20 +24,17 @@ from sfglab.messages import (
 from sfglab.messages.store import parse_definition
 
 
-def test_the_header_stands_between_encapsulation_and_fields():
+def test_the_header_stands_before_the_fields_and_a_big_endian_frame_is_read():
     cdr = serialize(default_message("sfglab_interfaces/srv/GetMetadata_Request"))
     framed = frame_service(ServiceFrame(0x1122334455667788, 9, cdr))
     assert framed == bytes.fromhex("00010000 8877665544332211 0900000000000000 00000000")
+    assert unframe_service(bytes(4) + struct.pack(">Qq", 1, -2) + b"x") == (1, -2, bytes(4) + b"x")
 
 
 @given(st.integers(0, 2**64 - 1), st.integers(-(2**63), 2**63 - 1), st.binary(max_size=40))
 def test_a_frame_comes_back(guid, sequence, body):
     frame = ServiceFrame(guid, sequence, b"\0\1\0\0" + body)
     assert unframe_service(frame_service(frame)) == frame
-
-
-def test_a_big_endian_frame_is_read():
-    assert unframe_service(bytes(4) + struct.pack(">Qq", 1, -2) + b"x") == (1, -2, bytes(4) + b"x")
 
 
 @pytest.mark.parametrize("data", [b"", bytes(19), b"\0\6\0\0" + bytes(16), b"\1\1\0\0" + bytes(16)])
@@ -87,16 +84,13 @@ def test_dds_knows_the_wrappers_by_the_names_of_rosidl():
     ]
 
 
-def test_a_request_for_a_goal_is_the_id_and_then_the_goal():
+def test_a_request_for_a_goal_is_the_id_and_then_the_goal_and_no_field_is_one_octet():
     action = register_action(COUNT, TEXT)
     uuid = message_type("unique_identifier_msgs/msg/UUID")(uuid=np.arange(16, dtype=np.uint8))
     cdr = serialize(action.send_goal.request(goal_id=uuid, goal=action.goal(until=7)))
     assert cdr == b"\0\1\0\0" + bytes(range(16)) + b"\7\0\0\0"
     assert deserialize(cdr, action.send_goal.request).goal.until == 7
     assert action.goal.LIMIT == 9
-
-
-def test_an_action_without_any_field_has_one_octet_per_part():
     action = register_action("sfglab_test_interfaces/action/Nothing", "---\n---\n")
     for type_ in (action.goal, action.result, action.feedback):
         assert len(serialize(default_message(type_))) == len(b"\0\1\0\0") + len(b"\0" + b"\0\0\0")
@@ -118,12 +112,9 @@ def test_a_text_without_three_parts_is_refused_with_their_number(text):
         register_action("a/action/B", text)
 
 
-def test_a_short_name_is_looked_for_in_the_package_of_the_action():
+def test_a_short_name_is_looked_for_in_its_package_and_an_unknown_action_told_its_neighbours():
     name = "sfglab_interfaces/action/Watch_Goal"
     (_, fields_of_goal), *_ = parse_definition(name, "StreamInfo stream").values()
     assert [desc[1] for _, desc in fields_of_goal] == ["sfglab_interfaces/msg/StreamInfo"]
-
-
-def test_an_unknown_action_is_told_its_neighbours():
     with pytest.raises(UnknownTypeError, match=f"did you mean {FOLLOW}"):
         action_type("sfglab_interfaces/action/FollowTrajektory")

@@ -44,7 +44,7 @@ def test_every_line_of_our_interfaces_has_a_comment():
             assert all("# " in line for line in lines if line and line != "---"), file.name
 
 
-def test_a_type_is_known_by_one_spelling_and_others_are_told_it():
+def test_a_type_is_known_by_one_spelling_and_a_service_is_its_two_halves():
     assert type_name(message_type("std_msgs/msg/String")) == "std_msgs/msg/String"
     with pytest.raises(UnknownTypeError, match="did you mean std_msgs/msg/String") as error:
         message_type("std_msgs/String")
@@ -53,9 +53,6 @@ def test_a_type_is_known_by_one_spelling_and_others_are_told_it():
         type_name("complete_nonsense")
     with pytest.raises(UnknownTypeError, match="int"):
         type_name(int)
-
-
-def test_a_service_is_its_two_halves():
     service = service_type("sfglab_interfaces/srv/GetMetadata")
     assert type_name(service.request) == "sfglab_interfaces/srv/GetMetadata_Request"
     # rosidl gives an empty struct one octet, so that there is something on the wire.

@@ -57,9 +57,14 @@ def test_sanitising_gives_a_valid_agent_or_an_fqn_error_and_is_idempotent(hostna
         assert sanitize_agent(agent) == validate_agent(agent) == agent
 
 
-def test_the_variable_goes_before_the_host_name():
+def test_the_variable_goes_before_the_host_name_and_both_are_the_environments_by_default(monkeypatch):
     assert default_agent({AGENT_VARIABLE: "Spot1"}, hostname="go2") == "Spot1"
     assert default_agent({}, hostname="Go2-Jetson.local") == "go2_jetson"
+    monkeypatch.setenv(AGENT_VARIABLE, "from_env")
+    assert default_agent() == "from_env"
+    monkeypatch.delenv(AGENT_VARIABLE)
+    monkeypatch.setattr(socket, "gethostname", lambda: "Host-7.local")
+    assert default_agent() == "host_7"
 
 
 @pytest.mark.parametrize("given_name", ["", "go2-jetson", "Go2 Jetson", "9", "lidar", "a__b", "torq"])
@@ -67,14 +72,6 @@ def test_an_invalid_variable_is_an_error_and_never_changed(given_name):
     with pytest.raises(FqnError, match=f"comes from {AGENT_VARIABLE}") as caught:
         default_agent({AGENT_VARIABLE: given_name}, hostname="go2")
     assert (caught.value.place, caught.value.given) == ("agent", given_name)
-
-
-def test_by_default_the_environment_and_the_operating_system_are_asked(monkeypatch):
-    monkeypatch.setenv(AGENT_VARIABLE, "from_env")
-    assert default_agent() == "from_env"
-    monkeypatch.delenv(AGENT_VARIABLE)
-    monkeypatch.setattr(socket, "gethostname", lambda: "Host-7.local")
-    assert default_agent() == "host_7"
 
 
 OTHER_SEGMENTS = "local global lidar camera_front camera1 camera_1 color imu agent_heartbeat status"

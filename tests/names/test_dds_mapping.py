@@ -47,7 +47,7 @@ def router_pairs(request: str, reply: str) -> bool:
     )
 
 
-def test_topics_and_services_have_the_names_that_rmw_gives_them():
+def test_topics_services_and_actions_have_the_names_that_rmw_gives_them():
     assert dds_topic("/chatter") == "rt/chatter"
     assert dds_topic("/tf") == "rt/tf"
     assert dds_service("/add") == ("rq/addRequest", "rr/addReply")
@@ -55,9 +55,6 @@ def test_topics_and_services_have_the_names_that_rmw_gives_them():
         "rq/global/go2/get_metadataRequest",
         "rr/global/go2/get_metadataReply",
     )
-
-
-def test_an_action_is_three_services_and_two_topics():
     below = "/fibonacci/_action"
     assert dds_names("/fibonacci", ResourceKind.ACTION) == (
         *(

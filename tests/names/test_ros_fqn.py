@@ -243,7 +243,7 @@ def test_a_builder_can_be_continued_more_than_once():
     assert str(camera.component(Custom("mast")).resource(Custom("tilt")).build()) == "/local/go2/mast/tilt"
 
 
-def test_a_builder_without_agent_takes_this_hosts(monkeypatch):
+def test_a_builder_takes_this_hosts_agent_and_names_a_mandatory_segment_that_is_missing(monkeypatch):
     status = RosFqnBuilder().scope(Scope.GLOBAL).resource(Resource.STATUS)
     monkeypatch.setenv("SFG_AGENT_NAME", "spot_7")
     assert str(status.build()) == "/global/spot_7/status"
@@ -251,9 +251,6 @@ def test_a_builder_without_agent_takes_this_hosts(monkeypatch):
     monkeypatch.setenv("SFG_AGENT_NAME", "spot-7")
     with pytest.raises(FqnError, match="SFG_AGENT_NAME"):
         status.build()
-
-
-def test_a_builder_names_the_mandatory_segment_that_is_missing():
     with pytest.raises(FqnError, match="mandatory") as caught:
         RosFqnBuilder().resource(Resource.STATUS).build()
     assert caught.value.place == "scope"

@@ -19,13 +19,16 @@ def log(tmp_path):
         yield reader
 
 
-def test_a_log_lists_topics_with_rates_and_sizes(log):
+def test_a_log_lists_topics_with_rates_and_sizes_and_gives_one_field_over_time(log):
     head, line = log.overview()
     assert head == ("topic", "type", "messages", "Hz", "bytes")
     assert line[:4] == ("/scan", "sensor_msgs/msg/LaserScan", "4", "2")
     assert int(line[4]) > 80
     assert repr(log) == "<log a.mcap: 4 messages of 1 topics>"
     assert "LaserScan" in log._repr_html_()
+    series = log.series("/scan", "ranges[2]")
+    assert list(series) == [0.5, 1.5, 2.5, 3.5]
+    assert list(series.index) == [0.0, 0.5, 1.0, 1.5]
 
 
 def test_a_log_shows_a_message_field_by_field(log):
@@ -35,12 +38,6 @@ def test_a_log_shows_a_message_field_by_field(log):
     assert "<b>" not in shown._repr_html_()
     with pytest.raises(LogError, match="given message 4, allowed: 0 to 3"):
         log.message("/scan", 4)
-
-
-def test_a_log_gives_one_field_over_time(log):
-    series = log.series("/scan", "ranges[2]")
-    assert list(series) == [0.5, 1.5, 2.5, 3.5]
-    assert list(series.index) == [0.0, 0.5, 1.0, 1.5]
 
 
 @pytest.mark.parametrize("field", ["speed", "ranges[99]", "header", "header.frame_id"])

@@ -32,7 +32,7 @@ def example():
     return read(build_cfg(map_communication(load_graph(GRAPHS / "figure_8.yaml")).gateways, name="Fig. 8"))
 
 
-def test_each_gateway_has_a_slot_and_joins_a_stream_to_a_ros_topic(example):
+def test_each_gateway_has_a_slot_and_joins_stream_and_topic_on_the_paper_s_board(example):
     found = sections(example, "ROSGateway")
     assert found["gateway_A"] == {
         "Slot": "Gateways(0)",
@@ -42,6 +42,9 @@ def test_each_gateway_has_a_slot_and_joins_a_stream_to_a_ros_topic(example):
     }
     assert [gateway["Slot"] for gateway in found.values()] == ["Gateways(0)", "Gateways(1)", "Gateways(2)"]
     assert sections(example, "HwSlot")["Gateways(0:2)"] == {"Id": "8", "Clock": "System"}
+    assert example["General"]["Name"] == "Fig_8"
+    assert example["General"]["TargetPart"] == "xczu7ev-ffvc1156-2-e"
+    assert example["Clock@System"]["ClockFreq"] == "100000000"
 
 
 def test_each_hardware_node_has_a_thread_in_a_slot_of_its_own(example):
@@ -67,12 +70,6 @@ def test_a_topic_in_hardware_or_at_a_gateway_is_a_stream_and_one_in_software_a_m
         "pub_B_msg": "rosmsg, sensor_msgs, msg, Image",
         "pub_B": 'rospub, node, pub_B_msg, "B"',
     }
-
-
-def test_the_board_is_the_paper_s_at_100_mhz(example):
-    assert example["General"]["Name"] == "Fig_8"
-    assert example["General"]["TargetPart"] == "xczu7ev-ffvc1156-2-e"
-    assert example["Clock@System"]["ClockFreq"] == "100000000"
 
 
 def test_names_that_become_one_identifier_are_told_apart():

@@ -101,16 +101,13 @@ def judged(steps, red_since_s, rules=None):
     return judge
 
 
-def test_a_line_crossed_at_red_is_run_unless_it_had_just_turned_red():
+def test_a_line_crossed_at_red_is_run_unless_just_turned_and_out_of_its_lane_a_car_fails():
     stop = TOWN.lights[0].stop_m
     steps = [(10.0, stop - 0.1, 0.0, 0.9), (10.1, stop + 0.1, 0.0, 0.9)]
     assert judged(steps, [-math.inf, *[None] * 4]).verdict().red_lights_run == 0, "starts in the middle"
     whole = [(0.0, 0.0, 0.0, 0.0), *[(a, a, 0.0, 0.9) for a in np.arange(0.1, stop + 0.2, 0.1)]]
     assert judged(whole, [-math.inf, *[None] * 4]).verdict().red_lights_run == 1
     assert judged(whole, [stop - 0.5, *[None] * 4]).verdict().red_lights_run == 0
-
-
-def test_a_car_out_of_its_lane_is_over_and_has_failed():
     judge = judged([(0.0, 0.0, 0.2, 0.9)], [None] * 5)
     assert (judge.over, judge.verdict().passed) == (True, False)
 
@@ -152,7 +149,7 @@ def test_the_judge_fails_a_car_that_steers_the_wrong_way():
     assert not verdict.passed
 
 
-def test_a_clock_gives_each_node_its_time_in_every_frame():
+def test_a_clock_gives_each_node_its_time_in_every_frame_and_without_one_nothing_is_timed():
     ticks = iter(range(0, 10**9, 1000))
     stack = Stack(Camera(), lambda: next(ticks))
     lap = run_lap(1, stack=stack, rules=Rules(timeout_s=0.4))
@@ -160,9 +157,6 @@ def test_a_clock_gives_each_node_its_time_in_every_frame():
     assert set(stack.timed.frames_ns) == set(lap.node_s) == timed
     assert {len(times) for times in stack.timed.frames_ns.values()} == {lap.frames}
     assert lap.node_s["polyfit"] == pytest.approx(1e-6)
-
-
-def test_a_stopwatch_without_a_clock_only_calls():
     stopwatch = Stopwatch()
     assert stopwatch("node", max, 1, 2) == 2
     assert stopwatch.frames_ns == {}

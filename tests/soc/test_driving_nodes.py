@@ -205,15 +205,12 @@ def test_the_detectors_wake_each_other_and_sleep_when_they_found_their_light():
 # control
 
 
-def test_a_lane_to_the_left_is_steered_to_and_a_bend_is_taken_slower():
+def test_a_lane_to_the_left_is_steered_to_a_bend_taken_slower_and_red_holds_until_green():
     straight = LaneControl().step(STRAIGHT, Pose())
     bend = LaneControl().step(Lane(offset_m=0.0, slope=0.0, bend_per_m=0.4), Pose())
     assert straight == Drive(speed_mps=0.9, yaw_rate_rps=0.0)
     assert bend.yaw_rate_rps > 0
     assert bend.speed_mps < straight.speed_mps
-
-
-def test_red_holds_the_car_until_green():
     control = LaneControl()
     control.hear_red()
     assert control.step(STRAIGHT, Pose()) == Drive()

@@ -20,14 +20,11 @@ MEETS = {
 }
 
 
-def test_every_state_has_a_row_and_waits_only_for_what_its_drive_can_meet():
+def test_every_state_waits_for_what_its_drive_can_meet_and_every_input_and_drive_is_used():
     assert set(TABLE) == set(State)
     for row in TABLE.values():
         assert row.moves
         assert set(row.moves) <= MEETS[row.drive]
-
-
-def test_every_state_every_input_and_every_drive_is_used():
     assert {State.START} | {arrow.target for arrow in arrows()} == set(State)
     assert {arrow.given for arrow in arrows()} == set(Input)
     assert {row.drive for row in TABLE.values()} == set(Drive)
@@ -80,15 +77,12 @@ def axes():
     return ax
 
 
-def test_every_state_is_a_box_with_a_place_of_its_own(axes):
+def test_every_state_is_a_box_with_its_place_and_every_arrow_is_drawn_once_with_its_input(axes):
     assert set(PLACES) == set(State)
     assert len(set(PLACES.values())) == len(State)
     boxes = [patch for patch in axes.patches if isinstance(patch, FancyBboxPatch)]
     assert len(boxes) == len(State)
     assert "filter SMT" in {text.get_text() for text in axes.texts}
-
-
-def test_every_arrow_of_the_table_is_drawn_once_with_its_input(axes):
     drawn = Counter(text.get_text() for text in axes.texts)
     inputs = Counter(arrow.given.name for arrow in arrows())
     assert len(arrows()) == sum(len(row.moves) for row in TABLE.values()) == 26

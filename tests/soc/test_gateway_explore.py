@@ -99,11 +99,8 @@ def test_without_a_claim_the_port_stores_every_message_that_hardware_may_send_me
     assert (found is not None) is stuck
 
 
-def test_a_delegate_that_does_not_hear_the_cancel_deadlocks():
+def test_a_delegate_that_is_deaf_deadlocks_and_one_that_answers_twice_confuses_the_core():
     assert explore(Bound(listens_while_blocked=False)).counterexample.property.startswith("deadlock")
-
-
-def test_a_delegate_that_answers_request_and_cancel_confuses_the_core_and_the_story_says_how():
     lines = str(explore(Bound(answers_once=False)).counterexample).splitlines()
     assert lines[0] == "CANCELLED comes unexpected in PUBLISH_WAIT_HOLDING"
     assert lines[1] == "  1  software publisher 0 publishes 0.0"

@@ -98,14 +98,11 @@ def test_no_change_of_a_word_makes_another_error_than_ours(graph, data):
         read_graph(changed)
 
 
-def test_a_file_that_cannot_be_read_or_written_is_named(tmp_path):
+def test_a_file_that_cannot_be_read_or_written_is_named_and_the_graph_refuses_what_it_would(tmp_path):
     with pytest.raises(InvalidValueError, match=r"absent\.yaml: .* allowed: a readable text file"):
         load_graph(tmp_path / "absent.yaml")
     with pytest.raises(InvalidValueError, match="a file that can be written"):
         save_graph(chain(SW), tmp_path / "none" / "g.yaml")
-
-
-def test_the_graph_itself_refuses_what_the_file_would():
     with pytest.raises(InvalidValueError, match=r"nodes\.a: given 'a', allowed: each name once, .* 2 times"):
         Graph(nodes=(Node(name="a"), Node(name="a", placement=HW)))
     with pytest.raises(InvalidValueError, match=r"topics\.t: given 't', allowed: each name once"):
@@ -114,7 +111,7 @@ def test_the_graph_itself_refuses_what_the_file_would():
         Graph(nodes=(), topics=(Topic(name="t", publishers=("a",)),))
 
 
-def test_what_is_looked_up_and_not_there_is_named_with_what_there_is():
+def test_what_is_not_there_is_named_and_placing_anew_takes_topics_back_to_software():
     graph = chain(SW, HW)
     assert (graph.node("b").placement, graph.topic("ab").publishers) == (HW, ("a",))
     with pytest.raises(InvalidValueError, match=r"nodes: given 'z', allowed: one of a, b"):
@@ -123,9 +120,6 @@ def test_what_is_looked_up_and_not_there_is_named_with_what_there_is():
         graph.with_mappings({"bb": TopicMapping.GATEWAY})
     with pytest.raises(InvalidValueError, match="nodes: given 'z'"):
         graph.with_placements({"z": HW})
-
-
-def test_placing_nodes_anew_takes_all_topics_back_to_software():
     graph = chain(HW, HW, topic_mapping=TopicMapping.HARDWARE)
     placed = graph.with_placements({"b": SW})
     assert placed.in_hardware == {"a"}

@@ -36,15 +36,12 @@ def test_the_paper_s_example_is_printed_with_its_mapping_and_its_edges():
     assert float(times[2]) < float(times[1])
 
 
-def test_small_messages_get_no_gateway_by_the_rule_that_knows_sizes(tmp_path):
+def test_small_messages_get_no_gateway_by_size_and_of_an_unknown_size_no_time_is_predicted(tmp_path):
     text = Path(FIGURE_8).read_text().replace("size_bytes: 1000000", "size_bytes: 100")
     (tmp_path / "small.yaml").write_text(text)
     assert "gateway " in call(str(tmp_path / "small.yaml"))
     by_size = call(str(tmp_path / "small.yaml"), "--rule", "size")
     assert not re.search(r"^\w +gateway ", by_size, re.MULTILINE)
-
-
-def test_of_a_topic_of_unknown_size_no_time_is_predicted(tmp_path):
     text = Path(FIGURE_8).read_text().replace("    size_bytes: 1000000\n", "")
     (tmp_path / "unsized.yaml").write_text(text)
     assert re.search(

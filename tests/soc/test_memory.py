@@ -44,20 +44,17 @@ CHUNK_BYTES = MEMIF.chunk_bytes
 BOTH = pytest.mark.parametrize("costs", [STORED, CUT_THROUGH], ids=["stored", "cut-through"])
 
 
-def test_a_chunk_takes_32_data_4_control_and_the_latency_cycles_and_a_part_of_one_as_much():
+def test_a_chunk_takes_data_control_and_latency_cycles_and_a_stream_carries_a_word_a_cycle():
     assert (MEMIF.data_cycles, MEMIF.read_cycles) == (32, 66)
     assert MEMIF.read_s(1) == MEMIF.read_s(256) == pytest.approx(660e-9)
     assert [MEMIF.chunks(size) for size in (1, 256, 257)] == [1, 1, 2]
+    assert [MEMIF.stream_s(size) for size in (1, 10_000_000)] == pytest.approx([10e-9, 12.5e-3])
 
 
 @pytest.mark.parametrize(("latency", "megabytes_per_s"), [(30, 388), (0, 711)])
 def test_the_interface_reads_so_many_megabytes_a_second(latency, megabytes_per_s):
     read_s = MemoryInterface(read_latency_cycles=latency).read_s(256)
     assert 256 / read_s / 1e6 == pytest.approx(megabytes_per_s, abs=1)
-
-
-def test_a_stream_carries_a_word_a_cycle():
-    assert [MEMIF.stream_s(size) for size in (1, 10_000_000)] == pytest.approx([10e-9, 12.5e-3])
 
 
 def test_a_stored_chunk_costs_both_sides_a_passed_on_one_the_memory_side():
@@ -170,12 +167,9 @@ def test_for_one_hardware_subscriber_a_gateway_never_serves_a_software_publisher
     assert break_even_bytes(setup(Side.SOFTWARE, hardware=1), Judge.HARDWARE, costs) is None
 
 
-def test_more_hardware_subscribers_make_a_gateway_break_even_at_smaller_messages():
+def test_more_hardware_subscribers_break_even_at_smaller_messages_and_who_counts_decides():
     sizes = [break_even_bytes(setup(Side.SOFTWARE, hardware=n), Judge.HARDWARE) for n in (2, 3, 4, 8)]
     assert sizes == [301_056, 101_120, 60_928, 11_264]
-
-
-def test_who_counts_decides():
     found = [break_even_bytes(setup(Side.HARDWARE), judge) for judge in Judge]
     assert found == [CHUNK_BYTES, None, 27_392, CHUNK_BYTES]  # hardware, software, last, mean
     assert break_even_bytes(setup(Side.HARDWARE, hardware=2), Judge.HARDWARE) == CHUNK_BYTES
@@ -242,14 +236,11 @@ def test_of_the_assumed_constants_stored_chunks_need_only_a_read_latency_above_1
     assert max(variant.worst for variant in sensitivity(CUT_THROUGH)) < 0.06
 
 
-def test_every_constant_has_a_unit_an_origin_and_a_reason():
+def test_every_constant_has_a_unit_an_origin_and_a_reason_and_every_bar_is_there():
     found = {item.name: item for item in constants()}
     numbers = {f.name for cls in (Costs, MemoryInterface) for f in fields(cls)} - {"memory", "forwarding"}
     assert set(found) == numbers
     assert all(item.unit and item.reason for item in found.values())
-
-
-def test_every_bar_of_both_figures_is_there():
     bars = speed_ups()
     assert len(bars) == 4 * 12
     assert all(bar.smt_s > 0 and bar.gateway_s > 0 for bar in bars)

@@ -215,13 +215,10 @@ def test_every_object_of_the_mapping_is_told_with_its_counts_and_times():
     assert math.isnan(y.receipt_latency_s)
 
 
-def test_states_and_verdicts_have_the_interface_s_names():
+def test_states_and_verdicts_have_the_interface_s_names_and_the_status_is_global():
     told = status_message(bridge(), 0).objects[0]
     assert {getattr(told, state.name) for state in TrackState} == {0, 1, 2, 3}
     assert all(hasattr(told, verdict.value) for verdict in Verdict)
-
-
-def test_the_status_is_global_so_that_routers_let_it_cross():
     assert status_topic() == "/global/mocap_status"
     assert status_topic("go2") == "/global/go2/mocap_status"
 
@@ -288,12 +285,9 @@ def test_what_the_mapping_must_not_say_is_refused_with_its_place(text, says):
         read_mapping(text, file="m.yaml")
 
 
-def test_a_missing_file_is_refused(tmp_path):
+def test_a_missing_file_is_refused_and_a_mapping_that_is_built_is_checked_too(tmp_path):
     with pytest.raises(DocumentError, match=r"none\.yaml.*readable text file"):
         load_mapping(tmp_path / "none.yaml")
-
-
-def test_a_mapping_that_is_built_is_checked_too():
     objects = {id_: MappedObject(id=id_, via="a/markers") for id_ in ("a", "b")}
     with pytest.raises(DocumentError, match="a frame of its own"):
         MocapMapping(world="map", objects=objects)

@@ -196,12 +196,9 @@ def test_when_saving_fails_the_file_stays_whole_and_nothing_is_left_beside_it(tm
     assert load_scene(path).get(1).name == "other"
 
 
-def test_saving_into_a_folder_that_is_not_there_says_so(tmp_path):
+def test_saving_to_where_nothing_is_and_loading_what_is_not_there_or_not_text_says_so(tmp_path):
     with pytest.raises(SceneError, match=r"hall\.yaml: .*a file that can be written"):
         save_scene(Scene(), tmp_path / "nowhere" / "hall.yaml")
-
-
-def test_loading_what_is_not_there_or_not_text_says_so(tmp_path):
     with pytest.raises(SceneError, match=r"hall\.yaml: .*a readable text file"):
         load_scene(tmp_path / "hall.yaml")
     (tmp_path / "hall.yaml").write_bytes(b"\xff\xfe\x00")

@@ -78,15 +78,12 @@ def test_the_bound_of_the_acceleration_is_one(trajectory):
     assert np.all(largest <= motion.bend_bounds_m_s2() * (1 + 1e-9) + 1e-9)
 
 
-def test_before_the_start_and_after_the_end_one_stands():
+def test_before_the_start_after_the_end_and_with_one_waypoint_one_stands():
     trajectory = Trajectory.of([(S, Pose()), (2 * S, Pose.from_yaw((3.0, 0.0, 0.0), 1.0))])
     found = sample(trajectory, [0.0, 0.999, 5.0])
     assert found.positions_m[:, 0] == pytest.approx([0.0, 0.0, 3.0])
     assert not found.velocities_m_s.any()
     assert not found.angular_rad_s.any()
-
-
-def test_one_waypoint_is_a_trajectory_of_standing():
     pose = Pose.from_yaw((1.0, 2.0, 3.0), 0.5)
     found = sample(Trajectory.of([(S, pose)]), [0.0, 1.0, 9.0])
     assert all(found.pose(i).same_as(pose) for i in range(3))
@@ -128,7 +125,7 @@ def test_straight_up_has_no_heading_and_the_waypoint_keeps_its_own():
     assert align_waypoint(level, 0, Align.NONE) is level, "as it does where no alignment is asked"
 
 
-def test_each_limit_names_place_and_value_where_it_is_exceeded():
+def test_each_limit_names_place_and_value_where_it_is_exceeded_and_none_is_never():
     poses_ = [Pose(), Pose.at((2.0, 0.0, 0.0)), Pose.from_yaw((2.0, 1.0, 0.0), 1.5)]
     trajectory = Trajectory.of([(i * S, p) for i, p in enumerate(poses_)])
     limits = Limits(speed_m_s=1.5, acceleration_m_s2=2.0, yaw_rate_rad_s=1.0)
@@ -139,9 +136,6 @@ def test_each_limit_names_place_and_value_where_it_is_exceeded():
     assert corner.value == pytest.approx(math.hypot(2.0, 1.0))  # from (2, 0) to (0, 1) m/s in one second
     assert (found[Quantity.YAW_RATE].segment, found[Quantity.YAW_RATE].value) == (1, pytest.approx(1.5))
     assert "given 1.5 at 1.000 s, (2.00, 0.00, 0.00) m, segment 1, allowed 1" in str(found[Quantity.YAW_RATE])
-
-
-def test_no_limit_is_never_exceeded():
     assert limit_violations(line((0, 0), (1000, 0)), Limits()) == ()
 
 

@@ -44,13 +44,10 @@ def test_crossing_paths_are_closest_where_the_closed_form_says():
     assert found.tolerance_m == 0.0
 
 
-def test_paths_that_cross_at_different_times_do_not_meet():
+def test_paths_that_cross_at_different_times_do_not_meet_and_who_stand_stay_apart():
     early = straight((-5.0, 0.0, 0.0), (5.0, 0.0, 0.0), 0.0, 10.0)
     late = straight((0.0, -5.0, 0.0), (0.0, 5.0, 0.0), 20.0, 30.0)
     assert closest_approach(early, late).distance_m == pytest.approx(5.0)
-
-
-def test_two_who_stand_are_as_far_apart_as_they_stand():
     a, b = Trajectory.standing(Pose()), Trajectory.of([(5 * S, Pose.at((3.0, 4.0, 0.0)))])
     assert closest_approach(a, b).distance_m == pytest.approx(5.0)
 
@@ -100,15 +97,12 @@ def test_a_body_without_a_size_is_refused(size):
             made()
 
 
-def test_passing_a_turned_box_is_closest_at_its_corner():
+def test_passing_a_turned_box_is_closest_at_its_corner_and_through_a_body_where_deepest():
     corner = Pose.from_yaw((0.0, 0.0, 0.0), math.pi / 4)
     found = closest_to_shape(straight((-5.0, 2.0, 0.0), (5.0, 2.0, 0.0)), Box(size_m=(2.0, 2.0, 2.0)), corner)
     assert found.time_s == pytest.approx(5.0, abs=1e-6)
     assert found.clearance_m == pytest.approx(2.0 - math.sqrt(2.0))
     assert found.position_m == pytest.approx((0.0, 2.0, 0.0), abs=1e-6)
-
-
-def test_driving_through_a_body_reports_where_it_is_deepest():
     found = closest_to_shape(straight((-5.0, 0.5, 0.0), (5.0, 0.5, 0.0)), Sphere(radius_m=2.0), Pose())
     assert found.clearance_m == pytest.approx(-1.5)
     assert found.time_s == pytest.approx(5.0, abs=1e-5)

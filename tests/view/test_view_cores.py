@@ -28,14 +28,11 @@ def test_a_budget_never_lets_more_pass_than_its_rate(gaps_ns, max_hz):
     assert passed + budget.dropped == len(gaps_ns)
 
 
-def test_a_stream_that_keeps_to_the_budget_passes_whole_although_it_jitters():
+def test_a_stream_within_the_budget_passes_whole_and_thirty_hertz_of_ten_is_every_third():
     budget = RateBudget(30)
     period = S // 30
     jitter = [0, 5, -6, 3, -4, 6, -5, 2, -6, 6] * 30
     assert all(budget.allows(i * period + j * 1_000_000) for i, j in enumerate(jitter))
-
-
-def test_thirty_hertz_through_a_budget_of_ten_is_every_third():
     budget = RateBudget(10)
     passed = [budget.allows(i * S // 30) for i in range(90)]
     assert passed == [i % 3 == 0 for i in range(90)]
@@ -188,16 +185,13 @@ def test_what_could_be_shown_is_offered_once_and_only_when_its_partners_are_ther
     assert session.offers(topics) == ()
 
 
-def test_what_is_requested_matches_the_weakest_offer():
+def test_what_is_requested_matches_the_weakest_offer_and_serves_the_most_demanding_display():
     latched_reliable = requested(LATCHED, [LATCHED])
     assert latched_reliable == LATCHED
     weakened = requested(LATCHED, [LATCHED, SENSOR_DATA])
     assert weakened.reliability is Reliability.BEST_EFFORT
     assert weakened.durability is Durability.VOLATILE
     assert requested(DEFAULT, []) == DEFAULT
-
-
-def test_several_displays_share_a_subscription_that_serves_the_most_demanding():
     shared = strongest([SENSOR_DATA, LATCHED, COMPRESSED_STREAM])
     assert (shared.reliability, shared.durability) == (Reliability.RELIABLE, Durability.TRANSIENT_LOCAL)
     assert shared.depth == COMPRESSED_STREAM.depth
@@ -209,7 +203,7 @@ def beat(links, agent, now_ns, **changed):
     links.heard(agent, now_ns=now_ns, **values)
 
 
-def test_an_agent_lives_by_the_age_of_its_last_heartbeat_in_its_own_periods():
+def test_an_agent_lives_by_its_last_heartbeats_age_or_a_discoverers_word_until_the_next():
     links = FleetLinks()
     links.expect("pi1")
     beat(links, "go2", 0, period_s=2.0)
@@ -219,9 +213,6 @@ def test_an_agent_lives_by_the_age_of_its_last_heartbeat_in_its_own_periods():
     beat(links, "go2", 7 * S, incarnation=5, is_starting=True)
     (go2, _) = links.links(7 * S)
     assert (go2.life, go2.restarts, go2.age_ns) == (Life.STARTING, 1, 0)
-
-
-def test_a_discoverers_word_counts_until_the_next_heartbeat():
     links = FleetLinks()
     beat(links, "go2", 0)
     links.discovered("go2", is_lost=True)

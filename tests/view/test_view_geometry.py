@@ -41,14 +41,11 @@ def test_pixels_are_what_was_sent_whatever_the_padding(make_image, encoding, dty
     assert np.array_equal(pixels(make_image(array, encoding, padding=padding)), array)
 
 
-def test_pixels_of_the_other_byte_order_are_turned(make_image):
+def test_pixels_of_the_other_byte_order_are_turned_and_without_padding_not_copied(make_image):
     array = rng.integers(0, 65535, (3, 4)).astype(np.uint16)
     message = make_image(array.byteswap(), "16UC1")
     message.is_bigendian = 1
     assert np.array_equal(pixels(message), array)
-
-
-def test_an_image_without_padding_is_not_copied(make_image):
     message = make_image(np.zeros((4, 5, 3), np.uint8), "rgb8")
     assert np.shares_memory(pixels(message), message.data)
 

@@ -70,15 +70,12 @@ def test_exact_time_is_bounded_and_accounts_for_every_item(items, depth):
     assert len(items) == 3 * len(sets) + sync.unmatched + sync.waiting
 
 
-def test_equal_stamps_come_out_at_once_also_with_a_slop():
+def test_equal_stamps_come_out_at_once_and_a_nearer_partner_that_comes_later_is_waited_for():
     sync = synchronizer(Approximate(slop_ns=10), ("depth", "info"))
     assert sync.offer("depth", 100, "d") == []
     (found,) = sync.offer("info", 100, "i")
     assert found.items == {"depth": (100, "d"), "info": (100, "i")}
     assert found.stamp_ns == 100
-
-
-def test_a_nearer_partner_that_comes_later_is_waited_for():
     sync = synchronizer(Approximate(slop_ns=50), ("a", "b"))
     sync.offer("a", 0, "far")
     assert sync.offer("b", 40, "pivot") == []
