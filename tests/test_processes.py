@@ -33,35 +33,24 @@ def gone(pid: int) -> bool:
     return not Path(f"/proc/{pid}").exists()
 
 
-async def in_group(*members: Member, do, **options):
-    async with ProcessGroup(on_host, members, **options) as group:
-        return await do(group)
+def grouped(*members: Member, **options):
+    return ProcessGroup(on_host, members, **options)
 
 
-def run(*members: Member, do, **options):
-    return asyncio.run(in_group(*members, do=do, **options))
-
-
-def test_a_group_knows_what_its_members_said_first_and_a_configuration_arrives_typed():
-    async def do(group):
-        return {name: group[name].readiness for name in group}
-
+async def test_a_group_knows_what_its_members_said_first_and_a_configuration_arrives_typed():
     other = replace(toy("b", number=2, begins="here"), ready="here")
-    assert run(toy("a", number=1, pairs=(("x", 2),)), other, do=do) == {
-        "a": {"is": "ready", "number": 1, "pairs": [["x", 2]]},
-        "b": {"is": "here", "number": 2, "pairs": []},
-    }
+    async with grouped(toy("a", number=1, pairs=(("x", 2),)), other) as group:
+        assert {name: group[name].readiness for name in group} == {
+            "a": {"is": "ready", "number": 1, "pairs": [["x", 2]]},
+            "b": {"is": "here", "number": 2, "pairs": []},
+        }
 
 
-def test_asking_returns_a_report_of_each_and_every_report_is_heard_as_it_comes():
+async def test_asking_returns_a_report_of_each_and_every_report_is_heard_as_it_comes():
     heard: list[tuple[str, str]] = []
-
-    async def do(group):
+    async with grouped(toy("a"), toy("b"), on_report=lambda name, r: heard.append((name, r["is"]))) as group:
         first = await group.ask("counted", timeout_s=S, do="count", to=3)
         second = await group.ask("echo", ["b"], timeout_s=S, do="echo", pairs=((1, 2),))
-        return first, second
-
-    first, second = run(toy("a"), toy("b"), do=do, on_report=lambda name, r: heard.append((name, r["is"])))
     assert first == {"a": {"is": "counted"}, "b": {"is": "counted"}}
     assert second == {"b": {"is": "echo", "order": {"do": "echo", "pairs": [[1, 2]]}}}
     counted = ["ready", *["count"] * 3, "counted"]
@@ -69,15 +58,12 @@ def test_asking_returns_a_report_of_each_and_every_report_is_heard_as_it_comes()
     assert [kind for name, kind in heard if name == "b"] == [*counted, "echo", "ended"]
 
 
-def test_all_are_told_to_end_and_are_gone(tmp_path):
+async def test_all_are_told_to_end_and_are_gone(tmp_path):
     farewell = str(tmp_path / "farewell")
-
-    async def do(group):
-        return [group[name].pid for name in group]
-
-    pids = run(toy("a", number=1, farewell=farewell), toy("b", number=2, farewell=farewell), do=do)
+    async with grouped(*(toy(n, number=i, farewell=farewell) for i, n in enumerate("ab", 1))) as group:
+        pids = [group[name].pid for name in group]
     assert all(map(gone, pids))
-    assert sorted(Path(farewell).read_text().split()) == ["1", "2"]
+    assert sorted((tmp_path / "farewell").read_text().split()) == ["1", "2"]
 
 
 async def test_a_failed_start_leaves_nobody():
@@ -90,13 +76,13 @@ async def test_a_failed_start_leaves_nobody():
     assert pids == []
 
 
-def test_a_member_that_does_not_become_ready_is_named():
+async def test_a_member_that_does_not_become_ready_is_named():
     with pytest.raises(ProcessFailedError, match=r"^a: no 'ready' within 1 s$"):
-        run(toy("a", begins="something"), do=None, start_s=1.0)
+        await grouped(toy("a", begins="something"), start_s=1.0).__aenter__()
 
 
-def test_members_can_be_killed_ended_restarted_and_added_midway():
-    async def do(group):
+async def test_members_can_be_killed_ended_restarted_and_added_midway():
+    async with grouped(toy("a"), toy("b")) as group:
         before = group["a"].pid
         await group.restart("a")
         await group.kill("b")
@@ -104,12 +90,8 @@ def test_members_can_be_killed_ended_restarted_and_added_midway():
         await group.end("c")
         await group.start(toy("b"))
         assert gone(before)
-        names = [member.name for member in group.members]
-        return names, await group.ask("counted", timeout_s=S, do="count", to=0)
-
-    names, reports = run(toy("a"), toy("b"), do=do)
-    assert names == ["a", "b"]
-    assert set(reports) == {"a", "b"}
+        assert [member.name for member in group.members] == ["a", "b"]
+        assert set(await group.ask("counted", timeout_s=S, do="count", to=0)) == {"a", "b"}
 
 
 @pytest.mark.parametrize(
@@ -122,8 +104,8 @@ def test_members_can_be_killed_ended_restarted_and_added_midway():
         ("nothing", "a: no 'counted' within 1 s"),
     ],
 )
-def test_who_fails_is_named_with_the_reason(do, message):
-    async def ask(group):
+async def test_who_fails_is_named_with_the_reason(do, message):
+    async with grouped(toy("a"), toy("b")) as group:
         with pytest.raises(ProcessFailedError, match=f"^{message}$"):
             await group.ask("counted", ["a"], timeout_s=1.0 if do == "nothing" else S, do=do)
         if do != "nothing":
@@ -131,45 +113,39 @@ def test_who_fails_is_named_with_the_reason(do, message):
                 group.check()
         await group.ask("counted", ["b"], timeout_s=S, do="count", to=0)
 
-    run(toy("a"), toy("b"), do=ask)
 
-
-def test_a_cancelled_group_leaves_nobody():
+async def test_a_cancelled_group_leaves_nobody():
     pids: list[int] = []
 
-    async def do(group):
-        pids.extend(group[name].pid for name in group)
-        asyncio.current_task().cancel()
-        await asyncio.sleep(S)
+    async def members():
+        async with grouped(toy("a"), toy("b")) as group:
+            pids.extend(group[name].pid for name in group)
+            asyncio.current_task().cancel()
+            await asyncio.sleep(S)
 
     with pytest.raises(asyncio.CancelledError):
-        run(toy("a"), toy("b"), do=do)
+        await asyncio.create_task(members())
     assert len(pids) == 2
     assert all(map(gone, pids))
 
 
-def test_a_process_that_does_not_end_is_ended_by_force():
-    async def main():
-        argv = on_host("", toy("a", deaf=True).command)
-        process = await LineProcess.start("a", argv)
-        await process.expect("ready", timeout_s=S)
-        await process.close(grace_s=0.2)
-        return process.status
-
-    assert asyncio.run(main()) == -signal.SIGKILL
+async def test_a_process_that_does_not_end_is_ended_by_force():
+    process = await LineProcess.start("a", on_host("", toy("a", deaf=True).command))
+    await process.expect("ready", timeout_s=S)
+    await process.close(grace_s=0.2)
+    assert process.status == -signal.SIGKILL
 
 
-def test_an_error_of_who_listens_is_raised_when_the_process_is_closed():
+async def test_an_error_of_who_listens_is_raised_when_the_process_is_closed():
     def deafen(_name, report):
         if report["is"] == "count":
             raise RuntimeError("not prepared for this")
 
-    async def do(group):
-        with pytest.raises(ProcessFailedError, match="a killed by a signal"):
-            await group.ask("counted", timeout_s=S, do="count", to=1)
-
+    group = await grouped(toy("a"), on_report=deafen).__aenter__()
+    with pytest.raises(ProcessFailedError, match="a killed by a signal"):
+        await group.ask("counted", timeout_s=S, do="count", to=1)
     with pytest.raises(RuntimeError, match="not prepared"):
-        run(toy("a"), do=do, on_report=deafen)
+        await group.__aexit__(None, None, None)
 
 
 @contextmanager

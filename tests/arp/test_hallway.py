@@ -148,8 +148,6 @@ def test_robots_that_are_told_nothing_stay_and_straight_ahead_they_slip_by_milli
     for _ in range(100):
         world.step([STOP] * 3)
     np.testing.assert_array_equal(world.poses, before)
-    world = World(seed=3)
-    before = world.poses.copy()
     seconds = 2.0
     for _ in range(round(seconds * 1e9 / STEP_NS)):
         world.step([Command(moving=True)] * 3)

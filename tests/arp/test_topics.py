@@ -97,9 +97,7 @@ def test_table_1_gives_the_sizes_of_python_objects(sensor):
 
 def test_three_robots_have_sixteen_sensors_and_what_travels_is_smaller():
     sizes = {name: cdr_bytes(sensor) for name, sensor in SENSORS.items()}
-    assert sizes == dict.fromkeys(("lidar", "flame", "dht11", "imu", "ultrasonic"), 8) | {
-        "pir": 20,
-        "light": 16,
-    }
+    eight = dict.fromkeys(("lidar", "flame", "dht11", "imu", "ultrasonic"), 8)
+    assert sizes == eight | {"pir": 20, "light": 16}
     assert [len(sensors) for sensors in ROBOTS.values()] == [6, 5, 5]
     assert {name for sensors in ROBOTS.values() for name in sensors} == set(SENSORS)

@@ -210,9 +210,8 @@ def test_compressed_colour_is_found_by_a_part_of_its_format(pictures, codec, ren
 )
 def test_grey_pictures_are_named_by_their_bits(dtype, text, encoding):
     picture = np.arange(12, dtype=dtype).reshape(3, 4)
-    (image,) = image_decoder(COMPRESSED_IMAGE).feed(
-        SimpleNamespace(format=text, data=encode_png(picture, level=1))
-    )
+    message = SimpleNamespace(format=text, data=encode_png(picture, level=1))
+    (image,) = image_decoder(COMPRESSED_IMAGE).feed(message)
     assert image.encoding == encoding
     assert np.array_equal(image.array, picture)
 

@@ -167,9 +167,8 @@ def test_a_person_reads_of_paths_that_open_and_close_by_their_names_in_ros():
     heartbeat = path("rt/global/agent_heartbeat")
     service = [path("rq/global/pi1/set_modeRequest", "outward"), path("rr/global/pi1/set_modeReply")]
     queries = [path("rq/global/pi1/get_metadataRequest"), path("rr/global/pi1/get_metadataReply", "outward")]
-    first = said(
-        "router", **{"is": "status", "paths": [heartbeat, *service, *queries, path("rt/tf", readers=0)]}
-    )
+    paths = [heartbeat, *service, *queries, path("rt/tf", readers=0)]
+    first = said("router", **{"is": "status", "paths": paths})
     assert narrator.lines(first) == [
         "router: /global/agent_heartbeat inward opened",
         "router: /global/pi1/set_mode outward opened",

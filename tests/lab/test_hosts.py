@@ -230,14 +230,10 @@ def test_a_command_that_cannot_run_is_said_so_and_one_that_takes_too_long_ends(e
 
 
 @netns
-def test_asyncio_starts_processes_by_the_wrapped_command_line(edge):
-    async def ask():
-        process = await asyncio.create_subprocess_exec(
-            *edge.argv([*PYTHON, "print(42)"]), stdout=subprocess.PIPE
-        )
-        return (await process.communicate())[0]
-
-    assert asyncio.run(ask()) == b"42\n"
+async def test_asyncio_starts_processes_by_the_wrapped_command_line(edge):
+    command = edge.argv([*PYTHON, "print(42)"])
+    process = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE)
+    assert (await process.communicate())[0] == b"42\n"
 
 
 @netns
@@ -255,12 +251,8 @@ def test_a_closed_network_starts_nothing():
         edge = net.add_host("edge")
         with pytest.raises(HostsError, match="in use"):
             net.__enter__()
-    for use in (
-        lambda: edge.popen(["true"]),
-        edge.interface_bytes,
-        lambda: net.add_host("late"),
-        lambda: net.how,
-    ):
+    starts = (lambda: edge.popen(["true"]), lambda: net.add_host("late"))
+    for use in (*starts, edge.interface_bytes, lambda: net.how):
         with pytest.raises(HostsError, match="closed"):
             use()
 

@@ -129,11 +129,8 @@ def test_notebooks_are_found_by_name_beginning_or_topic(project):
 
 
 def test_parameters_are_read_as_yaml():
-    assert read_parameters(["seed=3", "source=drive.mp4", "ok=true"]) == {
-        "seed": 3,
-        "source": "drive.mp4",
-        "ok": True,
-    }
+    read = read_parameters(["seed=3", "source=drive.mp4", "ok=true"])
+    assert read == {"seed": 3, "source": "drive.mp4", "ok": True}
     with pytest.raises(NotebookError, match="needed is name=value"):
         read_parameters(["seed"])
 

@@ -1,6 +1,5 @@
 """Sweeps: the same rows wherever they ran, in order, once each, whatever happened in between."""
 
-import asyncio
 import json
 import logging
 import math
@@ -135,11 +134,9 @@ def test_a_task_may_return_several_rows_of_several_kinds(tmp_path):
         assert found == [(quick(POINTS[2], 3), OtherRow(level=3 / 7))]
 
 
-def test_it_runs_beside_an_event_loop_as_in_a_notebook(tmp_path):
-    async def cell():
-        return sweep(quick, POINTS, SEEDS, journal=tmp_path / "journal", workers=THREADS)
-
-    assert bits(asyncio.run(cell())) == bits(expected())
+async def test_it_runs_beside_an_event_loop_as_in_a_notebook(tmp_path):
+    found = sweep(quick, POINTS, SEEDS, journal=tmp_path / "journal", workers=THREADS)
+    assert bits(found) == bits(expected())
 
 
 def test_batches_grow_to_a_good_tenth_of_a_second_and_at_most_to_twice_the_last():

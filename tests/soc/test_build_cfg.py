@@ -96,11 +96,8 @@ def test_every_graph_with_plain_names_is_read_as_it_was_written(graph):
     mapped = map_communication(plain).gateways
     parser = read(build_cfg(mapped))
     assert len(sections(parser, "ReconosThread")) == len(mapped.in_hardware)
-    resources = [
-        re.split(r"[, ]+", value)
-        for group in sections(parser, "ResourceGroup").values()
-        for value in group.values()
-    ]
+    groups = sections(parser, "ResourceGroup").values()
+    resources = [re.split(r"[, ]+", value) for group in groups for value in group.values()]
     edges = [edge for edge in mapped.edges() if edge.node in mapped.in_hardware]
     assert sum(args[0] in {"rospub", "rossub"} for args in resources) == len(edges)
 

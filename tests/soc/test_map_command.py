@@ -44,9 +44,8 @@ def test_small_messages_get_no_gateway_by_size_and_of_an_unknown_size_no_time_is
     assert not re.search(r"^\w +gateway ", by_size, re.MULTILINE)
     text = Path(FIGURE_8).read_text().replace("    size_bytes: 1000000\n", "")
     (tmp_path / "unsized.yaml").write_text(text)
-    assert re.search(
-        r"^A +gateway +3 -> 1 +unknown -> unknown$", call(str(tmp_path / "unsized.yaml")), re.MULTILINE
-    )
+    said = call(str(tmp_path / "unsized.yaml"))
+    assert re.search(r"^A +gateway +3 -> 1 +unknown -> unknown$", said, re.MULTILINE)
     with pytest.raises(SfglabError, match=r"unsized\.yaml|topics\.A\.size_bytes"):
         call(str(tmp_path / "unsized.yaml"), "--rule", "size")
 

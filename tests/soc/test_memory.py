@@ -155,9 +155,8 @@ def test_who_does_not_subscribe_has_no_time():
 def test_a_larger_message_and_more_readers_never_arrive_earlier(publisher, transport, size, hardware, software):
     here = times(publisher, transport, size, hardware=hardware, software=software)
     for more in ((1000, 0, 0), (0, 1, 0), (0, 0, 1)):
-        later = times(
-            publisher, transport, size + more[0], hardware=hardware + more[1], software=software + more[2]
-        )
+        nodes = {"hardware": hardware + more[1], "software": software + more[2]}
+        later = times(publisher, transport, size + more[0], **nodes)
         assert later.hardware_s >= here.hardware_s - 1e-12
         assert later.software_s >= here.software_s - 1e-12
 

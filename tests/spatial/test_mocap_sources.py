@@ -136,14 +136,10 @@ def test_vicon_frames_are_taken_with_capture_time_units_and_order(client):
     assert not [t for t in threading.enumerate() if t.name.startswith("vicon")]
 
 
-def test_a_tracker_that_does_not_answer_is_one_error(client):
+async def test_a_tracker_that_does_not_answer_is_one_error(client):
     client.answer = Result.ClientConnectionFailed
-
-    async def main():
-        await anext(ViconSource("nowhere", clock=Clock()).captures())
-
     with pytest.raises(MocapError, match="asked to connect, it answered ClientConnectionFailed"):
-        asyncio.run(main())
+        await anext(ViconSource("nowhere", clock=Clock()).captures())
 
 
 def test_without_the_library_the_error_says_how_to_install_it(monkeypatch):
@@ -198,15 +194,11 @@ def log(tmp_path):
     return tmp_path / "run.mcap"
 
 
-def test_a_log_is_replayed_in_the_order_and_at_the_pace_of_receipt(log):
+async def test_a_log_is_replayed_in_the_order_and_at_the_pace_of_receipt(log):
     clock = Clock()
-
-    async def main(reader):
-        source = LogSource(reader, {"a": "/a", "b": "/b"}, clock=clock)
-        return [capture async for capture in source.captures()]
-
     with LogReader(log) as reader:
-        taken = asyncio.run(main(reader))
+        source = LogSource(reader, {"a": "/a", "b": "/b"}, clock=clock)
+        taken = [capture async for capture in source.captures()]
     assert [next(iter(c.sights)) for c in taken] == ["a", "b"] * 4
     assert [c.capture_ns for c in taken] == [i * S // 2 for i in range(8)]
     assert all(c.receipt_ns - c.capture_ns == 6_000_000 for c in taken)

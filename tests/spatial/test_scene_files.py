@@ -3,7 +3,6 @@
 import difflib
 import errno
 import math
-import os
 import stat
 from pathlib import Path
 
@@ -117,10 +116,8 @@ def test_siblings_stay_in_the_files_order_also_where_a_child_stands_first():
 
 
 def test_an_aligned_waypoint_edited_by_hand_looks_along_its_new_segment():
-    text = GOOD.replace("quat_xyzw: [0.0, 0.0, 0.0, 1.0]}", "align: previous}").replace(
-        "[1.0, 0.0", "[0.0, 2.0"
-    )
-    pose = read_scene(text).get(5).pose
+    text = GOOD.replace("quat_xyzw: [0.0, 0.0, 0.0, 1.0]}", "align: previous}")
+    pose = read_scene(text.replace("[1.0, 0.0", "[0.0, 2.0")).get(5).pose
     assert pose.same_as(Pose.from_yaw((0.0, 2.0, 0.0), 1.5707963267948966))
 
 
@@ -176,14 +173,9 @@ def test_when_saving_fails_the_file_stays_whole_and_nothing_is_left_beside_it(tm
     def broken(_scene):
         raise ZeroDivisionError
 
-    if fails == "fsync":
-        monkeypatch.setattr(os, "fsync", full)
-    elif fails == "replace":
-        monkeypatch.setattr(Path, "replace", full)
-    elif fails == "text":
-        monkeypatch.setattr("sfglab.spatial.scene.files.scene_text", broken)
-    else:
-        monkeypatch.setattr(Path, "open", full)
+    places = {"fsync": "os.fsync", "replace": "pathlib.Path.replace", "write": "pathlib.Path.open"}
+    place = places.get(fails, "sfglab.spatial.scene.files.scene_text")
+    monkeypatch.setattr(place, broken if fails == "text" else full)
     editor = Editor(read_scene(GOOD), file=path)
     editor.do(Rename(id=1, name="other"))
     with pytest.raises(ZeroDivisionError if fails == "text" else SceneError):

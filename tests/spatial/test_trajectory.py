@@ -145,12 +145,7 @@ def test_a_limit_that_is_none_is_refused(value):
         Limits(speed_m_s=value)
 
 
-def test_retiming_a_straight_line_takes_as_long_as_the_limit_says():
-    found = retimed(line((0, 0), (6, 0)), Limits(speed_m_s=2.0))
-    assert found.end_ns == pytest.approx(3 * S, rel=1e-5)
-
-
-def test_retiming_leaves_segments_alone_that_keep_to_the_limits():
+def test_retiming_takes_as_long_as_the_limit_says_and_leaves_segments_alone_that_keep_to_it():
     found = retimed(line((0, 0), (1, 0), (9, 0)), Limits(speed_m_s=2.0))
     assert found.waypoints[1].time_ns == S
     assert found.end_ns == pytest.approx(5 * S, rel=1e-5)

@@ -381,9 +381,9 @@ def test_communication_is_drawn_over_the_agents(paper, update):
     decoded = publisher("/local/go2/camera_front/color/image_raw")
     visualizer.show(update(heartbeats=heartbeat("go2"), received_ns=10 * S), paper)
     visualizer.observe(EndpointAdded(endpoint=decoded))
-    visualizer.observe(
-        TopicHealth(topic="/global/go2/camera_front/color/ffmpeg", received=9, dropped=2, lost=1)
-    )
+    health = {"received": 9, "dropped": 2, "lost": 1}
+    visualizer.observe(TopicHealth(topic="/global/go2/camera_front/color/ffmpeg", **health))
+
     visualizer.tick(10 * S + S // 2, paper)
     root = "/agents/go2/communication"
     (ring,) = paper.at_entity(f"{root}/ring")
