@@ -115,8 +115,7 @@ class ProcessTiming:
     """How long a process that is started anew after crashes is waited for, in nanoseconds."""
 
     start_ns: int = 30_000_000_000  #: One that does not serve after this long is ended and started anew.
-    #: One that was told to end and has not after this long is ended by force.
-    stop_ns: int = 5_000_000_000
+    stop_ns: int = 5_000_000_000  #: One that was told to end and has not after this long is ended by force.
     #: Wait before the first new try after a crash; it doubles with each further crash.
     backoff_ns: int = 200_000_000
     backoff_max_ns: int = 10_000_000_000  #: The longest wait between tries.

@@ -288,8 +288,7 @@ class FrameSpec(_Part):
 class FrameTree(_Part):
     """The transforms of one agent."""
 
-    #: One transform each.
-    frames: tuple[FrameSpec, ...] = field(default=(), metadata=read_by(_read_frames))
+    frames: tuple[FrameSpec, ...] = field(default=(), metadata=read_by(_read_frames))  #: One transform each.
     prefix_frames: bool = True  #: Frames leave the agent as ``<agent>/<frame>``, as paper A, section 4.1 asks.
     #: Frames that all agents mean by the same name and that are never prefixed.
     shared_frames: tuple[str, ...] = SHARED_FRAMES

@@ -32,8 +32,7 @@ class ProcessStat:
     """What one process has used since its start, as ``/proc/PID/stat`` has it (proc(5)) or more precisely."""
 
     parent: int  #: Its parent at the time of reading.
-    #: When it started, since the machine's start; tells it from a later owner of the pid.
-    started_ns: int
+    started_ns: int  #: When it started, since the machine's start; tells it from a later owner of the pid.
     own_ns: int  #: CPU time of all its threads, in nanoseconds.
     #: CPU time of its children that ended and were waited for, with their own such children.
     reaped_ns: int = 0

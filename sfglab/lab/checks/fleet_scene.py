@@ -24,8 +24,7 @@ from sfglab.codecs import (
 )
 from sfglab.lab.sources import open_source
 from sfglab.messages import default_message, message_type, stamp_from_ns
-from sfglab.spatial import Pose
-from sfglab.spatial.poses import StampedTransform, header_msg
+from sfglab.spatial.poses import Pose, StampedTransform, header_msg
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

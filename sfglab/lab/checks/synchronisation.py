@@ -12,12 +12,11 @@ from sfglab.lab.checks import Case, CheckRow, Checks, Sample
 from sfglab.lab.checks.fleet_scene import CAMERA, SIZE, Moment, back_projected, camera_info, image_message
 from sfglab.lab.checks.recordings import read_recording
 from sfglab.messages import serialize
-from sfglab.view import Approximate, Exact
 from sfglab.view.arrivals import Arrival
 from sfglab.view.rerunning import open_canvas
 from sfglab.view.session import Session
 from sfglab.view.stage import replay
-from sfglab.view.sync import synchronizer
+from sfglab.view.sync import Approximate, Exact, synchronizer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

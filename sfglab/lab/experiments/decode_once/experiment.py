@@ -28,8 +28,7 @@ class Stage:
     """One camera stream and how often it is measured with how many subscribers."""
 
     codec: str  #: ``h264`` (colour) or ``rvl`` (depth).
-    #: Where frames come from, as `open_source` takes it; empty: the configuration's source.
-    source: str = ""
+    source: str = ""  #: Where frames come from, as `open_source` takes it; empty: the configuration's source.
     counts: tuple[int, ...]  #: Numbers of local subscribers.
     #: Numbers of subscribers that receive without decoding, to tell network from decoding.
     network_counts: tuple[int, ...] = ()

@@ -53,8 +53,7 @@ class Config(Profiled):
     scene_file: str = "scenes/hall.yaml"  #: The scene whose agents are sent along, in the data folder.
     segment_s: float = between(1.0, 0.3, 4.0)  #: From one waypoint of the example to the next, as drawn.
     speed_m_s: float = between(1.0, 0.2, 4.0)  #: Highest speed that the example is re-timed to [m/s].
-    #: Highest acceleration that it is re-timed to [m/s²].
-    acceleration_m_s2: float = between(1.0, 0.2, 8.0)
+    acceleration_m_s2: float = between(1.0, 0.2, 8.0)  #: Highest acceleration that it is re-timed to [m/s²].
     seed: int = 0  #: Of all cases.
 
 
