@@ -22,8 +22,7 @@ from sfglab.qos import Liveliness
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from sfglab.bus import Graph, Node
-    from sfglab.bus.api import EndpointEvent, EndpointInfo
+    from sfglab.bus import EndpointEvent, EndpointInfo, Graph, Node
     from sfglab.bus.forwarding import Forward, RawWriter, Transform
     from sfglab.fleet.policy import Path, Side
     from sfglab.fleet.router.frames import TransformGate

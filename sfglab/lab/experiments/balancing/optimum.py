@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sfglab.arp import Plan, load_topics, pareto_front, plan_as_printed
 from sfglab.arp.balancing import (
     Balance,
     BalanceInput,
@@ -17,9 +18,6 @@ from sfglab.arp.balancing import (
     balance,
     balance_closed_form,
 )
-from sfglab.arp.plan import Plan, plan_as_printed
-from sfglab.arp.programme import pareto_front
-from sfglab.arp.topics import load_topics
 from sfglab.lab.checks import CheckRow, check_row
 from sfglab.lab.experiments.balancing.experiment import Config, exp
 from sfglab.lab.paths import find_project

@@ -12,8 +12,7 @@ import numpy as np
 from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, TRANSITIONS, Edge, Input, Node, State, diagram
 from sfglab.lab.experiments.lifecycle.analysis import heard, heartbeat_checks, intervals, joined_ns, transitions
 from sfglab.lab.experiments.lifecycle.experiment import Config, exp
-from sfglab.lab.explore.automaton import Automaton, Moment, transition_part
-from sfglab.lab.explore.press import part
+from sfglab.lab.explore import Automaton, Moment, part, transition_part
 from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE
 from sfglab.units import NS_PER_S
 
