@@ -182,8 +182,8 @@ _DETOURS = {(State.CANCEL_WAIT, State.PUBLISH_HOLDING): ((4.8, 1), (4.8, 4))}
 _PITCH = np.array([1.6, 0.95])
 _HALF = np.array([0.51, 0.27])
 _APART = 0.16
-# Okabe and Ito's palette: software's side, hardware's side, neither; what happens now.
-_OSIF, _HMT, _INNER, _NOW = "#F5D67B", "#A8D4F0", "#FFFFFF", "#D55E00"
+# Okabe and Ito's palette: software's side, hardware's side, neither.
+_OSIF, _HMT, _INNER = "#F5D67B", "#A8D4F0", "#FFFFFF"
 _LINE = "#333333"
 
 
@@ -205,9 +205,7 @@ def arrows(table: Table = TABLE) -> list[Arrow]:
     ]
 
 
-def draw_core(
-    ax: Axes, table: Table = TABLE, *, at: State | None = None, taken: Arrow | None = None
-) -> dict[State | Arrow, tuple[Artist, ...]]:
+def draw_core(ax: Axes, table: Table = TABLE) -> dict[State | Arrow, list[Artist]]:
     """Draw the core: calls and answers of its delegate yellow, uses of the stream blue.
 
     Letters fit from about 10 by 5 inches on.
@@ -215,19 +213,17 @@ def draw_core(
     Args:
         ax: Where.
         table: The core's behaviour.
-        at: The state to draw as the present one.
-        taken: The arrow to draw as the one that led there.
 
     Returns:
-        The artists of each state and arrow.
+        The artists of each state, its box first, and of each arrow.
     """
     drawn = arrows(table)
-    artists: dict[State | Arrow, tuple[Artist, ...]] = {}
+    artists: dict[State | Arrow, list[Artist]] = {}
     for arrow in drawn:
         meets = any((a.source, a.target) == (arrow.target, arrow.source) for a in drawn)
-        artists[arrow] = _draw_arrow(ax, arrow, _APART / 2 if meets else 0.0, now=arrow == taken)
+        artists[arrow] = _draw_arrow(ax, arrow, _APART / 2 if meets else 0.0)
     for state, row in table.items():
-        artists[state] = _draw_state(ax, state, row.drive.name, now=state is at)
+        artists[state] = _draw_state(ax, state, row.drive.name)
     places = np.array([*PLACES.values(), *(p for corners in _DETOURS.values() for p in corners)])
     low, high = _inches(places.min(axis=0)), _inches(places.max(axis=0))
     ax.set_xlim(low[0] - 0.65, high[0] + 0.1)
@@ -243,20 +239,19 @@ def _inches(place: Points | tuple[float, float]) -> Points:
     return np.array([x, -y])
 
 
-def _draw_state(ax: Axes, state: State, drive: str, *, now: bool) -> tuple[Artist, ...]:
+def _draw_state(ax: Axes, state: State, drive: str) -> list[Artist]:
     from matplotlib.patches import FancyBboxPatch
 
     fill = _HMT if "HMT" in drive else _OSIF if "OSIF" in drive or "CALL" in drive else _INNER
     centre = _inches(PLACES[state])
     left, bottom = centre - _HALF
     width, height = 2 * _HALF
-    edge = {"ec": _NOW, "lw": 3.0} if now else {"ec": _LINE}
-    box = FancyBboxPatch((left, bottom), width, height, "round,pad=0,rounding_size=0.08", fc=fill, **edge)
+    box = FancyBboxPatch((left, bottom), width, height, "round,pad=0,rounding_size=0.08", fc=fill, ec=_LINE)
     x, y = centre
     middle: dict[str, Any] = {"ha": "center", "va": "center"}
     said = _words(state.name).replace(" holding", "\nholding")
     name = ax.text(x, y + 0.08, said, fontsize=7, weight="bold", linespacing=1.0, **middle)
-    return ax.add_patch(box), name, ax.text(x, y - 0.17, _words(drive), fontsize=7, style="italic", **middle)
+    return [ax.add_patch(box), name, ax.text(x, y - 0.17, _words(drive), fontsize=7, style="italic", **middle)]
 
 
 def _words(name: str) -> str:
@@ -264,27 +259,24 @@ def _words(name: str) -> str:
     return " ".join(w if w in {"HMT", "SMT", "OSIF"} else w.lower() for w in name.split("_"))
 
 
-def _draw_arrow(ax: Axes, arrow: Arrow, aside: float, *, now: bool) -> tuple[Artist, ...]:
-    color, width = (_NOW, 2.4) if now else (_LINE, 0.9)
+def _draw_arrow(ax: Axes, arrow: Arrow, aside: float) -> list[Artist]:
     corners = _DETOURS.get((arrow.source, arrow.target), ())
     way = np.array([_inches(p) for p in (PLACES[arrow.source], *corners, PLACES[arrow.target])])
     first, last = way[1] - way[0], way[-1] - way[-2]
     way = way + aside * np.array([last[1], -last[0]]) / np.hypot(*last)
     way[0] = way[0] + first * _inside(first)
     way[-1] = way[-1] - last * _inside(last)
-    for start, end in list(pairwise(way))[:-1]:
-        ax.plot(*zip(start, end, strict=True), color=color, lw=width, zorder=0)
-    ends = {"arrowstyle": "-|>", "color": color, "lw": width, "shrinkA": 0, "shrinkB": 0}
-    drawn = ax.annotate("", way[-1], way[-2], arrowprops=ends, zorder=0).arrow_patch
-    assert drawn is not None, "it was asked for"
+    drawn: list[Artist] = []
+    for ends in list(pairwise(way))[:-1]:
+        drawn += ax.plot(*zip(*ends, strict=True), color=_LINE, lw=0.9, zorder=0)
+    look: dict[str, Any] = {"arrowstyle": "-|>", "color": _LINE, "lw": 0.9, "shrinkA": 0, "shrinkB": 0}
+    head = ax.annotate("", way[-1], way[-2], arrowprops=look, zorder=0).arrow_patch
+    assert head is not None, "it was asked for"
     x, y = (way[0] + way[1]) / 2 + 2.6 * aside * np.array([last[1], -last[0]]) / np.hypot(*last)
     y += 0.1 * (first[1] == 0)  # level arrows are short: their label stands above
     white = {"fc": "white", "ec": "none", "pad": 0.4}
-    look: dict[str, Any] = {"color": color if now else "black", "weight": "bold" if now else "normal"}
-    said = ax.text(
-        x, y, _words(arrow.given.name), ha="center", va="center", fontsize=7, bbox=white, zorder=1, **look
-    )
-    return drawn, said
+    said = ax.text(x, y, _words(arrow.given.name), ha="center", va="center", fontsize=7, bbox=white, zorder=1)
+    return [*drawn, head, said]
 
 
 def _inside(direction: Points) -> float:

@@ -19,7 +19,7 @@ TABLES = [(TRANSITIONS, State.UNKNOWN), (REPLAY, ReplayState.IDLE), (GOALS, Goal
 
 @pytest.mark.parametrize(("table", "start"), TABLES, ids=["life cycle", "replay", "goal"])
 def test_every_press_does_what_the_table_says_in_the_present_state_or_is_refused(table, start):
-    machine = Automaton("machine", table, start, lambda *_: None, size=(3, 2))
+    machine = Automaton("machine", table, start, lambda *_: {}, size=(3, 2))
     inputs = dict.fromkeys(given for _, given in table)
     states = dict.fromkeys(state for state, _ in table)
     edge_of = {given: transition_part(source, given) for source, given in table}

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sfglab.lab.bench import Bench
-    from sfglab.lab.explore.automaton import Automaton, Moment
+    from sfglab.lab.explore import Automaton, Parts
     from sfglab.soc.graph import Graph
 
 _SMALL = (Bound(), Bound(subscribers=2), Bound(calls=2), Bound(port_messages=1), Bound(echoes=False))
@@ -273,7 +273,7 @@ def press_core(run: Sequence[Step] = ()) -> Automaton:
 
     walked = {"a walk": inputs_of(run)} if run else {}
     table = transitions()
-    return Automaton("gateway core", table, State.START, _draw_moment, size=(10, 5), runs=walked)
+    return Automaton("gateway core", table, State.START, _draw_to_press, size=(10, 5), runs=walked)
 
 
 def inputs_of(run: Sequence[Step]) -> list[Input]:
@@ -283,11 +283,6 @@ def inputs_of(run: Sequence[Step]) -> list[Input]:
     return [given[pair] for pair in pairwise(states) if pair in given]
 
 
-def _draw_moment(figure: Figure, moment: Moment) -> None:
-    from sfglab.lab.explore.automaton import transition_part
-    from sfglab.lab.explore.press import part
-
-    lit = next((a for a in arrows() if (a.source, a.given) == moment.taken), None)
-    for drawn, artists in draw_core(figure.subplots(), at=State(moment.state), taken=lit).items():
-        of = drawn.name if isinstance(drawn, State) else transition_part(drawn.source, drawn.given)
-        part(of, *artists)
+def _draw_to_press(figure: Figure) -> Parts:
+    drawn = draw_core(figure.subplots())
+    return {d if isinstance(d, State) else ((d.source, d.given),): artists for d, artists in drawn.items()}

@@ -5,8 +5,8 @@ Knows experiments, their looks and widgets; refuses to know what any of them is 
 
 from __future__ import annotations
 
-from sfglab.lab.explore.automaton import Automaton, Moment, transition_part
+from sfglab.lab.explore.automaton import Automaton, Moment, Parts, transition_part
 from sfglab.lab.explore.explorer import Explorer, explore
 from sfglab.lab.explore.press import Pressed, part
 
-__all__ = ["Automaton", "Explorer", "Moment", "Pressed", "explore", "part", "transition_part"]
+__all__ = ["Automaton", "Explorer", "Moment", "Parts", "Pressed", "explore", "part", "transition_part"]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from sfglab.lab.explore.press import Pressed
+from sfglab.lab.explore.press import Pressed, part
 from sfglab.lab.figures import COLORS
 from sfglab.machine import step
 from sfglab.view.widgets import button, widgets
@@ -18,10 +18,13 @@ from sfglab.view.widgets import button, widgets
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
+    from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
 Transition: TypeAlias = tuple[Enum, Enum]
 """A state and an input that can happen in it: a key of a table."""
+Parts: TypeAlias = "Mapping[Any, Sequence[Artist]]"
+"""The artists of each state, its box first, and of each tuple of transitions that are drawn as one."""
 
 
 def transition_part(source: Enum, given: Enum) -> str:
@@ -31,7 +34,7 @@ def transition_part(source: Enum, given: Enum) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Moment:
-    """Where a machine stands, and how a drawing of its table shows that."""
+    """Where a machine stands."""
 
     state: Enum  #: The present state.
     taken: Transition | None = None  #: The transition that led there; None: it began there, or was put there.
@@ -41,16 +44,24 @@ class Moment:
         """Return the colour of transitions that are drawn as one: just taken, possible now, or neither."""
         if self.taken in moves:
             return COLORS["standard"]
-        return COLORS["proxy"] if any(source is self.state for source, _ in moves) else "#888888"
+        return COLORS["proxy"] if any(source is self.state for source, _ in moves) else "#6F6F6F"
 
-    def width(self, moves: Collection[Transition]) -> float:
-        """Return the width of such an arrow, points."""
-        return 3.0 if self.taken in moves else 1.2
+    def show(self, drawn: Parts) -> None:
+        """Show it in what is drawn of a table, and let that be pressed."""
+        from matplotlib.text import Text
 
-    def border(self, state: Enum) -> dict[str, Any]:
-        """Return how a state's box is framed, as patches take it."""
-        here = state is self.state
-        return {"edgecolor": COLORS["standard"] if here else "#333333", "linewidth": 3.0 if here else 1.0}
+        for of, artists in drawn.items():
+            if isinstance(of, Enum):
+                part(of.name, *artists)
+                if of is self.state:
+                    artists[0].set(edgecolor=COLORS["standard"], linewidth=3.0)
+                continue
+            part(transition_part(*of[0]), *artists)
+            for artist in artists:
+                artist.set(color=self.color(of))
+                unseen = artist.get_alpha() == 0  # broad, for the mouse
+                if self.taken in of and not unseen and not isinstance(artist, Text):
+                    artist.set(linewidth=3.0)
 
 
 class Automaton(Pressed):
@@ -60,8 +71,7 @@ class Automaton(Pressed):
         name: What the machine stands for, in messages.
         table: (state, input) -> the next state, or a pair of it and what is done.
         start: Where it begins.
-        draw: Draws the table at a moment into an empty figure; its parts are called as states and as
-            `transition_part` says.
+        draw: Draws the table into an empty figure, and returns what it is drawn of.
         size: Width and height of the figure, inches.
         runs: Recorded runs by name, as their inputs from the start on.
 
@@ -74,7 +84,7 @@ class Automaton(Pressed):
         name: str,
         table: Mapping[Any, Any],
         start: Enum,
-        draw: Callable[[Figure, Moment], object],
+        draw: Callable[[Figure], Parts],
         *,
         size: tuple[float, float],
         runs: Mapping[str, Sequence[Enum]] | None = None,
@@ -93,7 +103,7 @@ class Automaton(Pressed):
         self._choose()
         self._tell()
         super().__init__(
-            lambda figure: draw(figure, self.moment),
+            lambda figure: self.moment.show(draw(figure)),
             size=size,
             press=self._take,
             titles=self._titled,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import defaultdict
 from itertools import accumulate
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -12,13 +12,14 @@ import numpy as np
 from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, TRANSITIONS, Edge, Input, Node, State, diagram
 from sfglab.lab.experiments.lifecycle.analysis import heard, heartbeat_checks, intervals, joined_ns, transitions
 from sfglab.lab.experiments.lifecycle.experiment import Config, exp
-from sfglab.lab.explore import Automaton, Moment, part, transition_part
+from sfglab.lab.explore import Automaton, Parts
 from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
     Point = tuple[float, float]
     Taken = dict[tuple[State, Input], int]
+    _Drawn = dict[Any, list[Artist]]
 
 
 PAPER_PERIODS = {0: 1.0, 1: 5.0}  #: Seconds by phase (paper A, section 4.2).
@@ -138,22 +140,12 @@ _BETWEEN_ROWS: dict[tuple[str, str], tuple[tuple[Point, ...], Point]] = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Ink:
-    """How the table is drawn: as a run walked it, or as a machine that is stepped stands in it."""
-
-    words: Callable[[Edge], str]  #: The text of a transition.
-    line: Callable[[Sequence[Edge]], dict[str, Any]]  #: How the arrow of some transitions is drawn.
-    border: Callable[[State], dict[str, Any]]  #: How a state's box is framed.
-    part: Callable[..., None] | None = None  #: Takes a part's name and its artists; None: nobody presses.
-
-
 @exp.figure("discovery_states", size=(10, 8.6))
 def draw_states(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the life cycle of a remote agent and how often the run took each of its transitions."""
     found = transitions(run)
     reached = sum(count > 0 for count in found.taken.values())
-    _draw_table(figure.subplots(), _walked(found.taken), _KEY_OF_RUN)
+    _draw_table(figure.subplots(), _KEY_OF_RUN, found.taken)
     figure.suptitle(
         f"Life cycle of a remote agent (after paper A, Fig. 3): {reached} of {len(TRANSITIONS)} "
         f"transitions taken live; {found.doubled} queries while another was outstanding",
@@ -173,31 +165,12 @@ def press_states(run: Run[Config]) -> Automaton:
 
 def press_lifecycle(runs: Mapping[str, Sequence[Input]] | None = None) -> Automaton:
     """Return the life cycle of a remote agent to press: by hand, or through runs, given as their inputs."""
-    return Automaton("agent", TRANSITIONS, State.UNKNOWN, _draw_moment, size=(10, 8.4), runs=runs)
+    return Automaton("agent", TRANSITIONS, State.UNKNOWN, _draw_to_press, size=(10, 8.4), runs=runs)
 
 
-def _draw_moment(figure: Figure, moment: Moment) -> None:
-    def line(edges: Sequence[Edge]) -> dict[str, Any]:
-        keys = [(edge.source, edge.given) for edge in edges]
-        return {"color": moment.color(keys), "linewidth": moment.width(keys)}
-
+def _draw_to_press(figure: Figure) -> Parts:
     figure.set_layout_engine("none")  # which would draw everything twice
-    ink = _Ink(words=_label, line=line, border=moment.border, part=part)
-    _draw_table(figure.add_axes((0, 0, 1, 1)), ink, _KEY_OF_MOMENT)
-
-
-def _walked(taken: Taken) -> _Ink:
-    """Return how transitions look by how often a run took them: dashed where never."""
-
-    def words(edge: Edge) -> str:
-        return f"{_label(edge)}  \u00d7{taken[edge.source, edge.given]}"
-
-    def line(edges: Sequence[Edge]) -> dict[str, Any]:
-        counts = [taken[edge.source, edge.given] for edge in edges]
-        color = COLORS["proxy" if all(counts) else "standard"]
-        return {"color": color, "linewidth": 1.2, "linestyle": "solid" if any(counts) else "dashed"}
-
-    return _Ink(words=words, line=line, border=lambda _: {"edgecolor": "black"})
+    return _draw_table(figure.add_axes((0, 0, 1, 1)), _KEY_OF_MOMENT)
 
 
 _KEY = "\u21ba the state stays;  CAPITALS: a discovery event is published;  "
@@ -205,17 +178,19 @@ _KEY_OF_RUN = f"input / what is done \u00d7 how often in this run;  {_KEY}dashed
 _KEY_OF_MOMENT = f"input / what is done;  {_KEY}orange: here, and how it came here;  blue: possible now"
 
 
-def _draw_table(axes: Axes, ink: _Ink, key: str) -> None:
-    """Draw the states as a grid, and the transitions between them."""
+def _draw_table(axes: Axes, key: str, taken: Taken | None = None) -> Parts:
+    """Draw the states as a grid, and the transitions between them; taken: how often each was, if known."""
     nodes, edges = diagram()
     _draw_grid(axes, key)
+    drawn: _Drawn = defaultdict(list)
     for node in nodes:
-        _draw_state(axes, node, [e for e in edges if e.source is e.target is node.state], ink)
+        _draw_state(axes, node, [e for e in edges if e.source is e.target is node.state], taken, drawn)
     grid = {node.state: node for node in nodes}
     for pair in dict.fromkeys((e.source, e.target) for e in edges if e.source is not e.target):
-        _draw_pair(axes, grid, [e for e in edges if (e.source, e.target) == pair], ink)
+        _draw_pair(axes, grid, [e for e in edges if (e.source, e.target) == pair], taken, drawn)
     axes.set(xlim=(-5.9, 15.65), ylim=(-2.8, 12.4))
     axes.axis("off")
+    return drawn
 
 
 def _draw_grid(axes: Axes, key: str) -> None:
@@ -227,47 +202,60 @@ def _draw_grid(axes: Axes, key: str) -> None:
     axes.text(_X[1], -2.55, key, ha="center", va="center", fontsize=8)
 
 
-def _draw_state(axes: Axes, node: Node, loops: Sequence[Edge], ink: _Ink) -> None:
+def _draw_state(axes: Axes, node: Node, loops: Sequence[Edge], taken: Taken | None, drawn: _Drawn) -> None:
     from matplotlib.patches import FancyBboxPatch
 
     x, y = _X[node.column], _Y[node.row]
     corner, style = (x - _HALF_WIDTH, y - _HALF_HEIGHT), "round,pad=0,rounding_size=0.25"
-    frame = {"boxstyle": style, "facecolor": "white", "zorder": 3, **ink.border(node.state)}
+    frame: dict[str, Any] = {"boxstyle": style, "facecolor": "white", "edgecolor": "black", "zorder": 3}
     box = axes.add_patch(FancyBboxPatch(corner, 2 * _HALF_WIDTH, 2 * _HALF_HEIGHT, **frame))
     name = node.state.name.replace("_", " ").lower()
-    said = [fill(f"\u21ba {ink.words(loop)}", 26) for loop in loops]
+    said = [fill(f"\u21ba {_words(loop, taken)}", 26) for loop in loops]
     lines = [0, *accumulate(text.count("\n") + 1 for text in said)]
     top = y + 0.5 * _LINE_IN_BOX * lines[-1]
     title = axes.text(x, top, name, ha="center", va="center", fontsize=9, weight="bold", zorder=4)
-    if ink.part:
-        ink.part(node.state.name, box, title)
+    drawn[node.state] += [box, title]
     for loop, text, above, below in zip(loops, said, lines, lines[1:], strict=False):
         place = x, top - 0.5 * (above + below + 1) * _LINE_IN_BOX
-        _draw_words(axes, place, loop, ink, s=text, fontsize=7, ha="center", zorder=4)
+        color = _line([loop], taken)["color"]
+        look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7, "color": color, "zorder": 4}
+        drawn[_keys([loop])].append(axes.text(*place, text, **look))
 
 
-def _draw_pair(axes: Axes, grid: dict[State, Node], edges: Sequence[Edge], ink: _Ink) -> None:
+def _draw_pair(
+    axes: Axes, grid: dict[State, Node], edges: Sequence[Edge], taken: Taken | None, drawn: _Drawn
+) -> None:
     """Draw all transitions from one state to another as one arrow with a line of text each."""
     points, label, below = _route(grid[edges[0].source], grid[edges[0].target])
-    line = ink.line(edges)
-    axes.plot(*zip(*points[:-1], strict=True), **line)
+    line = _line(edges, taken)
+    drawn[_keys(edges)] += axes.plot(*zip(*points[:-1], strict=True), **line)
     arrow = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, **line}
-    axes.annotate("", points[-1], points[-2], arrowprops=arrow)
-    if ink.part:
-        broad = axes.plot(*zip(*points, strict=True), alpha=0, linewidth=9, zorder=3.5)  # for the mouse
-        ink.part(transition_part(edges[0].source, edges[0].given), *broad)
+    head = axes.annotate("", points[-1], points[-2], arrowprops=arrow).arrow_patch
+    assert head is not None, "it was asked for"
+    drawn[_keys(edges)].append(head)
+    if taken is None:  # somebody presses: broad, for the mouse
+        drawn[_keys(edges)] += axes.plot(*zip(*points, strict=True), alpha=0, linewidth=9, zorder=3.5)
     step = -_LINE_HEIGHT if below else _LINE_HEIGHT
     for number, edge in enumerate(edges if below else reversed(edges)):
         place = (label[0], label[1] + number * step)
-        style: dict[str, Any] = {"fontsize": 7, "ha": "left", "bbox": _BEHIND, "zorder": 5}
-        _draw_words(axes, place, edge, ink, s=ink.words(edge), **style)
+        color = _line([edge], taken)["color"]
+        style: dict[str, Any] = {"va": "center", "fontsize": 7, "bbox": _BEHIND, "color": color, "zorder": 5}
+        drawn[_keys([edge])].append(axes.text(*place, _words(edge, taken), **style))
 
 
-def _draw_words(axes: Axes, place: Point, edge: Edge, ink: _Ink, **style: Any) -> None:
-    color = ink.line([edge])["color"]
-    words = axes.text(*place, va="center", color=color, **style)
-    if ink.part:
-        ink.part(transition_part(edge.source, edge.given), words)
+def _keys(edges: Sequence[Edge]) -> tuple[tuple[State, Input], ...]:
+    return tuple((edge.source, edge.given) for edge in edges)
+
+
+def _words(edge: Edge, taken: Taken | None) -> str:
+    return _label(edge) + (f"  \u00d7{taken[edge.source, edge.given]}" if taken is not None else "")
+
+
+def _line(edges: Sequence[Edge], taken: Taken | None) -> dict[str, Any]:
+    """Return how an arrow of some transitions looks: dashed where none was taken."""
+    counts = [1 if taken is None else taken[key] for key in _keys(edges)]
+    color = COLORS["proxy" if all(counts) else "standard"]
+    return {"color": color, "linewidth": 1.2, "linestyle": "solid" if any(counts) else "dashed"}
 
 
 def _route(source: Node, target: Node) -> tuple[Sequence[Point], Point, bool]:
